@@ -180,13 +180,13 @@ def main(arguments: list[str]) -> int:
         for i in range(given.seeds)
     ]
     begin_s, found = time.monotonic(), defaultdict[tuple[str, str], list[Outcome]](list)
-    with Pool(given.jobs) as pool:
-        for outcome in pool.imap_unordered(perform, cases):
-            found[outcome.case.name, outcome.case.profile].append(outcome)
     failures = []
-    for name in given.classes:
-        for profile in given.profiles:
-            failures += _report(name, profile, found[name, profile], misses=given.misses)
+    with Pool(given.jobs) as pool:
+        for outcome in pool.imap(perform, cases):
+            name, profile = outcome.case.name, outcome.case.profile
+            found[name, profile].append(outcome)
+            if len(found[name, profile]) == given.seeds:
+                failures += _report(name, profile, found[name, profile], misses=given.misses)
     print(f"\n{len(cases)} machines in {time.monotonic() - begin_s:.0f} s")
     for failure in failures:
         print(f"MISSED: {failure}")

@@ -22,7 +22,7 @@ class Basis(StrEnum):
 
 
 class Seen(StrEnum):
-    """What a job has shown of a belief of the setup; `NEVER` of one that nothing in a job can show."""
+    """What a run has shown of a belief of the setup; `NEVER` of one that nothing in a run can show."""
 
     HELD = "held"
     CONTRADICTED = "contradicted"

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.console.layout import render_columns
+from edmctl.console.result_table import beliefs_in_words
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.labels import Basis, heading
 from edmctl.wording import U95, coordinates, decimal, duration, length, percent, plural, with_u95
@@ -167,11 +168,12 @@ def render_drift(
     found: DriftResult,
     truth: Mapping[str, float] | None,
     path: str,
+    use: str,
     *,
     replaced: bool,
     style: Style = PLAIN,
 ) -> str:
-    """Render what rests and touches tell of drift, and where that is kept."""
+    """Render what rests and touches tell of drift, where that is kept, and who uses it (no full stop)."""
     header = ["measure-drift", "measured"]
     rows = [
         ["drift of the rests", _nm_s(found.rest_um_per_s, found.rest_u_um_per_s)],
@@ -197,8 +199,9 @@ def render_drift(
             "between tool and work does not show at rest, and widens the interval of the wear."
         )
     older = ", in the place of an older one" if replaced else ""
-    kept = f"{found.touches} touches, {plural(found.rests, 'rest')}; in {path}{older}."
-    return "\n".join([render_columns(header, rows, style), share, kept])
+    kept = f"{found.touches} touches, {plural(found.rests, 'rest')}; in {path}{older}: {use}."
+    beliefs = beliefs_in_words(found.beliefs)
+    return "\n".join([render_columns(header, rows, style), share, *([beliefs] if beliefs else []), kept])
 
 
 def render_drift_plan(

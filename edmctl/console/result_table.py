@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.console.style import PLAIN, Style
-from edmctl.labels import Seen, heading, is_doubtful, marked, meanings
+from edmctl.labels import Basis, Seen, heading, is_doubtful, marked, meanings
 from edmctl.wording import (
     TIP,
     U95,
@@ -26,7 +26,7 @@ from edmctl.wording import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
+    from edmctl.results.job import Belief, ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
     from edmctl.results.run_file import SiteNumbers
     from edmctl.results.telemetry import PulseShares
 
@@ -37,6 +37,7 @@ FIRST_TO_GO = ("feed µm", "stops", "machining")
 """Columns of a table that is too wide, the dispensable ones first: a feed is depth and wear together."""
 MOST_BLOCKS = 2
 """Sites with a block of their own; more make a table."""
+_MENDS = "`edmctl measure-drift` mends it"
 
 
 def render_job(
@@ -63,7 +64,7 @@ def render_job(
         worn = f"the tool is {length(max(0.0, job.tool_wear_total_um))} shorter"
     before = f", {earlier(job.earlier_time_s, job.pause_s)}" if job.earlier_time_s else ""
     total = f"Whole job {duration(job.time_s)}{before}; {worn}."
-    closing = [*_beliefs(job, columns), *wrapped(total, columns)]
+    closing = [*wrapped(beliefs_in_words(job.beliefs), columns), *wrapped(total, columns)]
     return "\n\n".join([*blocks, "\n".join(closing)])
 
 
@@ -98,7 +99,8 @@ def _site_lines(pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style, co
         table["true µm"] = [decimal(truth.depth_um) if truth else UNKNOWN for _, truth in pairs]
     if any(is_doubtful(site.verdict) for site, _ in pairs):
         table["verdict"] = [site.verdict or "" for site, _ in pairs]
-    return "\n".join([render_table(narrowed(table, columns, FIRST_TO_GO), style), *meanings(bases)])
+    drift = _drift_of_many([site for site, _ in pairs], columns)
+    return "\n".join([render_table(narrowed(table, columns, FIRST_TO_GO), style), *meanings(bases), *drift])
 
 
 def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int) -> str:
@@ -152,29 +154,44 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
     return "\n".join([*lines, *(meanings(bases) if site.depth_basis != site.wear_basis else ())])
 
 
-def drift_in_words(site: Site) -> str:
+def drift_in_words(found: Site | ChannelResult) -> str:
     """Return what drift there is in the wear: what was taken off, or which command mends it; empty where little.
 
     It is told where it is more than half of the interval: of the variance, more than a quarter.
     """
-    left_um = U95 * site.drift_left_u_um
+    left_um = U95 * found.drift_left_u_um
     if not isfinite(left_um):
         return ""
-    if site.drift_correction_um:
-        return f"{length(site.drift_correction_um, left_um)} by the rests, taken off wear, Z2 and Z3"
-    if left_um < 0.5 * site.wear_u95_um:
-        return ""
-    return f"± {length(left_um)} of the wear; `edmctl measure-drift` mends it"
+    if found.drift_correction_um:
+        return f"{length(found.drift_correction_um, left_um)} by the rests, taken off wear and Z values"
+    return f"± {length(left_um)} of the wear; {_MENDS}" if _costs_much(found) else ""
 
 
-def _beliefs(job: JobResult, columns: int) -> list[str]:
-    """Return what of the setup the job contradicts, and what no job can."""
-    if not job.contradicted:
+def _costs_much(found: Site | ChannelResult) -> bool:
+    """Whether a drift that nobody has corrected makes most of the interval; without a sensor there is no cure."""
+    is_cured = found.drift_correction_um != 0.0 or found.wear_basis is Basis.MODEL
+    return not is_cured and U95 * found.drift_left_u_um >= 0.5 * found.wear_u95_um
+
+
+def _drift_of_many(sites: Sequence[Site], columns: int) -> list[str]:
+    """Return what drift there is in the wear of many holes, in a sentence."""
+    corrected_um = [site.drift_correction_um for site in sites if site.drift_correction_um]
+    if corrected_um:
+        far_um = max(corrected_um, key=abs)
+        return wrapped(f"Wear is corrected by the rests, for a drift of {length(far_um)} at most.", columns)
+    left_um = [U95 * site.drift_left_u_um for site in sites if _costs_much(site)]
+    if not left_um:
         return []
-    words = [belief.message for belief in job.contradicted]
-    blind = [belief.name for belief in job.beliefs if belief.seen is Seen.NEVER]
-    words.append(f"No job can show whether {', '.join(blind)} is right.")
-    return wrapped(" ".join(words), columns)
+    return wrapped(f"Drift: up to ± {length(max(left_um))} of the wear; {_MENDS}.", columns)
+
+
+def beliefs_in_words(beliefs: Sequence[Belief]) -> str:
+    """Return what of the setup is contradicted, and what no run can tell; empty where nothing is contradicted."""
+    words = [belief.message for belief in beliefs if belief.seen is Seen.CONTRADICTED]
+    if not words:
+        return ""
+    blind = [belief.name for belief in beliefs if belief.seen is Seen.NEVER]
+    return " ".join([*words, f"No run can show whether {', '.join(blind)} is right."])
 
 
 def _pulses(site: SiteResult, columns: int) -> str:
@@ -197,6 +214,8 @@ def _channel_block(channel: ChannelResult, truth: ChannelTruth | None, style: St
     pulses = f"{count(channel.pulses)}: {render_ratios(channel.ratios)}"
     machining = f"{duration(channel.machining_time_s)}, {made}"
     lines = [table, f"{'machining':27}{machining}", f"{'pulses':27}{pulses}"]
+    if drift := drift_in_words(channel):
+        lines.append(f"{'drift':27}{drift}")
     return "\n".join([*lines, f"{'verdict':27}{channel.verdict}"] if is_doubtful(channel.verdict) else lines)
 
 

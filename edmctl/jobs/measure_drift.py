@@ -129,6 +129,17 @@ class DriftRun:
         }
 
     @property
+    def use(self) -> str:
+        """Which jobs go by the file, a sentence without its end."""
+        assert self._session is not None
+        bench, where = self._session.bench, self.plan.where
+        if self.output is None and where.lasting:
+            return f"jobs on {bench.machine.identity.serial} go by it from now on"
+        on = f"--port {where.selector}" if where.lasting else f"--seed {bench.seed}"
+        job = f"edmctl machine --profile PROFILE {on}"
+        return f"`EDMCTL_DRIFT={self.path} {job}` goes by it, as does a setup that names it (drift.file)"
+
+    @property
     def truth(self) -> dict[str, float] | None:
         """The steady drifts of a virtual bench; None on any other machine."""
         virtual = self._session.bench.virtual if self._session else None

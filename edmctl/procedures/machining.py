@@ -17,7 +17,7 @@ from edmctl.procedures.hole.site import keep_hole_begun, machine_hole
 from edmctl.procedures.hole.site_result import judge_holes, open_site, record_left, record_results
 from edmctl.procedures.job import target_of
 from edmctl.procedures.job_state import JobTally
-from edmctl.procedures.monitoring.beliefs import judge_beliefs
+from edmctl.procedures.monitoring.beliefs import judge_job
 from edmctl.procedures.run import MOVING
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.session import running
@@ -95,7 +95,7 @@ def machine_sites(run: JobRun) -> Decision | None:
     """
     knowledge = initial_knowledge(run)
     missed = _machine_sites(run, knowledge)
-    judge_beliefs(run, knowledge.pads)
+    judge_job(run, knowledge.pads)
     return missed
 
 

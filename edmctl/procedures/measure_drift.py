@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached, PreconditionError, UsageError
 from edmctl.forecasts.measuring import again_s, move_time_s, park_to_pad_um, touch_time_s
+from edmctl.procedures.monitoring.beliefs import judge
 from edmctl.procedures.monitoring.drift import unused_s
 from edmctl.procedures.stages import move_to, retract
 from edmctl.procedures.touch.approach import lower_to
@@ -25,6 +26,7 @@ from edmctl.wording import decimal
 
 if TYPE_CHECKING:
     from edmctl.procedures.run import JobRun
+    from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.rest_drift import DriftFit, Rest
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
@@ -67,12 +69,12 @@ class DriftPlan:
 
 @dataclass(slots=True)
 class DriftRecord:
-    """Rests and touches, and which of the rests was the first after the hold and the last before."""
+    """Rests and touches, and which of the rests was the first after the hold; the first reading of the pad."""
 
     rests: list[Rest] = field(default_factory=list)
     touches: list[PadTouch] = field(default_factory=list)
     held_after: int = 0
-    first_pad_um: float = math.nan
+    first: SurfaceReading | None = None
 
 
 def plan_drift(profile: Profile, setup: Setup, duration_s: float | None = None) -> DriftPlan:
@@ -116,7 +118,7 @@ def measure_drift(run: JobRun, plan: DriftPlan, expected_um: float) -> DriftReco
     """Touch the pad, expected at `expected_um`, and rest in turn; hold the tool at depth over the parking place."""
     pad, record = run.job.pad, DriftRecord()
     first = read_pad(run, "Z1", pad.name, expected_um, PAD_U_UM)
-    record.first_pad_um = predicted_um = first.z_um
+    record.first, predicted_um = first, first.z_um
     move_to(run, pad)
     begin_s = run.machine.time_s
     next_s, is_held = begin_s, False
@@ -179,6 +181,12 @@ def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[Dri
         hold_um=plan.hold_um,
         hold_s=plan.hold_s,
         time_s=run.machine.time_s,
+        beliefs=judge(
+            run,
+            [record.first] if record.first else [],
+            fit.rest_um_per_s.value,
+            fit.rest_um_per_s.u,
+        ),
     )
     run.decide(
         RunEvent.DRIFT_MEASURED,

@@ -58,6 +58,12 @@ PASSES = 2
 REST_TO_TOUCH_S = 20.0
 """From a rest to the touch that it stands for."""
 OUTLIER_SIGMAS = 5.0
+RESTS_S = (10.0, 20.0, 40.0, 80.0, 160.0)
+"""What a rest before a touch may take: creep of a deep cut fades, and with it what is unknown of it."""
+REST_SHARE = 0.05
+"""Of the time since the first touch it takes at most."""
+LEAST_GAIN = 0.05
+"""A rest that leaves so little less unknown does not pay."""
 
 
 REST_V = 0.5
@@ -299,11 +305,29 @@ class DriftModel:
         )
         return Drift(self.share * moved.um, left_u_um)
 
+    def rest_that_pays_s(self, first: Rest, last: Rest, seconds: float, memory_s: float = math.inf) -> float:
+        """Return how long to rest on after `last`, before a touch that is compared with one `seconds` ago; or 0.
+
+        It is the time that leaves least unknown of the drift between them, where that is worth it.
+        """
+
+        def left_u_um(more_s: float) -> float:
+            kept = np.exp(-more_s / _TAU_S)
+            um = last.um - float(self.creep @ (last.lags_um * (1.0 - kept)))
+            later = Rest(last.time_s + more_s, um, last.lags_um * kept, last.lags_out_s * kept)
+            return self.between(first, later, seconds + more_s, memory_s).left_u_um
+
+        allowed_s = [more_s for more_s in RESTS_S if more_s <= REST_SHARE * seconds]
+        best_s = min(allowed_s, key=left_u_um, default=0.0)
+        return best_s if left_u_um(best_s) <= (1.0 - LEAST_GAIN) * left_u_um(0.0) else 0.0
+
     def rest_moved(self, first: Rest, last: Rest, memory_s: float = math.inf) -> Drift:
         """Return how much a rest drifted, without creep.
 
         `memory_s` before the lags were begun the actuator was in use, infinity where it was not.
         """
+        if last.time_s == first.time_s:
+            return Drift(0.0, 0.0)
         lags_um = last.lags_um - first.lags_um
         crept_um = float(self.creep @ lags_um)
         # The drift is in the lags as well, as much as that of a steady one would be.

@@ -131,28 +131,28 @@ def drift_file(made: MadeBy, result: DriftResult, model: DriftModel) -> DriftFil
 def load_drift(path: Path) -> DriftFile:
     """Read and check a drift file.
 
-    Raises RecordError: E3650 it cannot be read, E3651 it is not TOML, E3652 it is of another schema, E3653 it is not
-    as it was written, E3654 it holds what cannot be.
+    Raises RecordError: E3670 it cannot be read, E3671 it is not TOML, E3672 it is of another schema, E3673 it is not
+    as it was written, E3674 it holds what cannot be.
     """
     try:
         source = read_source(path)
     except (ProfileError, ValueError) as error:
         message = error.message if isinstance(error, ProfileError) else f"cannot read {path}: {error}"
-        raise RecordError(f"{message}.", hint=f"Check the path. {AGAIN}", code="E3650") from error
+        raise RecordError(f"{message}.", hint=f"Check the path. {AGAIN}", code="E3670") from error
     try:
         table = parse(source)
     except ProfileError as error:
         what = f"{path} is no drift file: {error.message}"
-        raise RecordError(f"{what}.", hint=AGAIN, code="E3651", where=error.where) from error
+        raise RecordError(f"{what}.", hint=AGAIN, code="E3671", where=error.where) from error
     if table.get("schema") != SCHEMA:
         raise RecordError(
             f"{path} is no drift file that this edmctl reads, which says schema = {json.dumps(SCHEMA)}.",
             hint=AGAIN,
-            code="E3652",
+            code="E3672",
         )
     if table.pop(HASH, None) != content_hash(table):
         what = "was edited or damaged: its content does not have the hash that it says"
-        raise RecordError(f"{path} {what}.", hint=AGAIN, code="E3653")
+        raise RecordError(f"{path} {what}.", hint=AGAIN, code="E3673")
     try:
         found = DriftFile.model_validate(table)
         found.model()
@@ -163,7 +163,7 @@ def load_drift(path: Path) -> DriftFile:
         message = str(error)
     else:
         return found
-    raise RecordError(f"{path}: {message}.", hint=AGAIN, code="E3654")
+    raise RecordError(f"{path}: {message}.", hint=AGAIN, code="E3674")
 
 
 def save_drift(path: Path, found: DriftFile) -> None:

@@ -71,9 +71,10 @@ class RunEvent(IntEnum):
     PASS_ENDED = 170
     CHANNEL_MEASURED = 171
     WEAR_MEASURED = 180
-    DRIFT_MEASURED = 183
     SURFACE_FOUND = 181
     JUMP_MEASURED = 182
+    DRIFT_MEASURED = 183
+    CREEP_RESTED_OUT = 184
 
 
 class EventLevel(IntEnum):

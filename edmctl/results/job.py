@@ -183,7 +183,7 @@ class Reached:
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """A standard uncertainty of the setup, by its key, and what the job has shown of it, with its uncertainty.
+    """A standard uncertainty of the setup, by its key, and what a run has shown of it, with its uncertainty.
 
     `found` and `found_u` are NaN where it has shown nothing.
     """
@@ -198,7 +198,7 @@ class Belief:
     def message(self) -> str:
         """What was found, for people."""
         return (
-            f"The setup believes {self.name} = {self.believed:g}, a standard uncertainty; this job has found "
+            f"The setup believes {self.name} = {self.believed:g}, a standard uncertainty; this run has found "
             f"{self.found:.2g} ± {U95 * self.found_u:.2g}."
         )
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from edmctl.labels import Basis
+    from edmctl.results.job import Belief
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +96,7 @@ class DriftResult:
     where the rests have not drifted. `share_used` and `share_used_u` are what jobs go by. `creep_um` is by how much
     the hold at depth has held the tool lower at the first rest after it. `rest_rms_um` and `touch_rms_um` are the
     residuals, `misfit` is by how much they exceed what was expected, at least 1. `outliers` touches were left out.
+    `beliefs` of the setup are judged by all that.
     """
 
     rest_um_per_s: float
@@ -118,6 +120,7 @@ class DriftResult:
     hold_um: float
     hold_s: float
     time_s: float
+    beliefs: tuple[Belief, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

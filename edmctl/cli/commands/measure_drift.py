@@ -60,4 +60,4 @@ def _rendered(run: "DriftRun", style: "Style") -> str:
     from edmctl.console.procedure_tables import render_drift
 
     assert run.found is not None
-    return render_drift(run.found, run.truth, str(run.path), replaced=run.replaced, style=style)
+    return render_drift(run.found, run.truth, str(run.path), run.use, replaced=run.replaced, style=style)

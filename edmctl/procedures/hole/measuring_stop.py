@@ -23,7 +23,7 @@ from edmctl.procedures.hole.first_sparks import judge_again
 from edmctl.procedures.hole.hole import Unmeasured
 from edmctl.procedures.hole.regimes import next_regime, regime_text
 from edmctl.procedures.touch.approach import CLEAR_OF_BOTTOM_UM, ExpectedBottom, raise_by, read_expected
-from edmctl.procedures.touch.drift import drift_between
+from edmctl.procedures.touch.drift import drift_between, rest_before_pad
 from edmctl.procedures.touch.spots import (
     TOUCH_U_UM,
     ToolLength,
@@ -137,6 +137,7 @@ def touch_pad(
     expected_um = hole.z1.z_um + live.wear_um + hole.drift_um
     # A recipe that no touch has confirmed may be wrong by more than what it believes itself.
     deepest_um = expected_um + plan.stated_u95_um(live)[1]
+    rest_before_pad(run, hole.z1)
     z3 = read_pad(run, "Z3", hole.site.name, expected_um, u_um, deepest_um)
     before_u_um = math.hypot(hole.z1_u_um, hole.z1.doubt_u_um)
     refuse_grown_tool(run, hole.z1.z_um, z3, z3.time_s - hole.z1.time_s, before_u_um)
@@ -180,7 +181,9 @@ def learn(
     """
     found = measured(run, hole, z2, z3)
     if settled is not None:
-        found = replace(found, wear_um=settled.wear_um, wear_u95_um=COVERAGE * settled.wear_u_um)
+        # How much of the uncertainty is drift the touch of several holes does not tell of one.
+        settled_u95_um = COVERAGE * settled.wear_u_um
+        found = replace(found, wear_um=settled.wear_um, wear_u95_um=settled_u95_um, drift_left_u_um=math.nan)
     stated = found if settled is not None else with_doubt_of_wear(run, hole, knowledge.estimate, found)
     hole.stops += 1
     knowledge.pads.append(z3)
@@ -259,7 +262,7 @@ def estimate_hole(
     run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, cut: CutResult
 ) -> Decision:
     """End a hole whose last cut need not be measured: what it added is known from feed and energy."""
-    now_s = run.machine.time_s
+    now_s, sensor_u = run.machine.time_s, run.uncertainty
     energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
     live = plan.at(cut.end_displacement_um, energy, now_s)
     worn_um = live.wear_um - plan.start.wear_um
@@ -270,7 +273,13 @@ def estimate_hole(
         wear_um=live.wear_um,
         wear_u95_um=wear_u95_um,
         feed_um=live.depth_um + live.wear_um,
-        feed_u95_um=COVERAGE * math.hypot(plan.start.u_at(now_s), plan.start.gap_u_um),
+        feed_u95_um=COVERAGE
+        * math.hypot(
+            plan.start.u_at(now_s),
+            plan.start.gap_u_um,
+            sensor_u.gain_u_rel * (live.depth_um + live.wear_um),
+            sensor_u.linearity_u_um,
+        ),
         depth_noise_um=live.depth_u_um,
     )
     assert knowledge.tool is not None

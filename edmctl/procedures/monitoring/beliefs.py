@@ -1,4 +1,4 @@
-"""What a job has shown of the setup's beliefs: tilt by the two spots of the pad, drift of the sensor by the rests.
+"""What touches and rests show of the setup's beliefs: tilt by the two spots of the pad, drift by the rests.
 
 A belief is a standard uncertainty; a value beyond two of them, its own uncertainty taken off, contradicts it. A
 wrong gain of the sensor scales everything alike, so that nothing in a job can show it.
@@ -25,19 +25,29 @@ LEAST_SPAN_S = 120.0
 """Over less time rests tell no drift."""
 
 
-def judge_beliefs(run: JobRun, pads: Sequence[SurfaceReading]) -> None:
-    """Compare the setup's beliefs with all readings of the pad of this run; warn where they are contradicted."""
+def judge_job(run: JobRun, pads: Sequence[SurfaceReading]) -> None:
+    """Judge the setup's beliefs by all readings of the pad in a job, into its tally."""
+    run.tally.beliefs = judge(run, pads, *_drift_um_s(run, pads))
+
+
+def judge(
+    run: JobRun, pads: Sequence[SurfaceReading], drift_um_s: float, drift_u_um_s: float
+) -> tuple[Belief, ...]:
+    """Compare the setup's beliefs with readings of the pad and with a drift; warn where they are contradicted.
+
+    The drift is that of the rests without creep, with its standard uncertainty; NaN where it is not known.
+    """
     setup = run.setup
     beliefs = (
         _judged("surface.tilt_u_mrad", setup.surface.tilt_u_mrad, *_slope_mrad(pads)),
-        _judged("sensor.drift_um_per_s", setup.sensor.drift_um_per_s, *_drift_um_s(run, pads)),
+        _judged("sensor.drift_um_per_s", setup.sensor.drift_um_per_s, drift_um_s, drift_u_um_s),
         Belief("sensor.gain_u_rel", setup.sensor.gain_u_rel, math.nan, math.nan, Seen.NEVER),
     )
-    run.tally.beliefs = beliefs
     for belief in beliefs:
         if belief.seen is Seen.CONTRADICTED:
             args: Args = {"belief": belief.name, "believed": belief.believed, "found": belief.found}
             run.decide(RunEvent.BELIEF_CONTRADICTED, belief.message, args, level=EventLevel.WARNING)
+    return beliefs
 
 
 def _judged(name: str, believed: float, found: float, u: float) -> Belief:
