@@ -240,7 +240,7 @@ def test_a_deep_cut_is_rested_out_before_a_touch_and_a_shallow_one_is_not() -> N
 @settings(max_examples=25)
 @given(st.lists(st.floats(-5.0, 5.0), min_size=2, max_size=30), st.integers(1, 29))
 def test_lags_do_not_depend_on_how_samples_are_cut_into_blocks(ways_um: list[float], cut: int) -> None:
-    time_s, way_um = 0.1 * np.arange(len(ways_um)), np.array(ways_um)
+    time_s, way_um = np.arange(len(ways_um), dtype=np.float64), np.array(ways_um)
     volts = np.where(np.arange(len(ways_um)) % 3 == 0, 0.0, 50.0)
     whole, parts = CreepLags(), CreepLags()
     whole.advance(time_s, way_um, volts)
