@@ -21,10 +21,11 @@ CLOCK_STEP_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class DriftChoice:
-    """The drift that jobs correct by, None without a file that counts; the file in words, and what is doubtful."""
+    """The drift that jobs correct by, None without a file that counts; the file in words, its text, and doubts."""
 
     model: DriftModel | None = None
     text: str = ""
+    toml: str = ""
     warnings: tuple[Diagnostic, ...] = ()
 
 
@@ -39,6 +40,7 @@ def choose_drift(
     """
     from edmctl.profile.drift_file import load_drift
     from edmctl.profile.folders import find_drift
+    from edmctl.profile.read import read_source
 
     if not (setup.drift.use and setup.sensor.fitted):
         return DriftChoice()
@@ -54,7 +56,8 @@ def choose_drift(
     if age_s > setup.drift.max_age_days * _DAY_S:
         age = plural(int(age_s / _DAY_S), "day")
         return _ignored("W8107", f"{path} is {age} old; drift.max_age_days is {setup.drift.max_age_days:g}.")
-    return DriftChoice(found.model(), f"drift file {path} (sha256 {found.sha256[:12]})")
+    words = f"drift file {path} (sha256 {found.sha256[:12]})"
+    return DriftChoice(found.model(), words, read_source(path).text)
 
 
 def _ignored(code: str, message: str) -> DriftChoice:

@@ -181,6 +181,7 @@ SCALARS = (
     Scalar(
         "/entry/machine/calibration_toml", "calibration_text", "text", TEXT, "calibration file; empty without"
     ),
+    Scalar("/entry/machine/drift_toml", "drift_text", "text", TEXT, "drift file; empty without"),
     Scalar("/entry/software/program", "", "text", TEXT, "program"),
     Scalar("/entry/software/version", "edmctl_version", "text", TEXT, "version of edmctl"),
     Scalar("/entry/software/python", "", "text", TEXT, "version of Python"),

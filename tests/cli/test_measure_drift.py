@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import h5py
 import pytest
 
 from edmctl.profile.drift_file import load_drift
@@ -64,8 +65,11 @@ def test_a_fresh_machine_s_file_counts_where_it_is_named(
     assert Path(file).parent.name == "fresh"
     assert load_drift(Path(file)).made.serial == "SIM-2"
     monkeypatch.setenv("EDMCTL_DRIFT", file)
-    result = here("machine", *SHALLOW, *SEED, "--json", "--quiet").document["result"]
+    document = here("machine", *SHALLOW, *SEED, "--json", "--quiet").document
+    result = document["result"]
     assert file in result["drift_file"]
+    with h5py.File(document["run_file"]) as kept:
+        assert kept["/entry/machine/drift_toml"].asstr()[()] == Path(file).read_text(encoding="utf-8")
     (site,) = result["sites"]
     assert site["drift_correction_um"] != 0.0
     assert abs(site["wear_um"] - site["truth"]["wear_um"]) < site["wear_u95_um"]
