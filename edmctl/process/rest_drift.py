@@ -349,12 +349,13 @@ def model_of(fit: DriftFit) -> DriftModel:
 
     A rest of which a touch sees more than all, or the opposite, does not exist: that is a drift between tool and
     work, which may be another one by the time of the job. So is, perhaps, what a touch sees less: then it sees all
-    of the rests' drift and another one besides. No regression of one run tells these apart, and the uncertainty
-    holds the difference of the two drifts, any part of it as likely. Where the rests stood still they have shown no
-    share: all of it is taken, as of a sensor that drifts, and none is as likely.
+    of the rests' drift and another one besides. No regression of one run tells these apart, and a machine whose tool
+    and work have drifted apart once may do so again, at the same speed either way: that is the standard uncertainty.
+    Where the rests stood still they have shown no share: all of it is taken, as of a sensor that drifts, and none is
+    as likely.
     """
     apart = fit.apart_um_per_s
-    apart_u_um_per_s = math.hypot(share_u(apart.value), apart.u)
+    apart_u_um_per_s = math.hypot(apart.value, apart.u)
     if fit.share is None:
         share, u = 1.0, share_u(1.0)
     else:

@@ -103,7 +103,7 @@ class SiteResult:
 
     The `*_model_um` values come from the actuator voltage through the actuator model, counted from the rest at 0 V
     before each touch, and never enter the others. `zero_drift_um` is how far that rest moved from Z1 to Z3 on the
-    sensor beside the model: where it is the sensor that drifts, both wears are too large by it.
+    sensor beside the model: where it is the sensor that drifts, wears that are not corrected are too large by it.
     `drift_correction_um` is how much the pad drifted from Z1 to Z3 by the rests before them, where `measure-drift`
     has told what of it touches see: Z2, Z3 and the wear are less by it. `drift_left_u_um` is the standard
     uncertainty in the wear of the drift that is left, or of all of it; NaN where no touches of the pad tell it.

@@ -212,7 +212,8 @@ def with_doubt_of_wear(
     """Widen what a stop found where its wear is not what was believed, until another stop agrees with it.
 
     A tool that wears otherwise and something that sticks to it look alike. The truth may lie anywhere between the
-    belief and the touch; a tool that seems too long also makes the hole seem too deep.
+    belief and the touch; a tool that seems too long also makes the hole seem too deep. What sticks to the tool at
+    every touch, and a surface that lay elsewhere before, shift the feed by as much.
     """
     before_depth_um = before_um = before_u_um = 0.0
     if hole.touched is not None:
@@ -237,6 +238,7 @@ def with_doubt_of_wear(
         found,
         wear_u95_um=math.hypot(found.wear_u95_um, doubt_u95_um),
         depth_u95_um=math.hypot(found.depth_u95_um, doubt_u95_um if off.um < 0.0 else 0.0),
+        feed_u95_um=math.hypot(found.feed_u95_um, doubt_u95_um),
     )
 
 
