@@ -35,11 +35,11 @@ def measure_drift(
     duration: DurationOption = None,
     output: OutputOption = None,
 ) -> None:
-    """Touch the pad and rest in turn: what of a drift at rest a touch sees.
+    """Find out what of a drift at rest touches of the pad see.
 
-    A quarter of an hour without sparks, with a hold at depth beside the work: creep after it moves rests and no
-    touches. Later jobs on the machine correct their wear by the drift of their rests. Without a profile the tool
-    last in use is meant.
+    The pad is touched and the tool rests in turn for a quarter of an hour, without sparks, with a hold at depth
+    beside the work: creep after it moves rests and no touches. Later jobs on the machine correct their wear by the
+    drift of their rests. Without a profile the tool last in use is meant.
     """
     from edmctl.console.procedure_tables import render_drift_plan
     from edmctl.jobs.measure_drift import DriftRun, drift_forecast
