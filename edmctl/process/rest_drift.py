@@ -149,9 +149,9 @@ class DriftFit:
     Drifts are those of this run, the random walk of the sensor with them. `creep` are the weights of the lags,
     `creep_covariance` goes with them. `rest_um_per_s` is the drift of the rests without creep, `touch_um_per_s` that
     of the touches, `apart_um_per_s` of the touches less that of the rests: a drift between tool and work, or a
-    change of the rest that no touch sees. `share` is their ratio, None where the rests have not drifted. `misfit`
-    is by how much the residuals exceed what was expected of them, at least 1; all uncertainties hold it. `outliers`
-    are the touches that were left out.
+    change of the rest that no touch sees. `share` is the ratio of the steady drifts, None where the rests have not
+    drifted. `misfit` is by how much the residuals exceed what was expected of them, at least 1; all uncertainties
+    hold it. `outliers` are the touches that were left out.
     """
 
     creep: Floats
@@ -262,6 +262,8 @@ def _fitted(
     if abs(rest) >= LEAST_SIGMAS * rest_u:
         ratio = touch / rest
         variance = touch_u**2 - 2.0 * ratio * both + ratio**2 * rest_u**2
+        # The walk is in both drifts alike, and draws the ratio of the steady ones towards 1.
+        variance += (ratio - 1.0) ** 2 * believed[-1, -1]
         share = Estimate(ratio, math.sqrt(max(0.0, variance)) / abs(rest))
     fit = DriftFit(
         creep=found[4:-1],
