@@ -1,4 +1,4 @@
-"""How often the stated 95 % intervals of depth and wear hold the truth, off the beaten path.
+"""How often the stated 95 % intervals of depth, wear and feed hold the truth, off the beaten path.
 
     python benchmarks/intervals.py [--seeds 40] [--first 3001] [--classes array-9 ...] [--misses]
 
@@ -6,9 +6,9 @@ Every class is a way to be wrong: holes far from the pad, arrays, jobs on one be
 are not what the recipe believes (of holes, channels, ways through a sheet and jobs without a sensor) or that change
 in mid-job, sensors that drift, jobs that are left in the middle and taken up again. Each job runs on a virtual
 machine in this process, by the same procedures as `edmctl machine`, and is judged by the plant's truth; faulted jobs
-count with what they left in the ledger. Bars: 92 % of all holes and 85 % of every class, no collision in a ramp, no
-job lost to drift, and half the interval of a measured hole of 180 µm at most 1.3 µm at 0.5 mm and 1.6 µm at 15 mm
-(medians).
+count with what they left in the ledger. Bars: 92 % of all holes (90 % of depth, wear and feed together) and 85 % of
+every class in depth and wear, no collision in a ramp, no job lost to drift, and half the interval of a measured hole
+of 180 µm at most 1.3 µm at 0.5 mm and 1.6 µm at 15 mm (medians).
 """
 
 from __future__ import annotations
@@ -102,6 +102,8 @@ class Hole:
     depth_u95_um: float
     wear_um: float
     wear_u95_um: float
+    feed_um: float
+    feed_u95_um: float
     true_depth_um: float
     true_wear_um: float
     stops: int
@@ -117,6 +119,16 @@ class Hole:
     def wear_held(self) -> bool:
         """Whether the wear's does."""
         return abs(self.wear_um - self.true_wear_um) <= self.wear_u95_um
+
+    @property
+    def feed_held(self) -> bool:
+        """Whether the feed's does."""
+        return abs(self.feed_um - self.true_depth_um - self.true_wear_um) <= self.feed_u95_um
+
+    @property
+    def all_held(self) -> bool:
+        """Whether all three do."""
+        return self.depth_held and self.wear_held and self.feed_held
 
 
 @dataclass
@@ -288,6 +300,8 @@ def _hole(said: SiteResult | ChannelResult, depth_um: float, wear_um: float, num
         said.depth_u95_um,
         said.wear_um,
         said.wear_u95_um,
+        said.feed_um,
+        said.feed_u95_um,
         depth_um,
         wear_um,
         said.measuring_stops,
@@ -508,6 +522,8 @@ def _row(name: str, outcomes: list[Outcome], wall_s: float) -> tuple[str, bool]:
         return f"{name:<20} no holes; {dict(ends)}", False
     depth = statistics.fmean(hole.depth_held for hole in holes)
     wear = statistics.fmean(hole.wear_held for hole in holes)
+    feed = statistics.fmean(hole.feed_held for hole in holes)
+    together = statistics.fmean(hole.all_held for hole in holes)
     half_um = statistics.median(hole.depth_u95_um for hole in holes)
     wear_half_um = statistics.median(hole.wear_u95_um for hole in holes)
     worst = max(abs(hole.depth_um - hole.true_depth_um) - hole.depth_u95_um for hole in holes)
@@ -516,6 +532,7 @@ def _row(name: str, outcomes: list[Outcome], wall_s: float) -> tuple[str, bool]:
         f"{name:<20} {len(holes):5d} holes, {touched:5d} touched",
         f"depth {100 * depth:5.1f} % ± {half_um:5.2f}",
         f"wear {100 * wear:5.1f} % ± {wear_half_um:5.2f}",
+        f"feed {100 * feed:5.1f} %   all {100 * together:5.1f} %",
         f"worst beyond {worst:+6.2f}",
         f"{sum(o.time_s for o in outcomes) / max(1, len(holes)):5.0f} s a hole",
         f"{wall_s:4.0f} s",
@@ -574,15 +591,17 @@ def main() -> None:
             for case, outcome in zip(todo, outcomes, strict=True):
                 held["depth"] += [hole.depth_held for hole in outcome.holes]
                 held["wear"] += [hole.wear_held for hole in outcome.holes]
+                held["feed"] += [hole.feed_held for hole in outcome.holes]
+                held["all three"] += [hole.all_held for hole in outcome.holes]
                 for hole in outcome.holes:
-                    if args.misses and not (hole.depth_held and hole.wear_held):
+                    if args.misses and not hole.all_held:
                         print(f"    seed {case.seed} {hole}")
     print(f"ramps that ran into the work: {collisions}; jobs lost without an injected fault: {lost}")
     print(f"jobs that ended at their time limit: {late}")
     met = met and not collisions and not lost
     for what, values in held.items():
         share = statistics.fmean(values)
-        met = met and share >= 0.92
+        met = met and share >= (0.9 if what == "all three" else 0.92)
         print(f"all holes: {what} held in {100 * share:.1f} % of {len(values)}")
     sys.exit(0 if met else 1)
 

@@ -254,6 +254,33 @@ class Machine:
         plan = replace(self._plan(request, stop, doubts), names_tool=profile is not None)
         return self._perform(plan, WearRun(plan, site, is_reference=reference), out, run_id, observer, doubts)
 
+    def measure_drift(
+        self,
+        profile: File | None = None,
+        *,
+        duration_s: float | None = None,
+        output: File | None = None,
+        overrides: Overrides = (),
+        out: File = RUNS,
+        run_id: str | None = None,
+        observer: Observer | None = None,
+        stop: StopRequest | None = None,
+        warn: Warn | None = None,
+    ) -> ProcedureReport:
+        """Touch the pad and rest in turn for a quarter of an hour: what of a drift of the rests a touch sees.
+
+        Later jobs of the machine correct their wear by it. It is saved in `output`, else as the machine's own.
+        Without a profile the tool last in use is meant. Raises as `machine`, and UsageError E2064 where `duration_s`
+        is too short; in the report, E7041 rests and touches do not go together.
+        """
+        from edmctl.jobs.measure_drift import DriftRun
+        from edmctl.jobs.measure_wear import TOUCHES_LIKE
+
+        doubts = _doubts(warn)
+        request = self._request(profile or TOUCHES_LIKE, overrides, None, False, False)
+        plan = replace(self._plan(request, stop, doubts), names_tool=profile is not None)
+        return self._perform(plan, DriftRun(plan, duration_s, _path(output)), out, run_id, observer, doubts)
+
     def calibrate(
         self,
         *,

@@ -21,6 +21,15 @@ class Basis(StrEnum):
     ESTIMATED = "estimated"
 
 
+class Seen(StrEnum):
+    """What a run has shown of a belief of the setup; `NEVER` of one that nothing in a run can show."""
+
+    HELD = "held"
+    CONTRADICTED = "contradicted"
+    NOT = "not seen"
+    NEVER = "cannot be seen"
+
+
 class Verdict(StrEnum):
     """Whether a hole is what was wanted, the best first.
 

@@ -18,6 +18,7 @@ from edmctl.cli.commands import (
     doctor,
     jump_flush,
     machine,
+    measure_drift,
     measure_wear,
     ports,
     profile,
@@ -46,6 +47,7 @@ app.command("calibrate")(calibrate.calibrate)
 app.command("approach")(approach.approach)
 app.command("machine")(machine.machine)
 app.command("measure-wear")(measure_wear.measure_wear)
+app.command("measure-drift")(measure_drift.measure_drift)
 app.command("jump-flush")(jump_flush.jump_flush)
 app.command("reset")(reset.reset)
 app.command("doctor")(doctor.doctor)

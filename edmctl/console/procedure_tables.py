@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from edmctl.console.layout import render_columns
+from edmctl.console.result_table import beliefs_in_words
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.labels import Basis, heading
-from edmctl.wording import coordinates, decimal, duration, length, plural
+from edmctl.wording import U95, coordinates, decimal, duration, length, percent, plural, with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from edmctl.results.equipment import Check, PortRow
-    from edmctl.results.measurements import JumpSeries, SurfaceFound, WearResult
+    from edmctl.results.measurements import DriftResult, JumpSeries, SurfaceFound, WearResult
 
 
 MOST_ROWS = 20
@@ -160,6 +162,62 @@ def render_wear_plan(
         ["time", duration(time_s)],
     ]
     return render_columns(["measure-wear", "forecast"], rows, style)
+
+
+def render_drift(
+    found: DriftResult,
+    truth: Mapping[str, float] | None,
+    path: str,
+    use: str,
+    *,
+    replaced: bool,
+    style: Style = PLAIN,
+) -> str:
+    """Render what rests and touches tell of drift, where that is kept, and who uses it (no full stop)."""
+    header = ["measure-drift", "measured"]
+    rows = [
+        ["drift of the rests", _nm_s(found.rest_um_per_s, found.rest_u_um_per_s)],
+        ["drift of the touches", _nm_s(found.touch_um_per_s, found.touch_u_um_per_s)],
+        ["touches less rests", _nm_s(found.apart_um_per_s, found.apart_u_um_per_s)],
+        ["share that a touch sees", with_u95(found.share, U95 * found.share_u)],
+        ["creep after the hold", length(found.creep_um, U95 * found.creep_u_um)],
+        ["left over", f"{length(found.rest_rms_um)} at rest, {length(found.touch_rms_um)} at the pad"],
+    ]
+    if truth is not None:
+        header.append("truth")
+        sensor_um_s, machine_um_s = truth["sensor_um_per_s"], truth["machine_um_per_s"]
+        values = (sensor_um_s, sensor_um_s + machine_um_s, machine_um_s)
+        for row, value in zip(rows, values, strict=False):
+            row.append(_nm_s(value))
+    if math.isnan(found.share):
+        share = "The rests have not drifted: they show no share, and jobs take all of their drift."
+    elif abs(found.share - found.share_used) <= U95 * found.share_u:
+        share = f"Jobs take {percent(found.share_used)} of the drift of their rests."
+    else:
+        share = (
+            f"Jobs take {percent(found.share_used)} of the drift of their rests. Touches drift besides: a drift "
+            "between tool and work does not show at rest, and widens the interval of the wear."
+        )
+    older = ", in the place of an older one" if replaced else ""
+    kept = f"{found.touches} touches, {plural(found.rests, 'rest')}; in {path}{older}: {use}."
+    beliefs = beliefs_in_words(found.beliefs)
+    return "\n".join([render_columns(header, rows, style), share, *([beliefs] if beliefs else []), kept])
+
+
+def render_drift_plan(
+    touches: int, interval_s: float, hold_um: float, hold_s: float, time_s: float, style: Style = PLAIN
+) -> str:
+    """Render what a measurement of drift will be."""
+    rows = [
+        ["touches of the pad", f"{touches}, every {duration(interval_s)}"],
+        ["hold beside the work", f"{duration(hold_s)} at {length(hold_um)}"],
+        ["time", duration(time_s)],
+    ]
+    return render_columns(["measure-drift", "forecast"], rows, style)
+
+
+def _nm_s(um_per_s: float, u_um_per_s: float = math.nan) -> str:
+    return f"{with_u95(1e3 * um_per_s, 1e3 * U95 * u_um_per_s)} nm/s"
 
 
 def _ms(seconds: float) -> str:

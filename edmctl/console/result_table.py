@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.console.style import PLAIN, Style
-from edmctl.labels import heading, is_doubtful, marked, meanings
+from edmctl.labels import Basis, Seen, heading, is_doubtful, marked, meanings
 from edmctl.wording import (
     TIP,
+    U95,
     UNKNOWN,
     count,
     decimal,
@@ -25,7 +26,7 @@ from edmctl.wording import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
+    from edmctl.results.job import Belief, ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
     from edmctl.results.run_file import SiteNumbers
     from edmctl.results.telemetry import PulseShares
 
@@ -36,6 +37,7 @@ FIRST_TO_GO = ("feed µm", "stops", "machining")
 """Columns of a table that is too wide, the dispensable ones first: a feed is depth and wear together."""
 MOST_BLOCKS = 2
 """Sites with a block of their own; more make a table."""
+_MENDS = "`edmctl measure-drift` mends it"
 
 
 def render_job(
@@ -62,7 +64,8 @@ def render_job(
         worn = f"the tool is {length(max(0.0, job.tool_wear_total_um))} shorter"
     before = f", {earlier(job.earlier_time_s, job.pause_s)}" if job.earlier_time_s else ""
     total = f"Whole job {duration(job.time_s)}{before}; {worn}."
-    return "\n\n".join([*blocks, "\n".join(wrapped(total, columns))])
+    closing = [*wrapped(beliefs_in_words(job.beliefs), columns), *wrapped(total, columns)]
+    return "\n\n".join([*blocks, "\n".join(closing)])
 
 
 def render_sites(
@@ -88,7 +91,7 @@ def _site_lines(pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style, co
         "tool wear µm": [
             marked(with_u95(site.wear_um, site.wear_u95_um), site.wear_basis) for site, _ in pairs
         ],
-        "feed µm": [decimal(site.feed_um) for site, _ in pairs],
+        "feed µm": [with_u95(site.feed_um, site.feed_u95_um) for site, _ in pairs],
         "stops": [str(site.measuring_stops) for site, _ in pairs],
         "machining": [duration(site.machining_time_s) for site, _ in pairs],
     }
@@ -96,7 +99,8 @@ def _site_lines(pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style, co
         table["true µm"] = [decimal(truth.depth_um) if truth else UNKNOWN for _, truth in pairs]
     if any(is_doubtful(site.verdict) for site, _ in pairs):
         table["verdict"] = [site.verdict or "" for site, _ in pairs]
-    return "\n".join([render_table(narrowed(table, columns, FIRST_TO_GO), style), *meanings(bases)])
+    drift = _drift_of_many([site for site, _ in pairs], columns)
+    return "\n".join([render_table(narrowed(table, columns, FIRST_TO_GO), style), *meanings(bases), *drift])
 
 
 def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int) -> str:
@@ -118,7 +122,7 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
         depth.append(length(truth.depth_um))
         wear.append(length(truth.wear_um))
     others = [
-        ["feed", length(site.feed_um)],
+        ["feed", length(site.feed_um, site.feed_u95_um)],
         ["Z1 surface before", length(site.z1_um)],
         ["Z2 tip at the end" if site.through else "Z2 bottom", length(site.z2_um)],
         ["Z3 surface after", length(site.z3_um)],
@@ -128,6 +132,7 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
     # A channel has none of them.
     rows = [depth, wear, *(row for row in others if row[1] != UNKNOWN)]
     table = render_columns(header, rows, style)
+    drift = drift_in_words(site)
     machining = f"{duration(site.machining_time_s)} in {plural(site.cuts, 'cut')}"
     if site.through:
         machining += ", through the sheet"
@@ -136,6 +141,8 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
         if length(site.z2_um) != UNKNOWN:
             machining += ", Z2 and Z3 are where contact would be"
     lines = [table, labelled("machining", machining, _LABEL, columns)]
+    if drift:
+        lines.append(labelled("drift", drift, _LABEL, columns))
     if truth and isfinite(truth.taper_um):
         wide = f"side gap {length(truth.side_gap_um)}, {length(truth.taper_um)} wider at the mouth"
         surface = (
@@ -145,6 +152,46 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
     if is_doubtful(site.verdict):
         lines.append(labelled("verdict", f"{site.verdict}", _LABEL, columns))
     return "\n".join([*lines, *(meanings(bases) if site.depth_basis != site.wear_basis else ())])
+
+
+def drift_in_words(found: Site | ChannelResult) -> str:
+    """Return what drift there is in the wear: what was taken off, or which command mends it; empty where little.
+
+    It is told where it is more than half of the interval: of the variance, more than a quarter.
+    """
+    left_um = U95 * found.drift_left_u_um
+    if not isfinite(left_um):
+        return ""
+    if found.drift_correction_um:
+        return f"{length(found.drift_correction_um, left_um)} by the rests, taken off wear and Z values"
+    return f"± {length(left_um)} of the wear; {_MENDS}" if _costs_much(found) else ""
+
+
+def _costs_much(found: Site | ChannelResult) -> bool:
+    """Whether a drift that nobody has corrected makes most of the interval; without a sensor there is no cure."""
+    is_cured = found.drift_correction_um != 0.0 or found.wear_basis is Basis.MODEL
+    return not is_cured and U95 * found.drift_left_u_um >= 0.5 * found.wear_u95_um
+
+
+def _drift_of_many(sites: Sequence[Site], columns: int) -> list[str]:
+    """Return what drift there is in the wear of many holes, in a sentence."""
+    corrected_um = [site.drift_correction_um for site in sites if site.drift_correction_um]
+    if corrected_um:
+        far_um = max(corrected_um, key=abs)
+        return wrapped(f"Wear is corrected by the rests, for a drift of {length(far_um)} at most.", columns)
+    left_um = [U95 * site.drift_left_u_um for site in sites if _costs_much(site)]
+    if not left_um:
+        return []
+    return wrapped(f"Drift: up to ± {length(max(left_um))} of the wear; {_MENDS}.", columns)
+
+
+def beliefs_in_words(beliefs: Sequence[Belief]) -> str:
+    """Return what of the setup is contradicted, and what no run can tell; empty where nothing is contradicted."""
+    words = [belief.message for belief in beliefs if belief.seen is Seen.CONTRADICTED]
+    if not words:
+        return ""
+    blind = [belief.name for belief in beliefs if belief.seen is Seen.NEVER]
+    return " ".join([*words, f"No run can show whether {', '.join(blind)} is right."])
 
 
 def _pulses(site: SiteResult, columns: int) -> str:
@@ -167,6 +214,8 @@ def _channel_block(channel: ChannelResult, truth: ChannelTruth | None, style: St
     pulses = f"{count(channel.pulses)}: {render_ratios(channel.ratios)}"
     machining = f"{duration(channel.machining_time_s)}, {made}"
     lines = [table, f"{'machining':27}{machining}", f"{'pulses':27}{pulses}"]
+    if drift := drift_in_words(channel):
+        lines.append(f"{'drift':27}{drift}")
     return "\n".join([*lines, f"{'verdict':27}{channel.verdict}"] if is_doubtful(channel.verdict) else lines)
 
 

@@ -155,7 +155,13 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
         offset_um=loaded.profile.approach.offset_um,
         thickness_um=loaded.profile.work.thickness_um,
         discharge=replace(part(DischargeConstants), erosion=part(ErosionLaw), gap=part(GapLaw)),
-        sensors=SensorConstants(fitted=setup.sensor.fitted),
+        sensors=SensorConstants(
+            fitted=setup.sensor.fitted,
+            gain_sd=sim.sensor_gain_sd,
+            drift_sd_um_s=sim.sensor_drift_sd_um_s,
+            machine_drift_sd_um_s=sim.machine_drift_sd_um_s,
+            tilt_sd_mrad=sim.tilt_sd_mrad,
+        ),
     )
 
 

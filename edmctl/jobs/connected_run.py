@@ -118,9 +118,10 @@ def _record(
         raise latched
     ledger = ledger_of(plan, name)
     found = as_found(plan, session, ledger, "measure-wear")
+    drift_toml = session.drift.toml if session.drift else ""
     with recorded(
         name,
-        lambda run: run_meta(run, found, bench.seed, identity, choice, procedure),
+        lambda run: run_meta(run, found, bench.seed, identity, choice, procedure, drift_toml),
         lambda: summary(session),
         written,
         waits=plan.where.in_process,

@@ -60,6 +60,8 @@ class Report(Result):
     run_file: Path | None
     model: ModelUsed | None
     channel_truth: ChannelTruth | None = None
+    drift_file: str = ""
+    """What the wear was corrected by, in words; empty without."""
     seed: int | None = None
     """Of the virtual machine, None on a real one and where another process served it."""
 
@@ -107,6 +109,7 @@ class Report(Result):
         """Return the `result` of the JSON object."""
         mapping = dataclasses.asdict(self.job)
         mapping["calibration"] = dataclasses.asdict(self.model) if self.model else None
+        mapping["drift_file"] = self.drift_file or None
         mapping["sites"] = [
             {**site, "truth": dataclasses.asdict(truth) if truth else None}
             for site, truth in zip_longest(mapping["sites"], self.truths)
@@ -238,7 +241,9 @@ def _report(plan: Plan, session: MachineSession, tally: JobTally, true_wear: Tru
         from edmctl.jobs.truth import channel_truth
 
         channel = channel_truth(plan.loaded.profile, virtual, virtual.tool_wear_um - true_wear.before_um)
-    return Report(simulated, job, truths, session.error, session.run_file, used, channel, session.bench.seed)
+    drift = session.drift.text if session.drift else ""
+    seed = session.bench.seed
+    return Report(simulated, job, truths, session.error, session.run_file, used, channel, drift, seed)
 
 
 def truths_of(

@@ -105,9 +105,15 @@ def run_path(folder: Path, run_id: str) -> Path:
 
 
 def run_meta(
-    name: RunName, plan: Plan, seed: int | None, identity: MachineIdentity, choice: Choice, procedure: str
+    name: RunName,
+    plan: Plan,
+    seed: int | None,
+    identity: MachineIdentity,
+    choice: Choice,
+    procedure: str,
+    drift_text: str = "",
 ) -> RunMeta:
-    """Describe a run for its file."""
+    """Describe a run for its file; `drift_text` is the drift file that it goes by."""
     from edmctl.record.run_meta import RunMeta, profile_leaves
     from edmctl.version import __version__
 
@@ -139,6 +145,7 @@ def run_meta(
         controller_serial=identity.serial,
         calibration=choice.used.text,
         calibration_text=choice.text,
+        drift_text=drift_text,
         user=_user(),
         work_material=profile.work.material,
         work_thickness_um=profile.work.thickness_um,

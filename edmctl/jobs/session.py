@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from edmctl.errors import EdmError
     from edmctl.jobs.calibration.selection import Choice
+    from edmctl.jobs.drift_choice import DriftChoice
     from edmctl.machine.controller import LinkMachine
     from edmctl.record.disk_thread import DiskThread
     from edmctl.record.ledger import Ledger
@@ -60,6 +61,7 @@ class MachineSession:
     bench: ConnectedMachine
     disk: DiskThread
     choice: Choice | None = None
+    drift: DriftChoice | None = None
     run_file: Path | None = None
     error: EdmError | None = None
 

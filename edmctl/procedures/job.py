@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from edmctl.actuator.model import ActuatorModel
     from edmctl.procedures.job_state import JobState
+    from edmctl.process.rest_drift import DriftModel
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
 
@@ -45,7 +46,8 @@ class Job:
     when the hole that it left is to be made from an untouched face. `tool_wear_before_um` is what the tool has
     lost in earlier jobs, as far as anybody knows.
     `home_um` is what the sensor showed of a tool at home `home_age_s` ago; NaN is since the controller came up.
-    `drift_seen_um_s` is how fast the homes of earlier jobs allow it to move.
+    `drift_seen_um_s` is how fast the homes of earlier jobs allow it to move, `drift` what rests and touches have in
+    common where that was measured; `follows_creep` has the run find that out.
     """
 
     profile: Profile
@@ -59,6 +61,8 @@ class Job:
     home_um: float = 0.0
     home_age_s: float = math.nan
     drift_seen_um_s: float = 0.0
+    drift: DriftModel | None = None
+    follows_creep: bool = False
 
     @property
     def touch_basis(self) -> Basis:

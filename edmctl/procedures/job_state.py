@@ -12,7 +12,7 @@ from edmctl.results.progress import Phase
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from edmctl.results.job import ChannelResult
+    from edmctl.results.job import Belief, ChannelResult
     from edmctl.results.telemetry import LinkReport
 
 PERIOD_S = 5.0
@@ -218,6 +218,7 @@ class JobTally:
     channel: ChannelResult | None = None
     home_um: float = 0.0
     home_s: float = math.nan
+    beliefs: tuple[Belief, ...] = ()
 
     @property
     def sites_done(self) -> int:
@@ -250,6 +251,7 @@ class JobTally:
             measuring_time_s=self.time_s - self.machining_time_s,
             tool_wear_total_um=sum(wears_um) if wears_um else math.nan,
             reached=self.reached,
+            beliefs=self.beliefs,
             link=self.link,
             channel=self.channel,
             home_um=self.home_um if math.isfinite(self.home_s) else math.nan,

@@ -17,6 +17,7 @@ from edmctl.procedures.hole.site import keep_hole_begun, machine_hole
 from edmctl.procedures.hole.site_result import judge_holes, open_site, record_left, record_results
 from edmctl.procedures.job import target_of
 from edmctl.procedures.job_state import JobTally
+from edmctl.procedures.monitoring.beliefs import judge_job
 from edmctl.procedures.run import MOVING
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.session import running
@@ -92,7 +93,14 @@ def machine_sites(run: JobRun) -> Decision | None:
 
     A tool that would lose more than it may ends the job before the next place, with what is done and what remains.
     """
-    limits, knowledge = TimeLimits(run), initial_knowledge(run)
+    knowledge = initial_knowledge(run)
+    missed = _machine_sites(run, knowledge)
+    judge_job(run, knowledge.pads)
+    return missed
+
+
+def _machine_sites(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
+    limits = TimeLimits(run)
     resumed = run.job.resumed
     done = set(run.tally.sites)
     left = [site for site in working_order(run.profile, run.setup, run.job.sites) if site.name not in done]

@@ -113,6 +113,8 @@ def running(
     run = JobRun(machine, job, watch, recorder, observer, tally, keeper)
     left = job.resumed
     take_recipe(run, left.regime if left is not None and left.begun and not job.restart_hole else 0)
+    if job.drift is not None or job.follows_creep:
+        watch.follow_creep()
     watch.guard(keeper.on_telemetry)
     watch.guard(LinkMonitor(run).on_telemetry)
     watch.guard(IdleMonitor(run).on_telemetry)

@@ -53,10 +53,20 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True)
+class Drift:
+    """How far a touch of the same place drifted between two moments, and the standard uncertainty of that, µm."""
+
+    um: float
+    left_u_um: float
+
+
+@dataclass(frozen=True, slots=True)
 class DepthAndWear:
     """Depth, wear and total feed, each with the half-width of its 95 % interval, µm.
 
     `depth_noise_um` is the part of the depth's standard uncertainty that another set of touches would redraw.
+    `drift_um` is what the readings after the cut were corrected by, and `drift_left_u_um` the standard uncertainty
+    in the wear of the drift that is left, or of all of it; NaN where no touches tell the wear.
     """
 
     depth_um: float
@@ -66,6 +76,8 @@ class DepthAndWear:
     feed_um: float
     feed_u95_um: float
     depth_noise_um: float
+    drift_um: float = 0.0
+    drift_left_u_um: float = math.nan
 
     @property
     def wear_ratio(self) -> float:
@@ -163,6 +175,7 @@ def measure(
     z1_u_um: float = 0.0,
     doubts_u_um: tuple[float, float, float] = (0.0, 0.0, 0.0),
     touch_sd_prior_um: float = TOUCH_SD_PRIOR_UM,
+    drift: Drift | None = None,
 ) -> DepthAndWear:
     """Depth, wear and feed with 95 % intervals.
 
@@ -173,24 +186,39 @@ def measure(
     `pad_u_um` of meeting the same pad again (stage repeatability through tilt). `touch_sd_prior_um` is the
     repeatability of one touch expected beforehand, because three touches alone know it badly. `height_um` is how
     much further than the pad the face at the site lies, `z1_u_um` what a Z1 that was not touched right before adds,
-    `doubts_u_um` what each of the three adds where its touches were in doubt.
+    `doubts_u_um` what each of the three adds where its touches were in doubt. A `drift` that is known is taken off
+    bottom and pad after the cut, and what is left of it counts in place of `drift_u_um_per_s` over `z1_to_z3_s`.
     """
-    bottom_um = z2.mean_um - height_um
-    depth_um, wear_um, feed_um = bottom_um - z3.mean_um, z3.mean_um - z1.mean_um, bottom_um - z1.mean_um
+    drift_um = drift.um if drift else 0.0
+    bottom_um, pad_um = z2.mean_um - height_um - drift_um, z3.mean_um - drift_um
+    depth_um, wear_um, feed_um = bottom_um - pad_um, pad_um - z1.mean_um, bottom_um - z1.mean_um
+    left_u_um = drift.left_u_um if drift else drift_u_um_per_s * z1_to_z3_s
+    left_to_bottom_u_um = drift.left_u_um if drift else drift_u_um_per_s * (z1_to_z3_s - z2_to_z3_s)
     noise = _pooled((z1, z2, z3), touch_sd_prior_um)
     depth_noise = noise.of_difference(z2, z3)
 
-    def sensor_um(length_um: float, seconds: float) -> float:
-        return math.hypot(gain_u_rel * length_um, linearity_u_um, drift_u_um_per_s * seconds)
+    def sensor_um(length_um: float, drift_u_um: float) -> float:
+        return math.hypot(gain_u_rel * length_um, linearity_u_um, drift_u_um)
 
     doubt1, doubt2, doubt3 = doubts_u_um
-    depth_u95 = noise.u95(depth_noise, (sensor_um(depth_um, z2_to_z3_s), tilt_u_um, doubt2, doubt3))
-    wear_parts = (sensor_um(wear_um, z1_to_z3_s), pad_u_um, z1_u_um, doubt1, doubt3)
+    depth_u95 = noise.u95(
+        depth_noise, (sensor_um(depth_um, drift_u_um_per_s * z2_to_z3_s), tilt_u_um, doubt2, doubt3)
+    )
+    wear_parts = (sensor_um(wear_um, left_u_um), pad_u_um, z1_u_um, doubt1, doubt3)
     wear_u95 = noise.u95(noise.of_difference(z3, z1), wear_parts)
-    feed_s = z1_to_z3_s - z2_to_z3_s
-    feed_parts = (sensor_um(feed_um, feed_s), tilt_u_um, z1_u_um, doubt1, doubt2)
+    feed_parts = (sensor_um(feed_um, left_to_bottom_u_um), tilt_u_um, z1_u_um, doubt1, doubt2)
     feed_u95 = noise.u95(noise.of_difference(z2, z1), feed_parts)
-    return DepthAndWear(depth_um, depth_u95, wear_um, wear_u95, feed_um, feed_u95, depth_noise)
+    return DepthAndWear(
+        depth_um,
+        depth_u95,
+        wear_um,
+        wear_u95,
+        feed_um,
+        feed_u95,
+        depth_noise,
+        drift_um=drift_um,
+        drift_left_u_um=left_u_um,
+    )
 
 
 @dataclass(frozen=True, slots=True)

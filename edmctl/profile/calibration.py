@@ -289,7 +289,7 @@ def save_calibration(path: Path, calibration: Calibration) -> None:
     text = tomli_w.dumps({"schema": table.pop("schema"), HASH: calibration.sha256, **table})
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _replace(path, text.encode())
+        write_whole(path, text.encode())
     except OSError as error:
         raise RunFileError(
             f"Cannot write the calibration file {path}: {error.strerror or error}.",
@@ -298,7 +298,7 @@ def save_calibration(path: Path, calibration: Calibration) -> None:
         ) from error
 
 
-def _replace(path: Path, content: bytes) -> None:
+def write_whole(path: Path, content: bytes) -> None:
     """Put a file of that content under the name, by way of a file beside it."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 HOME_VARIABLE = "EDMCTL_HOME"
 CALIBRATION_VARIABLE = "EDMCTL_CALIBRATION"
+DRIFT_VARIABLE = "EDMCTL_DRIFT"
 
 
 def shipped_folder() -> Path:
@@ -104,8 +105,34 @@ def default_path(serial: str, environ: Mapping[str, str]) -> Path:
 
 def fresh_path(serial: str, environ: Mapping[str, str]) -> Path:
     """File of a virtual machine that is gone with its command: no machine finds it by itself."""
-    own = default_path(serial, environ)
+    return _fresh(default_path(serial, environ))
+
+
+def default_drift_path(serial: str, environ: Mapping[str, str]) -> Path:
+    """File of what `measure-drift` has told of the machine with that serial number, beside its calibration."""
+    return data_folder(environ) / "drift" / f"{quote(serial, safe=' ')}.toml"
+
+
+def fresh_drift_path(serial: str, environ: Mapping[str, str]) -> Path:
+    """Drift file of a virtual machine that is gone with its command: no machine finds it by itself."""
+    return _fresh(default_drift_path(serial, environ))
+
+
+def _fresh(own: Path) -> Path:
     return own.parent / "fresh" / own.name
+
+
+def find_drift(environ: Mapping[str, str], stated: str | None, serial: str | None) -> Path | None:
+    """Which drift file is used: that of $EDMCTL_DRIFT, of the setup (`stated`), the machine's own if there is one.
+
+    `serial` is None for a machine that has none of its own.
+    """
+    if named := environ.get(DRIFT_VARIABLE) or stated:
+        return Path(named)
+    if serial is None:
+        return None
+    own = default_drift_path(serial, environ)
+    return own if own.is_file() else None
 
 
 def find_calibration(

@@ -42,6 +42,24 @@ class Sensor(Table):
     drift_um_per_s: float = Field(0.0017, ge=0.0, le=1.0, description="of its drift rate, µm/s")
 
 
+class Drift(Table):
+    """What `edmctl measure-drift` does, and whether jobs go by what it has told."""
+
+    use: bool = Field(True, description="false: jobs correct nothing, whatever was measured")
+    file: str | None = Field(
+        None,
+        min_length=1,
+        description="what was measured, relative to the setup file; else the machine's own",
+    )
+    max_age_days: float = Field(
+        30.0, gt=0.0, le=3650.0, description="older than this it counts no more, days"
+    )
+    duration_s: float = Field(900.0, ge=300.0, le=14_400.0, description="touches and rests, hold included, s")
+    interval_s: float = Field(60.0, ge=20.0, le=600.0, description="from touch to touch, s")
+    hold_um: float = Field(250.0, ge=20.0, le=1000.0, description="depth of the hold between them, µm")
+    hold_s: float = Field(300.0, ge=30.0, le=7200.0, description="its time, s")
+
+
 class Surface(Table):
     """The work surface."""
 
@@ -110,6 +128,7 @@ class Setup(Table):
     port: str | None = Field(None, min_length=1)
     actuator: Actuator = Actuator()
     sensor: Sensor = Sensor()
+    drift: Drift = Drift()
     surface: Surface = Surface()
     stage: Stage = Stage()
     controller: Controller = Controller()
@@ -119,7 +138,7 @@ class Setup(Table):
 def load_setup(path: Path | None = None) -> Setup:
     """Load the machine's settings; without a path, those of the stock machine.
 
-    A calibration file that they name is relative to their folder. Raises ProfileError with every diagnostic.
+    Files that they name are relative to their folder. Raises ProfileError with every diagnostic.
     """
     if path is None:
         return Setup()
@@ -142,7 +161,10 @@ def load_setup(path: Path | None = None) -> Setup:
         hint = f"set actuator.conditioning_slew_v_s to at most {actuator.slew_v_s:g} V/s"
         where = sources.value(("actuator", "slew_v_s"))
         raise ProfileError((Diagnostic(Code.OUT_OF_RANGE, message, hint, where),))
-    if actuator.calibration is None:
-        return setup
-    beside = actuator.model_copy(update={"calibration": str(path.parent / actuator.calibration)})
-    return setup.model_copy(update={"actuator": beside})
+    beside: dict[str, Table] = {}
+    if actuator.calibration is not None:
+        named = str(path.parent / actuator.calibration)
+        beside["actuator"] = actuator.model_copy(update={"calibration": named})
+    if setup.drift.file is not None:
+        beside["drift"] = setup.drift.model_copy(update={"file": str(path.parent / setup.drift.file)})
+    return setup.model_copy(update=beside) if beside else setup

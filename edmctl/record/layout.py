@@ -146,7 +146,8 @@ SCALARS = (
         "procedure",
         "text",
         TEXT,
-        "what was done: `machine`, `approach`, `contact touch`, `measure-wear`, `wear reference`, `jump-flush`",
+        "what was done: `machine`, `approach`, `contact touch`, `measure-wear`, `wear reference`, "
+        "`jump-flush`, `measure-drift`",
     ),
     Scalar("/entry/start_time", "start_time", "text", TEXT, "start, ISO 8601"),
     Scalar("/entry/end_time", "", "S40", TEXT, "end, ISO 8601; empty while running"),
@@ -180,6 +181,7 @@ SCALARS = (
     Scalar(
         "/entry/machine/calibration_toml", "calibration_text", "text", TEXT, "calibration file; empty without"
     ),
+    Scalar("/entry/machine/drift_toml", "drift_text", "text", TEXT, "drift file; empty without"),
     Scalar("/entry/software/program", "", "text", TEXT, "program"),
     Scalar("/entry/software/version", "edmctl_version", "text", TEXT, "version of edmctl"),
     Scalar("/entry/software/python", "", "text", TEXT, "version of Python"),
@@ -410,6 +412,15 @@ RESULTS = Table(
         ),
         Column("wear_basis", "wear_basis", "S9", TEXT, "the same of the wear"),
         Column("verdict", "verdict", "S9", TEXT, "`shown`, `missed` or `not shown`; empty for a feed"),
+        Column("feed_u95", "feed_u95_um", "f8", "um", "95 % uncertainty of the feed"),
+        Column(
+            "drift_correction",
+            "drift_correction_um",
+            "f8",
+            "um",
+            "drift of the pad from Z1 to Z3 by the rests, taken off z2, z3 and wear",
+        ),
+        Column("drift_left_u", "drift_left_u_um", "f8", "um", "standard uncertainty of what is left of it"),
     ),
     at_once=True,
 )

@@ -58,6 +58,7 @@ class RunEvent(IntEnum):
     LINE_NOISE = 143
     LINK = 144
     SETUP_WRONG = 145
+    BELIEF_CONTRADICTED = 146
     CONTROLLER_LOG = 150
     ENDED_EARLY = 160
     JUMP_PERIOD = 161
@@ -72,6 +73,8 @@ class RunEvent(IntEnum):
     WEAR_MEASURED = 180
     SURFACE_FOUND = 181
     JUMP_MEASURED = 182
+    DRIFT_MEASURED = 183
+    CREEP_RESTED_OUT = 184
 
 
 class EventLevel(IntEnum):

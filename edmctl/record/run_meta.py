@@ -100,6 +100,8 @@ class RunMeta:
     """The actuator model of the run, in words."""
     calibration_text: str = ""
     """The calibration file verbatim; empty without."""
+    drift_text: str = ""
+    """The drift file verbatim; empty without."""
     user: str = ""
     work_material: str = ""
     work_thickness_um: float = math.nan

@@ -145,12 +145,15 @@ def _site(
         truth_depth_um=math.nan if through else plain_number(truth.get("depth_um")),
         **{f"truth_{name}": plain_number(truth.get(name)) for name in TRUE_SURFACE},
         truth_wear_um=plain_number(truth.get("wear_um")),
+        feed_u95_um=_later(row, "feed_u95", math.nan),
+        drift_correction_um=_later(row, "drift_correction"),
+        drift_left_u_um=_later(row, "drift_left_u", math.nan),
     )
 
 
-def _later(row: np.void, name: str) -> float:
+def _later(row: np.void, name: str, missing: float = 0.0) -> float:
     """A field that files of older versions may not have."""
-    return float(row[name]) if name in (row.dtype.names or ()) else 0.0
+    return float(row[name]) if name in (row.dtype.names or ()) else missing
 
 
 def target_depths_um(values: Mapping[str, object]) -> tuple[float, float] | None:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
-from edmctl.labels import Basis, Verdict
+from edmctl.labels import Basis, Seen, Verdict
 from edmctl.results.telemetry import PulseShares
+from edmctl.wording import U95
 
 if TYPE_CHECKING:
     from edmctl.results.telemetry import LinkReport
@@ -61,6 +62,9 @@ class ChannelResult:
     wear_basis: Basis
     verdict: Verdict | None = None
     finished: bool = False
+    feed_u95_um: float = math.nan
+    drift_correction_um: float = 0.0
+    drift_left_u_um: float = math.nan
 
     def floor_rms_um(self, depth_um: float) -> float:
         """Root mean square of what the places of the floor differ from a depth."""
@@ -99,7 +103,10 @@ class SiteResult:
 
     The `*_model_um` values come from the actuator voltage through the actuator model, counted from the rest at 0 V
     before each touch, and never enter the others. `zero_drift_um` is how far that rest moved from Z1 to Z3 on the
-    sensor beside the model: where it is the sensor that drifts, both wears are too large by it.
+    sensor beside the model: where it is the sensor that drifts, wears that are not corrected are too large by it.
+    `drift_correction_um` is how much the pad drifted from Z1 to Z3 by the rests before them, where `measure-drift`
+    has told what of it touches see: Z2, Z3 and the wear are less by it. `drift_left_u_um` is the standard
+    uncertainty in the wear of the drift that is left, or of all of it; NaN where no touches of the pad tell it.
     `feed_model_error_*` is the estimate less the sensor while machining, in µm and in % of the feed; NaN without a
     sensor, when every value of the hole is the model's.
     """
@@ -142,6 +149,9 @@ class SiteResult:
     verdict: Verdict | None = None
     finished: bool = True
     in_doubt: bool = False
+    feed_u95_um: float = math.nan
+    drift_correction_um: float = 0.0
+    drift_left_u_um: float = math.nan
 
     @property
     def depth_model_error_um(self) -> float:
@@ -172,12 +182,35 @@ class Reached:
 
 
 @dataclass(frozen=True, slots=True)
+class Belief:
+    """A standard uncertainty of the setup, by its key, and what a run has shown of it, with its uncertainty.
+
+    `found` and `found_u` are NaN where it has shown nothing.
+    """
+
+    name: str
+    believed: float
+    found: float
+    found_u: float
+    seen: Seen
+
+    @property
+    def message(self) -> str:
+        """What was found, for people."""
+        return (
+            f"The setup believes {self.name} = {self.believed:g}, a standard uncertainty; this run has found "
+            f"{self.found:.2g} ± {U95 * self.found_u:.2g}."
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class JobResult:
     """All measured sites, or the channel, and the times of the job on the machine's clock.
 
     `reached` is the hole that was left unmeasured, None in a job that ended in order; `tool_wear_total_um` is
     NaN when nothing was measured. `link` says how the line did, None where the job ended before it was used.
-    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V.
+    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V. `beliefs` of the setup are
+    judged by what a job with holes has shown.
 
     Of a job that was taken up again all times are those of its runs together, `earlier_time_s` of `time_s` in the
     runs before this one. The pauses between them are left out: they were `pause_s`, NaN where nobody knows.
@@ -194,6 +227,12 @@ class JobResult:
     home_um: float = 0.0
     earlier_time_s: float = 0.0
     pause_s: float = 0.0
+    beliefs: tuple[Belief, ...] = ()
+
+    @property
+    def contradicted(self) -> tuple[Belief, ...]:
+        """The beliefs of the setup that the job contradicts."""
+        return tuple(belief for belief in self.beliefs if belief.seen is Seen.CONTRADICTED)
 
 
 class ObjectiveMissed(ObjectiveNotReached):

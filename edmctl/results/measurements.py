@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from edmctl.labels import Basis
+    from edmctl.results.job import Belief
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +85,42 @@ class UncertaintyPart:
     wear_um: float
     depth_um: float
     feed_um: float
+
+
+@dataclass(frozen=True, slots=True)
+class DriftResult:
+    """What rests at 0 V and touches of the pad have in common; `*_u_*` are standard uncertainties.
+
+    `rest_um_per_s` is the drift of the rests without creep, `touch_um_per_s` that of the touches, `apart_um_per_s`
+    what touches drift more than rests. `share` is how much of a drift of the rests a touch sees, their ratio; NaN
+    where the rests have not drifted. `share_used` and `share_used_u` are what jobs go by. `creep_um` is by how much
+    the hold at depth has held the tool lower at the first rest after it. `rest_rms_um` and `touch_rms_um` are the
+    residuals, `misfit` is by how much they exceed what was expected, at least 1. `outliers` touches were left out.
+    `beliefs` of the setup are judged by all that.
+    """
+
+    rest_um_per_s: float
+    rest_u_um_per_s: float
+    touch_um_per_s: float
+    touch_u_um_per_s: float
+    apart_um_per_s: float
+    apart_u_um_per_s: float
+    share: float
+    share_u: float
+    share_used: float
+    share_used_u: float
+    creep_um: float
+    creep_u_um: float
+    rests: int
+    touches: int
+    outliers: int
+    misfit: float
+    rest_rms_um: float
+    touch_rms_um: float
+    hold_um: float
+    hold_s: float
+    time_s: float
+    beliefs: tuple[Belief, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

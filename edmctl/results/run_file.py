@@ -118,6 +118,9 @@ class SiteNumbers:
     truth_ra_um: float = math.nan
     truth_rz_um: float = math.nan
     truth_corner_um: float = math.nan
+    feed_u95_um: float = math.nan
+    drift_correction_um: float = 0.0
+    drift_left_u_um: float = math.nan
 
     @property
     def truth(self) -> SiteTruth | None:

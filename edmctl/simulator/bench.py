@@ -144,6 +144,15 @@ class VirtualBench:
         return self.plant.config.tool_label
 
     @property
+    def true_drifts_um_per_s(self) -> dict[str, float]:
+        """How fast the sensor's zero drifts, and the work away from the tool; without the sensor's random walk."""
+        unit = self.plant.unit
+        return {
+            "sensor_um_per_s": float(unit.sensor_drift_um_s),
+            "machine_um_per_s": float(unit.machine_drift_um_s),
+        }
+
+    @property
     def tool_wear_um(self) -> float:
         """Length that the tool has truly lost, µm."""
         return self.plant.tool_wear_um

@@ -53,6 +53,7 @@ class SensorConstants:
     gain_sd: float = 0.003  # calibration error
     nonlinearity_um: float = 0.1
     drift_sd_um_s: float = 1.0 / 600.0  # steady thermal drift
+    machine_drift_sd_um_s: float = 0.0  # the same of the work against the tool, which no sensor sees
     walk_um: float = 0.008  # random walk, per square root of a second
     contact_sd_um: float = 0.10  # asperities: where continuity closes, touch by touch
     tilt_sd_mrad: float = 0.3

@@ -55,7 +55,8 @@ class Plant:
     """State and parameters of the body; the kernel advances them. Same config and seed, same machine."""
 
     def __init__(self, config: BenchConfig, seed: int) -> None:
-        build_seed, run_seed, stage_seed, process_seed = np.random.SeedSequence(seed).spawn(4)
+        seeds = np.random.SeedSequence(seed).spawn(5)
+        build_seed, run_seed, stage_seed, process_seed, frame_seed = seeds
         build = np.random.default_rng(build_seed)
         self.config = config
         self.serial = serial_number(seed)
@@ -70,6 +71,8 @@ class Plant:
         self.work_drawn, self.tool_drawn = np.exp(config.spread * draw.standard_normal(2)).tolist()
         self._set_discharge()
         self._set_sensors(build)
+        frame = np.random.default_rng(frame_seed)
+        self.unit.machine_drift_um_s = frame.normal(0.0, config.sensors.machine_drift_sd_um_s)
         draw_actuator(self.unit, build)
         set_actuator(self.unit, self.state)
         self.work_under_tool = WorkUnderTool(config, self.unit, self.state)
@@ -200,7 +203,7 @@ class Plant:
         surface = (
             self._offset_um + tilt - self.chips.under_tool_um() if self.work_under_tool.solid else CLEAR_UM
         )
-        self.state.surface_um = min(surface + self.tool_lost_um, self.obstacle_um)
+        self.state.surface_um = min(surface + self.state.machine_um + self.tool_lost_um, self.obstacle_um)
 
     def _xy(self) -> tuple[float, float]:
         return float(self.position_um[0]), float(self.position_um[1])

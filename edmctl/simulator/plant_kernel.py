@@ -51,6 +51,7 @@ def plant_tick(
     if opening > 0.0 or state.opening_um != 0.0:
         pump(unit, state, opening)
     if tick & 63 == 0:  # depth changes by nanometres a tick
+        drift_apart(unit, state)
         renew_clearing(unit, state)
         forget_craters(state)
     if drive.pulses_on == 1:
@@ -135,6 +136,14 @@ def pump(unit: Unit, state: PlantState, opening: float) -> None:
         refill = unit.annulus_area_um2 * state.depth_um + 3.0 * unit.tool_area_um2
         state.debris_um3 *= math.exp(-unit.tool_area_um2 * drawn / refill)
         state.carbon = 0.0
+
+
+@compiled
+def drift_apart(unit: Unit, state: PlantState) -> None:
+    """Let the work drift away from the tool for 64 ms."""
+    way_um = 64.0 * TICK_S * unit.machine_drift_um_s
+    state.machine_um += way_um
+    state.surface_um += way_um
 
 
 @compiled

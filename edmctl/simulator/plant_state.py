@@ -91,6 +91,7 @@ class Unit(Record):
     sensor_drift_um_s: float
     sensor_noise_um: float
     sensor_walk_um: float
+    machine_drift_um_s: float  # of the work, away from the tool
     monitor_gain: float
     monitor_zero_v: float
     # what is broken (injection.py)
@@ -116,6 +117,7 @@ class PlantState(Record):
     creep_um: Floats = series(CREEP_TERMS)
     # work under the tool
     surface_um: float  # gap at z = 0 with a new tool over the untouched surface here
+    machine_um: float  # by which it has drifted since the bench was built
     depth_um: float  # least depth under the tool's face
     wear_um: float
     per_hole_area: float  # of what sinks of the disc now, 1/µm²

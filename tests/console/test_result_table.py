@@ -9,6 +9,8 @@ from dataclasses import replace
 import pytest
 
 from edmctl.console.result_table import render_job
+from edmctl.labels import Basis, Seen
+from edmctl.results.job import Belief
 from tests.console.views import CHANNEL_TRUTH, TRUTH, made_channel, made_job, made_site
 
 
@@ -167,3 +169,45 @@ def test_a_through_hole_has_a_tip_below_the_face_and_no_bottom() -> None:
     assert "tip below the face" in text
     assert "Z2 bottom" not in text
     assert "through the sheet" in text
+
+
+def drift_row(**changes: float | Basis) -> str:
+    """What the table says of drift in a hole whose wear is known within 0.55 µm."""
+    lines = render_job(made_job(sites=(made_site(**changes),))).splitlines()
+    return next((" ".join(line.split()) for line in lines if line.startswith("drift")), "")
+
+
+def test_what_drift_costs_is_told_with_the_command_that_mends_it() -> None:
+    assert drift_row(drift_left_u_um=0.25) == "drift ± 0.49 µm of the wear; `edmctl measure-drift` mends it"
+    assert drift_row(drift_left_u_um=0.05) == ""
+    assert drift_row(drift_left_u_um=math.nan) == ""
+    assert drift_row(drift_left_u_um=0.25, wear_basis=Basis.MODEL) == ""
+
+
+def test_what_was_corrected_and_what_is_left_is_told() -> None:
+    row = drift_row(drift_correction_um=1.5, drift_left_u_um=0.1)
+    assert row == "drift 1.50 ± 0.20 µm by the rests, taken off wear and Z values"
+
+
+def test_drift_in_the_wear_of_many_holes_is_one_sentence() -> None:
+    costly = tuple(made_site(name=f"hole-{i}", drift_left_u_um=0.2 + 0.01 * i) for i in range(5))
+    text = " ".join(render_job(made_job(sites=costly)).split())
+    assert "Drift: up to ± 0.47 µm of the wear; `edmctl measure-drift` mends it." in text
+    mended = tuple(replace(site, drift_correction_um=-0.5 - site.drift_left_u_um) for site in costly)
+    text = " ".join(render_job(made_job(sites=mended)).split())
+    assert "Wear is corrected by the rests, for a drift of -0.74 µm at most." in text.replace("−", "-")
+
+
+def test_a_contradicted_belief_is_told_with_what_no_run_can_show() -> None:
+    drift = Belief("sensor.drift_um_per_s", 0.0017, 0.006, 0.0004, Seen.CONTRADICTED)
+    gain = Belief("sensor.gain_u_rel", 0.003, math.nan, math.nan, Seen.NEVER)
+    text = " ".join(render_job(made_job(beliefs=(drift, gain))).split())
+    assert "The setup believes sensor.drift_um_per_s = 0.0017" in text
+    assert "No run can show whether sensor.gain_u_rel is right." in text
+    held = replace(drift, seen=Seen.HELD)
+    assert "believes" not in render_job(made_job(beliefs=(held, gain)))
+
+
+def test_a_feed_has_an_interval() -> None:
+    text = " ".join(render_job(made_job(sites=(made_site(feed_u95_um=0.81),))).split())
+    assert "feed 250.24 ± 0.81 µm" in text

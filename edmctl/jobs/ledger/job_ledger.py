@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
+from edmctl.jobs.drift_choice import choose_drift
 from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
 from edmctl.jobs.ledger.tool import tool_identity
 from edmctl.process.next_cut import COVERAGE
@@ -65,13 +66,18 @@ class JobLedger:
             self.warn(_of_another_bench(self._ledger, session.bench.machine.identity.serial))
         actuator = session.choice.actuator if session.choice else None
         prepared = prepared_job(self.plan, tool_identity(session), actuator, self._ledger, resuming)
+        serial = session.bench.machine.identity.serial
+        environ, lasting = self.plan.surroundings.environ, self.plan.where.lasting
+        session.drift = choose_drift(environ, self.plan.setup, serial, lasting=lasting)
+        self.warn(session.drift.warnings)
+        job = replace(prepared.job, drift=session.drift.model)
         if self._ledger is not None:
             self.warn(prepared.refuse(self.plan, self._ledger.path.parent, resuming))
             self._places = prepared.places
             left = self.plan.resumed.state if self.plan.resumed else None
             is_first = left is None or not (left.z1_touches or left.done)
             self._wants_reference = prepared.account.reference is None and is_first
-        return prepared.job
+        return job
 
     def begin(self) -> None:
         """Before the machine moves: a job that is killed leaves a word about its places."""
@@ -191,8 +197,8 @@ def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMac
         wear_um=found.wear_um,
         wear_u95_um=found.wear_u95_um,
         z1_um=found.z1_um,
-        z2_um=found.z3_um + found.depth_um,
-        z3_um=found.z3_um,
+        z2_um=found.z3_um + found.drift_correction_um + found.depth_um,
+        z3_um=found.z3_um + found.drift_correction_um,
     )
 
 

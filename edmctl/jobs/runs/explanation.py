@@ -154,6 +154,7 @@ def _alone(opened: RunFile, values: Values) -> str | None:
     return {
         "wear reference": f"to touch the pad with a {tool}, as the reference of its wear",
         "measure-wear": f"to measure wear: how much shorter a {tool} is, and how deep its hole",
+        "measure-drift": f"to find out what touches of a {tool} and rests at 0 V tell of drift",
         "contact touch": f"to find the surface of {work} with a {tool}",
         "approach": f"to find the spark gap of {work} with a {tool}",
         "jump-flush": f"to jump {height_um:g} µm every {period_s:g} s with a {tool}, "

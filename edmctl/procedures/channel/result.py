@@ -7,10 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
+from edmctl.procedures.touch.drift import drift_between
 from edmctl.procedures.touch.spots import pad_u_um
 from edmctl.process.channel import channel_width_um
 from edmctl.process.discharge import mrr_mm3_min
-from edmctl.process.touches import TOUCH_PRIOR_DOF, student_97_5
+from edmctl.process.touches import TOUCH_PRIOR_DOF, Drift, student_97_5
 from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.results.telemetry import pulse_shares
 
@@ -41,8 +42,11 @@ def channel_result(
     places that were touched: so much the mean of the floor may be off.
     """
     job, z1 = run.job, surface.z1
-    depth_u95_um, wear_u95_um = _uncertainties(run, surface, found, uneven_um)
-    wear_um = found.pad.z_um - z1.z_um
+    seconds, drift = found.pad.time_s - z1.time_s, drift_between(job, z1, found.pad)
+    if drift is None:
+        drift = Drift(0.0, run.uncertainty.drift_u_um_per_s * seconds)
+    depth_u95_um, wear_u95_um = _uncertainties(run, surface, found, uneven_um, drift)
+    wear_um = found.pad.z_um - drift.um - z1.z_um
     return ChannelResult(
         name=job.profile.meta.name,
         length_um=length_um,
@@ -56,7 +60,7 @@ def channel_result(
         wear_u95_um=wear_u95_um,
         feed_um=found.depth_um + wear_um,
         z1_um=z1.z_um,
-        z3_um=found.pad.z_um,
+        z3_um=found.pad.z_um - drift.um,
         machining_time_s=sums.time_s,
         pulses=sum(sums.counts),
         ratios=pulse_shares(*sums.counts),
@@ -66,6 +70,9 @@ def channel_result(
         floor=found.places,
         depth_basis=job.touch_basis,
         wear_basis=job.touch_basis,
+        feed_u95_um=math.hypot(depth_u95_um, wear_u95_um),
+        drift_correction_um=drift.um,
+        drift_left_u_um=drift.left_u_um,
     )
 
 
@@ -99,6 +106,7 @@ def channel_left(
         wear_um=measured.wear_um + worn_um,
         wear_u95_um=math.hypot(measured.wear_u95_um + missed_um, worn_um),
         feed_um=depth_um + measured.wear_um + worn_um,
+        feed_u95_um=math.hypot(measured.depth_u95_um, cut_um, measured.wear_u95_um + missed_um, worn_um),
         z3_um=math.nan,
         machining_time_s=sums.time_s,
         pulses=sum(sums.counts),
@@ -111,7 +119,7 @@ def channel_left(
 
 
 def _uncertainties(
-    run: JobRun, surface: ChannelSurface, found: FloorReading, uneven_um: float
+    run: JobRun, surface: ChannelSurface, found: FloorReading, uneven_um: float, drift: Drift
 ) -> tuple[float, float]:
     """Return half the 95 % intervals of mean depth and wear: touches, doubts, sensor, drift, face, stages.
 
@@ -139,13 +147,13 @@ def _uncertainties(
         math.fsum(z2.doubt_u_um for z2 in found.floor) / len(found.floor),
         0.5 * (found.pad_before.doubt_u_um + found.pad.doubt_u_um),
     )
-    wear_um = found.pad.z_um - z1.z_um
+    wear_um = found.pad.z_um - drift.um - z1.z_um
     wear_u_um = math.hypot(
         z1_u_um,
         after_u_um,
         sensor_u.gain_u_rel * wear_um,
         sensor_u.linearity_u_um,
-        sensor_u.drift_u_um_per_s * (found.pad.time_s - z1.time_s),
+        drift.left_u_um,
         meeting_u_um,
         z1.doubt_u_um,
         found.pad.doubt_u_um,
@@ -170,6 +178,9 @@ def channel_row(run: JobRun, result: ChannelResult) -> SiteResult:
         wear_um=result.wear_um,
         wear_u95_um=result.wear_u95_um,
         feed_um=result.feed_um,
+        feed_u95_um=result.feed_u95_um,
+        drift_correction_um=result.drift_correction_um,
+        drift_left_u_um=result.drift_left_u_um,
         z1_um=result.z1_um,
         z2_um=result.z3_um + result.depth_um,
         z3_um=result.z3_um,

@@ -49,7 +49,8 @@ class JobKnowledge:
     """What a job has learned so far, from hole to hole: tool length, face, removal and wear, working gap.
 
     `pad_um` is where the pad is expected, with the standard uncertainty `pad_u_um`, before the tool has touched it;
-    `gap_u_um` is that of the working gap. `unmeasured` are the cuts since the pad was last touched.
+    `gap_u_um` is that of the working gap. `unmeasured` are the cuts since the pad was last touched,
+    `pads` all its readings in this run.
     """
 
     estimate: ErosionEstimate
@@ -60,6 +61,7 @@ class JobKnowledge:
     pad_um: float = math.nan
     pad_u_um: float = OFFSET_U_UM
     unmeasured: list[Unmeasured] = field(default_factory=list)
+    pads: list[SurfaceReading] = field(default_factory=list)
 
 
 def initial_knowledge(run: JobRun) -> JobKnowledge:
@@ -147,6 +149,11 @@ class OpenHole:
     regime: RegimeBegun = field(default_factory=RegimeBegun)
 
     @property
+    def drift_um(self) -> float:
+        """What the readings of the last measuring stop were corrected by, from the machine's frame to that of Z1."""
+        return self.touched.drift_um if self.touched else 0.0
+
+    @property
     def surface_um(self) -> float:
         """Where the tool would have met the untouched face here."""
         return self.z1.z_um + self.face_um
@@ -193,9 +200,10 @@ class OpenHole:
             wear_um=found.wear_um,
             wear_u95_um=found.wear_u95_um,
             feed_um=found.feed_um,
+            feed_u95_um=found.feed_u95_um,
             z1_um=z1.z_um,
-            z2_um=z2.z_um + fed_um,
-            z3_um=z3.z_um + worn_um,
+            z2_um=z2.z_um + fed_um - self.drift_um,
+            z3_um=z3.z_um + worn_um - self.drift_um,
             face_um=self.face_um,
             measuring_stops=self.stops,
             estimated_um=estimated_um,
@@ -220,6 +228,8 @@ class OpenHole:
             depth_basis=depth_basis or touched,
             wear_basis=wear_basis or (Basis.ESTIMATED if self.z1_u_um > 0.0 else touched),
             in_doubt=self.in_doubt,
+            drift_correction_um=self.drift_um,
+            drift_left_u_um=found.drift_left_u_um,
         )
 
     def report_left(self, run: JobRun, estimate: Estimate) -> None:
@@ -234,8 +244,8 @@ class OpenHole:
             run,
             estimate.as_found(),
             math.nan,
-            fed_um=pad_um + self.face_um + estimate.depth_um - self.bottom.z_um,
-            worn_um=pad_um - self.pad.z_um,
+            fed_um=pad_um + self.face_um + estimate.depth_um - self.bottom.z_um + self.drift_um,
+            worn_um=pad_um - self.pad.z_um + self.drift_um,
             estimated_um=estimate.depth_um - (before.depth_um if before else 0.0),
             depth_basis=Basis.ESTIMATED,
             wear_basis=Basis.ESTIMATED,
@@ -268,9 +278,9 @@ class Unmeasured:
 
 def touch_pad_first(run: JobRun, name: str, knowledge: JobKnowledge) -> SurfaceReading:
     """Touch the pad before anything else (Z1); its two spots may show the slope too."""
-    return fit_pad_slope(
-        run, knowledge.surface, read_pad(run, "Z1", name, knowledge.pad_um, knowledge.pad_u_um)
-    )
+    pad = read_pad(run, "Z1", name, knowledge.pad_um, knowledge.pad_u_um)
+    knowledge.pads.append(pad)
+    return fit_pad_slope(run, knowledge.surface, pad)
 
 
 def begin_hole(run: JobRun, site: Place, knowledge: JobKnowledge) -> OpenHole:

@@ -23,6 +23,7 @@ from edmctl.procedures.hole.first_sparks import judge_again
 from edmctl.procedures.hole.hole import Unmeasured
 from edmctl.procedures.hole.regimes import next_regime, regime_text
 from edmctl.procedures.touch.approach import CLEAR_OF_BOTTOM_UM, ExpectedBottom, raise_by, read_expected
+from edmctl.procedures.touch.drift import drift_between, rest_before_pad
 from edmctl.procedures.touch.spots import (
     TOUCH_U_UM,
     ToolLength,
@@ -133,9 +134,10 @@ def touch_pad(
     end_um = cut.end_displacement_um
     live = plan.at(end_um, energy_of(run.profile.pulse, cut.counts, cut.energy_j))
     u_um = math.hypot(PAD_U_UM, live.wear_u_um, hole.z1_u_um, more_u_um)
-    expected_um = hole.z1.z_um + live.wear_um
+    expected_um = hole.z1.z_um + live.wear_um + hole.drift_um
     # A recipe that no touch has confirmed may be wrong by more than what it believes itself.
     deepest_um = expected_um + plan.stated_u95_um(live)[1]
+    rest_before_pad(run, hole.z1)
     z3 = read_pad(run, "Z3", hole.site.name, expected_um, u_um, deepest_um)
     before_u_um = math.hypot(hole.z1_u_um, hole.z1.doubt_u_um)
     refuse_grown_tool(run, hole.z1.z_um, z3, z3.time_s - hole.z1.time_s, before_u_um)
@@ -159,6 +161,7 @@ def measured(run: JobRun, hole: OpenHole, z2: SurfaceReading, z3: SurfaceReading
         height_um=hole.face_um,
         z1_u_um=hole.z1_u_um,
         doubts_u_um=(z1.doubt_u_um, z2.doubt_u_um, z3.doubt_u_um),
+        drift=drift_between(run.job, z1, z3),
     )
 
 
@@ -178,9 +181,12 @@ def learn(
     """
     found = measured(run, hole, z2, z3)
     if settled is not None:
-        found = replace(found, wear_um=settled.wear_um, wear_u95_um=COVERAGE * settled.wear_u_um)
+        # How much of the uncertainty is drift the touch of several holes does not tell of one.
+        settled_u95_um = COVERAGE * settled.wear_u_um
+        found = replace(found, wear_um=settled.wear_um, wear_u95_um=settled_u95_um, drift_left_u_um=math.nan)
     stated = found if settled is not None else with_doubt_of_wear(run, hole, knowledge.estimate, found)
     hole.stops += 1
+    knowledge.pads.append(z3)
     hole.bottom, hole.pad, hole.touched = z2, z3, found
     hole.report(run, stated, gap[0], depth_basis=Basis.ESTIMATED if z2.doubt_u_um > 0.0 else None)
     knowledge.tool, knowledge.gap_um = ToolLength(z3), gap[0]
@@ -206,7 +212,8 @@ def with_doubt_of_wear(
     """Widen what a stop found where its wear is not what was believed, until another stop agrees with it.
 
     A tool that wears otherwise and something that sticks to it look alike. The truth may lie anywhere between the
-    belief and the touch; a tool that seems too long also makes the hole seem too deep.
+    belief and the touch; a tool that seems too long also makes the hole seem too deep. What sticks to the tool at
+    every touch, and a surface that lay elsewhere before, shift the feed by as much.
     """
     before_depth_um = before_um = before_u_um = 0.0
     if hole.touched is not None:
@@ -231,6 +238,7 @@ def with_doubt_of_wear(
         found,
         wear_u95_um=math.hypot(found.wear_u95_um, doubt_u95_um),
         depth_u95_um=math.hypot(found.depth_u95_um, doubt_u95_um if off.um < 0.0 else 0.0),
+        feed_u95_um=math.hypot(found.feed_u95_um, doubt_u95_um),
     )
 
 
@@ -256,7 +264,7 @@ def estimate_hole(
     run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, cut: CutResult
 ) -> Decision:
     """End a hole whose last cut need not be measured: what it added is known from feed and energy."""
-    now_s = run.machine.time_s
+    now_s, sensor_u = run.machine.time_s, run.uncertainty
     energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
     live = plan.at(cut.end_displacement_um, energy, now_s)
     worn_um = live.wear_um - plan.start.wear_um
@@ -267,7 +275,13 @@ def estimate_hole(
         wear_um=live.wear_um,
         wear_u95_um=wear_u95_um,
         feed_um=live.depth_um + live.wear_um,
-        feed_u95_um=COVERAGE * math.hypot(plan.start.u_at(now_s), plan.start.gap_u_um),
+        feed_u95_um=COVERAGE
+        * math.hypot(
+            plan.start.u_at(now_s),
+            plan.start.gap_u_um,
+            sensor_u.gain_u_rel * (live.depth_um + live.wear_um),
+            sensor_u.linearity_u_um,
+        ),
         depth_noise_um=live.depth_u_um,
     )
     assert knowledge.tool is not None
@@ -367,19 +381,21 @@ def settle_unmeasured(
     assert knowledge.tool is not None
     before, sensor_u = knowledge.tool.pad, run.uncertainty
     cuts = [*knowledge.unmeasured, unmeasured(run, hole, before.time_s, plan, cut, live)]
+    seconds, drift = pad.time_s - before.time_s, drift_between(run.job, before, pad)
     found = share_wear(
         [one.share for one in cuts],
-        pad.z_um - before.z_um,
-        pad.time_s - before.time_s,
+        pad.z_um - before.z_um - (drift.um if drift else 0.0),
+        seconds,
         touch_u_um=math.hypot(TOUCH_U_UM * math.sqrt(2.0), sensor_u.linearity_u_um),
-        drift_u_um_per_s=sensor_u.drift_u_um_per_s,
+        drift_u_um_per_s=drift.left_u_um / seconds if drift else sensor_u.drift_u_um_per_s,
     )
     shorter_um = 0.0
     for earlier, now in zip(knowledge.unmeasured, found, strict=False):
         own_um = now.wear_um - earlier.share.wear_um
         _correct(run, earlier, own_um, shorter_um, now)
         shorter_um += own_um
-    hole.z1 = hole.z1.shifted(pad.z_um - found[-1].wear_um - hole.z1.z_um)
+    # From here on the hole counts in the frame of the new reading.
+    hole.z1 = replace(hole.z1.shifted(pad.z_um - found[-1].wear_um - hole.z1.z_um), rest=pad.rest)
     hole.z1_u_um = max(hole.z1_u_um, found[-1].wear_u_um)
     knowledge.unmeasured.clear()
     return found[-1]

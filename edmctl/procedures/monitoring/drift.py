@@ -1,7 +1,8 @@
 """How far the zero of the displacement may drift: what the setup believes, and what the rests at 0 V have shown.
 
 A rest does not tell drift from creep of the actuator, and a drift between tool and work does not show at rest. So
-what was seen only widens what is believed, and no reading is corrected by it.
+what was seen only widens what is believed, and no reading is corrected by it here; `touch/drift.py` does so where
+`edmctl measure-drift` has told what rests and touches have in common.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import Displacement, displacement
+from edmctl.procedures.job import REPORT_DELAY_S
 from edmctl.process.touches import share_u
 
 if TYPE_CHECKING:
@@ -150,6 +152,11 @@ def uncertainty_now(job: Job, rests: Rests) -> Displacement:
     sensor_u = displacement_uncertainty(job)
     seen_um_s = share_u(max(rests.rate_um_s(), job.drift_seen_um_s))
     return replace(sensor_u, drift_u_um_per_s=max(sensor_u.drift_u_um_per_s, seen_um_s))
+
+
+def unused_s(job: Job) -> float:
+    """Return for how long the actuator had rested at least before the run; infinity where nothing had used it."""
+    return math.inf if math.isnan(job.home_age_s) else max(0.0, job.home_age_s - REPORT_DELAY_S)
 
 
 def counted_pause_s(job: Job) -> float:

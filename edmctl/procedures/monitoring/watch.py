@@ -20,6 +20,7 @@ from edmctl.machine.interface import (
 )
 from edmctl.procedures.actuator.tracker import FeedError, Trace
 from edmctl.procedures.monitoring.drift import Rests
+from edmctl.process.rest_drift import CreepLags, Rest
 from edmctl.record.rows import EventLevel, EventRow, RunEvent, ServoBlock
 
 if TYPE_CHECKING:
@@ -73,6 +74,13 @@ class Watch:
         self.missing_frames = 0
         self.feed_error = FeedError()
         self.rests = Rests()
+        self._lags: CreepLags | None = None
+        self.last_rest: Rest | None = None
+
+    def follow_creep(self) -> None:
+        """From now on keep the lags of the displacement: rests tell of drift by them. Call it at home."""
+        if self._sensor:
+            self._lags = CreepLags()
 
     def estimate_with(self, tracker: Tracker) -> None:
         """From now on estimate the displacement; the tracker has already seen what came so far."""
@@ -87,6 +95,9 @@ class Watch:
     def rest(self) -> None:
         """Set the zero of the estimate by the sensor: the tool rests at 0 V, and goes to work from here."""
         zero_um, tracker, block = self.zero_um(), self._tracker, self._latest
+        if self._lags is not None and block is not None:
+            self.settle()
+            self.last_rest = Rest(*_now(block), self._lags.um, self._lags.out_s)
         if math.isnan(zero_um) or tracker is None or block is None:
             return
         middle_s, measured_um = _now(block)
@@ -180,6 +191,8 @@ class Watch:
         block = joined(self._fresh)
         self._fresh.clear()
         compared = self._sensor and self._tracker is not None
+        if self._lags is not None:
+            self._lags.advance(block.time_s, block.displacement_um, block.actuator_v)
         if not self._sensor:
             model_um = block.displacement_um
         elif self._tracker is None:

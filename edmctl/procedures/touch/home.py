@@ -116,7 +116,7 @@ def pad_from_home_um(run: JobRun) -> float:
     if resumed is not None and resumed.site:
         return resumed.z1_um + resumed.wear_um - resumed.home_um
     if resumed is not None and done:
-        return done[-1].z3_um - resumed.home_um
+        return done[-1].z3_um + done[-1].drift_correction_um - resumed.home_um
     return run.profile.approach.offset_um
 
 

@@ -20,6 +20,7 @@ from edmctl.wording import decimal
 if TYPE_CHECKING:
     from edmctl.procedures.run import JobRun
     from edmctl.process.plane import Step
+    from edmctl.process.rest_drift import Rest
 
 FAST_LEG_MARGIN_UM = 3.0
 """The fast leg ends this far above the predicted contact."""
@@ -44,7 +45,8 @@ class SurfaceReading:
     Without a sensor both are the model's. `zero_um` is the zero that the model had from the rest before.
     `doubt_u_um` is a standard uncertainty that comes on top where the touches could not be believed outright;
     `debris_um` is how high something lies where the surface was touched first, found by touching beside it; `step`
-    tells how much further the second of two spots lies than the first, where both count.
+    tells how much further the second of two spots lies than the first, where both count; `rest` is the rest before,
+    where the run keeps those for their drift.
     """
 
     kind: str
@@ -56,6 +58,7 @@ class SurfaceReading:
     doubt_u_um: float = 0.0
     debris_um: float = 0.0
     step: Step | None = None
+    rest: Rest | None = None
 
     @property
     def z_um(self) -> float:
@@ -176,6 +179,7 @@ def _reduced(run: JobRun, kind: str, touches: tuple[Touch, ...]) -> SurfaceReadi
         actuator_v=sum(touch.actuator_v for touch in touches) / len(touches),
         time_s=touches[-1].time_s,
         zero_um=math.nan if estimator is None else estimator.offset_um,
+        rest=run.watch.last_rest,
     )
 
 

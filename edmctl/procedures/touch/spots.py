@@ -23,6 +23,7 @@ from edmctl.procedures.touch.reading import (
     take_reading_in,
 )
 from edmctl.process.plane import Step
+from edmctl.process.rest_drift import mean_rest
 from edmctl.process.touches import (
     Deviation,
     agreeing_spots,
@@ -201,6 +202,7 @@ def _together(
         model_um=math.fsum(share * one.model_um for share, one in zip(shares, used, strict=True)),
         actuator_v=math.fsum(share * one.actuator_v for share, one in zip(shares, used, strict=True)),
         zero_um=math.fsum(share * one.zero_um for share, one in zip(shares, used, strict=True)),
+        rest=mean_rest([one.rest for one in used], shares),
         doubt_u_um=0.0 if usual else _tilt_u_um(run),
         debris_um=0.0 if 0 in agreeing else reading.mean_um - found[0].z_um,
         step=_step(run, found, spots) if usual else None,

@@ -1,0 +1,248 @@
+"""How well wear is known with `measure-drift` on file, and whether what that says of a machine is right.
+
+    python benchmarks/drift.py [--seeds 40] [--first 1001] [--profiles cu270 w252] [--jobs 2] [--classes sensor ...]
+
+Every seed is a machine. It is measured as `edmctl measure-drift` does; later, with other noise, it makes the hole of
+a shipped profile, with the model of that measurement and corrected by its own rests. Both are judged by the plant's
+truth. Classes: the sensor drifts, the machine does (the work against the tool), both do; and `twice`, where gain and
+drift of the sensor and tilt are drawn twice as wide as the setup believes. Bars, but for `twice`: intervals of wear
+and feed, and those of depth, wear and feed together, hold 90 %; where the sensor drifts half the interval of the
+wear is at most 1.0 µm at the median; the share and the drift between tool and work hold in 90 % of the measurements
+that tell them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import statistics
+import sys
+import time
+from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
+from multiprocessing import Pool
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.errors import EdmError
+from edmctl.jobs.connect import bench_config
+from edmctl.jobs.truth import TrueWear
+from edmctl.link.session import Session
+from edmctl.machine.controller import LinkMachine
+from edmctl.procedures.job import job_of
+from edmctl.procedures.job_state import JobTally, NoStateStore
+from edmctl.procedures.machining import run_job
+from edmctl.procedures.measure_drift import drift_result, measure_drift, plan_drift
+from edmctl.procedures.session import running
+from edmctl.process.rest_drift import model_of
+from edmctl.profile.setup import Setup
+from edmctl.record.rows import NullRecorder
+from edmctl.rules.load import load_profile
+from edmctl.simulator import open_bench
+from edmctl.simulator.unit import RandomBlocks
+from edmctl.wording import U95
+
+if TYPE_CHECKING:
+    from edmctl.results.progress import Progress
+    from edmctl.simulator import VirtualBench
+
+PROFILES = Path(__file__).parents[1] / "profiles"
+SD_UM_S = 1.0 / 600.0
+CLASSES = {
+    "sensor": (),
+    "machine": ("sim.sensor_drift_sd_um_s=0.0", f"sim.machine_drift_sd_um_s={SD_UM_S}"),
+    "both": (f"sim.machine_drift_sd_um_s={SD_UM_S}",),
+    "twice": (
+        "sim.sensor_gain_sd=0.006",
+        f"sim.sensor_drift_sd_um_s={2.0 * SD_UM_S}",
+        "sim.tilt_sd_mrad=0.6",
+    ),
+}
+LEAST_HELD, MOST_WEAR_U95_UM = 0.90, 1.0
+
+
+class Nobody:
+    """An observer who looks away."""
+
+    def progress(self, p: Progress) -> None:
+        """Do nothing."""
+
+    def note(self, text: str) -> None:
+        """Do nothing."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One machine and its hole."""
+
+    name: str
+    profile: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What held of one machine; NaN and None where there was nothing to hold. Half-widths in µm."""
+
+    case: Case
+    end: str
+    depth_held: bool = False
+    wear_held: bool = False
+    feed_held: bool = False
+    wear_u95_um: float = math.nan
+    depth_u95_um: float = math.nan
+    feed_u95_um: float = math.nan
+    wear_off_um: float = math.nan
+    raw_off_um: float = math.nan
+    left_u_um: float = math.nan
+    share_held: bool | None = None
+    apart_held: bool | None = None
+    contradicted: tuple[str, ...] = ()
+
+
+def perform(case: Case) -> Outcome:
+    """Measure the machine, then let it make its hole."""
+    loaded = load_profile(str(PROFILES / f"{case.profile}.toml"), CLASSES[case.name])
+    setup = Setup()
+    config = bench_config(loaded, setup)
+    bench = open_bench(config, case.seed)
+    job = replace(job_of(loaded.profile, setup), follows_creep=True)
+    plan = plan_drift(loaded.profile, setup)
+    try:
+        with running(
+            _machine(bench), job, JobTally(), recorder=NullRecorder(), observer=Nobody(), pulses=False
+        ) as run:
+            record = measure_drift(run, plan, loaded.profile.approach.offset_um)
+            fit, found = drift_result(run, plan, record)
+    except EdmError as error:
+        return Outcome(case, f"measure-drift: {error.code}")
+    truth = bench.true_drifts_um_per_s
+    sensor, machine = truth["sensor_um_per_s"], truth["machine_um_per_s"]
+    share_held = None
+    if not math.isnan(found.share):
+        share_held = sensor != 0.0 and abs(found.share - 1.0 - machine / sensor) <= U95 * found.share_u
+    apart_held = abs(found.apart_um_per_s - machine) <= U95 * found.apart_u_um_per_s
+    later = open_bench(config, case.seed)
+    later.plant.random = RandomBlocks(np.random.SeedSequence([case.seed, 1]), config.discharge.scatter)
+    tally, wear, end = JobTally(), TrueWear(later, NoStateStore()), "ok"
+    job = replace(job_of(loaded.profile, setup), drift=model_of(fit))
+    try:
+        run_job(_machine(later), job, recorder=NullRecorder(), observer=Nobody(), tally=tally, store=wear)
+    except EdmError as error:
+        end = error.code
+    if not tally.sites:
+        return Outcome(case, end, share_held=share_held, apart_held=apart_held)
+    (site,) = tally.sites.values()
+    depth_um = min(later.truth(), key=lambda hole: math.hypot(hole.x_um - site.x_um, hole.y_um)).depth_um
+    worn_um = wear.of_site(site.name)
+    off_um = site.wear_um - worn_um
+    return Outcome(
+        case,
+        end,
+        depth_held=abs(site.depth_um - depth_um) <= site.depth_u95_um,
+        wear_held=abs(off_um) <= site.wear_u95_um,
+        feed_held=abs(site.feed_um - depth_um - worn_um) <= site.feed_u95_um,
+        wear_u95_um=site.wear_u95_um,
+        depth_u95_um=site.depth_u95_um,
+        feed_u95_um=site.feed_u95_um,
+        wear_off_um=off_um,
+        raw_off_um=off_um + site.drift_correction_um,
+        left_u_um=site.drift_left_u_um,
+        share_held=share_held,
+        apart_held=apart_held,
+        contradicted=tuple(belief.name for belief in tally.result().contradicted),
+    )
+
+
+def _machine(bench: VirtualBench) -> LinkMachine:
+    session = Session(bench.transport, Random(1))
+    session.open()
+    return LinkMachine(session)
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, print, and say whether the bars hold."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=40)
+    parser.add_argument("--first", type=int, default=1001)
+    parser.add_argument("--profiles", nargs="+", default=["cu270", "w252"])
+    parser.add_argument("--classes", nargs="+", default=list(CLASSES), choices=list(CLASSES))
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--misses", action="store_true", help="print every wear whose interval does not hold")
+    given = parser.parse_args(arguments)
+    cases = [
+        Case(name, profile, given.first + i)
+        for name in given.classes
+        for profile in given.profiles
+        for i in range(given.seeds)
+    ]
+    begin_s, found = time.monotonic(), defaultdict[tuple[str, str], list[Outcome]](list)
+    failures = []
+    with Pool(given.jobs) as pool:
+        for outcome in pool.imap(perform, cases):
+            name, profile = outcome.case.name, outcome.case.profile
+            found[name, profile].append(outcome)
+            if len(found[name, profile]) == given.seeds:
+                failures += _report(name, profile, found[name, profile], misses=given.misses)
+    print(f"\n{len(cases)} machines in {time.monotonic() - begin_s:.0f} s")
+    for failure in failures:
+        print(f"MISSED: {failure}")
+    return 1 if failures else 0
+
+
+def _report(name: str, profile: str, outcomes: list[Outcome], *, misses: bool) -> list[str]:
+    n = len(outcomes)
+    held = {
+        "depth": sum(one.depth_held for one in outcomes) / n,
+        "wear": sum(one.wear_held for one in outcomes) / n,
+        "feed": sum(one.feed_held for one in outcomes) / n,
+        "all three": sum(one.depth_held and one.wear_held and one.feed_held for one in outcomes) / n,
+    }
+    shares = [one.share_held for one in outcomes if one.share_held is not None]
+    aparts = [one.apart_held for one in outcomes if one.apart_held is not None]
+    median_um = {
+        what: statistics.median(getattr(one, f"{what}_u95_um") for one in outcomes)
+        for what in ("depth", "wear", "feed")
+    }
+    off_um = statistics.pstdev(
+        [one.wear_off_um for one in outcomes if math.isfinite(one.wear_off_um)] or [0.0]
+    )
+    raw_um = statistics.pstdev([one.raw_off_um for one in outcomes if math.isfinite(one.raw_off_um)] or [0.0])
+    print(f"\n{name}, {profile}: {n} machines")
+    print("  held      " + ", ".join(f"{what} {100 * share:.1f} %" for what, share in held.items()))
+    print("  median ±  " + ", ".join(f"{what} {um:.2f} µm" for what, um in median_um.items()))
+    print(f"  wear off by {off_um:.2f} µm rms about its mean, {raw_um:.2f} µm before the correction")
+    print(
+        f"  share told by {len(shares)} measurements, held by {sum(shares)}; drift apart held by {sum(aparts)}"
+    )
+    ends = Counter(one.end for one in outcomes if one.end != "ok")
+    if ends:
+        print("  ended     " + ", ".join(f"{end} × {count}" for end, count in ends.items()))
+    beliefs = Counter(belief for one in outcomes for belief in one.contradicted)
+    print("  beliefs contradicted: " + (", ".join(f"{b} × {k}" for b, k in beliefs.items()) or "none"))
+    if misses:
+        for one in outcomes:
+            if not (one.wear_held and one.depth_held and one.feed_held):
+                print(f"  seed {one.case.seed}: {one}")
+    if name == "twice":
+        return []
+    failed = [
+        f"{name}, {profile}: {what} held {100 * held[what]:.1f} %"
+        for what in ("wear", "feed", "all three")
+        if held[what] < LEAST_HELD
+    ]
+    if name == "sensor" and not median_um["wear"] <= MOST_WEAR_U95_UM:
+        failed.append(f"{name}, {profile}: wear known within {median_um['wear']:.2f} µm")
+    for what, told in (("share", shares), ("drift apart", aparts)):
+        if told and sum(told) < LEAST_HELD * len(told):
+            failed.append(f"{name}, {profile}: {what} held by {sum(told)} of {len(told)}")
+    if name == "sensor" and not shares:
+        failed.append(f"{name}, {profile}: no measurement told a share")
+    return failed
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,65 @@
+"""Which drift file a run goes by, and what is doubtful about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from edmctl.errors import Diagnostic
+from edmctl.wording import plural
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from edmctl.process.rest_drift import DriftModel
+    from edmctl.profile.setup import Setup
+
+_DAY_S = 86_400.0
+CLOCK_STEP_S = 3600.0
+"""A file may be so much younger than now: clocks are put right."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriftChoice:
+    """The drift that jobs correct by, None without a file that counts; the file in words, its text, and doubts."""
+
+    model: DriftModel | None = None
+    text: str = ""
+    toml: str = ""
+    warnings: tuple[Diagnostic, ...] = ()
+
+
+def choose_drift(
+    environ: Mapping[str, str], setup: Setup, serial: str, *, lasting: bool = True
+) -> DriftChoice:
+    """Find what `measure-drift` has told of the machine with that serial number.
+
+    A machine that is not `lasting`, a virtual one of this command alone, has none of its own: the same seed gives
+    the same result, whatever was measured meanwhile. A file that is too old or of another machine does not count,
+    and is warned of. Raises RecordError where one that was found cannot be used.
+    """
+    from edmctl.profile.drift_file import load_drift
+    from edmctl.profile.folders import find_drift
+    from edmctl.profile.read import read_source
+
+    if not (setup.drift.use and setup.sensor.fitted):
+        return DriftChoice()
+    path = find_drift(environ, setup.drift.file, serial if lasting else None)
+    if path is None:
+        return DriftChoice()
+    found = load_drift(path)
+    if found.made.serial != serial:
+        return _ignored("W8106", f"{path} is of {found.made.serial}; this machine is {serial}.")
+    age_s = found.age_s()
+    if not age_s >= -CLOCK_STEP_S:
+        return _ignored("W8107", f"{path} does not say when it was made, or says a time to come.")
+    if age_s > setup.drift.max_age_days * _DAY_S:
+        age = plural(int(age_s / _DAY_S), "day")
+        return _ignored("W8107", f"{path} is {age} old; drift.max_age_days is {setup.drift.max_age_days:g}.")
+    words = f"drift file {path} (sha256 {found.sha256[:12]})"
+    return DriftChoice(found.model(), words, read_source(path).text)
+
+
+def _ignored(code: str, message: str) -> DriftChoice:
+    hint = "Drift is not corrected in this run. Run `edmctl measure-drift` here."
+    return DriftChoice(warnings=(Diagnostic(code, message, hint, is_warning=True),))

@@ -1,0 +1,226 @@
+"""What rests at 0 V and touches of the pad have in common: touched and rested in turn, with a hold at depth between.
+
+No sparks are made. The hold stands over free space, at the parking place: creep after it moves rests and no touches,
+and touches of the pad alone would never excite it as a job does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from edmctl.errors import ObjectiveNotReached, PreconditionError, UsageError
+from edmctl.forecasts.measuring import again_s, move_time_s, park_to_pad_um, touch_time_s
+from edmctl.procedures.monitoring.beliefs import judge
+from edmctl.procedures.monitoring.drift import unused_s
+from edmctl.procedures.stages import move_to, retract
+from edmctl.procedures.touch.approach import lower_to
+from edmctl.procedures.touch.reading import take_reading
+from edmctl.procedures.touch.spots import read_pad
+from edmctl.process.rest_drift import LEAST_TOUCHES, PadTouch, fit_drift, model_of
+from edmctl.record.rows import RunEvent
+from edmctl.results.measurements import DriftResult
+from edmctl.results.progress import Phase
+from edmctl.wording import decimal
+
+if TYPE_CHECKING:
+    from edmctl.procedures.run import JobRun
+    from edmctl.procedures.touch.reading import SurfaceReading
+    from edmctl.process.rest_drift import DriftFit, Rest
+    from edmctl.profile.model import Profile
+    from edmctl.profile.setup import Setup
+
+PAD_U_UM = 3.5
+"""Standard uncertainty with which the first touch of the pad is foreseen."""
+AGAIN_U_UM = 0.5
+"""And every further one: what drifts in a minute, and creep that the tool is lowered with."""
+BEFORE_HOLD_SHARE = 0.3
+"""Of the time without the hold: so much of it passes before the hold. What follows shows its creep fade."""
+RESTED_S = 1.0
+"""After a retraction the first rest is taken; in a job the stages have moved for as long."""
+STROKE_SHARE = 0.95
+"""Of the stroke that the profile allows the hold uses at most."""
+TOUCH_S = 12.0
+"""One touch of a known pad from 0 V and back, besides its contacts."""
+MOST_MISFIT = 3.0
+"""Residuals so many times as large as expected: something else moves rests or touches than creep and drift."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriftPlan:
+    """Touches every `interval_s` for `duration_s`, with a hold of `hold_s` at `hold_um` between them."""
+
+    duration_s: float
+    interval_s: float
+    hold_um: float
+    hold_s: float
+
+    @property
+    def touches(self) -> int:
+        """How many touches there are about."""
+        return int((self.duration_s - self.hold_s) // self.interval_s) + 1
+
+    @property
+    def hold_after_s(self) -> float:
+        """When the hold begins, from the first touch."""
+        return BEFORE_HOLD_SHARE * (self.duration_s - self.hold_s)
+
+
+@dataclass(slots=True)
+class DriftRecord:
+    """Rests and touches, and which of the rests was the first after the hold; the first reading of the pad."""
+
+    rests: list[Rest] = field(default_factory=list)
+    touches: list[PadTouch] = field(default_factory=list)
+    held_after: int = 0
+    first: SurfaceReading | None = None
+
+
+def plan_drift(profile: Profile, setup: Setup, duration_s: float | None = None) -> DriftPlan:
+    """Plan by the setup, over another time where one is given.
+
+    Raises UsageError E2064 where too little time is left beside the hold, PreconditionError E8034 without a sensor.
+    """
+    drift = setup.drift
+    if not setup.sensor.fitted:
+        raise PreconditionError(
+            "No displacement sensor is fitted (setup: sensor.fitted = false): there are no rests that could drift.",
+            hint="Wear without a sensor rests on the actuator's model; `edmctl calibrate` makes that.",
+            code="E8034",
+        )
+    stroke_um = STROKE_SHARE * setup.actuator.gain_um_per_v * profile.limits.stroke_v_max
+    plan = DriftPlan(
+        duration_s=drift.duration_s if duration_s is None else duration_s,
+        interval_s=drift.interval_s,
+        hold_um=min(drift.hold_um, stroke_um),
+        hold_s=drift.hold_s,
+    )
+    least = LEAST_TOUCHES + 1
+    if not math.isfinite(plan.duration_s) or plan.touches < least:
+        raise UsageError(
+            f"{plan.duration_s:.0f} s with a hold of {plan.hold_s:.0f} s and a touch every {plan.interval_s:.0f} s "
+            f"make {max(0, plan.touches)} touches; it takes {least}.",
+            hint="Give it more time (--duration, drift.duration_s), or shorten drift.hold_s or drift.interval_s.",
+            code="E2064",
+        )
+    return plan
+
+
+def drift_time_s(plan: DriftPlan, profile: Profile, setup: Setup) -> float:
+    """From an idle machine to the last touch, s."""
+    moves_s = 2.0 * move_time_s(park_to_pad_um(setup), setup)
+    last_s = TOUCH_S + profile.measure.touches * again_s(profile)
+    return touch_time_s(profile, setup) + plan.duration_s + moves_s + last_s
+
+
+def measure_drift(run: JobRun, plan: DriftPlan, expected_um: float) -> DriftRecord:
+    """Touch the pad, expected at `expected_um`, and rest in turn; hold the tool at depth over the parking place."""
+    pad, record = run.job.pad, DriftRecord()
+    first = read_pad(run, "Z1", pad.name, expected_um, PAD_U_UM)
+    record.first, predicted_um = first, first.z_um
+    move_to(run, pad)
+    begin_s = run.machine.time_s
+    next_s, is_held = begin_s, False
+    while run.machine.time_s - begin_s < plan.duration_s:
+        if not is_held and next_s - begin_s >= plan.hold_after_s:
+            is_held = True
+            record.held_after = len(record.rests)
+            _hold(run, plan)
+            move_to(run, pad)
+            run.machine.rest(RESTED_S)
+            _note_rest(run, record)
+            next_s = run.machine.time_s
+        run.begin(Phase.MEASURING)
+        run.machine.rest(max(RESTED_S, next_s - run.machine.time_s))
+        _note_rest(run, record)
+        found = take_reading(run, "Z1", pad.name, predicted_um, AGAIN_U_UM)
+        predicted_um = found.z_um
+        record.touches.append(PadTouch(found.time_s, found.z_um, found.reading.touches))
+        retract(run)
+        run.machine.rest(RESTED_S)
+        _note_rest(run, record)
+        next_s += plan.interval_s
+    return record
+
+
+def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[DriftFit, DriftResult]:
+    """Regress touches on rests. Raises ObjectiveNotReached E7041 where they are not explained by drift and creep."""
+    try:
+        fit = fit_drift(record.rests, record.touches, unused_s(run.job))
+    except ValueError as error:
+        raise _unexplained(f"the touches tell nothing: {error}") from error
+    if fit.misfit > MOST_MISFIT:
+        raise _unexplained(
+            f"residuals of {decimal(fit.rest_rms_um)} µm at rest and {decimal(fit.touch_rms_um)} µm at the pad are "
+            f"{fit.misfit:.1f} times what drift, creep and noise explain"
+        )
+    used = model_of(fit)
+    before, after = record.rests[record.held_after - 1], record.rests[record.held_after]
+    lags_um = after.lags_um - before.lags_um
+    share, share_u = (fit.share.value, fit.share.u) if fit.share else (math.nan, math.nan)
+    result = DriftResult(
+        rest_um_per_s=fit.rest_um_per_s.value,
+        rest_u_um_per_s=fit.rest_um_per_s.u,
+        touch_um_per_s=fit.touch_um_per_s.value,
+        touch_u_um_per_s=fit.touch_um_per_s.u,
+        apart_um_per_s=fit.apart_um_per_s.value,
+        apart_u_um_per_s=fit.apart_um_per_s.u,
+        share=share,
+        share_u=share_u,
+        share_used=used.share,
+        share_used_u=used.share_u,
+        creep_um=float(fit.creep @ lags_um),
+        creep_u_um=math.sqrt(max(0.0, float(lags_um @ fit.creep_covariance @ lags_um))),
+        rests=len(record.rests),
+        touches=len(record.touches),
+        outliers=fit.outliers,
+        misfit=fit.misfit,
+        rest_rms_um=fit.rest_rms_um,
+        touch_rms_um=fit.touch_rms_um,
+        hold_um=plan.hold_um,
+        hold_s=plan.hold_s,
+        time_s=run.machine.time_s,
+        beliefs=judge(
+            run,
+            [record.first] if record.first else [],
+            fit.rest_um_per_s.value,
+            fit.rest_um_per_s.u,
+        ),
+    )
+    run.decide(
+        RunEvent.DRIFT_MEASURED,
+        f"Rests drift by {1e3 * result.rest_um_per_s:.2f} nm/s, touches by {1e3 * result.touch_um_per_s:.2f} nm/s; "
+        f"creep after the hold {decimal(result.creep_um)} µm.",
+        {"rest_um_s": result.rest_um_per_s, "touch_um_s": result.touch_um_per_s, "share": result.share_used},
+    )
+    return fit, result
+
+
+def _hold(run: JobRun, plan: DriftPlan) -> None:
+    """Hold the tool at depth over free space, and retract. Raises PreconditionError E8021 where it touches there."""
+    move_to(run, run.job.parking)
+    run.begin(Phase.MEASURING)
+    lower_to(run, run.tally.home_um + plan.hold_um)
+    run.machine.rest(plan.hold_s)
+    if run.watch.in_contact:
+        raise PreconditionError(
+            f"The contact sensor reads closed at {run.watch.displacement_um:.1f} µm over the parking place.",
+            hint="Set stage.park_x_um and park_y_um to where the tool may use its whole stroke.",
+            code="E8021",
+        )
+
+
+def _note_rest(run: JobRun, record: DriftRecord) -> None:
+    """Take the rest of this moment."""
+    run.watch.rest()
+    assert run.watch.last_rest is not None
+    record.rests.append(run.watch.last_rest)
+
+
+def _unexplained(what: str) -> ObjectiveNotReached:
+    return ObjectiveNotReached(
+        f"Rests and touches do not go together: {what}. Nothing is kept.",
+        hint="Let machine and dielectric warm up, clean tool and pad, and measure again.",
+        code="E7041",
+    )

@@ -1,0 +1,77 @@
+"""What touches and rests show of the setup's beliefs: tilt by the two spots of the pad, drift by the rests.
+
+A belief is a standard uncertainty; a value beyond two of them, its own uncertainty taken off, contradicts it. A
+wrong gain of the sensor scales everything alike, so that nothing in a job can show it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.labels import Seen
+from edmctl.procedures.monitoring.drift import unused_s
+from edmctl.process.plane import CONTRADICTION_SDS
+from edmctl.record.rows import EventLevel, RunEvent
+from edmctl.results.job import Belief
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.procedures.run import Args, JobRun
+    from edmctl.procedures.touch.reading import SurfaceReading
+
+LEAST_SPAN_S = 120.0
+"""Over less time rests tell no drift."""
+
+
+def judge_job(run: JobRun, pads: Sequence[SurfaceReading]) -> None:
+    """Judge the setup's beliefs by all readings of the pad in a job, into its tally."""
+    run.tally.beliefs = judge(run, pads, *_drift_um_s(run, pads))
+
+
+def judge(
+    run: JobRun, pads: Sequence[SurfaceReading], drift_um_s: float, drift_u_um_s: float
+) -> tuple[Belief, ...]:
+    """Compare the setup's beliefs with readings of the pad and with a drift; warn where they are contradicted.
+
+    The drift is that of the rests without creep, with its standard uncertainty; NaN where it is not known.
+    """
+    setup = run.setup
+    beliefs = (
+        _judged("surface.tilt_u_mrad", setup.surface.tilt_u_mrad, *_slope_mrad(pads)),
+        _judged("sensor.drift_um_per_s", setup.sensor.drift_um_per_s, drift_um_s, drift_u_um_s),
+        Belief("sensor.gain_u_rel", setup.sensor.gain_u_rel, math.nan, math.nan, Seen.NEVER),
+    )
+    for belief in beliefs:
+        if belief.seen is Seen.CONTRADICTED:
+            args: Args = {"belief": belief.name, "believed": belief.believed, "found": belief.found}
+            run.decide(RunEvent.BELIEF_CONTRADICTED, belief.message, args, level=EventLevel.WARNING)
+    return beliefs
+
+
+def _judged(name: str, believed: float, found: float, u: float) -> Belief:
+    if math.isnan(found):
+        return Belief(name, believed, found, u, Seen.NOT)
+    contradicted = abs(found) - CONTRADICTION_SDS * u > CONTRADICTION_SDS * believed
+    return Belief(name, believed, found, u, Seen.CONTRADICTED if contradicted else Seen.HELD)
+
+
+def _slope_mrad(pads: Sequence[SurfaceReading]) -> tuple[float, float]:
+    """Slope along the way between the two spots of the pad and its standard uncertainty; NaN where none counts."""
+    steps = [pad.step for pad in pads if pad.step is not None]
+    if not steps:
+        return math.nan, math.nan
+    slopes = [1e3 * step.um / math.hypot(*step.way_um) for step in steps]
+    us = [1e3 * step.u_um / math.hypot(*step.way_um) for step in steps]
+    return math.fsum(slopes) / len(steps), math.sqrt(math.fsum(u**2 for u in us)) / len(steps)
+
+
+def _drift_um_s(run: JobRun, pads: Sequence[SurfaceReading]) -> tuple[float, float]:
+    """Drift of the rests without creep from the first to the last reading; NaN where nobody has measured creep."""
+    drift, rests = run.job.drift, [pad.rest for pad in pads if pad.rest is not None]
+    if drift is None or len(rests) < 2 or rests[-1].time_s - rests[0].time_s < LEAST_SPAN_S:
+        return math.nan, math.nan
+    moved = drift.rest_moved(rests[0], rests[-1], unused_s(run.job))
+    span_s = rests[-1].time_s - rests[0].time_s
+    return moved.um / span_s, moved.left_u_um / span_s

@@ -1,0 +1,49 @@
+"""How far touches of the pad have drifted from one reading to a later one, by the rests before them.
+
+A deep cut leaves creep in the rest after it, and what is unknown of that creep is unknown of the drift. A rest goes
+on before the touch where that pays.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.procedures.monitoring.drift import unused_s
+from edmctl.procedures.stages import move_to
+from edmctl.record.rows import RunEvent
+from edmctl.wording import duration
+
+if TYPE_CHECKING:
+    from edmctl.procedures.job import Job
+    from edmctl.procedures.run import JobRun
+    from edmctl.procedures.touch.reading import SurfaceReading
+    from edmctl.process.touches import Drift
+
+
+def drift_between(job: Job, first: SurfaceReading, last: SurfaceReading) -> Drift | None:
+    """Return how much a touch drifted between two readings, by the rests before them.
+
+    None where nobody has measured what rests and touches of the machine have in common, and where a reading has no
+    rest, as one that an earlier run has left.
+    """
+    if job.drift is None or first.rest is None or last.rest is None:
+        return None
+    return job.drift.between(first.rest, last.rest, last.time_s - first.time_s, unused_s(job))
+
+
+def rest_before_pad(run: JobRun, first: SurfaceReading) -> None:
+    """Rest at 0 V over the pad before it is touched again, where that makes the drift since `first` known better."""
+    model = run.job.drift
+    if model is None or first.rest is None:
+        return
+    move_to(run, run.job.pad)
+    now = run.watch.last_rest
+    assert now is not None
+    more_s = model.rest_that_pays_s(first.rest, now, now.time_s - first.time_s, unused_s(run.job))
+    if not more_s:
+        return
+    message = (
+        f"Rests for {duration(more_s)} before the pad: creep of the cut fades, and drift is known better."
+    )
+    run.decide(RunEvent.CREEP_RESTED_OUT, message, {"rest_s": more_s})
+    run.machine.rest(more_s)

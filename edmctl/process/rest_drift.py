@@ -1,0 +1,365 @@
+"""What moves a rest at 0 V: drift of the sensor and creep of the actuator; and what of it a touch sees.
+
+Between two moments a rest moves by the drift of the sensor and by creep; a touch of the same place moves by the
+drift of the sensor and by that between tool and work. Creep is linear: a rest is off by a sum of lags of the
+displacement, each with its own time constant, whose weights are alike in every decade of time (logarithmic creep of
+piezo ceramics: Jung and Gweon 2000; Kuhnen 2003, where it is the sum of first-order operators taken here).
+
+A run of rests and touches with a hold at depth between them tells the weights, how fast rests and touches drift,
+and their ratio; how well, by the covariance of a Gaussian regression. A later job has its own rests and its own way
+of the tool: less the creep that this brings, the change of its rests is drift.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmctl.process.touches import Drift, share_u
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Floats = NDArray[np.float64]
+
+TIME_CONSTANTS_S = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
+"""Two a decade: a sum of such lags follows a logarithm of time within 1 % of it."""
+_TAU_S = np.array(TIME_CONSTANTS_S)
+_PER_DECADE = 0.5
+CREEP_PRIOR_PER_DECADE = 0.05
+"""Standard deviation of the creep in a decade of time, relative, before it was measured: 1 to 10 % is known of
+piezo actuators."""
+SCATTER_PRIOR_PER_DECADE = 0.006
+"""By so much more or less than in the mean of all decades the weight in any one of them is expected to be."""
+DRIFT_PRIOR_UM_PER_S = 0.1
+"""Standard deviation of either drift before it was measured: as good as unknown."""
+ZERO_PRIOR_UM = 30.0
+REST_SD_UM = 0.03
+"""Of one rest: sensor noise over a tenth of a second."""
+TOUCH_SD_UM = 0.12
+"""Of one touch of the pad: where continuity closes, and sensor noise."""
+WALK_UM_PER_SQRT_S = 0.01
+"""Random walk of the sensor's zero besides its steady drift [assumed]."""
+MISFIT = 0.01
+"""Standard deviation of creep that is no sum of these lags, over the creep that is."""
+DRIFT_MISFIT = 0.1
+"""Share of a drift that is taken for creep: lags of a displacement that drifts hold that drift, and only a steady
+one is taken out of them again. On the virtual machine 3 to 13 % were seen."""
+MEMORY_UM = 150.0
+"""Way whose creep an earlier use of the actuator may have left, µm."""
+LEAST_SIGMAS = 3.0
+"""A rest that has drifted by less than so many standard uncertainties tells no ratio."""
+LEAST_TOUCHES = 5
+PASSES = 2
+REST_TO_TOUCH_S = 20.0
+"""From a rest to the touch that it stands for."""
+OUTLIER_SIGMAS = 5.0
+RESTS_S = (10.0, 20.0, 40.0, 80.0, 160.0)
+"""What a rest before a touch may take: creep of a deep cut fades, and with it what is unknown of it."""
+REST_SHARE = 0.05
+"""Of the time since the first touch it takes at most."""
+LEAST_GAIN = 0.05
+"""A rest that leaves so little less unknown does not pay."""
+
+
+REST_V = 0.5
+"""An actuator at less is at rest."""
+
+
+class CreepLags:
+    """First-order lags of the displacement over home (`um`), one of each of `TIME_CONSTANTS_S`.
+
+    The sensor's drift is in that displacement too. `out_s` are the same lags of the time since the begin while the
+    tool is out: of a drift by 1 µm/s.
+    """
+
+    def __init__(self) -> None:
+        self.um: Floats = np.zeros(len(TIME_CONSTANTS_S))
+        self.out_s: Floats = np.zeros(len(TIME_CONSTANTS_S))
+        self._home_um = math.nan
+        self._begin_s = self._time_s = math.nan
+
+    def advance(self, time_s: Floats, displacement_um: Floats, actuator_v: Floats) -> None:
+        """Take consecutive samples, shape (n,) each, n > 0; the first one of all is home.
+
+        A displacement counts from the sample before it until its own, exactly for one that stays. At 0 V it is home
+        by definition: what the sensor shows there is creep and drift, and would tell of itself.
+        """
+        if math.isnan(self._time_s):
+            self._home_um, self._begin_s = float(displacement_um[0]), float(time_s[0])
+            self._time_s = self._begin_s
+        end_s = float(time_s[-1])
+        edges_s = np.concatenate(([self._time_s], time_s))
+        kept = np.exp((edges_s[:, None] - end_s) / _TAU_S)
+        is_out, gains = actuator_v > REST_V, np.diff(kept, axis=0)
+        self.um = self.um * kept[0] + np.where(is_out, displacement_um - self._home_um, 0.0) @ gains
+        self.out_s = self.out_s * kept[0] + np.where(is_out, time_s - self._begin_s, 0.0) @ gains
+        self._time_s = end_s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """A rest at 0 V: what the sensor showed, and the lags of the displacement then, as in `CreepLags`."""
+
+    time_s: float
+    um: float
+    lags_um: Floats
+    lags_out_s: Floats
+
+
+def mean_rest(rests: Sequence[Rest | None], shares: Sequence[float]) -> Rest | None:
+    """Return several rests as one, with shares that add up to 1; None where one of them is not known."""
+    known = [rest for rest in rests if rest is not None]
+    if len(known) < len(rests):
+        return None
+    weights = np.array(shares)
+    return Rest(
+        float(weights @ [rest.time_s for rest in known]),
+        float(weights @ [rest.um for rest in known]),
+        weights @ np.array([rest.lags_um for rest in known]),
+        weights @ np.array([rest.lags_out_s for rest in known]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class PadTouch:
+    """A reading of the pad: mean of so many touches."""
+
+    time_s: float
+    um: float
+    touches: int
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A value and its standard uncertainty."""
+
+    value: float
+    u: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriftFit:
+    """What rests and touches have told.
+
+    Drifts are those of this run, the random walk of the sensor with them. `creep` are the weights of the lags,
+    `creep_covariance` goes with them. `rest_um_per_s` is the drift of the rests without creep, `touch_um_per_s` that
+    of the touches, `apart_um_per_s` of the touches less that of the rests: a drift between tool and work, or a
+    change of the rest that no touch sees. `share` is the ratio of the steady drifts, None where the rests have not
+    drifted. `misfit` is by how much the residuals exceed what was expected of them, at least 1; all uncertainties
+    hold it. `outliers` are the touches that were left out.
+    """
+
+    creep: Floats
+    creep_covariance: Floats
+    rest_um_per_s: Estimate
+    touch_um_per_s: Estimate
+    apart_um_per_s: Estimate
+    share: Estimate | None
+    misfit: float
+    rest_rms_um: float
+    touch_rms_um: float
+    outliers: int
+
+
+def creep_prior() -> Floats:
+    """Return the covariance of the weights before anything was measured, shape (n, n)."""
+    n = len(TIME_CONSTANTS_S)
+    return _PER_DECADE**2 * (
+        CREEP_PRIOR_PER_DECADE**2 * np.ones((n, n)) + SCATTER_PRIOR_PER_DECADE**2 * np.eye(n)
+    )
+
+
+def fit_drift(rests: Sequence[Rest], touches: Sequence[PadTouch], memory_s: float = math.inf) -> DriftFit:
+    """Regress rests and touches of the pad on time and creep.
+
+    `memory_s` before the first of them the actuator was in use, infinity where it was not. Raises ValueError with
+    fewer than `LEAST_TOUCHES` touches.
+    """
+    kept, outliers = list(touches), 0
+    while True:
+        if len(kept) < LEAST_TOUCHES:
+            raise ValueError(f"{len(kept)} touches tell no drift; it takes {LEAST_TOUCHES}")
+        fit = None
+        for _ in range(PASSES):
+            fit, off_sds = _fitted(rests, kept, memory_s, outliers, fit)
+        assert fit is not None
+        worst = int(np.argmax(np.abs(off_sds)))
+        # A chip under the tool makes one touch too short; more than one in five is something else.
+        if abs(off_sds[worst]) <= OUTLIER_SIGMAS or outliers >= len(touches) // 5:
+            return fit
+        del kept[worst]
+        outliers += 1
+
+
+def _fitted(
+    rests: Sequence[Rest],
+    touches: Sequence[PadTouch],
+    memory_s: float,
+    outliers: int,
+    before: DriftFit | None,
+) -> tuple[DriftFit, Floats]:
+    """Fit these; how far each touch is from the others' line, in its standard deviations.
+
+    The lags hold the drift itself: what the fit `before` says of creep tells how much of it.
+    """
+    n = len(TIME_CONSTANTS_S)
+    start_s = rests[0].time_s
+    rest_s = np.array([rest.time_s for rest in rests]) - start_s
+    touch_s = np.array([touch.time_s for touch in touches]) - start_s
+    lags_um = np.array([rest.lags_um for rest in rests])
+    a, b = len(rests), len(touches)
+    design = np.zeros((a + b, 4 + n))
+    design[:a, 0], design[:a, 2], design[:a, 4:] = 1.0, rest_s, lags_um
+    if before is not None:
+        design[:a, 2] -= np.array([rest.lags_out_s for rest in rests]) @ before.creep
+    design[a:, 1], design[a:, 3] = 1.0, touch_s
+    y_um = np.concatenate(([rest.um for rest in rests], [touch.um for touch in touches]))
+    offset_um = np.concatenate((np.full(a, y_um[0]), np.full(b, y_um[a])))
+    prior = np.zeros((4 + n, 4 + n))
+    prior[[0, 1], [0, 1]] = ZERO_PRIOR_UM**2
+    prior[[2, 3], [2, 3]] = DRIFT_PRIOR_UM_PER_S**2
+    prior[4:, 4:] = creep_prior()
+    times_s = np.concatenate((rest_s, touch_s))
+    walk = WALK_UM_PER_SQRT_S**2 * np.minimum.outer(times_s, times_s)
+    noise = walk.copy()
+    usual = np.full(n, _PER_DECADE * 0.5 * CREEP_PRIOR_PER_DECADE)
+    sd_um = np.concatenate(
+        (
+            np.hypot(REST_SD_UM, MISFIT * (np.abs(lags_um) @ usual)),
+            [TOUCH_SD_UM / math.sqrt(touch.touches) for touch in touches],
+        )
+    )
+    noise[np.diag_indices(a + b)] += sd_um**2
+    if math.isfinite(memory_s):
+        left = usual * MEMORY_UM * np.exp(-(memory_s + rest_s[:, None]) / _TAU_S)
+        noise[:a, :a] += left @ left.T
+    # What is wanted besides is how the walk happened to go: its slope over the run, which both have in common.
+    centred_s = times_s - times_s.mean()
+    slope = centred_s / (centred_s @ centred_s)
+    known = np.vstack((prior @ design.T, slope @ walk))
+    total = design @ prior @ design.T + noise
+    off_um = y_um - offset_um
+    found = known @ np.linalg.solve(total, off_um)
+    left_um = off_um - design @ found[:-1]
+    misfit = math.sqrt(max(1.0, float(off_um @ np.linalg.solve(total, off_um)) / (a + b)))
+    believed = np.zeros((5 + n, 5 + n))
+    believed[:-1, :-1], believed[-1, -1] = prior, slope @ walk @ slope
+    covariance = misfit**2 * (believed - known @ np.linalg.solve(total, known.T))
+    covariance = 0.5 * (covariance + covariance.T)
+    drifts = np.zeros((3, 5 + n))
+    drifts[0, [2, 4 + n]], drifts[1, [3, 4 + n]] = 1.0, 1.0
+    drifts[2, 2], drifts[2, 3] = -1.0, 1.0
+    rest, touch, apart = (float(value) for value in drifts @ found)
+    spread = drifts @ covariance @ drifts.T
+    rest_u, touch_u, apart_u = (math.sqrt(max(0.0, float(spread[i, i]))) for i in range(3))
+    both = float(spread[0, 1])
+    share = None
+    if abs(rest) >= LEAST_SIGMAS * rest_u:
+        ratio = touch / rest
+        variance = touch_u**2 - 2.0 * ratio * both + ratio**2 * rest_u**2
+        # The walk is in both drifts alike, and draws the ratio of the steady ones towards 1.
+        variance += (ratio - 1.0) ** 2 * believed[-1, -1]
+        share = Estimate(ratio, math.sqrt(max(0.0, variance)) / abs(rest))
+    fit = DriftFit(
+        creep=found[4:-1],
+        creep_covariance=covariance[4:-1, 4:-1],
+        rest_um_per_s=Estimate(rest, rest_u),
+        touch_um_per_s=Estimate(touch, touch_u),
+        apart_um_per_s=Estimate(apart, apart_u),
+        share=share,
+        misfit=misfit,
+        rest_rms_um=float(np.sqrt(np.mean(left_um[:a] ** 2))),
+        touch_rms_um=float(np.sqrt(np.mean(left_um[a:] ** 2))),
+        outliers=outliers,
+    )
+    return fit, (left_um[a:] - np.median(left_um[a:])) / np.hypot(
+        sd_um[a:], WALK_UM_PER_SQRT_S * math.sqrt(times_s.max())
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriftModel:
+    """What a later job goes by: creep of the rests, what share of their drift a touch sees, and a drift unseen.
+
+    `share` is from 0 to 1, with its standard uncertainty. `apart_u_um_per_s` is the standard uncertainty of a drift
+    that touches see and rests do not.
+    """
+
+    creep: Floats
+    creep_covariance: Floats
+    share: float
+    share_u: float
+    apart_u_um_per_s: float
+
+    def between(self, first: Rest, last: Rest, seconds: float, memory_s: float = math.inf) -> Drift:
+        """Return how much a touch drifted from one rest to another, in touches `seconds` apart."""
+        moved = self.rest_moved(first, last, memory_s)
+        left_u_um = math.hypot(
+            self.share * moved.left_u_um,
+            self.share_u * math.hypot(moved.um, moved.left_u_um),
+            self.apart_u_um_per_s * seconds,
+            WALK_UM_PER_SQRT_S * math.sqrt(2.0 * REST_TO_TOUCH_S),
+        )
+        return Drift(self.share * moved.um, left_u_um)
+
+    def rest_that_pays_s(self, first: Rest, last: Rest, seconds: float, memory_s: float = math.inf) -> float:
+        """Return how long to rest on after `last`, before a touch that is compared with one `seconds` ago; or 0.
+
+        It is the time that leaves least unknown of the drift between them, where that is worth it.
+        """
+
+        def left_u_um(more_s: float) -> float:
+            kept = np.exp(-more_s / _TAU_S)
+            um = last.um - float(self.creep @ (last.lags_um * (1.0 - kept)))
+            later = Rest(last.time_s + more_s, um, last.lags_um * kept, last.lags_out_s * kept)
+            return self.between(first, later, seconds + more_s, memory_s).left_u_um
+
+        allowed_s = [more_s for more_s in RESTS_S if more_s <= REST_SHARE * seconds]
+        best_s = min(allowed_s, key=left_u_um, default=0.0)
+        return best_s if left_u_um(best_s) <= (1.0 - LEAST_GAIN) * left_u_um(0.0) else 0.0
+
+    def rest_moved(self, first: Rest, last: Rest, memory_s: float = math.inf) -> Drift:
+        """Return how much a rest drifted, without creep.
+
+        `memory_s` before the lags were begun the actuator was in use, infinity where it was not.
+        """
+        if last.time_s == first.time_s:
+            return Drift(0.0, 0.0)
+        lags_um = last.lags_um - first.lags_um
+        crept_um = float(self.creep @ lags_um)
+        # The drift is in the lags as well, as much as that of a steady one would be.
+        in_lags_s = float(self.creep @ (last.lags_out_s - first.lags_out_s))
+        moved_um = (last.um - first.um - crept_um) / (1.0 - in_lags_s / (last.time_s - first.time_s))
+        left = np.exp(-(memory_s + first.time_s) / _TAU_S) - np.exp(-(memory_s + last.time_s) / _TAU_S)
+        moved_u_um = math.hypot(
+            math.sqrt(2.0) * REST_SD_UM,
+            math.sqrt(max(0.0, float(lags_um @ self.creep_covariance @ lags_um))),
+            MISFIT * crept_um,
+            DRIFT_MISFIT * moved_um,
+            MEMORY_UM * float(np.abs(self.creep) @ left) if math.isfinite(memory_s) else 0.0,
+        )
+        return Drift(moved_um, moved_u_um)
+
+
+def model_of(fit: DriftFit) -> DriftModel:
+    """Return what a job may go by.
+
+    A rest of which a touch sees more than all, or the opposite, does not exist: that is a drift between tool and
+    work, which may be another one by the time of the job. So is, perhaps, what a touch sees less: then it sees all
+    of the rests' drift and another one besides. No regression of one run tells these apart, and a machine whose tool
+    and work have drifted apart once may do so again, at the same speed either way: that is the standard uncertainty.
+    Where the rests stood still they have shown no share: all of it is taken, as of a sensor that drifts, and none is
+    as likely.
+    """
+    apart = fit.apart_um_per_s
+    apart_u_um_per_s = math.hypot(apart.value, apart.u)
+    if fit.share is None:
+        share, u = 1.0, share_u(1.0)
+    else:
+        share, u = min(1.0, max(0.0, fit.share.value)), fit.share.u
+    return DriftModel(fit.creep, fit.creep_covariance, share, min(u, share_u(1.0)), apart_u_um_per_s)

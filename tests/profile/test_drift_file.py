@@ -1,0 +1,173 @@
+"""The drift file: exact, hashed, checked; which one a job goes by."""
+
+from __future__ import annotations
+
+import tomllib
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import tomli_w
+
+from edmctl.errors import RecordError, RunFileError
+from edmctl.jobs.drift_choice import choose_drift
+from edmctl.process.rest_drift import TIME_CONSTANTS_S
+from edmctl.profile.calibration import HASH, content_hash
+from edmctl.profile.drift_file import (
+    SCHEMA,
+    DriftFile,
+    MadeBy,
+    Measured,
+    Used,
+    load_drift,
+    save_drift,
+)
+from edmctl.profile.folders import default_drift_path, fresh_drift_path
+from edmctl.profile.setup import Drift, Sensor, Setup, load_setup
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+N = len(TIME_CONSTANTS_S)
+
+
+def made(serial: str = "SIM-7", days: float = 0.0) -> DriftFile:
+    """A file whose numbers have every digit that a float has."""
+    covariance = np.diag(np.full(N, 1e-5 / 3.0))
+    return DriftFile(
+        schema=SCHEMA,
+        made=MadeBy(
+            utc=(datetime.now(UTC) - timedelta(days=days)).isoformat(timespec="seconds"),
+            edmctl="0.1.0",
+            serial=serial,
+            simulated=True,
+            run_file="drift.h5",
+        ),
+        measured=Measured(
+            rest_um_per_s=0.001 / 3.0,
+            rest_u_um_per_s=1e-4,
+            touch_um_per_s=0.001,
+            touch_u_um_per_s=1e-4,
+            touches=11,
+            rests=24,
+            misfit=1.0,
+        ),
+        used=Used(
+            share=1.0 / 3.0,
+            share_u=0.1,
+            apart_u_um_per_s=1e-4,
+            time_constants_s=list(TIME_CONSTANTS_S),
+            creep=[0.012 + 1e-4 / (k + 3.0) for k in range(N)],
+            creep_covariance=covariance.tolist(),
+        ),
+    )
+
+
+def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "own" / "drift.toml"
+    save_drift(path, made())
+    found = load_drift(path)
+    assert found.table() == made().table() | {"made": found.made.model_dump()}
+    assert found.model().share == 1.0 / 3.0
+    np.testing.assert_array_equal(found.model().creep, made().model().creep)
+
+
+def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with pytest.raises(RunFileError) as refused:
+        save_drift(tmp_path / "file" / "drift.toml", made())
+    assert refused.value.code == "E9013"
+
+
+def edited(path: Path, change: Callable[[dict[str, Any]], None], *, hashed: bool = True) -> str:
+    """Change a saved file, with a hash that goes with it or not; the code of the refusal."""
+    save_drift(path, made())
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    stated = table.pop(HASH)
+    change(table)
+    path.write_text(
+        tomli_w.dumps({HASH: content_hash(table) if hashed else stated, **table}), encoding="utf-8"
+    )
+    with pytest.raises(RecordError) as refused:
+        load_drift(path)
+    assert refused.value.hint
+    return refused.value.code
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        pytest.param(lambda t: t.update(schema="edmctl-drift/2"), "E3672", id="another schema"),
+        pytest.param(lambda t: t["used"].update(share=1.5), "E3674", id="more than all"),
+        pytest.param(lambda t: t["used"].update(share=float("nan")), "E3674", id="no number"),
+        pytest.param(lambda t: t["used"].update(creep=[0.5] * N), "E3674", id="creep of no actuator"),
+        pytest.param(lambda t: t["used"].update(creep=[0.01]), "E3674", id="arrays that do not fit"),
+        pytest.param(
+            lambda t: t["used"].update(creep_covariance=(-np.eye(N)).tolist()), "E3674", id="no covariance"
+        ),
+        pytest.param(lambda t: t["used"].update(time_constants_s=[1.0]), "E3674", id="other constants"),
+        pytest.param(lambda t: t["used"].pop("share_u"), "E3674", id="a value is missing"),
+        pytest.param(lambda t: t["used"].update(more=1.0), "E3674", id="a value too many"),
+    ],
+)
+def test_what_cannot_be_is_refused(
+    tmp_path: Path, change: Callable[[dict[str, Any]], None], code: str
+) -> None:
+    assert edited(tmp_path / "drift.toml", change) == code
+
+
+def test_an_edited_file_is_refused(tmp_path: Path) -> None:
+    assert edited(tmp_path / "d.toml", lambda t: t["used"].update(share=0.9), hashed=False) == "E3673"
+
+
+@pytest.mark.parametrize(("text", "code"), [("share = ", "E3671"), ("", "E3672")])
+def test_what_is_no_drift_file_is_refused(tmp_path: Path, text: str, code: str) -> None:
+    path = tmp_path / "drift.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RecordError) as refused:
+        load_drift(path)
+    assert refused.value.code == code
+    with pytest.raises(RecordError) as missing:
+        load_drift(tmp_path / "none.toml")
+    assert missing.value.code == "E3670"
+
+
+def test_a_machine_finds_its_own_file_and_a_fresh_one_only_what_is_named(tmp_path: Path) -> None:
+    environ = {"EDMCTL_HOME": str(tmp_path)}
+    assert choose_drift(environ, Setup(), "SIM-7").model is None
+    save_drift(default_drift_path("SIM-7", environ), made())
+    save_drift(fresh_drift_path("SIM-7", environ), made())
+    own = choose_drift(environ, Setup(), "SIM-7")
+    assert own.model is not None
+    assert str(default_drift_path("SIM-7", environ)) in own.text
+    assert choose_drift(environ, Setup(), "SIM-7", lasting=False).model is None
+    named = environ | {"EDMCTL_DRIFT": str(fresh_drift_path("SIM-7", environ))}
+    assert choose_drift(named, Setup(), "SIM-7", lasting=False).model is not None
+    unused = Setup(drift=Drift(use=False))
+    assert choose_drift(named, unused, "SIM-7").model is None
+    assert choose_drift(named, Setup(sensor=Sensor(fitted=False)), "SIM-7").model is None
+
+
+def test_a_setup_names_a_file_beside_it(tmp_path: Path) -> None:
+    save_drift(tmp_path / "drift.toml", made())
+    setup = tmp_path / "setup.toml"
+    setup.write_text('[drift]\nfile = "drift.toml"\n', encoding="utf-8")
+    assert choose_drift({}, load_setup(setup), "SIM-7", lasting=False).model is not None
+
+
+@pytest.mark.parametrize(
+    ("serial", "days", "code"),
+    [("SIM-8", 0.0, "W8106"), ("SIM-7", 31.0, "W8107"), ("SIM-7", -1.0, "W8107")],
+)
+def test_a_file_of_another_machine_or_time_does_not_count(
+    tmp_path: Path, serial: str, days: float, code: str
+) -> None:
+    path = tmp_path / "drift.toml"
+    save_drift(path, made(serial, days))
+    choice = choose_drift({"EDMCTL_DRIFT": str(path)}, Setup(), "SIM-7")
+    assert choice.model is None
+    (warning,) = choice.warnings
+    assert warning.code == code
+    assert "measure-drift" in warning.hint
