@@ -101,10 +101,11 @@ def schema(
 
     With --json it is the `result` of the usual object.
     """
+    from edmctl.jsonout import to_json_value
     from edmctl.profile.profile_file import profile_schema
 
     outcome.result = profile_schema()
-    outcome.text = json.dumps(outcome.result, indent=2, ensure_ascii=False)
+    outcome.text = json.dumps(to_json_value(outcome.result), indent=2, ensure_ascii=False)
 
 
 def _problems_of(name: str, overrides: list[str], setup: "Setup") -> list[Diagnostic]:
