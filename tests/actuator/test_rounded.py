@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from edmctl.actuator.inverse import Inverse
 from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator, rounded_table
 from edmctl.actuator.operators import stop
+from edmctl.procedures.servo.limits import stroke_left_um
 from tests.actuator.models import Array, clock, driven, make_model, voltages
 
 
@@ -154,3 +155,16 @@ def test_ticks_come_to_what_a_batch_does() -> None:
 def test_what_could_not_be_inverted_is_refused(change: dict[str, object], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         replace(rounded_model(), **change)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.0009, 0.03])
+def test_the_stroke_that_is_left_is_that_behind_the_lag(lag_s: float) -> None:
+    model = make_model()
+    ways_um = []
+    for one in (model, replace(model, lag_s=lag_s)):
+        estimator = Estimator(one)
+        estimator.advance(clock(400), np.linspace(0.0, 90.0, 400))
+        estimator.advance(clock(400) + 4.0, np.full(400, 90.0))
+        ways_um.append(stroke_left_um(estimator, 120.0))
+    assert ways_um[0] > 10.0
+    assert ways_um[1] == pytest.approx(ways_um[0], rel=1e-3)

@@ -137,4 +137,5 @@ def stroke_left_um(estimator: Estimator, limit_v: float) -> float:
 
 def _raw_um(estimator: Estimator, u_v: float) -> float:
     state = estimator.state.copy()
-    return float(estimator.model.advance(state, np.array([state.t_s]), np.array([u_v]))[0])
+    model = estimator.model.without_lag  # through a lag nothing comes at once
+    return float(model.advance(state, np.array([state.t_s]), np.array([u_v]))[0])
