@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 HELD_SHARE = 0.02
 """A voltage that stays within this share of the span is held."""
-WHOLE_S = 1.0
-"""A hold up to here counts like any move."""
 TURN_SHARE = 0.3
 """A swing of less than this share of the span says nothing about the rate of a record."""
 RATES_APART = 2.0
@@ -63,26 +61,9 @@ def sample_s(records: Sequence[Record]) -> float:
 
 def longest_hold_s(record: Record) -> float:
     """Longest time that the voltage stays within 2 % of its span."""
-    edges = np.append(_held_from(record.u_v), len(record.u_v) - 1)
+    level = np.round((record.u_v - record.u_v.min()) / (HELD_SHARE * np.ptp(record.u_v)))
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(level)) + 1, [len(level) - 1]])
     return float(np.diff(record.t_s[edges]).max())
-
-
-def weights_of(record: Record) -> Array:
-    """What a sample counts in an RMS error, shape (n,): 1, and less where a hold has lasted for more than a second.
-
-    A hold misses the same again and again. What changes meanwhile is creep, which goes by the logarithm of time, and
-    so does the sum of these weights.
-    """
-    edges = _held_from(record.u_v)
-    held_s = record.t_s - np.repeat(record.t_s[edges], np.diff(np.append(edges, len(record.u_v))))
-    weights: Array = WHOLE_S / np.maximum(held_s, WHOLE_S)
-    return weights
-
-
-def _held_from(u_v: Array) -> NDArray[np.int64]:
-    """First sample of each stretch that stays within 2 % of the span."""
-    level = np.round((u_v - u_v.min()) / (HELD_SHARE * np.ptp(u_v)))
-    return np.concatenate([[0], np.flatnonzero(np.diff(level)) + 1]).astype(np.int64)
 
 
 def half_periods_s(record: Record) -> Array:

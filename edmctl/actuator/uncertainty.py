@@ -19,11 +19,10 @@ import numpy as np
 
 from edmctl.actuator.fitting import Fit, fit
 from edmctl.actuator.model import CREEP_FROM_S, CREEP_TO_S
-from edmctl.actuator.record import weights_of
 from edmctl.actuator.validation import ErrorFigures
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -50,11 +49,10 @@ BOOTSTRAP_SEED = 20090804
 class HeldOut:
     """What fits miss of blocks that they did not see.
 
-    errors : of samples whose plays lie within what the other blocks reached, through the sensor; holds count by the
-        logarithm of their time
+    errors : of samples whose plays lie within what the other blocks reached
     beyond : of the others, which no block of the record prepares a model for; None: there are none
     beyond_share : their share
-    rms_um : of all, every sample alike, µm
+    rms_um : of all, µm
     """
 
     errors: ErrorFigures
@@ -89,27 +87,21 @@ def _held_out(
 ) -> HeldOut:
     """Errors of blocked cross-validation: each contiguous fold is predicted by a fit of all the others."""
     count = len(reduction.blocks)
-    weights_of_all = [weights_of(record) for record in records]
     errors: list[Array] = []
-    weights: list[Array] = []
     reached: list[Flags] = []
     for fold in range(folds):
         inside = range(fold * count // folds, (fold + 1) * count // folds)
         times = [0 if k in inside else 1 for k in range(count)]
         found = fit(design, reduction, smoothness=smoothness, times=times, start=best.weights)
-        model = design.model(found.weights, 0.0, delay_s)
-        errors += _missed_um(records, reduction, model, found, inside)
-        weights += _inside(weights_of_all, reduction, inside)
+        errors += _missed_um(records, reduction, design.model(found.weights, 0.0, delay_s), found, inside)
         reached += _reached(design, reduction, inside)
-    missed_um, weight, is_reached = np.concatenate(errors), np.concatenate(weights), np.concatenate(reached)
+    missed_um, is_reached = np.concatenate(errors), np.concatenate(reached)
     if not is_reached.any():
         is_reached[:] = True
     widest_um = _widest_um(records)
     return HeldOut(
-        errors=ErrorFigures.over(missed_um[is_reached], widest_um, weight[is_reached]),
-        beyond=None
-        if is_reached.all()
-        else ErrorFigures.over(missed_um[~is_reached], widest_um, weight[~is_reached]),
+        errors=ErrorFigures.over(missed_um[is_reached], widest_um),
+        beyond=None if is_reached.all() else ErrorFigures.over(missed_um[~is_reached], widest_um),
         beyond_share=float(1.0 - is_reached.mean()),
         rms_um=float(np.sqrt(np.mean(missed_um**2))),
     )
@@ -121,19 +113,12 @@ def _reached(design: Design, reduction: Reduction, inside: range) -> list[Flags]
     margin_v = REACH_SHARE * (design.high_v - design.low_v)
     low_v = np.min([block.low_v for block in others], axis=0) - margin_v
     high_v = np.max([block.high_v for block in others], axis=0) + margin_v
-    at_v = _inside(reduction.plays_v, reduction, inside)
-    return [((here_v >= low_v) & (here_v <= high_v)).all(axis=1) for here_v in at_v]
-
-
-def _inside(
-    values: Mapping[int, Array] | Sequence[Array], reduction: Reduction, inside: range
-) -> list[Array]:
-    """Values of each record's samples, shape (n, …): those of some blocks that are used, block by block."""
-    chosen = []
+    reached = []
     for block in (reduction.blocks[k] for k in inside):
         own = slice(block.first, block.end)
-        chosen.append(values[block.record][own][reduction.used[block.record][own]])
-    return chosen
+        at_v = reduction.plays_v[block.record][own][reduction.used[block.record][own]]
+        reached.append(((at_v >= low_v) & (at_v <= high_v)).all(axis=1))
+    return reached
 
 
 def figures(
@@ -153,13 +138,17 @@ def _missed_um(
     records: Sequence[Record], reduction: Reduction, model: ActuatorModel, found: Fit, inside: range
 ) -> list[Array]:
     """Errors of a model on some blocks, with the zeros of its fit, block by block."""
-    errors_um: dict[int, Array] = {}
+    errors_um = {}
     for number in {reduction.blocks[k].record for k in inside}:
         record = records[number]
         start = model.starting_state(record.t_s, record.u_v, record.previous_v)
         error_um = model.predict(record.t_s, record.u_v, start) - model.zero_um - record.y_um
         errors_um[number] = error_um + _zero_of(found, number, error_um[reduction.used[number]])
-    return _inside(errors_um, reduction, inside)
+    missed_um = []
+    for block in (reduction.blocks[k] for k in inside):
+        own = slice(block.first, block.end)
+        missed_um.append(errors_um[block.record][own][reduction.used[block.record][own]])
+    return missed_um
 
 
 def _zero_of(found: Fit, number: int, error_um: Array) -> float:

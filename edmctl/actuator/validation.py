@@ -5,7 +5,6 @@ Held-out errors count after the zero, or gain and zero, are set again.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -51,10 +50,9 @@ class ErrorFigures:
         return cls.over(errors_um, float(np.ptp(displacement_um)))
 
     @classmethod
-    def over(cls, errors_um: Array, range_um: float, weights: Array | None = None) -> ErrorFigures:
-        """Figures of errors, shape (n,), on displacements of such a range; weights, shape (n,), of the RMS."""
-        mean_square_um2 = float(np.average(errors_um**2, weights=weights))
-        return cls(float(np.abs(errors_um).max()), math.sqrt(mean_square_um2), range_um)
+    def over(cls, errors_um: Array, range_um: float) -> ErrorFigures:
+        """Figures of errors, shape (n,), on displacements of such a range."""
+        return cls(float(np.abs(errors_um).max()), float(np.sqrt(np.mean(errors_um**2))), range_um)
 
 
 @dataclass(frozen=True, slots=True)

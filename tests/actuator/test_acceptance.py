@@ -7,7 +7,7 @@ from edmctl.actuator.acceptance import most_accepted_pct
 from edmctl.actuator.diagnosis import Left, Noise, cause_of
 from edmctl.actuator.identification import Identification, identify
 from edmctl.actuator.model import ActuatorState
-from edmctl.actuator.record import Record, weights_of
+from edmctl.actuator.record import Record
 from edmctl.actuator.screening import screened, settled
 from tests.actuator.models import Array, clock, make_model
 
@@ -47,16 +47,6 @@ def test_growing_swings_are_judged_where_others_have_been() -> None:
     assert found.beyond.max_um > found.held_out.max_um
     assert any("beyond what the other blocks reached" in note for note in found.notes)
     assert found.accepted, found.problems
-
-
-def test_a_hold_counts_by_the_logarithm_of_its_time() -> None:
-    t_s = clock(12_000, 1.0 / RATE_HZ)
-    u_v = np.interp(t_s, [0.0, 5.0, 10.0, 110.0, 115.0, 120.0], [0.0, 150.0, 75.0, 75.0, 150.0, 0.0])
-    weights = weights_of(Record(t_s, u_v, u_v))
-    is_held = (t_s >= 9.8) & (t_s <= 110.2)
-    assert (weights[~is_held] == 1.0).all()
-    held_s = float(weights[is_held].sum()) * (t_s[1] - t_s[0])
-    assert held_s == pytest.approx(1.0 + np.log(100.0), rel=0.05)
 
 
 def test_a_start_that_rings_gets_no_weight_and_is_said(mixed_v: Array) -> None:
