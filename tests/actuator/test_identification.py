@@ -125,7 +125,7 @@ def test_bands_hold_the_figures_of_another_class() -> None:
     truth = default_model()
     noise_um = 0.15 * np.random.default_rng(1).standard_normal(len(wave.t_s))
     y_um = truth.predict(wave.t_s, wave.u_v) + noise_um
-    bands = identify([Record(wave.t_s, wave.u_v, y_um)], resamples=20).bands
+    bands = identify([Record(wave.t_s, wave.u_v, y_um)], resamples=20, beyond_plays=False).bands
     assert abs(bands.gain_um_per_v - truth.gain_um_per_v) <= 2.0 * bands.gain_sd_um_per_v
     assert abs(bands.loop_width - truth.loop_width) <= 2.0 * bands.loop_width_sd
     assert abs(bands.gamma_per_decade - truth.gamma_per_decade) <= 2.0 * bands.gamma_sd_per_decade
@@ -148,7 +148,7 @@ def test_a_delay_is_found_where_two_rates_tell_it() -> None:
         Record(w.t_s, w.u_v, truth.predict(w.t_s, w.u_v, ActuatorState.after_jump(truth, 0.0, 0.0)), 0.0)
         for w in (slow, fast)
     ]
-    found = identify(records, resamples=2)
+    found = identify(records, resamples=0, beyond_plays=False)
     assert found.model.delay_s == pytest.approx(0.008, abs=0.002)
     assert not any("one rate" in note for note in found.notes)
 
@@ -156,7 +156,8 @@ def test_a_delay_is_found_where_two_rates_tell_it() -> None:
 def test_one_rate_is_said_not_to_tell_delay() -> None:
     wave = waves.triangle(0.0, 100.0, 1.0, 8, 200.0)
     truth = make_model()
-    found = identify([Record(wave.t_s, wave.u_v, truth.predict(wave.t_s, wave.u_v))], resamples=2)
+    records = [Record(wave.t_s, wave.u_v, truth.predict(wave.t_s, wave.u_v))]
+    found = identify(records, resamples=2, beyond_plays=False)
     assert any("one rate" in note for note in found.notes)
 
 
@@ -193,7 +194,8 @@ def test_refitting_gain_and_zero_forgives_another_day() -> None:
 
 def test_creep_that_nobody_held_is_said_to_be_continued() -> None:
     wave = waves.sine(0.0, 120.0, 0.5, 10, 100.0)
-    found = identify([Record(wave.t_s, wave.u_v, make_model().predict(wave.t_s, wave.u_v))], resamples=2)
+    records = [Record(wave.t_s, wave.u_v, make_model().predict(wave.t_s, wave.u_v))]
+    found = identify(records, resamples=2, beyond_plays=False)
     assert any("Hold a step" in note for note in found.notes)
 
 
@@ -201,7 +203,7 @@ def test_a_gap_in_the_range_is_not_covered() -> None:
     low, high = waves.triangle(0.0, 50.0, 0.5, 8, 100.0), waves.triangle(100.0, 150.0, 0.5, 8, 100.0)
     truth = make_model()
     records = [Record(w.t_s, w.u_v, truth.predict(w.t_s, w.u_v)) for w in (low, high)]
-    assert any("Not covered" in problem for problem in identify(records, resamples=2).problems)
+    assert any("Not covered" in problem for problem in identify(records, beyond_plays=False).problems)
 
 
 def test_noise_that_hides_the_loop_is_not_accepted() -> None:
