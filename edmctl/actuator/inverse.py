@@ -146,8 +146,7 @@ def _inverse(estimator: Estimator) -> Inverse:
 
 def _height_um(inverse: Inverse) -> float:
     """Where the model says the tool is now, before gain and offset."""
-    state = inverse.state
-    return float(inverse.model.advance(state.copy(), np.array([state.t_s]), np.array([state.u_v]))[0])
+    return inverse.model.at_once_um(inverse.state, inverse.state.u_v)
 
 
 def _path(inverse: Inverse, distance_um: float, duration_s: float) -> float:

@@ -178,6 +178,14 @@ class ActuatorModel:
         state.lagged_v = state.u_v if ends is None else float(path_v[-1])
         return (output if ends is None else output[ends]) + self.zero_um
 
+    def at_once_um(self, state: ActuatorState, u_v: float) -> float:
+        """Return where a voltage brings the actuator at once, behind the lag and before any creep; the state stays.
+
+        Raises ValueError for the state of another model.
+        """
+        y_um = self.without_lag.advance(state.copy(), np.array([state.t_s]), np.array([u_v]))
+        return float(y_um[0])
+
     def path(
         self, state: ActuatorState, times_s: Array, volts: Array
     ) -> tuple[Array, Array, NDArray[np.int64] | None]:
@@ -226,7 +234,7 @@ class ActuatorModel:
             return 0.0
         times_s = np.array([CREEP_FROM_S, CREEP_TO_S])
         state = ActuatorState.conditioned(self)
-        start_um = self.advance(state.copy(), np.array([0.0]), np.array([self.low_v]))[0]
+        start_um = self.at_once_um(state, self.low_v)
         self.advance(state, np.array([0.0]), np.array([self.high_v]))
         first_um, last_um = self.advance(state, times_s, np.full(2, self.high_v))
         decades = float(np.log10(CREEP_TO_S / CREEP_FROM_S))

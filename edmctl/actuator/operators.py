@@ -112,6 +112,8 @@ def stop(rounded: Array, move_v: float, stop_v: float) -> float:
 @compiled
 def lagged(lag_s: float, elapsed_s: float, from_v: float, u_v: float, lagged_v: float) -> float:
     """Voltage behind the lag, `elapsed_s` after `lagged_v`; before the lag it went straight, `from_v` to `u_v`."""
+    if lag_s == 0.0:
+        return u_v
     share = elapsed_s / lag_s
     if share == 0.0:
         return lagged_v
@@ -123,7 +125,7 @@ def lagged(lag_s: float, elapsed_s: float, from_v: float, u_v: float, lagged_v: 
 @compiled
 def turn_s(lag_s: float, elapsed_s: float, from_v: float, u_v: float, lagged_v: float) -> float:
     """When within the move the voltage behind the lag turns, s; 0 where it does not."""
-    if elapsed_s <= 0.0 or (lagged_v - from_v) * (u_v - from_v) <= 0.0:
+    if lag_s == 0.0 or elapsed_s <= 0.0 or (lagged_v - from_v) * (u_v - from_v) <= 0.0:
         return 0.0
     at_s = lag_s * math.log1p((lagged_v - from_v) * elapsed_s / ((u_v - from_v) * lag_s))
     return at_s if at_s < elapsed_s else 0.0
@@ -386,11 +388,8 @@ def lagged_answer_um(
     u_v: float,
 ) -> float:
     """Displacement, µm, when the voltage before the lag went straight to `u_v` in `elapsed_s`; the state stays."""
-    if lag_s == 0.0:
-        end_v, at_s = u_v, 0.0
-    else:
-        end_v = lagged(lag_s, elapsed_s, from_v, u_v, lagged_v)
-        at_s = turn_s(lag_s, elapsed_s, from_v, u_v, lagged_v)
+    end_v = lagged(lag_s, elapsed_s, from_v, u_v, lagged_v)
+    at_s = turn_s(lag_s, elapsed_s, from_v, u_v, lagged_v)
     if at_s > 0.0:
         plays, stops, lags, follow = plays.copy(), stops.copy(), lags.copy(), np.empty_like(follow)
         turn_v = from_v + (u_v - from_v) * (at_s / elapsed_s)
@@ -511,11 +510,8 @@ def solve_bank(
                     below *= 0.5
                 side = 1
         output[k], beyond[k] = u, is_beyond
-        if lag_s == 0.0:
-            end_v, at_s = u, 0.0
-        else:
-            end_v = lagged(lag_s, elapsed_s, from_v, u, lagged_v)
-            at_s = turn_s(lag_s, elapsed_s, from_v, u, lagged_v)
+        end_v = lagged(lag_s, elapsed_s, from_v, u, lagged_v)
+        at_s = turn_s(lag_s, elapsed_s, from_v, u, lagged_v)
         if at_s > 0.0:
             turn_v = from_v + (u - from_v) * (at_s / elapsed_s)
             following(taus, at_s, follow)

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from edmctl.forecasts.forecast import forecast
 from edmctl.record.rows import EventLevel, RunEvent
 
@@ -131,11 +129,6 @@ class TimeLimits:
 
 def stroke_left_um(estimator: Estimator, limit_v: float) -> float:
     """Way in µm from where the actuator is now to where it comes at once by `limit_v`."""
-    here_v = estimator.state.u_v
-    return estimator.gain * (_raw_um(estimator, max(here_v, limit_v)) - _raw_um(estimator, here_v))
-
-
-def _raw_um(estimator: Estimator, u_v: float) -> float:
-    state = estimator.state.copy()
-    model = estimator.model.without_lag  # through a lag nothing comes at once
-    return float(model.advance(state, np.array([state.t_s]), np.array([u_v]))[0])
+    model, state = estimator.model, estimator.state
+    reached_um = model.at_once_um(state, max(state.u_v, limit_v))
+    return estimator.gain * (reached_um - model.at_once_um(state, state.u_v))
