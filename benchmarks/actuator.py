@@ -3,8 +3,8 @@
     python benchmarks/actuator.py [--seeds 10] [--measured FOLDER]
 
 Accuracy: virtual actuators, which are outside the model's class, are calibrated through their sensor with the
-calibration record and judged against their truth on five waveforms; FOLDER may hold the measured records that
-tests/actuator/test_measured_data.py names. Speed: figures of one run, the best of several repeats.
+record of `edmctl calibrate` and judged against their truth on five waveforms; FOLDER may hold the measured records
+that tests/actuator/test_measured_data.py names. Speed: figures of one run, the best of several repeats.
 """
 
 from __future__ import annotations
@@ -49,11 +49,23 @@ def driven(seed: int, wave: waves.Waveform) -> Record:
     return Record(wave.t_s[EVERY], seen.applied_v[EVERY], seen.sensor_um[EVERY])
 
 
+def calibration(seed: int) -> Record:
+    """What `edmctl calibrate` drives, at 200 Hz and its fast legs at 1 kHz."""
+    slow, fast, use = (legs(150.0) for legs in (waves.calibration_legs, waves.fast_legs, waves.use_legs))
+    wave = waves.sampled((*slow, *fast, *use), RATE_HZ)
+    kept = np.zeros(len(wave.t_s), dtype=bool)
+    kept[EVERY] = True
+    first, end = (len(waves.sampled(legs, RATE_HZ).t_s) for legs in (slow, (*slow, *fast)))
+    kept[first:end] = True
+    seen = VirtualActuator(seed).drive(wave.u_v)
+    return Record(wave.t_s[kept], seen.applied_v[kept], seen.sensor_um[kept])
+
+
 def accuracy(seeds: int) -> None:
     """Worst of all seeds, % of the stroke, for the paper's practice, its model class at its best, and ours."""
     worst: dict[tuple[str, str], list[float]] = {}
     for seed in range(1, seeds + 1):
-        record = driven(seed, waves.sampled(waves.calibration_legs(150.0), RATE_HZ))
+        record = calibration(seed)
         ours = identify([record])
         slow = driven(seed, waves.sine(0.0, 120.0, 0.01, 1, RATE_HZ))
         rows: dict[str, ActuatorModel] = {

@@ -21,10 +21,12 @@ from typing import Any
 
 DEPTH_BAR_PCT = WEAR_BAR_PCT = 2.0
 FEED_BAR_PCT = 1.5
+OBJECTIVE_MISSED = 7
+"""Exit code: without a sensor no depth of 180 µm is known to 2 µm."""
 
 
 def edmctl(home: Path, *arguments: str) -> dict[str, Any]:
-    """Run a command in `home` and return its result."""
+    """Run a command in `home` and return its result, of a depth that is not shown to its tolerance as well."""
     command = [sys.executable, "-m", "edmctl", *arguments, "--json", "--quiet"]
     root = str(Path(__file__).parents[1])
     environment = {**os.environ, "EDMCTL_HOME": str(home), "PYTHONPATH": root}
@@ -38,7 +40,7 @@ def edmctl(home: Path, *arguments: str) -> dict[str, Any]:
         check=False,
     )
     answer = json.loads(done.stdout)
-    if not answer["ok"]:
+    if answer["exit_code"] not in (0, OBJECTIVE_MISSED):
         raise SystemExit(f"{' '.join(command)}: {answer['error']}")
     found: dict[str, Any] = answer["result"]
     return found

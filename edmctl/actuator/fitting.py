@@ -134,11 +134,12 @@ def curvature(design: Design) -> Array:
     if plays < 4:
         return np.empty((0, design.features))
     width_v = np.gradient(design.thresholds_v)
+    mean_v = float(width_v[1:].mean())
     rows = np.zeros((plays - 3, pieces, design.features))
     for k in range(len(rows)):
         for piece in range(pieces):
             for play, share in ((k + 1, 1.0), (k + 2, -2.0), (k + 3, 1.0)):
-                rows[k, piece, play * pieces + piece] = share * width_v[1:].mean() / width_v[play]
+                rows[k, piece, play * pieces + piece] = share * mean_v / width_v[play]
     return rows.reshape(-1, design.features)
 
 

@@ -14,6 +14,7 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.search import extended, nnls_of_normal, simplex_search
 from edmctl.actuator.waveforms import fast_legs, sampled
 from tests.actuator.models import Array, clock, make_model
+from tests.tiers import tiers
 
 
 def path_v(seed: int = 1, swings: int = 80) -> Array:
@@ -65,7 +66,7 @@ def test_an_actuator_of_the_plays_gets_none() -> None:
     assert identify([record], resamples=0, delay_s=0.0).model.knots_v.shape[1] == 5
 
 
-@pytest.mark.parametrize("lag_s", [0.0, 0.003])
+@pytest.mark.parametrize("lag_s", tiers(0.003, slow=(0.0,)))
 def test_a_lag_is_told_from_a_delay_by_fast_swings(lag_s: float) -> None:
     wave = sampled(fast_legs(150.0), 1000.0)
     slow_s = wave.t_s[-1] + 0.02 * np.arange(1, 1501)

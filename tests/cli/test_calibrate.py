@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from tests.cli.commands import Here, Said
 
 SEED = 3
+PLAIN = partial(identify, folds=2, resamples=0, beyond_plays=False)
 FIGURES = {"max_um", "rms_um", "max_pct", "rms_pct", "range_um"}
 
 
@@ -105,8 +106,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Files:
 
 @pytest.fixture
 def files(written: Files, monkeypatch: pytest.MonkeyPatch) -> Files:
-    """The measured files, and fits that spare most of the work of telling how sure they are."""
-    monkeypatch.setattr("edmctl.jobs.calibration.fit.identify", partial(identify, folds=2, resamples=0))
+    """The measured files, and fits that spare most of the work of being exact and of telling how sure they are."""
+    monkeypatch.setattr("edmctl.jobs.calibration.fit.identify", PLAIN)
     return written
 
 
@@ -172,6 +173,7 @@ def test_nothing_but_the_calibration_is_left(run: Run) -> None:
     assert [path.name for path in run.home.rglob("*") if path.is_file()] == ["SIM-3.toml"]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_result(run: Run, here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("EDMCTL_HOME", str(run.home))
     again = here("calibrate", "--seed", str(SEED), "--port", "sim:", "--quiet", "--json")
@@ -342,7 +344,7 @@ def test_files_are_fitted_and_validated_without_saving_anything(here: Here, file
 
 
 def test_validation_is_that_of_the_python_interface(here: Here, files: Files) -> None:
-    found = identify([read_record(files.fit)], folds=2, resamples=0)
+    found = PLAIN([read_record(files.fit)])
     judged = validate(found.model, read_record(files.swings), ("gain", "zero"))
     result = fitted(here, files, "--validate", str(files.swings), "--refit", "zero,gain").document["result"]
     assert result["refit"] == ["gain", "zero"]
