@@ -31,11 +31,12 @@ from edmctl.process.gap_conditions import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
 _STEPS = 24
-_ROUNDS, _HALVINGS, _ARC_ROUNDS = 8, 18, 4
-_DAMPING = 0.7
+_ROUNDS, _TRIES, _ARC_ROUNDS = 12, 60, 4
+_DAMPING, _STEEPEST = 0.7, 3.0
+_CLOSE_LEVEL, _CLOSE_DEBRIS, _NEAR_DEBRIS = 1e-6, 1e-6, 0.02
 MOST_LEVEL = 0.99
 """A gap so dirty that nothing in between keeps the servo's level has pulses that ignite as rarely as this."""
 
@@ -144,13 +145,20 @@ def steady_gap(recipe: GapRecipe, depth_um: float) -> SteadyGap:
     pulses make up.
     """
     least = recipe.rho * recipe.longest_share
-    level = recipe.level_s
+    level, step, left = recipe.level_s, 0.0, 0.0
+    near: _Dirt | None = None
     for _ in range(_ROUNDS):
         pulses = _pulses(recipe, min(max(level, least + 1e-3), MOST_LEVEL))
-        dirt = _balance(recipe, pulses, depth_um)
+        near = dirt = _balance(recipe, pulses, depth_um, near)
         missing = (1.0 - dirt.shorts) * pulses.sparks * dirt.arcs * (pulses.soon.level_s - pulses.arc.level_s)
         missing += dirt.shorts * (level - SHORT_V / recipe.open_voltage_v)
-        level += _DAMPING * (recipe.level_s + missing - level)
+        before, left = left, recipe.level_s + missing - level
+        # A secant where the last step has brought it nearer, else damped.
+        slope = (before - left) / step if step else 0.0
+        step = left / slope if 1.0 / _STEEPEST < slope < _STEEPEST else _DAMPING * left
+        if abs(step) < _CLOSE_LEVEL:
+            break
+        level += step
     per_s = (1.0 - dirt.shorts) * 1e6 / (recipe.on_time_us + recipe.off_time_us)
     work_um3, tool_um3 = _volumes_um3(pulses, dirt.debris, dirt.arcs)
     surplus_uj = dirt.arcs * (pulses.arc.energy_uj - pulses.soon.energy_uj)
@@ -235,30 +243,56 @@ class _Dirt:
     shorts: float
 
 
-def _balance(recipe: GapRecipe, pulses: _Pulses, depth_um: float) -> _Dirt:
-    """What the gap comes to where as much debris is cleared as comes in."""
+def _balance(recipe: GapRecipe, pulses: _Pulses, depth_um: float, near: _Dirt | None) -> _Dirt:
+    """What the gap comes to where as much debris is cleared as comes in; looked for first near where it was."""
     per_s = 1e6 / (recipe.on_time_us + recipe.off_time_us)
     area_um2, working_um = tool_area_um2(recipe.diameter_um), working_gap_um(GAP_LAW, recipe.open_voltage_v)
     flush_s = flush_time_s(GAP_LAW, recipe.diameter_um, depth_um) * recipe.flush_time_s / GAP_LAW.flush_time_s
     channel_us = deionisation_us(GAP_LAW, pulses.every.energy_uj)
-    low, high, dirt = 0.0, MOST_DEBRIS, _Dirt(0.0, 0.0, 0.0)
-    for _ in range(_HALVINGS):
-        debris = 0.5 * (low + high)
+    particle_um = GAP_LAW.particle_um * crater_scale(recipe.full_pulse_uj)
+
+    def surplus(debris: float) -> tuple[float, _Dirt]:
         gap_um = _gap_um(recipe, pulses, debris)
-        dirt = _Dirt(debris, _arcs(recipe, pulses, debris, channel_us), _shorts(recipe, debris, gap_um))
+        dirt = _Dirt(debris, _arcs(recipe, pulses, debris, channel_us), _shorts(debris, gap_um / particle_um))
         clearing = min(CLEARING[1], max(CLEARING[0], (gap_um / working_um) ** 2))
         outflow = debris * area_um2 * gap_um * (clearing / flush_s + recipe.jump_clearing_hz)
-        if (1.0 - dirt.shorts) * sum(_volumes_um3(pulses, debris, dirt.arcs)) * per_s > outflow:
-            low = debris
+        return (1.0 - dirt.shorts) * sum(_volumes_um3(pulses, debris, dirt.arcs)) * per_s - outflow, dirt
+
+    low, high = 0.0, MOST_DEBRIS
+    if near is not None:
+        low, high = max(0.0, near.debris - _NEAR_DEBRIS), min(MOST_DEBRIS, near.debris + _NEAR_DEBRIS)
+    (more, _), (less, dirt) = surplus(low), surplus(high)
+    if more <= 0.0 or less >= 0.0:
+        if near is not None:
+            return _balance(recipe, pulses, depth_um, None)
+        return dirt
+    return _between(surplus, (low, more), (high, less))
+
+
+def _between(
+    surplus: Callable[[float], tuple[float, _Dirt]], low: tuple[float, float], high: tuple[float, float]
+) -> _Dirt:
+    """Where the surplus, with its sign at both ends, is none: false position, an end that stays counts half."""
+    (a, more), (b, less) = low, high
+    was_more = None
+    for _ in range(_TRIES):
+        debris = (b * more - a * less) / (more - less)
+        rest, dirt = surplus(debris)
+        is_more = rest > 0.0
+        moved = debris - a if is_more else b - debris
+        if is_more:
+            a, more, less = debris, rest, less * (0.5 if was_more else 1.0)
         else:
-            high = debris
+            b, less, more = debris, rest, more * (0.5 if was_more is False else 1.0)
+        was_more = is_more
+        if min(moved, b - a) < _CLOSE_DEBRIS:
+            break
     return dirt
 
 
-def _shorts(recipe: GapRecipe, debris: float, gap_um: float) -> float:
-    """Share of the pulses that bridges of particles short, each until it burns off."""
-    particles = gap_um / (GAP_LAW.particle_um * crater_scale(recipe.full_pulse_uj)) - 0.5
-    lasting = min(0.5, GAP_LAW.bridge_base * math.pow(debris, max(particles, 0.0))) / BRIDGE_CLEAR
+def _shorts(debris: float, particles: float) -> float:
+    """Share of the pulses that bridges short, each until it burns off; so many particles span the gap."""
+    lasting = min(0.5, GAP_LAW.bridge_base * math.pow(debris, max(particles - 0.5, 0.0))) / BRIDGE_CLEAR
     return lasting / (1.0 + lasting)
 
 
