@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.console.style import PLAIN, Ink, Style
-from edmctl.report.study_words import points_needed, why_not_predicted
+from edmctl.report.study_words import differing_words, points_needed, why_not_predicted
 from edmctl.results.study import RunKind, RunState
 from edmctl.wording import (
     count,
@@ -247,6 +247,8 @@ def render_response(one: ResponseAnalysis, style: Style = PLAIN, true: ResponseA
             *(["p, true values", "seq. contribution"] if beside else []),
         ]
         lines.append(render_columns(titles, rows, style, "<>"))
+        if words := differing_words(table):
+            lines += wrapped(words, columns, "  ")
         if table.pooled:
             lines += wrapped(f"counted as error: {', '.join(table.pooled)}", columns, "  ")
         if math.isfinite(one.r2):

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import special
 
-from edmctl.doe.anova import anova, pooled_anova
+from edmctl.doe.anova import anova, differing, pooled_anova
 from edmctl.doe.linear_model import LackOfFit, Settings, fit, model_matrix, term_name, undetermined
 from edmctl.doe.signal_to_noise import response_table, signal_to_noise_db
 
@@ -303,7 +303,7 @@ def _with_model(
         terms = [term for term in terms if term not in lost]
     try:
         fitted = fit(model_matrix(settings, terms), values)
-        table = anova(settings, terms, values)
+        table = anova(settings, terms, values, by_block=differing(settings, terms, values, block))
         pooled = pooled_anova(settings, terms, values) if len(terms) > 2 else None
     except ValueError as error:
         return replace(base, notes=(*notes, str(error).rstrip(".")))
@@ -317,11 +317,11 @@ def _with_model(
         base,
         anova=table,
         pooled=pooled if pooled is not None and pooled.pooled else None,
-        coefficients=tuple(_coefficients(fitted, settings)),
+        coefficients=tuple(_coefficients(fitted, settings, table)),
         r2=fitted.r2,
         adjusted_r2=fitted.adjusted_r2,
         predicted_r2=fitted.predicted_r2,
-        error_sd=math.sqrt(fitted.error_variance) if fitted.error_dof else math.nan,
+        error_sd=math.sqrt(table.error.mean_square) if table.error.dof else math.nan,
         lack=_lack(fitted, runs, values),
         fitted=tuple((values - fitted.residuals).tolist()),
         residuals=tuple(fitted.residuals.tolist()),
@@ -476,13 +476,15 @@ def _left_out_coverage(terms: Sequence[Term], runs: Runs, values: Values, block:
     return held, tried
 
 
-def _coefficients(fitted: Fit, settings: Settings) -> list[Coefficient]:
-    variance = fitted.error_variance
-    errors = np.sqrt(np.diag(fitted.unscaled_covariance) * variance) if fitted.error_dof else None
-    quantile = float(special.stdtrit(fitted.error_dof, 0.975)) if fitted.error_dof else math.nan
+def _coefficients(fitted: Fit, settings: Settings, table: Anova) -> list[Coefficient]:
+    """Coefficients, each with the error that the table compares its term with."""
+    unscaled = np.diag(fitted.unscaled_covariance)
     found = []
     for term, span in fitted.model.spans.items():
         width = span.stop - span.start
+        under = table.under(term_name(term))
+        errors = np.sqrt(unscaled * under.mean_square) if under.dof else None
+        quantile = float(special.stdtrit(under.dof, 0.975)) if under.dof else math.nan
         for n, column in enumerate(range(span.start, span.stop)):
             estimate = float(fitted.coefficients[column])
             name = term_name(term) + (
@@ -490,7 +492,7 @@ def _coefficients(fitted: Fit, settings: Settings) -> list[Coefficient]:
             )
             error = float(errors[column]) if errors is not None else math.nan
             ratio = abs(estimate) / error if error else math.nan
-            p = 2 * float(special.stdtr(fitted.error_dof, -ratio)) if math.isfinite(ratio) else math.nan
+            p = 2 * float(special.stdtr(under.dof, -ratio)) if math.isfinite(ratio) else math.nan
             found.append(Coefficient(name, estimate, quantile * error, p))
     return found
 

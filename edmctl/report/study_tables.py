@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from edmctl.report.html import PageTable
 from edmctl.report.study_words import (
     BLOCK,
+    differing_words,
     in_order,
     interval_text,
     level_text,
@@ -139,7 +140,7 @@ def _anova(caption: str, table: Anova, note: str = "") -> PageTable:
         ]
         for row in (*table.rows, table.error, table.total)
     ]
-    told = " ".join(filter(None, [why_no_f(table), note]))
+    told = " ".join(filter(None, [why_no_f(table), differing_words(table), note]))
     return PageTable(caption, header, rows, told)
 
 

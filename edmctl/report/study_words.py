@@ -11,7 +11,7 @@ from edmctl.wording import UNKNOWN, decimal, plural, printable, shortened, signi
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from edmctl.doe.anova import AnovaRow
+    from edmctl.doe.anova import Anova, AnovaRow
     from edmctl.doe.response_analysis import ResponseAnalysis
     from edmctl.doe.signal_to_noise import LevelMeans
     from edmctl.results.study import (
@@ -155,10 +155,7 @@ def unknowns(
         "It tells of settings between the levels below, with all else as the profile has it, and of nothing beyond."
     )
     tests = sum(
-        math.isfinite(row.p) and row.name != BLOCK
-        for one in responses
-        if one.anova is not None
-        for row in one.anova.rows
+        math.isfinite(row.p) for one in responses if one.anova is not None for row in _of_factors(one.anova)
     )
     if tests > 1:
         found.append(
@@ -172,7 +169,7 @@ def what_matters(info: ResponseInfo, one: ResponseAnalysis) -> list[str]:
     """Return what acts on a response, with its share of the variation and its probability."""
     if one.anova is None:
         return [f"{one.name}: not analysed; {'; '.join(one.notes) or 'the runs do not tell'}."]
-    rows = [row for row in one.anova.rows if row.name != BLOCK]
+    rows = _of_factors(one.anova)
     of_what = f"the variation of ln {one.name}" if one.is_log else f"the variation of {one.name}"
     if not one.anova.error.dof or not math.isfinite(one.anova.error.mean_square):
         shares = ", ".join(f"{row.name} {_share(row)}" for row in _strongest(rows))
@@ -198,6 +195,7 @@ def what_matters(info: ResponseInfo, one: ResponseAnalysis) -> list[str]:
         for row in one.anova.rows
         if row.name == BLOCK and row.p < SURE
     ]
+    found += filter(None, [differing_words(one.anova)])
     lack = one.lack
     if lack is not None and math.isfinite(lack.f) and lack.p < SURE:
         found.append(
@@ -209,6 +207,21 @@ def what_matters(info: ResponseInfo, one: ResponseAnalysis) -> list[str]:
             f"Left out one by one, {one.held} of {one.left_out} points lay within what was expected."
         )
     return found
+
+
+def differing_words(table: Anova) -> str:
+    """Return which factors are compared with what they do differently from block to block; empty for none."""
+    names = [row.name for row in table.rows if row.against != table.error.name]
+    return " ".join(
+        f"F of {name} is over {table.under(name).name}, what it does differently from machine to machine or tool to "
+        "tool; that is no error of the others."
+        for name in names
+    )
+
+
+def _of_factors(table: Anova) -> list[AnovaRow]:
+    """Rows of factors and their products, without blocks and what differs from one to the other."""
+    return [row for row in table.rows if row.name != BLOCK and row not in table.by_block]
 
 
 def _strongest(rows: Iterable[AnovaRow]) -> list[AnovaRow]:

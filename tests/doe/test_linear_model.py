@@ -11,7 +11,7 @@ import statsmodels.api as sm
 import statsmodels.formula.api as smf
 from statsmodels.stats.anova import anova_lm
 
-from edmctl.doe.anova import anova, pooled_anova
+from edmctl.doe.anova import anova, differing, pooled_anova
 from edmctl.doe.arrays import arrays
 from edmctl.doe.linear_model import (
     Fit,
@@ -175,6 +175,49 @@ def test_a_factor_without_effect_is_flagged_as_often_as_the_level_says() -> None
         anova(twice, main_effects(["A", "B"]), rng.normal(0, 1, 18)).rows[1].p < 0.05 for _ in range(400)
     )
     assert 0.02 <= flagged / 400 <= 0.09
+
+
+BLOCKED = ["x", "nothing", "block"]
+
+
+def on_machines(seed: int, machines: int, differing_sd: float) -> tuple[Settings, np.ndarray]:
+    """A 2 × 2 on several machines, of two factors with no effect on average; the first differs between machines."""
+    rng = np.random.default_rng(seed)
+    x, nothing = np.tile([-1.0, -1.0, 1.0, 1.0], machines), np.tile([-1.0, 1.0], 2 * machines)
+    block = np.repeat(np.arange(machines), 4)
+    y = rng.normal(0, 1, len(x)) + rng.normal(0, 2, machines)[block]
+    y += differing_sd * rng.normal(0, 1, machines)[block] * x
+    return Settings({"x": x, "nothing": nothing}, {"block": list(block)}, {"block": range(machines)}), y
+
+
+def test_a_factor_that_differs_between_machines_is_compared_with_that_as_statsmodels_does() -> None:
+    settings, y = on_machines(3, 4, 5.0)
+    terms = main_effects(BLOCKED)
+    products = differing(settings, terms, y, "block")
+    table = anova(settings, terms, y, by_block=products)
+    frame = pd.DataFrame({**settings.numbers, **settings.categories, "y": y})
+    third = anova_lm(smf.ols("y ~ x + nothing + C(block, Sum) + x:C(block, Sum)", frame).fit(), typ=3)
+    mean_squares = third["sum_sq"] / third["df"]
+    rows = {row.name: row for row in table.rows}
+    assert [row.name for row in table.by_block] == ["x × block"]
+    assert table.error.dof == third["df"]["Residual"]
+    assert rows["nothing"].f == close(third["F"]["nothing"])
+    assert rows["x × block"].p == close(third["PR(>F)"]["x:C(block, Sum)"])
+    assert rows["x"].f == close(mean_squares["x"] / mean_squares["x:C(block, Sum)"])
+    assert (table.under("x").name, table.under("nothing").name) == ("x × block", "error")
+
+
+@pytest.mark.parametrize("differing_sd", [0.0, 1.0, 3.0])
+def test_what_one_factor_does_differently_on_machines_is_no_error_of_another(differing_sd: float) -> None:
+    flagged = {"x": 0, "nothing": 0}
+    count = 600
+    for seed in range(count):
+        settings, y = on_machines(seed, 3, differing_sd)
+        terms = main_effects(BLOCKED)
+        table = anova(settings, terms, y, by_block=differing(settings, terms, y, "block"))
+        for name in flagged:
+            flagged[name] += next(row.p for row in table.rows if row.name == name) < 0.05
+    assert 0.02 * count <= flagged["nothing"] <= 0.09 * count
 
 
 def test_names_of_terms() -> None:

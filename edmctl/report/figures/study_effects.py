@@ -95,13 +95,14 @@ def draw_noise_effects(plan: StudyPlan, one: ResponseAnalysis) -> Figure:
 def _half(
     plan: StudyPlan, one: ResponseAnalysis, runs: Sequence[StudyRun], name: str, level: object
 ) -> float:
-    """Half the 95 % interval of a level's mean by the error of the model, on its scale; NaN without an error."""
-    if one.anova is None or not one.anova.error.dof or not math.isfinite(one.error_sd):
+    """Half the 95 % interval of a level's mean, on the model's scale, by what F compares with; NaN without that."""
+    under = one.anova.under(name) if one.anova is not None else None
+    if under is None or not under.dof or not math.isfinite(under.mean_square):
         return math.nan
     key = next(factor.key for factor in plan.factors if factor.name == name)
     count = sum(runs[row].planned.settings[key] == level for row in one.used)
-    quantile = float(special.stdtrit(one.anova.error.dof, 0.975))
-    return quantile * one.error_sd / math.sqrt(count) if count else math.nan
+    quantile = float(special.stdtrit(under.dof, 0.975))
+    return quantile * math.sqrt(under.mean_square / count) if count else math.nan
 
 
 def _means(
