@@ -63,6 +63,7 @@ class Identification:
     held_out : errors of blocked cross-validation, of what lies within what the other blocks reached
     problems : why it should not be used, each with what to do; empty = accepted
     notes : what else a reader should know
+    held_out_model : the same without the sensor's noise: what the model itself misses
     noise : what the sensor's noise alone comes to
     beyond, beyond_share : held-out errors of the rest, which is extrapolation, and its share; None: no such
     screening : which samples count
@@ -71,6 +72,7 @@ class Identification:
     model: ActuatorModel
     train: ErrorFigures
     held_out: ErrorFigures
+    held_out_model: ErrorFigures
     bands: Bands
     problems: tuple[str, ...]
     notes: tuple[str, ...]
@@ -143,6 +145,7 @@ def identify(
         model=model,
         train=figures(records, reduction, model, best),
         held_out=held_out.errors,
+        held_out_model=held_out.of_model,
         bands=bands,
         problems=problems_of(design, records, held_out, left, noise, on_floor=best.on_floor),
         notes=(*counting.notes(records), *notes_on(records, held_out, noise, delay_s)),

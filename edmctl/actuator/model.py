@@ -3,8 +3,9 @@
 y(t) = zero + Σ_i Σ_m S_im h_m(z_i) + Σ_k R_k p_k + Σ_gj C_gj L_gj, all at t − delay and of the voltage behind a
 first-order lag, with plays z_i, hinges h_m, rounded plays p_k and lags L_gj as in `operators`. All S, R and C are ≥
 0 and the first play (threshold 0) has a positive slope everywhere, so the displacement rises strictly with the
-voltage from any state: the model can be inverted exactly. With one hinge per play, no rounded one and no lag it is
-the Prandtl-Ishlinskii operator, and so the paper's Maxwell slip model (`maxwell`).
+voltage from any state, with a lag in steps of up to four times the lag: the model can be inverted exactly. With one
+hinge per play, no rounded one and no lag it is the Prandtl-Ishlinskii operator, and so the paper's Maxwell slip
+model (`maxwell`).
 
 Plays remember turning points and nothing else; a rounded one forgets with the way that the voltage goes, so that
 small swings let it slide. Actuators are of the one kind, of the other, or between; what a record asks for is

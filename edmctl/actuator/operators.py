@@ -442,7 +442,7 @@ def solve_bank(
     """Advance the state along the voltages that give `y_um` (k,), into `output` (k,); `beyond` (k,): none does.
 
     The voltages lie in [low_v, high_v]; where none gives the displacement, the nearer end is taken. Returns the
-    voltage behind the lag. The displacement rises strictly with the voltage from any state, so a bracket always
+    voltage behind the lag. The displacement rises strictly with the voltage (`model`), so a bracket always
     holds the one root: regula falsi, Illinois variant, until the bracket is as narrow as numbers are.
     """
     enough = ENOUGH * (high_v - low_v) * slopes[0].max()

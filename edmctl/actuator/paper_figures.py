@@ -63,6 +63,8 @@ class Reading:
     at_s: float
     is_error: bool = True
     """Whether it is a difference of model and sensor, not a displacement of the model."""
+    paper_side: float = 1.0
+    """Sign of the model less the sensor that the paper's length is of."""
 
 
 def command(figure: str, rate_hz: float) -> Array:
@@ -99,15 +101,27 @@ class _Seen(NamedTuple):
     rate_hz: float
 
     def largest(
-        self, figure: str, what: str, paper_um: tuple[float, float] | None, at: Samples, said: str = "–"
+        self,
+        figure: str,
+        what: str,
+        paper_um: tuple[float, float] | None,
+        at: Samples,
+        said: str = "–",
+        left_of: Reading | None = None,
     ) -> Reading:
-        """Read the largest error at some samples; `said` stands where the paper has no number."""
+        """Read the largest error at some samples; `said` stands where the paper has no number.
+
+        left_of : what the paper's length is left of, on the same side; else it is taken to be on the side of ours
+        """
         worst = int(at[np.abs(self.error_um[at]).argmax()])
         low_um, high_um = paper_um or (math.nan, math.nan)
         if paper_um is not None:
             said = f"{low_um:g}" if low_um == high_um else f"{low_um:g}–{high_um:g}"
-        ours_um = float(abs(self.error_um[worst]))
-        return Reading(figure, what, said, low_um, high_um, ours_um, worst / self.rate_hz)
+        ours_um = float(self.error_um[worst])
+        side = math.copysign(1.0, ours_um) if left_of is None else left_of.paper_side
+        return Reading(
+            figure, what, said, low_um, high_um, abs(ours_um), worst / self.rate_hz, paper_side=side
+        )
 
     def instants(self, parts: int) -> Samples:
         """Return the samples at the ends of so many equal parts."""
@@ -146,10 +160,12 @@ def _fast_sine(seen: _Seen) -> list[Reading]:
 def _square(seen: _Seen) -> list[Reading]:
     arrivals = np.array([end for _, end in seen.steps(1.0)])
     settled = arrivals + round(SETTLED_S * seen.rate_hz)
+    first = seen.largest("4", "as the voltage arrives", (30.0, 30.0), seen.after(arrivals, 0.0, 1.0))
+    later = seen.after(arrivals, 5.0, 6.0)
     return [
-        seen.largest("4", "as the voltage arrives", (30.0, 30.0), seen.after(arrivals, 0.0, 1.0)),
+        first,
         seen.largest("4", "0.1 s later", None, settled),
-        seen.largest("4", "5 to 6 s later", (10.0, 12.0), seen.after(arrivals, 5.0, 6.0)),
+        seen.largest("4", "5 to 6 s later", (10.0, 12.0), later, left_of=first),
     ]
 
 

@@ -50,12 +50,14 @@ class HeldOut:
     """What fits miss of blocks that they did not see.
 
     errors : of samples whose plays lie within what the other blocks reached
+    of_model : of the same, without the noise of the sensor
     beyond : of the others, which no block of the record prepares a model for; None: there are none
     beyond_share : their share
     rms_um : of all, µm
     """
 
     errors: ErrorFigures
+    of_model: ErrorFigures
     beyond: ErrorFigures | None
     beyond_share: float
     rms_um: float
@@ -95,14 +97,16 @@ def _held_out(
         found = fit(design, reduction, smoothness=smoothness, times=times, start=best.weights)
         errors += _missed_um(records, reduction, design.model(found.weights, 0.0, delay_s), found, inside)
         reached += _reached(design, reduction, inside)
-    missed_um, is_reached = np.concatenate(errors), np.concatenate(reached)
-    if not is_reached.any():
-        is_reached[:] = True
-    widest_um = _widest_um(records)
+    if not any(one.any() for one in reached):
+        reached = [np.ones_like(one) for one in reached]
+    counted = [one[kept] for one, kept in zip(errors, reached, strict=True)]
+    rest_um = np.concatenate([one[~kept] for one, kept in zip(errors, reached, strict=True)])
+    missed_um, widest_um = np.concatenate(errors), _widest_um(records)
     return HeldOut(
-        errors=ErrorFigures.over(missed_um[is_reached], widest_um),
-        beyond=None if is_reached.all() else ErrorFigures.over(missed_um[~is_reached], widest_um),
-        beyond_share=float(1.0 - is_reached.mean()),
+        errors=ErrorFigures.over(np.concatenate(counted), widest_um),
+        of_model=ErrorFigures.without_noise(counted, widest_um),
+        beyond=ErrorFigures.over(rest_um, widest_um) if len(rest_um) else None,
+        beyond_share=len(rest_um) / len(missed_um),
         rms_um=float(np.sqrt(np.mean(missed_um**2))),
     )
 

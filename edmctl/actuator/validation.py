@@ -5,6 +5,7 @@ Held-out errors count after the zero, or gain and zero, are set again.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -13,7 +14,7 @@ import numpy as np
 from edmctl.actuator.record import check_numbers, settled_from
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Sequence
 
     from numpy.typing import NDArray
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 Refit = Literal["gain", "zero"]
 ZERO: tuple[Refit, ...] = ("zero",)
+AT_ONCE = 3
+"""Samples whose mean has little noise left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +56,22 @@ class ErrorFigures:
     def over(cls, errors_um: Array, range_um: float) -> ErrorFigures:
         """Figures of errors, shape (n,), on displacements of such a range."""
         return cls(float(np.abs(errors_um).max()), float(np.sqrt(np.mean(errors_um**2))), range_um)
+
+    @classmethod
+    def without_noise(cls, stretches_um: Sequence[Array], range_um: float) -> ErrorFigures:
+        """Figures of what neighbouring errors of each stretch, shape (n,), have in common.
+
+        Noise that differs from sample to sample is not in them: the mean square is that of the products of
+        neighbours, the largest error that of the mean of three. What lasts less than three samples is not seen.
+        """
+        long = [one for one in stretches_um if len(one) >= AT_ONCE]
+        if not long:
+            return cls.over(np.concatenate(stretches_um), range_um)
+        mean_square = float(np.concatenate([one[1:] * one[:-1] for one in long]).mean())
+        means_um = np.concatenate(
+            [np.convolve(one, np.full(AT_ONCE, 1.0 / AT_ONCE), "valid") for one in long]
+        )
+        return cls(float(np.abs(means_um).max()), math.sqrt(max(0.0, mean_square)), range_um)
 
 
 @dataclass(frozen=True, slots=True)

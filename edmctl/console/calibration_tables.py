@@ -31,7 +31,9 @@ _NAME_WIDTH = 15
 def render_calibration(found: Findings, lever: LeverFound | None = None, style: Style = PLAIN) -> str:
     """Render the errors of the models, what the actuator is like, and what is not accepted and why."""
     fitted = ("edmctl, fitted data", found.train)
-    blocks = [_errors("held-out blocks", [*_models(found.held_out_baselines, found.held_out), fitted], style)]
+    alone = ("edmctl, noise taken off", found.identification.held_out_model)
+    rows = [*_models(found.held_out_baselines, found.held_out), alone, fitted]
+    blocks = [_errors("held-out blocks", rows, style)]
     if found.validated is not None:
         blocks.append(_validation(found, found.validated, style))
     blocks.append("\n".join([*_properties(found.identification), *_lever_lines(lever)]))

@@ -156,7 +156,10 @@ def write_figure(trial: PaperTrial, path: Path, words: str) -> None:
             figure.Mark(
                 reading.at_s,
                 float(error_um[round(reading.at_s * RATE_HZ)]),
-                (reading.paper_low_um, reading.paper_high_um),
+                (
+                    reading.paper_side * reading.paper_low_um,
+                    reading.paper_side * reading.paper_high_um,
+                ),
             )
             for reading in waveform.readings
             if reading.is_error

@@ -65,6 +65,18 @@ def test_the_papers_own_figures_stand_beside_ours() -> None:
             assert not reading.paper_low_um > reading.paper_high_um
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_bias_that_is_left_is_on_the_side_of_the_error_that_it_is_left_of(sign: float) -> None:
+    u_v = command("fig4", RATE_HZ)
+    arrival = np.flatnonzero(np.diff(u_v) > 0.0)[-1] + 1
+    error_um = np.zeros(len(u_v))
+    error_um[arrival : arrival + round(RATE_HZ)] = 30.0 * sign
+    error_um[arrival + round(5.5 * RATE_HZ)] = -2.0 * sign
+    found = {one.what: one for one in readings("fig4", u_v, error_um, u_v, RATE_HZ)}
+    assert found["5 to 6 s later"].ours_um == 2.0
+    assert found["5 to 6 s later"].paper_side == found["as the voltage arrives"].paper_side == sign
+
+
 def test_a_figure_of_another_name_is_no_figure() -> None:
     with pytest.raises(KeyError):
         readings("fig7", np.zeros(3), np.zeros(3), np.zeros(3), RATE_HZ)

@@ -76,6 +76,7 @@ def an_identification(
         model=make_model(creeping=creeping, rounded=rounded),
         train=ErrorFigures(1.5, 0.3, 445.0),
         held_out=ErrorFigures(2.0, 0.5, 445.0),
+        held_out_model=ErrorFigures(1.8, 0.4, 445.0),
         bands=Bands(0.1, 0.3, 2.9, 0.01, 0.15, 0.002, 0.017, 0.001),
         problems=problems,
         notes=("The records swing at one rate.",),

@@ -116,6 +116,7 @@ class Findings:
             "validate_files": self.files,
             "refit": self.refit,
             "held_out": self.held_out_figures,
+            "held_out_model": Figures.of(found.held_out_model),
             "beyond": None if found.beyond is None else Figures.of(found.beyond),
             "beyond_share": found.beyond_share,
             "noise_sd_um": found.noise.sd_um,

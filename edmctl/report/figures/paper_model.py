@@ -47,7 +47,7 @@ SENSOR, MODEL = "sensor", "model of the paper"
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A reading: when, ours with its sign, and the paper's range without one (NaN where it gives none), µm."""
+    """A reading: when, ours, and the paper's range (NaN where it gives none), µm, with their signs."""
 
     at_s: float
     ours_um: float
@@ -134,7 +134,7 @@ def _draw_column(column: NDArray[np.object_], panel: Panel) -> None:
 
 def _mark(axes: Axes, mark: Mark) -> None:
     shown = axes.get_legend_handles_labels()[1]
-    low_um, high_um = (math.copysign(value_um, mark.ours_um) for value_um in mark.paper_um)
+    low_um, high_um = mark.paper_um
     if math.isfinite(low_um):
         axes.errorbar(
             [mark.at_s], [0.5 * (low_um + high_um)], yerr=[0.5 * abs(high_um - low_um)], fmt="_", color=BLUE,
