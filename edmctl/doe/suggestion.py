@@ -163,18 +163,22 @@ def suggest(
     candidates: ArrayLike,
     *,
     runs: int = 1,
+    pending: ArrayLike = (),
     budget: int | None = None,
     blocks: Sequence[object] | None = None,
 ) -> list[Suggestion]:
     """Return the next `runs` of (m, d) candidates to run; one may be run again.
 
     `points` (n, d) were run, coded to 0 … 1, with the objective to be minimised and of each constraint the values
-    and the limit that what is expected of them may not exceed. A value is NaN where the run failed. `budget` is the
+    and the limit that what is expected of them may not exceed. A value is NaN where the run failed. `pending` (k, d)
+    are runs whose values are to come: they are believed to come as predicted. `budget` is the
     number of runs there will be in all: the last third of them confirm. Raises ValueError as `surrogates` does.
     """
     fitted = surrogates(points, objective, constraints, blocks=blocks)
     allowed = np.asarray(candidates, float)
-    made, found = len(np.asarray(points)), []
+    for point in np.asarray(pending, float):
+        fitted = fitted.believing(point)
+    made, found = len(np.asarray(points)) + len(np.asarray(pending)), []
     for turn in range(runs):
         confirms = budget is not None and made + turn >= CONFIRMING * budget
         outlook = fitted.outlook(allowed)

@@ -10,7 +10,8 @@ import json
 import os
 import secrets
 import socket
-from datetime import UTC, datetime
+from contextlib import suppress
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any, Self
 
 from edmctl.errors import RunFileError
@@ -28,15 +29,20 @@ class RowWriter:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._descriptor: int | None = None
+        self._newest = ""
 
     def append(self, kind: str, values: Mapping[str, Any]) -> None:
-        """Append one row, and come back when the disk has it."""
-        when = datetime.now(UTC).isoformat(timespec="microseconds")
-        line = json.dumps({"row": kind, "when": when, **values}, ensure_ascii=False, allow_nan=False) + "\n"
+        """Append one row, and come back when the disk has it.
+
+        Its time is later than that of every row that was there, also where a clock was put back.
+        """
         try:
             if self._descriptor is None:
+                self._newest = newest_of(self._folder)
                 self._descriptor = self._open()
-            data = line.encode()
+            self._newest = when = later_than(self._newest)
+            line = json.dumps({"row": kind, "when": when, **values}, ensure_ascii=False, allow_nan=False)
+            data = f"{line}\n".encode()
             while data:
                 data = data[os.write(self._descriptor, data) :]
             os.fsync(self._descriptor)
@@ -67,11 +73,31 @@ class RowWriter:
         return os.open(self._folder / name, flags, 0o644)
 
 
+def later_than(newest: str) -> str:
+    """Return the time now, or the next microsecond after a time that is still to come."""
+    now = datetime.now(UTC)
+    with suppress(ValueError, TypeError, OverflowError):
+        now = max(now, datetime.fromisoformat(newest) + timedelta(microseconds=1))
+    return now.isoformat(timespec="microseconds")
+
+
+def newest_of(folder: Path) -> str:
+    """Return the newest time of all rows of a folder; empty where there are none."""
+    return max((when for when, *_ in _dated(folder)[0]), default="")
+
+
 def read_lines(folder: Path) -> tuple[list[dict[str, Any]], int]:
     """Return the rows of a folder in the order of their times, and how many lines were none.
 
     Each has its kind as `row`. Raises RunFileError E9111 where a file cannot be read.
     """
+    lines, torn = _dated(folder)
+    lines.sort(key=lambda line: line[:3])
+    return [values for *_, values in lines], torn
+
+
+def _dated(folder: Path) -> tuple[list[tuple[str, str, int, dict[str, Any]]], int]:
+    """Time, file and line number of each row, with the row, and how many lines were none."""
     lines: list[tuple[str, str, int, dict[str, Any]]] = []
     torn = 0
     try:
@@ -89,8 +115,7 @@ def read_lines(folder: Path) -> tuple[list[dict[str, Any]], int]:
             hint="Check its permissions.",
             code="E9111",
         ) from refused
-    lines.sort(key=lambda line: line[:3])
-    return [values for *_, values in lines], torn
+    return lines, torn
 
 
 def _parsed(line: bytes) -> dict[str, Any] | None:

@@ -256,6 +256,23 @@ def test_a_confirmation_that_breaks_a_constraint_ends_with_7(
     assert "E7911" in capsys.readouterr().err
 
 
+def test_a_confirmation_ends_with_7_also_where_a_suggestion_was_added_after_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = made(tmp_path, IN_BLOCKS)
+    tell(folder, lambda run: {"machining_time_s": time_s(run), "arc_share": 1e-6})
+    first = recommended(folder.read())
+    with folder.writer() as writer:
+        writer.planned(confirmation_runs(folder.read(), first.settings, 2))
+    tell(folder, lambda run: {"machining_time_s": time_s(run), "arc_share": 0.09})
+    with folder.writer() as writer:
+        writer.planned(confirmation_runs(folder.read(), first.settings, 1))
+        other = {**first.settings, "pulse.duty": 0.2}
+        writer.planned(suggested_runs(folder.read(), [other]))
+    assert main(["study", "confirm", str(folder.path), "--quiet"]) == 7
+    assert "E7911" in capsys.readouterr().err
+
+
 def test_a_study_for_a_machine_says_that_it_runs_on_virtual_ones(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -294,20 +294,26 @@ def confirm(
     from edmctl.jobs.study.confirming import confirmation_runs, confirmations_of
     from edmctl.jobs.study.optimizing import recommended
     from edmctl.jobs.study.running import Shard
+    from edmctl.jobs.study.waiting import not_yet_known
     from edmctl.results.study import RunKind, RunState
 
     study = opened(folder)
     _where(study, making, "confirm")
-    state = study.read()
-    pending = [
-        run for run in state.runs if run.planned.kind is RunKind.CONFIRMATION and run.state is RunState.OPEN
-    ]
     told = ""
-    if not pending:
-        best = recommended(state, shell())
-        told = f"{render_recommendation(best, stream_style(sys.stdout))}\n\n"
-        with study.claimed("suggestions"), study.writer() as writer:
-            writer.planned(confirmation_runs(study.read(), best.settings, runs))
+    with study.claimed("suggestions"), study.writer() as writer:
+        state = study.read()
+        asked = [
+            run.planned
+            for run in state.runs
+            if run.planned.kind is RunKind.CONFIRMATION and run.state is RunState.OPEN
+        ]
+        if asked:
+            tell(outcome.output, f"making the {plural(len(asked), 'confirmation run')} that were left")
+        else:
+            best = recommended(state, shell())
+            told = f"{render_recommendation(best, stream_style(sys.stdout))}\n\n"
+            asked = confirmation_runs(state, best.settings, runs)
+            writer.planned(asked)
     _make(outcome, study, making, "confirm", to_the_end=True)  # another run that failed before is no answer
     after = study.read()
     found = confirmations_of(after, analysis_of(after).responses)
@@ -317,14 +323,10 @@ def confirm(
     outcome.text = (
         told + outcome.text + "\n\n" + "\n\n".join(render_confirmation(one, style) for one in found)
     )
-    last = after.runs[-1].planned.settings
-    broken = [
-        str(limit.constraint)
-        for one in found
-        if one.settings == last
-        for limit in one.limits
-        if not limit.is_kept
-    ]
+    numbers = {run.number for run in asked}
+    mine = [one for one in found if numbers.intersection(one.runs)]
+    outcome.text += "".join(f"\n{line}" for line in not_yet_known(after, numbers))
+    broken = [str(limit.constraint) for one in mine for limit in one.limits if not limit.is_kept]
     if broken:
         raise ObjectiveNotReached(
             f"The recommended settings do not keep {', '.join(broken)}: the mean of the confirmation runs does not.",

@@ -1,5 +1,6 @@
 """`edmctl study tell`, `import` and `judge`: what people know of runs, minutes or days later."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -69,7 +70,8 @@ def judge(
     """
     from edmctl.errors import UsageError
     from edmctl.jobs.study.evaluate import lost_row
-    from edmctl.jobs.study.on_machine import is_begun
+    from edmctl.jobs.study.on_machine import is_begun, next_order
+    from edmctl.jobs.study.rows import JUDGED
     from edmctl.jobs.study.waiting import way_on
 
     study = opened(folder)
@@ -79,7 +81,8 @@ def judge(
     if found.row is None and judgement is Judgement.REPEAT and is_begun(study, found):
         with study.claimed("all"), study.writer() as writer:  # nobody is making it
             # The hole stays where it is, and the next attempt takes another place.
-            writer.run(lost_row(found.planned, found.attempts + 1, f"E1300: given up: {reason}", 130))
+            lost = lost_row(found.planned, found.attempts + 1, f"E1300: given up: {reason}", 130)
+            writer.run(replace(lost, order=next_order(study.read())))
         found = study.read().run(run)
     if found.row is None and judgement is not Judgement.REJECT:
         raise UsageError(
@@ -94,7 +97,7 @@ def judge(
         "reason": reason,
     }
     with study.writer() as writer:
-        writer.append("judged", values)
+        writer.append(JUDGED, values)
     outcome.result = {"run": run, **{name: values[name] for name in ("attempt", "judgement", "reason")}}
     state = study.read()
     again = (

@@ -94,7 +94,8 @@ class StudyFolder:
         rows = read_rows(self.rows, self.identity)
         keys = {factor.key for factor in self.plan.factors}
         added = [run for run in rows.added if set(run.settings) == keys]
-        return StudyState(self, rows, tuple(rows.of(run) for run in (*self.plan.runs, *added)))
+        runs = (*self.plan.runs, *added)
+        return StudyState(self, rows, tuple(map(rows.of, runs)), rows.strangers(runs))
 
     def writer(self) -> StudyWriter:
         """Return a new writer of rows."""
@@ -149,11 +150,15 @@ def _locked(path: Path) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class StudyState:
-    """A study with its rows: `runs` are the planned ones, then those that were added."""
+    """A study with its rows: `runs` are the planned ones, then those that were added.
+
+    `strangers` rows are of runs that the study has not: they were added at another computer at the same time.
+    """
 
     folder: StudyFolder
     rows: Rows
     runs: tuple[StudyRun, ...]
+    strangers: int = 0
 
     def making_command(self, name: str, *words: str) -> str:
         """Return a command that makes runs, at the port of the machine on which they are made."""

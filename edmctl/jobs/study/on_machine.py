@@ -11,6 +11,7 @@ import re
 import time
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import (
@@ -28,13 +29,12 @@ from edmctl.jobs.study.confirming import opening_run
 from edmctl.jobs.study.evaluate import refuse_other_recipe, row_of, run_name
 from edmctl.jobs.study.places_and_tools import grid_of
 from edmctl.jobs.study.planning import request_of
-from edmctl.jobs.study.rows import MACHINE, PAUSED
+from edmctl.jobs.study.rows import MACHINE, PAUSED, bench_of
 from edmctl.results.study import RunKind, RunState, StudyRun
 from edmctl.wording import coordinates, plural, settings_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from edmctl.jobs.plan import JobRequest, Plan
     from edmctl.jobs.run_header import RunName
@@ -80,7 +80,8 @@ def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesOb
         raise without_machine()
     with folder.claimed("all"), folder.writer() as writer:
         if folder.read().rows.port != options.port:
-            writer.append(MACHINE, {"port": options.port})
+            bench = bench_of(options.port)
+            writer.append(MACHINE, {"port": options.port, **({"bench": bench} if bench else {})})
         return _Series(folder, options, observer, writer).run()
 
 
@@ -105,18 +106,25 @@ def without_port(folder: StudyFolder) -> list[Diagnostic]:
 
 def refuse_mixture(state: StudyState, where: MachineAddress, command: str = "resume") -> None:
     """Raise UsageError E2108 where runs of a study would be made on virtual machines and on one that lasts, or on
-    two benches. A controller may come back at another port. `command` is the one that was asked for.
+    two benches, PreconditionError E8214 where its bench is gone. A controller may come back at another port.
+    `command` is the one that was asked for.
     """
     port, lasting = state.rows.port, where.lasting
-    bench = MachineAddress(port).bench_file if port else None
-    other = bench is not None and (where.bench_file is None or where.bench_file.resolve() != bench.resolve())
-    if port and (not lasting or other):
+    bench = bench_of(port) if port else ""
+    is_made = any(run.row is not None for run in state.runs)
+    if port and (not lasting or (bench and bench_of(where.selector) != bench)):
         raise UsageError(
             f"The study is made on the machine at {port}.",
             hint=f"Go on there: `{state.making_command(command)}`.",
             code="E2108",
         )
-    if lasting and not port and any(run.row is not None for run in state.runs):
+    if bench and is_made and not Path(bench).exists():
+        raise PreconditionError(
+            f"The bench that has made runs of the study, {bench}, is gone; a new one is another machine.",
+            hint="Put the file back where it was; a study on another machine is another one, in another folder.",
+            code="E8214",
+        )
+    if lasting and not port and is_made:
         raise UsageError(
             "The study has runs on virtual machines already.",
             hint="Make another study on the machine, in another folder; or leave --port out.",
@@ -351,8 +359,7 @@ class _Series:
             site_um=site_um if site_um is not None else _place_of(result),
             tool=tool,
         )
-        made = sum(map(len, self._folder.read().rows.attempts.values()))
-        self._writer.run(replace(row, order=made + 1))
+        self._writer.run(replace(row, order=next_order(self._folder.read())))
 
     def _pause(self) -> None:
         """Wait between two runs; a signal ends that as it ends a job."""
@@ -372,6 +379,12 @@ class _Series:
 
     def _command(self) -> str:
         return self._folder.command(self._options.command, "--port", self._options.port)
+
+
+def next_order(state: StudyState) -> int:
+    """Return the place of the next hole in the order in which they were made."""
+    made = (row for rows in state.rows.attempts.values() for row in rows)
+    return max((row.order for row in made), default=0) + 1
 
 
 def next_run(state: StudyState) -> StudyRun | None:
@@ -403,8 +416,8 @@ def is_of_next_tool(state: StudyState, run: StudyRun) -> bool:
 
 
 def _made(state: StudyState) -> list[RunRow]:
-    """The last attempt at every run that was made, in the order of time."""
-    return sorted((run.row for run in state.runs if run.row is not None), key=lambda row: row.started)
+    """The last attempt at every run that was made, in the order in which they were made, whatever clocks said."""
+    return sorted((run.row for run in state.runs if run.row is not None), key=lambda row: row.order)
 
 
 def _tool_in_use(state: StudyState, run: StudyRun) -> int:

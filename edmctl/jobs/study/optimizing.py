@@ -24,6 +24,7 @@ from edmctl.jobs.study.factors import coded, settings_key, unit_points, value_at
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.results.study import RunKind, RunState
+from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
         PlannedRun,
         Recommendation,
         ResponseInfo,
+        StudyPlan,
         StudyRun,
         Value,
     )
@@ -48,9 +50,19 @@ MOST_REFUSED = 200
 def next_batch(state: StudyState, surroundings: Surroundings = NONE) -> list[PlannedRun]:
     """Return the runs that come next in an optimisation; none when all of its runs are made.
 
-    Raises what `suggestions` raises.
+    Raises PreconditionError E8216 where a suggested run waits for values that people measure, and what
+    `suggestions` raises.
     """
     optimize = state.folder.source.file.optimize
+    if waiting := [run for run in _untold(state) if run.planned.kind is RunKind.SUGGESTED]:
+        number, wanted = waiting[0].planned.number, _wanted(state.folder.plan)
+        names = [name for name in wanted if waiting[0].value(name) is None]
+        raise PreconditionError(
+            f"Run {number} was suggested and waits for {', '.join(names)}: nothing follows from it before.",
+            hint=f"Measure it: `{state.folder.command('tell', str(number), f'{names[0]}=VALUE')}`, then go on with "
+            f"`{state.making_command('optimize')}`.",
+            code="E8216",
+        )
     left = min(optimize.batch, optimize.runs - counted(state))
     return suggestions(state, left, surroundings) if left > 0 else []
 
@@ -71,6 +83,7 @@ def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE
     plan, file = state.folder.plan, state.folder.source.file
     runs, objective, constraints = _data(state)
     settings = _candidates(state, runs, objective)
+    pending = [run for run in state.runs if run.state is RunState.OPEN] + _untold(state)
     refuse_without_room(state, count)
     budget = max(file.optimize.runs, len(runs) + count)
     for _ in range(MOST_REFUSED):
@@ -80,6 +93,7 @@ def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE
             constraints,
             unit_points(plan.factors, settings),
             runs=count,
+            pending=unit_points(plan.factors, [run.planned.settings for run in pending]) if pending else (),
             budget=budget,
             blocks=[run.block for run in runs],
         )
@@ -144,7 +158,7 @@ def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[li
             hint="Add [[objectives]] with a response to the study file, and plan it anew.",
             code="E8209",
         )
-    wanted = [*(name for name, _ in plan.objectives), *(bound.response for bound in plan.constraints)]
+    wanted = _wanted(plan)
     # A value that nobody has told yet is not known; only a run that failed tells where runs fail.
     runs = [
         run
@@ -156,11 +170,29 @@ def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[li
     known = sum(math.isfinite(value) for value in objective)
     if known < LEAST_RUNS:
         raise PreconditionError(
-            f"{known} runs have a value of every objective, and a suggestion needs {LEAST_RUNS}.",
-            hint=f"Make the design's runs first: `edmctl study resume {state.folder.path}`; tell manual responses.",
+            f"{plural(known, 'run')} of {LEAST_RUNS} that a suggestion needs have a value of every objective.",
+            hint=f"Make the design's runs first: `{state.making_command('resume')}`."
+            if any(run.state is RunState.OPEN for run in state.runs)
+            else f"Tell responses that are measured by hand: `{state.folder.command('tell')} RUN NAME=VALUE`.",
             code="E8210",
         )
     return runs, objective, [_constraint(bound, infos[bound.response], runs) for bound in plan.constraints]
+
+
+def _wanted(plan: StudyPlan) -> list[str]:
+    """Names of the responses that a suggestion is about."""
+    return [*(name for name, _ in plan.objectives), *(bound.response for bound in plan.constraints)]
+
+
+def _untold(state: StudyState) -> list[StudyRun]:
+    """Runs that were made and lack a value that people measure."""
+    manual = {one.name for one in state.folder.plan.responses if one.is_manual}
+    wanted = manual.intersection(_wanted(state.folder.plan))
+    return [
+        run
+        for run in fitting_runs(state)
+        if run.state is RunState.DONE and any(run.value(name) is None for name in wanted)
+    ]
 
 
 def _disproving(state: StudyState) -> list[StudyRun]:

@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from edmctl.jobs.plan import SIMULATOR, MachineAddress
 from edmctl.record.appended_rows import RowWriter, read_lines
 from edmctl.results.study import Judgement, PlannedRun, RunKind, RunRow, StudyRun
 
@@ -59,9 +60,16 @@ class Rows:
     torn: int = 0
     foreign: int = 0
 
+    def strangers(self, planned: Iterable[PlannedRun]) -> int:
+        """Return how many attempts are at no run, or at settings that the run of their number has not."""
+        settings = {run.number: run.settings for run in planned}
+        return sum(
+            settings.get(one.number) != one.settings for made in self.attempts.values() for one in made
+        )
+
     def of(self, planned: PlannedRun) -> StudyRun:
-        """Return a run with all that is known of it."""
-        attempts = self.attempts.get(planned.number, ())
+        """Return a run with all that is known of it; what was made at other settings is another computer's run."""
+        attempts = [one for one in self.attempts.get(planned.number, ()) if one.settings == planned.settings]
         last = attempts[-1] if attempts else None
         judged = [
             one for one in self.judged.get(planned.number, ()) if one[0] == (last.attempt if last else 0)
@@ -79,7 +87,7 @@ def read_rows(folder: Path, identity: str) -> Rows:
 
 
 def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
-    attempts: dict[int, dict[int, RunRow]] = {}
+    attempts: dict[int, dict[tuple[int, str], RunRow]] = {}
     told: dict[tuple[int, int], dict[str, float]] = {}
     judged: dict[int, list[tuple[int, Judgement, str]]] = {}
     added: dict[int, PlannedRun] = {}
@@ -91,7 +99,8 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
             if kind == RUN:
                 row = _run_row(values)
                 # Two writers that made the same attempt found the same: the first one counts.
-                attempts.setdefault(row.number, {}).setdefault(row.attempt, row)
+                which = (row.attempt, repr(sorted(row.settings.items())))
+                attempts.setdefault(row.number, {}).setdefault(which, row)
             elif kind == TOLD:
                 at = (int(values["number"]), max(1, int(values.get("attempt", 1))))
                 given = {str(name): value for name, value in values["values"].items()}
@@ -108,7 +117,7 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
             elif kind == PAUSED:
                 paused.append(values)
             elif kind == MACHINE:
-                port = str(values["port"])
+                port = _port_of(**values)
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
             torn += 1
     return Rows(
@@ -121,6 +130,17 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
         torn,
         foreign,
     )
+
+
+def bench_of(port: str) -> str:
+    """Return the whole path of the file of a virtual bench; empty for every other machine."""
+    file = MachineAddress(port).bench_file
+    return "" if file is None else str(file.resolve())
+
+
+def _port_of(port: str, bench: str = "") -> str:
+    """Return the machine's port; a bench file by its whole path where its name leads to another one from here."""
+    return port if not bench or bench_of(port) == bench else f"{SIMULATOR}{bench}"
 
 
 def _run_row(values: dict[str, Any]) -> RunRow:

@@ -222,9 +222,7 @@ class Study:
     def optimize(self, *, workers: int = 1, executor: Callable[[], Executor] | None = None) -> Recommendation:
         """Make the design and then suggested runs, up to the number in [optimize]; return what is recommended."""
         self.run(workers=workers, executor=executor)
-        while batch := next_batch(self._state()):
-            with self._started().writer() as writer:
-                writer.planned(batch)
+        while self._added(next_batch):
             self.run(workers=workers, executor=executor)
         return self.recommend()
 

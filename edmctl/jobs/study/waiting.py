@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.jobs.study.on_machine import wants_new_tool
+from edmctl.jobs.study.optimizing import counted
 from edmctl.jobs.study.table import missing_manual
 from edmctl.results.study import RunState
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from edmctl.jobs.study.folder import StudyState
 
 MOST_NAMED = 8
@@ -29,7 +32,7 @@ def what_next(state: StudyState, command: str = "resume") -> list[str]:
     open_runs = [run.planned.number for run in state.runs if run.state is RunState.OPEN]
     failed = [run.planned.number for run in state.runs if run.state is RunState.FAILED]
     missing = missing_manual(state)
-    found = []
+    found: list[str] = []
     if failed:
         found.append(
             f"Runs that failed: {_numbers(failed)}. Judge each: `{study('judge')} RUN accept|reject|repeat "
@@ -48,15 +51,46 @@ def what_next(state: StudyState, command: str = "resume") -> list[str]:
             f"{names} of runs {_numbers([number for number, _ in missing])}: `{study('tell')} RUN "
             f"{missing[0][1][0]}=VALUE`, or `{study('import')} TABLE.csv`."
         )
-    if state.rows.torn:
-        found.append(f"{plural(state.rows.torn, 'line')} of the rows were cut off and count for nothing.")
-    if state.rows.foreign:
+    if (
+        not found
+        and command == "optimize"
+        and (left := state.folder.source.file.optimize.runs - counted(state)) > 0
+    ):
         found.append(
-            f"{plural(state.rows.foreign, 'line')} of the rows are of another study and count for nothing."
+            f"{plural(left, 'run')} of the optimisation to suggest and make: `{way_on(state, command)}`."
         )
     if not found:
         found.append(f"All is there: `{study('report')} --out PAGE.html`.")
-    return found
+    return [*found, *_not_counted(state)]
+
+
+def _not_counted(state: StudyState) -> list[str]:
+    """Lines of the rows that count for nothing, and why."""
+    whys = (
+        (state.rows.torn, "cut off or changed"),
+        (state.rows.foreign, "of another study"),
+        (state.strangers, "of runs with other settings, which another computer added under the same numbers"),
+    )
+    return [
+        f"{plural(lines, 'row')} {why}: {'it counts' if lines == 1 else 'they count'} for nothing."
+        for lines, why in whys
+        if lines
+    ]
+
+
+def not_yet_known(state: StudyState, numbers: Collection[int]) -> list[str]:
+    """Return which constraints some runs cannot be judged by before people tell what they have measured."""
+    bounds = {bound.response: str(bound) for bound in state.folder.plan.constraints}
+    lacking: dict[str, list[int]] = {}
+    for number, names in missing_manual(state):
+        for name in names:
+            if number in numbers and name in bounds:
+                lacking.setdefault(name, []).append(number)
+    return [
+        f"{bounds[name]} is not known yet: tell {name} of runs {_numbers(runs)} "
+        f"(`{state.folder.command('tell')} RUN {name}=VALUE`)."
+        for name, runs in lacking.items()
+    ]
 
 
 def _numbers(numbers: list[int]) -> str:
