@@ -95,6 +95,8 @@ def _record(
     session: MachineSession,
     written: Callable[[Path | None], None],
 ) -> None:
+    from edmctl.jobs.creep_left import CreepNote
+
     bench = session.bench
     identity = bench.machine.identity
     calibrate = (
@@ -113,6 +115,8 @@ def _record(
     )
     if warn is not None:
         warn(choice.warnings)
+    note = CreepNote(bench, plan.where, plan.surroundings.environ)
+    before = session.creep_left = note.read()
     act = prepare(session)
     if bench.machine.hello.fault and (latched := bench.machine.latched_fault()):
         raise latched
@@ -129,10 +133,15 @@ def _record(
         into = f", into {name.path}" if name else ""
         observer.note(f"{introduction(plan.where, bench)}{into}")
         name_tool(plan, session, ledger)
+        note.take_away()
         bench.begin()
         if plan.new_tool and bench.virtual is not None:
             bench.virtual.new_tool()
-        act(recorder)
+        try:
+            act(recorder)
+        finally:
+            if session.creep_left is not None and session.creep_left is not before:
+                note.leave(session.creep_left)
 
 
 def _no_locks(folder: Path) -> Diagnostic:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
@@ -57,7 +58,13 @@ def choose_drift(
         age = plural(int(age_s / _DAY_S), "day")
         return _ignored("W8107", f"{path} is {age} old; drift.max_age_days is {setup.drift.max_age_days:g}.")
     words = f"drift file {path} (sha256 {found.sha256[:12]})"
-    return DriftChoice(found.model(), words, read_source(path).text)
+    return DriftChoice(believed(found.model(), setup), words, read_source(path).text)
+
+
+def believed(model: DriftModel, setup: Setup) -> DriftModel:
+    """Return what a job goes by: with a drift between tool and work that was another one when it was measured."""
+    apart_u_um_per_s = math.hypot(model.apart_u_um_per_s, setup.drift.apart_u_um_per_s)
+    return replace(model, apart_u_um_per_s=apart_u_um_per_s)
 
 
 def _ignored(code: str, message: str) -> DriftChoice:

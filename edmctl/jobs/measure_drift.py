@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -90,7 +90,7 @@ class DriftRun:
             refuse_unknown_length(self._account, self._ledger.path.parent, self.plan.where.selector)
         actuator = session.choice.actuator if session.choice else None
         job = job_of(self.plan.loaded.profile, self.plan.setup, (), actuator)
-        return replace(with_home(job, history, session.bench.now), follows_creep=True)
+        return with_home(job, history, session.bench.now)
 
     def act(self, run: JobRun) -> None:
         """Touch, hold and rest."""

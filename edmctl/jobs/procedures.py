@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from edmctl.jobs.session import MachineSession
     from edmctl.jobs.surroundings import Warn
     from edmctl.jsonout import JsonValue
-    from edmctl.machine.controller import LinkMachine
     from edmctl.procedures.job import Job
     from edmctl.procedures.run import JobRun
     from edmctl.record.rows import Recorder
@@ -140,18 +139,21 @@ def perform(
     """
     from edmctl.procedures.job_state import JobTally
     from edmctl.procedures.session import running
+    from edmctl.process.rest_drift import CreepLeft
 
     tally = JobTally()
 
     def prepare(session: MachineSession) -> Callable[[Recorder], None]:
-        job = procedure.job(session, name, warn)
-        return lambda recorder: act(session.bench.machine, job, recorder)
+        job = replace(procedure.job(session, name, warn), creep_left=session.creep_left)
+        return lambda recorder: act(session, job, recorder)
 
-    def act(machine: LinkMachine, job: Job, recorder: Recorder) -> None:
-        with running(
-            machine, job, tally, recorder=recorder, observer=observer, pulses=procedure.pulses
-        ) as run:
-            procedure.act(run)
+    def act(session: MachineSession, job: Job, recorder: Recorder) -> None:
+        machine, pulses = session.bench.machine, procedure.pulses
+        try:
+            with running(machine, job, tally, recorder=recorder, observer=observer, pulses=pulses) as run:
+                procedure.act(run)
+        finally:
+            session.creep_left = tally.creep_left or CreepLeft.none(0.0)
         procedure.close(tally.time_s)
 
     def summary(session: MachineSession) -> dict[str, object]:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.calibration.selection import Choice
     from edmctl.jobs.drift_choice import DriftChoice
     from edmctl.machine.controller import LinkMachine
+    from edmctl.process.rest_drift import CreepLeft
     from edmctl.record.disk_thread import DiskThread
     from edmctl.record.ledger import Ledger
     from edmctl.record.ledger_entries import Entry
@@ -56,12 +57,16 @@ class ConnectedMachine:
 
 @dataclass(slots=True)
 class MachineSession:
-    """What a command has in hand as it goes, and in the end: `run_file` as it is called then, the expected error."""
+    """What a command has in hand as it goes, and in the end: `run_file` as it is called then, the expected error.
+
+    `creep_left` is what an earlier use of the actuator has left, and what this one leaves once it came to its end.
+    """
 
     bench: ConnectedMachine
     disk: DiskThread
     choice: Choice | None = None
     drift: DriftChoice | None = None
+    creep_left: CreepLeft | None = None
     run_file: Path | None = None
     error: EdmError | None = None
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from edmctl.actuator.model import ActuatorModel
     from edmctl.procedures.job_state import JobState
-    from edmctl.process.rest_drift import DriftModel
+    from edmctl.process.rest_drift import CreepLeft, DriftModel
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
 
@@ -47,7 +47,8 @@ class Job:
     lost in earlier jobs, as far as anybody knows.
     `home_um` is what the sensor showed of a tool at home `home_age_s` ago; NaN is since the controller came up.
     `drift_seen_um_s` is how fast the homes of earlier jobs allow it to move, `drift` what rests and touches have in
-    common where that was measured; `follows_creep` has the run find that out.
+    common where that was measured, `creep_left` what an earlier use of the actuator has left, None where nothing
+    has used it.
     """
 
     profile: Profile
@@ -62,7 +63,12 @@ class Job:
     home_age_s: float = math.nan
     drift_seen_um_s: float = 0.0
     drift: DriftModel | None = None
-    follows_creep: bool = False
+    creep_left: CreepLeft | None = None
+
+    @property
+    def unknown_use_s(self) -> float:
+        """How long ago the actuator may have been used in a way that nobody has followed; infinity: never."""
+        return math.inf if self.creep_left is None else self.creep_left.unknown_s
 
     @property
     def touch_basis(self) -> Basis:

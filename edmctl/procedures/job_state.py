@@ -12,6 +12,7 @@ from edmctl.results.progress import Phase
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from edmctl.process.rest_drift import CreepLeft
     from edmctl.results.job import Belief, ChannelResult
     from edmctl.results.telemetry import LinkReport
 
@@ -197,7 +198,8 @@ class JobTally:
     until it is measured; `unwritten` names finished holes whose results later touches may still correct.
     `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V, which was at `home_s`. `cut` is
     the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
-    `time_s` and `machining_time_s` count those of the runs before this one too.
+    `time_s` and `machining_time_s` count those of the runs before this one too. `creep_left` is what the actuator
+    creeps back yet after a run that came to its end.
     """
 
     sites: dict[str, SiteResult] = field(default_factory=dict)
@@ -219,6 +221,7 @@ class JobTally:
     home_um: float = 0.0
     home_s: float = math.nan
     beliefs: tuple[Belief, ...] = ()
+    creep_left: CreepLeft | None = None
 
     @property
     def sites_done(self) -> int:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from edmctl.errors import ObjectiveNotReached, PreconditionError, UsageError
 from edmctl.forecasts.measuring import again_s, move_time_s, park_to_pad_um, touch_time_s
 from edmctl.procedures.monitoring.beliefs import judge
-from edmctl.procedures.monitoring.drift import unused_s
 from edmctl.procedures.stages import move_to, retract
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.procedures.touch.reading import take_reading
@@ -147,7 +146,7 @@ def measure_drift(run: JobRun, plan: DriftPlan, expected_um: float) -> DriftReco
 def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[DriftFit, DriftResult]:
     """Regress touches on rests. Raises ObjectiveNotReached E7041 where they are not explained by drift and creep."""
     try:
-        fit = fit_drift(record.rests, record.touches, unused_s(run.job))
+        fit = fit_drift(record.rests, record.touches, run.job.unknown_use_s)
     except ValueError as error:
         raise _unexplained(f"the touches tell nothing: {error}") from error
     if fit.misfit > MOST_MISFIT:

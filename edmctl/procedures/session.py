@@ -113,8 +113,7 @@ def running(
     run = JobRun(machine, job, watch, recorder, observer, tally, keeper)
     left = job.resumed
     take_recipe(run, left.regime if left is not None and left.begun and not job.restart_hole else 0)
-    if job.drift is not None or job.follows_creep:
-        watch.follow_creep()
+    watch.follow_creep(job.creep_left)
     watch.guard(keeper.on_telemetry)
     watch.guard(LinkMonitor(run).on_telemetry)
     watch.guard(IdleMonitor(run).on_telemetry)
@@ -127,7 +126,7 @@ def running(
             run.begin(Phase.RETRACTING)
             machine.disarm()
             machine.stop_telemetry()
-            watch.settle()
+            tally.creep_left = watch.creep_left()
             record_link(run)
     except EdmError as error:
         _record_end(run, error, record_left)

@@ -51,6 +51,7 @@ DRIFT_MISFIT = 0.1
 one is taken out of them again. On the virtual machine 3 to 13 % were seen."""
 MEMORY_UM = 150.0
 """Way whose creep an earlier use of the actuator may have left, µm."""
+MOST_LAG_UM = 1000.0
 LEAST_SIGMAS = 3.0
 """A rest that has drifted by less than so many standard uncertainties tells no ratio."""
 LEAST_TOUCHES = 5
@@ -70,15 +71,48 @@ REST_V = 0.5
 """An actuator at less is at rest."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class CreepLeft:
+    """What an earlier use of the actuator has left: lags of its displacement, as in `CreepLags`.
+
+    `unknown_s` ago the actuator may have been used in a way that nobody has followed; infinity: never.
+    """
+
+    um: Floats
+    unknown_s: float
+
+    @classmethod
+    def none(cls, unknown_s: float = math.inf) -> CreepLeft:
+        """Of an actuator that was not used before, or not since so long."""
+        return cls(np.zeros(len(TIME_CONSTANTS_S)), unknown_s)
+
+    @classmethod
+    def of(cls, lags_um: Sequence[float], unknown_s: float) -> CreepLeft:
+        """Of values that were written down. Raises ValueError or TypeError where they cannot be."""
+        um = np.array(lags_um, dtype=np.float64)
+        if (
+            um.shape != (len(TIME_CONSTANTS_S),)
+            or not (np.abs(um) <= MOST_LAG_UM).all()
+            or not unknown_s >= 0.0
+        ):
+            raise ValueError("no creep of an actuator")
+        return cls(um, unknown_s)
+
+    def after(self, seconds: float) -> CreepLeft:
+        """Return what is left of it after a rest at 0 V."""
+        return CreepLeft(self.um * np.exp(-seconds / _TAU_S), self.unknown_s + seconds)
+
+
 class CreepLags:
     """First-order lags of the displacement over home (`um`), one of each of `TIME_CONSTANTS_S`.
 
-    The sensor's drift is in that displacement too. `out_s` are the same lags of the time since the begin while the
-    tool is out: of a drift by 1 µm/s.
+    They begin with what an earlier use has left. The sensor's drift is in that displacement too. `out_s` are the
+    same lags of the time since the begin while the tool is out: of a drift by 1 µm/s.
     """
 
-    def __init__(self) -> None:
-        self.um: Floats = np.zeros(len(TIME_CONSTANTS_S))
+    def __init__(self, left: CreepLeft | None = None) -> None:
+        self._before = CreepLeft.none() if left is None else left
+        self.um: Floats = self._before.um.copy()
         self.out_s: Floats = np.zeros(len(TIME_CONSTANTS_S))
         self._home_um = math.nan
         self._begin_s = self._time_s = math.nan
@@ -99,6 +133,12 @@ class CreepLags:
         self.um = self.um * kept[0] + np.where(is_out, displacement_um - self._home_um, 0.0) @ gains
         self.out_s = self.out_s * kept[0] + np.where(is_out, time_s - self._begin_s, 0.0) @ gains
         self._time_s = end_s
+
+    @property
+    def left(self) -> CreepLeft:
+        """What is left for whoever uses the actuator next."""
+        passed_s = 0.0 if math.isnan(self._time_s) else self._time_s - self._begin_s
+        return CreepLeft(self.um.copy(), self._before.unknown_s + passed_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -113,6 +113,11 @@ def default_drift_path(serial: str, environ: Mapping[str, str]) -> Path:
     return data_folder(environ) / "drift" / f"{quote(serial, safe=' ')}.toml"
 
 
+def creep_path(serial: str, environ: Mapping[str, str]) -> Path:
+    """Note of what the last use of the machine with that serial number has left, beside its drift file."""
+    return data_folder(environ) / "drift" / f"{quote(serial, safe=' ')}.creep.json"
+
+
 def fresh_drift_path(serial: str, environ: Mapping[str, str]) -> Path:
     """Drift file of a virtual machine that is gone with its command: no machine finds it by itself."""
     return _fresh(default_drift_path(serial, environ))

@@ -54,6 +54,12 @@ class Drift(Table):
     max_age_days: float = Field(
         30.0, gt=0.0, le=3650.0, description="older than this it counts no more, days"
     )
+    apart_u_um_per_s: float = Field(
+        0.0001,
+        ge=0.0,
+        le=1.0,
+        description="standard uncertainty of a drift between tool and work on another day, µm/s [assumed]",
+    )
     duration_s: float = Field(900.0, ge=300.0, le=14_400.0, description="touches and rests, hold included, s")
     interval_s: float = Field(60.0, ge=20.0, le=600.0, description="from touch to touch, s")
     hold_um: float = Field(250.0, ge=20.0, le=1000.0, description="depth of the hold between them, µm")

@@ -66,7 +66,6 @@ def measured(sensor_um_s: float, machine_um_s: float, plan: DriftPlan = SHORT) -
     shop = Shop()
     shop.bench.plant.unit.sensor_drift_um_s = sensor_um_s
     shop.bench.plant.unit.machine_drift_um_s = machine_um_s
-    shop.job = replace(shop.job, follows_creep=True)
     with running(
         shop.machine, shop.job, JobTally(), recorder=shop.seen, observer=shop.told, pulses=False
     ) as run:

@@ -100,7 +100,9 @@ def calibrate_machine(
     plan: CalibrationPlan, checked: CheckedCalibration, seed: int, observer: Observer, warn: Warn
 ) -> CalibrationReport:
     """Drive the machine, fit, and save. What was measured is kept where it comes to no calibration."""
+    from edmctl.jobs.creep_left import CreepNote
     from edmctl.procedures.actuator.calibration import measure_actuator
+    from edmctl.process.rest_drift import CreepLeft
     from edmctl.profile.folders import default_path, fresh_path
 
     with connected(None, checked.setup, seed, observer.note, checked.where, checked.surroundings) as bench:
@@ -108,9 +110,12 @@ def calibrate_machine(
         place = default_path if checked.where.lasting else fresh_path
         path = checked.output or place(identity.serial, checked.surroundings.environ)
         check_writable(path)
+        note = CreepNote(bench, checked.where, checked.surroundings.environ)
+        note.take_away()
         bench.begin()
         observer.note(introduction(checked.where, bench))
         measured = measure_actuator(bench.machine, checked.setup, plan, observer)
+        note.leave(CreepLeft.none(0.0))
     with _kept_on_failure(measured.record, path, warn):
         warn(_doubts(measured))
         findings = _fit([measured.record], checked, observer)

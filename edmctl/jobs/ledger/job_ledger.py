@@ -70,7 +70,7 @@ class JobLedger:
         environ, lasting = self.plan.surroundings.environ, self.plan.where.lasting
         session.drift = choose_drift(environ, self.plan.setup, serial, lasting=lasting)
         self.warn(session.drift.warnings)
-        job = replace(prepared.job, drift=session.drift.model)
+        job = replace(prepared.job, drift=session.drift.model, creep_left=session.creep_left)
         if self._ledger is not None:
             self.warn(prepared.refuse(self.plan, self._ledger.path.parent, resuming))
             self._places = prepared.places

@@ -10,7 +10,6 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Seen
-from edmctl.procedures.monitoring.drift import unused_s
 from edmctl.process.plane import CONTRADICTION_SDS
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.job import Belief
@@ -72,6 +71,6 @@ def _drift_um_s(run: JobRun, pads: Sequence[SurfaceReading]) -> tuple[float, flo
     drift, rests = run.job.drift, [pad.rest for pad in pads if pad.rest is not None]
     if drift is None or len(rests) < 2 or rests[-1].time_s - rests[0].time_s < LEAST_SPAN_S:
         return math.nan, math.nan
-    moved = drift.rest_moved(rests[0], rests[-1], unused_s(run.job))
+    moved = drift.rest_moved(rests[0], rests[-1], run.job.unknown_use_s)
     span_s = rests[-1].time_s - rests[0].time_s
     return moved.um / span_s, moved.left_u_um / span_s

@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import Displacement, displacement
-from edmctl.procedures.job import REPORT_DELAY_S
 from edmctl.process.touches import share_u
 
 if TYPE_CHECKING:
@@ -152,11 +151,6 @@ def uncertainty_now(job: Job, rests: Rests) -> Displacement:
     sensor_u = displacement_uncertainty(job)
     seen_um_s = share_u(max(rests.rate_um_s(), job.drift_seen_um_s))
     return replace(sensor_u, drift_u_um_per_s=max(sensor_u.drift_u_um_per_s, seen_um_s))
-
-
-def unused_s(job: Job) -> float:
-    """Return for how long the actuator had rested at least before the run; infinity where nothing had used it."""
-    return math.inf if math.isnan(job.home_age_s) else max(0.0, job.home_age_s - REPORT_DELAY_S)
 
 
 def counted_pause_s(job: Job) -> float:

@@ -20,7 +20,7 @@ from edmctl.machine.interface import (
 )
 from edmctl.procedures.actuator.tracker import FeedError, Trace
 from edmctl.procedures.monitoring.drift import Rests
-from edmctl.process.rest_drift import CreepLags, Rest
+from edmctl.process.rest_drift import CreepLags, CreepLeft, Rest
 from edmctl.record.rows import EventLevel, EventRow, RunEvent, ServoBlock
 
 if TYPE_CHECKING:
@@ -77,10 +77,18 @@ class Watch:
         self._lags: CreepLags | None = None
         self.last_rest: Rest | None = None
 
-    def follow_creep(self) -> None:
-        """From now on keep the lags of the displacement: rests tell of drift by them. Call it at home."""
+    def follow_creep(self, left: CreepLeft | None) -> None:
+        """From now on keep the lags of the displacement: rests tell of drift by them. Call it at home.
+
+        left : what an earlier use of the actuator has left, None where nothing has used it
+        """
         if self._sensor:
-            self._lags = CreepLags()
+            self._lags = CreepLags(left)
+
+    def creep_left(self) -> CreepLeft | None:
+        """Return what is left of the creep; None where it was not followed."""
+        self.settle()
+        return None if self._lags is None else self._lags.left
 
     def estimate_with(self, tracker: Tracker) -> None:
         """From now on estimate the displacement; the tracker has already seen what came so far."""

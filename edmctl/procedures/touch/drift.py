@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.monitoring.drift import unused_s
+from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.stages import move_to
 from edmctl.record.rows import RunEvent
 from edmctl.wording import duration
@@ -19,16 +19,23 @@ if TYPE_CHECKING:
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.touches import Drift
 
+SEEN_SHARE = 0.5
+"""A drift is clearly seen where its standard uncertainty is less than so much of it."""
+
 
 def drift_between(job: Job, first: SurfaceReading, last: SurfaceReading) -> Drift | None:
     """Return how much a touch drifted between two readings, by the rests before them.
 
-    None where nobody has measured what rests and touches of the machine have in common, and where a reading has no
-    rest, as one that an earlier run has left.
+    None where nobody has measured what rests and touches of the machine have in common, where a reading has no
+    rest, as one that an earlier run has left, and where the setup knows the drift better than these rests do:
+    creep of a use that nobody has followed is in them. A drift that is clearly seen counts against the setup.
     """
     if job.drift is None or first.rest is None or last.rest is None:
         return None
-    return job.drift.between(first.rest, last.rest, last.time_s - first.time_s, unused_s(job))
+    seconds = last.time_s - first.time_s
+    found = job.drift.between(first.rest, last.rest, seconds, job.unknown_use_s)
+    believed_u_um = displacement_uncertainty(job).drift_u_um_per_s * seconds
+    return found if found.left_u_um < max(believed_u_um, SEEN_SHARE * abs(found.um)) else None
 
 
 def rest_before_pad(run: JobRun, first: SurfaceReading) -> None:
@@ -39,7 +46,7 @@ def rest_before_pad(run: JobRun, first: SurfaceReading) -> None:
     move_to(run, run.job.pad)
     now = run.watch.last_rest
     assert now is not None
-    more_s = model.rest_that_pays_s(first.rest, now, now.time_s - first.time_s, unused_s(run.job))
+    more_s = model.rest_that_pays_s(first.rest, now, now.time_s - first.time_s, run.job.unknown_use_s)
     if not more_s:
         return
     message = (

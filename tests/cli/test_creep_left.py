@@ -1,0 +1,76 @@
+"""Creep that one command leaves for the next one: noted, taken away in between, and never guessed."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from tests.cli.commands import Here
+
+HOLE = ("machine", "--profile", "cu270", "--set", "target.depth_um=12", "--json", "--quiet")
+JUMPS = ("jump-flush", "--profile", "cu270", "--count", "1", "--json", "--quiet")
+
+
+def notes(home: Path) -> list[Path]:
+    return sorted((home / "drift").glob("*.creep.json"))
+
+
+@pytest.fixture
+def home(here: Here) -> Path:
+    """Where edmctl keeps what it knows of machines."""
+    assert here is not None
+    return Path(os.environ["EDMCTL_HOME"])
+
+
+def test_a_job_on_a_bench_leaves_its_creep_and_the_next_one_knows_the_use_before(
+    home: Path, here: Here
+) -> None:
+    assert here(*HOLE, "--port", "sim:b.h5", "--seed", "3").document["ok"]
+    (note,) = notes(home)
+    first = json.loads(note.read_text(encoding="utf-8"))
+    assert first["unknown_s"] is None  # a new bench was never used before
+    assert max(first["lags_um"]) > 1.0
+    assert here(*HOLE, "--port", "sim:b.h5").document["ok"]
+    second = json.loads(note.read_text(encoding="utf-8"))
+    assert second["unknown_s"] is None
+    assert second["bench_s"] > first["bench_s"]
+    slowest = -1
+    assert second["lags_um"][slowest] > first["lags_um"][slowest]  # both holes are in it
+
+
+def test_without_a_note_the_actuator_may_have_been_used_just_now(home: Path, here: Here) -> None:
+    assert here(*HOLE, "--port", "sim:b.h5", "--seed", "3").document["ok"]
+    (note,) = notes(home)
+    note.unlink()
+    assert here(*HOLE, "--port", "sim:b.h5").document["ok"]
+    found = json.loads(note.read_text(encoding="utf-8"))
+    assert 10.0 < found["unknown_s"] < 3600.0
+
+
+@pytest.mark.parametrize(
+    "damage", ["{", '{"schema": "edmctl-creep/1"}', "[]", '{"schema": "edmctl-creep/2", "lags_um": []}']
+)
+def test_a_note_that_cannot_be_is_none(home: Path, here: Here, damage: str) -> None:
+    assert here(*JUMPS, "--port", "sim:b.h5", "--seed", "3").document["ok"]
+    (note,) = notes(home)
+    note.write_text(damage, encoding="utf-8")
+    assert here(*JUMPS, "--port", "sim:b.h5").document["ok"]
+    assert json.loads(note.read_text(encoding="utf-8"))["unknown_s"] < 3600.0
+
+
+def test_a_fresh_machine_leaves_no_note(home: Path, here: Here) -> None:
+    assert here(*JUMPS, "--seed", "3").document["ok"]
+    assert not notes(home)
+
+
+def test_a_copy_of_a_bench_is_another_machine(home: Path, here: Here) -> None:
+    assert here(*JUMPS, "--port", "sim:b.h5", "--seed", "3").document["ok"]
+    Path("b.h5").rename("c.h5")
+    assert here(*JUMPS, "--port", "sim:c.h5").document["ok"]
+    (note,) = notes(home)
+    assert json.loads(note.read_text(encoding="utf-8"))["unknown_s"] < 3600.0
