@@ -83,6 +83,11 @@ class Identification:
     screening: Screening | None = None
 
     @property
+    def stroke_um(self) -> float:
+        """Displacement from trough to crest of a slow full cycle, µm."""
+        return self.model.stroke_um
+
+    @property
     def accepted(self) -> bool:
         """Whether nothing stands against using the model."""
         return not self.problems

@@ -234,10 +234,11 @@ class ActuatorModel:
         if not self.creep_um_per_v.any():
             return 0.0
         times_s = np.array([CREEP_FROM_S, CREEP_TO_S])
-        state = ActuatorState.conditioned(self)
-        start_um = self.at_once_um(state, self.low_v)
-        self.advance(state, np.array([0.0]), np.array([self.high_v]))
-        first_um, last_um = self.advance(state, times_s, np.full(2, self.high_v))
+        actuator = self.without_lag  # a lag takes a step of 0.1 s as a straight way
+        state = ActuatorState.conditioned(actuator)
+        start_um = actuator.at_once_um(state, self.low_v)
+        actuator.advance(state, np.array([0.0]), np.array([self.high_v]))
+        first_um, last_um = actuator.advance(state, times_s, np.full(2, self.high_v))
         decades = float(np.log10(CREEP_TO_S / CREEP_FROM_S))
         return float((last_um - first_um) / (first_um - start_um)) / decades
 

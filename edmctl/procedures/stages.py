@@ -42,6 +42,8 @@ _OF_ANOTHER_BENCH = (
     "before where the seed is the same. Keep its runs in another folder (--out), or serve it with another --seed; "
     "with --bench FILE it stays the same machine."
 )
+SETTABLE_BELOW_UM = 4.9
+"""Nor one that lies 5 µm beyond the tool at rest: nothing pulls a tool beyond home."""
 SETTABLE_UM = 24.0
 """The controller takes no home that the tool rests 25 µm from: while creep holds it lower the host waits."""
 
@@ -58,6 +60,8 @@ def retract(run: JobRun) -> None:
     while True:
         home = home_now(run)
         over_um, most_um = run.watch.displacement_um - home.um, most_over_um(run, home)
+        if over_um < -SETTABLE_BELOW_UM and run.job.calibration is not None:
+            raise _of_another_actuator(over_um)
         if over_um <= most_um and _is_home_set(run, home, over_um):
             break
         if run.machine.time_s > end_s:
@@ -72,6 +76,15 @@ def _is_home_set(run: JobRun, home: Home, over_um: float) -> bool:
         run.machine.set_zero(home.um)
     safe_z_um = controller_settings(run.profile, run.setup).safe_z_um
     return run.watch.displacement_um - run.machine.zero_um <= safe_z_um - READING_MARGIN_UM
+
+
+def _of_another_actuator(over_um: float) -> PreconditionError:
+    return PreconditionError(
+        f"The calibration is not this actuator's: the tool rests {-over_um:.0f} µm nearer at 0 V, by the sensor, than "
+        "it has home.",
+        hint="Run `edmctl calibrate` here, or leave the calibration out.",
+        code="E8038",
+    )
 
 
 def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> PreconditionError:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 _NORMAL_97_5 = 1.959963984540054
 TOUCH_SD_PRIOR_UM = 0.2
 """Repeatability of one touch expected before any was made: sensor noise and contact hunting."""
+MOST_RATIO = 1e3
+"""Of an uncertainty to the touches' noise: beyond, its degrees of freedom are as good as infinite."""
 TOUCH_PRIOR_DOF = 2.0
 """Weight of that expectation, as if it came from three earlier touches."""
 SPOT_SIGMAS = 3.0
@@ -150,7 +152,7 @@ class _Noise:
         combined = math.hypot(noise_um, *systematic_um)
         if noise_um == 0.0:
             return _NORMAL_97_5 * combined
-        return student_97_5(self.dof * (combined / noise_um) ** 4) * combined
+        return student_97_5(self.dof * min(combined / noise_um, MOST_RATIO) ** 4) * combined
 
 
 def _pooled(readings: tuple[Reading, ...], prior_sd_um: float) -> _Noise:

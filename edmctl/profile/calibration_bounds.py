@@ -30,6 +30,8 @@ MOST_CREEP_SHARE = 1.0
 STROKE_FACTOR = 1.5
 """Between the stroke that the quality states and that of the model's weights."""
 ROUNDING = 1e-3
+MOST_ACCEPTED_RMS_PCT, MOST_ACCEPTED_MAX_PCT = 0.5, 4.0
+"""Held-out errors that no calibration was ever accepted beyond, % of the range."""
 
 
 class Errors(Protocol):
@@ -96,6 +98,10 @@ def contradictions(quality: Stated, model: ActuatorModel) -> Iterator[str]:
     if quality.accepted == bool(quality.problems):
         verdict = "accepted" if quality.accepted else "not accepted"
         yield f"it is {verdict} with {len(quality.problems)} problems against it"
+    if quality.accepted and (
+        quality.held_out.rms_pct > MOST_ACCEPTED_RMS_PCT or quality.held_out.max_pct > MOST_ACCEPTED_MAX_PCT
+    ):
+        yield f"it is accepted with errors of {quality.held_out.rms_pct:.3g} % RMS, {quality.held_out.max_pct:.3g} %"
     yield from _of_figures(quality.held_out, "held_out")
     yield from _of_figures(quality.train, "train")
 

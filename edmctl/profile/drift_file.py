@@ -25,6 +25,8 @@ SCHEMA: Final = "edmctl-drift/1"
 AGAIN = "Run edmctl measure-drift again, or say use = false under [drift] in the setup."
 MOST_CREEP_PER_CONSTANT = 0.15
 """Of any one time constant: three times what piezo actuators creep in a decade of time."""
+LEAST_CREEP = -0.05
+"""Of all time constants together: noise may make it less than none."""
 MOST_SHARE_U = 1.0
 
 
@@ -104,7 +106,11 @@ class DriftFile(Table):
             raise ValueError("its arrays do not fit each other") from None
         if np.abs(creep).max() > MOST_CREEP_PER_CONSTANT:
             raise ValueError(f"a creep of {np.abs(creep).max():.2g} is none that an actuator has")
+        if not LEAST_CREEP <= creep.sum() <= len(creep) * MOST_CREEP_PER_CONSTANT:
+            raise ValueError(f"a creep of {creep.sum():.2g} in all is none that an actuator has")
         scale = float(np.abs(covariance).max())
+        if not scale <= MOST_CREEP_PER_CONSTANT**2:
+            raise ValueError(f"a creep that is known to {math.sqrt(scale):.2g} is not known")
         asymmetric = not np.allclose(covariance, covariance.T, rtol=0.0, atol=1e-9 * scale)
         if asymmetric or float(np.linalg.eigvalsh(covariance)[0]) < -1e-6 * scale:
             raise ValueError("its covariance is none")

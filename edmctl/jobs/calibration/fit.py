@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.identification import fit_line, fit_maxwell, identify
@@ -145,7 +145,7 @@ def find(
     Raises RecordError E3619 when the records allow no fit.
     """
     try:
-        found = identify(records, delay_s=delay_s)
+        found = _possible(identify(records, delay_s=delay_s))
         late_s, counting = found.model.delay_s, found.screening
         baselines = {
             "line": fit_line(records, late_s, counting),
@@ -171,6 +171,18 @@ def find(
         refit=refit,
         warnings=(*_problems(found), *_beyond(found.model, validation)),
     )
+
+
+def _possible(found: Identification) -> Identification:
+    """The same, not accepted where no actuator that feeds a tool can be like it: its file would be refused."""
+    from edmctl.profile.calibration_bounds import contradictions
+
+    wrong = [
+        f"No actuator that feeds a tool is like that: {one}. What the record shows is beyond what is looked for, "
+        "such as a lag of more than 20 ms."
+        for one in contradictions(found, found.model)
+    ]
+    return replace(found, problems=(*found.problems, *wrong)) if wrong else found
 
 
 def _judged(
