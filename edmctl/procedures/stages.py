@@ -80,8 +80,8 @@ def _is_home_set(run: JobRun, home: Home, over_um: float) -> bool:
 
 def _of_another_actuator(over_um: float) -> PreconditionError:
     return PreconditionError(
-        f"The calibration is not this actuator's: the tool rests {-over_um:.0f} µm nearer at 0 V, by the sensor, than "
-        "it has home.",
+        f"The calibration is not this actuator's: at 0 V the sensor shows the tool {-over_um:.0f} µm "
+        "nearer than it has home.",
         hint="Run `edmctl calibrate` here, or leave the calibration out.",
         code="E8038",
     )

@@ -1,4 +1,5 @@
 import dataclasses
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -157,3 +158,9 @@ def test_no_loop_runs_on_a_state_of_another_model() -> None:
 def test_a_model_that_could_not_work_is_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(make_model(), **change)  # type: ignore[arg-type]
+
+
+def test_creep_of_a_model_with_a_lag_is_that_behind_it() -> None:
+    plain = make_model(creep=0.01)
+    lagging = replace(plain, lag_s=0.005)
+    assert lagging.gamma_per_decade == pytest.approx(plain.gamma_per_decade, rel=1e-12)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -17,6 +17,7 @@ from edmctl.process.rest_drift import (
     REST_SHARE,
     RESTS_S,
     CreepLags,
+    CreepLeft,
     DriftFit,
     DriftModel,
     PadTouch,
@@ -259,3 +260,54 @@ def test_several_rests_are_one_as_the_touches_are() -> None:
     assert (together.time_s, together.um) == pytest.approx((20.0, 2.0))
     np.testing.assert_allclose(together.lags_um, 4.0 / 3.0)
     assert mean_rest([first, None], [0.5, 0.5]) is None
+
+
+def test_lags_go_on_from_what_an_earlier_run_has_left() -> None:
+    deep = np.full(600, DEEP_UM)
+    deep[0] = deep[-1] = 0.0
+    volts = np.where(deep > 0.0, 100.0, 0.0)
+    time_s = np.arange(1.0, 601.0)
+    whole, first = CreepLags(), CreepLags()
+    for lags in (whole, first):
+        lags.advance(time_s, deep, volts)
+    pause_s = 240.0
+    second = CreepLags(first.left.after(pause_s))
+    second.advance(time_s, deep, volts)
+    # The later run begins with its first sample: between the two the tool rests.
+    whole.advance(np.concatenate(([599.0 + pause_s + 1.0], time_s[1:] + 599.0 + pause_s)), deep, volts)
+    assert second.um == pytest.approx(whole.um, rel=0.01, abs=0.05)
+    assert first.left.unknown_s == math.inf
+    known = CreepLags(CreepLeft.none(30.0))
+    known.advance(time_s, deep, volts)
+    assert known.left.after(pause_s).unknown_s == pytest.approx(30.0 + 599.0 + pause_s)
+
+
+@pytest.mark.parametrize("lags_um", [[0.0] * 8, [math.nan] * 9, [2000.0] + [0.0] * 8])
+def test_creep_that_cannot_be_left_is_refused(lags_um: list[float]) -> None:
+    with pytest.raises(ValueError, match="no creep"):
+        CreepLeft.of(lags_um, 0.0)
+
+
+def test_the_second_of_two_jobs_knows_its_drift_as_well_as_the_first() -> None:
+    model = model_of(measured(SENSOR, 0.0))
+    actuator = Actuator(SENSOR, 0.0, np.random.default_rng(5))
+    left: CreepLeft | None = None
+    unknown_us, known_us = [], []
+    for _ in range(2):
+        actuator.lags = CreepLags(left)
+        actuator.stay(0.0, 5.0)
+        first = actuator.rest()
+        actuator.stay(DEEP_UM, 600.0)
+        actuator.stay(0.0, 20.0)
+        last = actuator.rest()
+        seconds = last.time_s - first.time_s
+        # Times of a run count from its begin.
+        first, last = (replace(one, time_s=one.time_s - first.time_s + 5.0) for one in (first, last))
+        known = model.between(first, last, seconds, math.inf if left is None else left.unknown_s)
+        assert abs(known.um - SENSOR * seconds) < 2.0 * known.left_u_um
+        known_us.append(known.left_u_um)
+        unknown_us.append(model.between(first, last, seconds, 0.0).left_u_um)
+        left = actuator.lags.left.after(60.0)
+        actuator.stay(0.0, 60.0)
+    assert known_us[1] < 1.2 * known_us[0]
+    assert unknown_us[1] > 3.0 * known_us[1]
