@@ -40,6 +40,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> StudyFolder:
         b"run;ra_um\n1;0,31\n2;0,4\n",
         '\ufeffrun;Bemerkung;ra_um\r\n1;"glatt; fein";0,31\r\n2;;0,4\r\n'.encode(),
         b"run\tra_um\n1\t0,31\n2\t0.4\n",
+        b"run,ra_um,,\n1,0.31,,\n2,0.4\n,,,\n",
         b"\nrun, ra_um\n1, 0.31\n2, 0.4\n3,\n",
         "run;Maß;ra_um\n1;µ;0,31\n2;;0,4\n".encode("latin-1"),
     ],
@@ -65,6 +66,10 @@ def test_tables_of_spreadsheets_are_read(tmp_path: Path, study: StudyFolder, con
         ("run;ra_um\n1;310\n", "ra.csv, line 2: ra_um = 310 µm is not possible"),
         ("run,ra_um\n1,0.3\n1,0.4\n", "ra.csv, line 3: run 1 stands in the table twice"),
         ("run,ra_um\n1,0.3\n4,0.4\n", "ra.csv, line 3: Run 4 is not made yet"),
+        ("run,ra_um\n2,1,21\n", "ra.csv, line 2: 3 cells under a header of 2. Write numbers with a decimal"),
+        ("run,ra_um,,\n2,1,21,\n", "ra.csv, line 2: 3 cells under a header of 2."),
+        ("run;ra_um\n2;1;fine\n", "ra.csv, line 2: 3 cells under a header of 2. Delete the cells"),
+        ("\nrun,ra_um,ra_um\n2,1,2\n", "ra.csv, line 2: two columns are called ra_um. Keep one"),
     ],
 )
 def test_what_is_wrong_with_a_table_is_said_with_file_and_line(
@@ -149,6 +154,8 @@ def test_points_of_a_design_come_from_the_same_tables(tmp_path: Path) -> None:
         ("duty,servo.reference\n0.4,0.7\n", "no column pulse.duty; its columns are duty, servo.reference"),
         ("", "it is empty"),
         ("pulse.duty,servo.reference\n", "no row"),
+        ("pulse.duty,servo.reference\n0,4,0,7\n", "line 2: 4 cells under a header of 2"),
+        ("pulse.duty,pulse.duty,servo.reference\n0.2,0.4,0.7\n", "line 1: two columns are called pulse.duty"),
     ):
         file.write_text(content, encoding="utf-8")
         with pytest.raises(ProfileError, match=says):

@@ -355,7 +355,7 @@ def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     try:
         table = read_texts(source.path.parent / name)
     except RecordError as error:
-        raise Refused(error.message.rstrip("."), "name a table that is saved as CSV", "file") from None
+        raise Refused(error.message.rstrip("."), error.hint.rstrip("."), "file") from None
     missing = [f.key for f in factors if f.key not in table.names]
     if missing or not table.rows:
         found = f"; its columns are {', '.join(table.names)}" if table.names else ": it is empty"

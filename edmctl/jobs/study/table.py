@@ -233,13 +233,13 @@ def refuse_untellable(response: Response, value: float) -> None:
 
 
 def read_table(path: Path) -> TextTable:
-    """Read a table that somebody has made. Raises UsageError E2106 where there is none."""
+    """Read a table that somebody has made. Raises UsageError E2106 where there is none, or a row does not fit."""
     from edmctl.record.delimited import read_texts
 
     try:
         return read_texts(path)
     except RecordError as error:
-        raise UsageError(error.message, hint="Name a table that is saved as CSV.", code="E2106") from None
+        raise UsageError(error.message, hint=error.hint, code="E2106") from None
 
 
 def told_table(state: StudyState, table: TextTable, name: str) -> dict[int, dict[str, float]]:
