@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -265,6 +266,11 @@ class ConfirmedResponse:
     low: float
     high: float
     measured: tuple[float, ...]
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether something was measured, and an interval was there to test."""
+        return bool(self.measured) and math.isfinite(self.low)
 
     @property
     def held(self) -> int:

@@ -196,9 +196,9 @@ def best_of_points(state: StudyState) -> Recommendation:
             f"The point with the highest grey relational grade of those that were run{_known_to_keep(plan)}: a "
             "preference by weights."
         )
-    if is_one_machine(analysis.runs):
-        basis += " What is expected is of runs on the one machine of the study: others may differ by more."
     expected = expected_at(state, analysis.responses, best.settings)
+    if expected and is_one_machine(analysis.runs):
+        basis += " What is expected is of runs on the one machine of the study: others may differ by more."
     return recommendation(state, best.settings, expected, basis, is_feasible=best.is_feasible)
 
 
@@ -217,7 +217,7 @@ def recommendation(
 ) -> Recommendation:
     """Return settings that are recommended with what `expected_at` says of them."""
     if not expected:
-        basis += " The runs make no model: what is to be expected there is not known."
+        basis += " The runs do not tell what is to be expected there."
     if wide := tells_little(state, expected):
         basis += (
             f" The interval of {', '.join(wide)} is wider than all that was measured: the runs tell little of what "

@@ -53,9 +53,7 @@ def expected_at(
     else:
         runs = [run for run in fitting_runs(state) if run.state is RunState.DONE]
         found = {
-            one.name: expected
-            for one in analyses
-            if one.model and (expected := _by_analysis(state, one, one.model, runs, settings))
+            one.name: expected for one in analyses if (expected := _by_analysis(state, one, runs, settings))
         }
     return {name: _possible(name, values) for name, values in found.items()}
 
@@ -63,7 +61,6 @@ def expected_at(
 def _by_analysis(
     state: StudyState,
     analysis: ResponseAnalysis,
-    model: ResponseModel,
     runs: Sequence[StudyRun],
     settings: Mapping[str, Value],
 ) -> tuple[float, float, float] | None:
@@ -74,7 +71,9 @@ def _by_analysis(
         for row, value in zip(analysis.used, analysis.adjusted, strict=True)
         if settings_key(runs[row].planned.settings) == key
     ]
-    return model.at_point(own, points) or predicted(state.folder.plan, model, settings)
+    return analysis.at_point(own, points) or (
+        predicted(state.folder.plan, analysis.model, settings) if analysis.model is not None else None
+    )
 
 
 def _possible(name: str, values: tuple[float, float, float]) -> tuple[float, float, float]:

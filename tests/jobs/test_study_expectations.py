@@ -1,0 +1,83 @@
+"""What is expected of runs at settings, and what confirmation says of it then and later."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from edmctl.console.study_tables import render_confirmation, render_recommendation
+from edmctl.jobs.study.analysis import analysis_of
+from edmctl.jobs.study.confirming import confirmation_runs, confirmations_of
+from edmctl.jobs.study.evaluate import bare_row
+from edmctl.jobs.study.optimizing import recommended
+from edmctl.report.study_words import confirmed
+from tests.jobs.studies import HEAD, made
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from edmctl.jobs.study.folder import StudyFolder
+
+FACTORS = "".join(
+    f"[[factors]]\nkey = '{key}'\nname = '{name}'\nlevels = {levels}\n"
+    for key, name, levels in (
+        ("servo.reference", "reference", [0.70, 0.75, 0.80]),
+        ("pulse.duty", "duty", [0.2, 0.3, 0.4]),
+        ("pulse.frequency_hz", "frequency", [1500, 2300, 3100]),
+        ("pulse.current_a", "current", [0.08, 0.10, 0.12]),
+    )
+)
+TIME = "[[responses]]\nname = 'machining_time_s'\n"
+SATURATED = f"{HEAD}{FACTORS}[design]\nkind = 'taguchi'\nreplicates = 3\n{TIME}"
+
+
+def tell(folder: StudyFolder, seed: int = 1) -> None:
+    """Make rows of the open runs: shorter with the duty, with scatter of 1 s within and between machines."""
+    rng = np.random.default_rng(seed)
+    with folder.writer() as writer:
+        for run in folder.read().runs:
+            if run.row is None:
+                machine = float(np.random.default_rng(run.planned.block).normal())
+                time_s = 80.0 - 100.0 * float(run.planned.settings["pulse.duty"]) + machine + rng.normal()
+                row = bare_row(run.planned, 1, run.planned.seed, datetime.now(UTC))
+                writer.run(replace(row, responses={"machining_time_s": float(time_s)}))
+
+
+def confirm(folder: StudyFolder, settings: Mapping[str, object], runs: int = 3) -> None:
+    with folder.writer() as writer:
+        writer.planned(confirmation_runs(folder.read(), settings, runs))  # type: ignore[arg-type]
+    tell(folder, seed=2)
+
+
+def test_points_that_were_repeated_tell_what_to_expect_without_a_model(tmp_path: Path) -> None:
+    """An array with a factor in every column needs every point, and its replicates still tell."""
+    folder = made(tmp_path, SATURATED)
+    tell(folder)
+    (analysis,) = analysis_of(folder.read()).responses
+    assert analysis.model is None
+    best = recommended(folder.read())
+    low, high = best.low["machining_time_s"], best.high["machining_time_s"]
+    assert low < 80.0 - 100.0 * float(best.settings["pulse.duty"]) < high
+    assert 4.0 < high - low < 40.0
+    confirm(folder, best.settings)
+    state = folder.read()
+    (found,) = confirmations_of(state, analysis_of(state).responses)
+    assert found.responses[0].held == 3
+
+
+def test_what_is_not_expected_has_no_table_and_is_not_refuted(tmp_path: Path) -> None:
+    folder = made(tmp_path, SATURATED.replace("replicates = 3", ""))
+    tell(folder)
+    best = recommended(folder.read())
+    assert not best.expected
+    assert "expected" not in render_recommendation(best).replace("to be expected", "")
+    confirm(folder, best.settings)
+    state = folder.read()
+    (found,) = confirmations_of(state, analysis_of(state).responses)
+    assert "expected nothing" in confirmed(state.folder.plan, [found])[0]
+    assert "held" not in render_confirmation(replace(found, responses=()))
