@@ -256,6 +256,11 @@ class Recommendation:
     constraints: tuple[str, ...] = ()
     """Those that it has to keep."""
 
+    @property
+    def intervals(self) -> dict[str, tuple[float, float, float]]:
+        """What is expected, and the bounds of its 95 % interval, by response."""
+        return {name: (value, self.low[name], self.high[name]) for name, value in self.expected.items()}
+
 
 @dataclass(frozen=True, slots=True)
 class ConfirmedResponse:

@@ -9,19 +9,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from edmctl.cli.app import main
 from edmctl.console.study_tables import render_confirmation, render_recommendation
 from edmctl.jobs.study.analysis import analysis_of
-from edmctl.jobs.study.confirming import confirmation_runs, confirmations_of
+from edmctl.jobs.study.confirming import confirmation_runs, confirmations_of, suggested_runs
 from edmctl.jobs.study.evaluate import bare_row
 from edmctl.jobs.study.optimizing import recommended
 from edmctl.report.study_words import confirmed
 from tests.jobs.studies import HEAD, made
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
     from edmctl.jobs.study.folder import StudyFolder
+    from edmctl.results.study import Recommendation
 
 FACTORS = "".join(
     f"[[factors]]\nkey = '{key}'\nname = '{name}'\nlevels = {levels}\n"
@@ -48,9 +49,11 @@ def tell(folder: StudyFolder, seed: int = 1) -> None:
                 writer.run(replace(row, responses={"machining_time_s": float(time_s)}))
 
 
-def confirm(folder: StudyFolder, settings: Mapping[str, object], runs: int = 3) -> None:
+def confirm(folder: StudyFolder, best: Recommendation, runs: int = 3, *, is_kept: bool = True) -> None:
+    """Confirm a recommendation as the command does, or as it did before it kept what was expected."""
     with folder.writer() as writer:
-        writer.planned(confirmation_runs(folder.read(), settings, runs))  # type: ignore[arg-type]
+        expected = best.intervals if is_kept else {}
+        writer.planned(confirmation_runs(folder.read(), best.settings, runs), expected)
     tell(folder, seed=2)
 
 
@@ -64,9 +67,9 @@ def test_points_that_were_repeated_tell_what_to_expect_without_a_model(tmp_path:
     low, high = best.low["machining_time_s"], best.high["machining_time_s"]
     assert low < 80.0 - 100.0 * float(best.settings["pulse.duty"]) < high
     assert 4.0 < high - low < 40.0
-    confirm(folder, best.settings)
+    confirm(folder, best)
     state = folder.read()
-    (found,) = confirmations_of(state, analysis_of(state).responses)
+    (found,) = confirmations_of(state)
     assert found.responses[0].held == 3
 
 
@@ -76,8 +79,47 @@ def test_what_is_not_expected_has_no_table_and_is_not_refuted(tmp_path: Path) ->
     best = recommended(folder.read())
     assert not best.expected
     assert "expected" not in render_recommendation(best).replace("to be expected", "")
-    confirm(folder, best.settings)
+    confirm(folder, best)
     state = folder.read()
-    (found,) = confirmations_of(state, analysis_of(state).responses)
+    (found,) = confirmations_of(state)
     assert "expected nothing" in confirmed(state.folder.plan, [found])[0]
     assert "held" not in render_confirmation(replace(found, responses=()))
+
+
+@pytest.mark.parametrize("is_kept", [True, False])
+def test_what_a_confirmation_was_to_confirm_does_not_change_afterwards(tmp_path: Path, is_kept: bool) -> None:
+    """Suggestions let Gaussian processes tell from then on; what was expected before them stays."""
+    folder = made(tmp_path, f"{SATURATED}[[objectives]]\nresponse = 'machining_time_s'\n")
+    tell(folder)
+    best = recommended(folder.read())
+    confirm(folder, best, is_kept=is_kept)
+    (before,) = confirmations_of(folder.read())
+    one = before.responses[0]
+    assert (one.expected, one.low, one.high) == pytest.approx(best.intervals["machining_time_s"])
+    with folder.writer() as writer:
+        writer.planned(suggested_runs(folder.read(), [best.settings] * 2))
+    tell(folder, seed=3)
+    state = folder.read()
+    assert recommended(state).intervals != best.intervals
+    assert confirmations_of(state) == [before]
+
+
+def test_each_confirmation_is_judged_by_what_was_expected_of_it(tmp_path: Path) -> None:
+    folder = made(tmp_path, f"{SATURATED}[[objectives]]\nresponse = 'machining_time_s'\n")
+    tell(folder)
+    first = recommended(folder.read())
+    confirm(folder, first)
+    other = replace(first, low={"machining_time_s": 1.0}, high={"machining_time_s": 2.0})
+    confirm(folder, other, runs=2)
+    found = confirmations_of(folder.read())
+    assert [one.settings for one in found] == [first.settings] * 2
+    assert [(one.responses[0].held, len(one.runs)) for one in found] == [(3, 3), (0, 2)]
+
+
+def test_the_command_keeps_what_it_expects(tmp_path: Path) -> None:
+    folder = made(tmp_path, SATURATED)
+    tell(folder)
+    best = recommended(folder.read())
+    assert main(["study", "confirm", str(folder.path), "--runs", "1", "--quiet"]) == 0
+    state = folder.read()
+    assert state.rows.expected == {state.runs[-1].planned.number: best.intervals}

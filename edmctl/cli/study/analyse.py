@@ -49,7 +49,7 @@ def report(
     state = study.read()
     found = analysis_of(state)
     best = recommendation_or_none(state, shell())
-    confirmations = confirmations_of(state, found.responses)
+    confirmations = confirmations_of(state)
     outcome.result = mapping_of(found, best, confirmations)
     names = ranked_by(study.plan)
     style = stream_style(sys.stdout)

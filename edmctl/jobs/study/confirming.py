@@ -34,7 +34,6 @@ from edmctl.wording import plural
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from edmctl.doe.response_analysis import ResponseAnalysis
     from edmctl.jobs.study.folder import StudyState
     from edmctl.results.study import Choice, StudyPlan, Value
 
@@ -43,21 +42,38 @@ FRESH_SEEDS = 1_000_003
 """Machines of confirmation runs are so far from those of the design that no study's seeds come near."""
 
 
-def confirmations_of(state: StudyState, analyses: Sequence[ResponseAnalysis]) -> list[Confirmation]:
-    """Return what the confirmation runs that are done came to, by their settings."""
+def confirmations_of(state: StudyState) -> list[Confirmation]:
+    """Return what the confirmation runs that are done came to, by their settings and what was expected of them then.
+
+    Limits are of all runs at the settings.
+    """
     found = []
-    for members in confirmed_settings(state).values():
-        expected = expected_at(state, analyses, members[0].planned.settings)
-        responses = []
-        for name in (one.name for one in state.folder.plan.responses):
-            value, low, high = expected.get(name, (math.nan, math.nan, math.nan))
-            measured = [v for run in members if (v := run.value(name)) is not None]
-            if measured:
-                responses.append(ConfirmedResponse(name, value, low, high, tuple(measured)))
-        numbers = tuple(run.planned.number for run in members)
-        limits = limits_of(state.folder.plan, members)
-        found.append(Confirmation(members[0].planned.settings, numbers, tuple(responses), limits))
+    for there in confirmed_settings(state).values():
+        settings, limits = there[0].planned.settings, limits_of(state.folder.plan, there)
+        kept = [state.rows.expected.get(run.planned.number, {}) for run in there]
+        for expected in [one for n, one in enumerate(kept) if one not in kept[:n]]:
+            members = [run for run, own in zip(there, kept, strict=True) if own == expected]
+            numbers = tuple(run.planned.number for run in members)
+            of_then = expected or _expected_before(state, settings, numbers[0])
+            responses = []
+            for name in (one.name for one in state.folder.plan.responses):
+                measured = tuple(value for run in members if (value := run.value(name)) is not None)
+                if measured:
+                    interval = of_then.get(name, (math.nan, math.nan, math.nan))
+                    responses.append(ConfirmedResponse(name, *interval, measured))
+            found.append(Confirmation(settings, numbers, tuple(responses), limits))
     return found
+
+
+def _expected_before(
+    state: StudyState, settings: Mapping[str, Value], number: int
+) -> dict[str, tuple[float, float, float]]:
+    """What was to be expected before a run was planned, where that was not kept with it: by the runs before it."""
+    before = replace(state, runs=tuple(run for run in state.runs if run.planned.number < number))
+    try:
+        return expected_at(before, analysis_of(before).responses, settings)
+    except PreconditionError:
+        return {}
 
 
 def confirmation_runs(state: StudyState, settings: Mapping[str, Value], runs: int) -> list[PlannedRun]:
