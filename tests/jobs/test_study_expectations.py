@@ -16,7 +16,7 @@ from edmctl.jobs.study.confirming import confirmation_runs, confirmations_of, su
 from edmctl.jobs.study.evaluate import bare_row
 from edmctl.jobs.study.optimizing import recommended
 from edmctl.report.study_words import confirmed
-from tests.jobs.studies import HEAD, made
+from tests.jobs.studies import HEAD, TWO_FACTORS, made
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +37,7 @@ TIME = "[[responses]]\nname = 'machining_time_s'\n"
 SATURATED = f"{HEAD}{FACTORS}[design]\nkind = 'taguchi'\nreplicates = 3\n{TIME}"
 
 
-def tell(folder: StudyFolder, seed: int = 1) -> None:
+def tell(folder: StudyFolder, seed: int = 1, arc_share: float = 0.01) -> None:
     """Make rows of the open runs: shorter with the duty, with scatter of 1 s within and between machines."""
     rng = np.random.default_rng(seed)
     with folder.writer() as writer:
@@ -46,15 +46,24 @@ def tell(folder: StudyFolder, seed: int = 1) -> None:
                 machine = float(np.random.default_rng(run.planned.block).normal())
                 time_s = 80.0 - 100.0 * float(run.planned.settings["pulse.duty"]) + machine + rng.normal()
                 row = bare_row(run.planned, 1, run.planned.seed, datetime.now(UTC))
-                writer.run(replace(row, responses={"machining_time_s": float(time_s)}))
+                writer.run(
+                    replace(row, responses={"machining_time_s": float(time_s), "arc_share": arc_share})
+                )
 
 
-def confirm(folder: StudyFolder, best: Recommendation, runs: int = 3, *, is_kept: bool = True) -> None:
+def confirm(
+    folder: StudyFolder,
+    best: Recommendation,
+    runs: int = 3,
+    *,
+    is_kept: bool = True,
+    arc_share: float = 0.01,
+) -> None:
     """Confirm a recommendation as the command does, or as it did before it kept what was expected."""
     with folder.writer() as writer:
         expected = best.intervals if is_kept else {}
         writer.planned(confirmation_runs(folder.read(), best.settings, runs), expected)
-    tell(folder, seed=2)
+    tell(folder, 2, arc_share)
 
 
 def test_points_that_were_repeated_tell_what_to_expect_without_a_model(tmp_path: Path) -> None:
@@ -123,3 +132,47 @@ def test_the_command_keeps_what_it_expects(tmp_path: Path) -> None:
     assert main(["study", "confirm", str(folder.path), "--runs", "1", "--quiet"]) == 0
     state = folder.read()
     assert state.rows.expected == {state.runs[-1].planned.number: best.intervals}
+
+
+CLEAN = f"""{HEAD}{TWO_FACTORS}
+[design]
+kind = "full"
+replicates = 2
+{TIME}
+[[responses]]
+name = "arc_share"
+
+[[constraints]]
+response = "arc_share"
+at_most = 0.05
+
+[[objectives]]
+response = "machining_time_s"
+"""
+
+
+def test_what_confirmation_has_refuted_is_not_recommended_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = made(tmp_path, CLEAN)
+    tell(folder)
+    refuted: list[object] = []
+    for _ in range(4):
+        best = recommended(folder.read())
+        assert best.settings not in refuted
+        assert (
+            "Settings whose confirmation did not keep arc_share ≤ 0.05 are left out" in best.basis
+        ) == bool(refuted)
+        assert "not known to keep" not in best.basis
+        refuted.append(best.settings)
+        confirm(folder, best, arc_share=0.09)
+    made_before = len(folder.read().runs)
+    for command, hint in (("confirm", "study suggest"), ("suggest", "wider factors")):
+        assert main(["study", command, str(folder.path)]) == 8
+        said = " ".join(capsys.readouterr().err.split())
+        assert "E8217" in said
+        assert "did not keep arc_share ≤ 0.05" in said
+        assert hint in said
+    assert len(folder.read().runs) == made_before
+    assert main(["study", "report", str(folder.path)]) == 0
+    assert "Nothing is left to recommend" in capsys.readouterr().out

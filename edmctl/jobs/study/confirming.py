@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import PreconditionError
 from edmctl.jobs.study.analysis import (
     analysis_of,
+    broken_limits,
     confirmed_settings,
     cost_of,
     is_one_machine,
@@ -170,9 +171,10 @@ def best_of_points(state: StudyState) -> Recommendation:
     """Return the point whose objectives are best by the models, among those that were run and keep the constraints.
 
     With several objectives it is the one with the highest grey relational grade, which is a preference. Raises
-    PreconditionError E8206 without runs, E8208 where no response can be judged.
+    PreconditionError E8206 without runs, E8208 where no response can be judged, E8217 where confirmation has refuted
+    all of them.
     """
-    analysis = analysis_of(state)
+    analysis, refuted = analysis_of(state), broken_limits(state)
     plan = state.folder.plan
     names = [name for name, _ in plan.objectives] or ranked_by(plan)[:1]
     candidates = [one for one in analysis.choices if all(one.means.get(name) is not None for name in names)]
@@ -182,6 +184,9 @@ def best_of_points(state: StudyState) -> Recommendation:
             hint="Tell manual responses with `edmctl study tell`, or make the runs.",
             code="E8208",
         )
+    candidates = [one for one in candidates if settings_key(one.settings) not in refuted]
+    if not candidates:
+        raise nothing_left(state, "recommend")
     feasible = [one for one in candidates if one.is_feasible]
     ranked = feasible or candidates
     if not feasible:
@@ -212,6 +217,7 @@ def best_of_points(state: StudyState) -> Recommendation:
             f"The point with the highest grey relational grade of those that were run{_known_to_keep(plan)}: a "
             "preference by weights."
         )
+    basis += refuted_words(state)
     expected = expected_at(state, analysis.responses, best.settings)
     if expected and is_one_machine(analysis.runs):
         basis += " What is expected is of runs on the one machine of the study: others may differ by more."
@@ -221,6 +227,23 @@ def best_of_points(state: StudyState) -> Recommendation:
 def _known_to_keep(plan: StudyPlan) -> str:
     texts = ", ".join(map(str, plan.constraints))
     return f" and are known to keep {texts}" if texts else ""
+
+
+def refuted_words(state: StudyState) -> str:
+    """Return the sentence, after others, of settings that are left out because confirmation has refuted them."""
+    texts = ", ".join(dict.fromkeys(text for limits in broken_limits(state).values() for text in limits))
+    return f" Settings whose confirmation did not keep {texts} are left out." if texts else ""
+
+
+def nothing_left(state: StudyState, what: str) -> PreconditionError:
+    """Return the error of a study whose settings are all refuted: none is left to recommend, or to suggest."""
+    hint = "Ask a new study, with other levels or wider factors, or with another limit."
+    if what == "recommend":
+        hint = (
+            f"`{state.folder.command('suggest')}` looks for settings that were not run; without any, "
+            f"{hint[0].lower()}{hint[1:]}"
+        )
+    return PreconditionError(f"Nothing is left to {what}.{refuted_words(state)}", hint=hint, code="E8217")
 
 
 def recommendation(
