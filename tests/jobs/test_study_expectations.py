@@ -14,9 +14,10 @@ from edmctl.console.study_tables import render_confirmation, render_recommendati
 from edmctl.jobs.study.analysis import analysis_of
 from edmctl.jobs.study.confirming import confirmation_runs, confirmations_of, suggested_runs
 from edmctl.jobs.study.evaluate import bare_row
+from edmctl.jobs.study.expectations import expected_at
 from edmctl.jobs.study.optimizing import recommended
 from edmctl.report.study_words import confirmed
-from tests.jobs.studies import HEAD, TWO_FACTORS, made
+from tests.jobs.studies import FULL, HEAD, TWO_FACTORS, made
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -176,3 +177,18 @@ def test_what_confirmation_has_refuted_is_not_recommended_again(
     assert len(folder.read().runs) == made_before
     assert main(["study", "report", str(folder.path)]) == 0
     assert "Nothing is left to recommend" in capsys.readouterr().out
+
+
+def test_what_cannot_be_told_is_not_expected(tmp_path: Path) -> None:
+    ra = "[[responses]]\nname = 'ra_um'\nsource = 'manual'\nunit = 'µm'\nlow = 0.0\nhigh = 0.4\n"
+    folder = made(tmp_path, f"{HEAD}{TWO_FACTORS}{FULL}replicates = 2\n{TIME}{ra}")
+    tell(folder)
+    with folder.writer() as writer:
+        for run, ra_um in zip(folder.read().runs, (0.0, 0.4, 0.1, 0.0, 0.3, 0.4, 0.0, 0.2), strict=True):
+            writer.told(run, {"ra_um": ra_um})
+    state = folder.read()
+    responses = analysis_of(state).responses
+    found = [expected_at(state, responses, run.planned.settings)["ra_um"] for run in state.runs]
+    assert all(0.0 <= low <= value <= high <= 0.4 for value, low, high in found)
+    assert min(low for _, low, _ in found) == 0.0
+    assert max(high for *_, high in found) == 0.4
