@@ -355,10 +355,11 @@ def _cells(line: str, separator: str) -> list[str]:
 
 def _is_numeric(line: str, separator: str) -> bool:
     words = [word for cell in _cells(line, separator) for word in cell.split()]
-    return all(_number(word, decimal_commas=True) is not None for word in words)
+    return all(number_of(word, decimal_commas=True) is not None for word in words)
 
 
-def _number(cell: str, *, decimal_commas: bool) -> float | None:
+def number_of(cell: str, *, decimal_commas: bool = False) -> float | None:
+    """Return a number as tables have it; None for what is none, and for what only Python takes, such as 0_2."""
     try:
         return None if "_" in cell else float(cell.replace(",", ".") if decimal_commas else cell)
     except ValueError:
@@ -406,7 +407,7 @@ def _first_fault(table: _Table, columns: dict[str, int], *, decimal_commas: bool
         if len(cells) < len(table.names) or any(cells[len(table.names) :]):
             return _ragged(table, number, line, len(cells), is_last=k == len(lines) - 1)
         for name, index in columns.items():
-            if _number(cells[index], decimal_commas=decimal_commas) is None:
+            if number_of(cells[index], decimal_commas=decimal_commas) is None:
                 return _no_number(table, number, line, name, cells, index)
     return None
 
@@ -445,7 +446,7 @@ def _too_wide(
 
 def _no_number(table: _Table, number: int, line: str, name: str, cells: list[str], index: int) -> RecordError:
     found = f"{cells[index]!r} is no number" if cells[index] else "the cell is empty"
-    if number == table.body_line and all(_number(cell, decimal_commas=True) is None for cell in cells):
+    if number == table.body_line and all(number_of(cell, decimal_commas=True) is None for cell in cells):
         hint = "Only one line of names stands above the numbers: delete this one, or begin it with #."
     else:
         hint = "Correct or delete the row; numbers are written like -12.5 or 1.25e-3."
