@@ -289,13 +289,16 @@ def analyse(
         return replace(base, notes=(*notes, "fewer than two runs have a value"))
     rows = [row for row, point in enumerate(mine.points) if point not in mine.others]
     designed, of_design = mine.only(rows), values[rows]
+    counted = {factor: len(set(map(repr, of_runs))) for factor, of_runs in designed.plain.items()}
     levels = {
         factor: list(of_runs)
         for factor, of_runs in designed.plain.items()
-        if rows and len(set(map(repr, of_runs))) <= MOST_LEVELS
+        if 1 < counted[factor] <= MOST_LEVELS
     }
+    notes += [f"only one level of {factor} has a value" for factor, many in counted.items() if many == 1]
     base = replace(
         base,
+        notes=tuple(notes),
         level_means=tuple(response_table(levels, of_design)) if levels else (),
         noise_means=_noise_means(levels, of_design, designed.points, better) if levels else (),
         interactions=_interactions(levels, of_design),
