@@ -317,7 +317,8 @@ def render_recommendation(one: Recommendation, style: Style = PLAIN) -> str:
         [name, significant(value, 4), f"{significant(one.low[name], 4)} to {significant(one.high[name], 4)}"]
         for name, value in one.expected.items()
     ]
-    lines.append(render_columns(["response", "expected", "95 % of runs"], rows, style, "<>"))
+    if rows:
+        lines.append(render_columns(["response", "expected", "95 % of runs"], rows, style, "<>"))
     return "\n".join([*lines, *wrapped(one.basis, columns, "  ")])
 
 
@@ -330,14 +331,17 @@ def render_confirmation(one: Confirmation, style: Style = PLAIN) -> str:
         [
             response.name,
             f"{significant(response.low, 4)} to {significant(response.high, 4)}"
-            if math.isfinite(response.low)
-            else "no model",
+            if response.is_tested
+            else "not known",
             ", ".join(significant(value, 4) for value in response.measured),
-            f"{response.held} of {len(response.measured)}" if math.isfinite(response.low) else "–",
+            f"{response.held} of {len(response.measured)}" if response.is_tested else "–",
         ]
         for response in one.responses
     ]
-    lines.append(render_columns(["response", "expected", "measured", "held"], rows, style, "<"))
+    if rows:
+        lines.append(render_columns(["response", "expected", "measured", "held"], rows, style, "<"))
+    else:
+        lines.append("No response has a value yet.")
     for limit in one.limits:
         upper = f", 95 % bound {significant(limit.upper, 3)}" if limit.upper is not None else ""
         lines.append(

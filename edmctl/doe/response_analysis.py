@@ -99,12 +99,24 @@ class Coefficient:
 
 
 @dataclass(frozen=True, slots=True)
+class Scatter:
+    """What runs differ by, whatever model is fitted: of one point on one machine, and machines.
+
+    A variance is NaN, without degrees of freedom, where the runs do not tell.
+    """
+
+    run_variance: float
+    run_dof: int
+    block_variance: float
+    block_dof: int
+
+
+@dataclass(frozen=True, slots=True)
 class ResponseModel:
     """A model that was fitted, and the errors that its predictions hold; on a logarithmic scale where `is_log`.
 
-    `miss_variance` is of what a point that was left out is missed by, `run_variance` of runs of one point on one
-    machine, `block_variance` between machines; NaN where the runs do not tell. `replicates` is the mean number of
-    runs of a point.
+    `miss_variance` is of what a point that was left out is missed by, `replicates` the mean number of runs of a
+    point.
     """
 
     fit: Fit
@@ -115,10 +127,7 @@ class ResponseModel:
     is_log: bool
     miss_variance: float
     miss_dof: int
-    run_variance: float
-    run_dof: int
-    block_variance: float
-    block_dof: int
+    scatter: Scatter
     replicates: float = 1.0
 
     def predict(self, settings: Settings) -> tuple[Values, Values, Values]:
@@ -130,39 +139,18 @@ class ResponseModel:
         expected = columns @ self.fit.coefficients
         leverage = np.einsum("ij,jk,ik->i", columns, self.fit.unscaled_covariance, columns)
         # Each miss is of a mean over the replicates of its point: the rest of a single run's error comes on top.
-        single = _known(self.run_variance) * (1 - 1 / self.replicates)
+        runs, blocks = self.scatter.run_variance, self.scatter.block_variance
         parts = [
             (self.miss_variance * (1 + leverage), self.miss_dof),
-            (np.full(len(leverage), single), self.run_dof),
-            (np.full(len(leverage), _known(self.block_variance)), self.block_dof),
+            (np.full(len(leverage), _known(runs) * (1 - 1 / self.replicates)), self.scatter.run_dof),
+            (np.full(len(leverage), _known(blocks)), self.scatter.block_dof),
         ]
         half = np.sqrt(sum(special.stdtrit(dof, 0.975) ** 2 * variance for variance, dof in parts if dof))
-        return self._plain(expected), self._plain(expected - half), self._plain(expected + half)
-
-    def at_point(self, adjusted: ArrayLike, candidates: int) -> tuple[float, float, float] | None:
-        """Return what is expected of a new run on a new machine where runs were made, by these; and its interval.
-
-        No model of the settings is in it. The quantile of what runs differ by is that of `candidates` points at once
-        (Bonferroni), because the best of many by its mean has been lucky too; where the point's own runs differ by
-        more than those of others do, that counts. None for fewer than two runs, and
-        where the scatter of repeated runs is known less well than what the model misses.
-
-        adjusted : values without what their blocks differ by, as in `ResponseAnalysis.adjusted`
-        """
-        values = np.asarray(adjusted, float)
-        values = np.log(values) if self.is_log else values
-        if len(values) < 2 or self.run_dof < max(2, self.miss_dof):
-            return None
-        mean = values.mean()
-        scatter = max(self.run_variance, float(values.var(ddof=1))) * (1 + 1 / len(values))
-        half = special.stdtrit(self.run_dof, 1 - 0.025 / candidates) ** 2 * scatter
-        if self.block_dof:
-            half += special.stdtrit(self.block_dof, 0.975) ** 2 * self.block_variance
-        bounds = (mean, mean - np.sqrt(half), mean + np.sqrt(half))
-        return tuple(float(self._plain(one)) for one in bounds)  # type: ignore[return-value]
-
-    def _plain(self, values: Values) -> Values:
-        return np.exp(values) if self.is_log else values
+        return (
+            _plain(expected, self.is_log),
+            _plain(expected - half, self.is_log),
+            _plain(expected + half, self.is_log),
+        )
 
     def _columns(self, settings: Settings) -> Values:
         """Columns at settings that name no block: a new machine is as others are on average."""
@@ -209,8 +197,38 @@ class ResponseAnalysis:
     adjusted: tuple[float, ...]
     held: int
     left_out: int
+    scatter: Scatter | None
+    """None where nothing is fitted."""
     model: ResponseModel | None
+    """None where nothing is fitted, or no point can be left out."""
     notes: tuple[str, ...] = field(default=())
+
+    def at_point(self, adjusted: ArrayLike, candidates: int) -> tuple[float, float, float] | None:
+        """Return what is expected of a new run on a new machine where runs were made, by these; and its interval.
+
+        No model of the settings is in it. The quantile of what runs differ by is that of `candidates` points at once
+        (Bonferroni), because the best of many by its mean has been lucky too; where the point's own runs differ by
+        more than those of others do, that counts. None for fewer than two runs, and where the scatter of repeated
+        runs is known less well than what the model misses.
+
+        adjusted : values without what their blocks differ by, as in `adjusted`
+        """
+        values = np.asarray(adjusted, float)
+        values = np.log(values) if self.is_log else values
+        scatter, miss_dof = self.scatter, self.model.miss_dof if self.model is not None else 0
+        if scatter is None or len(values) < 2 or scatter.run_dof < max(2, miss_dof):
+            return None
+        mean = values.mean()
+        variance = max(scatter.run_variance, float(values.var(ddof=1))) * (1 + 1 / len(values))
+        half = special.stdtrit(scatter.run_dof, 1 - 0.025 / candidates) ** 2 * variance
+        if scatter.block_dof:
+            half += special.stdtrit(scatter.block_dof, 0.975) ** 2 * scatter.block_variance
+        bounds = np.array([mean, mean - np.sqrt(half), mean + np.sqrt(half)])
+        return tuple(_plain(bounds, self.is_log).tolist())
+
+
+def _plain(values: Values, is_log: bool) -> Values:
+    return np.exp(values) if is_log else values
 
 
 def analyse(
@@ -263,6 +281,7 @@ def analyse(
         adjusted=tuple(values.tolist()),
         held=0,
         left_out=0,
+        scatter=None,
         model=None,
         notes=tuple(notes),
     )
@@ -270,13 +289,16 @@ def analyse(
         return replace(base, notes=(*notes, "fewer than two runs have a value"))
     rows = [row for row, point in enumerate(mine.points) if point not in mine.others]
     designed, of_design = mine.only(rows), values[rows]
+    counted = {factor: len(set(map(repr, of_runs))) for factor, of_runs in designed.plain.items()}
     levels = {
         factor: list(of_runs)
         for factor, of_runs in designed.plain.items()
-        if rows and len(set(map(repr, of_runs))) <= MOST_LEVELS
+        if 1 < counted[factor] <= MOST_LEVELS
     }
+    notes += [f"only one level of {factor} has a value" for factor, many in counted.items() if many == 1]
     base = replace(
         base,
+        notes=tuple(notes),
         level_means=tuple(response_table(levels, of_design)) if levels else (),
         noise_means=_noise_means(levels, of_design, designed.points, better) if levels else (),
         interactions=_interactions(levels, of_design),
@@ -309,9 +331,12 @@ def _with_model(
         return replace(base, notes=(*notes, str(error).rstrip(".")))
     if not fitted.error_dof:
         notes.append("nothing is left to estimate the error: no F of single terms, no interval")
-    model = _model(fitted, terms, replace(runs, settings=settings), values, block, is_log=base.is_log)
-    if model is not None and math.isfinite(alone_variance):
-        model = replace(model, block_variance=alone_variance, block_dof=MANY)
+    scatter = _scatter(fitted, replace(runs, settings=settings), values, block)
+    if math.isfinite(alone_variance):
+        scatter = replace(scatter, block_variance=alone_variance, block_dof=MANY)
+    model = _model(
+        fitted, terms, replace(runs, settings=settings), values, block, scatter, is_log=base.is_log
+    )
     held, left_out = _left_out_coverage(terms, replace(runs, settings=settings), values, block)
     return replace(
         base,
@@ -328,6 +353,7 @@ def _with_model(
         adjusted=tuple(_without_blocks(fitted, values, block, is_log=base.is_log).tolist()),
         held=held,
         left_out=left_out,
+        scatter=scatter,
         model=model,
         notes=tuple(notes),
     )
@@ -373,16 +399,25 @@ def _known(value: float) -> float:
     return value if math.isfinite(value) else 0.0
 
 
+def _scatter(fitted: Fit, runs: Runs, values: Values, block: str) -> Scatter:
+    return Scatter(*_run_variance(runs, values), *_block_variance(fitted, runs.settings, block))
+
+
 def _model(
-    fitted: Fit, terms: Sequence[Term], runs: Runs, values: Values, block: str, *, is_log: bool
+    fitted: Fit,
+    terms: Sequence[Term],
+    runs: Runs,
+    values: Values,
+    block: str,
+    scatter: Scatter,
+    *,
+    is_log: bool,
 ) -> ResponseModel | None:
-    """Take the errors apart; None where no point can be left out."""
+    """Return the model with the errors of what it expects; None where no point can be left out."""
     misses = _misses(fitted, runs, values, block)
     if misses is None:
         return None
     miss_variance, miss_dof = misses
-    run_variance, run_dof = _run_variance(runs, values)
-    block_variance, block_dof = _block_variance(fitted, runs.settings, block)
     return ResponseModel(
         fitted,
         tuple(terms),
@@ -391,10 +426,7 @@ def _model(
         is_log,
         miss_variance,
         miss_dof,
-        run_variance,
-        run_dof,
-        block_variance,
-        block_dof,
+        scatter,
         len(values) / len(set(runs.points)),
     )
 
@@ -465,7 +497,8 @@ def _left_out_coverage(terms: Sequence[Term], runs: Runs, values: Values, block:
         rest = runs.only(kept)
         try:
             fitted = fit(model_matrix(rest.settings, terms), values[kept])
-            model = _model(fitted, terms, rest, values[kept], block, is_log=False)
+            scatter = _scatter(fitted, rest, values[kept], block)
+            model = _model(fitted, terms, rest, values[kept], block, scatter, is_log=False)
             if model is None:
                 continue
             _, low, high = model.predict(_rows_of(runs.settings, own))

@@ -163,28 +163,56 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 
 
 def read_texts(path: Path) -> TextTable:
-    """Read a table of texts; one without a header has no columns. Raises RecordError E3602 for what is no text."""
+    """Read a table of texts; one without a header has no columns.
+
+    Raises RecordError: E3602 for what is no text, E3603 and E3604 as `texts_of` does.
+    """
     try:
         content = read_bytes(path)
     except OSError as error:
         message, hint = f"Cannot read {path}: {error.strerror}.", "Check the path and its permissions."
         raise RecordError(message, hint=hint, code="E3602") from None
-    return texts_of(_text(path, content))
+    try:
+        text = _text(path, content)
+    except RecordError as error:
+        hint = "Name a table that is saved as CSV."
+        raise RecordError(error.message, hint=hint, code="E3602") from None
+    return texts_of(text, str(path))
 
 
-def texts_of(text: str) -> TextTable:
-    """Return the table of texts that a text holds."""
+def texts_of(text: str, name: str = "table") -> TextTable:
+    """Return the table of texts that a text holds; a row may end before its last columns.
+
+    Raises RecordError with the line: E3603 a name heads two columns, E3604 a cell stands under no name.
+    """
     lines = text.lstrip("\ufeff").splitlines(keepends=True)
     header = next((number for number, line in enumerate(lines) if line.strip()), len(lines))
     separator = _separator(lines[header]) if header < len(lines) else ","
     reader = csv.reader(lines[header:], delimiter=separator, skipinitialspace=True)
-    names = tuple(cell.strip() for cell in next(reader, []))
+    names = _filled(next(reader, []))
+    if twice := next((one for one in names if one and names.count(one) > 1), None):
+        raise RecordError(
+            f"{name}, line {header + 1}: two columns are called {twice}.",
+            hint="Keep one, or give the other another name.",
+            code="E3603",
+        )
     rows = []
-    for cells in reader:
-        if any(cell.strip() for cell in cells):
-            padded = [cell.strip() for cell in cells] + [""] * len(names)
-            rows.append((header + reader.line_num, dict(zip(names, padded, strict=False))))
-    return TextTable(names, tuple(rows), separator != ",")
+    for row in reader:
+        line, cells = header + reader.line_num, _filled(row)
+        if len(cells) > len(names):
+            raise _too_wide(name, line, len(cells), len(names), separator)
+        if cells:
+            padded = cells + [""] * (len(names) - len(cells))
+            rows.append((line, dict(zip(names, padded, strict=True))))
+    return TextTable(tuple(names), tuple(rows), separator != ",")
+
+
+def _filled(row: Sequence[str]) -> list[str]:
+    """Cells up to the last one with something in it."""
+    cells = [cell.strip() for cell in row]
+    while cells and not cells[-1]:
+        cells.pop()
+    return cells
 
 
 SEPARATORS = (",", ";", "\t")
@@ -327,10 +355,11 @@ def _cells(line: str, separator: str) -> list[str]:
 
 def _is_numeric(line: str, separator: str) -> bool:
     words = [word for cell in _cells(line, separator) for word in cell.split()]
-    return all(_number(word, decimal_commas=True) is not None for word in words)
+    return all(number_of(word, decimal_commas=True) is not None for word in words)
 
 
-def _number(cell: str, *, decimal_commas: bool) -> float | None:
+def number_of(cell: str, *, decimal_commas: bool = False) -> float | None:
+    """Return a number as tables have it; None for what is none, and for what only Python takes, such as 0_2."""
     try:
         return None if "_" in cell else float(cell.replace(",", ".") if decimal_commas else cell)
     except ValueError:
@@ -378,7 +407,7 @@ def _first_fault(table: _Table, columns: dict[str, int], *, decimal_commas: bool
         if len(cells) < len(table.names) or any(cells[len(table.names) :]):
             return _ragged(table, number, line, len(cells), is_last=k == len(lines) - 1)
         for name, index in columns.items():
-            if _number(cells[index], decimal_commas=decimal_commas) is None:
+            if number_of(cells[index], decimal_commas=decimal_commas) is None:
                 return _no_number(table, number, line, name, cells, index)
     return None
 
@@ -388,23 +417,36 @@ def _count(number: int, noun: str) -> str:
 
 
 def _ragged(table: _Table, number: int, line: str, cells: int, *, is_last: bool) -> RecordError:
-    if is_last and cells < len(table.names):
-        hint = "The file ends within a row: delete its last line."
-    elif table.separator == "," and cells > len(table.names):
-        hint = "Write numbers with a decimal point, or separate the columns by semicolons."
-    else:
-        hint = "Complete or delete the row."
+    where = table.place(number, line)
+    if cells > len(table.names):
+        return _too_wide(str(table.path), number, cells, len(table.names), table.separator, where)
     return RecordError(
         f"{table.path}, line {number}: {_count(cells, 'cell')} under a header of {len(table.names)}.",
+        hint="The file ends within a row: delete its last line."
+        if is_last
+        else "Complete or delete the row.",
+        code="E3604",
+        where=where,
+    )
+
+
+def _too_wide(
+    name: str, number: int, cells: int, columns: int, separator: str, where: Location | None = None
+) -> RecordError:
+    hint = "Delete the cells beyond the last column, or give them a name."
+    if separator == ",":
+        hint = "Write numbers with a decimal point, or separate the columns by semicolons."
+    return RecordError(
+        f"{name}, line {number}: {_count(cells, 'cell')} under a header of {columns}.",
         hint=hint,
         code="E3604",
-        where=table.place(number, line),
+        where=where,
     )
 
 
 def _no_number(table: _Table, number: int, line: str, name: str, cells: list[str], index: int) -> RecordError:
     found = f"{cells[index]!r} is no number" if cells[index] else "the cell is empty"
-    if number == table.body_line and all(_number(cell, decimal_commas=True) is None for cell in cells):
+    if number == table.body_line and all(number_of(cell, decimal_commas=True) is None for cell in cells):
         hint = "Only one line of names stands above the numbers: delete this one, or begin it with #."
     else:
         hint = "Correct or delete the row; numbers are written like -12.5 or 1.25e-3."

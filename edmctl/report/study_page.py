@@ -172,7 +172,10 @@ def _response(
     if true is not None:
         found.append(study_tables.measured_and_true(one, true))
     unit = f", {info.unit}" if info.unit else ""
-    left = len(plan.factors) - len(one.level_means)
+    used = [parts.runs[row].planned.settings for row in one.used]
+    shown = [means.factor for means in one.level_means]
+    varied = [factor for factor in plan.factors if len({repr(of[factor.key]) for of in used}) > 1]
+    left = sum(factor.name not in shown for factor in varied)
     note = f"{plural(left, 'factor')} with too many different values to have means by level." if left else ""
     means = f"Means of {one.name} by level{unit}"
     noise = f"Signal to noise by level, dB, {study_words.wanted(info)}"

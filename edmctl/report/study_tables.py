@@ -266,8 +266,10 @@ def _share(r2: float) -> str:
     return f"{decimal(100 * r2, 1)} %" if math.isfinite(r2) else UNKNOWN
 
 
-def expected(plan: StudyPlan, one: Recommendation) -> PageTable:
+def expected(plan: StudyPlan, one: Recommendation) -> PageTable | None:
     """What is expected at the recommended settings."""
+    if not one.expected:
+        return None
     infos = {info.name: info for info in plan.responses}
     rows = [
         [name, interval_text(value, one.low.get(name), one.high.get(name), infos.get(name))]
@@ -277,15 +279,17 @@ def expected(plan: StudyPlan, one: Recommendation) -> PageTable:
     return PageTable(caption, ["response", "expected of a new run (95 % interval)"], rows, words=True)
 
 
-def confirmation(plan: StudyPlan, one: Confirmation) -> PageTable:
+def confirmation(plan: StudyPlan, one: Confirmation) -> PageTable | None:
     """What was measured against what was expected."""
+    if not one.responses:
+        return None
     infos = {info.name: info for info in plan.responses}
     rows = [
         [
             response.name,
             interval_text(response.expected, response.low, response.high, infos.get(response.name)),
             ", ".join(significant(value, 4) for value in response.measured) or UNKNOWN,
-            f"{response.held} of {len(response.measured)}",
+            f"{response.held} of {len(response.measured)}" if response.is_tested else UNKNOWN,
         ]
         for response in one.responses
     ]

@@ -295,11 +295,13 @@ def confirmed(plan: StudyPlan, confirmations: Sequence[Confirmation]) -> list[st
     found = []
     for one in confirmations:
         at = f"At {settings_text(plan.factors, one.settings)}"
-        tested = [response for response in one.responses if response.measured]
+        tested = [response for response in one.responses if response.is_tested]
         broken = [response for response in tested if response.held < len(response.measured)]
         runs = plural(len(one.runs), "confirmation run")
-        if not tested:
+        if not one.responses:
             found.append(f"{at}: {runs}, none with a value yet.")
+        elif not tested:
+            found.append(f"{at}: {runs}, of which the study expected nothing.")
         elif not broken:
             found.append(f"{at}: confirmation held. All values of {runs} lay within the 95 % intervals.")
         else:
@@ -322,7 +324,7 @@ def why_not_predicted(one: ResponseAnalysis) -> str:
 
 def held(confirmations: Sequence[Confirmation]) -> bool | None:
     """Return whether every confirmation held; None where nothing was tested."""
-    tested = [response for one in confirmations for response in one.responses if response.measured]
+    tested = [response for one in confirmations for response in one.responses if response.is_tested]
     return all(response.held == len(response.measured) for response in tested) if tested else None
 
 

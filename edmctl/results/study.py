@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -255,6 +256,11 @@ class Recommendation:
     constraints: tuple[str, ...] = ()
     """Those that it has to keep."""
 
+    @property
+    def intervals(self) -> dict[str, tuple[float, float, float]]:
+        """What is expected, and the bounds of its 95 % interval, by response."""
+        return {name: (value, self.low[name], self.high[name]) for name, value in self.expected.items()}
+
 
 @dataclass(frozen=True, slots=True)
 class ConfirmedResponse:
@@ -265,6 +271,11 @@ class ConfirmedResponse:
     low: float
     high: float
     measured: tuple[float, ...]
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether something was measured, and an interval was there to test."""
+        return bool(self.measured) and math.isfinite(self.low)
 
     @property
     def held(self) -> int:

@@ -40,6 +40,9 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> StudyFolder:
         b"run;ra_um\n1;0,31\n2;0,4\n",
         '\ufeffrun;Bemerkung;ra_um\r\n1;"glatt; fein";0,31\r\n2;;0,4\r\n'.encode(),
         b"run\tra_um\n1\t0,31\n2\t0.4\n",
+        b"run,ra_um,,\n1,0.31,,\n2,0.4\n,,,\n",
+        b"run,ra_um\n1.0,0.31\n2.0,0.4\n",
+        b"run;ra_um\n1,0;0,31\n2,0;0,4\n",
         b"\nrun, ra_um\n1, 0.31\n2, 0.4\n3,\n",
         "run;Maß;ra_um\n1;µ;0,31\n2;;0,4\n".encode("latin-1"),
     ],
@@ -60,11 +63,21 @@ def test_tables_of_spreadsheets_are_read(tmp_path: Path, study: StudyFolder, con
         ("x,y\n1,2\n", "has no column run and none ra_um"),
         ("run,ra_um\n1,0.3\n\n9,0.3\n", "ra.csv, line 4: The study has no run 9"),
         ("run,ra_um\none,0.3\n", "ra.csv, line 2: 'one' is no number of a run"),
+        ("run,ra_um\n1.5,0.3\n", "ra.csv, line 2: '1.5' is no number of a run"),
+        ("run,ra_um\n0_1,0.3\n", "ra.csv, line 2: '0_1' is no number of a run"),
+        ("run,ra_um\n1,0_3\n", "ra.csv, line 2: ra_um=0_3: that is no number"),
+        ("run,ra_um\n", "ra.csv tells nothing: no row has a value of ra_um"),
+        ("run,ra_um\n1,\n", "ra.csv tells nothing"),
+        ("run,ra_um\n1,n/a\n", "ra_um=none withdraws what was told"),
         ("run,ra_um\n1,0.3 µm\n", "ra.csv, line 2: ra_um=0.3 µm: that is no number. Give the number alone"),
         ('run,ra_um\n1,"0,3"\n', "ra.csv, line 2: ra_um=0,3: that is no number. Write a decimal point"),
         ("run;ra_um\n1;310\n", "ra.csv, line 2: ra_um = 310 µm is not possible"),
         ("run,ra_um\n1,0.3\n1,0.4\n", "ra.csv, line 3: run 1 stands in the table twice"),
         ("run,ra_um\n1,0.3\n4,0.4\n", "ra.csv, line 3: Run 4 is not made yet"),
+        ("run,ra_um\n2,1,21\n", "ra.csv, line 2: 3 cells under a header of 2. Write numbers with a decimal"),
+        ("run,ra_um,,\n2,1,21,\n", "ra.csv, line 2: 3 cells under a header of 2."),
+        ("run;ra_um\n2;1;fine\n", "ra.csv, line 2: 3 cells under a header of 2. Delete the cells"),
+        ("\nrun,ra_um,ra_um\n2,1,2\n", "ra.csv, line 2: two columns are called ra_um. Keep one"),
     ],
 )
 def test_what_is_wrong_with_a_table_is_said_with_file_and_line(
@@ -96,6 +109,7 @@ def test_a_table_that_cannot_be_read_is_a_mistake_of_the_command(
         ("ra_um=", "has no value"),
         ("ra_um=nan", "Leave out what is not measured"),
         ("ra_um=0,2", "Write a decimal point"),
+        ("ra_um=0_2", "Give the number alone"),
         ("ra_um=0.2 µm", "Give the number alone, in µm"),
         ("ra_um=-0.2", "at least 0 and at most 5 µm"),
         ("ra_um=200", "Look at the sign, the decimal point and the unit"),
@@ -149,6 +163,8 @@ def test_points_of_a_design_come_from_the_same_tables(tmp_path: Path) -> None:
         ("duty,servo.reference\n0.4,0.7\n", "no column pulse.duty; its columns are duty, servo.reference"),
         ("", "it is empty"),
         ("pulse.duty,servo.reference\n", "no row"),
+        ("pulse.duty,servo.reference\n0,4,0,7\n", "line 2: 4 cells under a header of 2"),
+        ("pulse.duty,pulse.duty,servo.reference\n0.2,0.4,0.7\n", "line 1: two columns are called pulse.duty"),
     ):
         file.write_text(content, encoding="utf-8")
         with pytest.raises(ProfileError, match=says):
@@ -173,3 +189,11 @@ def test_what_was_told_is_withdrawn_and_told_anew(tmp_path: Path, here: Here) ->
     assert [value(text) for text in ("3.1", "none", "0.31")] == [3.1, None, 0.31]
     assert here("study", "tell", str(folder.path), "1", "depth_um=none").exit_code == 2
     assert len(folder.read().run(1).told) == 1
+    twice = here("study", "tell", str(folder.path), "1", "ra_um=1", "ra_um=2")
+    assert twice.exit_code == 2
+    assert "ra_um is told twice" in twice.err
+    table = tmp_path / "ra.csv"
+    table.write_text("run,ra_um\n1,none\n", encoding="utf-8")
+    imported = here("study", "import", str(folder.path), str(table))
+    assert "Withdrawn: of 1 run, 1." in imported.out
+    assert not folder.read().run(1).told

@@ -58,6 +58,10 @@ def planned(folder: Path, text: str) -> StudyPlan:
         ),
         (SMALL.replace("levels = [0.7, 0.8]", "levels = [0.8]"), "E3013", "levels = [0.8]", "two or more"),
         (SMALL.replace("levels = [0.7, 0.8]", "low = 0.8\nhigh = 0.7"), "E3013", "low = 0.8", "not below"),
+        *(
+            (SMALL.replace('"duty"', f'"{name}"'), "E3013", f'name = "{name}"', "cannot be called")
+            for name in ("block", "mean", "error", "total")
+        ),
         (SMALL.replace("pulse.duty", "servo.reference"), "E3013", 'key = "servo.reference"', "twice"),
         (SMALL.replace("wear_ratio_lin", "wear_ratio"), "E3013", 'name = "wear_ratio"', "no job answers"),
         (SMALL.replace('response = "machining', 'response = "depth'), "E3013", "response =", "none of the"),

@@ -43,21 +43,22 @@ def report(
     from edmctl.jobs import output_files
     from edmctl.jobs.study.analysis import analysis_of, ranked_by
     from edmctl.jobs.study.confirming import confirmations_of
-    from edmctl.jobs.study.reporting import mapping_of, page_of, recommendation_or_none
+    from edmctl.jobs.study.reporting import mapping_of, page_of, recommendation_or_why
 
     study = opened(folder)
     state = study.read()
     found = analysis_of(state)
-    best = recommendation_or_none(state, shell())
-    confirmations = confirmations_of(state, found.responses)
-    outcome.result = mapping_of(found, best, confirmations)
+    best, why = recommendation_or_why(state, shell())
+    notes = (*found.notes, *why)
+    confirmations = confirmations_of(state)
+    outcome.result = mapping_of(found, best, confirmations, notes)
     names = ranked_by(study.plan)
     style = stream_style(sys.stdout)
     outcome.text = render_analysis(
-        found.responses, found.choices, names, best, confirmations, found.notes, style, found.truths
+        found.responses, found.choices, names, best, confirmations, notes, style, found.truths
     )
     if out is not None:
-        content = page_of(state, found, best, confirmations).encode()
+        content = page_of(state, found, best, confirmations, notes).encode()
         output_files.make_folder(out.parent)
         if overwrite:
             output_files.replace(out, content)

@@ -290,7 +290,6 @@ def confirm(
 ) -> None:
     """Run the recommended settings anew, on machines no model has seen, and say whether the expectation held."""
     from edmctl.console.study_tables import render_confirmation, render_recommendation
-    from edmctl.jobs.study.analysis import analysis_of
     from edmctl.jobs.study.confirming import confirmation_runs, confirmations_of
     from edmctl.jobs.study.optimizing import recommended
     from edmctl.jobs.study.running import Shard
@@ -313,10 +312,10 @@ def confirm(
             best = recommended(state, shell())
             told = f"{render_recommendation(best, stream_style(sys.stdout))}\n\n"
             asked = confirmation_runs(state, best.settings, runs)
-            writer.planned(asked)
+            writer.planned(asked, best.intervals)
     _make(outcome, study, making, "confirm", to_the_end=True)  # another run that failed before is no answer
     after = study.read()
-    found = confirmations_of(after, analysis_of(after).responses)
+    found = confirmations_of(after)
     assert isinstance(outcome.result, dict)
     outcome.result["confirmations"] = found
     style = stream_style(sys.stdout)

@@ -42,7 +42,10 @@ def tell(outcome: Outcome, folder: FolderArgument, run: RunNumberArgument, value
 
 @command("study import")
 def import_table(outcome: Outcome, folder: FolderArgument, table: TableArgument) -> None:
-    """Tell the manual responses of many runs by a CSV table; all of it or, where a line is wrong, nothing."""
+    """Tell the manual responses of many runs by a CSV table; all of it or, where a line is wrong, nothing.
+
+    An empty cell tells nothing, and `none` withdraws what was told.
+    """
     from edmctl.jobs.study.table import read_table, told_table
     from edmctl.wording import plural
 
@@ -54,6 +57,9 @@ def import_table(outcome: Outcome, folder: FolderArgument, table: TableArgument)
             writer.told(state.run(number), values)
     outcome.result = {"runs": len(told), "told": {str(number): values for number, values in told.items()}}
     outcome.text = f"Told responses of {plural(len(told), 'run')}."
+    withdrawn = [number for number, values in told.items() if None in values.values()]
+    if withdrawn:
+        outcome.text += f" Withdrawn: of {plural(len(withdrawn), 'run')}, {', '.join(map(str, withdrawn))}."
 
 
 @command("study judge")

@@ -56,7 +56,10 @@ def analysis_of(state: StudyState) -> StudyAnalysis:
     analyses, truths, indices = [], {}, {}
     for response in plan.responses:
         analyses.append(_analysis(plan, response.name, response, fitting, runs))
-        if response.name in TRUTHS and any(run.row and run.row.truth for run in fitting):
+        is_measured = (
+            response.name in TRUTHS and not response.is_manual
+        )  # a hand may mean something else by it
+        if is_measured and any(run.row and run.row.truth for run in fitting):
             truths[response.name] = _analysis(plan, f"{TRUTH}{response.name}", response, fitting, runs)
         if plan.model == SENSITIVITY:
             found = _indices(plan, response, done)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import PreconditionError
 from edmctl.jobs.study.analysis import (
     analysis_of,
+    broken_limits,
     confirmed_settings,
     cost_of,
     is_one_machine,
@@ -34,7 +35,6 @@ from edmctl.wording import plural
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from edmctl.doe.response_analysis import ResponseAnalysis
     from edmctl.jobs.study.folder import StudyState
     from edmctl.results.study import Choice, StudyPlan, Value
 
@@ -43,21 +43,38 @@ FRESH_SEEDS = 1_000_003
 """Machines of confirmation runs are so far from those of the design that no study's seeds come near."""
 
 
-def confirmations_of(state: StudyState, analyses: Sequence[ResponseAnalysis]) -> list[Confirmation]:
-    """Return what the confirmation runs that are done came to, by their settings."""
+def confirmations_of(state: StudyState) -> list[Confirmation]:
+    """Return what the confirmation runs that are done came to, by their settings and what was expected of them then.
+
+    Limits are of all runs at the settings.
+    """
     found = []
-    for members in confirmed_settings(state).values():
-        expected = expected_at(state, analyses, members[0].planned.settings)
-        responses = []
-        for name in (one.name for one in state.folder.plan.responses):
-            value, low, high = expected.get(name, (math.nan, math.nan, math.nan))
-            measured = [v for run in members if (v := run.value(name)) is not None]
-            if measured:
-                responses.append(ConfirmedResponse(name, value, low, high, tuple(measured)))
-        numbers = tuple(run.planned.number for run in members)
-        limits = limits_of(state.folder.plan, members)
-        found.append(Confirmation(members[0].planned.settings, numbers, tuple(responses), limits))
+    for there in confirmed_settings(state).values():
+        settings, limits = there[0].planned.settings, limits_of(state.folder.plan, there)
+        kept = [state.rows.expected.get(run.planned.number, {}) for run in there]
+        for expected in [one for n, one in enumerate(kept) if one not in kept[:n]]:
+            members = [run for run, own in zip(there, kept, strict=True) if own == expected]
+            numbers = tuple(run.planned.number for run in members)
+            of_then = expected or _expected_before(state, settings, numbers[0])
+            responses = []
+            for name in (one.name for one in state.folder.plan.responses):
+                measured = tuple(value for run in members if (value := run.value(name)) is not None)
+                if measured:
+                    interval = of_then.get(name, (math.nan, math.nan, math.nan))
+                    responses.append(ConfirmedResponse(name, *interval, measured))
+            found.append(Confirmation(settings, numbers, tuple(responses), limits))
     return found
+
+
+def _expected_before(
+    state: StudyState, settings: Mapping[str, Value], number: int
+) -> dict[str, tuple[float, float, float]]:
+    """What was to be expected before a run was planned, where that was not kept with it: by the runs before it."""
+    before = replace(state, runs=tuple(run for run in state.runs if run.planned.number < number))
+    try:
+        return expected_at(before, analysis_of(before).responses, settings)
+    except PreconditionError:
+        return {}
 
 
 def confirmation_runs(state: StudyState, settings: Mapping[str, Value], runs: int) -> list[PlannedRun]:
@@ -154,9 +171,10 @@ def best_of_points(state: StudyState) -> Recommendation:
     """Return the point whose objectives are best by the models, among those that were run and keep the constraints.
 
     With several objectives it is the one with the highest grey relational grade, which is a preference. Raises
-    PreconditionError E8206 without runs, E8208 where no response can be judged.
+    PreconditionError E8206 without runs, E8208 where no response can be judged, E8217 where confirmation has refuted
+    all of them.
     """
-    analysis = analysis_of(state)
+    analysis, refuted = analysis_of(state), broken_limits(state)
     plan = state.folder.plan
     names = [name for name, _ in plan.objectives] or ranked_by(plan)[:1]
     candidates = [one for one in analysis.choices if all(one.means.get(name) is not None for name in names)]
@@ -166,6 +184,9 @@ def best_of_points(state: StudyState) -> Recommendation:
             hint="Tell manual responses with `edmctl study tell`, or make the runs.",
             code="E8208",
         )
+    candidates = [one for one in candidates if settings_key(one.settings) not in refuted]
+    if not candidates:
+        raise nothing_left(state, "recommend")
     feasible = [one for one in candidates if one.is_feasible]
     ranked = feasible or candidates
     if not feasible:
@@ -196,15 +217,33 @@ def best_of_points(state: StudyState) -> Recommendation:
             f"The point with the highest grey relational grade of those that were run{_known_to_keep(plan)}: a "
             "preference by weights."
         )
-    if is_one_machine(analysis.runs):
-        basis += " What is expected is of runs on the one machine of the study: others may differ by more."
+    basis += refuted_words(state)
     expected = expected_at(state, analysis.responses, best.settings)
+    if expected and is_one_machine(analysis.runs):
+        basis += " What is expected is of runs on the one machine of the study: others may differ by more."
     return recommendation(state, best.settings, expected, basis, is_feasible=best.is_feasible)
 
 
 def _known_to_keep(plan: StudyPlan) -> str:
     texts = ", ".join(map(str, plan.constraints))
     return f" and are known to keep {texts}" if texts else ""
+
+
+def refuted_words(state: StudyState) -> str:
+    """Return the sentence, after others, of settings that are left out because confirmation has refuted them."""
+    texts = ", ".join(dict.fromkeys(text for limits in broken_limits(state).values() for text in limits))
+    return f" Settings whose confirmation did not keep {texts} are left out." if texts else ""
+
+
+def nothing_left(state: StudyState, what: str) -> PreconditionError:
+    """Return the error of a study whose settings are all refuted: none is left to recommend, or to suggest."""
+    hint = "Ask a new study, with other levels or wider factors, or with another limit."
+    if what == "recommend":
+        hint = (
+            f"`{state.folder.command('suggest')}` looks for settings that were not run; without any, "
+            f"{hint[0].lower()}{hint[1:]}"
+        )
+    return PreconditionError(f"Nothing is left to {what}.{refuted_words(state)}", hint=hint, code="E8217")
 
 
 def recommendation(
@@ -217,7 +256,7 @@ def recommendation(
 ) -> Recommendation:
     """Return settings that are recommended with what `expected_at` says of them."""
     if not expected:
-        basis += " The runs make no model: what is to be expected there is not known."
+        basis += " The runs do not tell what is to be expected there."
     if wide := tells_little(state, expected):
         basis += (
             f" The interval of {', '.join(wide)} is wider than all that was measured: the runs tell little of what "

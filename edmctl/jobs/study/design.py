@@ -355,7 +355,7 @@ def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     try:
         table = read_texts(source.path.parent / name)
     except RecordError as error:
-        raise Refused(error.message.rstrip("."), "name a table that is saved as CSV", "file") from None
+        raise Refused(error.message.rstrip("."), error.hint.rstrip("."), "file") from None
     missing = [f.key for f in factors if f.key not in table.names]
     if missing or not table.rows:
         found = f"; its columns are {', '.join(table.names)}" if table.names else ": it is empty"
@@ -374,6 +374,8 @@ def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
 
 
 def _value_in_table(factor: FactorInfo, text: str, name: str, line: int) -> Value:
+    from edmctl.record.delimited import number_of
+
     if not factor.is_number:
         found = [value for value in factor.values if str(value) == text]
         if found:
@@ -381,10 +383,9 @@ def _value_in_table(factor: FactorInfo, text: str, name: str, line: int) -> Valu
         raise Refused(
             f"{name}, line {line}: {text!r} is none of {factor.name}'s values", "correct it", "file"
         )
-    try:
-        value = float(text)
-    except ValueError:
-        raise Refused(f"{name}, line {line}: {text!r} is no number", "correct it", "file") from None
+    value = number_of(text)
+    if value is None:
+        raise Refused(f"{name}, line {line}: {text!r} is no number", "correct it", "file")
     low, high = (float(pick(factor.values)) for pick in (min, max))
     if not low <= value <= high:
         message = f"{name}, line {line}: {factor.name} = {value:g} lies beyond {low:g} to {high:g}"

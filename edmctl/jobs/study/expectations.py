@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from edmctl.doe.gaussian_process import GaussianProcess
     from edmctl.doe.response_analysis import ResponseAnalysis, ResponseModel
     from edmctl.jobs.study.folder import StudyState
+    from edmctl.profile.study_file import Response
     from edmctl.results.study import StudyPlan, StudyRun, Value
 
 LEAST_RUNS = 5
@@ -45,25 +46,23 @@ def expected_at(
     """Return, by response, what is expected of a run and the bounds of its 95 % interval; none without a model.
 
     After suggestions, which crowd where it is good, Gaussian processes tell; else the runs that were made at these
-    settings, or the models of the analysis. What cannot be, a share below zero, is cut off. `runs` are those that
-    processes learn from; without, all that count.
+    settings, or the models of the analysis. What cannot be is cut off: a share below zero, or what a manual response
+    cannot be told. `runs` are those that processes learn from; without, all that count.
     """
     if has_suggestions(state):
         found = _by_processes(state, settings, fitting_runs(state) if runs is None else runs)
     else:
         runs = [run for run in fitting_runs(state) if run.state is RunState.DONE]
         found = {
-            one.name: expected
-            for one in analyses
-            if one.model and (expected := _by_analysis(state, one, one.model, runs, settings))
+            one.name: expected for one in analyses if (expected := _by_analysis(state, one, runs, settings))
         }
-    return {name: _possible(name, values) for name, values in found.items()}
+    asked = {one.name: one for one in state.folder.source.file.responses}
+    return {name: _possible(asked[name], values) for name, values in found.items()}
 
 
 def _by_analysis(
     state: StudyState,
     analysis: ResponseAnalysis,
-    model: ResponseModel,
     runs: Sequence[StudyRun],
     settings: Mapping[str, Value],
 ) -> tuple[float, float, float] | None:
@@ -74,11 +73,15 @@ def _by_analysis(
         for row, value in zip(analysis.used, analysis.adjusted, strict=True)
         if settings_key(runs[row].planned.settings) == key
     ]
-    return model.at_point(own, points) or predicted(state.folder.plan, model, settings)
+    return analysis.at_point(own, points) or (
+        predicted(state.folder.plan, analysis.model, settings) if analysis.model is not None else None
+    )
 
 
-def _possible(name: str, values: tuple[float, float, float]) -> tuple[float, float, float]:
-    least, most = range_of(name)
+def _possible(response: Response, values: tuple[float, float, float]) -> tuple[float, float, float]:
+    least, most = range_of(response.name)
+    least = least if response.low is None else response.low
+    most = most if response.high is None else response.high
     value, low, high = (min(max(one, least), most) for one in values)
     return value, low, high
 

@@ -38,6 +38,11 @@ def factors_of(source: StudySource) -> tuple[tuple[FactorInfo, ...], list[Diagno
             continue
         if ("factors", number) in source.damaged:
             continue
+        if factor.name in RESERVED:
+            message = (
+                f"a factor cannot be called {factor.name}: tables of every analysis have a row of that name"
+            )
+            wrong.append(source.refusal(("factors", number, "name"), message, "give it another name"))
         try:
             found.append(_factor(factor))
         except _Refused as refused:
@@ -207,6 +212,8 @@ def settings_matrix(
 
 BLOCK = "block"
 """The term of what runs share beside their settings."""
+RESERVED = (BLOCK, "mean", "error", "total")
+"""Rows of an analysis beside those of factors."""
 
 
 def settings_key(settings: Mapping[str, Value]) -> str:

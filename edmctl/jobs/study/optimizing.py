@@ -15,8 +15,10 @@ from edmctl.jobs.plan import check
 from edmctl.jobs.study.analysis import broken_limits, confirmed_settings, cost_of
 from edmctl.jobs.study.confirming import (
     best_of_points,
+    nothing_left,
     recommendation,
     refuse_without_room,
+    refuted_words,
     suggested_runs,
 )
 from edmctl.jobs.study.expectations import LEAST_RUNS, expected_at, fitting_runs, has_suggestions
@@ -76,7 +78,8 @@ def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE
     """Return so many runs where objectives and constraints are expected to gain most, each checked as a job is.
 
     Each has a virtual machine of its own. Raises PreconditionError: E8209 there is nothing to optimise, E8210 too
-    few runs have a response, E8211 the rules refuse whatever is suggested.
+    few runs have a response, E8211 the rules refuse whatever is suggested, E8217 confirmation has refuted all
+    settings.
     """
     from edmctl.doe.suggestion import suggest
 
@@ -136,10 +139,7 @@ def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recomme
             break
         settings = [one for one in settings if one is not chosen]
     names = ", ".join(name for name, _ in plan.objectives)
-    basis = f"Best expected {names} by Gaussian processes over {len(runs)} runs."
-    if broken := broken_limits(state):
-        texts = ", ".join(dict.fromkeys(text for limits in broken.values() for text in limits))
-        basis += f" Settings whose confirmation did not keep {texts} are left out, and count among the runs."
+    basis = f"Best expected {names} by Gaussian processes over {len(runs)} runs.{refuted_words(state)}"
     return recommendation(
         state,
         chosen,
@@ -273,7 +273,10 @@ def _candidates(
     made = [dict(run.planned.settings) for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION]
     found = {settings_key(one): one for one in (*map(settings_at, rows), *made)}
     broken = broken_limits(state)
-    return [one for key, one in found.items() if key not in broken]
+    left = [one for key, one in found.items() if key not in broken]
+    if not left:
+        raise nothing_left(state, "suggest")
+    return left
 
 
 def _ends(factors: Sequence[FactorInfo]) -> list[list[float]]:

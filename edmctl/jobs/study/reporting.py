@@ -15,7 +15,7 @@ from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.surroundings import NONE, Surroundings
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from edmctl.doe.anova import Anova
@@ -25,16 +25,23 @@ if TYPE_CHECKING:
     from edmctl.results.study import Confirmation, Recommendation
 
 
-def recommendation_or_none(state: StudyState, surroundings: Surroundings = NONE) -> Recommendation | None:
-    """Return what is recommended; None where the rows do not tell."""
+def recommendation_or_why(
+    state: StudyState, surroundings: Surroundings = NONE
+) -> tuple[Recommendation | None, tuple[str, ...]]:
+    """Return what is recommended; without, a note why the rows do not tell, as far as that can be said."""
     try:
-        return recommended(state, surroundings)
-    except (EdmError, ValueError):
-        return None
+        return recommended(state, surroundings), ()
+    except EdmError as error:
+        return None, (error.message.rstrip("."),)
+    except ValueError:
+        return None, ()
 
 
 def mapping_of(
-    analysis: StudyAnalysis, best: Recommendation | None, confirmations: list[Confirmation]
+    analysis: StudyAnalysis,
+    best: Recommendation | None,
+    confirmations: list[Confirmation],
+    notes: Sequence[str],
 ) -> dict[str, Any]:
     """Return the `result` of the JSON object of a report."""
     return {
@@ -49,7 +56,7 @@ def mapping_of(
         "choices": analysis.choices,
         "recommendation": best,
         "confirmations": confirmations,
-        "notes": analysis.notes,
+        "notes": notes,
     }
 
 
@@ -91,7 +98,11 @@ def _anova(table: Anova | None) -> dict[str, Any] | None:
 
 
 def page_of(
-    state: StudyState, analysis: StudyAnalysis, best: Recommendation | None, confirmations: list[Confirmation]
+    state: StudyState,
+    analysis: StudyAnalysis,
+    best: Recommendation | None,
+    confirmations: list[Confirmation],
+    notes: Sequence[str],
 ) -> str:
     """Return the HTML page of a study."""
     from edmctl.report.study_page import render_study_page
@@ -106,7 +117,7 @@ def page_of(
         choices=analysis.choices,
         confirmations=confirmations,
         recommendation=best,
-        notes=analysis.notes,
+        notes=notes,
         source=str(state.folder.path),
     )
 
@@ -142,7 +153,7 @@ def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) 
         )
         for one in chosen
     ]
-    best = recommendation_or_none(state)
+    best, _ = recommendation_or_why(state)
     if best is not None and best.settings not in [one.settings for one in chosen]:
         path = folder / f"{_stem(state)}-recommended.toml"
         files.append((path, best.settings, "recommended by the study", f"expected: {_values(best.expected)}"))

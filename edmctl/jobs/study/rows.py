@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    Expected = Mapping[str, tuple[float, float, float]]
+    """By response: what is expected of a run, and the bounds of its 95 % interval."""
+
 RUN, TOLD, JUDGED, PLANNED, PAUSED, MACHINE = "run", "told", "judged", "planned", "paused", "machine"
 
 
@@ -37,9 +40,14 @@ class StudyWriter(RowWriter):
         attempt = run.row.attempt if run.row is not None else 1
         self.append(TOLD, {"number": run.planned.number, "attempt": attempt, "values": dict(values)})
 
-    def planned(self, runs: Sequence[PlannedRun]) -> None:
-        """Append runs that were not in the plan, suggestions or confirmations: all of them in one line, or none."""
-        self.append(PLANNED, {"runs": [asdict(run) for run in runs]})
+    def planned(self, runs: Sequence[PlannedRun], expected: Expected | None = None) -> None:
+        """Append runs that were not in the plan, suggestions or confirmations: all of them in one line, or none.
+
+        `expected` is kept with confirmations: what is learnt later shall not change what they were to confirm.
+        """
+        known = {name: list(one) for name, one in (expected or {}).items() if all(map(math.isfinite, one))}
+        kept = {"expected": known} if known else {}
+        self.append(PLANNED, {"runs": [asdict(run) for run in runs], **kept})
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +62,8 @@ class Rows:
     """By run and attempt."""
     judged: Mapping[int, Sequence[tuple[int, Judgement, str]]]
     added: tuple[PlannedRun, ...]
+    expected: Mapping[int, Expected]
+    """Of confirmations, by run."""
     paused: tuple[Mapping[str, Any], ...] = ()
     port: str = ""
     """Of the machine that lasts on which the runs are made, if they are made on one."""
@@ -91,6 +101,7 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
     told: dict[tuple[int, int], dict[str, float]] = {}
     judged: dict[int, list[tuple[int, Judgement, str]]] = {}
     added: dict[int, PlannedRun] = {}
+    expected: dict[int, Expected] = {}
     paused: list[dict[str, Any]] = []
     port = ""
     for values in lines:
@@ -111,9 +122,11 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
                 one = (int(values["attempt"]), Judgement(values["judgement"]), str(values["reason"]))
                 judged.setdefault(int(values["number"]), []).append(one)
             elif kind == PLANNED:
-                for one in values["runs"]:
-                    run = planned_run(one)
-                    added.setdefault(run.number, run)
+                runs = [planned_run(one) for one in values["runs"]]
+                own = _expected(values.get("expected", {}))
+                for run in runs:
+                    if added.setdefault(run.number, run) is run and own:
+                        expected[run.number] = own
             elif kind == PAUSED:
                 paused.append(values)
             elif kind == MACHINE:
@@ -125,6 +138,7 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
         told,
         judged,
         tuple(added[number] for number in sorted(added)),
+        expected,
         tuple(paused),
         port,
         torn,
@@ -154,6 +168,14 @@ def _run_row(values: dict[str, Any]) -> RunRow:
     _need(row.seed is None or type(row.seed) is int)
     _need(isinstance(row.settings, dict) and isinstance(row.bases, dict))
     return row
+
+
+def _expected(values: Mapping[str, Any]) -> Expected:
+    found: dict[str, tuple[float, float, float]] = {}
+    for name, (value, low, high) in values.items():
+        _need(all(map(_is_number, (value, low, high))))
+        found[str(name)] = float(value), float(low), float(high)
+    return found
 
 
 def _need(is_right: bool) -> None:

@@ -170,9 +170,10 @@ def told_values(state: StudyState, texts: Sequence[str]) -> dict[str, float | No
         if not equals:
             example = next(iter(manual), "ra_um")
             raise UsageError(f"{text} is no NAME=VALUE.", hint=f"Say e.g. {example}=0.31.", code="E2105")
-        name, value = name.strip(), value.strip()
-        is_withdrawn = name in manual and value == WITHDRAWN
-        found[name] = None if is_withdrawn else _value(name, value, manual)
+        name = name.strip()
+        if name in found:
+            raise UsageError(f"{name} is told twice.", hint="Say it once.", code="E2105")
+        found[name] = _value(name, value.strip(), manual)
     return found
 
 
@@ -180,36 +181,29 @@ def _manual(state: StudyState) -> dict[str, Response]:
     return {one.name: one for one in state.folder.source.file.responses if one.source == "manual"}
 
 
-def _value(name: str, text: str, manual: Mapping[str, Response]) -> float:
+def _value(name: str, text: str, manual: Mapping[str, Response]) -> float | None:
+    from edmctl.record.delimited import number_of
+
     if name not in manual:
         hint = (
             f"It is told {', '.join(manual)}." if manual else 'None of its responses has source = "manual".'
         )
         raise UsageError(f"The study asks nobody for {name}.", hint=hint, code="E2105")
-    try:
-        value = float(text)
-    except ValueError:
-        if not text:
-            message, hint = (
-                f"{name} has no value.",
-                f"Say e.g. {name}=0.31, or {name}={WITHDRAWN} to withdraw what was told.",
-            )
-        elif _is_number(text.replace(",", ".")):
-            message, hint = f"{name}={text}: that is no number.", "Write a decimal point."
-        else:
-            unit = f", in {manual[name].unit}" if manual[name].unit else ""
-            message, hint = f"{name}={text}: that is no number.", f"Give the number alone{unit}."
-        raise UsageError(message, hint=hint, code="E2105") from None
+    if text == WITHDRAWN:
+        return None
+    withdraws = f"{name}={WITHDRAWN} withdraws what was told"
+    if not text:
+        hint = f"Say e.g. {name}=0.31; {withdraws}."
+        raise UsageError(f"{name} has no value.", hint=hint, code="E2105")
+    value = number_of(text)
+    if value is None:
+        unit = f", in {manual[name].unit}" if manual[name].unit else ""
+        hint = f"Give the number alone{unit}; {withdraws}."
+        if number_of(text, decimal_commas=True) is not None:
+            hint = "Write a decimal point."
+        raise UsageError(f"{name}={text}: that is no number.", hint=hint, code="E2105")
     refuse_untellable(manual[name], value)
     return value
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def refuse_untellable(response: Response, value: float) -> None:
@@ -233,42 +227,34 @@ def refuse_untellable(response: Response, value: float) -> None:
 
 
 def read_table(path: Path) -> TextTable:
-    """Read a table that somebody has made. Raises UsageError E2106 where there is none."""
+    """Read a table that somebody has made. Raises UsageError E2106 where there is none, or a row does not fit."""
     from edmctl.record.delimited import read_texts
 
     try:
         return read_texts(path)
     except RecordError as error:
-        raise UsageError(error.message, hint="Name a table that is saved as CSV.", code="E2106") from None
+        raise UsageError(error.message, hint=error.hint, code="E2106") from None
 
 
-def told_table(state: StudyState, table: TextTable, name: str) -> dict[int, dict[str, float]]:
+def told_table(state: StudyState, table: TextTable, name: str) -> dict[int, dict[str, float | None]]:
     """Return what a table tells of manual responses, by run: columns `run` and their names; others are ignored.
 
-    Raises UsageError: E2104 there is no such run, E2105 a value is none, E2106 it has no column for it, E2107 a run
-    is not made yet.
+    An empty cell tells nothing, `none` withdraws. Raises UsageError: E2104 there is no such run, E2105 a value is
+    none, E2106 it has no column for it or tells nothing, E2107 a run is not made yet.
     """
     manual = _manual(state)
     there = [one for one in manual if one in table.names]
     if "run" not in table.names or not there:
         raise _without_column(state, table, name, manual)
-    found: dict[int, dict[str, float]] = {}
+    found: dict[int, dict[str, float | None]] = {}
     for line, row in table.rows:
-        values = {one: row[one] for one in there}
-        if not any(values.values()):
+        values = {one: row[one] for one in there if row[one]}
+        if not values:
             continue
         try:
-            number = int(row["run"])
-            told = {
-                one: _value(one, table.number_text(value), manual) for one, value in values.items() if value
-            }
+            number = _run_number(table.number_text(row["run"]))
+            told = {one: _value(one, table.number_text(value), manual) for one, value in values.items()}
             made_run(state, number)
-        except ValueError:
-            raise UsageError(
-                f"{name}, line {line}: {row['run']!r} is no number of a run.",
-                hint="Correct it.",
-                code="E2104",
-            ) from None
         except UsageError as error:
             raise UsageError(
                 f"{name}, line {line}: {error.message}", hint=error.hint, code=error.code
@@ -280,7 +266,23 @@ def told_table(state: StudyState, table: TextTable, name: str) -> dict[int, dict
                 code="E2106",
             )
         found[number] = told
+    if not found:
+        raise UsageError(
+            f"{name} tells nothing: no row has a value of {' or '.join(there)}.",
+            hint="Fill it in, and save it as CSV again.",
+            code="E2106",
+        )
     return found
+
+
+def _run_number(text: str) -> int:
+    """The number of a run, as `1.0` too, which programs make of a column of whole numbers."""
+    from edmctl.record.delimited import number_of
+
+    number = number_of(text)
+    if number is None or not number.is_integer():
+        raise UsageError(f"{text!r} is no number of a run.", hint="Correct it.", code="E2104")
+    return int(number)
 
 
 def made_run(state: StudyState, number: int) -> StudyRun:
