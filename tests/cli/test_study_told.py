@@ -197,3 +197,20 @@ def test_what_was_told_is_withdrawn_and_told_anew(tmp_path: Path, here: Here) ->
     imported = here("study", "import", str(folder.path), str(table))
     assert "Withdrawn: of 1 run, 1." in imported.out
     assert not folder.read().run(1).told
+
+
+def test_what_was_measured_of_an_attempt_that_was_repeated_is_not_told_of_the_next_one(
+    tmp_path: Path,
+) -> None:
+    folder = made(tmp_path, BOUNDED)
+    first = folder.plan.runs[0]
+    with folder.writer() as writer:
+        for attempt in (1, 2):
+            writer.run(bare_row(first, attempt, first.seed, datetime.now(UTC)))
+    table = tmp_path / "filled.csv"
+    table.write_text("run,attempt,ra_um\n1,1,0.3\n", encoding="utf-8")
+    with pytest.raises(UsageError, match=r"was repeated: its last attempt is 2") as repeated:
+        told_table(folder.read(), read_table(table), str(table))
+    assert repeated.value.code == "E2107"
+    table.write_text("run,attempt,ra_um\n1,2,0.3\n", encoding="utf-8")
+    assert told_table(folder.read(), read_table(table), str(table)) == {1: {"ra_um": 0.3}}

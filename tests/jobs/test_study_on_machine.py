@@ -346,6 +346,6 @@ def test_an_array_with_replicates_is_made_through_a_line_with_a_tool_change_and_
     assert table is not None
     assert {row.name for row in table.rows} == {"block", "reference", "duty", "frequency"}
     assert table.rows[1].p < 0.01
-    assert "machining_time_s" in page_of(state, found, None, [])
+    assert "machining_time_s" in page_of(state, found, None, [], [])
     holes = [(hole.x_um, hole.y_um) for hole in bench.truth()]
     assert len({(round(x_um / 100), round(y_um / 100)) for x_um, y_um in holes}) == 22

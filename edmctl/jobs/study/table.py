@@ -239,8 +239,9 @@ def read_table(path: Path) -> TextTable:
 def told_table(state: StudyState, table: TextTable, name: str) -> dict[int, dict[str, float | None]]:
     """Return what a table tells of manual responses, by run: columns `run` and their names; others are ignored.
 
-    An empty cell tells nothing, `none` withdraws. Raises UsageError: E2104 there is no such run, E2105 a value is
-    none, E2106 it has no column for it or tells nothing, E2107 a run is not made yet.
+    An empty cell tells nothing, `none` withdraws. A column `attempt` says which attempt was measured. Raises
+    UsageError: E2104 there is no such run, E2105 a value is none, E2106 it has no column for it or tells nothing,
+    E2107 a run is not made yet, or that attempt at it is not the last one.
     """
     manual = _manual(state)
     there = [one for one in manual if one in table.names]
@@ -254,7 +255,7 @@ def told_table(state: StudyState, table: TextTable, name: str) -> dict[int, dict
         try:
             number = _run_number(table.number_text(row["run"]))
             told = {one: _value(one, table.number_text(value), manual) for one, value in values.items()}
-            made_run(state, number)
+            _same_attempt(made_run(state, number), table.number_text(row.get("attempt", "")))
         except UsageError as error:
             raise UsageError(
                 f"{name}, line {line}: {error.message}", hint=error.hint, code=error.code
@@ -273,6 +274,18 @@ def told_table(state: StudyState, table: TextTable, name: str) -> dict[int, dict
             code="E2106",
         )
     return found
+
+
+def _same_attempt(run: StudyRun, text: str) -> None:
+    """Refuse what was measured of an attempt that has been repeated since: on a machine that is another hole."""
+    from edmctl.record.delimited import number_of
+
+    if text and number_of(text) != run.attempts:
+        raise UsageError(
+            f"Run {run.planned.number} was repeated: its last attempt is {run.attempts}, and this is of {text}.",
+            hint="Measure the last attempt, and write its number there; or leave the cell empty.",
+            code="E2107",
+        )
 
 
 def _run_number(text: str) -> int:
