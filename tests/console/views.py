@@ -141,6 +141,7 @@ class Found:
     problems: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     noise: Noise = field(default_factory=lambda: Noise(0.15, 0.7))
+    held_out_model: Figures = field(default_factory=lambda: made_figures(max_um=1.9, rms_um=0.41))
 
 
 BASELINES = {
