@@ -66,7 +66,8 @@ class DepthAndWear:
 
     `depth_noise_um` is the part of the depth's standard uncertainty that another set of touches would redraw.
     `drift_um` is what the readings after the cut were corrected by, and `drift_left_u_um` the standard uncertainty
-    in the wear of the drift that is left, or of all of it; NaN where no touches tell the wear.
+    in the wear of the drift that is left, or of all of it; NaN where no touches tell the wear. `drift_by_rests` says
+    that the drift was known, if only to be nothing.
     """
 
     depth_um: float
@@ -78,6 +79,7 @@ class DepthAndWear:
     depth_noise_um: float
     drift_um: float = 0.0
     drift_left_u_um: float = math.nan
+    drift_by_rests: bool = False
 
     @property
     def wear_ratio(self) -> float:
@@ -218,6 +220,7 @@ def measure(
         depth_noise,
         drift_um=drift_um,
         drift_left_u_um=left_u_um,
+        drift_by_rests=drift is not None,
     )
 
 

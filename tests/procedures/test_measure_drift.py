@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pytest
 
+from edmctl.console.result_table import render_job
 from edmctl.errors import ObjectiveNotReached, PreconditionError, UsageError
 from edmctl.jobs.truth import TrueWear
 from edmctl.labels import Seen
@@ -130,11 +131,11 @@ def test_what_is_no_drift_is_not_kept() -> None:
 
 
 @cache
-def corrected(sites: tuple[Place, ...], *, known: bool) -> tuple[Shop, TrueWear]:
+def corrected(sites: tuple[Place, ...], *, known: bool, share: float = 1.0) -> tuple[Shop, TrueWear]:
     """A job on a sensor that drifts, with and without what measure-drift tells."""
     shop = Shop(('target={kind="depth",depth_um=8.0,tolerance_um=2.0}',))
     shop.bench.plant.unit.sensor_drift_um_s = FASTER_UM_S
-    job = replace(shop.job, drift=KNOWN if known else None)
+    job = replace(shop.job, drift=replace(KNOWN, share=share) if known else None)
     shop.job = replace(job, sites=sites) if sites else job
     wear = TrueWear(shop.bench, NoStateStore())
     shop.run_job(journal=wear)
@@ -160,8 +161,18 @@ def test_without_a_file_a_job_corrects_nothing_and_says_what_drift_costs() -> No
     shop, wear = corrected((), known=False)
     (site,) = shop.tally.sites.values()
     assert site.drift_correction_um == 0.0
+    assert not site.drift_by_rests
     assert site.wear_um - wear.of_site(site.name) > 1.0
     assert site.drift_left_u_um > 0.0
+
+
+@pytest.mark.slow
+def test_a_share_of_nothing_is_a_file_in_use() -> None:
+    shop, _ = corrected((), known=True, share=0.0)
+    (site,) = shop.tally.sites.values()
+    assert site.drift_correction_um == 0.0
+    assert site.drift_by_rests
+    assert "measure-drift" not in render_job(shop.tally.result())
 
 
 @pytest.mark.slow

@@ -230,6 +230,7 @@ class OpenHole:
             in_doubt=self.in_doubt,
             drift_correction_um=self.drift_um,
             drift_left_u_um=found.drift_left_u_um,
+            drift_by_rests=found.drift_by_rests,
         )
 
     def report_left(self, run: JobRun, estimate: Estimate) -> None:
