@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Protocol
 
+from edmctl.process.touches import TouchScatter
 from edmctl.results.job import JobResult, Reached, SiteResult
 from edmctl.results.progress import Phase
 
@@ -197,7 +198,8 @@ class JobTally:
     until it is measured; `unwritten` names finished holes whose results later touches may still correct.
     `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V, which was at `home_s`. `cut` is
     the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
-    `time_s` and `machining_time_s` count those of the runs before this one too.
+    `time_s` and `machining_time_s` count those of the runs before this one too. `scatter` is that of the touches of
+    this run.
     """
 
     sites: dict[str, SiteResult] = field(default_factory=dict)
@@ -218,6 +220,7 @@ class JobTally:
     channel: ChannelResult | None = None
     home_um: float = 0.0
     home_s: float = math.nan
+    scatter: TouchScatter = field(default_factory=TouchScatter)
     beliefs: tuple[Belief, ...] = ()
 
     @property

@@ -24,6 +24,8 @@ TOUCH_SD_PRIOR_UM = 0.2
 """Repeatability of one touch expected before any was made: sensor noise and contact hunting."""
 TOUCH_PRIOR_DOF = 2.0
 """Weight of that expectation, as if it came from three earlier touches."""
+LEAST_SCATTER_DOF = 3
+"""Fewer degrees of freedom tell less of the scatter of the touches than what is expected of it beforehand."""
 SPOT_SIGMAS = 3.0
 """Two spots of one surface differ by more in 0.3 % of cases; the third spot that is then touched takes seconds."""
 SHORT_SIGMAS = 2.0
@@ -106,6 +108,26 @@ def pooled_reading(readings: Sequence[Reading]) -> Reading:
         for reading in readings
     )
     return Reading(mean_um, math.sqrt(squares / (n - 1)) if n > 1 else 0.0, n)
+
+
+@dataclass(slots=True)
+class TouchScatter:
+    """Repeatability of one touch, pooled over the readings of a run."""
+
+    dof: int = 0
+    squares_um2: float = 0.0
+
+    def add(self, reading: Reading) -> None:
+        """Take a reading."""
+        self.dof += reading.touches - 1
+        self.squares_um2 += (reading.touches - 1) * reading.sd_um**2
+
+    @property
+    def u_um(self) -> float:
+        """Standard uncertainty of one touch: the wider the fewer there are, as Student's t is; before, the prior."""
+        if self.dof < LEAST_SCATTER_DOF:
+            return TOUCH_SD_PRIOR_UM
+        return math.sqrt(self.squares_um2 / self.dof) * student_97_5(self.dof) / _NORMAL_97_5
 
 
 def student_97_5(dof: float) -> float:

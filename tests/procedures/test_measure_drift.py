@@ -163,6 +163,7 @@ def test_without_a_file_a_job_corrects_nothing_and_says_what_drift_costs() -> No
     assert site.drift_correction_um == 0.0
     assert not site.drift_by_rests
     assert site.wear_um - wear.of_site(site.name) > 1.0
+    assert [belief.name for belief in shop.tally.result().contradicted] == ["sensor.drift_um_per_s"]
     assert site.drift_left_u_um > 0.0
 
 
