@@ -307,17 +307,26 @@ class DriftModel:
         )
         return Drift(self.share * moved.um, left_u_um)
 
-    def rest_that_pays_s(self, first: Rest, last: Rest, seconds: float, memory_s: float = math.inf) -> float:
+    def rest_that_pays_s(
+        self,
+        first: Rest,
+        last: Rest,
+        seconds: float,
+        memory_s: float = math.inf,
+        drift_u_um_per_s: float = 0.0,
+    ) -> float:
         """Return how long to rest on after `last`, before a touch that is compared with one `seconds` ago; or 0.
 
-        It is the time that leaves least unknown of the drift between them, where that is worth it.
+        It is the time that leaves least unknown, where that is worth it: of the drift between the two, which is in
+        the wear, and of `drift_u_um_per_s` since the bottom was touched, which is in the depth.
         """
 
         def left_u_um(more_s: float) -> float:
             kept = np.exp(-more_s / _TAU_S)
             um = last.um - float(self.creep @ (last.lags_um * (1.0 - kept)))
             later = Rest(last.time_s + more_s, um, last.lags_um * kept, last.lags_out_s * kept)
-            return self.between(first, later, seconds + more_s, memory_s).left_u_um
+            drift = self.between(first, later, seconds + more_s, memory_s)
+            return math.hypot(drift.left_u_um, drift_u_um_per_s * more_s)
 
         allowed_s = [more_s for more_s in RESTS_S if more_s <= REST_SHARE * seconds]
         best_s = min(allowed_s, key=left_u_um, default=0.0)

@@ -227,6 +227,9 @@ def test_a_deep_cut_is_rested_out_before_a_touch_and_a_shallow_one_is_not() -> N
         last = made.rest()
         seconds = last.time_s - first.time_s
         pays_s = model.rest_that_pays_s(first, last, seconds)
+        for drift_um_s in (1e-3, 1e-2):
+            assert model.rest_that_pays_s(first, last, seconds, drift_u_um_per_s=drift_um_s) <= pays_s
+        assert model.rest_that_pays_s(first, last, seconds, drift_u_um_per_s=0.01) == 0.0
         before_u_um = model.between(first, last, seconds).left_u_um
         made.stay(0.0, pays_s + STEP_S)
         after_u_um = model.between(first, made.rest(), seconds + pays_s).left_u_um
