@@ -190,7 +190,10 @@ def render_drift(
         for row, value in zip(rows, values, strict=False):
             row.append(_nm_s(value))
     if math.isnan(found.share):
-        share = "The rests have not drifted: they show no share, and jobs take all of their drift."
+        share = (
+            "The rests have not drifted by more than their random walk: no share can be told. Jobs take "
+            f"{percent(found.share_used)} of their drift."
+        )
     elif abs(found.share - found.share_used) <= U95 * found.share_u:
         share = f"Jobs take {percent(found.share_used)} of the drift of their rests."
     else:
