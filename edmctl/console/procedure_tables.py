@@ -117,6 +117,7 @@ def render_wear(
         header.append("truth")
         wear.append(length(truth["wear_um"]))
         depth.append(length(truth["depth_um"]))
+        feed.append(length(truth["feed_um"]))
     rows = [
         depth,
         wear,
@@ -136,6 +137,7 @@ def render_wear(
             render_columns(["standard uncertainty", "depth", "tool wear", "feed"], parts, style),
             f"{found.touches} touches of every Z. The tool's jobs account for {length(ledger_um)} of wear; it has "
             f"lost {length(total_um)} in all.",
+            "Drift since the reference is not corrected, it is in the intervals: a drift file counts in jobs alone.",
         ]
     )
 

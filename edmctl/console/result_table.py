@@ -121,8 +121,11 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
         header.append("truth")
         depth.append(length(truth.depth_um))
         wear.append(length(truth.wear_um))
+    feed = ["feed", length(site.feed_um, site.feed_u95_um)]
+    if truth:
+        feed += [""] * (len(header) - 3) + [length(truth.feed_um)]
     others = [
-        ["feed", length(site.feed_um, site.feed_u95_um)],
+        feed,
         ["Z1 surface before", length(site.z1_um)],
         ["Z2 tip at the end" if site.through else "Z2 bottom", length(site.z2_um)],
         ["Z3 surface after", length(site.z3_um)],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
@@ -81,6 +81,15 @@ class ChannelTruth:
     floor_sd_um: float
     floor_error_rms_um: float
     wear_um: float
+
+    @property
+    def feed_um(self) -> float:
+        """Depth and wear together."""
+        return self.depth_um + self.wear_um
+
+    def as_mapping(self) -> dict[str, float]:
+        """All of it, with the feed."""
+        return {**asdict(self), "feed_um": self.feed_um}
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,6 +271,15 @@ class SiteTruth:
     ra_um: float = math.nan
     rz_um: float = math.nan
     corner_um: float = math.nan
+
+    @property
+    def feed_um(self) -> float:
+        """Depth and wear together."""
+        return self.depth_um + self.wear_um
+
+    def as_mapping(self) -> dict[str, float]:
+        """All of it, with the feed."""
+        return {**asdict(self), "feed_um": self.feed_um}
 
 
 def site_result_of(mapping: Mapping[str, object]) -> SiteResult:

@@ -19,6 +19,8 @@ def test_measured_modelled_and_true_values_stand_side_by_side() -> None:
     assert lines[0].split() == ["site", "1", "measured", "from", "voltage", "truth"]
     assert lines[1].split() == ["depth", "180.21", "±", "0.62", "µm", "180.94", "µm", "180.05", "µm"]
     assert lines[2].split() == ["tool", "wear", "70.03", "±", "0.55", "µm", "70.41", "µm", "70.11", "µm"]
+    assert lines[3].split() == ["feed", "250.24", "µm", "250.16", "µm"]
+    assert lines[3].index("250.16") == lines[1].index("180.05")
 
 
 def test_hardware_has_no_truth() -> None:
