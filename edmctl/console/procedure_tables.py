@@ -117,6 +117,7 @@ def render_wear(
         header.append("truth")
         wear.append(length(truth["wear_um"]))
         depth.append(length(truth["depth_um"]))
+        feed.append(length(truth["feed_um"]))
     rows = [
         depth,
         wear,
@@ -136,6 +137,7 @@ def render_wear(
             render_columns(["standard uncertainty", "depth", "tool wear", "feed"], parts, style),
             f"{found.touches} touches of every Z. The tool's jobs account for {length(ledger_um)} of wear; it has "
             f"lost {length(total_um)} in all.",
+            "Drift since the reference is not corrected, it is in the intervals: a drift file counts in jobs alone.",
         ]
     )
 
@@ -190,7 +192,10 @@ def render_drift(
         for row, value in zip(rows, values, strict=False):
             row.append(_nm_s(value))
     if math.isnan(found.share):
-        share = "The rests have not drifted: they show no share, and jobs take all of their drift."
+        share = (
+            "The rests have not drifted by more than their random walk: no share can be told. Jobs take "
+            f"{percent(found.share_used)} of their drift."
+        )
     elif abs(found.share - found.share_used) <= U95 * found.share_u:
         share = f"Jobs take {percent(found.share_used)} of the drift of their rests."
     else:

@@ -121,8 +121,11 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
         header.append("truth")
         depth.append(length(truth.depth_um))
         wear.append(length(truth.wear_um))
+    feed = ["feed", length(site.feed_um, site.feed_u95_um)]
+    if truth:
+        feed += [""] * (len(header) - 3) + [length(truth.feed_um)]
     others = [
-        ["feed", length(site.feed_um, site.feed_u95_um)],
+        feed,
         ["Z1 surface before", length(site.z1_um)],
         ["Z2 tip at the end" if site.through else "Z2 bottom", length(site.z2_um)],
         ["Z3 surface after", length(site.z3_um)],
@@ -162,23 +165,26 @@ def drift_in_words(found: Site | ChannelResult) -> str:
     left_um = U95 * found.drift_left_u_um
     if not isfinite(left_um):
         return ""
-    if found.drift_correction_um:
-        return f"{length(found.drift_correction_um, left_um)} by the rests, taken off wear and Z values"
-    return f"± {length(left_um)} of the wear; {_MENDS}" if _costs_much(found) else ""
+    if not found.drift_by_rests:
+        return f"± {length(left_um)} of the wear; {_MENDS}" if _costs_much(found) else ""
+    if not found.drift_correction_um:
+        return f"nothing taken off: touches do not see it; ± {length(left_um)} left"
+    return f"{length(found.drift_correction_um, left_um)} by the rests, taken off wear and Z values"
 
 
 def _costs_much(found: Site | ChannelResult) -> bool:
     """Whether a drift that nobody has corrected makes most of the interval; without a sensor there is no cure."""
-    is_cured = found.drift_correction_um != 0.0 or found.wear_basis is Basis.MODEL
+    is_cured = found.drift_by_rests or found.wear_basis is Basis.MODEL
     return not is_cured and U95 * found.drift_left_u_um >= 0.5 * found.wear_u95_um
 
 
 def _drift_of_many(sites: Sequence[Site], columns: int) -> list[str]:
     """Return what drift there is in the wear of many holes, in a sentence."""
-    corrected_um = [site.drift_correction_um for site in sites if site.drift_correction_um]
-    if corrected_um:
-        far_um = max(corrected_um, key=abs)
-        return wrapped(f"Wear is corrected by the rests, for a drift of {length(far_um)} at most.", columns)
+    by_rests = [site for site in sites if site.drift_by_rests]
+    if by_rests:
+        far_um = max((site.drift_correction_um for site in by_rests), key=abs)
+        words = f"Wear is corrected by the rests, for a drift of {length(far_um)} at most."
+        return wrapped(words if far_um else "Drift: touches do not see it, nothing is taken off.", columns)
     left_um = [U95 * site.drift_left_u_um for site in sites if _costs_much(site)]
     if not left_um:
         return []

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
-from edmctl.wording import plural
+from edmctl.wording import duration, plural
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
 
 _DAY_S = 86_400.0
+FADED_S = 1800.0
+"""Creep of a full stroke is gone by then, as far as it counts."""
 CLOCK_STEP_S = 3600.0
 """A file may be so much younger than now: clocks are put right."""
 
@@ -65,6 +67,18 @@ def believed(model: DriftModel, setup: Setup) -> DriftModel:
     """Return what a job goes by: with a drift between tool and work that was another one when it was measured."""
     apart_u_um_per_s = math.hypot(model.apart_u_um_per_s, setup.drift.apart_u_um_per_s)
     return replace(model, apart_u_um_per_s=apart_u_um_per_s)
+
+
+def doubts_of_use(choice: DriftChoice, unknown_use_s: float) -> list[Diagnostic]:
+    """Return a warning where creep of a use that nobody has followed may be in the rests."""
+    if choice.model is None or unknown_use_s >= FADED_S:
+        return []
+    message = (
+        f"How the actuator was used until {duration(unknown_use_s)} ago is unknown: a command was killed, or "
+        "followed no creep. Where the rests tell less of the drift than the setup does, nothing is corrected."
+    )
+    hint = "Half an hour of rest mends it; the next run knows what this one leaves."
+    return [Diagnostic("W8108", message, hint, is_warning=True)]
 
 
 def _ignored(code: str, message: str) -> DriftChoice:

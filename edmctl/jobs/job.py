@@ -111,13 +111,11 @@ class Report(Result):
         mapping["calibration"] = dataclasses.asdict(self.model) if self.model else None
         mapping["drift_file"] = self.drift_file or None
         mapping["sites"] = [
-            {**site, "truth": dataclasses.asdict(truth) if truth else None}
+            {**site, "truth": truth.as_mapping() if truth else None}
             for site, truth in zip_longest(mapping["sites"], self.truths)
         ]
         if mapping["channel"] is not None:
-            mapping["channel"]["truth"] = (
-                dataclasses.asdict(self.channel_truth) if self.channel_truth else None
-            )
+            mapping["channel"]["truth"] = self.channel_truth.as_mapping() if self.channel_truth else None
         return mapping
 
 

@@ -100,7 +100,7 @@ class DriftRun:
         known = not math.isnan(account.pad_um)
         offset_um = account.pad_um if known else run.profile.approach.offset_um
         record = measure_drift(run, planned, run.tally.home_um + offset_um)
-        self._pad_um, self._home_um = record.touches[-1].um, run.tally.home_um
+        self._pad_um, self._home_um = record.touches[-1].reading.mean_um, run.tally.home_um
         fit, self.found = drift_result(run, planned, record)
         self._model = model_of(fit)
 

@@ -321,7 +321,7 @@ class WearRun:
 
     @property
     def truth(self) -> dict[str, float] | None:
-        """Wear since the reference and depth as a virtual bench knows them; None on any other machine."""
+        """Wear since the reference, depth and feed as a virtual bench knows them; None on any other machine."""
         virtual = self._session.bench.virtual if self._session else None
         if virtual is None:
             return None
@@ -331,7 +331,7 @@ class WearRun:
         if bottom is not None and holes:
             nearest = min(holes, key=lambda h: math.hypot(h.x_um - bottom.x_um, h.y_um - bottom.y_um))
             depth_um = nearest.depth_um
-        return {"wear_um": wear_um, "depth_um": depth_um}
+        return {"wear_um": wear_um, "depth_um": depth_um, "feed_um": depth_um + wear_um}
 
     def _account_of(self, identity: ToolIdentity, history: MachineHistory) -> ToolAccount:
         """Account of the profile's tool, of that on a virtual bench, or of that last in use."""

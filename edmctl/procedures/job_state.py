@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Protocol
 
+from edmctl.process.touches import TouchScatter
 from edmctl.results.job import JobResult, Reached, SiteResult
 from edmctl.results.progress import Phase
 
@@ -199,7 +200,7 @@ class JobTally:
     `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V, which was at `home_s`. `cut` is
     the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
     `time_s` and `machining_time_s` count those of the runs before this one too. `creep_left` is what the actuator
-    creeps back yet after a run that came to its end.
+    creeps back yet after a run that came to its end, `scatter` that of the touches of this run.
     """
 
     sites: dict[str, SiteResult] = field(default_factory=dict)
@@ -220,6 +221,7 @@ class JobTally:
     channel: ChannelResult | None = None
     home_um: float = 0.0
     home_s: float = math.nan
+    scatter: TouchScatter = field(default_factory=TouchScatter)
     beliefs: tuple[Belief, ...] = ()
     creep_left: CreepLeft | None = None
 

@@ -135,7 +135,7 @@ def measure_drift(run: JobRun, plan: DriftPlan, expected_um: float) -> DriftReco
         _note_rest(run, record)
         found = take_reading(run, "Z1", pad.name, predicted_um, AGAIN_U_UM)
         predicted_um = found.z_um
-        record.touches.append(PadTouch(found.time_s, found.z_um, found.reading.touches))
+        record.touches.append(PadTouch(found.time_s, found.reading))
         retract(run)
         run.machine.rest(RESTED_S)
         _note_rest(run, record)
@@ -146,7 +146,8 @@ def measure_drift(run: JobRun, plan: DriftPlan, expected_um: float) -> DriftReco
 def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[DriftFit, DriftResult]:
     """Regress touches on rests. Raises ObjectiveNotReached E7041 where they are not explained by drift and creep."""
     try:
-        fit = fit_drift(record.rests, record.touches, run.job.unknown_use_s)
+        walk = run.setup.drift.walk_um_per_sqrt_s
+        fit = fit_drift(record.rests, record.touches, walk, run.job.unknown_use_s)
     except ValueError as error:
         raise _unexplained(f"the touches tell nothing: {error}") from error
     if fit.misfit > MOST_MISFIT:
@@ -157,7 +158,7 @@ def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[Dri
     used = model_of(fit)
     before, after = record.rests[record.held_after - 1], record.rests[record.held_after]
     lags_um = after.lags_um - before.lags_um
-    share, share_u = (fit.share.value, fit.share.u) if fit.share else (math.nan, math.nan)
+    share = fit.share if fit.is_steady else None
     result = DriftResult(
         rest_um_per_s=fit.rest_um_per_s.value,
         rest_u_um_per_s=fit.rest_um_per_s.u,
@@ -165,8 +166,8 @@ def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[Dri
         touch_u_um_per_s=fit.touch_um_per_s.u,
         apart_um_per_s=fit.apart_um_per_s.value,
         apart_u_um_per_s=fit.apart_um_per_s.u,
-        share=share,
-        share_u=share_u,
+        share=share.value if share else math.nan,
+        share_u=share.u if share else math.nan,
         share_used=used.share,
         share_used_u=used.share_u,
         creep_um=float(fit.creep @ lags_um),

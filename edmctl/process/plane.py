@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl.process.touches import TOUCH_SD_PRIOR_UM
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -45,14 +47,20 @@ class Plane:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """How much further one place of a face lies than another, µm, with its standard uncertainty.
+    """How much further one place of a face lies than another, µm.
 
-    `way_um` leads from the other place to the one.
+    `way_um` leads from the other place to the one; `touches` were made at the two. `sensed_u_um` is the standard
+    uncertainty that does not come from their scatter.
     """
 
     way_um: tuple[float, float]
     um: float
-    u_um: float
+    touches: tuple[int, int]
+    sensed_u_um: float = 0.0
+
+    def u_um(self, touch_u_um: float = TOUCH_SD_PRIOR_UM) -> float:
+        """Standard uncertainty, with that of one touch."""
+        return math.hypot(touch_u_um * math.sqrt(math.fsum(1.0 / n for n in self.touches)), self.sensed_u_um)
 
 
 def unknown_plane(origin_um: tuple[float, float], tilt_u_mrad: float) -> Plane:
@@ -83,8 +91,8 @@ def fitted_plane(
     weights = np.linalg.inv(noise)
     information, sums = ways.T @ weights @ ways, ways.T @ weights @ heights
     for step in steps:
-        way = np.asarray(step.way_um) / step.u_um
-        information, sums = information + np.outer(way, way), sums + way * step.um / step.u_um
+        way = np.asarray(step.way_um) / step.u_um()
+        information, sums = information + np.outer(way, way), sums + way * step.um / step.u_um()
     for _ in range(2):
         prior = np.eye(2) / (1e-3 * tilt_u_mrad) ** 2 if tilt_u_mrad > 0.0 else np.eye(2) * 1e18
         covariance = np.linalg.inv(information + prior)

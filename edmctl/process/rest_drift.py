@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.process.touches import Drift, share_u
+from edmctl.process.touches import Drift, Reading, TouchScatter, share_u
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,12 +38,8 @@ SCATTER_PRIOR_PER_DECADE = 0.006
 DRIFT_PRIOR_UM_PER_S = 0.1
 """Standard deviation of either drift before it was measured: as good as unknown."""
 ZERO_PRIOR_UM = 30.0
-REST_SD_UM = 0.03
-"""Of one rest: sensor noise over a tenth of a second."""
-TOUCH_SD_UM = 0.12
-"""Of one touch of the pad: where continuity closes, and sensor noise."""
-WALK_UM_PER_SQRT_S = 0.01
-"""Random walk of the sensor's zero besides its steady drift [assumed]."""
+LEAST_NOISE_UM = 1e-3
+"""The last digit of a sensor."""
 MISFIT = 0.01
 """Standard deviation of creep that is no sum of these lags, over the creep that is."""
 DRIFT_MISFIT = 0.1
@@ -53,7 +49,7 @@ MEMORY_UM = 150.0
 """Way whose creep an earlier use of the actuator may have left, µm."""
 MOST_LAG_UM = 1000.0
 LEAST_SIGMAS = 3.0
-"""A rest that has drifted by less than so many standard uncertainties tells no ratio."""
+"""Rests that have drifted by less than so many standard uncertainties tell no ratio."""
 LEAST_TOUCHES = 5
 PASSES = 2
 REST_TO_TOUCH_S = 20.0
@@ -143,10 +139,14 @@ class CreepLags:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
-    """A rest at 0 V: what the sensor showed, and the lags of the displacement then, as in `CreepLags`."""
+    """A rest at 0 V: what the sensor showed, and the lags of the displacement then, as in `CreepLags`.
+
+    `u_um` is the standard uncertainty of the mean of its samples, by their scatter.
+    """
 
     time_s: float
     um: float
+    u_um: float
     lags_um: Floats
     lags_out_s: Floats
 
@@ -160,6 +160,7 @@ def mean_rest(rests: Sequence[Rest | None], shares: Sequence[float]) -> Rest | N
     return Rest(
         float(weights @ [rest.time_s for rest in known]),
         float(weights @ [rest.um for rest in known]),
+        math.hypot(*(weights * [rest.u_um for rest in known])),
         weights @ np.array([rest.lags_um for rest in known]),
         weights @ np.array([rest.lags_out_s for rest in known]),
     )
@@ -167,11 +168,10 @@ def mean_rest(rests: Sequence[Rest | None], shares: Sequence[float]) -> Rest | N
 
 @dataclass(frozen=True, slots=True)
 class PadTouch:
-    """A reading of the pad: mean of so many touches."""
+    """A reading of the pad, and when it was made."""
 
     time_s: float
-    um: float
-    touches: int
+    reading: Reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,9 +189,10 @@ class DriftFit:
     Drifts are those of this run, the random walk of the sensor with them. `creep` are the weights of the lags,
     `creep_covariance` goes with them. `rest_um_per_s` is the drift of the rests without creep, `touch_um_per_s` that
     of the touches, `apart_um_per_s` of the touches less that of the rests: a drift between tool and work, or a
-    change of the rest that no touch sees. `share` is the ratio of the steady drifts, None where the rests have not
-    drifted. `misfit` is by how much the residuals exceed what was expected of them, at least 1; all uncertainties
-    hold it. `outliers` are the touches that were left out.
+    change of the rest that no touch sees. `share` is the ratio of the drifts, None where the rests have not drifted,
+    or by so little that it is known no better than unmeasured. `is_steady` says that they have drifted by more than
+    their random walk explains, of `walk_um_per_sqrt_s`. `misfit` is by how much the residuals exceed what was
+    expected of them, at least 1; all uncertainties hold it. `outliers` are the touches that were left out.
     """
 
     creep: Floats
@@ -200,6 +201,8 @@ class DriftFit:
     touch_um_per_s: Estimate
     apart_um_per_s: Estimate
     share: Estimate | None
+    is_steady: bool
+    walk_um_per_sqrt_s: float
     misfit: float
     rest_rms_um: float
     touch_rms_um: float
@@ -214,11 +217,17 @@ def creep_prior() -> Floats:
     )
 
 
-def fit_drift(rests: Sequence[Rest], touches: Sequence[PadTouch], memory_s: float = math.inf) -> DriftFit:
+def fit_drift(
+    rests: Sequence[Rest],
+    touches: Sequence[PadTouch],
+    walk_um_per_sqrt_s: float,
+    memory_s: float = math.inf,
+) -> DriftFit:
     """Regress rests and touches of the pad on time and creep.
 
-    `memory_s` before the first of them the actuator was in use, infinity where it was not. Raises ValueError with
-    fewer than `LEAST_TOUCHES` touches.
+    `walk_um_per_sqrt_s` is the random walk of the sensor's zero besides its steady drift; how much rests and touches
+    scatter they tell themselves. `memory_s` before the first of them the actuator was in use, infinity where it was
+    not. Raises ValueError with fewer than `LEAST_TOUCHES` touches.
     """
     kept, outliers = list(touches), 0
     while True:
@@ -226,7 +235,7 @@ def fit_drift(rests: Sequence[Rest], touches: Sequence[PadTouch], memory_s: floa
             raise ValueError(f"{len(kept)} touches tell no drift; it takes {LEAST_TOUCHES}")
         fit = None
         for _ in range(PASSES):
-            fit, off_sds = _fitted(rests, kept, memory_s, outliers, fit)
+            fit, off_sds = _fitted(rests, kept, walk_um_per_sqrt_s, memory_s, outliers, fit)
         assert fit is not None
         worst = int(np.argmax(np.abs(off_sds)))
         # A chip under the tool makes one touch too short; more than one in five is something else.
@@ -239,6 +248,7 @@ def fit_drift(rests: Sequence[Rest], touches: Sequence[PadTouch], memory_s: floa
 def _fitted(
     rests: Sequence[Rest],
     touches: Sequence[PadTouch],
+    walk_um_per_sqrt_s: float,
     memory_s: float,
     outliers: int,
     before: DriftFit | None,
@@ -258,20 +268,24 @@ def _fitted(
     if before is not None:
         design[:a, 2] -= np.array([rest.lags_out_s for rest in rests]) @ before.creep
     design[a:, 1], design[a:, 3] = 1.0, touch_s
-    y_um = np.concatenate(([rest.um for rest in rests], [touch.um for touch in touches]))
+    y_um = np.concatenate(([rest.um for rest in rests], [touch.reading.mean_um for touch in touches]))
     offset_um = np.concatenate((np.full(a, y_um[0]), np.full(b, y_um[a])))
     prior = np.zeros((4 + n, 4 + n))
     prior[[0, 1], [0, 1]] = ZERO_PRIOR_UM**2
     prior[[2, 3], [2, 3]] = DRIFT_PRIOR_UM_PER_S**2
     prior[4:, 4:] = creep_prior()
     times_s = np.concatenate((rest_s, touch_s))
-    walk = WALK_UM_PER_SQRT_S**2 * np.minimum.outer(times_s, times_s)
+    walk = walk_um_per_sqrt_s**2 * np.minimum.outer(times_s, times_s)
     noise = walk.copy()
     usual = np.full(n, _PER_DECADE * 0.5 * CREEP_PRIOR_PER_DECADE)
+    rest_u_um = max(LEAST_NOISE_UM, math.sqrt(math.fsum(rest.u_um**2 for rest in rests) / a))
+    scatter = TouchScatter()
+    for one in touches:
+        scatter.add(one.reading)
     sd_um = np.concatenate(
         (
-            np.hypot(REST_SD_UM, MISFIT * (np.abs(lags_um) @ usual)),
-            [TOUCH_SD_UM / math.sqrt(touch.touches) for touch in touches],
+            np.hypot(rest_u_um, MISFIT * (np.abs(lags_um) @ usual)),
+            [max(LEAST_NOISE_UM, scatter.u_um) / math.sqrt(touch.reading.touches) for touch in touches],
         )
     )
     noise[np.diag_indices(a + b)] += sd_um**2
@@ -304,7 +318,8 @@ def _fitted(
         variance = touch_u**2 - 2.0 * ratio * both + ratio**2 * rest_u**2
         # The walk is in both drifts alike, and draws the ratio of the steady ones towards 1.
         variance += (ratio - 1.0) ** 2 * believed[-1, -1]
-        share = Estimate(ratio, math.sqrt(max(0.0, variance)) / abs(rest))
+        ratio_u = math.sqrt(max(0.0, variance)) / abs(rest)
+        share = Estimate(ratio, ratio_u) if ratio_u <= share_u(1.0) else None
     fit = DriftFit(
         creep=found[4:-1],
         creep_covariance=covariance[4:-1, 4:-1],
@@ -312,13 +327,15 @@ def _fitted(
         touch_um_per_s=Estimate(touch, touch_u),
         apart_um_per_s=Estimate(apart, apart_u),
         share=share,
+        is_steady=abs(rest) >= LEAST_SIGMAS * math.hypot(rest_u, math.sqrt(believed[-1, -1])),
+        walk_um_per_sqrt_s=walk_um_per_sqrt_s,
         misfit=misfit,
         rest_rms_um=float(np.sqrt(np.mean(left_um[:a] ** 2))),
         touch_rms_um=float(np.sqrt(np.mean(left_um[a:] ** 2))),
         outliers=outliers,
     )
     return fit, (left_um[a:] - np.median(left_um[a:])) / np.hypot(
-        sd_um[a:], WALK_UM_PER_SQRT_S * math.sqrt(times_s.max())
+        sd_um[a:], walk_um_per_sqrt_s * math.sqrt(times_s.max())
     )
 
 
@@ -327,7 +344,7 @@ class DriftModel:
     """What a later job goes by: creep of the rests, what share of their drift a touch sees, and a drift unseen.
 
     `share` is from 0 to 1, with its standard uncertainty. `apart_u_um_per_s` is the standard uncertainty of a drift
-    that touches see and rests do not.
+    that touches see and rests do not, `walk_um_per_sqrt_s` the random walk of the sensor's zero.
     """
 
     creep: Floats
@@ -335,6 +352,7 @@ class DriftModel:
     share: float
     share_u: float
     apart_u_um_per_s: float
+    walk_um_per_sqrt_s: float
 
     def between(self, first: Rest, last: Rest, seconds: float, memory_s: float = math.inf) -> Drift:
         """Return how much a touch drifted from one rest to another, in touches `seconds` apart."""
@@ -343,21 +361,30 @@ class DriftModel:
             self.share * moved.left_u_um,
             self.share_u * math.hypot(moved.um, moved.left_u_um),
             self.apart_u_um_per_s * seconds,
-            WALK_UM_PER_SQRT_S * math.sqrt(2.0 * REST_TO_TOUCH_S),
+            self.walk_um_per_sqrt_s * math.sqrt(2.0 * REST_TO_TOUCH_S),
         )
         return Drift(self.share * moved.um, left_u_um)
 
-    def rest_that_pays_s(self, first: Rest, last: Rest, seconds: float, memory_s: float = math.inf) -> float:
+    def rest_that_pays_s(
+        self,
+        first: Rest,
+        last: Rest,
+        seconds: float,
+        memory_s: float = math.inf,
+        drift_u_um_per_s: float = 0.0,
+    ) -> float:
         """Return how long to rest on after `last`, before a touch that is compared with one `seconds` ago; or 0.
 
-        It is the time that leaves least unknown of the drift between them, where that is worth it.
+        It is the time that leaves least unknown, where that is worth it: of the drift between the two, which is in
+        the wear, and of `drift_u_um_per_s` since the bottom was touched, which is in the depth.
         """
 
         def left_u_um(more_s: float) -> float:
             kept = np.exp(-more_s / _TAU_S)
             um = last.um - float(self.creep @ (last.lags_um * (1.0 - kept)))
-            later = Rest(last.time_s + more_s, um, last.lags_um * kept, last.lags_out_s * kept)
-            return self.between(first, later, seconds + more_s, memory_s).left_u_um
+            later = Rest(last.time_s + more_s, um, last.u_um, last.lags_um * kept, last.lags_out_s * kept)
+            drift = self.between(first, later, seconds + more_s, memory_s)
+            return math.hypot(drift.left_u_um, drift_u_um_per_s * more_s)
 
         allowed_s = [more_s for more_s in RESTS_S if more_s <= REST_SHARE * seconds]
         best_s = min(allowed_s, key=left_u_um, default=0.0)
@@ -377,7 +404,8 @@ class DriftModel:
         moved_um = (last.um - first.um - crept_um) / (1.0 - in_lags_s / (last.time_s - first.time_s))
         left = np.exp(-(memory_s + first.time_s) / _TAU_S) - np.exp(-(memory_s + last.time_s) / _TAU_S)
         moved_u_um = math.hypot(
-            math.sqrt(2.0) * REST_SD_UM,
+            first.u_um,
+            last.u_um,
             math.sqrt(max(0.0, float(lags_um @ self.creep_covariance @ lags_um))),
             MISFIT * crept_um,
             DRIFT_MISFIT * moved_um,
@@ -393,8 +421,7 @@ def model_of(fit: DriftFit) -> DriftModel:
     work, which may be another one by the time of the job. So is, perhaps, what a touch sees less: then it sees all
     of the rests' drift and another one besides. No regression of one run tells these apart, and a machine whose tool
     and work have drifted apart once may do so again, at the same speed either way: that is the standard uncertainty.
-    Where the rests stood still they have shown no share: all of it is taken, as of a sensor that drifts, and none is
-    as likely.
+    Rests that have shown no share have it taken as that of a sensor that drifts: all of it, and none is as likely.
     """
     apart = fit.apart_um_per_s
     apart_u_um_per_s = math.hypot(apart.value, apart.u)
@@ -402,4 +429,4 @@ def model_of(fit: DriftFit) -> DriftModel:
         share, u = 1.0, share_u(1.0)
     else:
         share, u = min(1.0, max(0.0, fit.share.value)), fit.share.u
-    return DriftModel(fit.creep, fit.creep_covariance, share, min(u, share_u(1.0)), apart_u_um_per_s)
+    return DriftModel(fit.creep, fit.creep_covariance, share, u, apart_u_um_per_s, fit.walk_um_per_sqrt_s)

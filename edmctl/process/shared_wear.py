@@ -48,13 +48,15 @@ class SharedWear:
     """Wear of one hole after the touch, and how far the tip was from where it was taken to be at its end, µm.
 
     A positive `tip_um` is a tip that stood further back: the hole is as much shallower. `wear_u_um` and `tip_u_um`
-    are standard uncertainties.
+    are standard uncertainties; `feed_u_um` is that of the tip without the wear of the hole itself, which takes from
+    its depth what it adds to its wear.
     """
 
     wear_um: float
     wear_u_um: float
     tip_um: float
     tip_u_um: float
+    feed_u_um: float
 
 
 def share_wear(
@@ -98,12 +100,14 @@ def share_wear(
     found = []
     for i, share in enumerate(shares):
         tip = np.concatenate([np.ones(i + 1), np.zeros(count - i - 1), [share.after_s]])
+        without = tip - np.eye(count + 1)[i]
         found.append(
             SharedWear(
                 wear_um=share.wear_um + float(mean[i]),
                 wear_u_um=_sd(covariance[i, i]),
                 tip_um=float(tip @ mean),
                 tip_u_um=_sd(tip @ covariance @ tip),
+                feed_u_um=_sd(without @ covariance @ without),
             )
         )
     return tuple(found)

@@ -26,6 +26,8 @@ MOST_RATIO = 1e3
 """Of an uncertainty to the touches' noise: beyond, its degrees of freedom are as good as infinite."""
 TOUCH_PRIOR_DOF = 2.0
 """Weight of that expectation, as if it came from three earlier touches."""
+LEAST_SCATTER_DOF = 3
+"""Fewer degrees of freedom tell less of the scatter of the touches than what is expected of it beforehand."""
 SPOT_SIGMAS = 3.0
 """Two spots of one surface differ by more in 0.3 % of cases; the third spot that is then touched takes seconds."""
 SHORT_SIGMAS = 2.0
@@ -67,8 +69,10 @@ class DepthAndWear:
     """Depth, wear and total feed, each with the half-width of its 95 % interval, µm.
 
     `depth_noise_um` is the part of the depth's standard uncertainty that another set of touches would redraw.
-    `drift_um` is what the readings after the cut were corrected by, and `drift_left_u_um` the standard uncertainty
-    in the wear of the drift that is left, or of all of it; NaN where no touches tell the wear.
+    `drift_um` is what the pad after the cut was corrected by, `drift_to_bottom_um` the bottom before it, and
+    `drift_left_u_um` the standard uncertainty
+    in the wear of the drift that is left, or of all of it; NaN where no touches tell the wear. `drift_by_rests` says
+    that the drift was known, if only to be nothing.
     """
 
     depth_um: float
@@ -79,7 +83,9 @@ class DepthAndWear:
     feed_u95_um: float
     depth_noise_um: float
     drift_um: float = 0.0
+    drift_to_bottom_um: float = 0.0
     drift_left_u_um: float = math.nan
+    drift_by_rests: bool = False
 
     @property
     def wear_ratio(self) -> float:
@@ -106,6 +112,26 @@ def pooled_reading(readings: Sequence[Reading]) -> Reading:
         for reading in readings
     )
     return Reading(mean_um, math.sqrt(squares / (n - 1)) if n > 1 else 0.0, n)
+
+
+@dataclass(slots=True)
+class TouchScatter:
+    """Repeatability of one touch, pooled over the readings of a run."""
+
+    dof: int = 0
+    squares_um2: float = 0.0
+
+    def add(self, reading: Reading) -> None:
+        """Take a reading."""
+        self.dof += reading.touches - 1
+        self.squares_um2 += (reading.touches - 1) * reading.sd_um**2
+
+    @property
+    def u_um(self) -> float:
+        """Standard uncertainty of one touch: the wider the fewer there are, as Student's t is; before, the prior."""
+        if self.dof < LEAST_SCATTER_DOF:
+            return TOUCH_SD_PRIOR_UM
+        return math.sqrt(self.squares_um2 / self.dof) * student_97_5(self.dof) / _NORMAL_97_5
 
 
 def student_97_5(dof: float) -> float:
@@ -188,14 +214,19 @@ def measure(
     `pad_u_um` of meeting the same pad again (stage repeatability through tilt). `touch_sd_prior_um` is the
     repeatability of one touch expected beforehand, because three touches alone know it badly. `height_um` is how
     much further than the pad the face at the site lies, `z1_u_um` what a Z1 that was not touched right before adds,
-    `doubts_u_um` what each of the three adds where its touches were in doubt. A `drift` that is known is taken off
-    bottom and pad after the cut, and what is left of it counts in place of `drift_u_um_per_s` over `z1_to_z3_s`.
+    `doubts_u_um` what each of the three adds where its touches were in doubt. A known `drift` from Z1 to Z3 is taken
+    off the pad after the cut, and off the bottom as far as it had come by then; what is left of it counts in place
+    of `drift_u_um_per_s`, but for the time between these two: how it came nobody has seen.
     """
+    by_bottom = 1.0 - z2_to_z3_s / z1_to_z3_s if z1_to_z3_s > 0.0 else 1.0
     drift_um = drift.um if drift else 0.0
-    bottom_um, pad_um = z2.mean_um - height_um - drift_um, z3.mean_um - drift_um
+    drift_to_bottom_um = by_bottom * drift_um
+    bottom_um, pad_um = z2.mean_um - height_um - drift_to_bottom_um, z3.mean_um - drift_um
     depth_um, wear_um, feed_um = bottom_um - pad_um, pad_um - z1.mean_um, bottom_um - z1.mean_um
     left_u_um = drift.left_u_um if drift else drift_u_um_per_s * z1_to_z3_s
-    left_to_bottom_u_um = drift.left_u_um if drift else drift_u_um_per_s * (z1_to_z3_s - z2_to_z3_s)
+    to_bottom_u_um = drift_u_um_per_s * (z1_to_z3_s - z2_to_z3_s)
+    if drift:
+        to_bottom_u_um = math.hypot(by_bottom * drift.left_u_um, drift_u_um_per_s * z2_to_z3_s)
     noise = _pooled((z1, z2, z3), touch_sd_prior_um)
     depth_noise = noise.of_difference(z2, z3)
 
@@ -208,7 +239,7 @@ def measure(
     )
     wear_parts = (sensor_um(wear_um, left_u_um), pad_u_um, z1_u_um, doubt1, doubt3)
     wear_u95 = noise.u95(noise.of_difference(z3, z1), wear_parts)
-    feed_parts = (sensor_um(feed_um, left_to_bottom_u_um), tilt_u_um, z1_u_um, doubt1, doubt2)
+    feed_parts = (sensor_um(feed_um, to_bottom_u_um), tilt_u_um, z1_u_um, doubt1, doubt2)
     feed_u95 = noise.u95(noise.of_difference(z2, z1), feed_parts)
     return DepthAndWear(
         depth_um,
@@ -219,7 +250,9 @@ def measure(
         feed_u95,
         depth_noise,
         drift_um=drift_um,
+        drift_to_bottom_um=drift_to_bottom_um,
         drift_left_u_um=left_u_um,
+        drift_by_rests=drift is not None,
     )
 
 

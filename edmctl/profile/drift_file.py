@@ -60,6 +60,9 @@ class Used(Table):
     apart_u_um_per_s: float = Field(
         ge=0.0, le=1.0, description="standard uncertainty of a drift that touches see and rests do not, µm/s"
     )
+    walk_um_per_sqrt_s: float = Field(
+        ge=0.0, le=10.0, description="random walk of the sensor's zero, µm per square root of a second"
+    )
     time_constants_s: list[float] = Field(description="n time constants of creep, s")
     creep: list[float] = Field(description="n weights of their lags in a rest")
     creep_covariance: list[list[float]] = Field(description="n × n covariance of the weights")
@@ -114,7 +117,14 @@ class DriftFile(Table):
         asymmetric = not np.allclose(covariance, covariance.T, rtol=0.0, atol=1e-9 * scale)
         if asymmetric or float(np.linalg.eigvalsh(covariance)[0]) < -1e-6 * scale:
             raise ValueError("its covariance is none")
-        return DriftModel(creep, covariance, used.share, used.share_u, used.apart_u_um_per_s)
+        return DriftModel(
+            creep,
+            covariance,
+            used.share,
+            used.share_u,
+            used.apart_u_um_per_s,
+            used.walk_um_per_sqrt_s,
+        )
 
 
 def drift_file(made: MadeBy, result: DriftResult, model: DriftModel) -> DriftFile:
@@ -127,6 +137,7 @@ def drift_file(made: MadeBy, result: DriftResult, model: DriftModel) -> DriftFil
             share=model.share,
             share_u=model.share_u,
             apart_u_um_per_s=model.apart_u_um_per_s,
+            walk_um_per_sqrt_s=model.walk_um_per_sqrt_s,
             time_constants_s=list(TIME_CONSTANTS_S),
             creep=model.creep.tolist(),
             creep_covariance=model.creep_covariance.tolist(),

@@ -64,6 +64,12 @@ class Drift(Table):
     interval_s: float = Field(60.0, ge=20.0, le=600.0, description="from touch to touch, s")
     hold_um: float = Field(250.0, ge=20.0, le=1000.0, description="depth of the hold between them, µm")
     hold_s: float = Field(300.0, ge=30.0, le=7200.0, description="its time, s")
+    walk_um_per_sqrt_s: float = Field(
+        0.01,
+        ge=0.0,
+        le=10.0,
+        description="random walk of the sensor's zero besides its steady drift, µm per square root of a second",
+    )
 
 
 class Surface(Table):

@@ -421,6 +421,7 @@ RESULTS = Table(
             "drift of the pad from Z1 to Z3 by the rests, taken off z2, z3 and wear",
         ),
         Column("drift_left_u", "drift_left_u_um", "f8", "um", "standard uncertainty of what is left of it"),
+        Column("drift_by_rests", "drift_by_rests", "u1", PURE, "1 when the rests tell it, by a drift file"),
     ),
     at_once=True,
 )

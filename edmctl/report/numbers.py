@@ -148,6 +148,7 @@ def _site(
         feed_u95_um=_later(row, "feed_u95", math.nan),
         drift_correction_um=_later(row, "drift_correction"),
         drift_left_u_um=_later(row, "drift_left_u", math.nan),
+        drift_by_rests=bool(_later(row, "drift_by_rests")),
     )
 
 

@@ -102,7 +102,12 @@ def _one_site(site: SiteNumbers) -> PageTable:
             site.truth_wear_um,
         ),
         *([row("hole, as long as the sheet is thick", decimal(site.length_um))] if site.through else []),
-        row("feed, Z2 − Z1", marked(decimal(site.feed_um), of_both)),
+        row(
+            "feed, Z2 − Z1",
+            marked(decimal(site.feed_um), of_both),
+            "",
+            site.truth_depth_um + site.truth_wear_um,
+        ),
         row("Z1, surface before", decimal(site.z1_um)),
         row("Z2, tip at the end" if site.through else "Z2, bottom", decimal(site.z2_um)),
         row("Z3, surface after", decimal(site.z3_um)),

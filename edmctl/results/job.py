@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
@@ -65,6 +65,7 @@ class ChannelResult:
     feed_u95_um: float = math.nan
     drift_correction_um: float = 0.0
     drift_left_u_um: float = math.nan
+    drift_by_rests: bool = False
 
     def floor_rms_um(self, depth_um: float) -> float:
         """Root mean square of what the places of the floor differ from a depth."""
@@ -80,6 +81,15 @@ class ChannelTruth:
     floor_sd_um: float
     floor_error_rms_um: float
     wear_um: float
+
+    @property
+    def feed_um(self) -> float:
+        """Depth and wear together."""
+        return self.depth_um + self.wear_um
+
+    def as_mapping(self) -> dict[str, float]:
+        """All of it, with the feed."""
+        return {**asdict(self), "feed_um": self.feed_um}
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +117,7 @@ class SiteResult:
     `drift_correction_um` is how much the pad drifted from Z1 to Z3 by the rests before them, where `measure-drift`
     has told what of it touches see: Z2, Z3 and the wear are less by it. `drift_left_u_um` is the standard
     uncertainty in the wear of the drift that is left, or of all of it; NaN where no touches of the pad tell it.
+    `drift_by_rests` says that the rests told it, even where a touch sees nothing of what they show.
     `feed_model_error_*` is the estimate less the sensor while machining, in µm and in % of the feed; NaN without a
     sensor, when every value of the hole is the model's.
     """
@@ -152,6 +163,7 @@ class SiteResult:
     feed_u95_um: float = math.nan
     drift_correction_um: float = 0.0
     drift_left_u_um: float = math.nan
+    drift_by_rests: bool = False
 
     @property
     def depth_model_error_um(self) -> float:
@@ -259,6 +271,15 @@ class SiteTruth:
     ra_um: float = math.nan
     rz_um: float = math.nan
     corner_um: float = math.nan
+
+    @property
+    def feed_um(self) -> float:
+        """Depth and wear together."""
+        return self.depth_um + self.wear_um
+
+    def as_mapping(self) -> dict[str, float]:
+        """All of it, with the feed."""
+        return {**asdict(self), "feed_um": self.feed_um}
 
 
 def site_result_of(mapping: Mapping[str, object]) -> SiteResult:

@@ -93,9 +93,10 @@ class DriftResult:
 
     `rest_um_per_s` is the drift of the rests without creep, `touch_um_per_s` that of the touches, `apart_um_per_s`
     what touches drift more than rests. `share` is how much of a drift of the rests a touch sees, their ratio; NaN
-    where the rests have not drifted. `share_used` and `share_used_u` are what jobs go by. `creep_um` is by how much
-    the hold at depth has held the tool lower at the first rest after it. `rest_rms_um` and `touch_rms_um` are the
-    residuals, `misfit` is by how much they exceed what was expected, at least 1. `outliers` touches were left out.
+    where the rests have not drifted by more than a random walk does. `share_used` and `share_used_u` are what jobs
+    go by. `creep_um` is by how much the hold at depth has held the tool lower at the first rest after it.
+    `rest_rms_um` and `touch_rms_um` are the residuals, `misfit` is by how much they exceed what was expected, at
+    least 1. `outliers` touches were left out.
     `beliefs` of the setup are judged by all that.
     """
 

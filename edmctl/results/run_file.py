@@ -121,6 +121,7 @@ class SiteNumbers:
     feed_u95_um: float = math.nan
     drift_correction_um: float = 0.0
     drift_left_u_um: float = math.nan
+    drift_by_rests: bool = False
 
     @property
     def truth(self) -> SiteTruth | None:

@@ -233,7 +233,7 @@ def test_wear_depth_and_feed_add_up_and_hold_the_truth(machined: Here) -> None:
     result = machined("measure-wear", *KEPT, "--json").document["result"]
     assert result["tool"] == "Cu 270 µm"
     assert abs(result["feed_um"] - result["depth_um"] - result["wear_um"]) <= 0.0021
-    for key in ("depth", "wear"):
+    for key in ("depth", "wear", "feed"):
         error_um = abs(result[f"{key}_um"] - result["truth"][f"{key}_um"])
         assert error_um <= 2.0 * result[f"{key}_u95_um"]
     assert result["touches"] >= 3
@@ -242,6 +242,7 @@ def test_wear_depth_and_feed_add_up_and_hold_the_truth(machined: Here) -> None:
     said = machined("measure-wear", *KEPT)
     assert "standard uncertainty" in said.out
     assert "truth" in said.out
+    assert "a drift file counts in jobs alone" in " ".join(said.out.split())
 
 
 def test_a_hole_is_named_or_pointed_at(machined: Here) -> None:

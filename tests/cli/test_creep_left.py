@@ -74,3 +74,13 @@ def test_a_copy_of_a_bench_is_another_machine(home: Path, here: Here) -> None:
     assert here(*JUMPS, "--port", "sim:c.h5").document["ok"]
     (note,) = notes(home)
     assert json.loads(note.read_text(encoding="utf-8"))["unknown_s"] < 3600.0
+
+
+def test_a_job_after_a_use_that_nobody_followed_says_so(home: Path, here: Here) -> None:
+    drift = ("measure-drift", "--profile", "cu270", "--duration", "660", "--quiet")
+    assert here(*drift, "--port", "sim:b.h5", "--seed", "3").exit_code == 0
+    assert "W8108" not in here(*HOLE, "--port", "sim:b.h5").err
+    (note,) = notes(home)
+    note.unlink()
+    said = here("machine", "--profile", "cu270", "--set", "target.depth_um=12", "--port", "sim:b.h5")
+    assert "W8108" in said.err

@@ -52,6 +52,7 @@ def test_a_second_job_needs_no_option(here: Here) -> None:
     for site in sites:
         assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= 2.0 * site["wear_u95_um"]
         assert abs(site["depth_um"] - site["truth"]["depth_um"]) <= 2.0 * site["depth_u95_um"]
+        assert abs(site["feed_um"] - site["truth"]["feed_um"]) <= 2.0 * site["feed_u95_um"]
     bench = kept()
     assert bench.tool_wear_um == pytest.approx(sum(site["truth"]["wear_um"] for site in sites), abs=0.01)
     assert len(bench.truth()) == 2

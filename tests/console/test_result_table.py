@@ -19,6 +19,8 @@ def test_measured_modelled_and_true_values_stand_side_by_side() -> None:
     assert lines[0].split() == ["site", "1", "measured", "from", "voltage", "truth"]
     assert lines[1].split() == ["depth", "180.21", "±", "0.62", "µm", "180.94", "µm", "180.05", "µm"]
     assert lines[2].split() == ["tool", "wear", "70.03", "±", "0.55", "µm", "70.41", "µm", "70.11", "µm"]
+    assert lines[3].split() == ["feed", "250.24", "µm", "250.16", "µm"]
+    assert lines[3].index("250.16") == lines[1].index("180.05")
 
 
 def test_hardware_has_no_truth() -> None:
@@ -171,7 +173,7 @@ def test_a_through_hole_has_a_tip_below_the_face_and_no_bottom() -> None:
     assert "through the sheet" in text
 
 
-def drift_row(**changes: float | Basis) -> str:
+def drift_row(**changes: float | Basis | bool) -> str:
     """What the table says of drift in a hole whose wear is known within 0.55 µm."""
     lines = render_job(made_job(sites=(made_site(**changes),))).splitlines()
     return next((" ".join(line.split()) for line in lines if line.startswith("drift")), "")
@@ -185,15 +187,27 @@ def test_what_drift_costs_is_told_with_the_command_that_mends_it() -> None:
 
 
 def test_what_was_corrected_and_what_is_left_is_told() -> None:
-    row = drift_row(drift_correction_um=1.5, drift_left_u_um=0.1)
+    row = drift_row(drift_correction_um=1.5, drift_left_u_um=0.1, drift_by_rests=True)
     assert row == "drift 1.50 ± 0.20 µm by the rests, taken off wear and Z values"
+
+
+def test_a_drift_that_touches_do_not_see_is_told_and_no_command_that_was_given_already() -> None:
+    """A share of 0: the rests are known, and nothing of what they show is in the wear."""
+    unseen = made_site(drift_correction_um=0.0, drift_left_u_um=0.25, drift_by_rests=True)
+    row = drift_row(drift_correction_um=0.0, drift_left_u_um=0.25, drift_by_rests=True)
+    assert row == "drift nothing taken off: touches do not see it; ± 0.49 µm left"
+    many = " ".join(render_job(made_job(sites=(unseen,) * 5)).split())
+    assert "Drift: touches do not see it, nothing is taken off." in many
+    assert "measure-drift" not in many
 
 
 def test_drift_in_the_wear_of_many_holes_is_one_sentence() -> None:
     costly = tuple(made_site(name=f"hole-{i}", drift_left_u_um=0.2 + 0.01 * i) for i in range(5))
     text = " ".join(render_job(made_job(sites=costly)).split())
     assert "Drift: up to ± 0.47 µm of the wear; `edmctl measure-drift` mends it." in text
-    mended = tuple(replace(site, drift_correction_um=-0.5 - site.drift_left_u_um) for site in costly)
+    mended = tuple(
+        replace(site, drift_correction_um=-0.5 - site.drift_left_u_um, drift_by_rests=True) for site in costly
+    )
     text = " ".join(render_job(made_job(sites=mended)).split())
     assert "Wear is corrected by the rests, for a drift of -0.74 µm at most." in text.replace("−", "-")
 

@@ -26,13 +26,17 @@ from edmctl.process.rest_drift import (
     mean_rest,
     model_of,
 )
-from edmctl.process.touches import share_u
+from edmctl.process.touches import reading_of, share_u
 
 STEP_S = 1.0
 TAU_S = np.array([0.2, 2.0, 20.0, 200.0, 2000.0])
 """Of the made-up actuator: not those that the regression takes."""
 CREEP = 0.021
 DEEP_UM = 250.0
+REST_U_UM = 0.04
+TOUCH_SD_UM = 0.1
+WALK = 0.01
+"""µm/√s"""
 
 
 @dataclass
@@ -42,6 +46,7 @@ class Actuator:
     sensor_um_s: float
     machine_um_s: float
     noise: np.random.Generator
+    noisy: float = 1.0
 
     def __post_init__(self) -> None:
         self.time_s = 0.0
@@ -65,18 +70,22 @@ class Actuator:
         self.lags.advance(times_s, shown_um, np.full(n, depth_um / 3.0))
 
     def rest(self) -> Rest:
-        um = self.creep_um + self.sensor_um_s * self.time_s + 0.02 * self.noise.standard_normal()
-        return Rest(self.time_s, um, self.lags.um, self.lags.out_s)
+        u_um = REST_U_UM * self.noisy
+        um = self.creep_um + self.sensor_um_s * self.time_s + u_um * self.noise.standard_normal()
+        return Rest(self.time_s, um, u_um, self.lags.um, self.lags.out_s)
 
     def touch(self) -> PadTouch:
         drift_um = (self.sensor_um_s + self.machine_um_s) * self.time_s
-        return PadTouch(self.time_s, 40.0 + drift_um + 0.06 * self.noise.standard_normal(), 3)
+        touches_um = 40.0 + drift_um + TOUCH_SD_UM * self.noisy * self.noise.standard_normal(3)
+        return PadTouch(self.time_s, reading_of(tuple(touches_um)))
 
 
 @cache
-def measured(sensor_um_s: float, machine_um_s: float, seed: int = 1, chip_um: float = 0.0) -> DriftFit:
+def measured(
+    sensor_um_s: float, machine_um_s: float, seed: int = 1, chip_um: float = 0.0, noisy: float = 1.0
+) -> DriftFit:
     """A quarter of an hour of rests and touches with a hold between them; `chip_um` lies under one touch."""
-    made = Actuator(sensor_um_s, machine_um_s, np.random.default_rng(seed))
+    made = Actuator(sensor_um_s, machine_um_s, np.random.default_rng(seed), noisy)
     rests, touches = [], []
     made.stay(0.0, 5.0)
     for minute in range(11):
@@ -88,9 +97,9 @@ def measured(sensor_um_s: float, machine_um_s: float, seed: int = 1, chip_um: fl
         touches.append(made.touch())
         made.stay(0.0, 52.0)
     if chip_um:
-        one = touches[5]
-        touches[5] = PadTouch(one.time_s, one.um - chip_um, one.touches)
-    return fit_drift(rests, touches)
+        time_s, reading = touches[5].time_s, touches[5].reading
+        touches[5] = PadTouch(time_s, replace(reading, mean_um=reading.mean_um - chip_um))
+    return fit_drift(rests, touches, WALK)
 
 
 SENSOR = 0.0025
@@ -132,6 +141,22 @@ def test_rests_that_stand_still_show_no_share() -> None:
     assert measured(0.0, 0.0).share is None
 
 
+def test_rests_that_drift_by_no_more_than_their_walk_are_not_steady() -> None:
+    """A ratio of such drifts is not told; where it says less than nothing measured, nobody goes by it either."""
+    assert measured(SENSOR, 0.0).is_steady
+    walked = measured(0.0008, SENSOR)
+    assert not walked.is_steady
+    assert walked.share is None or walked.share.u <= share_u(1.0)
+    assert model_of(measured(0.0, SENSOR)).share_u == share_u(1.0)
+
+
+def test_a_sensor_with_more_noise_says_so_itself() -> None:
+    quiet, loud = measured(SENSOR, 0.0), measured(SENSOR, 0.0, noisy=6.0)
+    assert loud.misfit < 1.5
+    assert loud.touch_um_per_s.u > 2.0 * quiet.touch_um_per_s.u
+    assert abs(loud.touch_um_per_s.value - SENSOR) < 3.0 * loud.touch_um_per_s.u
+
+
 @pytest.mark.slow
 def test_intervals_of_the_drifts_hold() -> None:
     held = 0
@@ -153,7 +178,7 @@ def test_few_touches_tell_nothing() -> None:
     made.stay(0.0, 5.0)
     touches = [made.touch()] * (LEAST_TOUCHES - 1)
     with pytest.raises(ValueError, match="touches tell no drift"):
-        fit_drift([made.rest(), made.rest()], touches)
+        fit_drift([made.rest(), made.rest()], touches, WALK)
 
 
 def a_job(made: Actuator, model: DriftModel, way_um: float = DEEP_UM) -> tuple[float, float, float]:
@@ -228,6 +253,9 @@ def test_a_deep_cut_is_rested_out_before_a_touch_and_a_shallow_one_is_not() -> N
         last = made.rest()
         seconds = last.time_s - first.time_s
         pays_s = model.rest_that_pays_s(first, last, seconds)
+        for drift_um_s in (1e-3, 1e-2):
+            assert model.rest_that_pays_s(first, last, seconds, drift_u_um_per_s=drift_um_s) <= pays_s
+        assert model.rest_that_pays_s(first, last, seconds, drift_u_um_per_s=0.01) == 0.0
         before_u_um = model.between(first, last, seconds).left_u_um
         made.stay(0.0, pays_s + STEP_S)
         after_u_um = model.between(first, made.rest(), seconds + pays_s).left_u_um
@@ -254,10 +282,11 @@ def test_lags_do_not_depend_on_how_samples_are_cut_into_blocks(ways_um: list[flo
 
 def test_several_rests_are_one_as_the_touches_are() -> None:
     lags = np.ones(9)
-    first, second = Rest(10.0, 1.0, lags, lags), Rest(40.0, 4.0, 2.0 * lags, 3.0 * lags)
+    first, second = Rest(10.0, 1.0, 0.03, lags, lags), Rest(40.0, 4.0, 0.06, 2.0 * lags, 3.0 * lags)
     together = mean_rest([first, second], [2.0 / 3.0, 1.0 / 3.0])
     assert together is not None
     assert (together.time_s, together.um) == pytest.approx((20.0, 2.0))
+    assert together.u_um == pytest.approx(0.02 * math.sqrt(2.0))
     np.testing.assert_allclose(together.lags_um, 4.0 / 3.0)
     assert mean_rest([first, None], [0.5, 0.5]) is None
 

@@ -56,7 +56,9 @@ def test_intervals_hold_what_they_say_over_many_jobs() -> None:
             tip = sum(wears[: i + 1]) - 8.0 * (i + 1) + drift * plan[i].after_s
             held += abs(one.wear_um - wears[i]) <= 2.0 * one.wear_u_um
             held += abs(one.tip_um - tip) <= 2.0 * one.tip_u_um
-    assert 0.94 <= held / (2 * count * jobs) <= 0.99
+            before_um = one.tip_um - (one.wear_um - 8.0)
+            held += abs(before_um - (tip - (wears[i] - 8.0))) <= 2.0 * one.feed_u_um
+    assert 0.94 <= held / (3 * count * jobs) <= 0.99
 
 
 @pytest.mark.parametrize("more", [0.5, 1.5, 2.0])

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from edmctl.process.touches import (
     DepthAndWear,
+    Drift,
     Reading,
     measure,
     reading_of,
@@ -64,6 +65,45 @@ def test_drift_widens_the_wear_of_a_long_job() -> None:
     )
     assert result.wear_u95_um == pytest.approx(1.96 * 0.9, rel=0.1)
     assert result.depth_u95_um < 0.6
+
+
+def test_a_known_drift_is_taken_off_the_bottom_as_far_as_it_had_come() -> None:
+    """A sensor drifts by 2 nm/s for a thousand seconds, the last two hundred of them between bottom and pad."""
+    rate_um_s, all_s, since_s = 0.002, 1000.0, 200.0
+    z = (
+        Reading(50.0, 0.05, 3),
+        Reading(300.0 + rate_um_s * (all_s - since_s), 0.05, 3),
+        Reading(120.0 + rate_um_s * all_s, 0.05, 3),
+    )
+    result = measure(
+        *z,
+        gain_u_rel=0.0,
+        tilt_u_um=0.0,
+        drift_u_um_per_s=rate_um_s,
+        z1_to_z3_s=all_s,
+        z2_to_z3_s=since_s,
+        drift=Drift(rate_um_s * all_s, 0.1),
+    )
+    assert (result.depth_um, result.wear_um, result.feed_um) == pytest.approx((180.0, 70.0, 250.0))
+    assert (result.drift_um, result.drift_to_bottom_um) == pytest.approx((2.0, 1.6))
+
+
+def test_what_drifts_between_bottom_and_pad_widens_the_feed() -> None:
+    z = Reading(50.0, 0.05, 3), Reading(300.0, 0.05, 3), Reading(120.0, 0.05, 3)
+    soon, late = (
+        measure(
+            *z,
+            gain_u_rel=0.0,
+            tilt_u_um=0.0,
+            drift_u_um_per_s=0.002,
+            z1_to_z3_s=1000.0,
+            z2_to_z3_s=since_s,
+            drift=Drift(0.0, 0.1),
+        )
+        for since_s in (10.0, 200.0)
+    )
+    assert late.feed_u95_um > soon.feed_u95_um + 0.3
+    assert late.wear_u95_um == soon.wear_u95_um
 
 
 def test_more_touches_narrow_the_interval() -> None:

@@ -58,6 +58,7 @@ def made(serial: str = "SIM-7", days: float = 0.0) -> DriftFile:
             share=1.0 / 3.0,
             share_u=0.1,
             apart_u_um_per_s=1e-4,
+            walk_um_per_sqrt_s=0.01,
             time_constants_s=list(TIME_CONSTANTS_S),
             creep=[0.012 + 1e-4 / (k + 3.0) for k in range(N)],
             creep_covariance=covariance.tolist(),

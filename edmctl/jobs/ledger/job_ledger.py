@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
-from edmctl.jobs.drift_choice import choose_drift
+from edmctl.jobs.drift_choice import choose_drift, doubts_of_use
 from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
 from edmctl.jobs.ledger.tool import tool_identity
 from edmctl.process.next_cut import COVERAGE
@@ -69,8 +69,8 @@ class JobLedger:
         serial = session.bench.machine.identity.serial
         environ, lasting = self.plan.surroundings.environ, self.plan.where.lasting
         session.drift = choose_drift(environ, self.plan.setup, serial, lasting=lasting)
-        self.warn(session.drift.warnings)
         job = replace(prepared.job, drift=session.drift.model, creep_left=session.creep_left)
+        self.warn([*session.drift.warnings, *doubts_of_use(session.drift, job.unknown_use_s)])
         if self._ledger is not None:
             self.warn(prepared.refuse(self.plan, self._ledger.path.parent, resuming))
             self._places = prepared.places

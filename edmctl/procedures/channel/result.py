@@ -42,9 +42,8 @@ def channel_result(
     places that were touched: so much the mean of the floor may be off.
     """
     job, z1 = run.job, surface.z1
-    seconds, drift = found.pad.time_s - z1.time_s, drift_between(job, z1, found.pad)
-    if drift is None:
-        drift = Drift(0.0, run.uncertainty.drift_u_um_per_s * seconds)
+    seconds, by_rests = found.pad.time_s - z1.time_s, drift_between(job, z1, found.pad)
+    drift = by_rests or Drift(0.0, run.uncertainty.drift_u_um_per_s * seconds)
     depth_u95_um, wear_u95_um = _uncertainties(run, surface, found, uneven_um, drift)
     wear_um = found.pad.z_um - drift.um - z1.z_um
     return ChannelResult(
@@ -73,6 +72,7 @@ def channel_result(
         feed_u95_um=math.hypot(depth_u95_um, wear_u95_um),
         drift_correction_um=drift.um,
         drift_left_u_um=drift.left_u_um,
+        drift_by_rests=by_rests is not None,
     )
 
 
@@ -181,6 +181,7 @@ def channel_row(run: JobRun, result: ChannelResult) -> SiteResult:
         feed_u95_um=result.feed_u95_um,
         drift_correction_um=result.drift_correction_um,
         drift_left_u_um=result.drift_left_u_um,
+        drift_by_rests=result.drift_by_rests,
         z1_um=result.z1_um,
         z2_um=result.z3_um + result.depth_um,
         z3_um=result.z3_um,

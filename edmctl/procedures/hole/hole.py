@@ -150,8 +150,13 @@ class OpenHole:
 
     @property
     def drift_um(self) -> float:
-        """What the readings of the last measuring stop were corrected by, from the machine's frame to that of Z1."""
+        """What the pad of the last measuring stop was corrected by, from the machine's frame to that of Z1."""
         return self.touched.drift_um if self.touched else 0.0
+
+    @property
+    def bottom_drift_um(self) -> float:
+        """What the bottom was corrected by, which was touched before that pad."""
+        return self.touched.drift_to_bottom_um if self.touched else 0.0
 
     @property
     def surface_um(self) -> float:
@@ -202,7 +207,7 @@ class OpenHole:
             feed_um=found.feed_um,
             feed_u95_um=found.feed_u95_um,
             z1_um=z1.z_um,
-            z2_um=z2.z_um + fed_um - self.drift_um,
+            z2_um=z2.z_um + fed_um - self.bottom_drift_um,
             z3_um=z3.z_um + worn_um - self.drift_um,
             face_um=self.face_um,
             measuring_stops=self.stops,
@@ -230,6 +235,7 @@ class OpenHole:
             in_doubt=self.in_doubt,
             drift_correction_um=self.drift_um,
             drift_left_u_um=found.drift_left_u_um,
+            drift_by_rests=found.drift_by_rests,
         )
 
     def report_left(self, run: JobRun, estimate: Estimate) -> None:
@@ -244,7 +250,7 @@ class OpenHole:
             run,
             estimate.as_found(),
             math.nan,
-            fed_um=pad_um + self.face_um + estimate.depth_um - self.bottom.z_um + self.drift_um,
+            fed_um=pad_um + self.face_um + estimate.depth_um - self.bottom.z_um + self.bottom_drift_um,
             worn_um=pad_um - self.pad.z_um + self.drift_um,
             estimated_um=estimate.depth_um - (before.depth_um if before else 0.0),
             depth_basis=Basis.ESTIMATED,

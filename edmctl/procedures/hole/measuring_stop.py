@@ -407,6 +407,8 @@ def _correct(run: JobRun, cut: Unmeasured, own_um: float, before_um: float, now:
     result, found = run.tally.sites[hole.site.name], hole.found
     assert found is not None
     z3_um, depth_um = result.z3_um + before_um + own_um, result.depth_um - now.tip_um
+    feed_um = result.feed_um - now.tip_um + own_um
+    gain_u_um = run.uncertainty.gain_u_rel * feed_um
     changed = replace(
         result,
         z1_um=result.z1_um + before_um,
@@ -416,7 +418,8 @@ def _correct(run: JobRun, cut: Unmeasured, own_um: float, before_um: float, now:
         depth_u95_um=COVERAGE * math.hypot(cut.depth_u_um, now.tip_u_um),
         wear_um=cut.wear_before_um + now.wear_um,
         wear_u95_um=COVERAGE * math.hypot(cut.wear_before_u_um, now.wear_u_um),
-        feed_um=result.feed_um - now.tip_um + own_um,
+        feed_um=feed_um,
+        feed_u95_um=COVERAGE * math.hypot(cut.depth_u_um, cut.wear_before_u_um, now.feed_u_um, gain_u_um),
     )
     run.tally.sites[hole.site.name] = changed
     hole.found = replace(
@@ -426,4 +429,5 @@ def _correct(run: JobRun, cut: Unmeasured, own_um: float, before_um: float, now:
         wear_um=changed.wear_um,
         wear_u95_um=changed.wear_u95_um,
         feed_um=changed.feed_um,
+        feed_u95_um=changed.feed_u95_um,
     )

@@ -1,7 +1,8 @@
 """What touches and rests show of the setup's beliefs: tilt by the two spots of the pad, drift by the rests.
 
-A belief is a standard uncertainty; a value beyond two of them, its own uncertainty taken off, contradicts it. A
-wrong gain of the sensor scales everything alike, so that nothing in a job can show it.
+A belief is a standard uncertainty. A value contradicts it that is beyond two of what it then is expected to be found
+at, its own uncertainty with it: one in twenty is where the belief is right. A wrong gain of the sensor scales
+everything alike, so that nothing in a job can show it.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
     from edmctl.procedures.run import Args, JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
 
-LEAST_SPAN_S = 120.0
-"""Over less time rests tell no drift."""
+LEAST_SPAN_S = 60.0
+"""Over less time rests tell no drift: creep of the first seconds after a cut would look like one."""
 
 
 def judge_job(run: JobRun, pads: Sequence[SurfaceReading]) -> None:
@@ -38,7 +39,7 @@ def judge(
     """
     setup = run.setup
     beliefs = (
-        _judged("surface.tilt_u_mrad", setup.surface.tilt_u_mrad, *_slope_mrad(pads)),
+        _judged("surface.tilt_u_mrad", setup.surface.tilt_u_mrad, *_slope_mrad(run, pads)),
         _judged("sensor.drift_um_per_s", setup.sensor.drift_um_per_s, drift_um_s, drift_u_um_s),
         Belief("sensor.gain_u_rel", setup.sensor.gain_u_rel, math.nan, math.nan, Seen.NEVER),
     )
@@ -52,25 +53,32 @@ def judge(
 def _judged(name: str, believed: float, found: float, u: float) -> Belief:
     if math.isnan(found):
         return Belief(name, believed, found, u, Seen.NOT)
-    contradicted = abs(found) - CONTRADICTION_SDS * u > CONTRADICTION_SDS * believed
+    contradicted = abs(found) > CONTRADICTION_SDS * math.hypot(believed, u)
     return Belief(name, believed, found, u, Seen.CONTRADICTED if contradicted else Seen.HELD)
 
 
-def _slope_mrad(pads: Sequence[SurfaceReading]) -> tuple[float, float]:
+def _slope_mrad(run: JobRun, pads: Sequence[SurfaceReading]) -> tuple[float, float]:
     """Slope along the way between the two spots of the pad and its standard uncertainty; NaN where none counts."""
     steps = [pad.step for pad in pads if pad.step is not None]
     if not steps:
         return math.nan, math.nan
+    touch_u_um = run.tally.scatter.u_um
     slopes = [1e3 * step.um / math.hypot(*step.way_um) for step in steps]
-    us = [1e3 * step.u_um / math.hypot(*step.way_um) for step in steps]
+    us = [1e3 * step.u_um(touch_u_um) / math.hypot(*step.way_um) for step in steps]
     return math.fsum(slopes) / len(steps), math.sqrt(math.fsum(u**2 for u in us)) / len(steps)
 
 
 def _drift_um_s(run: JobRun, pads: Sequence[SurfaceReading]) -> tuple[float, float]:
-    """Drift of the rests without creep from the first to the last reading; NaN where nobody has measured creep."""
+    """Drift of the rests without creep and its standard uncertainty; NaN over a short time.
+
+    Where creep was measured it is taken off from the first to the last reading of the pad; else it is bounded.
+    """
     drift, rests = run.job.drift, [pad.rest for pad in pads if pad.rest is not None]
-    if drift is None or len(rests) < 2 or rests[-1].time_s - rests[0].time_s < LEAST_SPAN_S:
+    if drift is not None and len(rests) > 1:
+        span_s = rests[-1].time_s - rests[0].time_s
+        moved = drift.rest_moved(rests[0], rests[-1], run.job.unknown_use_s)
+    else:
+        span_s, moved = run.watch.rests.drifted()
+    if span_s < LEAST_SPAN_S:
         return math.nan, math.nan
-    moved = drift.rest_moved(rests[0], rests[-1], run.job.unknown_use_s)
-    span_s = rests[-1].time_s - rests[0].time_s
     return moved.um / span_s, moved.left_u_um / span_s

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import Displacement, displacement
-from edmctl.process.touches import share_u
+from edmctl.process.touches import Drift, share_u
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -76,6 +76,18 @@ class Rests:
     def _crept_um(self) -> float:
         """How much lower creep may hold the tool at the newest rest than at the first."""
         return CREEP_UM + CREEP_SHARE * max(0.0, self._high_um - self._low_um)
+
+    def drifted(self) -> tuple[float, Drift]:
+        """Return the time from the first rest to the newest, and the drift of the zero less what creep may be of it.
+
+        Creep that goes with the way of the tool holds it lower, by any part of its bound as likely; what is left
+        anyway goes either way.
+        """
+        if not self._rests:
+            return 0.0, Drift(0.0, 0.0)
+        (first_s, first_um), (last_s, last_um) = self.ends()
+        shift_um = 0.5 * (self._crept_um - CREEP_UM)
+        return last_s - first_s, Drift(last_um - first_um - shift_um, share_u(CREEP_UM + shift_um))
 
     def rate_um_s(self) -> float:
         """Fastest drift that the zeros allow, over the whole job or lately, µm/s; 0 before the second rest."""

@@ -105,7 +105,7 @@ class Watch:
         zero_um, tracker, block = self.zero_um(), self._tracker, self._latest
         if self._lags is not None and block is not None:
             self.settle()
-            self.last_rest = Rest(*_now(block), self._lags.um, self._lags.out_s)
+            self.last_rest = Rest(*_now(block), _now_u_um(block), self._lags.um, self._lags.out_s)
         if math.isnan(zero_um) or tracker is None or block is None:
             return
         middle_s, measured_um = _now(block)
@@ -264,3 +264,13 @@ def _now(block: TelemetryBlock) -> tuple[float, float]:
     """Return the mean time and displacement over the last `NEWEST_S` of a block."""
     newest = block.time_s > block.time_s[-1] - NEWEST_S
     return float(block.time_s[newest].mean()), float(block.displacement_um[newest].mean())
+
+
+def _now_u_um(block: TelemetryBlock) -> float:
+    """Return the standard uncertainty of that displacement by the scatter of the samples; 0 of a single one.
+
+    Neighbours in the whole block tell it: a tool that creeps does not scatter.
+    """
+    newest = int(np.count_nonzero(block.time_s > block.time_s[-1] - NEWEST_S))
+    steps_um = np.diff(block.displacement_um)
+    return math.sqrt(float(np.mean(steps_um**2)) / (2.0 * newest)) if len(steps_um) else 0.0

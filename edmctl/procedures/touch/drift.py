@@ -39,14 +39,20 @@ def drift_between(job: Job, first: SurfaceReading, last: SurfaceReading) -> Drif
 
 
 def rest_before_pad(run: JobRun, first: SurfaceReading) -> None:
-    """Rest at 0 V over the pad before it is touched again, where that makes the drift since `first` known better."""
+    """Rest at 0 V over the pad before it is touched again, where more is gained of wear than lost of depth."""
     model = run.job.drift
     if model is None or first.rest is None:
         return
     move_to(run, run.job.pad)
     now = run.watch.last_rest
     assert now is not None
-    more_s = model.rest_that_pays_s(first.rest, now, now.time_s - first.time_s, run.job.unknown_use_s)
+    more_s = model.rest_that_pays_s(
+        first.rest,
+        now,
+        now.time_s - first.time_s,
+        run.job.unknown_use_s,
+        run.uncertainty.drift_u_um_per_s,
+    )
     if not more_s:
         return
     message = (

@@ -124,6 +124,7 @@ def take_reading_in(run: JobRun, kind: str, place: str, search: Search) -> Surfa
         refused = _refusal(run, found)
         _report(run, place, touches, found, "" if refused is None else refused.message)
         if refused is None:
+            run.tally.scatter.add(found.reading)
             tracker = run.watch.tracker()
             if tracker is not None:
                 tracker.note(found.model_um, found.z_um)

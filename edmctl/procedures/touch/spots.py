@@ -27,7 +27,6 @@ from edmctl.process.rest_drift import mean_rest
 from edmctl.process.touches import (
     Deviation,
     agreeing_spots,
-    between_spots,
     has_grown,
     is_constant,
     pooled_reading,
@@ -211,8 +210,12 @@ def _together(
 
 def _step(run: JobRun, found: Sequence[SurfaceReading], spots: Spots) -> Step:
     first, second = spots.places[:2]
-    off = between_spots(found[1].reading, found[0].reading, _sensed_u_um(run, found))
-    return Step((second.x_um - first.x_um, second.y_um - first.y_um), off.um, off.u_um)
+    return Step(
+        way_um=(second.x_um - first.x_um, second.y_um - first.y_um),
+        um=found[1].z_um - found[0].z_um,
+        touches=(found[0].reading.touches, found[1].reading.touches),
+        sensed_u_um=_sensed_u_um(run, found),
+    )
 
 
 def read_pad(

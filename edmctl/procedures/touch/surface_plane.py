@@ -113,7 +113,7 @@ def fit_pad_slope(run: JobRun, surface: SurfacePlane, reading: SurfaceReading) -
     if step is None:
         return reading
     believed_um = 1e-3 * surface.tilt_u_mrad * math.hypot(*step.way_um)
-    if abs(step.um) <= CONTRADICTION_SDS * math.hypot(believed_um, step.u_um):
+    if abs(step.um) <= CONTRADICTION_SDS * math.hypot(believed_um, step.u_um()):
         return reading
     surface.set_pad_step(step)
     slope_x, slope_y = (float(1e3 * slope) for slope in surface.plane.slope)
