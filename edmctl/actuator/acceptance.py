@@ -28,6 +28,9 @@ NOISE_MARGIN, NOISY_MAX_PCT = 1.2, 4.0
 NOISE_SHARE = 0.7
 """Of the largest error, from which on noise is worth a word."""
 LEAST_BEYOND_SHARE = 0.001
+JUDGED_SHARE = 0.8
+"""Of the voltage range, that has to be judged: swings that grow evenly leave an eighth of it to the last of eight
+folds, and what they leave continues what was judged."""
 LEAST_HOLD_SHARE = 0.5
 """Of the slowest lag with a weight of its own."""
 
@@ -66,6 +69,7 @@ def problems_of(
             "Not monotone: somewhere in the range the data show no immediate answer to the voltage; "
             "look for a sensor or an amplifier at its limit."
         )
+    problems += _unjudged(design, held_out)
     problems += _uncovered(design, records)
     return tuple(problems)
 
@@ -74,6 +78,19 @@ def most_accepted_pct(noise: Noise, range_um: float) -> float:
     """Largest held-out error that is accepted, %: what noise alone brings cannot be asked for, within bounds."""
     reachable_pct = NOISE_MARGIN * 100.0 * noise.largest_um / range_um
     return max(ACCEPTED_MAX_PCT, min(reachable_pct, NOISY_MAX_PCT))
+
+
+def _unjudged(design: Design, held_out: HeldOut) -> list[str]:
+    """How far the held-out errors reach, where that is too little of the range."""
+    if held_out.high_v - held_out.low_v >= JUDGED_SHARE * (design.high_v - design.low_v):
+        return []
+    beyond = held_out.beyond
+    missed = "" if beyond is None else f", with errors up to {beyond.max_pct:.1f} % of the range"
+    return [
+        f"Judged from {held_out.low_v:.1f} V to {held_out.high_v:.1f} V only, of {design.low_v:.1f} V to "
+        f"{design.high_v:.1f} V: swings beyond were recorded at one place, which nothing else tells of{missed}. "
+        "Record the largest swings twice, early and late in the record or in another one."
+    ]
 
 
 def _uncovered(design: Design, records: Sequence[Record]) -> list[str]:

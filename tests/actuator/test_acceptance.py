@@ -49,6 +49,19 @@ def test_growing_swings_are_judged_where_others_have_been() -> None:
     assert found.accepted, found.problems
 
 
+def test_a_range_that_was_reached_once_is_not_accepted_and_its_remedy_mends_it() -> None:
+    """All but the last second is 20 V of 150 V: errors there say nothing about the rest."""
+    small_v = np.full(20, 20.0)
+    found = found_of(measured(swings(np.append(small_v, 150.0))))
+    assert found.held_out.max_pct < 1.0
+    (problem,) = found.problems
+    assert "Judged from 0.0 V to 2" in problem
+    assert "of 0.0 V to 150.0 V" in problem
+    assert "Record the largest swings twice" in problem
+    early_and_late_v = np.concatenate([[150.0], small_v, [150.0]])
+    assert found_of(measured(swings(early_and_late_v))).accepted
+
+
 def test_a_start_that_rings_gets_no_weight_and_is_said(mixed_v: Array) -> None:
     plain = measured(mixed_v)
     ringing_um = 40.0 * np.exp(-plain.t_s / 0.1) * np.cos(40.0 * plain.t_s)
