@@ -14,12 +14,13 @@ from edmctl.actuator.diagnosis import cause_of
 from edmctl.actuator.record import has_several_rates, length_s, longest_hold_s
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from edmctl.actuator.design import Design
     from edmctl.actuator.diagnosis import Left, Noise
     from edmctl.actuator.record import Record
     from edmctl.actuator.uncertainty import HeldOut
+    from edmctl.actuator.validation import ErrorFigures
 
 ACCEPTED_RMS_PCT, ACCEPTED_MAX_PCT = 0.5, 2.0
 COVERED_BINS = 10
@@ -41,12 +42,14 @@ def problems_of(
     held_out: HeldOut,
     left: Sequence[Left],
     noise: Noise,
+    judged_without: Callable[[], Sequence[tuple[str, ErrorFigures]]],
     *,
     on_floor: bool,
 ) -> tuple[str, ...]:
     """Say what stands against using a model, each with its remedy.
 
     left : what the fit of all leaves of each record
+    judged_without : what the records may suffer from, in words, and held-out errors without it
     """
     problems: list[str] = []
     errors = held_out.errors
@@ -62,7 +65,7 @@ def problems_of(
         )
     if wrong:
         scale = errors.range_um / 100.0
-        cause = cause_of(left, noise, errors.rms_um, ACCEPTED_RMS_PCT * scale, most_max_pct * scale)
+        cause = cause_of(left, noise, errors, ACCEPTED_RMS_PCT * scale, most_max_pct * scale, judged_without)
         problems.append(f"Held-out {', '.join(wrong)}; {cause}.")
     if on_floor:
         problems.append(

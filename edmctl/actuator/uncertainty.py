@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.actuator.design import reduce_records
 from edmctl.actuator.fitting import Fit, fit
 from edmctl.actuator.model import CREEP_FROM_S, CREEP_TO_S
 from edmctl.actuator.validation import ErrorFigures
@@ -81,6 +82,20 @@ def smoothest(
         tried.append((smoothness, best, held_out))
     least_um = min(held_out.rms_um for _, _, held_out in tried)
     return [one for one in tried if one[2].rms_um <= SMOOTHNESS_COST * least_um][-1]
+
+
+def held_out_of(
+    design: Design,
+    records: Sequence[Record],
+    used: Sequence[Flags],
+    delay_s: float,
+    smoothness: float,
+    folds: int,
+) -> HeldOut:
+    """Held-out errors of those samples of records that are used, at a smoothness that is known."""
+    reduction = reduce_records(design, records, np.array([delay_s]), used)
+    best = fit(design, reduction, smoothness=smoothness)
+    return _held_out(design, reduction, records, best, delay_s, smoothness, folds)
 
 
 def _held_out(
