@@ -38,6 +38,7 @@ MOST_OUTLIERS_SHARE = 1e-3
 """More of them are the sensor's way to read, not single ones."""
 LATE_SHARE = 0.5
 """A sample is no outlier where it may be late by this share of a sample."""
+LEAST_V = 1e-9
 PASSES = 3
 
 
@@ -90,7 +91,7 @@ def settled(records: Sequence[Record]) -> Screening:
 def screened(model: ActuatorModel, records: Sequence[Record], before: Screening) -> Screening:
     """Look through what a first fit leaves of the records; return `before` where there is nothing to leave out."""
     looked = [
-        _looked_at(record, residual_um(model, record), counts)
+        looked_through(record, residual_um(model, record), counts)
         for record, counts in zip(records, before.used, strict=True)
     ]
     found = Screening(*(tuple(column) for column in zip(*looked, strict=True)))
@@ -105,7 +106,11 @@ def residual_um(model: ActuatorModel, record: Record) -> Array:
     return shifted_um
 
 
-def _looked_at(record: Record, left_um: Array, counts: Flags) -> tuple[Flags, float, int]:
+def looked_through(record: Record, left_um: Array, counts: Flags) -> tuple[Flags, float, int]:
+    """Which of the samples that count still do, how long the start rings, s, and how many samples stand out.
+
+    left_um : what a model leaves of the record, less the median, shape (n,)
+    """
     first = int(np.argmax(counts))
     begin = first + _rings_for(np.abs(left_um[first:]))
     rung_s = float(record.t_s[begin] - record.t_s[first]) if begin > first else 0.0
@@ -145,7 +150,7 @@ def standing_out(record: Record, left_um: Array, run: int = 1) -> Flags:
     if len(left_um) <= 2 * run:
         return stands_out
     moved_um = np.abs(np.diff(record.y_um))
-    gain = float(np.ptp(record.y_um)) / float(np.ptp(record.u_v))
+    gain = float(np.ptp(record.y_um)) / max(float(np.ptp(record.u_v)), LEAST_V)
     moved_um = np.minimum(moved_um, gain * np.abs(np.diff(record.u_v)))
     most_moved_um = sliding_window_view(moved_um, 2 * run).max(axis=1)
     least_um = OUTLIER_SDS * noise_sd(left_um) + LATE_SHARE * most_moved_um

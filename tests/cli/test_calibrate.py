@@ -372,6 +372,34 @@ def test_several_validation_files_count_by_their_samples_and_worst_error(here: H
     assert result["baselines"]["line"]["rms_um"] > result["baselines"]["maxwell"]["rms_um"] > whole["rms_um"]
 
 
+def test_a_start_that_rings_and_outliers_count_and_the_figure_without_them_is_told(
+    here: Here, files: Files
+) -> None:
+    record = read_record(files.jumps)
+    y_um = record.y_um + 80.0 * np.exp(-record.t_s / 0.3) * np.cos(9.0 * record.t_s)
+    y_um[[1500, 2500]] += (30.0, -30.0)
+    write_columns(Path("rung.csv"), {"t_s": record.t_s, "u_V": record.u_v, "y_um": y_um})
+    said = fitted(here, files, "--validate", "rung.csv")
+    result = said.document["result"]
+    (file,) = result["validate_files"]
+    assert result["validate"]["max_um"] == file["max_um"] > 60.0
+    assert file["screened"] == result["validate_screened"]
+    assert set(file["screened"]) == FIGURES
+    assert file["screened"]["max_pct"] <= 1.0
+    assert 0.5 < file["rung_s"] < 3.0
+    assert file["outliers"] == 2
+    assert "2 of its samples, which stand out singly" in file["note"]
+    text = here("calibrate", "--from", str(files.fit), "--validate", "rung.csv").out
+    assert f"Note: {file['note']}" in text
+    assert "edmctl, screened" in text
+
+
+def test_a_clean_file_has_one_figure(here: Here, files: Files) -> None:
+    result = fitted(here, files, "--validate", str(files.swings)).document["result"]
+    (file,) = result["validate_files"]
+    assert (result["validate_screened"], file["screened"], file["note"]) == (None, None, "")
+
+
 def test_an_output_is_a_calibration_of_these_files(here: Here, files: Files) -> None:
     said = here("calibrate", "--from", str(files.fit), "--previous-voltage", "0", "--output", "a.toml")
     assert "Saved in a.toml: `edmctl machine --profile PROFILE --calibration a.toml` uses it." in said.out

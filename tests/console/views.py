@@ -141,6 +141,7 @@ class Found:
     problems: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     noise: Noise = field(default_factory=lambda: Noise(0.15, 0.7))
+    held_out_model: Figures = field(default_factory=lambda: Figures(2.1, 0.4, 0.47, 0.09, 451.3))
 
 
 BASELINES = {
