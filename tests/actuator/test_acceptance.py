@@ -12,7 +12,7 @@ from edmctl.actuator.identification import Identification, identify
 from edmctl.actuator.model import ActuatorState
 from edmctl.actuator.record import Record
 from edmctl.actuator.screening import screened, settled
-from edmctl.actuator.waveforms import calibration_legs, sampled, sine
+from edmctl.actuator.waveforms import sampled, sine, slow_legs
 from edmctl.simulator.actuator import HIGH_V, VirtualActuator
 from edmctl.simulator.actuator import RATE_HZ as SEEN_HZ
 from tests.actuator.models import Array, clock, make_model
@@ -110,7 +110,7 @@ def test_noise_is_told_by_itself_and_excuses_the_largest_error_within_bounds() -
 @pytest.fixture(scope="module")
 def calibration() -> Record:
     """The slow legs alone, through the sensor of an actuator of another kind, at 40 Hz, as they are soon fitted."""
-    seen = VirtualActuator(1).drive(sampled(calibration_legs(HIGH_V), SEEN_HZ).u_v)
+    seen = VirtualActuator(1).drive(sampled(slow_legs(HIGH_V), SEEN_HZ).u_v)
     every = slice(None, None, 25)
     return Record(seen.t_s[every], seen.applied_v[every], seen.sensor_um[every], name="spoiled")
 

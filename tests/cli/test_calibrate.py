@@ -17,7 +17,7 @@ import pytest
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import validate
-from edmctl.actuator.waveforms import calibration_legs, jump_train, sampled, triangle
+from edmctl.actuator.waveforms import jump_train, sampled, slow_legs, triangle
 from edmctl.cli.app import main
 from edmctl.cli.signals import SignalArrived
 from edmctl.errors import Interrupted
@@ -95,7 +95,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Files:
     folder = tmp_path_factory.mktemp("measured")
     found = Files(folder / "fit.csv", folder / "jumps.h5", folder / "swings.csv")
     for path, waveform in (
-        (found.fit, sampled(calibration_legs(150.0), RATE_HZ)),
+        (found.fit, sampled(slow_legs(150.0), RATE_HZ)),
         (found.jumps, jump_train(0.0, 120.0, RATE_HZ)),
         (found.swings, triangle(0.0, 150.0, 0.2, 4, RATE_HZ)),
     ):
