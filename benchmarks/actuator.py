@@ -51,12 +51,7 @@ def driven(seed: int, wave: waves.Waveform) -> Record:
 
 def calibration(seed: int) -> Record:
     """What `edmctl calibrate` drives, at 200 Hz and its fast legs at 1 kHz."""
-    slow, fast, use = (legs(150.0) for legs in (waves.calibration_legs, waves.fast_legs, waves.use_legs))
-    wave = waves.sampled((*slow, *fast, *use), RATE_HZ)
-    kept = np.zeros(len(wave.t_s), dtype=bool)
-    kept[EVERY] = True
-    first, end = (len(waves.sampled(legs, RATE_HZ).t_s) for legs in (slow, (*slow, *fast)))
-    kept[first:end] = True
+    wave, kept = waves.calibration_waveform(150.0, RATE_HZ, EVERY.step)
     seen = VirtualActuator(seed).drive(wave.u_v)
     return Record(wave.t_s[kept], seen.applied_v[kept], seen.sensor_um[kept])
 
@@ -122,7 +117,7 @@ def best_s(action: Callable[[], object], repeat: int = 5) -> float:
 
 def speed_and_inverse() -> None:
     """Times of every use, and how exact the inverse is."""
-    record = driven(1, waves.sampled(waves.calibration_legs(150.0), RATE_HZ))
+    record = calibration(1)
     found = identify([record])
     model = found.model
     print(f"identification of {len(record.t_s)} samples: {best_s(lambda: identify([record]), 3):.2f} s")

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
-from edmctl.actuator.waveforms import calibration_legs, sampled
+from edmctl.actuator.waveforms import calibration_waveform
 from edmctl.errors import EdmError
 from edmctl.jobs.connect import bench_config
 from edmctl.jobs.ledger.elapsed import Now, with_home, with_home_left
@@ -227,10 +227,9 @@ def _taken_up(
 
 def _calibrated(seed: int) -> CalibratedActuator:
     """The actuator of a seed, identified from its calibration record."""
-    waveform = sampled(calibration_legs(150.0), 1000.0)
+    waveform, kept = calibration_waveform(150.0, 1000.0, 20)
     driven = VirtualActuator(seed).drive(waveform.u_v)
-    thin = slice(None, None, 20)
-    record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])
+    record = Record(waveform.t_s[kept], driven.applied_v[kept], driven.sensor_um[kept])
     found = identify([record], delay_s=0.0, folds=2, resamples=1)
     return CalibratedActuator(found.model, found.held_out.rms_um)
 

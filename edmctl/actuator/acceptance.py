@@ -14,12 +14,13 @@ from edmctl.actuator.diagnosis import cause_of
 from edmctl.actuator.record import has_several_rates, length_s, longest_hold_s
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from edmctl.actuator.design import Design
     from edmctl.actuator.diagnosis import Left, Noise
     from edmctl.actuator.record import Record
     from edmctl.actuator.uncertainty import HeldOut
+    from edmctl.actuator.validation import ErrorFigures
 
 ACCEPTED_RMS_PCT, ACCEPTED_MAX_PCT = 0.5, 2.0
 COVERED_BINS = 10
@@ -28,6 +29,9 @@ NOISE_MARGIN, NOISY_MAX_PCT = 1.2, 4.0
 NOISE_SHARE = 0.7
 """Of the largest error, from which on noise is worth a word."""
 LEAST_BEYOND_SHARE = 0.001
+JUDGED_SHARE = 0.8
+"""Of the voltage range, that has to be judged: swings that grow evenly leave an eighth of it to the last of eight
+folds, and what they leave continues what was judged."""
 LEAST_HOLD_SHARE = 0.5
 """Of the slowest lag with a weight of its own."""
 
@@ -38,12 +42,14 @@ def problems_of(
     held_out: HeldOut,
     left: Sequence[Left],
     noise: Noise,
+    judged_without: Callable[[], Sequence[tuple[str, ErrorFigures]]],
     *,
     on_floor: bool,
 ) -> tuple[str, ...]:
     """Say what stands against using a model, each with its remedy.
 
     left : what the fit of all leaves of each record
+    judged_without : what the records may suffer from, in words, and held-out errors without it
     """
     problems: list[str] = []
     errors = held_out.errors
@@ -59,13 +65,14 @@ def problems_of(
         )
     if wrong:
         scale = errors.range_um / 100.0
-        cause = cause_of(left, noise, errors.rms_um, ACCEPTED_RMS_PCT * scale, most_max_pct * scale)
+        cause = cause_of(left, noise, errors, ACCEPTED_RMS_PCT * scale, most_max_pct * scale, judged_without)
         problems.append(f"Held-out {', '.join(wrong)}; {cause}.")
     if on_floor:
         problems.append(
             "Not monotone: somewhere in the range the data show no immediate answer to the voltage; "
             "look for a sensor or an amplifier at its limit."
         )
+    problems += _unjudged(design, held_out)
     problems += _uncovered(design, records)
     return tuple(problems)
 
@@ -74,6 +81,19 @@ def most_accepted_pct(noise: Noise, range_um: float) -> float:
     """Largest held-out error that is accepted, %: what noise alone brings cannot be asked for, within bounds."""
     reachable_pct = NOISE_MARGIN * 100.0 * noise.largest_um / range_um
     return max(ACCEPTED_MAX_PCT, min(reachable_pct, NOISY_MAX_PCT))
+
+
+def _unjudged(design: Design, held_out: HeldOut) -> list[str]:
+    """How far the held-out errors reach, where that is too little of the range."""
+    if held_out.high_v - held_out.low_v >= JUDGED_SHARE * (design.high_v - design.low_v):
+        return []
+    beyond = held_out.beyond
+    missed = "" if beyond is None else f", with errors up to {beyond.max_pct:.1f} % of the range"
+    return [
+        f"Judged from {held_out.low_v:.1f} V to {held_out.high_v:.1f} V only, of {design.low_v:.1f} V to "
+        f"{design.high_v:.1f} V: swings beyond were recorded at one place, which nothing else tells of{missed}. "
+        "Record the largest swings twice, early and late in the record or in another one."
+    ]
 
 
 def _uncovered(design: Design, records: Sequence[Record]) -> list[str]:

@@ -1,7 +1,7 @@
-"""Why a model misses a record: noise, a knock, a shift that stays, drift, too little in it, or the class of model.
+"""Why a model misses a record: noise, outliers, a shift, drift, too little in it, a knock, or the class of model.
 
-All by what the fit of the whole record leaves, in its own order. Noise is what a sample has apart from its
-neighbours; a knock is short; a shift and a drift follow time and nothing else.
+Noise is what a sample has apart from its neighbours. Outliers, a shift and a drift are the cause where the record
+without them is predicted so much better (`suspects`); a knock is short in what the fit of the whole record leaves.
 """
 
 from __future__ import annotations
@@ -15,24 +15,21 @@ import numpy as np
 from edmctl.actuator.checks import noise_sd
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
     from edmctl.actuator.record import Record
+    from edmctl.actuator.validation import ErrorFigures
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]
 
 MAIN_SHARE = 0.5
-"""Of the sum of squares, that a cause has to explain."""
+"""Of the squares, that a cause has to explain."""
 KNOCK_SHARE, MOST_KNOCKS = 0.005, 3
 """How far around its worst sample a knock is looked for, over the record."""
 END_SHARE = 0.01
-POLYNOMIAL = 2
-"""Of time, which drift follows."""
-SHARPER = 0.5
-"""Of what a drift leaves, a shift leaves at most this; both explain much of the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,17 +63,32 @@ class Left:
         return cls(record, index, errors_um - errors_um.mean())
 
 
-def cause_of(parts: Sequence[Left], noise: Noise, rms_um: float, most_rms_um: float, most_um: float) -> str:
+def cause_of(
+    parts: Sequence[Left],
+    noise: Noise,
+    errors: ErrorFigures,
+    most_rms_um: float,
+    most_um: float,
+    judged_without: Callable[[], Sequence[tuple[str, ErrorFigures]]],
+) -> str:
     """Say what most of the error comes from, with the remedy.
 
-    rms_um : the held-out error that is too large
+    errors : held out, which are too large
     most_rms_um, most_um : RMS and largest error that would be accepted
+    judged_without : causes, in words, and what the held-out errors are without them; takes its time
     """
-    if noise.sd_um**2 >= MAIN_SHARE * rms_um**2:
+    if noise.sd_um**2 >= MAIN_SHARE * errors.rms_um**2:
         return (
             f"most of it is the sensor's noise, {noise.sd_um:.3g} µm (1 sd) in a sample. Average several samples to "
             "one, or look for what disturbs the sensor"
         )
+
+    def excess(one: ErrorFigures) -> float:
+        return max(one.rms_um / most_rms_um, one.max_um / most_um)
+
+    left, words = min((excess(one), words) for words, one in judged_without())
+    if left**2 <= (1.0 - MAIN_SHARE) * excess(errors) ** 2:
+        return words
     left_um = math.sqrt(_squares(parts) / sum(len(part.errors_um) for part in parts))
     if left_um <= most_rms_um and max(float(np.abs(part.errors_um).max()) for part in parts) <= most_um:
         return (
@@ -87,10 +99,6 @@ def cause_of(parts: Sequence[Left], noise: Noise, rms_um: float, most_rms_um: fl
     if knocks:
         places = " and ".join(knocks)
         return f"the worst is at {places}: look for a knock or a jump there, cut it off or measure again"
-    for part in parts:
-        found = _over_time(part, most_rms_um)
-        if found:
-            return found
     return (
         "it is everywhere and follows the voltage. Look for a loose sensor, a wrong --previous-voltage, a load on "
         "the tool or a voltage that is not the one applied; without any of these the actuator is of a kind that "
@@ -127,33 +135,3 @@ def _place(part: Left, k: int) -> str:
     at_end = not y_um.min() + margin_um < at_um < y_um.max() - margin_um
     limit = ", where the sensor may stand at the end of its range" if at_end else ""
     return f"{part.record.t_s[part.index[k]]:.4g} s of {part.record.name}{limit}"
-
-
-def _over_time(part: Left, most_rms_um: float) -> str:
-    """A shift that stays or a drift, where it is most of what is left of a record; else nothing."""
-    errors_um, times_s = part.errors_um, part.record.t_s[part.index]
-    total = float(errors_um @ errors_um)
-    if total <= most_rms_um**2 * len(errors_um):
-        return ""
-    along = np.linspace(-1.0, 1.0, len(errors_um))
-    trend_um = np.polynomial.polynomial.polyval(
-        along, np.polynomial.polynomial.polyfit(along, errors_um, POLYNOMIAL)
-    )
-    drift = 1.0 - float(np.sum((errors_um - trend_um) ** 2)) / total
-    sums = np.cumsum(errors_um)[:-1]
-    before = np.arange(1.0, len(errors_um))
-    gains = sums**2 * len(errors_um) / (before * (len(errors_um) - before))
-    k = int(gains.argmax())
-    shift = float(gains[k]) / total
-    if shift >= MAIN_SHARE and 1.0 - shift <= SHARPER * (1.0 - drift):
-        shift_um = float(errors_um[: k + 1].mean() - errors_um[k + 1 :].mean())
-        return (
-            f"the displacement shifts by {shift_um:+.3g} µm at {times_s[k + 1]:.4g} s of {part.record.name} and "
-            "stays there: look for a sensor or a mount that moved, and give the parts as files of their own"
-        )
-    if drift >= MAIN_SHARE:
-        return (
-            f"it follows time, by {np.ptp(trend_um):.3g} µm over {part.record.name}: the sensor or the machine "
-            "drifts. Let them warm up, and measure again"
-        )
-    return ""

@@ -32,7 +32,8 @@ from edmctl.actuator.fitting import fit
 from edmctl.actuator.record import Record, check_numbers, half_periods_s, sample_s
 from edmctl.actuator.screening import PASSES, Screening, residual_um, screened, settled
 from edmctl.actuator.search import extended
-from edmctl.actuator.uncertainty import Bands, bands_of, figures, smoothest
+from edmctl.actuator.suspects import suspects
+from edmctl.actuator.uncertainty import Bands, bands_of, figures, held_out_of, smoothest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -146,13 +147,20 @@ def identify(
         for record, used in zip(records, counting.used, strict=True)
     ]
     noise = Noise.of([part.errors_um for part in left])
+
+    def judged_without() -> list[tuple[str, ErrorFigures]]:
+        return [
+            (one.words, held_out_of(design, one.records, one.used, found_s, smoothness, folds).errors)
+            for one in suspects(design, best.weights, model, records, counting.used)
+        ]
+
     return Identification(
         model=model,
         train=figures(records, reduction, model, best),
         held_out=held_out.errors,
         held_out_model=held_out.of_model,
         bands=bands,
-        problems=problems_of(design, records, held_out, left, noise, on_floor=best.on_floor),
+        problems=problems_of(design, records, held_out, left, noise, judged_without, on_floor=best.on_floor),
         notes=(*counting.notes(records), *notes_on(records, held_out, noise, delay_s)),
         samples=sum(block.samples for block in reduction.blocks),
         noise=noise,

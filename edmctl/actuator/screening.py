@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from edmctl.actuator.checks import noise_sd
 from edmctl.actuator.record import settled_from
@@ -37,6 +38,7 @@ MOST_OUTLIERS_SHARE = 1e-3
 """More of them are the sensor's way to read, not single ones."""
 LATE_SHARE = 0.5
 """A sample is no outlier where it may be late by this share of a sample."""
+LEAST_V = 1e-9
 PASSES = 3
 
 
@@ -89,7 +91,7 @@ def settled(records: Sequence[Record]) -> Screening:
 def screened(model: ActuatorModel, records: Sequence[Record], before: Screening) -> Screening:
     """Look through what a first fit leaves of the records; return `before` where there is nothing to leave out."""
     looked = [
-        _looked_at(record, residual_um(model, record), counts)
+        looked_through(record, residual_um(model, record), counts)
         for record, counts in zip(records, before.used, strict=True)
     ]
     found = Screening(*(tuple(column) for column in zip(*looked, strict=True)))
@@ -104,7 +106,11 @@ def residual_um(model: ActuatorModel, record: Record) -> Array:
     return shifted_um
 
 
-def _looked_at(record: Record, left_um: Array, counts: Flags) -> tuple[Flags, float, int]:
+def looked_through(record: Record, left_um: Array, counts: Flags) -> tuple[Flags, float, int]:
+    """Which of the samples that count still do, how long the start rings, s, and how many samples stand out.
+
+    left_um : what a model leaves of the record, less the median, shape (n,)
+    """
     first = int(np.argmax(counts))
     begin = first + _rings_for(np.abs(left_um[first:]))
     rung_s = float(record.t_s[begin] - record.t_s[first]) if begin > first else 0.0
@@ -128,15 +134,29 @@ def _rings_for(left_um: Array) -> int:
 
 
 def _outliers(record: Record, left_um: Array) -> Flags:
-    """Single samples farther from both neighbours than noise goes, or than time that is a little off explains."""
-    stands_out = np.zeros(len(left_um), dtype=np.bool_)
-    before_um, after_um = left_um[1:-1] - left_um[:-2], left_um[1:-1] - left_um[2:]
-    moved_um = np.abs(np.diff(record.y_um))
-    gain = float(np.ptp(record.y_um)) / float(np.ptp(record.u_v))
-    moved_um = np.minimum(moved_um, gain * np.abs(np.diff(record.u_v)))
-    least_um = OUTLIER_SDS * noise_sd(left_um) + LATE_SHARE * np.maximum(moved_um[:-1], moved_um[1:])
-    is_far = (before_um * after_um > 0.0) & (np.minimum(np.abs(before_um), np.abs(after_um)) > least_um)
-    stands_out[1:-1] = is_far
+    """Single samples that stand out; none where they are many."""
+    stands_out = standing_out(record, left_um)
     if stands_out.sum() > max(1.0, MOST_OUTLIERS_SHARE * len(left_um)):
         stands_out[:] = False
+    return stands_out
+
+
+def standing_out(record: Record, left_um: Array, run: int = 1) -> Flags:
+    """Samples, up to `run` together, farther from both sides than noise goes, or than time a little off explains.
+
+    left_um : what a model leaves of the record, shape (n,)
+    """
+    stands_out = np.zeros(len(left_um), dtype=np.bool_)
+    if len(left_um) <= 2 * run:
+        return stands_out
+    moved_um = np.abs(np.diff(record.y_um))
+    gain = float(np.ptp(record.y_um)) / max(float(np.ptp(record.u_v)), LEAST_V)
+    moved_um = np.minimum(moved_um, gain * np.abs(np.diff(record.u_v)))
+    most_moved_um = sliding_window_view(moved_um, 2 * run).max(axis=1)
+    least_um = OUTLIER_SDS * noise_sd(left_um) + LATE_SHARE * most_moved_um
+    sides_um = sliding_window_view(left_um, run)
+    before_um, here_um, after_um = sides_um[: -run - 1], left_um[run:-run], sides_um[run + 1 :]
+    above_um = here_um - np.maximum(before_um.min(axis=1), after_um.min(axis=1))
+    below_um = np.minimum(before_um.max(axis=1), after_um.max(axis=1)) - here_um
+    stands_out[run:-run] = np.maximum(above_um, below_um) > least_um
     return stands_out

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.actuator.design import reduce_records
 from edmctl.actuator.fitting import Fit, fit
 from edmctl.actuator.model import CREEP_FROM_S, CREEP_TO_S
 from edmctl.actuator.validation import ErrorFigures
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
 
 REACH_SHARE = 0.01
 """Of the range; a play this far outside of where others were is not beyond them."""
+VOLTAGE = 0
+"""The play of threshold 0."""
 SMOOTHNESS = (0.0, 1e-4, 1e-3)
 SMOOTHNESS_COST = 1.1
 """The smoothest model is taken that has at most this times the least held-out RMS error: swings beyond the
@@ -53,6 +56,7 @@ class HeldOut:
     of_model : of the same, without the noise of the sensor
     beyond : of the others, which no block of the record prepares a model for; None: there are none
     beyond_share : their share
+    low_v, high_v : how far down and up the first reach
     rms_um : of all, µm
     """
 
@@ -60,6 +64,8 @@ class HeldOut:
     of_model: ErrorFigures
     beyond: ErrorFigures | None
     beyond_share: float
+    low_v: float
+    high_v: float
     rms_um: float
 
 
@@ -78,6 +84,20 @@ def smoothest(
     return [one for one in tried if one[2].rms_um <= SMOOTHNESS_COST * least_um][-1]
 
 
+def held_out_of(
+    design: Design,
+    records: Sequence[Record],
+    used: Sequence[Flags],
+    delay_s: float,
+    smoothness: float,
+    folds: int,
+) -> HeldOut:
+    """Held-out errors of those samples of records that are used, at a smoothness that is known."""
+    reduction = reduce_records(design, records, np.array([delay_s]), used)
+    best = fit(design, reduction, smoothness=smoothness)
+    return _held_out(design, reduction, records, best, delay_s, smoothness, folds)
+
+
 def _held_out(
     design: Design,
     reduction: Reduction,
@@ -91,22 +111,27 @@ def _held_out(
     count = len(reduction.blocks)
     errors: list[Array] = []
     reached: list[Flags] = []
+    at_v: list[Array] = []
     for fold in range(folds):
         inside = range(fold * count // folds, (fold + 1) * count // folds)
         times = [0 if k in inside else 1 for k in range(count)]
         found = fit(design, reduction, smoothness=smoothness, times=times, start=best.weights)
         errors += _missed_um(records, reduction, design.model(found.weights, 0.0, delay_s), found, inside)
         reached += _reached(design, reduction, inside)
+        at_v += [_plays_of(reduction, k)[:, VOLTAGE] for k in inside]
     if not any(one.any() for one in reached):
         reached = [np.ones_like(one) for one in reached]
     counted = [one[kept] for one, kept in zip(errors, reached, strict=True)]
     rest_um = np.concatenate([one[~kept] for one, kept in zip(errors, reached, strict=True)])
+    judged_v = np.concatenate([one[kept] for one, kept in zip(at_v, reached, strict=True)])
     missed_um, widest_um = np.concatenate(errors), _widest_um(records)
     return HeldOut(
         errors=ErrorFigures.over(np.concatenate(counted), widest_um),
         of_model=ErrorFigures.without_noise(counted, widest_um),
         beyond=ErrorFigures.over(rest_um, widest_um) if len(rest_um) else None,
         beyond_share=len(rest_um) / len(missed_um),
+        low_v=float(judged_v.min()),
+        high_v=float(judged_v.max()),
         rms_um=float(np.sqrt(np.mean(missed_um**2))),
     )
 
@@ -117,12 +142,16 @@ def _reached(design: Design, reduction: Reduction, inside: range) -> list[Flags]
     margin_v = REACH_SHARE * (design.high_v - design.low_v)
     low_v = np.min([block.low_v for block in others], axis=0) - margin_v
     high_v = np.max([block.high_v for block in others], axis=0) + margin_v
-    reached = []
-    for block in (reduction.blocks[k] for k in inside):
-        own = slice(block.first, block.end)
-        at_v = reduction.plays_v[block.record][own][reduction.used[block.record][own]]
-        reached.append(((at_v >= low_v) & (at_v <= high_v)).all(axis=1))
-    return reached
+    plays_v = (_plays_of(reduction, k) for k in inside)
+    return [((at_v >= low_v) & (at_v <= high_v)).all(axis=1) for at_v in plays_v]
+
+
+def _plays_of(reduction: Reduction, k: int) -> Array:
+    """Where the plays are at the samples of a block that are used, shape (n, plays)."""
+    block = reduction.blocks[k]
+    own = slice(block.first, block.end)
+    at_v: Array = reduction.plays_v[block.record][own][reduction.used[block.record][own]]
+    return at_v
 
 
 def figures(

@@ -6,12 +6,13 @@ Held-out errors count after the zero, or gain and zero, are set again.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from edmctl.actuator.record import check_numbers, settled_from
+from edmctl.actuator.screening import looked_through
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -76,12 +77,20 @@ class ErrorFigures:
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """Errors on one record from sample `first` on, with the gain and the zero that were set for it."""
+    """Errors on one record from sample `first` on, with the gain and the zero that were set for it.
+
+    screened : the same without a start that rings and single samples that stand out, which get no weight in an
+        identification; None where there are none
+    rung_s, outliers : how long the first and how many the second are
+    """
 
     errors: ErrorFigures
     gain: float
     zero_um: float
     first: int
+    screened: ErrorFigures | None = None
+    rung_s: float = 0.0
+    outliers: int = 0
 
 
 def validate(model: ActuatorModel, record: Record, refit: Collection[Refit] = ZERO) -> Validation:
@@ -99,7 +108,14 @@ def validate(model: ActuatorModel, record: Record, refit: Collection[Refit] = ZE
         raise ValueError(f"{record.name}: the displacement does not change, so that nothing can be judged")
     start = model.starting_state(record.t_s, record.u_v, record.previous_v)
     predicted_um = model.predict(record.t_s, record.u_v, start)
-    return judge(predicted_um, record.y_um, refit, settled_from(record))
+    whole = judge(predicted_um, record.y_um, refit, settled_from(record))
+    left_um = whole.gain * predicted_um - record.y_um
+    counts = np.arange(len(left_um)) >= whole.first
+    used, rung_s, outliers = looked_through(record, left_um - np.median(left_um), counts)
+    if not (rung_s or outliers):
+        return whole
+    screened = judge(predicted_um[used], record.y_um[used], refit).errors
+    return replace(whole, screened=screened, rung_s=rung_s, outliers=outliers)
 
 
 def judge(

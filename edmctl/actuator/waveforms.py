@@ -57,8 +57,33 @@ def sampled(legs: Sequence[Leg], rate_hz: float, start_v: float = 0.0) -> Wavefo
     return _clocked(np.concatenate(parts), rate_hz)
 
 
-def calibration_legs(high_v: float, slew_v_s: float = SLEW_V_S) -> tuple[Leg, ...]:
-    """Legs of a calibration record over 0…`high_v`, starting at 0 V: 296 s when nothing is slowed down.
+class CalibrationLegs(NamedTuple):
+    """What a calibration drives, one part after the other, each from 0 V and back; `fast` is sampled faster."""
+
+    slow: tuple[Leg, ...]
+    fast: tuple[Leg, ...]
+    use: tuple[Leg, ...]
+
+
+def calibration_legs(high_v: float, slew_v_s: float = SLEW_V_S) -> CalibrationLegs:
+    """Legs of a calibration over 0…`high_v`."""
+    return CalibrationLegs(
+        slow_legs(high_v, slew_v_s), fast_legs(high_v, slew_v_s), use_legs(high_v, slew_v_s)
+    )
+
+
+def calibration_waveform(high_v: float, rate_hz: float, every: int) -> tuple[Waveform, NDArray[np.bool_]]:
+    """Voltage of a calibration, and which samples are in its record: each `every`-th, all of the fast legs."""
+    slow, fast, use = calibration_legs(high_v)
+    waveform = sampled((*slow, *fast, *use), rate_hz)
+    is_kept = np.arange(len(waveform.t_s)) % every == 0
+    first, end = (len(sampled(legs, rate_hz).t_s) for legs in (slow, (*slow, *fast)))
+    is_kept[first:end] = True
+    return waveform, is_kept
+
+
+def slow_legs(high_v: float, slew_v_s: float = SLEW_V_S) -> tuple[Leg, ...]:
+    """Slow legs of a calibration over 0…`high_v`, starting at 0 V: 296 s when nothing is slowed down.
 
     Full triangles condition the actuator; descending ones and minor loops open the inside of the hysteresis
     (first-order reversal curves); holds of a minute show the creep, and 1 s to 50 s cycles tell creep from

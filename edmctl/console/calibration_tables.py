@@ -91,8 +91,13 @@ def _validation(found: Findings, ours: Errors, style: Style) -> str:
     rows = _models(found.validated_baselines, ours)
     if len(found.files) > 1:
         rows += [(f"edmctl, {file.name}", file) for file in found.files]
+    for file in found.files:
+        if file.screened:
+            alone = "" if len(found.files) == 1 else f", {file.name}"
+            rows.append((f"edmctl{alone}, screened", file.screened))
     again = "Gain and zero are" if "gain" in found.refit else "The zero is"
-    return f"{_errors(title, rows, style)}\n{again} fitted to each file first."
+    notes = [f"Note: {file.note}" for file in found.files if file.note]
+    return "\n".join([_errors(title, rows, style), f"{again} fitted to each file first.", *notes])
 
 
 def _properties(found: Identification) -> list[str]:

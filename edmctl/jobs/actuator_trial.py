@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from edmctl.actuator.identification import fit_line, fit_maxwell, identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import judge
-from edmctl.actuator.waveforms import calibration_legs, sampled, sine
+from edmctl.actuator.waveforms import calibration_waveform, sine
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.jobs import output_files
 from edmctl.jobs.calibration import selection
@@ -35,8 +35,8 @@ SLOW_HZ = 0.01
 """Of the one cycle that the simple models are fitted to, as in Muralidhara et al. 2009, §2.2."""
 SLOW_EVERY = 10
 """A hundredth of a second changes nothing in a cycle of 100 s."""
-CALIBRATION_EVERY = 2
-"""500 samples a second tell the delay of the amplifier as well as all of them do, in half the time."""
+CALIBRATION_EVERY = 5
+"""200 samples a second, as of a machine; all of the fast legs, which tell lag and delay."""
 NOTICED_V = 0.1
 """A voltage this far from what was asked for, or from what was calibrated, is worth a word."""
 
@@ -127,7 +127,8 @@ def known_model(path: Path, seed: int) -> tuple[ActuatorModel, list[Diagnostic]]
 
 def _calibrated(seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:
     """Identify the actuator from the record that `calibrate` drives."""
-    record = _measured(seed, sampled(calibration_legs(HIGH_V), RATE_HZ).u_v, every=CALIBRATION_EVERY)
+    waveform, is_kept = calibration_waveform(HIGH_V, RATE_HZ, CALIBRATION_EVERY)
+    record = _measured(seed, waveform.u_v, is_kept)
     found = identify([record], resamples=0)
     return found.model, _unaccepted(found.problems)
 
@@ -138,15 +139,15 @@ def _unaccepted(problems: Sequence[str]) -> list[Diagnostic]:
     return [selection.not_accepted("The calibration", problem, hint) for problem in problems]
 
 
-def _measured(seed: int, command_v: Array, every: int = 1) -> Record:
-    """Drive the unit from rest; what a host would record of it, by `every` so manyth sample."""
+def _measured(seed: int, command_v: Array, kept: NDArray[np.bool_] | slice) -> Record:
+    """Drive the unit from rest; what a host would record of it, of the samples that are kept."""
     driven = VirtualActuator(seed).drive(command_v)
-    return Record(driven.t_s[::every], driven.applied_v[::every], driven.sensor_um[::every])
+    return Record(driven.t_s[kept], driven.applied_v[kept], driven.sensor_um[kept])
 
 
 def slow_cycle(seed: int) -> Record:
     """The one slow cycle over the whole range that the simple models are fitted to, seen through the sensor."""
-    return _measured(seed, sine(LOW_V, HIGH_V, SLOW_HZ, 1, RATE_HZ).u_v, every=SLOW_EVERY)
+    return _measured(seed, sine(LOW_V, HIGH_V, SLOW_HZ, 1, RATE_HZ).u_v, slice(None, None, SLOW_EVERY))
 
 
 def slowed(waveform: Waveform, driven: DrivenTicks) -> list[Diagnostic]:

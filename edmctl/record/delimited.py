@@ -277,6 +277,11 @@ _OWN_TEXTS = (
         "a calibration",
         "Name it with --calibration; --from takes what was measured.",
     ),
+    (
+        b'schema = "edmctl-drift',
+        "a drift file",
+        "Name it in the setup (drift.file); --from takes what was measured.",
+    ),
     (b'{"v":', "a ledger or journal of edmctl", "Give the run file beside it (.h5)."),
 )
 """Texts that edmctl writes itself, by how they begin."""

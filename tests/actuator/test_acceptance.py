@@ -1,14 +1,20 @@
 """What a calibration says of itself: where it is judged, what it gives no weight, and what it blames."""
 
+import re
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from edmctl.actuator.acceptance import most_accepted_pct
-from edmctl.actuator.diagnosis import Left, Noise, cause_of
+from edmctl.actuator.diagnosis import Noise
 from edmctl.actuator.identification import Identification, identify
 from edmctl.actuator.model import ActuatorState
 from edmctl.actuator.record import Record
 from edmctl.actuator.screening import screened, settled
+from edmctl.actuator.waveforms import sampled, sine, slow_legs
+from edmctl.simulator.actuator import HIGH_V, VirtualActuator
+from edmctl.simulator.actuator import RATE_HZ as SEEN_HZ
 from tests.actuator.models import Array, clock, make_model
 
 RATE_HZ = 100.0
@@ -47,6 +53,19 @@ def test_growing_swings_are_judged_where_others_have_been() -> None:
     assert found.beyond.max_um > found.held_out.max_um
     assert any("beyond what the other blocks reached" in note for note in found.notes)
     assert found.accepted, found.problems
+
+
+def test_a_range_that_was_reached_once_is_not_accepted_and_its_remedy_mends_it() -> None:
+    """All but the last second is 20 V of 150 V: errors there say nothing about the rest."""
+    small_v = np.full(20, 20.0)
+    found = found_of(measured(swings(np.append(small_v, 150.0))))
+    assert found.held_out.max_pct < 1.0
+    (problem,) = found.problems
+    assert "Judged from 0.0 V to 2" in problem
+    assert "of 0.0 V to 150.0 V" in problem
+    assert "Record the largest swings twice" in problem
+    early_and_late_v = np.concatenate([[150.0], small_v, [150.0]])
+    assert found_of(measured(swings(early_and_late_v))).accepted
 
 
 def test_a_start_that_rings_gets_no_weight_and_is_said(mixed_v: Array) -> None:
@@ -88,22 +107,64 @@ def test_noise_is_told_by_itself_and_excuses_the_largest_error_within_bounds() -
     assert most_accepted_pct(noise, 5.0) == 4.0
 
 
+@pytest.fixture(scope="module")
+def calibration() -> Record:
+    """The slow legs alone, through the sensor of an actuator of another kind, at 40 Hz, as they are soon fitted."""
+    seen = VirtualActuator(1).drive(sampled(slow_legs(HIGH_V), SEEN_HZ).u_v)
+    every = slice(None, None, 25)
+    return Record(seen.t_s[every], seen.applied_v[every], seen.sensor_um[every], name="spoiled")
+
+
+def decaying(samples: int, first: int, height_um: float) -> Array:
+    after = np.arange(samples) - first
+    um: Array = np.where(after < 0, 0.0, height_um * np.exp(-np.maximum(after, 0) / 2.0))
+    return um
+
+
+def single(samples: int, share: float) -> Array:
+    rng = np.random.default_rng(6)
+    um = np.zeros(samples)
+    places = rng.choice(samples, round(share * samples), replace=False)
+    um[places] = rng.choice([-30.0, 30.0], len(places))
+    return um
+
+
 @pytest.mark.parametrize(
-    ("left", "words"),
+    ("spoil_um", "words"),
     [
         (lambda t: np.random.default_rng(4).normal(0.0, 3.0, len(t)), "sensor's noise"),
-        (lambda t: 30.0 * ((t > 12.0) & (t < 12.1)), "at 12"),
-        (lambda t: np.where(t < 9.0, -4.0, 5.0), "shifts by -9 µm at 9"),
-        (lambda t: 0.5 * t, "drifts"),
-        (lambda t: 6.0 * np.sin(7.0 * t), "follows the voltage"),
-        (lambda t: 0.2 * np.sin(7.0 * t), "a fit of all of it misses far less"),
+        (lambda t: decaying(len(t), len(t) // 2, 40.0), "the worst is at 148"),
+        (lambda t: np.where(t < 178.0, 0.0, 8.0), r"shifts by \+[678].* at 178 s of spoiled and stays"),
+        (lambda t: np.where(t < 178.0, 0.0, 30.0), r"shifts by \+\d\d µm or so at 178 s"),
+        (lambda t: 20.0 * t / t[-1], "follows time, by 1[5-9] µm"),
+        (lambda t: 60.0 * t / t[-1], "follows time, by [56][0-9] µm"),
+        (lambda t: single(len(t), 0.003), "3[0-9] samples stand out"),
+        (lambda t: np.where(np.arange(len(t)) % 300 < 2, 30.0, 0.0), "[78][0-9] samples stand out"),
+        (lambda t: 8.0 * np.sin(0.5 * t), "everywhere and follows the voltage"),
+    ],
+    ids=[
+        "noise",
+        "knock",
+        "shift",
+        "large shift",
+        "drift",
+        "large drift",
+        "outliers",
+        "pairs",
+        "everywhere",
     ],
 )
-def test_the_cause_is_named(left: object, words: str) -> None:
-    t_s = clock(3000, 0.01)
-    record = Record(t_s, 75.0 + 75.0 * np.sin(t_s), 225.0 + 225.0 * np.sin(t_s))
-    errors_um = left(t_s) + np.random.default_rng(5).normal(0.0, 0.05, len(t_s))  # type: ignore[operator]
-    part = Left.of(record, np.ones(len(t_s), dtype=np.bool_), errors_um)
-    noise = Noise.of([part.errors_um])
-    rms_um = max(3.0, float(np.sqrt(np.mean(errors_um**2))))
-    assert words in cause_of([part], noise, rms_um, 2.0, 9.0)
+def test_the_cause_is_named(calibration: Record, spoil_um: Callable[[Array], Array], words: str) -> None:
+    spoiled = calibration._replace(y_um=calibration.y_um + spoil_um(calibration.t_s))
+    found = identify([spoiled], delay_s=0.005, resamples=0, beyond_plays=False)
+    (problem,) = found.problems
+    assert re.search(words, problem), problem
+
+
+def test_too_little_is_the_cause_where_a_fit_of_all_misses_less() -> None:
+    """A small and a large swing of another actuator are not predicted better without a drift or a shift."""
+    u_v = np.concatenate([sine(0.0, high_v, 0.2, 1, SEEN_HZ).u_v for high_v in (60.0, 150.0)])
+    seen, every = VirtualActuator(1).drive(u_v), slice(None, None, 5)
+    record = Record(seen.t_s[every], seen.applied_v[every], seen.sensor_um[every], 0.0)
+    found = identify([record], delay_s=0.005, resamples=0, beyond_plays=False)
+    assert "a fit of all of it misses far less" in " ".join(found.problems)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from edmctl.actuator.identification import fit_line, fit_maxwell
 from edmctl.actuator.maxwell import MaxwellModel
 from edmctl.actuator.record import Record
-from edmctl.actuator.waveforms import Waveform, calibration_legs, sampled, sine, square
+from edmctl.actuator.waveforms import Waveform, sampled, sine, slow_legs, square
 from tests.actuator.apa400m import default_model
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def measured(waveform: Waveform) -> Record:
     return Record(*waveform, ACTUATOR.predict(*waveform), name="default actuator")
 
 
-CALIBRATION = measured(sampled(calibration_legs(150.0), 50.0))
+CALIBRATION = measured(sampled(slow_legs(150.0), 50.0))
 SLOW = measured(sine(0.0, 120.0, 0.01, 2, 20.0))
 
 
@@ -46,7 +46,7 @@ def test_a_straight_line_is_the_least_squares_line() -> None:
 
 def test_a_hysteresis_of_the_class_is_found_from_noise_free_data() -> None:
     hidden = fit_maxwell([SLOW]).model
-    waveform = sampled(calibration_legs(120.0), 50.0)
+    waveform = sampled(slow_legs(120.0), 50.0)
     found = fit_maxwell([Record(*waveform, hidden.predict(*waveform))])
     assert found.held_out.max_pct < 0.01
 

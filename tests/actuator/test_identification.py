@@ -20,8 +20,8 @@ STROKE_SHARE_MAX, STROKE_SHARE_RMS = 0.010, 0.003
 
 
 def calibration_record(seed: int, every_ms: int = 5) -> Record:
-    """The calibration record of a virtual actuator, through its sensor."""
-    wave = waves.sampled(waves.calibration_legs(150.0), 1000.0)
+    """The slow legs of a calibration of a virtual actuator, through its sensor: they are soon fitted."""
+    wave = waves.sampled(waves.slow_legs(150.0), 1000.0)
     driven = VirtualActuator(seed).drive(wave.u_v)
     every = slice(None, None, every_ms)
     return Record(wave.t_s[every], driven.applied_v[every], driven.sensor_um[every], name="calibration")
@@ -60,7 +60,7 @@ def class_model(record: Record) -> ActuatorModel:
 
 
 def test_noise_free_data_of_the_class_are_reproduced() -> None:
-    wave = waves.sampled(waves.calibration_legs(150.0), 50.0)
+    wave = waves.sampled(waves.slow_legs(150.0), 50.0)
     blank = Record(wave.t_s, wave.u_v, wave.u_v)
     truth = class_model(blank)
     y_um = truth.predict(wave.t_s, wave.u_v, truth.starting_state(wave.t_s, wave.u_v))
@@ -90,7 +90,7 @@ def test_an_actuator_outside_the_class_is_followed(seed: int) -> None:
 
 def test_held_out_errors_are_honest() -> None:
     found = identify([calibration_record(12, 10)], resamples=0)
-    wave = waves.sampled(waves.calibration_legs(150.0), 1000.0)
+    wave = waves.sampled(waves.slow_legs(150.0), 1000.0)
     actuator = VirtualActuator(12)
     actuator.drive(wave.u_v)
     again = actuator.drive(wave.u_v)
@@ -121,7 +121,7 @@ def test_bands_hold_what_the_sensor_shows_of_an_actuator_outside_the_class() -> 
 
 
 def test_bands_hold_the_figures_of_another_class() -> None:
-    wave = waves.sampled(waves.calibration_legs(150.0), 50.0)
+    wave = waves.sampled(waves.slow_legs(150.0), 50.0)
     truth = default_model()
     noise_um = 0.15 * np.random.default_rng(1).standard_normal(len(wave.t_s))
     y_um = truth.predict(wave.t_s, wave.u_v) + noise_um
@@ -173,7 +173,7 @@ def test_wrong_memory_costs_several_times_the_error() -> None:
 
 
 def test_each_record_has_its_own_zero() -> None:
-    wave = waves.sampled(waves.calibration_legs(150.0), 50.0)
+    wave = waves.sampled(waves.slow_legs(150.0), 50.0)
     truth = class_model(Record(wave.t_s, wave.u_v, wave.u_v))
     y_um = truth.predict(wave.t_s, wave.u_v)
     records = [Record(wave.t_s, wave.u_v, y_um + shift_um) for shift_um in (0.0, 80.0)]

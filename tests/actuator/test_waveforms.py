@@ -8,30 +8,48 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmctl.actuator import waveforms
-from edmctl.actuator.waveforms import Leg, Waveform, calibration_legs, sampled
+from edmctl.actuator.waveforms import (
+    Leg,
+    Waveform,
+    calibration_legs,
+    calibration_waveform,
+    sampled,
+    slow_legs,
+)
 
 
-def test_the_calibration_record_lasts_296_s() -> None:
-    assert sum(leg.duration_s for leg in calibration_legs(150.0)) == pytest.approx(296.0, abs=0.5)
+def test_the_slow_legs_last_296_s() -> None:
+    assert sum(leg.duration_s for leg in slow_legs(150.0)) == pytest.approx(296.0, abs=0.5)
 
 
-def test_the_calibration_record_spans_the_range_from_0_back_to_0() -> None:
-    _, u_v = sampled(calibration_legs(150.0), 200.0)
+def test_the_slow_legs_span_the_range_from_0_back_to_0() -> None:
+    _, u_v = sampled(slow_legs(150.0), 200.0)
     assert (u_v[0], u_v[-1], u_v.min(), u_v.max()) == (0.0, 0.0, 0.0, 150.0)
 
 
-def test_the_calibration_record_holds_for_the_creep_to_be_seen() -> None:
+def test_the_slow_legs_hold_for_the_creep_to_be_seen() -> None:
     holds = [
         (a.u_v, b.duration_s)
-        for a, b in zip(calibration_legs(150.0), calibration_legs(150.0)[1:], strict=False)
+        for a, b in zip(slow_legs(150.0), slow_legs(150.0)[1:], strict=False)
         if a.u_v == b.u_v
     ]
     assert holds == [(0.0, 10.0), (120.0, 60.0), (60.0, 40.0), (0.0, 40.0)]
 
 
+def test_a_calibration_is_sampled_slowly_but_for_its_fast_legs() -> None:
+    (t_s, u_v), is_kept = calibration_waveform(150.0, 1000.0, 5)
+    slow, fast, use = calibration_legs(150.0)
+    ends = np.cumsum([0.0, *(sum(leg.duration_s for leg in legs) for legs in (slow, fast, use))])
+    assert t_s[-1] == pytest.approx(ends[-1], abs=0.1)
+    assert u_v[-1] == 0.0
+    for first_s, end_s, step_s in zip(ends, ends[1:], (0.005, 0.001, 0.005), strict=False):
+        inside = is_kept & (t_s > first_s + 0.2) & (t_s < end_s - 0.2)
+        assert np.allclose(np.diff(t_s[inside]), step_s)
+
+
 @pytest.mark.parametrize("slew_v_s", [20.0, 200.0, 1000.0])
-def test_no_leg_of_the_calibration_record_is_steeper_than_the_slew_limit(slew_v_s: float) -> None:
-    assert steepest_v_s(sampled(calibration_legs(150.0, slew_v_s), 1000.0)) <= slew_v_s * (1 + 1e-9)
+def test_no_leg_of_the_slow_legs_is_steeper_than_the_slew_limit(slew_v_s: float) -> None:
+    assert steepest_v_s(sampled(slow_legs(150.0, slew_v_s), 1000.0)) <= slew_v_s * (1 + 1e-9)
 
 
 @given(

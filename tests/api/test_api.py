@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import edmctl
-from edmctl.actuator.waveforms import calibration_legs, sampled
+from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.errors import Interrupted, PreconditionError, ProfileError
 from edmctl.jobs.runs.explanation import wanted
 from edmctl.jobs.surroundings import Unobserved
@@ -167,7 +167,7 @@ def test_a_calibration_has_errors_and_acceptance_and_is_used(tmp_path: Path) -> 
 
 
 def test_measured_files_are_fitted_without_a_machine(tmp_path: Path) -> None:
-    driven = VirtualActuator(5).drive(sampled(calibration_legs(HIGH_V), RATE_HZ).u_v)
+    driven = VirtualActuator(5).drive(sampled(slow_legs(HIGH_V), RATE_HZ).u_v)
     rows = zip(driven.t_s[::20], driven.applied_v[::20], driven.sensor_um[::20], strict=True)
     data = tmp_path / "data.csv"
     data.write_text("t_s,u_V,y_um\n" + "".join(f"{t:.3f},{u:.4f},{y:.4f}\n" for t, u, y in rows))

@@ -17,7 +17,7 @@ import pytest
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import validate
-from edmctl.actuator.waveforms import calibration_legs, jump_train, sampled, triangle
+from edmctl.actuator.waveforms import jump_train, sampled, slow_legs, triangle
 from edmctl.cli.app import main
 from edmctl.cli.signals import SignalArrived
 from edmctl.errors import Interrupted
@@ -95,7 +95,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Files:
     folder = tmp_path_factory.mktemp("measured")
     found = Files(folder / "fit.csv", folder / "jumps.h5", folder / "swings.csv")
     for path, waveform in (
-        (found.fit, sampled(calibration_legs(150.0), RATE_HZ)),
+        (found.fit, sampled(slow_legs(150.0), RATE_HZ)),
         (found.jumps, jump_train(0.0, 120.0, RATE_HZ)),
         (found.swings, triangle(0.0, 150.0, 0.2, 4, RATE_HZ)),
     ):
@@ -370,6 +370,34 @@ def test_several_validation_files_count_by_their_samples_and_worst_error(here: H
     assert whole["rms_um"] == pytest.approx(rms_um, abs=1e-3)
     assert result["baselines_on"] == "validation files"
     assert result["baselines"]["line"]["rms_um"] > result["baselines"]["maxwell"]["rms_um"] > whole["rms_um"]
+
+
+def test_a_start_that_rings_and_outliers_count_and_the_figure_without_them_is_told(
+    here: Here, files: Files
+) -> None:
+    record = read_record(files.jumps)
+    y_um = record.y_um + 80.0 * np.exp(-record.t_s / 0.3) * np.cos(9.0 * record.t_s)
+    y_um[[1500, 2500]] += (30.0, -30.0)
+    write_columns(Path("rung.csv"), {"t_s": record.t_s, "u_V": record.u_v, "y_um": y_um})
+    said = fitted(here, files, "--validate", "rung.csv")
+    result = said.document["result"]
+    (file,) = result["validate_files"]
+    assert result["validate"]["max_um"] == file["max_um"] > 60.0
+    assert file["screened"] == result["validate_screened"]
+    assert set(file["screened"]) == FIGURES
+    assert file["screened"]["max_pct"] <= 1.0
+    assert 0.5 < file["rung_s"] < 3.0
+    assert file["outliers"] == 2
+    assert "2 of its samples, which stand out singly" in file["note"]
+    text = here("calibrate", "--from", str(files.fit), "--validate", "rung.csv").out
+    assert f"Note: {file['note']}" in text
+    assert "edmctl, screened" in text
+
+
+def test_a_clean_file_has_one_figure(here: Here, files: Files) -> None:
+    result = fitted(here, files, "--validate", str(files.swings)).document["result"]
+    (file,) = result["validate_files"]
+    assert (result["validate_screened"], file["screened"], file["note"]) == (None, None, "")
 
 
 def test_an_output_is_a_calibration_of_these_files(here: Here, files: Files) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
-from edmctl.actuator.waveforms import calibration_legs, sampled
+from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.profile.calibration import Made, calibration_of, load_calibration, save_calibration
 from edmctl.profile.folders import default_path
 from edmctl.simulator.actuator import VirtualActuator
@@ -28,8 +28,8 @@ CALIBRATE = r"`edmctl (calibrate --seed \d+)`"
 
 
 def calibrate(path: Path, seed: int, high_v: float = 150.0) -> Path:
-    """Write the calibration of a virtual machine, identified at 50 Hz; a part of the stroke plainly."""
-    waveform = sampled(calibration_legs(high_v), 1000.0)
+    """Write the calibration of a virtual machine, from the slow legs at 50 Hz; a part of the stroke plainly."""
+    waveform = sampled(slow_legs(high_v), 1000.0)
     driven = VirtualActuator(seed).drive(waveform.u_v)
     thin = slice(None, None, 20)
     record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])

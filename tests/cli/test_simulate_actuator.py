@@ -12,11 +12,13 @@ import pytest
 
 from edmctl.actuator.identification import Identification, identify
 from edmctl.actuator.record import Record
-from edmctl.actuator.waveforms import calibration_legs, sampled
+from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.errors import UsageError, installing
 from edmctl.jobs.actuator_trial import run_trial
 from edmctl.jobs.actuator_waveforms import Wanted, Waveform, command_from, waveforms
+from edmctl.procedures.actuator.calibration import REST_S, plan_calibration
 from edmctl.profile.calibration import Made, calibration_of, save_calibration
+from edmctl.profile.setup import Setup
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
 
 if TYPE_CHECKING:
@@ -35,7 +37,8 @@ def five() -> Trial:
 
 
 def identified(high_v: float) -> Identification:
-    driven = VirtualActuator(3).drive(sampled(calibration_legs(high_v), RATE_HZ).u_v)
+    """From the slow legs of a calibration, which are soon fitted."""
+    driven = VirtualActuator(3).drive(sampled(slow_legs(high_v), RATE_HZ).u_v)
     record = Record(driven.t_s[::10], driven.applied_v[::10], driven.sensor_um[::10])
     return identify([record], folds=2, resamples=0)
 
@@ -47,6 +50,26 @@ def calibration(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("calibration") / "sim3.toml"
     save_calibration(path, calibration_of(identified(150.0), made))
     return str(path)
+
+
+def test_the_model_is_identified_from_the_record_that_calibrates_a_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It ends with what a job does, and its fast legs are sampled as a machine samples them."""
+    records: list[Record] = []
+
+    def look(given: list[Record], **_: object) -> Identification:
+        records.extend(given)
+        raise LookupError
+
+    monkeypatch.setattr("edmctl.jobs.actuator_trial.identify", look)
+    with pytest.raises(LookupError):
+        run_trial([], None, seed=3)
+    (record,) = records
+    plan = plan_calibration(Setup())
+    assert record.t_s[-1] + REST_S == pytest.approx(plan.duration_s, rel=0.01)
+    assert len(record.t_s) == pytest.approx(plan.samples, rel=0.01)
+    assert np.percentile(np.diff(record.t_s), 5) == pytest.approx(1e-6 * plan.fast_period_us)
 
 
 @pytest.mark.slow

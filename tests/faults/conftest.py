@@ -8,7 +8,7 @@ import pytest
 
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
-from edmctl.actuator.waveforms import calibration_legs, sampled
+from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.profile.calibration import Made, calibration_of, save_calibration
 from edmctl.simulator.actuator import VirtualActuator
 from tests.cli.commands import Here
@@ -33,8 +33,8 @@ def here(
 
 @pytest.fixture(scope="session")
 def calibration(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a calibration file of the virtual machine with seed 1, identified at 50 Hz."""
-    waveform = sampled(calibration_legs(150.0), 1000.0)
+    """Return a calibration file of the virtual machine with seed 1, identified at 50 Hz from the slow legs."""
+    waveform = sampled(slow_legs(150.0), 1000.0)
     driven = VirtualActuator(1).drive(waveform.u_v)
     thin = slice(None, None, 20)
     record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])

@@ -12,7 +12,7 @@ import pytest
 
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
-from edmctl.actuator.waveforms import calibration_legs, sampled
+from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
@@ -185,8 +185,8 @@ def armed(shop: Shop) -> JobRun:
 
 @lru_cache
 def calibrated(seed: int = 1) -> CalibratedActuator:
-    """The actuator of a seed, identified from its calibration record at 50 Hz."""
-    waveform = sampled(calibration_legs(150.0), 1000.0)
+    """The actuator of a seed, identified at 50 Hz from the slow legs of a calibration, which are soon fitted."""
+    waveform = sampled(slow_legs(150.0), 1000.0)
     driven = VirtualActuator(seed).drive(waveform.u_v)
     thin = slice(None, None, 20)
     record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])

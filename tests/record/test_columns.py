@@ -348,6 +348,7 @@ def test_what_else_edmctl_writes_is_named_for_what_it_is(tmp_path: Path, run_pat
         (cut, "E3606", "is damaged"),
         (bench, "E3606", "a virtual machine that is kept"),
         (written(tmp_path, 'schema = "edmctl-calibration/1"\n', "a.toml"), "E3602", "is a calibration"),
+        (written(tmp_path, 'schema = "edmctl-drift/1"\n', "drift.toml"), "E3602", "is a drift file"),
         (written(tmp_path, '{"v": 3,"kind": "tool"}\n', "ledger.jsonl"), "E3602", "ledger or journal"),
     ):
         error = refused(path)

@@ -61,6 +61,9 @@ class FileFigures:
     """Errors on one validation file, with the gain and zero that were set for it.
 
     judged_from_s : its time from which on it is judged: before, what the actuator remembers is unknown.
+    screened : errors without a start that rings, `rung_s` long, and single samples that stand out, so many
+        `outliers`; None where there are none
+    note : the same in words
     """
 
     name: str
@@ -72,15 +75,23 @@ class FileFigures:
     range_um: float
     gain: float
     zero_um: float
+    screened: Figures | None = None
+    rung_s: float = 0.0
+    outliers: int = 0
+    note: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """An identified actuator. `baselines` and `held_out_baselines` have the keys line and maxwell."""
+    """An identified actuator. `baselines` and `held_out_baselines` have the keys line and maxwell.
+
+    validated_screened : as `validated`, without what is left out of a file; None where nothing is
+    """
 
     identification: Identification
     held_out_baselines: Mapping[str, ErrorFigures]
     validated: Figures | None
+    validated_screened: Figures | None
     validated_baselines: Mapping[str, Figures]
     files: tuple[FileFigures, ...]
     refit: tuple[Refit, ...]
@@ -113,6 +124,7 @@ class Findings:
         return {
             "train": Figures.of(self.train),
             "validate": self.validated,
+            "validate_screened": self.validated_screened,
             "validate_files": self.files,
             "refit": self.refit,
             "held_out": self.held_out_figures,
@@ -162,6 +174,7 @@ def find(
         identification=found,
         held_out_baselines={name: baseline.held_out for name, baseline in baselines.items()},
         validated=_pooled(judged) if validation else None,
+        validated_screened=_pooled(judged, screened=True) if any(one.screened for _, one in judged) else None,
         validated_baselines={
             name: _pooled(_judged(baseline.model, validation, refit))
             for name, baseline in baselines.items()
@@ -192,18 +205,40 @@ def _judged(
 
 
 def _of_file(record: Record, judged: Validation) -> FileFigures:
+    screened = None if judged.screened is None else Figures.of(judged.screened)
     return FileFigures(
         name=record.name,
         judged_from_s=float(record.t_s[judged.first]),
         gain=judged.gain,
         zero_um=judged.zero_um,
+        screened=screened,
+        rung_s=judged.rung_s,
+        outliers=judged.outliers,
+        note="" if screened is None else _without(record, judged, screened),
         **asdict(Figures.of(judged.errors)),
     )
 
 
-def _pooled(judged: Sequence[tuple[Record, Validation]]) -> Figures:
+def _without(record: Record, judged: Validation, screened: Figures) -> str:
+    """Say what a file's errors are without what an identification would give no weight."""
+    left_out = []
+    if judged.rung_s:
+        left_out.append(
+            f"its first {judged.rung_s:.2g} s, where far more is missed than in all that follows, as when something "
+            "rings down or the voltage before is another than was said (--previous-voltage)"
+        )
+    if judged.outliers:
+        left_out.append(f"{judged.outliers} of its samples, which stand out singly")
+    return (
+        f"{record.name} has errors up to {screened.max_pct:.2f} % ({screened.rms_pct:.2f} % RMS) without "
+        f"{', and without '.join(left_out)}."
+    )
+
+
+def _pooled(judged: Sequence[tuple[Record, Validation]], *, screened: bool = False) -> Figures:
     samples = [len(record.t_s) - one.first for record, one in judged]
-    return Figures.pooled([Figures.of(one.errors) for _, one in judged], samples)
+    errors = [one.screened if screened and one.screened else one.errors for _, one in judged]
+    return Figures.pooled([Figures.of(one) for one in errors], samples)
 
 
 def _problems(found: Identification) -> list[Diagnostic]:

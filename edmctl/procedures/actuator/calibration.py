@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.actuator.checks import check_record
 from edmctl.actuator.record import Record
-from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs, fast_legs, use_legs
+from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.machine.interface import Axis, PulseLog, TelemetrySettings, joined
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
@@ -118,13 +118,8 @@ def plan_calibration(setup: Setup) -> CalibrationPlan:
         tick_us * max(1, round(1e6 / min(rate_hz, setup.controller.telemetry_hz) / tick_us))
         for rate_hz in (RATE_HZ, FAST_HZ)
     )
-    return CalibrationPlan(
-        legs=calibration_legs(high_v, slew_v_s),
-        period_us=slow_us,
-        fast=fast_legs(high_v, slew_v_s),
-        fast_period_us=fast_us,
-        use=use_legs(high_v, slew_v_s),
-    )
+    slow, fast, use = calibration_legs(high_v, slew_v_s)
+    return CalibrationPlan(legs=slow, period_us=slow_us, fast=fast, fast_period_us=fast_us, use=use)
 
 
 def measure_actuator(

@@ -1,0 +1,167 @@
+"""Records as they would be without samples that stand out, a shift of the displacement, or its drift.
+
+Plays and slow creep take up part of a shift or a drift, so that what a fit leaves no longer looks like either. Both
+are therefore fitted together with what the model uses: its features are projected out, and a step at each sample, or
+a polynomial of time, is judged by what it has beside them. Whether a record is better without is for others to say.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from edmctl.actuator.design import features_of
+from edmctl.actuator.screening import residual_um, standing_out
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from edmctl.actuator.design import Design
+    from edmctl.actuator.model import ActuatorModel
+    from edmctl.actuator.record import Record
+
+    Array = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
+
+POLYNOMIAL = 2
+"""Of time, which drift follows."""
+LEAST_SIDE_SHARE = 0.01
+"""Of a record, on either side of a shift."""
+SHIFTING_SHARE = 0.001
+"""Of a record, that a shift takes on either side."""
+LONGEST_RUN, LEAST_OUTLIERS = 3, 10
+"""Samples that stand out together, and how many at least: fewer are knocks, to be told by their place."""
+ROUNDING = 1e-9
+
+
+class Without(NamedTuple):
+    """Records without what is suspected, samples of each that count, and what was left out, with the remedy."""
+
+    records: list[Record]
+    used: list[Flags]
+    words: str
+
+
+def suspects(
+    design: Design,
+    weights: Array,
+    model: ActuatorModel,
+    records: Sequence[Record],
+    used: Sequence[Flags],
+) -> list[Without]:
+    """What records may suffer from, each by the records without it.
+
+    weights, model : what a fit of the records has found
+    """
+    beside = [
+        _Beside.of(design, weights, model.delay_s, record, counts)
+        for record, counts in zip(records, used, strict=True)
+    ]
+    outliers = _without_outliers(model, records, used)
+    return [
+        *([outliers] if outliers else []),
+        _without_shift(beside, model.delay_s, records, used),
+        _without_drift(beside, records, used),
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Beside:
+    """What the columns that a fit uses leave of a record: their orthonormal base, shape (n, c), and the rest."""
+
+    index: NDArray[np.int64]
+    base: Array
+    left_um: Array
+
+    @classmethod
+    def of(cls, design: Design, weights: Array, delay_s: float, record: Record, counts: Flags) -> _Beside:
+        """Project the features with a weight out of the displacement, and a zero."""
+        index = np.flatnonzero(counts & (record.t_s + delay_s <= record.t_s[-1]))
+        columns = features_of(design, record)[np.ix_(index, np.flatnonzero(weights > 0.0))]
+        base, triangle = np.linalg.qr(np.column_stack([np.ones(len(index)), columns]))
+        size = np.abs(np.diag(triangle))
+        base = base[:, size > ROUNDING * size.max(initial=0.0)]
+        y_um = np.interp(record.t_s[index] + delay_s, record.t_s, record.y_um)
+        return cls(index, base, y_um - base @ (base.T @ y_um))
+
+    def shift(self) -> tuple[float, int, float]:
+        """Of the best step: squares that it explains, µm², the sample in `index` where it begins, its height, µm."""
+        count = len(self.index)
+        steps = np.arange(count, 0, -1.0)
+        after = np.cumsum(self.base[::-1], axis=0)[::-1]
+        own = steps - np.einsum("nc,nc->n", after, after)
+        along_um = np.cumsum(self.left_um[::-1])[::-1]
+        edge = max(1, round(LEAST_SIDE_SHARE * count))
+        seen = np.flatnonzero(own > ROUNDING * steps)
+        seen = seen[(seen >= edge) & (seen < count - edge)]
+        if not len(seen):
+            return 0.0, 0, 0.0
+        gains = along_um[seen] ** 2 / own[seen]
+        best = int(gains.argmax())
+        k = int(seen[best])
+        return float(gains[best]), k, float(along_um[k] / own[k])
+
+
+def _without_outliers(
+    model: ActuatorModel, records: Sequence[Record], used: Sequence[Flags]
+) -> Without | None:
+    """Without samples that stand out, alone or a few together, however many; None where they are few."""
+    far = [
+        counts & standing_out(record, residual_um(model, record), LONGEST_RUN)
+        for record, counts in zip(records, used, strict=True)
+    ]
+    outliers = sum(int(one.sum()) for one in far)
+    if outliers < LEAST_OUTLIERS:
+        return None
+    worst = int(np.argmax([int(one.sum()) for one in far]))
+    first_s = float(records[worst].t_s[int(far[worst].argmax())])
+    words = (
+        f"{outliers} samples stand out from those beside them, the first at {first_s:.4g} s of "
+        f"{records[worst].name}: look for a loose cable or a source of interference, or leave these samples out"
+    )
+    return Without(list(records), [counts & ~one for counts, one in zip(used, far, strict=True)], words)
+
+
+def _without_shift(
+    beside: Sequence[_Beside], delay_s: float, records: Sequence[Record], used: Sequence[Flags]
+) -> Without:
+    """Without the step that explains most; samples about it are on neither side."""
+    found = [one.shift() for one in beside]
+    worst = int(np.argmax([gain for gain, _, _ in found]))
+    record, (_, k, height_um) = records[worst], found[worst]
+    reached = record.t_s[beside[worst].index[k : k + 1]] + delay_s
+    begin = int(np.abs(record.t_s - reached).argmin()) if len(reached) else 0
+    reach = 1 + round(SHIFTING_SHARE * len(record.t_s))
+    y_um, counts = record.y_um.copy(), used[worst].copy()
+    y_um[begin:] -= height_um
+    counts[max(0, begin - reach) : begin + reach] = False
+    words = (
+        f"the displacement shifts by {height_um:+.2g} µm or so at {record.t_s[begin]:.4g} s of {record.name} and "
+        "stays there: look for a sensor or a mount that moved, and give the parts as files of their own"
+    )
+    mended, counting = list(records), list(used)
+    mended[worst], counting[worst] = record._replace(y_um=y_um), counts
+    return Without(mended, counting, words)
+
+
+def _without_drift(beside: Sequence[_Beside], records: Sequence[Record], used: Sequence[Flags]) -> Without:
+    """Without the polynomials of time that explain most."""
+    mended, drifts_um = [], []
+    for record, one in zip(records, beside, strict=True):
+        along = 2.0 * (record.t_s - record.t_s[0]) / np.ptp(record.t_s) - 1.0
+        powers = np.stack([along**power for power in range(1, POLYNOMIAL + 1)], axis=1)
+        own = powers[one.index]
+        own = own - one.base @ (one.base.T @ own)
+        drift_um = powers @ np.linalg.lstsq(own, one.left_um, rcond=1e-6)[0]
+        mended.append(record._replace(y_um=record.y_um - drift_um))
+        drifts_um.append(float(np.ptp(drift_um)))
+    worst = int(np.argmax(drifts_um))
+    words = (
+        f"it follows time, by {drifts_um[worst]:.2g} µm or so over {records[worst].name}: the sensor or the machine "
+        "drifts. Let them warm up, and measure again"
+    )
+    return Without(mended, list(used), words)
