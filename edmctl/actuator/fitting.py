@@ -183,7 +183,9 @@ def _minimise(matrix: Array, target: Array, x: Array, free: NDArray[np.bool_]) -
         if not crossing.any():
             return wanted
         steps = np.full_like(x, np.inf)
-        steps[crossing] = x[crossing] / (x[crossing] - wanted[crossing])
+        way = x - wanted
+        np.divide(x, way, out=steps, where=crossing & (way > 0.0))
+        steps[crossing & (way <= 0.0)] = 0.0
         step = float(steps.min())
         x = x + step * (wanted - x)
         free &= steps > step

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls as reference
 
-from edmctl.actuator.fitting import nnls
+from edmctl.actuator.fitting import _minimise, nnls
 
 
 @settings(max_examples=60)
@@ -33,3 +33,9 @@ def test_nearly_equal_columns_fit_as_well_as_scipy() -> None:
 def test_a_target_that_needs_negative_weights_gets_none() -> None:
     np.testing.assert_array_equal(nnls(np.eye(3), np.array([1.0, -2.0, 3.0])), [1.0, 0.0, 3.0])
     np.testing.assert_array_equal(nnls(np.eye(2), np.array([-1.0, -1.0])), [0.0, 0.0])
+
+
+def test_a_column_that_is_worth_nothing_is_fixed_where_it_stands() -> None:
+    with np.errstate(invalid="raise"):
+        x = _minimise(np.eye(2), np.array([1.0, 0.0]), np.array([0.5, 0.0]), np.array([True, True]))
+    assert x.tolist() == [1.0, 0.0]
