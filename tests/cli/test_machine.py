@@ -109,6 +109,7 @@ def test_json_has_the_documented_keys_and_the_same_seed_gives_the_same_bytes(
         "ra_um",
         "rz_um",
         "corner_um",
+        "feed_um",
     }
     assert abs(site["depth_um"] - 8.0) <= 2.0
     assert abs(site["truth"]["depth_um"] - 8.0) <= 3.0
