@@ -42,7 +42,7 @@ def channel_result(
     places that were touched: so much the mean of the floor may be off.
     """
     job, z1 = run.job, surface.z1
-    seconds, by_rests = found.pad.time_s - z1.time_s, drift_between(job, z1, found.pad)
+    seconds, by_rests = found.pad.time_s - z1.time_s, drift_between(run, z1, found.pad)
     drift = by_rests or Drift(0.0, run.uncertainty.drift_u_um_per_s * seconds)
     depth_u95_um, wear_u95_um = _uncertainties(run, surface, found, uneven_um, drift)
     wear_um = found.pad.z_um - drift.um - z1.z_um

@@ -161,7 +161,7 @@ def measured(run: JobRun, hole: OpenHole, z2: SurfaceReading, z3: SurfaceReading
         height_um=hole.face_um,
         z1_u_um=hole.z1_u_um,
         doubts_u_um=(z1.doubt_u_um, z2.doubt_u_um, z3.doubt_u_um),
-        drift=drift_between(run.job, z1, z3),
+        drift=drift_between(run, z1, z3),
     )
 
 
@@ -381,7 +381,7 @@ def settle_unmeasured(
     assert knowledge.tool is not None
     before, sensor_u = knowledge.tool.pad, run.uncertainty
     cuts = [*knowledge.unmeasured, unmeasured(run, hole, before.time_s, plan, cut, live)]
-    seconds, drift = pad.time_s - before.time_s, drift_between(run.job, before, pad)
+    seconds, drift = pad.time_s - before.time_s, drift_between(run, before, pad)
     found = share_wear(
         [one.share for one in cuts],
         pad.z_um - before.z_um - (drift.um if drift else 0.0),

@@ -8,34 +8,29 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.stages import move_to
 from edmctl.record.rows import RunEvent
 from edmctl.wording import duration
 
 if TYPE_CHECKING:
-    from edmctl.procedures.job import Job
     from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
     from edmctl.process.touches import Drift
 
-SEEN_SHARE = 0.5
-"""A drift is clearly seen where its standard uncertainty is less than so much of it."""
 
-
-def drift_between(job: Job, first: SurfaceReading, last: SurfaceReading) -> Drift | None:
+def drift_between(run: JobRun, first: SurfaceReading, last: SurfaceReading) -> Drift | None:
     """Return how much a touch drifted between two readings, by the rests before them.
 
     None where nobody has measured what rests and touches of the machine have in common, where a reading has no
-    rest, as one that an earlier run has left, and where the setup knows the drift better than these rests do:
-    creep of a use that nobody has followed is in them. A drift that is clearly seen counts against the setup.
+    rest, as one that an earlier run has left, and where all that the rests leave unknown is more than what the run
+    goes by without: creep of a use that nobody has followed may be in them.
     """
+    job = run.job
     if job.drift is None or first.rest is None or last.rest is None:
         return None
     seconds = last.time_s - first.time_s
     found = job.drift.between(first.rest, last.rest, seconds, job.unknown_use_s)
-    believed_u_um = displacement_uncertainty(job).drift_u_um_per_s * seconds
-    return found if found.left_u_um < max(believed_u_um, SEEN_SHARE * abs(found.um)) else None
+    return found if found.left_u_um < run.uncertainty.drift_u_um_per_s * seconds else None
 
 
 def rest_before_pad(run: JobRun, first: SurfaceReading) -> None:
