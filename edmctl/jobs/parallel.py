@@ -34,6 +34,8 @@ ResultT = TypeVar("ResultT")
 
 MOST_LOSSES = 3
 """A task that was under way when so many pools broke is the one that breaks them."""
+FEEDER = "QueueFeederThread"
+"""Name of the threads in which `multiprocessing` writes into the queue of a pool."""
 AHEAD = 2
 """Tasks handed over per worker: one that is done finds the next one waiting."""
 
@@ -151,7 +153,24 @@ def perform(
     `Lost`. Whatever `function` or `on_result` raises, or a signal, ends all: results that are there by then are
     still handed on.
     """
-    _Series(function, tasks, pool, on_result).run()
+    with _silent_feeders():
+        _Series(function, tasks, pool, on_result).run()
+
+
+@contextmanager
+def _silent_feeders() -> Iterator[None]:
+    """Keep what Python's threads that hand tasks to workers say when these die under them: the pool is made anew."""
+    before = threading.excepthook
+
+    def say(raised: threading.ExceptHookArgs) -> None:
+        if raised.thread is None or raised.thread.name != FEEDER:
+            before(raised)
+
+    threading.excepthook = say
+    try:
+        yield
+    finally:
+        threading.excepthook = before
 
 
 class _Series(Generic[TaskT, ResultT]):
@@ -176,8 +195,10 @@ class _Series(Generic[TaskT, ResultT]):
                 self._pool.kill(executor)
                 self._take_back()
             except BaseException:
-                self._hand_on_rest()
-                self._pool.kill(executor)
+                try:
+                    self._hand_on_rest()
+                finally:
+                    self._pool.kill(executor)
                 raise
             else:
                 executor.shutdown()

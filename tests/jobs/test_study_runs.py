@@ -7,13 +7,15 @@ import os
 import signal
 import subprocess
 import sys
-from concurrent.futures import ProcessPoolExecutor
+import threading
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.errors import PreconditionError, RunFileError, UsageError
-from edmctl.jobs.parallel import Lost, Pool, perform
+from edmctl.jobs.parallel import FEEDER, Lost, Pool, perform, pool_of
 from edmctl.jobs.study.folder import create_folder, open_folder
 from edmctl.jobs.study.planning import plan_study
 from edmctl.jobs.study.rows import read_rows
@@ -26,7 +28,6 @@ from tests.cli.commands import in_process_of_its_own
 from tests.jobs.studies import SMALL, Unseen, made, outcome, written
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
     from pathlib import Path
 
     from edmctl.jobs.study.folder import StudyFolder
@@ -277,3 +278,32 @@ def test_a_dask_cluster_makes_the_same_table(tmp_path: Path, whole: StudyFolder)
     )
     assert nobody.exit_code == 8
     assert "E8212" in nobody.err
+
+
+def test_what_a_broken_pool_s_own_threads_say_is_not_told_and_all_else_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    heard: list[str] = []
+    monkeypatch.setattr(threading, "excepthook", lambda raised: heard.append(raised.thread.name))
+
+    def fail() -> None:
+        raise OSError("bad file descriptor")
+
+    class AtOnce(Executor):
+        """Runs a task while it is handed over, with a thread beside it that fails."""
+
+        def submit(self, function, /, *arguments, **named):  # type: ignore[no-untyped-def]
+            for name in (FEEDER, "another"):
+                thread = threading.Thread(target=fail, name=name)
+                thread.start()
+                thread.join()
+            done: Future[int] = Future()
+            done.set_result(function(*arguments, **named))
+            return done
+
+    results: dict[int, object] = {}
+    perform(lambda task: 2 * task, [1, 2], pool_of(AtOnce, 1), results.__setitem__)
+    assert results == {0: 2, 1: 4}
+    assert set(heard) == {"another"}
+    threading.excepthook(SimpleNamespace(thread=SimpleNamespace(name=FEEDER)))  # type: ignore[arg-type]
+    assert FEEDER in heard  # afterwards all is as it was
