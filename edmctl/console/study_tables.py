@@ -238,6 +238,11 @@ def render_response(one: ResponseAnalysis, style: Style = PLAIN, true: ResponseA
             ]
             for row in (*table.rows, table.error)
         ]
+        rows += [
+            [row.name, str(row.dof), "–", "–", "–", _p_words(row.p), _share_words(row)]
+            for name, row in beside.items()
+            if name not in {one.name for one in (*table.rows, table.error)}
+        ]
         titles = [
             "",
             "DoF",

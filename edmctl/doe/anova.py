@@ -26,6 +26,8 @@ ERROR = "error"
 STANDS_OUT = 0.05
 """What a factor does differently in blocks has a row below this probability, shared among all that are tried."""
 LEAST_ERROR_DOF = 3
+EXACT = 1e-20
+"""An error of so small a share of the sum of squares is rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,14 +134,14 @@ def differing(settings: Settings, terms: Sequence[Term], response: ArrayLike, bl
     found: list[Term] = []
     most_p = STANDS_OUT / max(1, len(left))
     before = fit(model_matrix(settings, terms), response)
-    while left:
+    while left and before.error_ss > EXACT * before.total_ss:
         tried = []
         for product in left:
             model = model_matrix(settings, [*terms, *found, product])
             if len(before.response) - model.columns.shape[1] >= LEAST_ERROR_DOF and not undetermined(model):
                 with_it = fit(model, response)
                 dof = before.error_dof - with_it.error_dof
-                f = (before.error_ss - with_it.error_ss) / dof / max(with_it.error_variance, 1e-300)
+                f = (before.error_ss - with_it.error_ss) / dof / with_it.error_variance
                 tried.append((float(special.fdtrc(dof, with_it.error_dof, f)), product, with_it))
         p, product, with_it = min(tried, key=lambda one: one[0], default=(1.0, MEAN, before))
         if p >= most_p:
@@ -150,26 +152,30 @@ def differing(settings: Settings, terms: Sequence[Term], response: ArrayLike, bl
     return found
 
 
-def pooled_anova(settings: Settings, terms: Sequence[Term], response: ArrayLike) -> Anova:
+def pooled_anova(
+    settings: Settings, terms: Sequence[Term], response: ArrayLike, by_block: Sequence[Term] = ()
+) -> Anova:
     """Return the table with the weakest terms counted as error, until that has half of the degrees of freedom.
 
-    That is Taguchi's habit. It makes F of the terms that stay too large, because the weakest of several were chosen:
-    what it finds is a choice of factors for the confirmation run, no proof.
+    A factor that has a product in `by_block`, as in `anova`, is not pooled. That is Taguchi's habit. It makes F of
+    the terms that stay too large, because the weakest of several were chosen: what it finds is a choice of factors
+    for the confirmation run, no proof.
     """
-    whole = anova(settings, terms, response)
+    whole = anova(settings, terms, response, by_block=by_block)
     spans = model_matrix(settings, terms).spans
     strength = {row.name: row.adjusted_ss / row.dof for row in whole.rows}
+    held = {MEAN, *(product[:1] for product in by_block)}
     weakest_first = sorted(
-        (term for term in terms if term != MEAN), key=lambda term: strength[term_name(term)]
+        (term for term in terms if term not in held), key=lambda term: strength[term_name(term)]
     )
     pooled: list[Term] = []
     dof = whole.error.dof
-    for term in weakest_first[:-1]:
+    for term in weakest_first[: None if by_block else -1]:
         if dof * 2 >= whole.total.dof:
             break
         pooled.append(term)
         dof += spans[term].stop - spans[term].start
-    return anova(settings, terms, response, pooled)
+    return anova(settings, terms, response, pooled, by_block)
 
 
 def _shares(ss: float, dof: int, error_ms: float, total_ss: float) -> tuple[float, float]:

@@ -325,8 +325,9 @@ def _with_model(
         terms = [term for term in terms if term not in lost]
     try:
         fitted = fit(model_matrix(settings, terms), values)
-        table = anova(settings, terms, values, by_block=differing(settings, terms, values, block))
-        pooled = pooled_anova(settings, terms, values) if len(terms) > 2 else None
+        by_block = differing(settings, terms, values, block)
+        table = anova(settings, terms, values, by_block=by_block)
+        pooled = pooled_anova(settings, terms, values, by_block) if len(terms) > 2 else None
     except ValueError as error:
         return replace(base, notes=(*notes, str(error).rstrip(".")))
     if not fitted.error_dof:

@@ -170,7 +170,8 @@ def _silent_feeders() -> Iterator[None]:
     try:
         yield
     finally:
-        threading.excepthook = before
+        if threading.excepthook is say:  # else another series has begun meanwhile, and goes on by it
+            threading.excepthook = before
 
 
 class _Series(Generic[TaskT, ResultT]):

@@ -15,7 +15,7 @@ import io
 import re
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -189,6 +189,17 @@ def texts_of(text: str, name: str = "table") -> TextTable:
     header = next((number for number, line in enumerate(lines) if line.strip()), len(lines))
     separator = _separator(lines[header]) if header < len(lines) else ","
     reader = csv.reader(lines[header:], delimiter=separator, skipinitialspace=True)
+    try:
+        return _text_table(reader, header, separator, name)
+    except csv.Error as wrong:
+        raise RecordError(
+            f"{name}, line {header + reader.line_num}: {wrong}.",
+            hint="Look for a quotation mark that is not closed.",
+            code="E3604",
+        ) from None
+
+
+def _text_table(reader: Any, header: int, separator: str, name: str) -> TextTable:
     names = _filled(next(reader, []))
     if twice := next((one for one in names if one and names.count(one) > 1), None):
         raise RecordError(
@@ -440,7 +451,7 @@ def _too_wide(
 ) -> RecordError:
     hint = "Delete the cells beyond the last column, or give them a name."
     if separator == ",":
-        hint = "Write numbers with a decimal point, or separate the columns by semicolons."
+        hint = "Write numbers with a decimal point, separate columns by semicolons, or name each column."
     return RecordError(
         f"{name}, line {number}: {_count(cells, 'cell')} under a header of {columns}.",
         hint=hint,

@@ -209,7 +209,7 @@ def test_what_was_measured_of_an_attempt_that_was_repeated_is_not_told_of_the_ne
             writer.run(bare_row(first, attempt, first.seed, datetime.now(UTC)))
     table = tmp_path / "filled.csv"
     table.write_text("run,attempt,ra_um\n1,1,0.3\n", encoding="utf-8")
-    with pytest.raises(UsageError, match=r"was repeated: its last attempt is 2") as repeated:
+    with pytest.raises(UsageError, match="The last attempt at run 1 is 2") as repeated:
         told_table(folder.read(), read_table(table), str(table))
     assert repeated.value.code == "E2107"
     table.write_text("run,attempt,ra_um\n1,2,0.3\n", encoding="utf-8")

@@ -209,15 +209,43 @@ def test_a_factor_that_differs_between_machines_is_compared_with_that_as_statsmo
 
 @pytest.mark.parametrize("differing_sd", [0.0, 1.0, 3.0])
 def test_what_one_factor_does_differently_on_machines_is_no_error_of_another(differing_sd: float) -> None:
-    flagged = {"x": 0, "nothing": 0}
-    count = 600
+    count, flagged = 600, 0
     for seed in range(count):
         settings, y = on_machines(seed, 3, differing_sd)
         terms = main_effects(BLOCKED)
         table = anova(settings, terms, y, by_block=differing(settings, terms, y, "block"))
-        for name in flagged:
-            flagged[name] += next(row.p for row in table.rows if row.name == name) < 0.05
-    assert 0.02 * count <= flagged["nothing"] <= 0.09 * count
+        flagged += next(row.p for row in table.rows if row.name == "nothing") < 0.05
+    assert 0.02 * count <= flagged <= 0.09 * count
+
+
+def test_pooling_keeps_what_a_factor_does_differently_apart() -> None:
+    settings, y = on_machines(3, 4, 5.0)
+    terms = main_effects(BLOCKED)
+    products = differing(settings, terms, y, "block")
+    whole, pooled = (of(settings, terms, y, by_block=products) for of in (anova, pooled_anova))
+    assert [row.name for row in pooled.by_block] == ["x × block"]
+    assert "x" not in pooled.pooled
+    assert pooled.under("x").mean_square == close(whole.under("x").mean_square)
+
+
+def test_nothing_stands_out_of_an_error_of_rounding() -> None:
+    for seed in range(50):
+        settings, _ = on_machines(seed, 3, 0.0)
+        x, block = np.asarray(settings.numbers["x"]), np.asarray(settings.categories["block"])
+        assert not differing(settings, main_effects(BLOCKED), 0.1 * x + 0.7 * block, "block")
+
+
+def test_a_factor_that_does_nothing_on_average_is_seldom_flagged_where_there_are_machines_enough() -> None:
+    count, flagged, plainly = 400, 0, 0
+    for seed in range(count):
+        settings, y = on_machines(seed, 5, 3.0)
+        terms = main_effects(BLOCKED)
+        for by_block in (differing(settings, terms, y, "block"), []):
+            p = next(row.p for row in anova(settings, terms, y, by_block=by_block).rows if row.name == "x")
+            flagged, plainly = (
+                (flagged + (p < 0.05), plainly) if by_block else (flagged, plainly + (p < 0.05))
+            )
+    assert flagged <= 0.10 * count < plainly
 
 
 def test_names_of_terms() -> None:

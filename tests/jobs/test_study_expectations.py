@@ -62,7 +62,7 @@ def confirm(
 ) -> None:
     """Confirm a recommendation as the command does, or as it did before it kept what was expected."""
     with folder.writer() as writer:
-        expected = best.intervals if is_kept else {}
+        expected = best.intervals if is_kept else None
         writer.planned(confirmation_runs(folder.read(), best.settings, runs), expected)
     tell(folder, 2, arc_share)
 

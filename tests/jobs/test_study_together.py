@@ -68,11 +68,17 @@ def test_runs_that_two_computers_added_under_one_number_are_not_mixed(tmp_path: 
         with folder.writer() as writer:
             writer.planned(added)
         come_to(folder, added, time_s)
+    made_there = there.read().runs[-1]
+    with there.writer() as writer:
+        writer.told(made_there, {"ra_um": 9.9})
+        writer.judged(made_there, Judgement.REJECT, "chipped there")
     for file in there.rows.glob(f"*{SUFFIX}"):
         shutil.copy(file, here.rows)
     state = here.read()
     assert [run.value("machining_time_s") for run in state.runs][4:] == [11.0]
-    assert state.strangers == 1
+    assert state.strangers == 3
+    assert state.runs[-1].state is RunState.DONE
+    assert state.runs[-1].value("ra_um") is None
     assert any("another computer added under the same numbers" in line for line in what_next(state))
 
 

@@ -325,7 +325,7 @@ def confirm(
     numbers = {run.number for run in asked}
     mine = [one for one in found if numbers.intersection(one.runs)]
     outcome.text += "".join(f"\n{line}" for line in not_yet_known(after, numbers))
-    broken = [str(limit.constraint) for one in mine for limit in one.limits if not limit.is_kept]
+    broken = dict.fromkeys(str(limit.constraint) for one in mine for limit in one.limits if not limit.is_kept)
     if broken:
         raise ObjectiveNotReached(
             f"The recommended settings do not keep {', '.join(broken)}: the mean of the confirmation runs does not.",

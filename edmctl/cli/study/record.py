@@ -77,7 +77,6 @@ def judge(
     from edmctl.errors import UsageError
     from edmctl.jobs.study.evaluate import lost_row
     from edmctl.jobs.study.on_machine import is_begun, next_order
-    from edmctl.jobs.study.rows import JUDGED
     from edmctl.jobs.study.waiting import way_on
 
     study = opened(folder)
@@ -96,15 +95,9 @@ def judge(
             hint=f"Make it with `{way_on(study.read())}`, then judge it; one that shall not be made is rejected.",
             code="E2107",
         )
-    values = {
-        "number": run,
-        "attempt": found.row.attempt if found.row is not None else 0,
-        "judgement": str(judgement),
-        "reason": reason,
-    }
     with study.writer() as writer:
-        writer.append(JUDGED, values)
-    outcome.result = {"run": run, **{name: values[name] for name in ("attempt", "judgement", "reason")}}
+        writer.judged(found, judgement, reason)
+    outcome.result = {"run": run, "attempt": found.attempts, "judgement": str(judgement), "reason": reason}
     state = study.read()
     again = (
         "as another hole at the next free place"

@@ -51,11 +51,11 @@ def confirmations_of(state: StudyState) -> list[Confirmation]:
     found = []
     for there in confirmed_settings(state).values():
         settings, limits = there[0].planned.settings, limits_of(state.folder.plan, there)
-        kept = [state.rows.expected.get(run.planned.number, {}) for run in there]
+        kept = [state.rows.expected.get(run.planned.number) for run in there]
         for expected in [one for n, one in enumerate(kept) if one not in kept[:n]]:
             members = [run for run, own in zip(there, kept, strict=True) if own == expected]
             numbers = tuple(run.planned.number for run in members)
-            of_then = expected or _expected_before(state, settings, numbers[0])
+            of_then = _expected_before(state, settings, numbers[0]) if expected is None else expected
             responses = []
             for name in (one.name for one in state.folder.plan.responses):
                 measured = tuple(value for run in members if (value := run.value(name)) is not None)

@@ -57,8 +57,8 @@ def next_batch(state: StudyState, surroundings: Surroundings = NONE) -> list[Pla
     """
     optimize = state.folder.source.file.optimize
     if waiting := [run for run in _untold(state) if run.planned.kind is RunKind.SUGGESTED]:
-        number, wanted = waiting[0].planned.number, _wanted(state.folder.plan)
-        names = [name for name in wanted if waiting[0].value(name) is None]
+        number = waiting[0].planned.number
+        names = [name for name in _by_hand(state) if waiting[0].value(name) is None]
         raise PreconditionError(
             f"Run {number} was suggested and waits for {', '.join(names)}: nothing follows from it before.",
             hint=f"Measure it: `{state.folder.command('tell', str(number), f'{names[0]}=VALUE')}`, then go on with "
@@ -186,13 +186,17 @@ def _wanted(plan: StudyPlan) -> list[str]:
 
 def _untold(state: StudyState) -> list[StudyRun]:
     """Runs that were made and lack a value that people measure."""
-    manual = {one.name for one in state.folder.plan.responses if one.is_manual}
-    wanted = manual.intersection(_wanted(state.folder.plan))
     return [
         run
         for run in fitting_runs(state)
-        if run.state is RunState.DONE and any(run.value(name) is None for name in wanted)
+        if run.state is RunState.DONE and any(run.value(name) is None for name in _by_hand(state))
     ]
+
+
+def _by_hand(state: StudyState) -> list[str]:
+    """Names of the responses that a suggestion is about and people measure."""
+    manual = {one.name for one in state.folder.plan.responses if one.is_manual}
+    return [name for name in dict.fromkeys(_wanted(state.folder.plan)) if name in manual]
 
 
 def _disproving(state: StudyState) -> list[StudyRun]:

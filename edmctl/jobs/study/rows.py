@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from edmctl.jobs.plan import SIMULATOR, MachineAddress
@@ -38,16 +38,39 @@ class StudyWriter(RowWriter):
     def told(self, run: StudyRun, values: Mapping[str, float | None]) -> None:
         """Append what is told of a run, or of its first attempt where it is not made yet; None withdraws."""
         attempt = run.row.attempt if run.row is not None else 1
-        self.append(TOLD, {"number": run.planned.number, "attempt": attempt, "values": dict(values)})
+        where = {"number": run.planned.number, "attempt": attempt, "settings": run.planned.settings}
+        self.append(TOLD, {**where, "values": dict(values)})
+
+    def judged(self, run: StudyRun, judgement: Judgement, reason: str) -> None:
+        """Append a judgement of a run's last attempt."""
+        where = {"number": run.planned.number, "attempt": run.attempts, "settings": run.planned.settings}
+        self.append(JUDGED, {**where, "judgement": str(judgement), "reason": reason})
 
     def planned(self, runs: Sequence[PlannedRun], expected: Expected | None = None) -> None:
         """Append runs that were not in the plan, suggestions or confirmations: all of them in one line, or none.
 
         `expected` is kept with confirmations: what is learnt later shall not change what they were to confirm.
         """
-        known = {name: list(one) for name, one in (expected or {}).items() if all(map(math.isfinite, one))}
-        kept = {"expected": known} if known else {}
+        kept: dict[str, object] = {}
+        if expected is not None:
+            kept["expected"] = {
+                name: list(one) for name, one in expected.items() if all(map(math.isfinite, one))
+            }
         self.append(PLANNED, {"runs": [asdict(run) for run in runs], **kept})
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What people have said of an attempt: values, None where one is withdrawn, or a judgement.
+
+    `which` are the settings of the run that they meant, empty in rows that do not tell.
+    """
+
+    attempt: int
+    which: str
+    values: Mapping[str, float | None] = field(default_factory=dict)
+    judgement: Judgement | None = None
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +81,8 @@ class Rows:
     """
 
     attempts: Mapping[int, tuple[RunRow, ...]]
-    told: Mapping[tuple[int, int], Mapping[str, float]]
-    """By run and attempt."""
-    judged: Mapping[int, Sequence[tuple[int, Judgement, str]]]
+    said: Mapping[int, Sequence[Said]]
+    """What was told and judged, by run, in the order of time."""
     added: tuple[PlannedRun, ...]
     expected: Mapping[int, Expected]
     """Of confirmations, by run."""
@@ -71,22 +93,28 @@ class Rows:
     foreign: int = 0
 
     def strangers(self, planned: Iterable[PlannedRun]) -> int:
-        """Return how many attempts are at no run, or at settings that the run of their number has not."""
-        settings = {run.number: run.settings for run in planned}
-        return sum(
-            settings.get(one.number) != one.settings for made in self.attempts.values() for one in made
-        )
+        """Return how many rows are of no run, or of settings that the run of their number has not."""
+        own = {run.number: _which(run.settings) for run in planned}
+        made = [(one.number, _which(one.settings)) for made in self.attempts.values() for one in made]
+        said = [(number, one.which) for number, all_said in self.said.items() for one in all_said]
+        return sum(which not in ("", own.get(number)) for number, which in (*made, *said))
 
     def of(self, planned: PlannedRun) -> StudyRun:
         """Return a run with all that is known of it; what was made at other settings is another computer's run."""
         attempts = [one for one in self.attempts.get(planned.number, ()) if one.settings == planned.settings]
         last = attempts[-1] if attempts else None
-        judged = [
-            one for one in self.judged.get(planned.number, ()) if one[0] == (last.attempt if last else 0)
-        ]
-        judgement, reason = judged[-1][1:] if judged else (None, "")
-        told = self.told.get((planned.number, last.attempt if last else 1), {})
-        return StudyRun(planned, last, told, judgement, reason, last.attempt if last else 0)
+        number = last.attempt if last else 0
+        told: dict[str, float | None] = {}
+        judgement, reason = None, ""
+        for one in self.said.get(planned.number, ()):
+            if one.which not in ("", _which(planned.settings)):
+                continue
+            if one.judgement is None and one.attempt == max(1, number):
+                told.update(one.values)
+            elif one.judgement is not None and one.attempt == number:
+                judgement, reason = one.judgement, one.reason
+        known = {name: value for name, value in told.items() if value is not None}
+        return StudyRun(planned, last, known, judgement, reason, number)
 
 
 def read_rows(folder: Path, identity: str) -> Rows:
@@ -98,8 +126,7 @@ def read_rows(folder: Path, identity: str) -> Rows:
 
 def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
     attempts: dict[int, dict[tuple[int, str], RunRow]] = {}
-    told: dict[tuple[int, int], dict[str, float]] = {}
-    judged: dict[int, list[tuple[int, Judgement, str]]] = {}
+    said: dict[int, list[Said]] = {}
     added: dict[int, PlannedRun] = {}
     expected: dict[int, Expected] = {}
     paused: list[dict[str, Any]] = []
@@ -110,22 +137,14 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
             if kind == RUN:
                 row = _run_row(values)
                 # Two writers that made the same attempt found the same: the first one counts.
-                which = (row.attempt, repr(sorted(row.settings.items())))
-                attempts.setdefault(row.number, {}).setdefault(which, row)
-            elif kind == TOLD:
-                at = (int(values["number"]), max(1, int(values.get("attempt", 1))))
-                given = {str(name): value for name, value in values["values"].items()}
-                _need(all(value is None or _is_number(value) for value in given.values()))
-                known = {**told.get(at, {}), **given}
-                told[at] = {name: float(value) for name, value in known.items() if value is not None}
-            elif kind == JUDGED:
-                one = (int(values["attempt"]), Judgement(values["judgement"]), str(values["reason"]))
-                judged.setdefault(int(values["number"]), []).append(one)
+                attempts.setdefault(row.number, {}).setdefault((row.attempt, _which(row.settings)), row)
+            elif kind in (TOLD, JUDGED):
+                said.setdefault(int(values["number"]), []).append(_said(kind, values))
             elif kind == PLANNED:
                 runs = [planned_run(one) for one in values["runs"]]
-                own = _expected(values.get("expected", {}))
+                own = _expected(values["expected"]) if "expected" in values else None
                 for run in runs:
-                    if added.setdefault(run.number, run) is run and own:
+                    if added.setdefault(run.number, run) is run and own is not None:
                         expected[run.number] = own
             elif kind == PAUSED:
                 paused.append(values)
@@ -135,8 +154,7 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
             torn += 1
     return Rows(
         {number: tuple(found[n] for n in sorted(found)) for number, found in attempts.items()},
-        told,
-        judged,
+        said,
         tuple(added[number] for number in sorted(added)),
         expected,
         tuple(paused),
@@ -144,6 +162,22 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
         torn,
         foreign,
     )
+
+
+def _said(kind: str, values: Mapping[str, Any]) -> Said:
+    which = _which(values["settings"]) if "settings" in values else ""
+    if kind == JUDGED:
+        judgement = Judgement(values["judgement"])
+        return Said(int(values["attempt"]), which, judgement=judgement, reason=str(values["reason"]))
+    given = {str(name): value for name, value in values["values"].items()}
+    _need(all(value is None or _is_number(value) for value in given.values()))
+    told = {name: None if value is None else float(value) for name, value in given.items()}
+    return Said(max(1, int(values.get("attempt", 1))), which, told)
+
+
+def _which(settings: Mapping[str, Any]) -> str:
+    """Settings as one text: numbers of runs that two computers add are the same, settings are not."""
+    return repr(sorted(settings.items()))
 
 
 def bench_of(port: str) -> str:

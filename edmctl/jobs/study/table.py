@@ -280,9 +280,11 @@ def _same_attempt(run: StudyRun, text: str) -> None:
     """Refuse what was measured of an attempt that has been repeated since: on a machine that is another hole."""
     from edmctl.record.delimited import number_of
 
+    if text and number_of(text) is None:
+        raise UsageError(f"{text!r} is no number of an attempt.", hint="Correct it.", code="E2107")
     if text and number_of(text) != run.attempts:
         raise UsageError(
-            f"Run {run.planned.number} was repeated: its last attempt is {run.attempts}, and this is of {text}.",
+            f"The last attempt at run {run.planned.number} is {run.attempts}, and this is of {text}.",
             hint="Measure the last attempt, and write its number there; or leave the cell empty.",
             code="E2107",
         )
