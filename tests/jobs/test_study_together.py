@@ -131,7 +131,8 @@ def test_holes_are_in_the_order_in_which_they_were_made_whatever_the_clock_said(
     assert not is_of_next_tool(state, state.runs[5])
 
 
-def test_an_optimisation_waits_for_what_people_measure(tmp_path: Path) -> None:
+def optimised_once(tmp_path: Path) -> tuple[StudyFolder, list[PlannedRun]]:
+    """A study whose design is told, and its first suggestion, made and not told yet."""
     folder = made(tmp_path, BY_HAND)
     come_to(folder, [run.planned for run in folder.read().runs])
     tell_all(folder)
@@ -139,6 +140,11 @@ def test_an_optimisation_waits_for_what_people_measure(tmp_path: Path) -> None:
     with folder.writer() as writer:
         writer.planned(batch)
     come_to(folder, batch)
+    return folder, batch
+
+
+def test_an_optimisation_waits_for_what_people_measure(tmp_path: Path) -> None:
+    folder, batch = optimised_once(tmp_path)
     with pytest.raises(PreconditionError, match="waits for ra_um") as waiting:
         next_batch(folder.read())
     assert waiting.value.code == "E8216"
@@ -164,13 +170,7 @@ def test_a_suggestion_is_not_the_one_that_was_added_and_is_not_made_yet(tmp_path
 
 
 def test_a_rejected_suggestion_is_no_longer_waited_for(tmp_path: Path) -> None:
-    folder = made(tmp_path, BY_HAND)
-    come_to(folder, [run.planned for run in folder.read().runs])
-    tell_all(folder)
-    batch = next_batch(folder.read())
-    with folder.writer() as writer:
-        writer.planned(batch)
-    come_to(folder, batch)
+    folder, batch = optimised_once(tmp_path)
     with folder.writer() as writer:
         values = {
             "number": batch[0].number,
