@@ -206,7 +206,6 @@ def _run(
     """
     from edmctl.jobs.ledger.job_ledger import DONE
     from edmctl.procedures.machining import run_job
-    from edmctl.process.rest_drift import CreepLeft
 
     job = kept.begin(job)
     entries.begin()
@@ -216,7 +215,7 @@ def _run(
                 session.bench.machine, job, recorder=recorder, observer=observer, tally=tally, store=journal
             )
         finally:
-            session.creep_left = tally.creep_left or CreepLeft.none(0.0)
+            session.leaves(tally.creep_left)
     except BaseException as error:
         with suppress(RunFileError):
             entries.close(tally.result(), ending(error)[0])

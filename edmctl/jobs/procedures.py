@@ -139,7 +139,6 @@ def perform(
     """
     from edmctl.procedures.job_state import JobTally
     from edmctl.procedures.session import running
-    from edmctl.process.rest_drift import CreepLeft
 
     tally = JobTally()
 
@@ -153,7 +152,7 @@ def perform(
             with running(machine, job, tally, recorder=recorder, observer=observer, pulses=pulses) as run:
                 procedure.act(run)
         finally:
-            session.creep_left = tally.creep_left or CreepLeft.none(0.0)
+            session.leaves(tally.creep_left)
         procedure.close(tally.time_s)
 
     def summary(session: MachineSession) -> dict[str, object]:

@@ -70,6 +70,12 @@ class MachineSession:
     run_file: Path | None = None
     error: EdmError | None = None
 
+    def leaves(self, creep: CreepLeft | None) -> None:
+        """Note what the actuator creeps back yet after this use; None where nobody followed it to its end."""
+        from edmctl.process.rest_drift import CreepLeft
+
+        self.creep_left = creep or CreepLeft.none(0.0)
+
     def write_down(self, ledger: Ledger, *entries: Entry) -> None:
         """Add entries to the ledger; a bench in a file is written first, and is never older than they.
 

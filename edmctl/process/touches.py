@@ -70,9 +70,8 @@ class DepthAndWear:
 
     `depth_noise_um` is the part of the depth's standard uncertainty that another set of touches would redraw.
     `drift_um` is what the pad after the cut was corrected by, `drift_to_bottom_um` the bottom before it, and
-    `drift_left_u_um` the standard uncertainty
-    in the wear of the drift that is left, or of all of it; NaN where no touches tell the wear. `drift_by_rests` says
-    that the drift was known, if only to be nothing.
+    `drift_left_u_um` the standard uncertainty in the wear of the drift that is left, or of all of it; NaN where no
+    touches tell the wear. `drift_by_rests` says that the drift was known, if only to be nothing.
     """
 
     depth_um: float

@@ -31,7 +31,8 @@ STROKE_FACTOR = 1.5
 """Between the stroke that the quality states and that of the model's weights."""
 ROUNDING = 1e-3
 MOST_ACCEPTED_RMS_PCT, MOST_ACCEPTED_MAX_PCT = 0.5, 4.0
-"""Held-out errors that no calibration was ever accepted beyond, % of the range."""
+"""Held-out errors that no calibration is accepted beyond, % of the range: the widest of `actuator.acceptance`, which
+reading a file does not load."""
 
 
 class Errors(Protocol):

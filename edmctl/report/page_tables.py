@@ -106,7 +106,7 @@ def _one_site(site: SiteNumbers) -> PageTable:
             "feed, Z2 − Z1",
             marked(decimal(site.feed_um), of_both),
             "",
-            site.truth_depth_um + site.truth_wear_um,
+            truth.feed_um if truth else math.nan,
         ),
         row("Z1, surface before", decimal(site.z1_um)),
         row("Z2, tip at the end" if site.through else "Z2, bottom", decimal(site.z2_um)),
