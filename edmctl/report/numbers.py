@@ -87,31 +87,33 @@ def _share(part: float, whole: float) -> float:
 
 def numbers_of(run: RunFile) -> RunNumbers:
     """Read the results of a run; without any, the numbers of no sites."""
-    truths = dict(_truths(run.summary() or {}))
+    places = dict(_places(run.summary() or {}))
     thickness_um = run.number("/entry/sample/thickness")
     rows = zip(run.table("/entry/results"), labels_of(run), strict=True)
-    return RunNumbers(tuple(_site(row, labels, truths, thickness_um) for row, labels in rows))
+    return RunNumbers(tuple(_site(row, labels, places, thickness_um) for row, labels in rows))
 
 
 TRUE_SURFACE = ("side_gap_um", "taper_um", "ra_um", "rz_um", "corner_um")
 """What the virtual machine says of a hole beside depth and wear, by the names of `SiteTruth`."""
 
 
-def _truths(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object]]]:
-    """The truth of each hole or channel, under the name that a result's row has room for."""
+def _places(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object]]]:
+    """Each hole or channel of the summary, under the name that a result's row has room for."""
     sites = summary.get("sites")
     channel = summary.get("channel")
     for place in (*(sites if isinstance(sites, list) else ()), channel):
-        if isinstance(place, Mapping) and isinstance(truth := place.get("truth"), Mapping):
-            yield str(place.get("name")), truth
+        if isinstance(place, Mapping):
+            yield str(place.get("name")), place
 
 
 def _site(
-    row: np.void, labels: Labels, truths: Mapping[str, Mapping[str, object]], thickness_um: float
+    row: np.void, labels: Labels, places: Mapping[str, Mapping[str, object]], thickness_um: float
 ) -> SiteNumbers:
     name = row["site"].decode(errors="ignore")
     through = bool(_later(row, "through"))
-    truth = truths.get(name, {})
+    place = places.get(name, {})
+    told = place.get("truth")
+    truth = told if isinstance(told, Mapping) else {}
     return SiteNumbers(
         name=name,
         x_um=float(row["x"]),
@@ -149,6 +151,7 @@ def _site(
         drift_correction_um=_later(row, "drift_correction"),
         drift_left_u_um=_later(row, "drift_left_u", math.nan),
         drift_by_rests=bool(_later(row, "drift_by_rests")),
+        working_gap_um=plain_number(place.get("working_gap_um")),
     )
 
 

@@ -122,6 +122,8 @@ class SiteNumbers:
     drift_correction_um: float = 0.0
     drift_left_u_um: float = math.nan
     drift_by_rests: bool = False
+    working_gap_um: float = math.nan
+    """Between floor and tip where it sparks; NaN in files that do not say it."""
 
     @property
     def truth(self) -> SiteTruth | None:

@@ -79,6 +79,13 @@ def test_the_true_hole_is_a_line_of_its_own_with_gap_taper_and_corner(tmp_path: 
     assert "taper 3.0 µm, corner 2.5 µm" in told
 
 
+def test_the_working_gap_is_between_the_floor_and_where_the_tip_sparked(tmp_path: Path) -> None:
+    path = a_hole(tmp_path, summary='{"sites": [{"name": "NAME", "working_gap_um": 3.25}]}')
+    (axes,) = panels(path)
+    assert line(axes, "tip while sparking")[:, 1].tolist() == [16.75, 16.75]
+    assert "working gap 3.2 µm, side gap by the profile 5.0 µm" in "\n".join(texts(section.draw, path))
+
+
 @pytest.mark.parametrize(
     ("basis", "label", "number"),
     [

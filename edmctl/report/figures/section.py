@@ -1,8 +1,9 @@
 """The hole in section, as a microscope shows it cut through its middle, with the tool that made it.
 
 Like Fig. 10 of Muralidhara et al. 2009, where holes were cut open. Depth and wear are those that were touched; no
-touch tells how wide a hole is, so that its walls stand where the profile's side gap has them. What the virtual
-machine knows of its own hole is a line of its own.
+touch tells how wide a hole is, so that its walls stand where the profile's side gap has them. The working gap is
+that between the floor and the tip where it sparked last. What the virtual machine knows of its own hole is a line of
+its own.
 """
 
 from __future__ import annotations
@@ -243,6 +244,12 @@ def _draw_tool(axes: Axes, section: Section, top_um: float) -> None:
         linewidth=0.0,
         label="tool at the end" if section.site.through else "tool at the bottom",
     )
+    gap_um = math.nan if section.site.through else section.site.working_gap_um
+    if math.isfinite(gap_um):
+        axes.plot(
+            across[:2], [tip_um - gap_um] * 2, color=GREY, linewidth=0.8, linestyle=(0, (1.0, 1.0)),
+            label="tip while sparking",
+        )  # fmt: skip
     if section.lost_um > 0.0:
         lost_um = tip_um + section.lost_um
         axes.fill(
@@ -281,11 +288,17 @@ def _draw_lengths(axes: Axes, section: Section, at_um: float) -> None:
 
 
 def _words(section: Section) -> list[str]:
-    """What is known of the width, and from where."""
+    """What is known of the gaps, and from where."""
     site = section.site
-    lines = []
-    if math.isfinite(section.side_gap_um):
-        lines.append(f"side gap by the profile {section.side_gap_um:.1f} µm")
+    gaps = [
+        f"{words} {value_um:.1f} µm"
+        for words, value_um in (
+            ("working gap", math.nan if site.through else site.working_gap_um),
+            ("side gap by the profile", section.side_gap_um),
+        )
+        if math.isfinite(value_um)
+    ]
+    lines = [", ".join(gaps)] if gaps else []
     truth = [
         f"{words} {value_um:.1f} µm"
         for words, value_um in (
