@@ -1,4 +1,4 @@
-"""Records as they would be without samples that stand out, a wrong memory, a shift of the displacement, or its drift.
+"""Records as without samples that stand out, a wrong memory, a shift of the displacement, or its drift.
 
 Plays and slow creep take up part of a shift or a drift, so that what a fit leaves no longer looks like either. Both
 are therefore fitted together with what the model uses: its features are projected out, and a step at each sample, or
