@@ -181,14 +181,18 @@ class Rows:
     def best_delay(self, design: Design, delay_s: float) -> float:
         """Delay near one that is known that leaves least.
 
-        It is the vertex of a parabola through whole samples, which average no noise away.
+        It is the vertex of a parabola through whole samples, which average no noise away; where the voltage steps
+        between two samples there is no parabola, and the best whole sample stays.
         """
         delays_s, left = self.by_delay(design, delay_s)
         middle = min(max(int(np.argmin(left)), 1), len(left) - 2)
         before, here, after = left[middle - 1 : middle + 2]
         bend = before - 2.0 * here + after
         vertex = min(max(0.5 * (before - after) / bend, -1.0), 1.0) if bend > 0.0 else 0.0
-        return max(0.0, float(delays_s[middle]) + self.step_s * vertex)
+        best = int(np.argmin(left))
+        vertex_s = max(0.0, float(delays_s[middle]) + self.step_s * vertex)
+        is_worse = self.residual(Extended(design, vertex_s)) > left[best]
+        return max(0.0, float(delays_s[best])) if is_worse else vertex_s
 
     def by_delay(self, design: Design, delay_s: float, least: int = -1) -> tuple[Array, list[float]]:
         """Delays of whole samples about one that is known, and what each leaves, µm²."""

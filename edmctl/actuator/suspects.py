@@ -1,4 +1,4 @@
-"""Records as they would be without samples that stand out, a shift of the displacement, or its drift.
+"""Records as without samples that stand out, a wrong memory, a shift of the displacement, or its drift.
 
 Plays and slow creep take up part of a shift or a drift, so that what a fit leaves no longer looks like either. Both
 are therefore fitted together with what the model uses: its features are projected out, and a step at each sample, or
@@ -62,8 +62,10 @@ def suspects(
         for record, counts in zip(records, used, strict=True)
     ]
     outliers = _without_outliers(model, records, used)
+    memory = _with_another_memory(records, used)
     return [
         *([outliers] if outliers else []),
+        *([memory] if memory else []),
         _without_shift(beside, model.delay_s, records, used),
         _without_drift(beside, records, used),
     ]
@@ -124,6 +126,26 @@ def _without_outliers(
         f"{records[worst].name}: look for a loose cable or a source of interference, or leave these samples out"
     )
     return Without(list(records), [counts & ~one for counts, one in zip(used, far, strict=True)], words)
+
+
+def _with_another_memory(records: Sequence[Record], used: Sequence[Flags]) -> Without | None:
+    """As of actuators that had been held at the first voltage; None where all records say what was before.
+
+    Swings that grow wipe out little by little what an actuator remembers, so that a wrong memory looks like a drift.
+    """
+    unknown = [number for number, record in enumerate(records) if record.previous_v is None]
+    if not unknown:
+        return None
+    held = [
+        record._replace(previous_v=float(record.u_v[0])) if record.previous_v is None else record
+        for record in records
+    ]
+    names = ", ".join(records[number].name for number in unknown)
+    words = (
+        f"{names} begins as of an actuator that had not been cycled: say what it was held at before "
+        "(--previous-voltage), or begin with two full swings"
+    )
+    return Without(held, list(used), words)
 
 
 def _without_shift(

@@ -13,6 +13,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
+from edmctl.files import read_bytes
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.profile.folders import creep_path
 
@@ -46,12 +47,12 @@ class CreepNote:
         if self._path is None:
             return CreepLeft.none(0.0)
         try:
-            values = json.loads(self._path.read_text(encoding="utf-8"))
+            values = json.loads(read_bytes(self._path))
             if values["schema"] != SCHEMA or values["machine"] != self._machine:
                 return CreepLeft.none(0.0)
             left = CreepLeft.of(values["lags_um"], _number(values["unknown_s"], math.inf))
             utc_s, bench_s = _number(values["utc_s"], math.nan), _number(values["bench_s"], math.nan)
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
             return CreepLeft.none(0.0)
         passed_s = self._bench.now.since_s(utc_s, bench_s)
         return left.after(passed_s) if passed_s < math.inf else CreepLeft.none(0.0)

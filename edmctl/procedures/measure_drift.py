@@ -17,7 +17,7 @@ from edmctl.procedures.stages import move_to, retract
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.procedures.touch.reading import take_reading
 from edmctl.procedures.touch.spots import read_pad
-from edmctl.process.rest_drift import LEAST_TOUCHES, PadTouch, fit_drift, model_of
+from edmctl.process.rest_drift import LEAST_TOUCHES, PadTouch, fit_drift, model_of, refuse_creep
 from edmctl.record.rows import RunEvent
 from edmctl.results.measurements import DriftResult
 from edmctl.results.progress import Phase
@@ -148,6 +148,7 @@ def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[Dri
     try:
         walk = run.setup.drift.walk_um_per_sqrt_s
         fit = fit_drift(record.rests, record.touches, walk, run.job.unknown_use_s)
+        refuse_creep(fit.creep, fit.creep_covariance)
     except ValueError as error:
         raise _unexplained(f"the touches tell nothing: {error}") from error
     if fit.misfit > MOST_MISFIT:

@@ -63,6 +63,13 @@ LEAST_GAIN = 0.05
 """A rest that leaves so little less unknown does not pay."""
 
 
+MOST_CREEP_PER_CONSTANT = 0.15
+"""Of any one time constant: three times what piezo actuators creep in a decade of time."""
+LEAST_CREEP = -0.05
+"""Of all time constants together, and of each: noise may make it less than none."""
+LEAST_CREEP_U = 1e-6
+"""Of each: less than a sensor's last digit after a full stroke is not known of it."""
+
 REST_V = 0.5
 """An actuator at less is at rest."""
 
@@ -412,6 +419,22 @@ class DriftModel:
             MEMORY_UM * float(np.abs(self.creep) @ left) if math.isfinite(memory_s) else 0.0,
         )
         return Drift(moved_um, moved_u_um)
+
+
+def refuse_creep(creep: Floats, covariance: Floats) -> None:
+    """Raise ValueError where no actuator creeps like this, or where nobody can know it so."""
+    if creep.max() > MOST_CREEP_PER_CONSTANT or creep.min() < LEAST_CREEP:
+        raise ValueError(f"a creep of {creep[np.abs(creep).argmax()]:.2g} is none that an actuator has")
+    if creep.sum() < LEAST_CREEP:
+        raise ValueError(f"a creep of {creep.sum():.2g} in all is none that an actuator has")
+    scale = float(np.abs(covariance).max())
+    if not scale <= MOST_CREEP_PER_CONSTANT**2:
+        raise ValueError(f"a creep that is known to {math.sqrt(scale):.2g} is not known")
+    asymmetric = not np.allclose(covariance, covariance.T, rtol=0.0, atol=1e-9 * scale)
+    if asymmetric or float(np.linalg.eigvalsh(covariance)[0]) < -1e-6 * scale:
+        raise ValueError("its covariance is none")
+    if np.diag(covariance).min() < LEAST_CREEP_U**2:
+        raise ValueError("its creep is known better than a sensor can tell")
 
 
 def model_of(fit: DriftFit) -> DriftModel:

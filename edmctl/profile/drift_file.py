@@ -11,7 +11,8 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from edmctl.errors import ProfileError, RecordError, RunFileError
-from edmctl.process.rest_drift import TIME_CONSTANTS_S, DriftModel
+from edmctl.process.rest_drift import LEAST_TOUCHES, TIME_CONSTANTS_S, DriftModel, refuse_creep
+from edmctl.process.touches import share_u
 from edmctl.profile.calibration import HASH, content_hash, write_whole
 from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import ONE_LINE, Table
@@ -23,11 +24,9 @@ if TYPE_CHECKING:
 
 SCHEMA: Final = "edmctl-drift/1"
 AGAIN = "Run edmctl measure-drift again, or say use = false under [drift] in the setup."
-MOST_CREEP_PER_CONSTANT = 0.15
-"""Of any one time constant: three times what piezo actuators creep in a decade of time."""
-LEAST_CREEP = -0.05
-"""Of all time constants together: noise may make it less than none."""
 MOST_SHARE_U = 1.0
+ROUNDING = 1e-6
+"""Relative, of numbers that follow from one another."""
 
 
 class MadeBy(Table):
@@ -47,8 +46,8 @@ class Measured(Table):
     rest_u_um_per_s: float = Field(ge=0.0, le=1.0, description="of that")
     touch_um_per_s: float = Field(ge=-1.0, le=1.0, description="drift of the touches, µm/s")
     touch_u_um_per_s: float = Field(ge=0.0, le=1.0, description="of that")
-    touches: int = Field(ge=1, description="touches of the pad")
-    rests: int = Field(ge=2, description="rests at 0 V")
+    touches: int = Field(ge=1, le=100_000, description="touches of the pad")
+    rests: int = Field(ge=2, le=100_000, description="rests at 0 V")
     misfit: float = Field(ge=1.0, le=10.0, description="residuals over what was expected, at least 1")
 
 
@@ -103,20 +102,13 @@ class DriftFile(Table):
                 f"its time constants are not {', '.join(f'{tau:g}' for tau in TIME_CONSTANTS_S)} s"
             )
         try:
-            creep = np.array(used.creep, dtype=np.float64).reshape(n)
-            covariance = np.array(used.creep_covariance, dtype=np.float64).reshape(n, n)
+            creep, covariance = np.array(used.creep), np.array(used.creep_covariance)
         except ValueError:
             raise ValueError("its arrays do not fit each other") from None
-        if np.abs(creep).max() > MOST_CREEP_PER_CONSTANT:
-            raise ValueError(f"a creep of {np.abs(creep).max():.2g} is none that an actuator has")
-        if not LEAST_CREEP <= creep.sum() <= len(creep) * MOST_CREEP_PER_CONSTANT:
-            raise ValueError(f"a creep of {creep.sum():.2g} in all is none that an actuator has")
-        scale = float(np.abs(covariance).max())
-        if not scale <= MOST_CREEP_PER_CONSTANT**2:
-            raise ValueError(f"a creep that is known to {math.sqrt(scale):.2g} is not known")
-        asymmetric = not np.allclose(covariance, covariance.T, rtol=0.0, atol=1e-9 * scale)
-        if asymmetric or float(np.linalg.eigvalsh(covariance)[0]) < -1e-6 * scale:
-            raise ValueError("its covariance is none")
+        if creep.shape != (n,) or covariance.shape != (n, n):
+            raise ValueError("its arrays do not fit each other")
+        refuse_creep(creep, covariance)
+        self._refuse_contradictions()
         return DriftModel(
             creep,
             covariance,
@@ -125,6 +117,33 @@ class DriftFile(Table):
             used.apart_u_um_per_s,
             used.walk_um_per_sqrt_s,
         )
+
+    def _refuse_contradictions(self) -> None:
+        """Raise ValueError where jobs would go by what was not measured (`model_of` makes the one of the other)."""
+        found, used = self.measured, self.used
+        if not found.rests > found.touches >= LEAST_TOUCHES:
+            raise ValueError(f"{found.touches} touches and {found.rests} rests tell no drift")
+        apart_um_per_s = abs(found.touch_um_per_s - found.rest_um_per_s)
+        if used.apart_u_um_per_s < (1.0 - ROUNDING) * apart_um_per_s:
+            raise ValueError(
+                f"touches have drifted by {apart_um_per_s:.3g} µm/s more or less than rests, and jobs would go by "
+                f"{used.apart_u_um_per_s:.3g} µm/s"
+            )
+        untold = used.share == 1.0 and used.share_u >= (1.0 - ROUNDING) * share_u(1.0)
+        seen_um_per_s = used.share * found.rest_um_per_s
+        beyond = used.share in (0.0, 1.0) and _beyond(found.touch_um_per_s, found.rest_um_per_s, used.share)
+        told = beyond or math.isclose(seen_um_per_s, found.touch_um_per_s, rel_tol=ROUNDING)
+        if not (untold or (told and used.share_u > 0.0)):
+            raise ValueError(
+                f"a share of {used.share:.3g} ± {used.share_u:.3g} does not come of drifts of "
+                f"{found.touch_um_per_s:.3g} and {found.rest_um_per_s:.3g} µm/s"
+            )
+
+
+def _beyond(touch_um_per_s: float, rest_um_per_s: float, share: float) -> bool:
+    """Whether touches have drifted the opposite way, share 0, or by more than rests, share 1."""
+    ratio = touch_um_per_s / rest_um_per_s if rest_um_per_s else math.nan
+    return ratio <= 0.0 if share == 0.0 else ratio >= 1.0
 
 
 def drift_file(made: MadeBy, result: DriftResult, model: DriftModel) -> DriftFile:

@@ -56,6 +56,14 @@ def test_growing_swings_are_judged_where_others_have_been() -> None:
     assert found.accepted, found.problems
 
 
+def test_growing_swings_of_an_actuator_that_had_not_been_cycled_are_no_drift() -> None:
+    """They wipe out its memory little by little, which looked like a drift of the sensor by 27 µm."""
+    record = measured(swings(np.linspace(20.0, 150.0, 20)))._replace(previous_v=None)
+    (problem,) = identify([record], delay_s=0.0, resamples=0, beyond_plays=False).problems
+    assert "swings begins as of an actuator that had not been cycled" in problem
+    assert "--previous-voltage" in problem
+
+
 def test_a_range_that_was_reached_once_is_not_accepted_and_its_remedy_mends_it() -> None:
     """All but the last second is 20 V of 150 V: errors there say nothing about the rest."""
     small_v = np.full(20, 20.0)

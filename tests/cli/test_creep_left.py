@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
+
+from edmctl.jobs.creep_left import CreepNote
+from edmctl.jobs.ledger.elapsed import Now
+from edmctl.jobs.plan import MachineAddress
+from edmctl.process.rest_drift import CreepLeft
+from edmctl.profile.folders import creep_path
 
 if TYPE_CHECKING:
     from tests.cli.commands import Here
@@ -61,6 +69,41 @@ def test_a_note_that_cannot_be_is_none(home: Path, here: Here, damage: str) -> N
     note.write_text(damage, encoding="utf-8")
     assert here(*JUMPS, "--port", "sim:b.h5").document["ok"]
     assert json.loads(note.read_text(encoding="utf-8"))["unknown_s"] < 3600.0
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        pytest.param({"unknown_s": 10**400}, id="a time that is no float"),
+        pytest.param({"lags_um": [10**400] * 9}, id="lags that are no floats"),
+        pytest.param({"bench_s": "soon"}, id="a time that is text"),
+        pytest.param("[" * 100_000, id="deep"),
+        pytest.param(None, id="a pipe"),
+    ],
+)
+def test_a_note_that_was_tampered_with_is_none_and_keeps_nobody_waiting(
+    tmp_path: Path, damage: dict[str, object] | str | None
+) -> None:
+    environ = {"EDMCTL_HOME": str(tmp_path)}
+    bench = SimpleNamespace(
+        seed=None, now=Now(200.0), machine=SimpleNamespace(identity=SimpleNamespace(serial="M"))
+    )
+    note = CreepNote(bench, MachineAddress("/dev/none"), environ)  # type: ignore[arg-type]
+    note.leave(CreepLeft.none())
+    path = creep_path("M", environ)
+    kept = note.read()
+    assert kept is not None
+    assert kept.unknown_s == math.inf
+    if isinstance(damage, dict):
+        path.write_text(json.dumps(json.loads(path.read_text(encoding="utf-8")) | damage), encoding="utf-8")
+    elif damage:
+        path.write_text(damage, encoding="utf-8")
+    else:
+        path.unlink()
+        os.mkfifo(path)
+    found = note.read()
+    assert found is not None
+    assert found.unknown_s == 0.0
 
 
 def test_a_fresh_machine_leaves_no_note(home: Path, here: Here) -> None:

@@ -7,8 +7,10 @@ import signal
 import time
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from edmctl.errors import EdmError, Interrupted, PreconditionError
@@ -28,8 +30,10 @@ from edmctl.procedures.monitoring.drift import (
     seen_between_jobs_um_s,
 )
 from edmctl.procedures.stages import _is_home_set, move_to, retract
+from edmctl.procedures.touch.drift import drift_between
 from edmctl.procedures.touch.home import Home, _is_on_a_spot
 from edmctl.process.next_cut import COVERAGE
+from edmctl.process.rest_drift import TIME_CONSTANTS_S, DriftModel, Rest
 from edmctl.process.touches import share_u
 from edmctl.profile.places import Place
 from edmctl.record.tool_account import HomeSeen, MachineHistory
@@ -189,6 +193,22 @@ def test_a_drift_that_was_seen_widens_what_the_setup_believes_and_never_narrows_
     assert run.uncertainty.drift_u_um_per_s == believed
     run.watch.rests.note(2000.0, 20.0)
     assert run.uncertainty.drift_u_um_per_s == pytest.approx(share_u((19.0 + CREEP_UM) / 1000.0))
+
+
+def test_a_drift_between_tool_and_work_that_was_measured_widens_what_no_rest_shows() -> None:
+    """By the setup's drift alone a wear was stated within 4 µm, where a file told of 10 nm/s; it was off by 13."""
+    shop, n = Shop(), len(TIME_CONSTANTS_S)
+    shop.job = replace(shop.job, drift=DriftModel(np.zeros(n), np.eye(n) * 1e-6, 1.0, 0.5, 0.01, 0.01))
+    run = shop.run()
+    assert run.uncertainty.drift_u_um_per_s == pytest.approx(
+        math.hypot(0.01, run.setup.sensor.drift_um_per_s)
+    )
+    # Rests that tell less than the setup correct nothing, and what is between tool and work stays unknown.
+    first = SimpleNamespace(time_s=0.0, rest=Rest(0.0, 0.0, 0.0, np.zeros(n), np.zeros(n)))
+    for crept_um, corrects in ((0.0, True), (2000.0, False)):
+        later_on = Rest(1000.0, 1.0, 0.0, np.full(n, crept_um), np.zeros(n))
+        last = SimpleNamespace(time_s=1000.0, rest=later_on)
+        assert (drift_between(run, first, last) is not None) is corrects  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

@@ -46,9 +46,9 @@ def made(serial: str = "SIM-7", days: float = 0.0) -> DriftFile:
             run_file="drift.h5",
         ),
         measured=Measured(
-            rest_um_per_s=0.001 / 3.0,
+            rest_um_per_s=0.001,
             rest_u_um_per_s=1e-4,
-            touch_um_per_s=0.001,
+            touch_um_per_s=0.001 / 3.0,
             touch_u_um_per_s=1e-4,
             touches=11,
             rests=24,
@@ -57,7 +57,7 @@ def made(serial: str = "SIM-7", days: float = 0.0) -> DriftFile:
         used=Used(
             share=1.0 / 3.0,
             share_u=0.1,
-            apart_u_um_per_s=1e-4,
+            apart_u_um_per_s=7e-4,
             walk_um_per_sqrt_s=0.01,
             time_constants_s=list(TIME_CONSTANTS_S),
             creep=[0.012 + 1e-4 / (k + 3.0) for k in range(N)],
@@ -109,6 +109,22 @@ def edited(path: Path, change: Callable[[dict[str, Any]], None], *, hashed: bool
             lambda t: t["used"].update(creep_covariance=(-np.eye(N)).tolist()), "E3674", id="no covariance"
         ),
         pytest.param(lambda t: t["used"].update(time_constants_s=[1.0]), "E3674", id="other constants"),
+        pytest.param(
+            lambda t: t["used"].update(creep_covariance=[[1e-5] * N * N]), "E3674", id="covariance in one row"
+        ),
+        pytest.param(
+            lambda t: t["used"].update(creep_covariance=[[0.0] * N] * N), "E3674", id="creep known exactly"
+        ),
+        pytest.param(
+            lambda t: t["used"].update(creep=[0.1, -0.1] * 4 + [0.01]), "E3674", id="creep to and fro"
+        ),
+        pytest.param(lambda t: t["used"].update(share=0.9), "E3674", id="a share that was not measured"),
+        pytest.param(lambda t: t["used"].update(share=1.0), "E3674", id="all of it, and known"),
+        pytest.param(lambda t: t["used"].update(share_u=0.0), "E3674", id="a share known exactly"),
+        pytest.param(
+            lambda t: t["used"].update(apart_u_um_per_s=1e-4), "E3674", id="what drifted apart is left out"
+        ),
+        pytest.param(lambda t: t["measured"].update(touches=2), "E3674", id="two touches"),
         pytest.param(lambda t: t["used"].pop("share_u"), "E3674", id="a value is missing"),
         pytest.param(lambda t: t["used"].update(more=1.0), "E3674", id="a value too many"),
     ],
@@ -117,6 +133,25 @@ def test_what_cannot_be_is_refused(
     tmp_path: Path, change: Callable[[dict[str, Any]], None], code: str
 ) -> None:
     assert edited(tmp_path / "drift.toml", change) == code
+
+
+@pytest.mark.parametrize(
+    ("touch_um_per_s", "share"),
+    [(0.0015, 1.0), (-0.0005, 0.0), (0.0, 0.0)],
+    ids=["more", "the other way", "none"],
+)
+def test_touches_that_drift_beyond_the_rests_have_a_share_at_its_end(
+    tmp_path: Path, touch_um_per_s: float, share: float
+) -> None:
+    file = made()
+    file = file.model_copy(
+        update={
+            "measured": file.measured.model_copy(update={"touch_um_per_s": touch_um_per_s}),
+            "used": file.used.model_copy(update={"share": share, "apart_u_um_per_s": 0.002}),
+        }
+    )
+    save_drift(tmp_path / "d.toml", file)
+    assert load_drift(tmp_path / "d.toml").model().share == share
 
 
 def test_an_edited_file_is_refused(tmp_path: Path) -> None:

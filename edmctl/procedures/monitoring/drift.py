@@ -159,10 +159,15 @@ def displacement_uncertainty(job: Job) -> Displacement:
 
 
 def uncertainty_now(job: Job, rests: Rests) -> Displacement:
-    """Return the same, with the drift that the rests have shown by now where that is more."""
+    """Return the same, with the drift that the rests have shown by now where that is more.
+
+    A drift between tool and work that was measured comes on top: no rest shows it, and touches do.
+    """
     sensor_u = displacement_uncertainty(job)
     seen_um_s = share_u(max(rests.rate_um_s(), job.drift_seen_um_s))
-    return replace(sensor_u, drift_u_um_per_s=max(sensor_u.drift_u_um_per_s, seen_um_s))
+    apart_um_s = job.drift.apart_u_um_per_s if job.drift is not None else 0.0
+    drift_um_s = math.hypot(max(sensor_u.drift_u_um_per_s, seen_um_s), apart_um_s)
+    return replace(sensor_u, drift_u_um_per_s=drift_um_s)
 
 
 def counted_pause_s(job: Job) -> float:
