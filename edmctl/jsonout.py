@@ -17,8 +17,9 @@ JsonValue: TypeAlias = "bool | int | float | str | list[JsonValue] | dict[str, J
 
 SCHEMA = "edmctl-result/1"
 
-# One nanometre and one millisecond lie well below what the machine can tell apart; delays are of that order.
-_DECIMALS_BY_UNIT = {"delay_s": 6, "_um_per_s": 6, "_um_s": 4, "_um": 3, "_s": 3, "_v": 4}
+# One nanometre and one millisecond lie well below what the machine can tell apart; delays and lags are of that
+# order.
+_DECIMALS_BY_UNIT = {"delay_s": 6, "lag_s": 6, "_um_per_s": 6, "_um_s": 4, "_um": 3, "_s": 3, "_v": 4}
 _SIGNIFICANT = 6
 
 

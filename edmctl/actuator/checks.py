@@ -45,6 +45,8 @@ LEAST_CLIPPED = 5
 """Samples that a displacement stands at its limit, one after the other."""
 LEAST_LOOP = 1e-4
 """RMS distance from a straight line over the range; a stage with its own position control leaves more."""
+LEAST_RESOLUTION, LEVEL_SHARE = 0.001, 0.1
+"""Steps of a coarse sensor, over the range; and how many levels a record has then, over its samples."""
 DOUBTFUL_STEP_S = 1.0
 DOUBTFUL_SWING_S = 300.0
 """Slower swings are rather fast ones on a clock in ms."""
@@ -256,7 +258,7 @@ def _loop_area(u_v: Array, y_um: Array) -> float:
 
 def doubts_about(record: Record) -> tuple[str, ...]:
     """Sentences with their remedy, samples counted from 1."""
-    return (*_doubts_of_time(record), *_spikes(record), *_proportional(record))
+    return (*_doubts_of_time(record), *_spikes(record), *_proportional(record), *_resolution(record))
 
 
 def _doubts_of_time(record: Record) -> list[str]:
@@ -297,6 +299,26 @@ def _proportional(record: Record) -> list[str]:
     return [
         f"{record.name}: y_um is u_V times a constant, without loop or noise. If it is a command or was computed "
         "from the voltage, give the column of the sensor."
+    ]
+
+
+def _resolution(record: Record) -> list[str]:
+    """Warn of a displacement in steps that hide its noise: no figure of noise tells of them."""
+    levels_um = np.unique(without_spikes(record.y_um))
+    if not 2 < len(levels_um) <= LEVEL_SHARE * len(record.y_um):
+        return []
+    gaps_um = np.diff(levels_um)
+    step_um = float(np.median(gaps_um))
+    parts = gaps_um / step_um
+    is_grid = bool(np.all(np.abs(parts - np.round(parts)) < 0.01) and parts.min() > 0.5)
+    if not is_grid or step_um < LEAST_RESOLUTION * float(np.ptp(levels_um)):
+        return []
+    if step_um <= 3.0 * noise_sd(record.y_um):
+        return []
+    return [
+        f"{record.name}: the displacement goes in steps of {step_um:.3g} µm, which are no noise and are told as "
+        "error. Use a finer range of the sensor, or average several samples to one where they go to and fro between "
+        "steps."
     ]
 
 

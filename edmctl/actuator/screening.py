@@ -72,8 +72,8 @@ class Screening:
                 )
             if outliers:
                 notes.append(
-                    f"No weight is given to {outliers} of the samples of {record.name}, which stand out singly by "
-                    f"{OUTLIER_SDS:g} times the noise or more. Look for a loose cable where they come often."
+                    f"Without weight, since they stand out singly by {OUTLIER_SDS:g} times the noise or more: "
+                    f"{outliers} of the samples of {record.name}. Look for a loose cable where they come often."
                 )
         return notes
 

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+_watching: list[Reporter] = []
+"""Who is writing to stderr at present."""
+
+
 @dataclass(frozen=True, slots=True)
 class Output:
     """How one invocation speaks."""
@@ -140,9 +144,11 @@ def watching(output: Output) -> Iterator[Reporter]:
     """Give a reporter for stderr, and leave the terminal clean behind it."""
     style = stream_style(sys.stderr)
     reporter = _reporter(output, style)
+    _watching.append(reporter)
     try:
         yield reporter
     finally:
+        _watching.remove(reporter)
         reporter.close()
 
 
@@ -192,7 +198,9 @@ def tell(output: Output, text: str) -> None:
 
 
 def mutter(text: str) -> None:
-    """Write to stderr. That it takes nothing changes nothing about the job."""
+    """Write to stderr, past a picture that is shown there. That it takes nothing changes nothing about the job."""
+    for reporter in _watching:
+        reporter.aside()
     with suppress(OSError, ValueError):
         write(sys.stderr, text)
 

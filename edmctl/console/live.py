@@ -74,6 +74,10 @@ class LiveReporter(Reporter):
         for line in wrapped(shown, width - 1, "  "):
             self._screen.print_above(self._style.paint(line, Ink.FAINT))
 
+    def aside(self) -> None:
+        """Take the picture away until the next progress: what is written past it would be drawn over."""
+        self._screen.close()
+
     def close(self) -> None:
         """Take the picture away, and leave a line between the notes and the result."""
         if self._screen.is_shown:

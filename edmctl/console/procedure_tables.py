@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.console.layout import render_columns
+from edmctl.console.layout import USUAL_COLUMNS, render_columns, wrapped
 from edmctl.console.result_table import beliefs_in_words
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.labels import Basis, heading
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 MOST_ROWS = 20
 """More jumps are in the JSON object and in the run file."""
+_TRUTH_OF_DRIFT = (
+    "Truth is the steady drift; the random walk of the sensor is in what was measured, not in its ±."
+)
 
 
 def render_surface(found: SurfaceFound, style: Style = PLAIN) -> str:
@@ -183,7 +186,10 @@ def render_drift(
         ["touches less rests", _nm_s(found.apart_um_per_s, found.apart_u_um_per_s)],
         ["share that a touch sees", with_u95(found.share, U95 * found.share_u)],
         ["creep after the hold", length(found.creep_um, U95 * found.creep_u_um)],
-        ["left over", f"{length(found.rest_rms_um)} at rest, {length(found.touch_rms_um)} at the pad"],
+        [
+            "scatter about that",
+            f"{length(found.rest_rms_um)} at rest, {length(found.touch_rms_um)} at the pad",
+        ],
     ]
     if truth is not None:
         header.append("truth")
@@ -191,22 +197,25 @@ def render_drift(
         values = (sensor_um_s, sensor_um_s + machine_um_s, machine_um_s)
         for row, value in zip(rows, values, strict=False):
             row.append(_nm_s(value))
+    used = percent(found.share_used, 0)
     if math.isnan(found.share):
         share = (
             "The rests have not drifted by more than their random walk: no share can be told. Jobs take "
-            f"{percent(found.share_used)} of their drift."
+            f"{used} of the drift of their rests off wear, Z2 and Z3."
         )
     elif abs(found.share - found.share_used) <= U95 * found.share_u:
-        share = f"Jobs take {percent(found.share_used)} of the drift of their rests."
+        share = f"Jobs take {used} of the drift of their rests off wear, Z2 and Z3."
     else:
         share = (
-            f"Jobs take {percent(found.share_used)} of the drift of their rests. Touches drift besides: a drift "
+            f"Jobs take {used} of the drift of their rests off wear, Z2 and Z3. Touches drift besides: a drift "
             "between tool and work does not show at rest, and widens the interval of the wear."
         )
     older = ", in the place of an older one" if replaced else ""
     kept = f"{found.touches} touches, {plural(found.rests, 'rest')}; in {path}{older}: {use}."
     beliefs = beliefs_in_words(found.beliefs)
-    return "\n".join([render_columns(header, rows, style), share, *([beliefs] if beliefs else []), kept])
+    about = "" if truth is None else _TRUTH_OF_DRIFT
+    words = [line for text in (about, share, beliefs) if text for line in wrapped(text, USUAL_COLUMNS)]
+    return "\n".join([render_columns(header, rows, style), *words, kept])
 
 
 def render_drift_plan(

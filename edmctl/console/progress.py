@@ -63,6 +63,9 @@ class Reporter:
     def runs(self, done: int, total: int) -> None:
         """Count finished runs of many."""
 
+    def aside(self) -> None:
+        """Make room for what is written past it."""
+
     def close(self) -> None:
         """Leave the terminal clean."""
 

@@ -247,8 +247,8 @@ def write_data(traces: Sequence[Trace], path: Path) -> None:
     write_columns(path, columns)
 
 
-def write_figure(trial: Trial, path: Path) -> None:
-    """Draw the figure and write it."""
+def write_figure(trial: Trial, path: Path, words: str) -> None:
+    """Draw the figure and write it, with small words below it."""
     from edmctl.report.figures import actuator as figure
 
     panels = [
@@ -262,4 +262,4 @@ def write_figure(trial: Trial, path: Path) -> None:
         )
         for waveform, trace in zip(trial.waveforms, trial.traces, strict=True)
     ]
-    output_files.write(path, figure.draw(panels, path.name))
+    output_files.write(path, figure.draw(panels, path.name, words))

@@ -191,7 +191,8 @@ def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[Dri
     )
     run.decide(
         RunEvent.DRIFT_MEASURED,
-        f"Rests drift by {1e3 * result.rest_um_per_s:.2f} nm/s, touches by {1e3 * result.touch_um_per_s:.2f} nm/s; "
+        f"Rests drift by {decimal(1e3 * result.rest_um_per_s)} nm/s, touches by "
+        f"{decimal(1e3 * result.touch_um_per_s)} nm/s; "
         f"creep after the hold {decimal(result.creep_um)} µm.",
         {"rest_um_s": result.rest_um_per_s, "touch_um_s": result.touch_um_per_s, "share": result.share_used},
     )

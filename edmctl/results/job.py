@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import ObjectiveNotReached
 from edmctl.labels import Basis, Seen, Verdict
 from edmctl.results.telemetry import PulseShares
-from edmctl.wording import U95
+from edmctl.wording import U95, to_its_u95
 
 if TYPE_CHECKING:
     from edmctl.results.telemetry import LinkReport
@@ -211,7 +211,7 @@ class Belief:
         """What was found, for people."""
         return (
             f"The setup believes {self.name} = {self.believed:g}, a standard uncertainty; this run has found "
-            f"{self.found:.2g} ± {U95 * self.found_u:.2g}."
+            f"{to_its_u95(self.found, U95 * self.found_u)}."
         )
 
 

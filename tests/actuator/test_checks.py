@@ -321,3 +321,20 @@ def test_nothing_is_judged_on_what_says_nothing(u_v: Array, y_um: Array) -> None
 def test_a_clock_in_the_wrong_unit_is_fitted_all_the_same() -> None:
     record = Record(1e-12 * ODD_T_S, ODD_V, ODD_UM)
     assert identify([record], resamples=0).samples > 1000
+
+
+def test_a_sensor_in_coarse_steps_is_doubted_where_no_noise_shows_them() -> None:
+    slow = swings(frequency_hz=0.05, n=8000)
+    range_um = float(np.ptp(slow.y_um))
+
+    def doubts(record: Record, step_um: float) -> tuple[str, ...]:
+        return check_record(record._replace(y_um=step_um * np.round(record.y_um / step_um)))
+
+    coarse_um = 0.01 * range_um
+    (doubt,) = doubts(slow, coarse_um)
+    assert f"goes in steps of {coarse_um:.3g} µm" in doubt
+    assert "finer range" in doubt
+    noise_um = np.random.default_rng(3).normal(0.0, coarse_um, len(slow.y_um))
+    assert doubts(slow._replace(y_um=slow.y_um + noise_um), coarse_um) == ()
+    assert doubts(GOOD, coarse_um) == ()  # so fast that the steps are noise
+    assert doubts(slow, 0.0002 * range_um) == ()

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.errors import UsageError
+from edmctl.cli import outcome
+from edmctl.console.live import LiveReporter
+from edmctl.console.style import Style
+from edmctl.errors import Diagnostic, UsageError
 from edmctl.jobs.statistics import _statistics
 from edmctl.jobs.sweep import parse_sweep, seed_to_use
 from tests.cli.commands import command, environment
+from tests.console.views import made_state
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,6 +50,20 @@ def test_streams_that_take_nothing_are_no_crash(line: str, exit_code: int, tmp_p
     assert done.returncode == exit_code
     if exit_code == 3 and "2>" not in line:
         assert done.stderr.rindex("error[E9010]") < done.stderr.rindex("error[E2001]")
+
+
+def test_a_warning_takes_the_picture_away_before_it_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr(
+        outcome, "_reporter", lambda output, style: LiveReporter(terminal, Style(colour=False, live=True))
+    )
+    output = outcome.Output("calibrate")
+    with outcome.watching(output) as reporter:
+        reporter.progress(made_state())
+        outcome.say(output, [Diagnostic("W3660", "What was measured is kept.", "", is_warning=True)])
+    left = terminal.getvalue()
+    assert left.endswith("\x1b[?25hwarning[W3660]: What was measured is kept.\n")
 
 
 def test_the_last_seed_fits_the_run_file_too() -> None:

@@ -45,6 +45,7 @@ def test_numbers_are_rounded_by_their_unit() -> None:
 
 
 def test_a_delay_keeps_microseconds() -> None:
+    assert to_json_value({"lag_s": 0.00088}) == {"lag_s": 0.00088}
     assert to_json_value({"delay_s": 0.00123456, "time_s": 1.23456}) == {"delay_s": 0.001235, "time_s": 1.235}
 
 

@@ -195,6 +195,20 @@ def test_the_picture_vanishes_notes_stay_and_the_cursor_is_back() -> None:
     assert text.endswith(f"{erased(6)}\x1b[?25h\n")
 
 
+def test_a_picture_that_stands_aside_is_gone_until_the_next_progress() -> None:
+    out, clock = io.StringIO(), HandClock()
+    reporter = LiveReporter(out, PLAIN_VIEW, clock)
+    reporter.progress(made_state())
+    reporter.aside()
+    assert out.getvalue().endswith(f"{erased(6)}\x1b[?25h")
+    out.truncate(0)
+    reporter.close()
+    assert out.getvalue() == ""
+    clock.now_s = 1.0
+    reporter.progress(made_state())
+    assert "\x1b[?25l\r" in out.getvalue()
+
+
 def test_every_picture_is_one_write_that_blanks_nothing() -> None:
     out, clock = Writes(), HandClock()
     reporter = LiveReporter(out, PLAIN_VIEW, clock)

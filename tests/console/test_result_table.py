@@ -217,6 +217,8 @@ def test_a_contradicted_belief_is_told_with_what_no_run_can_show() -> None:
     gain = Belief("sensor.gain_u_rel", 0.003, math.nan, math.nan, Seen.NEVER)
     text = " ".join(render_job(made_job(beliefs=(drift, gain))).split())
     assert "The setup believes sensor.drift_um_per_s = 0.0017" in text
+    assert "has found 0.00600 ± 0.00078." in text
+    assert "has found −0.00600 ± 0.00078." in replace(drift, found=-0.006).message
     assert "No run can show whether sensor.gain_u_rel is right." in text
     held = replace(drift, seen=Seen.HELD)
     assert "believes" not in render_job(made_job(beliefs=(held, gain)))

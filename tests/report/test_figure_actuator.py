@@ -44,7 +44,8 @@ def test_one_waveform_fills_a_column_of_a_journal_and_several_a_page() -> None:
 
 @pytest.mark.slow
 def test_every_axis_has_its_unit_and_every_line_its_name() -> None:
-    texts = texts_of(draw([trial("one"), trial("two")], "a.svg"))
+    texts = texts_of(draw([trial("one"), trial("two")], "a.svg", "simulated, seed 3"))
+    assert "simulated, seed 3" in texts
     for text in ("voltage (V)", "displacement (µm)", "error (µm)", "edmctl error (µm)", "time (s)"):
         assert text in texts
     for text in ("truth", "Maxwell, no creep", "edmctl", "one", "two", "(a)", "(b)", "(c)", "(d)"):

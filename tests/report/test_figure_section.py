@@ -116,7 +116,19 @@ def test_of_many_holes_the_last_three_are_drawn_and_counted(tmp_path: Path) -> N
     for k in range(5):
         writer.append(replace(a_site_row(), name=f"hole-{k}"))
     titles = [axes.get_title() for axes in panels(writer.finish("done", 0))]
-    assert [title.split(",")[0] for title in titles] == [f"hole-{k} ({k + 1} of 5)" for k in (2, 3, 4)]
+    expected = [f"({letter}) hole-{k} ({k + 1} of 5)" for letter, k in zip("abc", (2, 3, 4), strict=True)]
+    assert [title.split(",")[0] for title in titles] == expected
+
+
+def test_the_figure_of_one_hole_is_as_high_as_it_needs(tmp_path: Path) -> None:
+    heights = []
+    for depth_um in (60.0, 180.0, 500.0):
+        writer = made_up.new_run(tmp_path, name=f"{depth_um}.h5")
+        writer.append(replace(a_site_row(), depth_um=depth_um, wear_um=0.3 * depth_um))
+        (axes,) = panels(writer.finish("done", 0))
+        heights.append(axes.figure.get_size_inches()[1] * 25.4)
+    assert heights[1] < section.HEIGHT_MM - 3.0
+    assert max(heights) <= section.HEIGHT_MM + 1e-6
 
 
 @pytest.mark.parametrize(

@@ -190,6 +190,14 @@ def error_note(figure: Figure) -> str:
     return note
 
 
+def test_steps_tell_the_feed_with_its_interval(run_file: Path) -> None:
+    with open_run(run_file) as run:
+        (result,) = run.table("/entry/results")
+    told = texts(drawn("steps", run_file))
+    assert f"± {result['feed_u95']:.1f} µm" in told
+    assert f"{result['feed']:.1f}" in told
+
+
 def test_the_error_of_the_estimate_is_that_of_the_results(run_file: Path) -> None:
     with open_run(run_file) as run:
         (result,) = run.table("/entry/results")

@@ -192,7 +192,8 @@ def _report(outcome: Outcome, trial: "Trial", plot: Path | None, data: Path | No
     from edmctl.jobs.actuator_trial import write_figure
 
     outcome.text = render_actuator(trial.waveforms, trial.stroke_um, stream_style(sys.stdout))
-    _write(outcome, trial, data, plot, lambda path: write_figure(trial, path))
+    words = f"simulated, seed {outcome.seed}"
+    _write(outcome, trial, data, plot, lambda path: write_figure(trial, path, words))
 
 
 def _write(

@@ -192,7 +192,7 @@ def _possible(found: Identification) -> Identification:
 
     wrong = [
         f"No actuator that feeds a tool is like that: {one}. What the record shows is beyond what is looked for, "
-        "such as a lag of more than 20 ms."
+        "such as a lag of more than 20 ms, or t_s is not in s."
         for one in contradictions(found, found.model)
     ]
     return replace(found, problems=(*found.problems, *wrong)) if wrong else found

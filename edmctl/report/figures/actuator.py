@@ -21,6 +21,7 @@ from edmctl.report.style import (
     draw_envelope,
     house_style,
     letter_panels,
+    mark_below,
     new_figure,
     rendered,
     suffix_of,
@@ -50,10 +51,16 @@ class Trial:
     ours_um: Array
 
 
-def draw(trials: Sequence[Trial], name: str) -> bytes:
-    """Return the figure of one waveform (85 mm wide) or several (180 mm) as the file `name` would hold it."""
+def draw(trials: Sequence[Trial], name: str, words: str = "") -> bytes:
+    """Return the figure of one waveform (85 mm wide) or several (180 mm) as the file `name` would hold it.
+
+    words : what stands small below it
+    """
     with house_style():
-        return rendered(_figure(trials), suffix_of(name))
+        figure = _figure(trials)
+        if words:
+            mark_below(figure, words)
+        return rendered(figure, suffix_of(name))
 
 
 def _figure(trials: Sequence[Trial]) -> Figure:

@@ -108,7 +108,8 @@ def _draw_error(axes: Axes, lines: Mapping[str, Envelope], unit_s: float) -> Non
             time, everything.low, everything.high, color=SKY, alpha=0.7, linewidth=0.0,
             label="range",
         )  # fmt: skip
-    axes.plot(time, steady.mean, color=VERMILION, linewidth=0.8, label="machining, mean")
+    if not steady.is_empty:
+        axes.plot(time, steady.mean, color=VERMILION, linewidth=0.8, label="machining, mean")
     axes.set_ylabel("error (µm)")
     axes.locator_params(axis="y", nbins=6)
 

@@ -27,7 +27,6 @@ from edmctl.report.style import (
     PAGE_MM,
     VERMILION,
     NothingToDraw,
-    letter_panels,
     new_figure,
 )
 from edmctl.wording import TIP, plain_number, with_u95
@@ -45,7 +44,9 @@ if TYPE_CHECKING:
     from edmctl.results.run_file import SiteNumbers
 
 HEIGHT_MM, ROW_MM = 88.0, 74.0
-"""Of one hole, and of several side by side."""
+"""Of one hole at most, and of several side by side."""
+ACROSS_MM, AROUND_MM = 72.0, 35.0
+"""Width of the panel of one hole, and height of legend and words around it."""
 MOST_HOLES = 3
 """As many fit side by side; of more, the last ones are drawn."""
 TALLEST, FLATTEST = 1.3, 0.45
@@ -120,19 +121,19 @@ def draw(run: RunFile) -> Figure:
     """Draw the last holes of the run: one 85 mm wide, up to three 180 mm. Raises NothingToDraw."""
     sections, count = _sections(run)
     alone = len(sections) == 1
-    figure = new_figure(HEIGHT_MM if alone else ROW_MM, COLUMN_MM if alone else PAGE_MM)
+    height_mm = min(HEIGHT_MM, AROUND_MM + ACROSS_MM * _drawn_ratio(sections[0])) if alone else ROW_MM
+    figure = new_figure(height_mm, COLUMN_MM if alone else PAGE_MM)
     panels = figure.subplots(1, len(sections), squeeze=False)[0]
     named: dict[str, Artist] = {}
     first = count - len(sections) + 1
-    for number, (axes, section) in enumerate(zip(panels, sections, strict=True), first):
-        _draw_section(
-            axes, section, section.site.name if count == 1 else f"{section.site.name} ({number} of {count})"
-        )
+    for place, (axes, section) in enumerate(zip(panels, sections, strict=True)):
+        # The letter is part of the title: beside one so long there is no room for it.
+        letter = "" if alone else f"({'abc'[place]}) "
+        of_all = "" if count == 1 else f" ({first + place} of {count})"
+        _draw_section(axes, section, f"{letter}{section.site.name}{of_all}")
         handles, names = axes.get_legend_handles_labels()
         named.update(zip(names, handles, strict=True))
     panels[0].set_ylabel("below the face (µm)")
-    if not alone:
-        letter_panels(panels)
     figure.legend(
         named.values(),
         named,
@@ -166,12 +167,8 @@ def _sections(run: RunFile) -> tuple[list[Section], int]:
 
 
 def _draw_section(axes: Axes, section: Section, title: str) -> None:
-    site, wall_um = section.site, section.wall_um
-    outline = section.true_outline()
-    widest_um = wall_um if outline is None else max(wall_um, float(np.nanmax(outline[:, 0])))
-    right_um, left_um = 2.7 * widest_um, -1.35 * widest_um
-    lowest_um = max(section.end_um, site.depth_um + section.lost_um)
-    top_um, bottom_um = -0.28 * lowest_um, 1.16 * lowest_um
+    outline, widest_um = section.true_outline(), _widest_um(section)
+    left_um, right_um, bottom_um, top_um = _ends(section)
     _draw_work(axes, section, (left_um, right_um), bottom_um)
     _draw_tool(axes, section, top_um)
     if outline is not None:
@@ -185,6 +182,25 @@ def _draw_section(axes: Axes, section: Section, title: str) -> None:
     axes.locator_params(axis="x", nbins=5)
     axes.set_title(title if scale == 1.0 else f"{title}, depth × {scale:g}", pad=2.0)
     axes.set_xlabel("\n".join(["across (µm)", *_words(section)]))
+
+
+def _widest_um(section: Section) -> float:
+    outline = section.true_outline()
+    return section.wall_um if outline is None else max(section.wall_um, float(np.nanmax(outline[:, 0])))
+
+
+def _ends(section: Section) -> tuple[float, float, float, float]:
+    """Return the left, right, lower and upper end of what is shown, µm."""
+    widest_um = _widest_um(section)
+    lowest_um = max(section.end_um, section.site.depth_um + section.lost_um)
+    return -1.35 * widest_um, 2.7 * widest_um, 1.16 * lowest_um, -0.28 * lowest_um
+
+
+def _drawn_ratio(section: Section) -> float:
+    """Height over width of what is shown, as it is drawn."""
+    left_um, right_um, bottom_um, top_um = _ends(section)
+    ratio = (bottom_um - top_um) / (right_um - left_um)
+    return ratio * _scale(ratio)
 
 
 def _draw_work(axes: Axes, section: Section, ends_um: tuple[float, float], bottom_um: float) -> None:

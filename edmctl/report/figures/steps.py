@@ -152,8 +152,11 @@ def _draw_site(axes: Axes, readings: _Readings, left: float, words: str, *, alon
         _arrow(axes, at, ends, colour)
         if alone:
             called = "tip below\nthe face" if name == "depth" and site.through else name
+            number_um = _number(site, name)
+            if name == "feed":  # between its arrow and the step there is little room
+                number_um = number_um.replace(" ±", "\n±")
             axes.annotate(
-                f"{called}\n{_number(site, name)} µm",
+                f"{called}\n{number_um} µm",
                 (at, 0.5 * (ends[0] + ends[1])),
                 xytext=(3.0, 0.0),
                 textcoords="offset points",
@@ -191,7 +194,7 @@ def _arrow(axes: Axes, at: float, ends: tuple[float, float], colour: str) -> Non
 
 def _number(site: SiteNumbers, name: str) -> str:
     value_um: float = getattr(site, f"{name}_um")
-    u95_um: float = math.nan if name == "feed" else getattr(site, f"{name}_u95_um")
+    u95_um: float = getattr(site, f"{name}_u95_um")
     basis = site.wear_basis if name == "wear" else site.depth_basis if name == "depth" else ""
     return marked(with_u95(value_um, u95_um, 1), basis)
 
