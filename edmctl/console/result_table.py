@@ -37,7 +37,7 @@ FIRST_TO_GO = ("feed µm", "stops", "machining")
 """Columns of a table that is too wide, the dispensable ones first: a feed is depth and wear together."""
 MOST_BLOCKS = 2
 """Sites with a block of their own; more make a table."""
-_MENDS = "`edmctl measure-drift` mends it"
+_SEE = "see `edmctl measure-drift`"
 
 
 def render_job(
@@ -166,7 +166,7 @@ def drift_in_words(found: Site | ChannelResult) -> str:
     if not isfinite(left_um):
         return ""
     if not found.drift_by_rests:
-        return f"± {length(left_um)} of the wear; {_MENDS}" if _costs_much(found) else ""
+        return f"± {length(left_um)} of the wear; {_SEE}" if _costs_much(found) else ""
     if not found.drift_correction_um:
         return f"nothing taken off: touches do not see it; ± {length(left_um)} left"
     return f"{length(found.drift_correction_um, left_um)} by the rests, taken off wear and Z values"
@@ -188,7 +188,7 @@ def _drift_of_many(sites: Sequence[Site], columns: int) -> list[str]:
     left_um = [U95 * site.drift_left_u_um for site in sites if _costs_much(site)]
     if not left_um:
         return []
-    return wrapped(f"Drift: up to ± {length(max(left_um))} of the wear; {_MENDS}.", columns)
+    return wrapped(f"Drift: up to ± {length(max(left_um))} of the wear; {_SEE}.", columns)
 
 
 def beliefs_in_words(beliefs: Sequence[Belief]) -> str:

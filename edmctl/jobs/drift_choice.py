@@ -74,7 +74,7 @@ def doubts_of_use(choice: DriftChoice, unknown_use_s: float) -> list[Diagnostic]
     if choice.model is None or unknown_use_s >= FADED_S:
         return []
     message = (
-        f"How the actuator was used until {duration(unknown_use_s)} ago is unknown: a command was killed or stopped, "
+        f"How the actuator was used until {duration(unknown_use_s)} ago is unknown: a command was killed, stopped, "
         "or followed no creep. Where the rests tell less of the drift than the setup does, nothing is corrected."
     )
     hint = "Half an hour of rest mends it; the next run knows what this one leaves."

@@ -180,7 +180,7 @@ def drift_row(**changes: float | Basis | bool) -> str:
 
 
 def test_what_drift_costs_is_told_with_the_command_that_mends_it() -> None:
-    assert drift_row(drift_left_u_um=0.25) == "drift ± 0.49 µm of the wear; `edmctl measure-drift` mends it"
+    assert drift_row(drift_left_u_um=0.25) == "drift ± 0.49 µm of the wear; see `edmctl measure-drift`"
     assert drift_row(drift_left_u_um=0.05) == ""
     assert drift_row(drift_left_u_um=math.nan) == ""
     assert drift_row(drift_left_u_um=0.25, wear_basis=Basis.MODEL) == ""
@@ -204,7 +204,7 @@ def test_a_drift_that_touches_do_not_see_is_told_and_no_command_that_was_given_a
 def test_drift_in_the_wear_of_many_holes_is_one_sentence() -> None:
     costly = tuple(made_site(name=f"hole-{i}", drift_left_u_um=0.2 + 0.01 * i) for i in range(5))
     text = " ".join(render_job(made_job(sites=costly)).split())
-    assert "Drift: up to ± 0.47 µm of the wear; `edmctl measure-drift` mends it." in text
+    assert "Drift: up to ± 0.47 µm of the wear; see `edmctl measure-drift`." in text
     mended = tuple(
         replace(site, drift_correction_um=-0.5 - site.drift_left_u_um, drift_by_rests=True) for site in costly
     )

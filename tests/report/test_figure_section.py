@@ -125,8 +125,8 @@ def test_the_figure_of_one_hole_is_as_high_as_it_needs(tmp_path: Path) -> None:
     for depth_um in (60.0, 180.0, 500.0):
         writer = made_up.new_run(tmp_path, name=f"{depth_um}.h5")
         writer.append(replace(a_site_row(), depth_um=depth_um, wear_um=0.3 * depth_um))
-        (axes,) = panels(writer.finish("done", 0))
-        heights.append(axes.figure.get_size_inches()[1] * 25.4)
+        with open_run(writer.finish("done", 0)) as run, house_style():
+            heights.append(float(section.draw(run).get_size_inches()[1]) * 25.4)
     assert heights[1] < section.HEIGHT_MM - 3.0
     assert max(heights) <= section.HEIGHT_MM + 1e-6
 
