@@ -152,15 +152,14 @@ class ActuatorModel:
 
         if not len(times_s):
             return np.empty(0)
-        path_s, path_v, ends = times_s, volts, None
-        if self.lag_s > 0.0:
-            path_s, path_v, ends = self.path(state, times_s, volts)
-        output = np.empty(len(path_s))
-        advance_bank(
-            path_s,
-            path_v,
+        output = np.empty(len(times_s))
+        state.lagged_v = advance_bank(
+            times_s,
+            volts,
             state.t_s,
+            state.u_v,
             state.lagged_v,
+            self.lag_s,
             self.thresholds_v,
             self.knots_v,
             self.slopes_um_per_v,
@@ -172,12 +171,11 @@ class ActuatorModel:
             state.plays_v,
             state.stops_v,
             state.lags_v,
-            np.empty((3, len(self.time_constants_s))),
             output,
         )
         state.u_v, state.t_s = float(volts[-1]), float(times_s[-1])
-        state.lagged_v = state.u_v if ends is None else float(path_v[-1])
-        return (output if ends is None else output[ends]) + self.zero_um
+        output += self.zero_um
+        return output
 
     def at_once_um(self, state: ActuatorState, u_v: float) -> float:
         """Return where a voltage brings the actuator at once, behind the lag and before any creep; the state stays.
@@ -422,7 +420,12 @@ class Estimator:
 
     def tick(self, u_v: float, dt_s: float) -> float:
         """Displacement in µm when the voltage is `u_v`, `dt_s` after the last sample; raises as `advance`."""
-        return float(self.advance(np.array([self.state.t_s + dt_s]), np.array([u_v]))[0])
+        t_s, volts = np.array([self.state.t_s + dt_s], np.float64), np.array([u_v], np.float64)
+        is_plain = self.model.delay_s == 0.0 and dt_s >= 0.0 and math.isfinite(u_v) and math.isfinite(dt_s)
+        if not is_plain:
+            return float(self.advance(t_s, volts)[0])
+        self.model.check_state(self.state)
+        return self.gain * float(self.model.advance_checked(self.state, t_s, volts)[0]) + self.offset_um
 
     def advance(self, t_s: Array, u_v: Array) -> Array:
         """Displacement in µm, shape (n,), at consecutive samples; time runs on from the last one.

@@ -262,8 +262,8 @@ def followed(taus: Array, step_s: float, known_s: float, follow: Array) -> float
     return known_s
 
 
-@cached
-def advance_bank(
+@compiled
+def advance_path(
     t_s: Array,
     u_v: Array,
     since_s: float,
@@ -282,7 +282,7 @@ def advance_bank(
     follow: Array,
     output: Array,
 ) -> None:
-    """Advance the state over k samples; `output` (k,) receives the displacement, µm.
+    """Advance the state along k points behind the lag; `output` (k,) receives the displacement, µm.
 
     `since_s` and `before_v` are the time and the voltage that the state belongs to; `follow` (3, j) is room to
     work in.
@@ -320,6 +320,52 @@ def advance_bank(
             total += roundness[i] * (rounded[i, 4] * u_v[k] - stops[i])
         before_v = u_v[k]
         output[k] = total + creep
+
+
+@cached
+def advance_bank(
+    t_s: Array,
+    u_v: Array,
+    since_s: float,
+    from_v: float,
+    lagged_v: float,
+    lag_s: float,
+    thresholds: Array,
+    knots: Array,
+    slopes: Array,
+    rounded: Array,
+    roundness: Array,
+    creeping: Indices,
+    taus: Array,
+    weights: Array,
+    plays: Array,
+    stops: Array,
+    lags: Array,
+    output: Array,
+) -> float:
+    """Advance the state over k > 0 samples; `output` (k,) receives the displacement, µm.
+
+    `since_s`, `from_v` and `lagged_v` are the time, the voltage and that behind the lag which the state belongs to;
+    the last of them after the samples comes back.
+    """
+    follow = np.empty((3, taus.shape[0]))
+    if lag_s == 0.0:
+        advance_path(
+            t_s, u_v, since_s, lagged_v, thresholds, knots, slopes, rounded, roundness, creeping, taus, weights,
+            plays, stops, lags, follow, output,
+        )  # fmt: skip
+        return float(u_v[-1])
+    count = t_s.shape[0]
+    times, volts, path_um = np.empty(2 * count), np.empty(2 * count), np.empty(2 * count)
+    ends = np.empty(count, dtype=np.int64)
+    points = lagged_path(t_s, u_v, since_s, from_v, lagged_v, lag_s, times, volts, ends)
+    advance_path(
+        times[:points], volts[:points], since_s, lagged_v, thresholds, knots, slopes, rounded, roundness, creeping,
+        taus, weights, plays, stops, lags, follow, path_um[:points],
+    )  # fmt: skip
+    for k in range(count):
+        output[k] = path_um[ends[k]]
+    return float(volts[points - 1])
 
 
 @cached
