@@ -16,10 +16,15 @@ from edmctl.simulator.workpiece import compile_loops
 
 if TYPE_CHECKING:
     from edmctl.simulator.config import BenchConfig
+    from edmctl.simulator.firmware_controller import FirmwareController
     from edmctl.simulator.injection import Injection, LineState
     from edmctl.simulator.work_under_tool import Floats
 
+    AnyController = VirtualController | FirmwareController
 
+PYTHON, FIRMWARE, FIRMWARE_FLOAT = "python", "firmware", "firmware-float"
+CONTROLLERS = (PYTHON, FIRMWARE, FIRMWARE_FLOAT)
+"""What can drive a bench: the virtual controller, the firmware's core with its bits, and that with a board's."""
 SETTLE_TICKS, MOST_SETTLES = 50, 2000
 
 
@@ -43,7 +48,7 @@ class HoleTruth:
 class MemoryTransport:
     """A line without wire: real frame bytes, virtual time, which passes only while the host reads (`HostWait`)."""
 
-    def __init__(self, controller: VirtualController) -> None:
+    def __init__(self, controller: AnyController) -> None:
         self.name = "sim:"
         self.live = False
         self._controller = controller
@@ -76,12 +81,23 @@ class MemoryTransport:
             raise LinkLost("The line to sim: broke: it was unplugged.", hint="Check the cable.", code="E4003")
 
 
-class VirtualBench:
-    """A controller over a plant, and what an all-seeing observer would know of it."""
+def _controller_of(plant: Plant, kind: str) -> AnyController:
+    if kind == PYTHON:
+        return VirtualController(plant, Commands)
+    from edmctl.simulator.firmware_controller import FirmwareController
 
-    def __init__(self, config: BenchConfig, seed: int) -> None:
+    return FirmwareController(plant, "float" if kind == FIRMWARE_FLOAT else "double")
+
+
+class VirtualBench:
+    """A controller over a plant, and what an all-seeing observer would know of it.
+
+    `controller` is one of CONTROLLERS; the firmware's core is built at the first use (edmctl/firmware).
+    """
+
+    def __init__(self, config: BenchConfig, seed: int, controller: str = PYTHON) -> None:
         self.plant = Plant(config, seed)
-        self.controller = VirtualController(self.plant, Commands)
+        self.controller: AnyController = _controller_of(self.plant, controller)
         self.transport = MemoryTransport(self.controller)
 
     @property
@@ -158,6 +174,6 @@ class VirtualBench:
         return self.plant.tool_wear_um
 
 
-def open_bench(config: BenchConfig, seed: int) -> VirtualBench:
+def open_bench(config: BenchConfig, seed: int, controller: str = PYTHON) -> VirtualBench:
     """Set up a fresh virtual bench; the same config and seed give the same machine and the same run."""
-    return VirtualBench(config, seed)
+    return VirtualBench(config, seed, controller)

@@ -247,6 +247,14 @@ class LinkEndpoint:
         return self._execute(message)
 
 
+class Answering(Protocol):
+    """An end of the line."""
+
+    @property
+    def urgent(self) -> bool:
+        """Whether somebody waits for what is to be sent."""
+
+
 class HostWait:
     """Lets time pass for a host that waits.
 
@@ -254,7 +262,7 @@ class HostWait:
     clock, a millisecond passes after every eight answers.
     """
 
-    def __init__(self, link: LinkEndpoint, advance: Callable[[int], None]) -> None:
+    def __init__(self, link: Answering, advance: Callable[[int], None]) -> None:
         self._link, self._advance = link, advance
         self._answers = 0
 
