@@ -164,10 +164,10 @@ class HelloReply(Message):
     fw_major: int  # u8
     fw_minor: int  # u8
     fw_patch: int  # u8
-    git: int  # u32
+    git: int  # u32: first eight digits of the commit, 0 where unknown
     serial: str  # s12: ASCII, zero padded
     board: int  # u16: 0 = virtual controller
-    servo_hz: int  # u16 Hz
+    servo_hz: int  # u16 Hz: ticks of the servo a second
     tlm_max_hz: int  # u16 Hz
     rx_window: int  # u8: commands that may be outstanding
     boot_count: int  # u32
@@ -203,8 +203,8 @@ class HeartbeatReply(Message):
     t_dev_us: int  # u64 us: controller time
     state: int  # u8: State
     fault: int  # u16
-    rx_bad: int  # u16: frames dropped for a bad check
-    rx_drop: int  # u16: frames dropped for another session
+    rx_bad: int  # u16: frames dropped for a bad check, modulo 65536
+    rx_drop: int  # u16: frames dropped for another session or as no command, modulo 65536
 
 
 @dataclass(slots=True)
@@ -320,7 +320,9 @@ class Disarm(Request[Ack]):
 
 @dataclass(slots=True)
 class ClearFault(Request[Ack]):
-    """Leaves FAULT for IDLE; must name the latched code."""
+    """Leaves FAULT for IDLE; must name the latched code. BUSY until the retreat has ended, and while more
+    than 30 events wait.
+    """
 
     ID, NAME = 0x0A, "CLEAR_FAULT"
     WIRE = "u16"
@@ -527,7 +529,9 @@ class PathMove(Request[Ack]):
 
 @dataclass(slots=True)
 class PulseConfig(Request[Ack]):
-    """Sets the generator. Pulses must be off."""
+    """Sets the generator. Pulses must be off. OUT_OF_RANGE for a period below 20 us or above 1 s, and for
+    what the generator cannot do.
+    """
 
     ID, NAME = 0x20, "PULSE_CONFIG"
     WIRE = "u32/1000 u32/1000 u16/200 u16/1000 u8 u32/1000"
@@ -537,12 +541,14 @@ class PulseConfig(Request[Ack]):
     open_voltage_v: float  # u16 × 0.005 V
     peak_current_a: float  # u16 × 0.001 A
     mode: int  # u8: PulseMode
-    discharge_us: float  # u32 × 0.001 us: isopulse only
+    discharge_us: float  # u32 × 0.001 us: ISOPULSE only, and not 0 there
 
 
 @dataclass(slots=True)
 class PulseEnable(Request[Ack]):
-    """Permits pulses. They flow in APPROACH and MACHINING only."""
+    """Permits pulses. They flow in APPROACH and MACHINING only. DISARM, faults and resets end the permission,
+    the end of a cut does not.
+    """
 
     ID, NAME = 0x21, "PULSE_ENABLE"
     WIRE = "u8"
@@ -589,7 +595,7 @@ class BlackboxReadReply(Message):
         ("flags", "u8", 1),
     )
 
-    total: int  # u16: samples held, at most 2048
+    total: int  # u16: samples held, at most 2048; 500 at least after 0.5 s
     t0_us: int  # u32 us: time of the first sample of this reply, modulo 2^32
     n: int  # u8: samples in this reply, 0 behind the end
     records: bytes  # n × 16 bytes, see RECORD
@@ -598,7 +604,7 @@ class BlackboxReadReply(Message):
 @dataclass(slots=True)
 class BlackboxRead(Request[BlackboxReadReply]):
     """Servo samples of every millisecond up to the latched fault, frozen by it, oldest first. Without a
-    fault: up to now. Samples are those of TLM.
+    fault: up to now. Samples are those of TLM. CLEAR_FAULT begins anew.
     """
 
     ID, NAME = 0x30, "BLACKBOX_READ"
@@ -629,8 +635,9 @@ class WaveformReadReply(Message):
 @dataclass(slots=True)
 class WaveformRead(Request[WaveformReadReply]):
     """Gap voltage and gap current about the latched fault, sample by sample, oldest first: from up to 64
-    pulses before it to 16 pulse periods after it. BUSY until those have passed. total is 0 without a fault,
-    where no pulse came shortly before it, and from controllers that keep no waveforms.
+    pulses before it to 16 pulse periods after it. BUSY until those have passed. A memory that is shorter
+    holds less, a fifth of it after the fault. total is 0 without a fault, where no pulse came shortly before
+    it, and from controllers that keep no waveforms.
     """
 
     ID, NAME = 0x31, "WAVEFORM_READ"
@@ -703,8 +710,8 @@ class Fault(Message):
 
     event_no: int  # u16
     t_us: int  # u32 us
-    code: int  # u16
-    detail: int  # i32
+    code: int  # u16: of the table of faults
+    detail: int  # i32: as the page says
     displacement_um: float  # i32 × 0.001 um
     gap_v: float  # u16 × 0.005 V
 
@@ -716,7 +723,7 @@ class Log(Message):
     ID, NAME = 0x83, "LOG"
     WIRE = "u8 utf8"
 
-    level: int  # u8
+    level: int  # u8: 0 information, 1 warning, 2 error
     text: str  # utf8: to the end of the payload
 
 

@@ -453,8 +453,8 @@ WAVEFORMS = Table(
     "/entry/waveforms",
     "NXdata",
     4096,
-    "the gap about a fault that the controller latched, sample by sample: 64 pulses before and 16 periods after; "
-    "empty without one, or where the controller keeps no waveforms",
+    "the gap about a fault that the controller latched, sample by sample: up to 64 pulses before and 16 periods "
+    "after; empty without one, or where the controller keeps no waveforms",
     (
         _TIME,
         Column("v_gap", "gap_v", "f4", "V", "gap voltage"),

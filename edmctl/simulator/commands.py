@@ -117,7 +117,7 @@ class Commands:
             return Status.BAD_STATE, b""
         if request.fault != self._c.fault:
             return Status.OUT_OF_RANGE, b""
-        if self._c.loop.mode != HOLD:
+        if self._c.loop.mode != HOLD or not self._c.link.takes_faults:
             return Status.BUSY, b""
         if open_inputs := self._c.guards.open_interlocks():
             return Status.INTERLOCK, open_inputs.to_bytes(2, "little")
@@ -216,7 +216,8 @@ class ServiceCommands:
         if request.period_us * TLM_MAX_HZ < 1_000_000:
             return Status.RATE_TOO_HIGH, b""
         pulses = request.period_us * 1000 / self._c.settings.pulse_period_ns
-        if request.period_us % 1000 or not 1 <= request.batch <= 14 or pulses > 255:
+        fits = not request.period_us % 1000 and 1 <= request.batch <= 14 and pulses <= 255
+        if not fits or request.pulse_log > m.PulseLog.FULL:
             return Status.OUT_OF_RANGE, b""
         needed = (1.0 + RATE_RESERVE) * bytes_per_second(
             request, self._c.settings.pulse_period_ns, self._c.settings.block_size

@@ -91,6 +91,17 @@ class VirtualController:
         settings.duty_v = open_v * on_time_us / (on_time_us + off_time_us)
         settings.per_duty_v = 1.0 / settings.duty_v
 
+    def count_from(self, time_us: int, event_no: int, boot_count: int, frames: int, pulse_no: int) -> None:
+        """Let every counter of the link stand where it does after a long time, as tests of its wrap need it.
+
+        `frames` are those of telemetry, and those that came damaged and for other sessions.
+        """
+        self.boot_tick = self.tick - time_us // 1000
+        self.telemetry.count_from(self.boot_tick, frames)
+        self.link.count_from(event_no, frames, frames)
+        self.boot_count = boot_count
+        self.loop.pulse_no = pulse_no
+
     @property
     def tick(self) -> int:
         """Milliseconds since the machine was set up; resets do not touch them."""
@@ -214,7 +225,13 @@ class VirtualController:
         v: float | None = None,
         ago_ticks: int = 0,
     ) -> None:
-        """Report an event, after the telemetry up to it."""
+        """Report an event, after the telemetry up to it.
+
+        A host that lets so many of them wait that there is no place for it is one that does not listen.
+        """
+        if not self.link.takes_events:
+            self.raise_fault(FaultCode.HOST_SILENT, code)
+            return
         self.telemetry.flush()
         event = m.Event(
             event_no=self.link.next_event_no(),
@@ -296,7 +313,7 @@ class VirtualController:
     def clear_fault(self) -> None:
         """Leave FAULT or ESTOP for IDLE."""
         self.fault = 0
-        self.black_box.thaw()
+        self.black_box.thaw(self.tick)
         self.waveforms.thaw()
         self.set_state(State.IDLE)
 
@@ -319,7 +336,7 @@ class VirtualController:
             self._freeze()
             self.fault = int(FaultCode.RESET)
         self.waveforms.forget()
-        self.boot_count += 1
+        self.boot_count = (self.boot_count + 1) & 0xFFFFFFFF
         self.boot_tick = self.tick
         self.reset_cause = cause
         self._repeat_tick = NEVER

@@ -32,7 +32,8 @@ _MOST = 0xFFFF
 
 PULSES_BEFORE, PERIODS_AFTER = 64, 16
 MOST_SAMPLES = 65536
-MOST_AFTER = MOST_SAMPLES // 5
+SHARE_AFTER = 5
+"""A fifth of the memory is for the time after a fault."""
 WAVEFORM_PER_REPLY = 58
 _LONG_AGO_NS = -1e18
 _RECORD = WaveformReadReply.record_dtype()
@@ -52,11 +53,15 @@ VOLTAGE_NOISE_V, CURRENT_NOISE_A = 0.05, 0.0005  # rms of the converters [assume
 
 
 class BlackBox:
-    """A ring that the kernel writes; a fault freezes what it holds then."""
+    """A ring that the kernel writes; a fault freezes what it holds then.
+
+    begin_tick : what lies before it counts no more: when the last fault was cleared.
+    """
 
     def __init__(self) -> None:
         self.ring = np.zeros((BOX_TICKS, BOX_COLUMNS))
         self._frozen: tuple[NDArray[np.float64], int, int] | None = None
+        self.begin_tick = 0
 
     def freeze(self, now: int, start: int) -> None:
         """Keep the ring as it is at tick `now` of a controller started at tick `start`; what is kept stays."""
@@ -68,9 +73,10 @@ class BlackBox:
         """When a fault froze it; None while it goes on."""
         return None if self._frozen is None else self._frozen[1]
 
-    def thaw(self) -> None:
-        """Let the ring go on."""
+    def thaw(self, now: int) -> None:
+        """Begin anew at tick `now`: a board has no second memory for the time that a fault was latched."""
         self._frozen = None
+        self.begin_tick = now
 
     def newest_flags(self, now: int) -> int:
         """TlmFlags of the millisecond that ended at tick `now`."""
@@ -79,7 +85,7 @@ class BlackBox:
     def read(self, offset: int, now: int, start: int) -> BlackboxReadReply:
         """Part of what is held, oldest first, from sample `offset` on."""
         ring, end, origin = self._frozen or (self.ring, now, start)
-        total = min(BOX_TICKS, end - origin)
+        total = min(BOX_TICKS, end - max(origin, self.begin_tick))
         first = end - total + offset
         n = max(0, min(SAMPLES_PER_REPLY, total - offset))
         records = _records(ring[np.arange(first, first + n) & (BOX_TICKS - 1)])
@@ -183,14 +189,20 @@ class Waveforms:
     """What a fault froze of the newest pulses, which the plant keeps.
 
     frozen : the pulses about the fault, None without one. boot_ns : when the controller started that saw it.
+    memory : samples that there is room for; boards have less.
     """
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
         self.frozen: RecentPulses | None = None
         self.boot_ns = 0
+        self.memory = MOST_SAMPLES
         self._records = b""
         self.forget()
+
+    @property
+    def _most_after(self) -> int:
+        return self.memory // SHARE_AFTER
 
     def forget(self) -> None:
         """Begin anew, as after a reset or with another setting of the generator; what is frozen stays."""
@@ -202,7 +214,7 @@ class Waveforms:
             return
         plant, fault_ns = self._plant, now * TICK_NS
         period_ns = plant.unit.pulse_period_ns
-        oldest_ns = fault_ns - min(PULSES_BEFORE * period_ns, (MOST_SAMPLES - MOST_AFTER) * SAMPLE_NS)
+        oldest_ns = fault_ns - min(PULSES_BEFORE * period_ns, (self.memory - self._most_after) * SAMPLE_NS)
         ring = np.rec.fromarrays([plant.scope.array(name) for name in PULSE_COLUMNS], PULSE)
         rows = ring[ring["start_ns"].argsort(kind="stable")]
         self.frozen = RecentPulses(
@@ -225,7 +237,7 @@ class Waveforms:
         pulses = self.frozen
         if pulses is None or len(pulses.rows) == 0:
             return WaveformReadReply(0, 0, SAMPLE_NS, 0, b"")
-        end_ns = pulses.fault_ns + min(PERIODS_AFTER * pulses.period_ns, MOST_AFTER * SAMPLE_NS)
+        end_ns = pulses.fault_ns + min(PERIODS_AFTER * pulses.period_ns, self._most_after * SAMPLE_NS)
         if now * TICK_NS < end_ns:
             return None
         begin_ns = int(pulses.rows["start_ns"][0]) // SAMPLE_NS * SAMPLE_NS

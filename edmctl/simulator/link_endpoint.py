@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 REPLY_BIT = 0x40
 REPLIES_KEPT = 8
 NONCES_KEPT = 8
+EVENTS_KEPT = 32
+FOR_FAULTS = 2
+"""Places of those that only a FAULT takes: the one that latches, and an emergency stop over it."""
 ANSWERS_PER_TICK = 8
 _HALF = 128
 """Commands may run so far ahead of the newest one executed; what lies behind it is a late copy."""
@@ -87,6 +90,20 @@ class LinkEndpoint:
     def rx_bad(self) -> int:
         """Frames dropped for a bad check."""
         return self._decoder.bad
+
+    @property
+    def takes_events(self) -> bool:
+        """Whether another EVENT may wait for its acknowledgement, and two FAULTs after it."""
+        return len(self._unacknowledged) < EVENTS_KEPT - FOR_FAULTS
+
+    @property
+    def takes_faults(self) -> bool:
+        """Whether two more FAULTs may wait."""
+        return len(self._unacknowledged) <= EVENTS_KEPT - FOR_FAULTS
+
+    def count_from(self, event_no: int, bad: int, dropped: int) -> None:
+        """Let the counters stand where they do after a long time."""
+        self._event_no, self._decoder.bad, self.rx_drop = event_no, bad, dropped
 
     @property
     def greeting(self) -> bool:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from edmctl.simulator.link_endpoint import Outcome
 
 # What the virtual generator can do.
-PERIOD_US_MIN, PERIOD_US_MAX = 20.0, 1e6
+PERIOD_NS_MIN, PERIOD_NS_MAX = 20_000, 1_000_000_000
 OPEN_V_MAX, CURRENT_A_MAX = 300.0, 10.0
 MOST_BELOW_ZERO_UM, MOST_ABOVE_ZERO_UM = 5.0, 25.0
 """A tool at rest at 0 V reads no further from its home: noise and drift since the host looked are below 1 µm, and
@@ -197,14 +197,15 @@ class MotionCommands:
     def _pulse_config(self, request: m.PulseConfig) -> Outcome:
         if self._c.state not in (State.IDLE, State.ARMED):
             return Status.BAD_STATE, b""
-        period_us = request.on_time_us + request.off_time_us
-        times_fit = request.on_time_us > 0.0 and PERIOD_US_MIN <= period_us <= PERIOD_US_MAX
+        isopulse = request.mode == m.PulseMode.ISOPULSE
+        period_ns = round(request.on_time_us * 1000.0) + round(request.off_time_us * 1000.0)
+        times_fit = request.on_time_us > 0.0 and PERIOD_NS_MIN <= period_ns <= PERIOD_NS_MAX
+        mode_fits = request.mode <= m.PulseMode.ISOPULSE and (request.discharge_us > 0.0 or not isopulse)
         supply_fits = (
             0.0 < request.open_voltage_v <= OPEN_V_MAX and 0.0 < request.peak_current_a <= CURRENT_A_MAX
         )
-        if not (times_fit and supply_fits):
+        if not (times_fit and mode_fits and supply_fits):
             return Status.OUT_OF_RANGE, b""
-        isopulse = request.mode == m.PulseMode.ISOPULSE
         self._c.waveforms.forget()  # they were made with the setting before
         self._c.set_generator(
             request.on_time_us,

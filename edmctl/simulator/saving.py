@@ -197,6 +197,7 @@ def _controller_state(bench: VirtualBench, boots: int) -> State:
         "boot_count": boots,
         "event_no": controller.link._event_no,
         "ring": box.ring.copy(),
+        "box_begin": box.begin_tick,
         "is_frozen": int(frozen is not None),
         "frozen_ring": frozen[0] if frozen else np.zeros((0, BOX_COLUMNS)),
         "frozen_tick": frozen[1] if frozen else 0,
@@ -229,6 +230,7 @@ def _restore_controller(controller: VirtualController, state: State) -> None:
     controller.boot_count = _integer(state, "boot_count")
     controller.link._event_no = _integer(state, "event_no")
     _fill(box.ring, state["ring"])
+    box.begin_tick = _integer(state, "box_begin") if "box_begin" in state else 0
     if state["is_frozen"]:
         ring = np.zeros_like(box.ring)
         _fill(ring, state["frozen_ring"])

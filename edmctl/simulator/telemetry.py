@@ -78,27 +78,34 @@ class Telemetry:
         settings.tlm_ticks = ticks
         since = self._readings.tick - self._start_tick
         loop.tlm_next = self._start_tick + (since // ticks + 1) * ticks
-        loop.tlm_n = loop.sample_counts = 0
+        self._drop_pending()
+        loop.sample_counts = 0
         loop.charge_uc = 0.0
         settings.pulse_log = request.pulse_log
-        loop.log_n = loop.block_count = 0
         self._batch = request.batch
         self._full = request.pulse_log == PulseLog.FULL
         self._per_frame = PULSES_PER_FRAME if self._full else BLOCKS_PER_FRAME
 
     def forget(self) -> None:
         """Stop at once; what is pending is lost."""
-        loop = self._loop
-        loop.tlm_next = -1
+        self._loop.tlm_next = -1
         self._settings.pulse_log = PulseLog.OFF
+        self._drop_pending()
+
+    def _drop_pending(self) -> None:
+        loop = self._loop
         loop.tlm_n = loop.log_n = loop.block_count = loop.block_counts = 0
         loop.delay_sum_us = loop.energy_sum_uj = 0.0
 
     def restart(self) -> None:
         """Stop at once and count frames and time from zero, as after a reset."""
         self.forget()
-        self._tlm_counter = self._pulse_counter = 0
-        self._start_tick = self._readings.tick
+        self.count_from(self._readings.tick, frames=0)
+
+    def count_from(self, start_tick: int, frames: int) -> None:
+        """Count time from `start_tick`, and frames of either kind from `frames`."""
+        self._start_tick = start_tick
+        self._tlm_counter = self._pulse_counter = frames
 
     def stop(self) -> None:
         """Send what is pending, then stop."""

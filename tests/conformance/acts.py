@@ -152,10 +152,21 @@ def _to_approach(peer: Peer) -> None:
     peer.ok("APPROACH", speed_um_s=1.0, max_travel_um=100.0, gap_ref_v=0.9 * DUTY_V)
 
 
-def _to_machining(peer: Peer) -> None:
+def servo_start(peer: Peer, **servo: Any) -> None:
+    """From ARMED with pulses enabled to a cut that lasts, away from any work."""
+    given = {"gap_ref_v": 0.8 * DUTY_V, "z_limit_um": 100.0, "max_time_s": 60.0} | servo
+    peer.ok("SERVO_START", **given)
+
+
+def start_pulses(peer: Peer, **servo: Any) -> None:
+    """From IDLE to a cut away from any work, whose pulses are all open."""
     arm(peer)
     peer.ok("PULSE_ENABLE", on=1)
-    peer.ok("SERVO_START", gap_ref_v=0.8 * DUTY_V, z_limit_um=100.0, max_time_s=60.0)
+    servo_start(peer, **servo)
+
+
+def _to_machining(peer: Peer) -> None:
+    start_pulses(peer)
 
 
 def scan_start(peer: Peer, **scan: Any) -> None:

@@ -39,6 +39,26 @@ def new_bench(seed: int = 5) -> Any:
     return open_bench(BenchConfig(offset_um=20.0), seed)
 
 
+WRAP_16, WRAP_32 = 1 << 16, 1 << 32
+BEFORE_WRAP_US, PULSES_BEFORE_WRAP, BEFORE_WRAP = 250_000, 300, 3
+
+
+def count_to_the_wrap(bench: Any) -> None:
+    """Let every counter of the virtual controller stand shortly before it starts over."""
+    bench.controller.count_from(
+        time_us=WRAP_32 - WRAP_32 % 1000 - BEFORE_WRAP_US,
+        event_no=WRAP_16 - BEFORE_WRAP,
+        boot_count=WRAP_32 - 1,
+        frames=WRAP_16 - BEFORE_WRAP,
+        pulse_no=WRAP_32 - PULSES_BEFORE_WRAP,
+    )
+
+
+def shorten_waveforms(bench: Any, samples: int) -> None:
+    """Give the virtual controller a memory for so many samples of a waveform."""
+    bench.controller.waveforms.memory = samples
+
+
 class InProcess:
     """The virtual controller itself: bytes handed over, time let pass by the reader."""
 

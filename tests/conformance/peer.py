@@ -203,6 +203,16 @@ class Peer:
                 return self.beat
         raise AssertionError(self.story("HEARTBEAT was not answered", "safe-state-and-watchdog"))
 
+    def ok_at(self, name: str, **values: Any) -> int:
+        """Send a command that must be carried out; the controller's time when it came, µs."""
+        self.beat = None
+        self.send_beat()
+        self.ok(name, **values)
+        assert self.wait(lambda: self.beat is not None, 0.1), self.story("HEARTBEAT was not answered", "time")
+        assert self.beat is not None
+        at_us: int = self.beat["t_dev_us"]
+        return at_us
+
     # ----------------------------------------------------------------------------------------- commands
     def hello(self, session: int | None = None, **values: Any) -> Reply:
         """Open a session, by default with a new byte, and forget what came before."""

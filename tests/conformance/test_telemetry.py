@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.conformance import layouts, wire
-from tests.conformance.acts import start_sparks
+from tests.conformance.acts import clear, start_pulses, start_sparks
 from tests.conformance.peer import STATE, Peer, loses_nothing
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 PULSE_LOG = layouts.enum("PulseLog")
 PULSES_ON = layouts.enum("TlmFlags")["PULSES_ON"]
+LEAST_BOX, MOST_BOX = 500, 2048
 TLM = layouts.ANSWERS[layouts.NAMES["TLM"]]
 
 
@@ -126,7 +127,7 @@ def test_l23_the_black_box_holds_what_telemetry_sent(over_work: Peer) -> None:
     fault = peer.fault(0.5)
     sent = samples(peer.telemetry)
     total, kept = black_box(peer)
-    assert 500 <= total <= 2048
+    assert LEAST_BOX <= total <= MOST_BOX
     times = sorted(kept)
     assert times == list(range(times[0], times[0] + 1000 * total, 1000)), "one sample each millisecond"
     assert 0 <= fault["t_us"] - times[-1] <= 1000, peer.story(
@@ -155,4 +156,74 @@ def test_l23_without_a_fault_the_black_box_goes_on(peer: Peer) -> None:
     total = peer.ok("BLACKBOX_READ", offset=0).total
     page = peer.ok("BLACKBOX_READ", offset=65535)
     assert page.n == 0
-    assert 0 < total <= 2048
+    assert 0 < total <= MOST_BOX
+
+
+def test_l23_a_full_black_box_forgets_its_oldest_sample_alone(peer: Peer) -> None:
+    """Its size is what a controller holds at last; a host need not know it before."""
+    peer.pump(1e-3 * MOST_BOX)
+    size = peer.ok("BLACKBOX_READ", offset=0).total
+    assert LEAST_BOX <= size <= MOST_BOX, peer.story(f"it holds {size} samples", "black-box")
+    now_us = peer.ok_at("BLACKBOX_READ", offset=0)
+    before = peer.ok("BLACKBOX_READ", offset=0)
+    newest = peer.ok("BLACKBOX_READ", offset=size - 1)
+    peer.pump(0.1)
+    after = peer.ok("BLACKBOX_READ", offset=0)
+    assert (before.total, after.total) == (size, size), peer.story(
+        "a full black box has another size", "black-box"
+    )
+    gone_us = (after.t0_us - before.t0_us) % 2**32
+    assert gone_us >= 90_000, peer.story("a full black box does not go on", "black-box")
+    assert newest.n == 1
+    if peer.exact:
+        assert newest.t0_us == now_us % 2**32, peer.story("the newest sample is not of now", "black-box")
+        assert (newest.t0_us - before.t0_us) % 2**32 == 1000 * (size - 1)
+    for offset in (size, 65535):
+        assert peer.ok("BLACKBOX_READ", offset=offset).n == 0
+
+
+def test_l23_a_cleared_fault_begins_the_black_box_anew(peer: Peer) -> None:
+    peer.pump(0.2)
+    peer.write(wire.ABORT)
+    peer.fault(0.5)
+    peer.pump(0.2)
+    cleared_us = peer.fresh_beat()["t_dev_us"]
+    clear(peer)
+    peer.pump(0.05)
+    _, kept = black_box(peer)
+    oldest_us = (min(kept) - cleared_us + 2**31) % 2**32 - 2**31
+    assert oldest_us >= 0, peer.story("the black box holds samples from before CLEAR_FAULT", "black-box")
+    assert len(kept) > 30
+
+
+def test_l17_the_first_sample_is_the_next_multiple_of_the_period(peer: Peer) -> None:
+    period_us = 7000
+    peer.pump(0.003)
+    now_us = peer.ok_at("TLM_START", period_us=period_us, batch=3)
+    peer.pump(0.1)
+    first_us = peer.telemetry[0]["t0_us"]
+    if peer.exact:
+        due_us = (now_us // period_us + 1) * period_us
+        assert first_us == due_us % 2**32, peer.story(f"{first_us} us instead of {due_us} us", "telemetry")
+
+
+@pytest.mark.parametrize("again", ["TLM_START", "TLM_STOP"])
+def test_l17_telemetry_that_starts_anew_carries_nothing_of_before(over_work: Peer, again: str) -> None:
+    peer = over_work
+    start_pulses(peer)
+    size = layouts.PARAMETERS["block_pulses"].default
+    asked = {"period_us": 10_000, "batch": 5, "pulse_log": PULSE_LOG["BLOCKS"]}
+    for _ in range(4):
+        peer.ok("TLM_START", **asked)
+        peer.pump(0.107)  # a frame is not full, nor a block
+        if again == "TLM_STOP":
+            peer.ok("TLM_STOP")
+        peer.pump(0.002)
+    peer.pulses.clear()
+    peer.ok("TLM_START", **asked)
+    peer.pump(0.5)
+    block = layouts.ANSWERS[layouts.NAMES["PULSE_BLOCKS"]]
+    rows = [block.read_record(record) for frame in peer.pulses for record in frame["records"]]
+    assert len(rows) > 19
+    sums = {row["n_open"] + row["n_normal"] + row["n_arc"] + row["n_short"] for row in rows}
+    assert sums == {size}, peer.story(f"blocks of {sums} pulses", "telemetry")

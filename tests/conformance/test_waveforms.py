@@ -6,9 +6,11 @@ import struct
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 
 from tests.conformance import layouts, wire
-from tests.conformance.acts import ON_US, clear, lead, start_sparks
+from tests.conformance.acts import OFF_US, ON_US, clear, lead, start_pulses, start_sparks
+from tests.conformance.lines import shorten_waveforms
 from tests.conformance.peer import STATUS
 
 if TYPE_CHECKING:
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 PULSES = layouts.ANSWERS[layouts.NAMES["PULSES"]]
 OPEN = layouts.enum("PulseClass")["OPEN"]
 PULSES_BEFORE, PERIODS_AFTER = 64, 16
-OFF_US = 10.0
+SWITCH_OFF_US = 10.0
 
 
 def when_ready(peer: Peer, offset: int) -> Reply:
@@ -44,6 +46,39 @@ def waveforms(peer: Peer) -> tuple[int, float, NDArray[np.int16]]:
         data += b"".join(page.records)
     assert len(data) == 4 * total
     return page.t0_us, page.period_ns / 1000, np.frombuffer(data, "<i2").reshape(-1, 2)
+
+
+def assert_window(peer: Peer, begin_us: float, end_us: float, period_us: float, step_us: float) -> None:
+    """Fail where the record, in time after the fault, is not the part of 64 and 16 periods that a memory holds.
+
+    A fifth of the memory is for the time after the fault, so the time before is four times that, from the begin of
+    the first pulse on.
+    """
+    assert 0 < end_us <= PERIODS_AFTER * period_us + 1 + step_us, peer.story(
+        f"they end {end_us} us after the fault", "waveforms"
+    )
+    before_us, slack_us = 4.0 * end_us, 5.0 * (1 + step_us)
+    assert before_us - period_us - slack_us <= -begin_us <= before_us + slack_us, peer.story(
+        f"they begin {begin_us} us from the fault and end {end_us} us after it", "waveforms"
+    )
+
+
+@pytest.mark.parametrize("memory", [65536, 20_000, 2000])
+def test_l26_a_short_memory_holds_a_part_of_both_sides(over_work: Peer, memory: int) -> None:
+    peer = over_work
+    shorten_waveforms(peer.line.bench, memory)
+    start_pulses(peer)
+    peer.pump(0.2)
+    peer.write(wire.ABORT)
+    fault = peer.fault(0.5)
+    t0_us, step_us, counts = waveforms(peer)
+    shorten_waveforms(peer.line.bench, 65536)
+    begin_us = t0_us - fault["t_us"]
+    assert_window(peer, begin_us, begin_us + step_us * len(counts), ON_US + OFF_US, step_us)
+    whole = (PULSES_BEFORE + PERIODS_AFTER) * (ON_US + OFF_US)
+    assert len(counts) <= memory
+    assert len(counts) >= min(whole, memory) - (ON_US + OFF_US) - 2
+    assert counts[0, 0] < 1000 < counts[8, 0], peer.story("they do not begin with a pulse", "waveforms")
 
 
 def test_l26_without_a_fault_there_are_none(peer: Peer) -> None:
@@ -73,13 +108,8 @@ def test_l26_the_waveforms_are_the_pulses_that_telemetry_told(over_work: Peer) -
         for number, record in enumerate(frame["records"])
     }
     period_us = peer.pulses[0]["period_ns"] / 1000
-    begin_us, end_us = t0_us - fault["t_us"], t0_us - fault["t_us"] + step_us * len(counts)
-    assert -PULSES_BEFORE * period_us - 1 <= begin_us <= -(PULSES_BEFORE - 1) * period_us + 1, peer.story(
-        f"they begin {begin_us} us from the fault", "waveforms"
-    )
-    assert abs(end_us - PERIODS_AFTER * period_us) <= 1 + step_us, peer.story(
-        f"they end {end_us} us after the fault", "waveforms"
-    )
+    begin_us = t0_us - fault["t_us"]
+    assert_window(peer, begin_us, begin_us + step_us * len(counts), period_us, step_us)
     current_a = counts[:, 1] * 0.001
     compared = 0
     for start_us, (pulse_class, _, discharge, _) in told.items():
@@ -92,8 +122,8 @@ def test_l26_the_waveforms_are_the_pulses_that_telemetry_told(over_work: Peer) -
             f"current for {burning.sum()} samples, telemetry told {expected:.1f}", "waveforms"
         )
         compared += 1
-    assert compared >= PULSES_BEFORE - 2
-    after = round((fault["t_us"] + OFF_US - t0_us) / step_us)
+    assert compared >= min(PULSES_BEFORE, -begin_us / period_us) - 2
+    after = round((fault["t_us"] + SWITCH_OFF_US - t0_us) / step_us)
     assert np.abs(current_a[after:]).max() < 0.02, peer.story("current after the fault", "waveforms")
     peer.pump(0.3)
     assert np.array_equal(waveforms(peer)[2], counts), peer.story("a fault freezes them", "waveforms")

@@ -188,6 +188,20 @@ def test_the_waveforms_of_a_fault_cover_it_in_time_with_the_pulses(rig: MakeRig)
     assert r.machine.waveforms() is None
 
 
+def test_the_waveforms_of_a_short_memory_are_read_as_far_as_they_go(rig: MakeRig) -> None:
+    r = rig()
+    r.bench.controller.waveforms.memory = 2000
+    r.ready()
+    r.sparking()
+    r.machine.watch_cut(1.0)
+    r.bench.controller.raise_fault(FaultCode.DOOR)
+    batch, box = r.machine.waveforms(), r.machine.black_box()
+    assert batch is not None
+    assert box is not None
+    assert batch.time_s[-1] - box.time_s[-1] == pytest.approx(400e-6, abs=2e-6)
+    assert 1100 < len(batch.time_s) - 400 <= 1600
+
+
 def test_the_self_test_measures_the_mean_gap_voltage(rig: MakeRig) -> None:
     r = rig()
     r.ready()

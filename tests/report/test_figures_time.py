@@ -418,9 +418,9 @@ def test_a_segment_fits_half_of_the_samples() -> None:
     assert segment_size([20, 20], 100.0) == 0
 
 
-def write_waveforms(path: Path, *, fault: bool) -> Path:
+def write_waveforms(path: Path, *, fault: bool, begin_s: float = 0.0, end_s: float = 0.04) -> Path:
     writer = write_run(path, leaves=profile_leaves({"pulse": {"frequency_hz": 2000.0}}))
-    time_s = np.arange(0.0, 0.04, 1e-6)
+    time_s = np.arange(begin_s, end_s, 1e-6)
     on = (time_s % 5e-4) < 1.5e-4
     writer.append(WaveformBatch(100.0 + time_s, np.where(on, 22.0, 0.0), np.where(on, 0.12, 0.0)))
     if fault:
@@ -437,6 +437,15 @@ def test_waveforms_are_counted_from_the_fault(tmp_path: Path) -> None:
     assert {"fault", "voltage (V)", "current (A)", "time after the fault (ms)"} <= set(texts(figure))
     assert not overlaps(figure)
     assert width_mm(figure) == pytest.approx(85.0, abs=0.2)
+
+
+def test_waveforms_of_a_short_memory_are_drawn_as_far_as_they_go(tmp_path: Path) -> None:
+    path = write_waveforms(tmp_path / "a.h5", fault=True, begin_s=0.031, end_s=0.03225)
+    figure = drawn("waveforms", path)
+    for axes in (figure.axes[1], figure.axes[3]):  # two pulses before and half a period after
+        assert axes.get_xlim() == pytest.approx((-1.0, 0.25), abs=0.01)
+    assert "fault" in texts(figure)
+    assert not overlaps(figure)
 
 
 def test_no_plateau_of_a_waveform_is_above_every_number_of_its_axis(faulted_run_file: Path) -> None:
