@@ -93,6 +93,8 @@ void hal_path_begin(void *board);
 void hal_path_line(void *board, uint8_t row);
 /* The stages stop following, where edm_drive says. */
 void hal_path_end(void *board);
+/* Samples of the gap, 1 µs apart, that there is a ring for; 0: none are taken. */
+uint32_t hal_wave_memory(void *board);
 /* Keeps the samples of the gap from the begin of a pulse to an end after now, ns on the clock of edm_start. */
 void hal_wave_keep(void *board, int64_t begin_ns, int64_t end_ns);
 /* Reads kept samples: gap voltage and current as counts of the wire, by turns. A board without any keeps no record. */

@@ -12,6 +12,7 @@ from ctypes import (
     c_int16,
     c_int64,
     c_size_t,
+    c_uint16,
     c_uint32,
     c_void_p,
 )
@@ -83,6 +84,7 @@ CALLBACKS: dict[str, Any] = {
     "path_begin": CFUNCTYPE(None),
     "path_line": CFUNCTYPE(None, c_int64),
     "path_end": CFUNCTYPE(None),
+    "wave_memory": CFUNCTYPE(c_int64),
     "wave_keep": CFUNCTYPE(None),
     "wave_forget": CFUNCTYPE(None, c_int64),
     "wave_read": CFUNCTYPE(None, c_int64, c_int64, POINTER(c_int16)),
@@ -112,6 +114,7 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
     "taken": (None, (c_void_p,)),
     "heard": (None, (c_void_p,)),
     "set_boots": (None, (c_void_p, c_uint32)),
+    "count_from": (None, (c_void_p, c_int64, c_uint16, c_uint32, c_uint32, c_uint32)),
     "begin": (None, (c_void_p,)),
     "end": (c_int64, (c_void_p,)),
     "conclude": (None, (c_void_p, c_int64)),

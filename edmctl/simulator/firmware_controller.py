@@ -196,6 +196,7 @@ class FirmwareController:
             "path_begin": self.plant.begin_scan,
             "path_line": self.plant.draw_line_error,
             "path_end": lambda: self.plant.follow_stages(scan_goes_on=False),
+            "wave_memory": lambda: self.waveforms.memory,
             "wave_keep": lambda: self.waveforms.freeze(self.tick, self.boot_tick),
             "wave_forget": lambda kept: self.waveforms.thaw() if kept else self.waveforms.forget(),
             "wave_read": self._read_waveforms,
@@ -214,7 +215,7 @@ class FirmwareController:
                 return act(*arguments)
             except BaseException as error:
                 self._failed = error
-                return 0.0
+                return 0
 
         return call
 
@@ -300,6 +301,12 @@ class FirmwareController:
     def host_time_scale(self, scale: float) -> None:
         self._scale = scale
         self.tell_core()
+
+    def count_from(self, time_us: int, event_no: int, boot_count: int, frames: int, pulse_no: int) -> None:
+        """Let every counter of the link stand where it does after a long time, as tests of its wrap need it."""
+        self._library.count_from(
+            self._at, time_us, event_no, boot_count, frames & 0xFFFFFFFF, pulse_no & 0xFFFFFFFF
+        )
 
     def tell_core(self) -> None:
         """Tell the core what it is to say of itself and of its line."""

@@ -16,10 +16,8 @@ void blackbox_freeze(struct edm_controller *c) {
 /* CLEAR_FAULT: the record begins anew. */
 void blackbox_thaw(struct edm_controller *c) {
     struct edm_black_box *box = &c->box;
-    if (box->frozen) {
-        box->frozen = false;
-        box->since_tick = c->tick;
-    }
+    box->frozen = false;
+    box->since_tick = c->tick;
 }
 
 /* BLACKBOX_READ: up to 14 samples from sample `offset` on, the oldest being sample 0. */
@@ -40,10 +38,11 @@ void blackbox_read(struct edm_controller *c, uint16_t offset, struct edm_reply *
     blackbox_read_reply_write(reply->payload, &header);
     for (uint8_t i = 0; i < n; i++) {
         memcpy(reply->payload + BLACKBOX_READ_REPLY_SIZE + i * TLM_RECORD_SIZE,
-               box->ring[(first + i) % EDM_BOX_SAMPLES], TLM_RECORD_SIZE);
+               box->ring[(size_t)(first + i) % EDM_BOX_SAMPLES], TLM_RECORD_SIZE);
     }
     reply->size = (uint8_t)(BLACKBOX_READ_REPLY_SIZE + n * TLM_RECORD_SIZE);
 }
 
+_Static_assert((EDM_BOX_SAMPLES & (EDM_BOX_SAMPLES - 1)) == 0, "a power of two, so that places wrap");
 _Static_assert(BLACKBOX_READ_REPLY_RECORD_SIZE == TLM_RECORD_SIZE && PER_REPLY <= BLACKBOX_READ_REPLY_MOST,
                "samples are those of TLM");

@@ -143,7 +143,7 @@ static uint8_t clear_fault(struct edm_controller *c, const struct edm_frame *fra
     if (request.fault != c->keeps.fault) {
         return STATUS_OUT_OF_RANGE;
     }
-    if (c->motion.mode != HOLD) {
+    if (c->motion.mode != HOLD || !events_take_faults(c)) {
         return STATUS_BUSY;
     }
     uint8_t interlocks = look_at_interlocks(c);

@@ -27,6 +27,7 @@ void events_emit(struct edm_controller *c, uint16_t code);
 void events_emit_touch(struct edm_controller *c);
 void events_emit_arg(struct edm_controller *c, uint16_t code, int32_t arg);
 void events_emit_fault(struct edm_controller *c, uint16_t code, int32_t detail);
+bool events_take_faults(const struct edm_controller *c);
 void events_acknowledge(struct edm_controller *c, uint16_t last);
 void events_repeat(struct edm_controller *c);
 

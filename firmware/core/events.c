@@ -2,6 +2,7 @@
 #include "core.h"
 
 #define REPEAT_TICKS 100
+#define FOR_FAULTS 2 /* places that only a FAULT takes */
 
 /* Number of the next event; 0 means none. */
 static uint16_t next_number(struct edm_controller *c) {
@@ -14,27 +15,34 @@ static void repeat_later(struct edm_controller *c) {
     c->events.repeat_tick = c->tick + host_ticks(c, REPEAT_TICKS);
 }
 
-/* Sends an event or fault and keeps it; where the memory is full the oldest goes. */
+/* Sends an event or fault and keeps it: there is a place, for EVENTs leave two to FAULTs, and CLEAR_FAULT waits for them. */
 static void send_and_keep(struct edm_controller *c, uint8_t type, uint16_t number, const uint8_t *payload) {
     struct edm_events *events = &c->events;
     uint8_t frame[FRAME_MOST];
     size_t size = frame_encode(frame, type, 0, c->link.session, 0, payload, EVENT_SIZE);
-    if (events->count == EDM_EVENTS) {
-        memmove(events->kept, events->kept + 1, (EDM_EVENTS - 1) * sizeof events->kept[0]);
-        events->count--;
+    if (events->count < EDM_EVENTS) {
+        struct edm_kept_event *kept = &events->kept[events->count++];
+        kept->number = number;
+        memcpy(kept->frame, frame, EVENT_FRAME);
     }
-    struct edm_kept_event *kept = &events->kept[events->count++];
-    kept->number = number;
-    memcpy(kept->frame, frame, EVENT_FRAME);
     hal_send(c->board, frame, size);
     repeat_later(c);
 }
 
 _Static_assert(EVENT_SIZE == FAULT_SIZE && EVENT_FRAME == EVENT_SIZE + 11, "events and faults are of one size");
 
-/* Sends EVENT, after the telemetry up to it. */
+/* Whether two more FAULTs may wait: the one that latches, and an emergency stop over it. */
+bool events_take_faults(const struct edm_controller *c) {
+    return c->events.count <= EDM_EVENTS - FOR_FAULTS;
+}
+
+/* Sends EVENT, after the telemetry up to it. A host that leaves no place for it is one that does not listen. */
 static void emit(struct edm_controller *c, struct event *event) {
     uint8_t payload[EVENT_SIZE];
+    if (c->events.count >= EDM_EVENTS - FOR_FAULTS) {
+        states_raise(c, FAULT_HOST_SILENT, event->code);
+        return;
+    }
     telemetry_flush(c);
     event->event_no = next_number(c);
     event_write(payload, event);

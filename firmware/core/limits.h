@@ -35,12 +35,8 @@
 #define EDM_PENDING_PULSES (38 + 52 * EDM_LINGER_TICKS)
 
 /* The generator (PULSE_CONFIG). */
-#ifndef EDM_PERIOD_US_MIN
-#define EDM_PERIOD_US_MIN R(20.0)
-#endif
-#ifndef EDM_PERIOD_US_MAX
-#define EDM_PERIOD_US_MAX R(1e6)
-#endif
+#define EDM_PERIOD_NS_MIN 20000u
+#define EDM_PERIOD_NS_MAX 1000000000u
 #ifndef EDM_OPEN_V_MAX
 #define EDM_OPEN_V_MAX R(300.0)
 #endif

@@ -219,11 +219,13 @@ static uint8_t pulse_config(struct edm_controller *c, const struct edm_frame *fr
     if (c->state != STATE_IDLE && c->state != STATE_ARMED) {
         return STATUS_BAD_STATE;
     }
-    real period_us = request.on_time_us + request.off_time_us;
-    bool times_fit = request.on_time_us > 0 && period_us >= EDM_PERIOD_US_MIN && period_us <= EDM_PERIOD_US_MAX;
+    uint64_t period_ns = (uint64_t)get_u32(frame->payload) + get_u32(frame->payload + 4); /* counts of the wire */
+    bool times_fit = request.on_time_us > 0 && period_ns >= EDM_PERIOD_NS_MIN && period_ns <= EDM_PERIOD_NS_MAX;
+    bool isopulse = request.mode == PULSE_MODE_ISOPULSE;
+    bool mode_fits = request.mode <= PULSE_MODE_ISOPULSE && (request.discharge_us > 0 || !isopulse);
     bool supply_fits = request.open_voltage_v > 0 && request.open_voltage_v <= EDM_OPEN_V_MAX &&
                        request.peak_current_a > 0 && request.peak_current_a <= EDM_CURRENT_A_MAX;
-    if (!times_fit || !supply_fits) {
+    if (!times_fit || !mode_fits || !supply_fits) {
         return STATUS_OUT_OF_RANGE;
     }
     const struct edm_generator setting = {
@@ -231,7 +233,7 @@ static uint8_t pulse_config(struct edm_controller *c, const struct edm_frame *fr
         .off_time_us = request.off_time_us,
         .open_v = request.open_voltage_v,
         .peak_a = request.peak_current_a,
-        .discharge_us = request.mode == PULSE_MODE_ISOPULSE ? request.discharge_us : 0,
+        .discharge_us = isopulse ? request.discharge_us : 0,
     };
     waveforms_forget(c);
     parameters_set_generator(c, &setting);

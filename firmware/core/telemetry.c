@@ -35,7 +35,7 @@ uint8_t telemetry_start(struct edm_controller *c, const struct tlm_start *reques
     struct edm_telemetry *t = &c->telemetry;
     int64_t period_ns = (int64_t)request->period_us * 1000;
     if (request->period_us % TICK_US != 0 || request->batch < 1 || request->batch > BATCH_MOST ||
-        period_ns > COUNT_MOST * (int64_t)c->settings.pulse_period_ns) {
+        request->pulse_log > PULSE_LOG_FULL || period_ns > COUNT_MOST * (int64_t)c->settings.pulse_period_ns) {
         return STATUS_OUT_OF_RANGE;
     }
     real needed = RESERVE * bytes_per_second(c, request);
@@ -113,7 +113,7 @@ void blackbox_record(struct edm_controller *c, uint8_t flags) {
     struct edm_black_box *box = &c->box;
     box->newest_flags = flags;
     if (!box->frozen) {
-        write_sample(c, box->ring[(c->tick - 1) % EDM_BOX_SAMPLES], flags, c->readings.charge_uc, 1, &c->gap.tick);
+        write_sample(c, box->ring[(size_t)(c->tick - 1) % EDM_BOX_SAMPLES], flags, c->readings.charge_uc, 1, &c->gap.tick);
     }
 }
 

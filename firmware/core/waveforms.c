@@ -6,7 +6,7 @@
 #define PULSES_BEFORE 64
 #define PERIODS_AFTER 16
 #define MOST_SAMPLES 65536
-#define MOST_AFTER (MOST_SAMPLES / 5)
+#define SHARE_AFTER 5 /* a fifth of the memory is for the time after a fault */
 #define PER_REPLY 58
 
 /* Notes when the pulses of the tick began. */
@@ -35,8 +35,10 @@ void waveforms_freeze(struct edm_controller *c) {
     int64_t fault_ns = c->tick * TICK_NS;
     int64_t before_ns = PULSES_BEFORE * period_ns;
     int64_t after_ns = PERIODS_AFTER * period_ns;
-    int64_t most_before_ns = (int64_t)(MOST_SAMPLES - MOST_AFTER) * SAMPLE_NS;
-    int64_t most_after_ns = (int64_t)MOST_AFTER * SAMPLE_NS;
+    uint32_t memory = hal_wave_memory(c->board);
+    memory = memory < MOST_SAMPLES ? memory : MOST_SAMPLES;
+    int64_t most_after_ns = (int64_t)(memory / SHARE_AFTER) * SAMPLE_NS;
+    int64_t most_before_ns = (int64_t)memory * SAMPLE_NS - most_after_ns;
     int64_t oldest_ns = fault_ns - (before_ns < most_before_ns ? before_ns : most_before_ns);
     w->empty = true;
     for (int i = w->count; i > 0 && w->empty; i--) {

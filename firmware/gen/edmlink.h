@@ -130,7 +130,7 @@ enum {
 
 /* Faults that a controller detects. */
 enum {
-    FAULT_HOST_SILENT = 1001,  /* no new frame of the session for watchdog_s while armed; a new session while armed */
+    FAULT_HOST_SILENT = 1001,  /* no new frame of the session for watchdog_s while armed; a new session while armed; an event that finds 30 others unacknowledged */
     FAULT_ABORT_RUN = 1002,  /* eight or more zero bytes in a row */
     FAULT_LINE_NOISE = 1003,  /* bad_frames frames with a bad check within 1 s while armed */
     FAULT_TRAVEL_LIMIT = 2001,  /* servo or approach wants more than piezo_max_v for 0.5 s */
@@ -220,10 +220,10 @@ struct hello_reply {
     uint8_t fw_major;  /* u8 */
     uint8_t fw_minor;  /* u8 */
     uint8_t fw_patch;  /* u8 */
-    uint32_t git;  /* u32 */
+    uint32_t git;  /* u32: first eight digits of the commit, 0 where unknown */
     char serial[12];  /* s12: ASCII, zero padded */
     uint16_t board;  /* u16: 0 = virtual controller */
-    uint16_t servo_hz;  /* u16 Hz */
+    uint16_t servo_hz;  /* u16 Hz: ticks of the servo a second */
     uint16_t tlm_max_hz;  /* u16 Hz */
     uint8_t rx_window;  /* u8: commands that may be outstanding */
     uint32_t boot_count;  /* u32 */
@@ -276,8 +276,8 @@ struct heartbeat_reply {
     uint64_t t_dev_us;  /* u64 us: controller time */
     uint8_t state;  /* u8: State */
     uint16_t fault;  /* u16 */
-    uint16_t rx_bad;  /* u16: frames dropped for a bad check */
-    uint16_t rx_drop;  /* u16: frames dropped for another session */
+    uint16_t rx_bad;  /* u16: frames dropped for a bad check, modulo 65536 */
+    uint16_t rx_drop;  /* u16: frames dropped for another session or as no command, modulo 65536 */
 };
 static inline void heartbeat_reply_write(uint8_t *p, const struct heartbeat_reply *m) {
     put_u64(p + 0, m->t_host_us);
@@ -381,7 +381,8 @@ static inline void arm_read(struct arm *m, const uint8_t *p) {
 }
 _Static_assert(ARM_SIZE == 4 && 4 <= MAX_PAYLOAD, "ARM");
 
-/* Leaves FAULT for IDLE; must name the latched code. */
+/* Leaves FAULT for IDLE; must name the latched code. BUSY until the retreat has ended, and while more than 30
+ * events wait. */
 #define CLEAR_FAULT_SIZE 2
 struct clear_fault {
     uint16_t fault;  /* u16 */
@@ -580,7 +581,8 @@ static inline void path_move_read(struct path_move *m, const uint8_t *p) {
 }
 _Static_assert(PATH_MOVE_SIZE == 17 && 17 <= MAX_PAYLOAD, "PATH_MOVE");
 
-/* Sets the generator. Pulses must be off. */
+/* Sets the generator. Pulses must be off. OUT_OF_RANGE for a period below 20 us or above 1 s, and for what the
+ * generator cannot do. */
 #define PULSE_CONFIG_SIZE 17
 struct pulse_config {
     real on_time_us;  /* u32 x 0.001 us */
@@ -588,7 +590,7 @@ struct pulse_config {
     real open_voltage_v;  /* u16 x 0.005 V */
     real peak_current_a;  /* u16 x 0.001 A */
     uint8_t mode;  /* u8: PulseMode */
-    real discharge_us;  /* u32 x 0.001 us: isopulse only */
+    real discharge_us;  /* u32 x 0.001 us: ISOPULSE only, and not 0 there */
 };
 static inline void pulse_config_read(struct pulse_config *m, const uint8_t *p) {
     m->on_time_us = (real)get_u32(p + 0) / 1000;
@@ -600,7 +602,8 @@ static inline void pulse_config_read(struct pulse_config *m, const uint8_t *p) {
 }
 _Static_assert(PULSE_CONFIG_SIZE == 17 && 17 <= MAX_PAYLOAD, "PULSE_CONFIG");
 
-/* Permits pulses. They flow in APPROACH and MACHINING only. */
+/* Permits pulses. They flow in APPROACH and MACHINING only. DISARM, faults and resets end the permission, the
+ * end of a cut does not. */
 #define PULSE_ENABLE_SIZE 1
 struct pulse_enable {
     uint8_t on;  /* u8 */
@@ -626,7 +629,7 @@ static inline void tlm_start_read(struct tlm_start *m, const uint8_t *p) {
 _Static_assert(TLM_START_SIZE == 4 && 4 <= MAX_PAYLOAD, "TLM_START");
 
 /* Servo samples of every millisecond up to the latched fault, frozen by it, oldest first. Without a fault: up
- * to now. Samples are those of TLM. */
+ * to now. Samples are those of TLM. CLEAR_FAULT begins anew. */
 #define BLACKBOX_READ_SIZE 2
 struct blackbox_read {
     uint16_t offset;  /* u16: samples */
@@ -641,7 +644,7 @@ _Static_assert(BLACKBOX_READ_SIZE == 2 && 2 <= MAX_PAYLOAD, "BLACKBOX_READ");
 #define BLACKBOX_READ_REPLY_RECORD_SIZE 16
 #define BLACKBOX_READ_REPLY_MOST 14
 struct blackbox_read_reply {
-    uint16_t total;  /* u16: samples held, at most 2048 */
+    uint16_t total;  /* u16: samples held, at most 2048; 500 at least after 0.5 s */
     uint32_t t0_us;  /* u32 us: time of the first sample of this reply, modulo 2^32 */
     uint8_t n;  /* u8: samples in this reply, 0 behind the end */
 };
@@ -681,8 +684,9 @@ static inline void blackbox_read_reply_record_write(uint8_t *p, const struct bla
 _Static_assert(BLACKBOX_READ_REPLY_RECORD_SIZE == 16 && 16 <= MAX_PAYLOAD, "BLACKBOX_READ_REPLY_RECORD");
 
 /* Gap voltage and gap current about the latched fault, sample by sample, oldest first: from up to 64 pulses
- * before it to 16 pulse periods after it. BUSY until those have passed. total is 0 without a fault, where no
- * pulse came shortly before it, and from controllers that keep no waveforms. */
+ * before it to 16 pulse periods after it. BUSY until those have passed. A memory that is shorter holds less, a
+ * fifth of it after the fault. total is 0 without a fault, where no pulse came shortly before it, and from
+ * controllers that keep no waveforms. */
 #define WAVEFORM_READ_SIZE 4
 struct waveform_read {
     uint32_t offset;  /* u32: samples */
@@ -805,8 +809,8 @@ _Static_assert(EVENT_SIZE == 18 && 18 <= MAX_PAYLOAD, "EVENT");
 struct fault {
     uint16_t event_no;  /* u16 */
     uint32_t t_us;  /* u32 us */
-    uint16_t code;  /* u16 */
-    int32_t detail;  /* i32 */
+    uint16_t code;  /* u16: of the table of faults */
+    int32_t detail;  /* i32: as the page says */
     real displacement_um;  /* i32 x 0.001 um */
     real gap_v;  /* u16 x 0.005 V */
 };

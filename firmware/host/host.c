@@ -70,6 +70,10 @@ void hal_path_end(void *board) {
     host_of(board)->callbacks.path_end();
 }
 
+uint32_t hal_wave_memory(void *board) {
+    return (uint32_t)host_of(board)->callbacks.wave_memory();
+}
+
 void hal_wave_keep(void *board, int64_t begin_ns, int64_t end_ns) {
     (void)begin_ns; /* the model keeps its newest pulses */
     (void)end_ns;
@@ -185,6 +189,8 @@ EXPORTED void edm_host_advanced(struct edm_host *h);
 EXPORTED void edm_host_taken(struct edm_host *h);
 EXPORTED void edm_host_heard(struct edm_host *h);
 EXPORTED void edm_host_set_boots(struct edm_host *h, uint32_t boots);
+EXPORTED void edm_host_count_from(struct edm_host *h, int64_t since_us, uint16_t event_no, uint32_t boot_count,
+                                  uint32_t frames, uint32_t pulse_no);
 EXPORTED void edm_host_begin(struct edm_host *h);
 EXPORTED int64_t edm_host_end(struct edm_host *h);
 EXPORTED void edm_host_conclude(struct edm_host *h, int64_t happened);
@@ -277,6 +283,19 @@ void edm_host_heard(struct edm_host *h) {
 
 void edm_host_set_boots(struct edm_host *h, uint32_t boots) {
     h->core.keeps.boot_count = boots;
+    show(h);
+}
+
+/* Lets every counter of the link stand where it does after a long time: for tests of their wrap. */
+void edm_host_count_from(struct edm_host *h, int64_t since_us, uint16_t event_no, uint32_t boot_count, uint32_t frames,
+                         uint32_t pulse_no) {
+    struct edm_controller *c = &h->core;
+    c->boot_tick = c->tick - since_us / TICK_US;
+    c->telemetry.counter = c->telemetry.pulse_counter = (uint16_t)frames;
+    c->keeps.event_no = event_no;
+    c->keeps.boot_count = boot_count;
+    c->receiver.bad = c->link.drop = frames;
+    c->gap.pulse_no = pulse_no;
     show(h);
 }
 

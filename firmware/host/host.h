@@ -55,6 +55,7 @@ struct host_callbacks {
     void (*path_begin)(void);
     void (*path_line)(int64_t row);
     void (*path_end)(void);
+    int64_t (*wave_memory)(void);
     void (*wave_keep)(void);
     void (*wave_forget)(int64_t kept);
     void (*wave_read)(int64_t offset, int64_t samples, int16_t *counts);
