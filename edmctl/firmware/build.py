@@ -67,7 +67,7 @@ def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Buil
 
     Raises PreconditionError: E8093 without a C compiler, E8094 where it cannot build the library.
     """
-    command = _compiler(environ.get("CC", ""))
+    command = compiler(environ.get("CC", ""))
     version = _version(command)
     folder = source_folder()
     sources = [path for part in ("core", "gen", "host") for path in sorted((folder / part).glob("*.c"))]
@@ -105,7 +105,7 @@ def _cache_folder(environ: Mapping[str, str]) -> Path:
 
 
 @cache
-def _compiler(named: str) -> tuple[str, ...]:
+def compiler(named: str = "") -> tuple[str, ...]:
     """Command of a C compiler: $CC, else one of the system's, else that of the package ziglang."""
     if named:
         return tuple(shlex.split(named))
