@@ -150,6 +150,7 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
         tool_wear=wear if sim.tool_wear is None else sim.tool_wear,
         tool_negative=loaded.profile.pulse.polarity == "tool-negative",
         spread=sim.spread,
+        controller=sim.controller,
         tool_label=loaded.profile.tool.label,
         tip_rounding_um=sim.tip_rounding_um,
         offset_um=loaded.profile.approach.offset_um,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import LinkLost
 from edmctl.simulator.commands import Commands
+from edmctl.simulator.config import FIRMWARE_FLOAT, PYTHON
 from edmctl.simulator.controller import VirtualController
 from edmctl.simulator.injection import LineDamage
 from edmctl.simulator.plant import Plant
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
 
     AnyController = VirtualController | FirmwareController
 
-PYTHON, FIRMWARE, FIRMWARE_FLOAT = "python", "firmware", "firmware-float"
-CONTROLLERS = (PYTHON, FIRMWARE, FIRMWARE_FLOAT)
-"""What can drive a bench: the virtual controller, the firmware's core with its bits, and that with a board's."""
 SETTLE_TICKS, MOST_SETTLES = 50, 2000
 
 
@@ -92,12 +90,12 @@ def _controller_of(plant: Plant, kind: str) -> AnyController:
 class VirtualBench:
     """A controller over a plant, and what an all-seeing observer would know of it.
 
-    `controller` is one of CONTROLLERS; the firmware's core is built at the first use (edmctl/firmware).
+    The firmware's core, where the config asks for it, is built at the first use (edmctl/firmware).
     """
 
-    def __init__(self, config: BenchConfig, seed: int, controller: str = PYTHON) -> None:
+    def __init__(self, config: BenchConfig, seed: int) -> None:
         self.plant = Plant(config, seed)
-        self.controller: AnyController = _controller_of(self.plant, controller)
+        self.controller: AnyController = _controller_of(self.plant, config.controller)
         self.transport = MemoryTransport(self.controller)
 
     @property
@@ -174,6 +172,6 @@ class VirtualBench:
         return self.plant.tool_wear_um
 
 
-def open_bench(config: BenchConfig, seed: int, controller: str = PYTHON) -> VirtualBench:
+def open_bench(config: BenchConfig, seed: int) -> VirtualBench:
     """Set up a fresh virtual bench; the same config and seed give the same machine and the same run."""
-    return VirtualBench(config, seed, controller)
+    return VirtualBench(config, seed)

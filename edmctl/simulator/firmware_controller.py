@@ -432,8 +432,7 @@ class FirmwareController:
     def kept(self, boots: int) -> dict[str, object]:
         """Return the core's memory, for a file; `boots` is the count of boots that it is to have."""
         core = np.frombuffer(self._memory, np.uint8)[: self._library.inputs_at()].copy()
-        kind = "firmware-float" if self.real == "float" else "firmware"
-        return {"kind": kind, "sources": self._library.build.sources, "boot_count": boots, "core": core}
+        return {"sources": self._library.build.sources, "boot_count": boots, "core": core}
 
     def take_up(self, state: Mapping[str, object]) -> None:
         """Go on from memory that was kept. ValueError where it is of another build of the core."""

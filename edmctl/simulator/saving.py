@@ -18,7 +18,7 @@ from edmctl.errors import RunFileError
 from edmctl.link.messages import ResetCause
 from edmctl.process.erosion import ErosionLaw
 from edmctl.process.gap_conditions import GapLaw
-from edmctl.simulator.bench import PYTHON, VirtualBench
+from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
 from edmctl.simulator.controller import VirtualController
 from edmctl.simulator.controller_kernel import BOX_COLUMNS
@@ -85,8 +85,7 @@ def restored_bench(state: State) -> VirtualBench:
     """
     try:
         plant, controller = _part(state, "plant"), _part(state, "controller")
-        kind = str(controller.get("kind", PYTHON))
-        bench = VirtualBench(_config(_part(state, "config")), seed=0, controller=kind)
+        bench = VirtualBench(_config(_part(state, "config")), seed=0)
         _restore_records(bench.plant, _PLANT_RECORDS, plant)
         _restore_plant(bench.plant, plant)
         if isinstance(bench.controller, VirtualController):

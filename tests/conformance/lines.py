@@ -36,7 +36,7 @@ def new_bench(controller: str = "python", seed: int = 5) -> Any:
     """A virtual bench with a surface 20 µm away, so that the tool is soon at work."""
     from edmctl.simulator import BenchConfig, open_bench
 
-    return open_bench(BenchConfig(offset_um=20.0), seed, controller)
+    return open_bench(BenchConfig(offset_um=20.0, controller=controller), seed)
 
 
 WRAP_16, WRAP_32 = 1 << 16, 1 << 32

@@ -23,7 +23,7 @@ def cut(
     heard: bytearray | None = None,
 ) -> VirtualBench:
     """Approach, then cut for so long, with telemetry; what came over the line is added to `heard`."""
-    bench = open_bench(BenchConfig(offset_um=3.0), seed, controller)
+    bench = open_bench(BenchConfig(offset_um=3.0, controller=controller), seed)
     read = bench.transport.read
 
     def listen(timeout_s: float) -> bytes:

@@ -32,8 +32,8 @@ class Twins:
     """Two benches that get the same; `check` compares what came of it."""
 
     def __init__(self, seed: int, first: str, second: str, offset_um: float) -> None:
-        config = BenchConfig(offset_um=offset_um)
-        self.benches = [open_bench(config, seed, kind) for kind in (first, second)]
+        configs = [BenchConfig(offset_um=offset_um, controller=kind) for kind in (first, second)]
+        self.benches = [open_bench(config, seed) for config in configs]
         self.story: list[str] = []
 
     @property
