@@ -113,7 +113,8 @@ def compiler(named: str = "") -> tuple[str, ...]:
         if path := shutil.which(name):
             return (path,)
     if importlib.util.find_spec("ziglang") is not None:
-        return (sys.executable, "-m", "ziglang", "cc")
+        # Else zig builds for this very processor, and the folder of the library may be shared with another.
+        return (sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline")
     raise PreconditionError(
         "There is no C compiler to build the firmware with.",
         hint="`pip install edmctl[firmware]` brings one; CC names another.",

@@ -26,6 +26,14 @@ static inline real magnitude(real x) {
     return x < 0 ? -x : x;
 }
 
+/* x within both signs of a limit; 0 for what is no number. */
+static inline real within(real x, real limit) {
+    if (!(x > -limit)) {
+        return x <= -limit ? -limit : 0;
+    }
+    return x < limit ? x : limit;
+}
+
 /* The greatest whole number that is not above x; |x| below 2^31. */
 static inline int32_t floor_of(real x) {
     int32_t whole = (int32_t)x;

@@ -5,6 +5,8 @@
 #define RESERVE R(1.25) /* of a line, for replies and events */
 #define BITS_PER_BYTE R(10.0)
 #define BATCH_MOST 14
+#define BLOCK_MOST 4294967040u /* the greatest float below 2^32 */
+#define FARTHEST R(2147483520.0) /* nm: the greatest float below 2^31 */
 #define COUNT_MOST 255 /* pulses of a sample: a class is told by a byte */
 
 _Static_assert(BATCH_MOST <= TLM_MOST, "a frame holds a batch");
@@ -72,8 +74,16 @@ static uint8_t at_most_255(int32_t count) {
     return (uint8_t)(count < 255 ? count : 255);
 }
 
-static uint16_t counts_up(real value) {
-    return (uint16_t)(value < R(65535.0) ? (int32_t)(value + R(0.5)) : 65535);
+/* Counts of a sample: the nearest, the greater one of two, within 0 and `high`. */
+static uint32_t counts_up(real value, uint32_t high) {
+    if (!(value > 0)) {
+        return 0;
+    }
+    return value < (real)high ? (uint32_t)(value + R(0.5)) : high;
+}
+
+static uint16_t counts_up_u16(real value) {
+    return (uint16_t)counts_up(value, UINT16_MAX);
 }
 
 /* A sample of the millisecond, as telemetry and black box carry it; charge and pulses of `ticks` milliseconds. */
@@ -81,10 +91,10 @@ static void write_sample(const struct edm_controller *c, uint8_t *p, uint8_t fla
                          const struct edm_counts *counts) {
     real mean_a = charge_uc / ((real)ticks * R(1000.0));
     const struct tlm_record sample = {
-        .displacement_um = floor_of(c->gap.displacement_um * R(1000.0) + R(0.5)),
-        .actuator_v = (uint16_t)(c->drive.actuator_v * STEPS_PER_V + R(0.5)),
-        .gap_v = counts_up(c->gap.gap_v * R(200.0)),
-        .current_a = counts_up(mean_a * R(1000.0)),
+        .displacement_um = floor_of(within(c->gap.displacement_um * R(1000.0) + R(0.5), FARTHEST)),
+        .actuator_v = counts_up_u16(c->drive.actuator_v * STEPS_PER_V),
+        .gap_v = counts_up_u16(c->gap.gap_v * R(200.0)),
+        .current_a = counts_up_u16(mean_a * R(1000.0)),
         .n_normal = at_most_255(counts->of[PULSE_CLASS_NORMAL]),
         .n_arc = at_most_255(counts->of[PULSE_CLASS_ARC]),
         .n_short = at_most_255(counts->of[PULSE_CLASS_SHORT]),
@@ -126,8 +136,8 @@ static void close_block(struct edm_telemetry *t) {
         .n_normal = (uint8_t)t->block_counts.of[PULSE_CLASS_NORMAL],
         .n_arc = (uint8_t)t->block_counts.of[PULSE_CLASS_ARC],
         .n_short = (uint8_t)t->block_counts.of[PULSE_CLASS_SHORT],
-        .delay_us = (uint32_t)(t->block_delay_us * R(10.0) + R(0.5)),
-        .energy_uj = (uint32_t)(t->block_energy_uj * R(10.0) + R(0.5)),
+        .delay_us = counts_up(t->block_delay_us * R(10.0), BLOCK_MOST),
+        .energy_uj = counts_up(t->block_energy_uj * R(10.0), BLOCK_MOST),
     };
     pulse_blocks_record_write(t->records + t->log_pending * PULSE_BLOCKS_RECORD_SIZE, &block);
     int32_t pending = t->log_pending + 1;
@@ -136,12 +146,11 @@ static void close_block(struct edm_telemetry *t) {
 }
 
 static void log_one(struct edm_telemetry *t, const struct edm_readings *readings, int i, uint8_t pulse_class) {
-    real plateau = readings->plateau_v[i] * R(2.0) + R(0.5);
     const struct pulses_record pulse = {
         .pulse_class = pulse_class,
-        .delay_us = counts_up(readings->delay_us[i] * R(10.0)),
-        .discharge_us = counts_up(readings->discharge_us[i] * R(10.0)),
-        .plateau_v = (uint8_t)(plateau < R(255.0) ? (int32_t)plateau : 255),
+        .delay_us = counts_up_u16(readings->delay_us[i] * R(10.0)),
+        .discharge_us = counts_up_u16(readings->discharge_us[i] * R(10.0)),
+        .plateau_v = (uint8_t)counts_up(readings->plateau_v[i] * R(2.0), UINT8_MAX),
     };
     pulses_record_write(t->records + t->log_pending++ * PULSES_RECORD_SIZE, &pulse);
 }
