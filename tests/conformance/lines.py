@@ -59,6 +59,13 @@ def shorten_waveforms(bench: Any, samples: int) -> None:
     bench.controller.waveforms.memory = samples
 
 
+def cut_the_power(bench: Any) -> None:
+    """Let the virtual controller lose its supply for a moment, whatever it does."""
+    from edmctl.simulator.injection import parse_injection
+
+    bench.inject(parse_injection("POWER_LOSS@0"))
+
+
 class InProcess:
     """The virtual controller itself: bytes handed over, time let pass by the reader."""
 

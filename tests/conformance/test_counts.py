@@ -9,7 +9,7 @@ import pytest
 
 from tests.conformance import layouts, wire
 from tests.conformance.acts import arm, clear, servo_start
-from tests.conformance.lines import BEFORE_WRAP, WRAP_16, WRAP_32, count_to_the_wrap
+from tests.conformance.lines import BEFORE_WRAP, BEFORE_WRAP_US, WRAP_16, WRAP_32, count_to_the_wrap
 from tests.conformance.peer import EVENT, STATE_NAMES, loses_nothing
 from tests.conformance.test_delivery import REBOOT_MAGIC
 from tests.conformance.test_telemetry import black_box
@@ -160,7 +160,11 @@ def test_l29_what_counts_goes_on_where_it_starts_over(before_the_wrap: Peer) -> 
     assert_goes_on(peer, peer.telemetry, "t0_us", WRAP_32, lambda frame: 1000 * frame["n"])
     assert_goes_on(peer, peer.pulses, "counter", WRAP_16, lambda _: 1)
     assert_goes_on(peer, peer.pulses, "pulse_no", WRAP_32, lambda frame: frame["n"])
-    end_us = peer.events[-1]["t_us"]
+    first_us, end_us = peer.events[0]["t_us"], peer.events[-1]["t_us"]
+    assert WRAP_32 - first_us <= BEFORE_WRAP_US + 1000, peer.story(
+        "time of an event before the wrap", "counters"
+    )
+    assert end_us < first_us
     newest = peer.telemetry[-1]
     assert (newest["t0_us"] + 1000 * (newest["n"] - 1)) % WRAP_32 == end_us
     beat = peer.fresh_beat()
@@ -169,8 +173,11 @@ def test_l29_what_counts_goes_on_where_it_starts_over(before_the_wrap: Peer) -> 
     peer.write(wire.ABORT)
     fault = peer.fault(0.5)
     _, kept = black_box(peer)
-    newest_us = max(kept, key=lambda t_us: (t_us - fault["t_us"] - 1) % WRAP_32)
-    assert (fault["t_us"] - newest_us) % WRAP_32 <= 1000
+    ages_us = sorted((fault["t_us"] - t_us) % WRAP_32 for t_us in kept)
+    assert ages_us == list(range(ages_us[0], ages_us[0] + 1000 * len(kept), 1000)), peer.story(
+        "times of the black box", "counters"
+    )
+    assert ages_us[0] <= 1000
 
 
 def test_l29_frames_that_are_of_no_use_are_counted_modulo_65536(before_the_wrap: Peer) -> None:

@@ -18,6 +18,7 @@ from tests.conformance.acts import (
     scan_start,
     servo_start,
 )
+from tests.conformance.lines import cut_the_power
 from tests.conformance.peer import EVENT, STATE, STATE_NAMES, loses_nothing
 from tests.conformance.test_delivery import REBOOT_MAGIC
 
@@ -121,8 +122,11 @@ def _after_a_new_session(peer: Peer) -> None:
 
 
 def _after_a_reset(peer: Peer) -> None:
-    disarm(peer)
-    peer.ok("REBOOT", magic=REBOOT_MAGIC)
+    if peer.line.bench is None:
+        disarm(peer)
+        peer.ok("REBOOT", magic=REBOOT_MAGIC)
+    else:
+        cut_the_power(peer.line.bench)
     assert peer.wait(lambda: peer.boots, 5.0)
     peer.hello()
     arm(peer)

@@ -198,13 +198,17 @@ def test_l23_a_cleared_fault_begins_the_black_box_anew(peer: Peer) -> None:
 
 def test_l17_the_first_sample_is_the_next_multiple_of_the_period(peer: Peer) -> None:
     period_us = 7000
-    peer.pump(0.003)
-    now_us = peer.ok_at("TLM_START", period_us=period_us, batch=3)
-    peer.pump(0.1)
-    first_us = peer.telemetry[0]["t0_us"]
-    if peer.exact:
-        due_us = (now_us // period_us + 1) * period_us
-        assert first_us == due_us % 2**32, peer.story(f"{first_us} us instead of {due_us} us", "telemetry")
+    for _ in range(3):
+        peer.pump(0.003)
+        peer.telemetry.clear()
+        now_us = peer.ok_at("TLM_START", period_us=period_us, batch=3)
+        peer.pump(0.1)
+        first_us = peer.telemetry[0]["t0_us"]
+        if peer.exact:
+            due_us = (now_us // period_us + 1) * period_us
+            assert first_us == due_us % 2**32, peer.story(
+                f"{first_us} us instead of {due_us} us", "telemetry"
+            )
 
 
 @pytest.mark.parametrize("again", ["TLM_START", "TLM_STOP"])
