@@ -351,7 +351,7 @@ class Schedule:
         type_id = kind.ID if r.random() < 0.95 else r.randrange(256)
         if type_id == m.Advance.ID:
             return
-        self.seq = (self.seq + r.choice((1, 1, 1, 1, 2, 100, 200))) % 256
+        self.seq = (self.seq + r.choice((1, 1, 1, 1, 2, 127, 128, 129, 255))) % 256
         session = self.session if r.random() < 0.95 else r.randrange(256)
         self.commands += 1
         self._write(encode_frame(type_id, self.seq, session, 0, payload), f"{kind.NAME} {payload.hex()}")
