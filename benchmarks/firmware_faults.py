@@ -1,6 +1,6 @@
 """Put deliberate faults into the firmware's core, one at a time in a copy, and see whether a comparison finds each.
 
-    python benchmarks/firmware_faults.py [--schedules 60] [--steps 300] [--only NAME]
+    python benchmarks/firmware_faults.py [--schedules 80] [--steps 300] [--only NAME]
 
 Each has to part the core from the virtual controller in a random schedule (tests/firmware/schedules.py). Ends with 1
 where one does not.
@@ -115,7 +115,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--schedules", type=int, default=60)
+    parser.add_argument("--schedules", type=int, default=80)
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--only", choices=FAULTS)
     options = parser.parse_args()

@@ -90,10 +90,11 @@ class Schedule:
 
     def __init__(self, seed: int, first: str = "python", second: str = "firmware") -> None:
         self.random = Random(seed)
-        self.twins = Twins(seed, first, second, self.random.choice((2.0, 5.0, 20.0)))
+        self.twins = Twins(seed, first, second, self.random.choice((2.0, 5.0, 20.0, 45.0)))
         self.commands = 0
         self.session = self.seq = self.beat_seq = 0
         self.sent: list[bytes] = []
+        self.hellos: list[bytes] = []
         self.values: dict[str, float] = {}
         self.last_event = 0
         self.host_us = 0
@@ -124,6 +125,7 @@ class Schedule:
             (self._spoil, 1.2),
             (self._repair, 0.8),
             (self._restart, 0.3),
+            (self._short, 3),
             (self._drive, 2),
         ]
 
@@ -171,7 +173,11 @@ class Schedule:
         self.session, self.seq = r.randrange(1, 256), r.randrange(256)
         self.values = {}
         hash_ = m.SCHEMA_HASH if r.random() < 0.95 else r.getrandbits(32)
-        self._send(m.Hello(m.PROTO_MAJOR, r.choice((5, 4, 6)), r.getrandbits(32), hash_), seq=self.seq)
+        hello = self._framed(
+            m.Hello(m.PROTO_MAJOR, r.choice((5, 4, 6)), r.getrandbits(32), hash_), seq=self.seq
+        )
+        self.hellos.append(hello)
+        self._write(hello, "HELLO")
 
     def _pass_time(self) -> None:
         self._advance(self.random.choice((1, 1, 2, 5, 20, 49, 50, 120, 200, 240)))
@@ -210,6 +216,8 @@ class Schedule:
             self._prepare()
         elif state is m.State.ARMED:
             self._send(self._motion())
+        elif state is m.State.MACHINING and r.random() < 0.4:
+            self._alive(800)
         elif state is m.State.MACHINING:
             self._send(r.choice((self._line, self._line, self._jump, self._stop))())
         else:
@@ -357,7 +365,11 @@ class Schedule:
         self._write(encode_frame(type_id, self.seq, session, 0, payload), f"{kind.NAME} {payload.hex()}")
 
     def _repeat(self) -> None:
-        if self.sent:
+        """A copy of something: of one of the last commands, or of any HELLO ever."""
+        if self.hellos and self.random.random() < 0.2:
+            self.commands += 1
+            self._write(self.random.choice(self.hellos), "a copy of a HELLO")
+        elif self.sent:
             self.commands += 1
             self._write(self.random.choice(self.sent), "a copy")
 
@@ -401,6 +413,17 @@ class Schedule:
         for bench in self.twins.benches:
             bench.inject(parse_injection(text))
         self.twins.check(text)
+
+    def _short(self) -> None:
+        """A wire that shorts the gap of a cut for a while."""
+        c = self.twins.lead.controller
+        if c.state is not m.State.MACHINING:
+            return
+        now_s = (c.tick - c.boot_tick) * 1e-3
+        for bench in self.twins.benches:
+            bench.inject(parse_injection(f"WIRE_SHORT@{now_s:.3f}"))
+        self._alive(self.random.choice((300, 1200, 1200, 4000)))
+        self._repair()
 
     def _repair(self) -> None:
         for bench in self.twins.benches:
