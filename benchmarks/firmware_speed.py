@@ -34,7 +34,7 @@ def main() -> int:
     options = parser.parse_args()
     slow = False
     for frequency_hz, least in zip(FREQUENCIES_HZ, options.least, strict=True):
-        benches = {kind: cut(kind, 0.5, frequency_hz) for kind in CONTROLLERS}
+        benches = {kind: cut(kind, 0.5, frequency_hz, told=False) for kind in CONTROLLERS}
         assert all(bench.controller.state is m.State.MACHINING for bench in benches.values())
         best_us = dict.fromkeys(CONTROLLERS, 1e9)
         for _ in range(options.repeat):

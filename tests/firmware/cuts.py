@@ -21,8 +21,10 @@ def cut(
     frequency_hz: float = 2300.0,
     seed: int = 2,
     heard: bytearray | None = None,
+    *,
+    told: bool = True,
 ) -> VirtualBench:
-    """Approach, then cut for so long, with telemetry; what came over the line is added to `heard`."""
+    """Approach, then cut for so long; what came over the line is added to `heard`, with telemetry if `told`."""
     bench = open_bench(BenchConfig(offset_um=3.0, controller=controller), seed)
     read = bench.transport.read
 
@@ -44,7 +46,8 @@ def cut(
         session.request(request)
     session.request(m.StageMove(m.Axis.X, 0, 50_000_000))
     session.pump(0.3)
-    session.request(m.TlmStart(1000, 14, m.PulseLog.BLOCKS))
+    if told:
+        session.request(m.TlmStart(1000, 14, m.PulseLog.BLOCKS))
     session.request(m.Approach(5.0, 100.0, 0.9 * DUTY_V))
     for _ in range(100):
         session.pump(0.1)
