@@ -20,7 +20,7 @@ from edmctl.simulator.config import CONTROLLERS, FIRMWARE, PYTHON
 from tests.firmware.cuts import cut
 
 FREQUENCIES_HZ = (2300.0, 50_000.0)
-SLICES = {2300.0: 150, 50_000.0: 50}
+SLICES = {2300.0: 100, 50_000.0: 20}
 SLICE_TICKS = 200
 
 

@@ -35,6 +35,8 @@ _FLAGS = (
     "-shared",
     "-fvisibility=hidden",
 )
+_WHOLE = "-flto"
+"""Of a tick of 0.4 µs calls between files are a tenth; a compiler that cannot look across them does without."""
 _LINGER_TICKS = 200
 """The simulator sends telemetry so often at least, in ms: simulator/telemetry.py."""
 _SECONDS = 300
@@ -81,7 +83,10 @@ def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Buil
     said = f"{shlex.join(command)} ({version})"
     if library.is_file():
         return Build(library, real, digest, said, is_new=False)
-    _compile([*command, *arguments, *map(str, sources)], library)
+    try:
+        _compile([*command, *arguments, _WHOLE, *map(str, sources)], library)
+    except PreconditionError:
+        _compile([*command, *arguments, *map(str, sources)], library)
     return Build(library, real, digest, said, is_new=True)
 
 
