@@ -85,7 +85,13 @@ class Machine:
     """
 
     def __init__(
-        self, port: str, seed: int | None, setup: Path | None, wait_s: float, home: Path | None
+        self,
+        port: str,
+        seed: int | None,
+        setup: Path | None,
+        wait_s: float,
+        home: Path | None,
+        controller: str = "",
     ) -> None:
         self.port = port
         """Selector of the port."""
@@ -94,6 +100,7 @@ class Machine:
         self._setup = setup
         self._wait_s = wait_s
         self._home = home
+        self._controller = controller
 
     def __enter__(self) -> Self:
         return self
@@ -304,7 +311,9 @@ class Machine:
         from edmctl.jobs.calibration.run import calibrate_machine
 
         request = _calibration((), output, validate, refit, previous_v, delay_s)
-        request = replace(request, setup=self._setup, port=self.port, wait_s=self._wait_s)
+        request = replace(
+            request, setup=self._setup, port=self.port, wait_s=self._wait_s, controller=self._controller
+        )
         doubts = _doubts(warn)
         checked = _checked_calibration(request, self._surroundings(stop), doubts)
         assert checked.plan is not None
@@ -320,9 +329,10 @@ class Machine:
         allow_model: bool = False,
         new_tool: bool = False,
     ) -> JobRequest:
+        driven = (f"sim.controller={self._controller}",) if self._controller else ()
         return JobRequest(
             profile=_profile(profile),
-            overrides=_texts(overrides),
+            overrides=(*_texts(overrides), *driven),
             setup=self._setup,
             port=self.port,
             calibration=_path(calibration),
@@ -368,6 +378,7 @@ def connect(
     setup: File | None = None,
     wait_s: float = 0.0,
     home: File | None = None,
+    controller: str | None = None,
 ) -> Machine:
     """Return the machine at a port: `sim:`, `sim:FILE`, a serial port, `socket://HOST:PORT`, `serial:ID` or `auto`.
 
@@ -375,15 +386,20 @@ def connect(
     setup : TOML file of the machine's setup
     wait_s : how long to wait for a port that somebody holds
     home : folder where machines have their own calibrations; without, that of the user
+    controller : what drives a new virtual machine: "python", "firmware", "firmware-float"; without, `sim.controller`
 
-    Raises UsageError E2006 for a name of nothing, E2005 for a seed that no run file holds.
+    Raises UsageError E2006 for a name of nothing, E2005 for a seed that no run file holds, E2049 for no controller.
     """
     from edmctl.profile.setup import Setup
 
     seed = None if seed is None else seed_to_use(seed)
     where = where_is(str(port), Setup())
     _doubts(None)(seed_warning(where, seed))
-    return Machine(where.selector, seed, _path(setup), wait_s, _path(home))
+    if controller is not None:
+        from edmctl.jobs.connect import known_controller
+
+        known_controller(controller)
+    return Machine(where.selector, seed, _path(setup), wait_s, _path(home), controller or "")
 
 
 def simulate(

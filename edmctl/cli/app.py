@@ -24,6 +24,7 @@ from edmctl.cli.commands import (
     profile,
     reset,
 )
+from edmctl.cli.firmware import app as firmware
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
 from edmctl.cli.run import app as run_files
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
@@ -53,12 +54,13 @@ app.command("reset")(reset.reset)
 app.command("doctor")(doctor.doctor)
 app.command("ports")(ports.ports)
 app.add_typer(simulate.app, name="simulate")
+app.add_typer(firmware, name="firmware")
 app.add_typer(profile.app, name="profile")
 app.add_typer(run_files, name="run")
 app.add_typer(studies, name="study")
 
 
-_GROUPS = ("profile", "run", "simulate", "study")
+_GROUPS = ("firmware", "profile", "run", "simulate", "study")
 
 # Some versions of typer carry click inside; this finds its base of all usage errors in either place.
 _ClickError = cast("type[Exception]", typer.BadParameter.__mro__[2])

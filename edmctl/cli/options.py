@@ -64,6 +64,14 @@ SeedOption: TypeAlias = Annotated[
     int | None,
     typer.Option("--seed", metavar="N", help="Seed of the simulator. Default: random."),
 ]
+ControllerOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--controller",
+        metavar="python|firmware|firmware-float",
+        help="What drives a new virtual machine, as sim.controller says. Default: python.",
+    ),
+]
 CalibrationOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(
@@ -109,6 +117,11 @@ RESULT, NOTES, PROGRESS = ("json", "debug"), ("json", "quiet", "debug"), tuple(_
 """What a command leaves: a result alone, words on the way as well, or all of its progress."""
 
 
+def controlled_by(controller: str | None) -> tuple[str, ...]:
+    """Return the change of the profile that --controller stands for."""
+    return () if controller is None else (f"sim.controller={controller}",)
+
+
 @dataclasses.dataclass(frozen=True, slots=True)
 class JobOptions:
     """What to do, on which machine, by which calibration."""
@@ -119,6 +132,7 @@ class JobOptions:
     port: PortOption = None
     wait: WaitOption = 0.0
     seed: SeedOption = None
+    controller: ControllerOption = None
     calibration: CalibrationOption = None
     allow_model: AllowModelOption = False
 
@@ -138,7 +152,7 @@ class JobOptions:
 
         request = JobRequest(
             profile=self.profile or like,
-            overrides=(*(self.overrides or ()), *changes),
+            overrides=(*(self.overrides or ()), *changes, *controlled_by(self.controller)),
             setup=self.setup,
             port=self.port,
             calibration=self.calibration,

@@ -105,6 +105,8 @@ def _virtual(
 ) -> Iterator[tuple[Transport, Callable[[LinkMachine], ConnectedMachine]]]:
     """Open a virtual bench, fresh or that of a file: the line to it, and what it is with a machine behind that."""
     config, made_by = bench_config(loaded, setup), where.seed_of(seed)
+    if where.controller:
+        config = replace(config, controller=where.controller)
     if where.bench_file is None:
         from edmctl.simulator import open_bench
 
@@ -126,6 +128,17 @@ def _virtual(
                 machine, bench, made_by, begin, line.keep_worn, line.keep_all, line.kept_s
             ),
         )
+
+
+def known_controller(name: str) -> str:
+    """Return what can drive a virtual machine. Raises UsageError E2049 for what cannot."""
+    from edmctl.simulator.config import CONTROLLERS
+
+    if name not in CONTROLLERS:
+        raise UsageError(
+            f"There is no controller {name}.", hint=f"Say {', '.join(CONTROLLERS)}.", code="E2049"
+        )
+    return name
 
 
 def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
@@ -150,6 +163,7 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
         tool_wear=wear if sim.tool_wear is None else sim.tool_wear,
         tool_negative=loaded.profile.pulse.polarity == "tool-negative",
         spread=sim.spread,
+        controller=sim.controller,
         tool_label=loaded.profile.tool.label,
         tip_rounding_um=sim.tip_rounding_um,
         offset_um=loaded.profile.approach.offset_um,

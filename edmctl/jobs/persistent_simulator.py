@@ -102,6 +102,8 @@ def fit(bench: VirtualBench, loaded: LoadedProfile, config: BenchConfig, say: Ca
         others.append(f"work_removal = {here.work_removal:g}")
     if others:
         say(f"the bench keeps its own work, whatever [sim] says: {', '.join(others)}")
+    if here.controller != config.controller:
+        say(f"the bench keeps its own controller: {here.controller}, not {config.controller}")
     if here.offset_um != config.offset_um:
         say(f"the bench keeps its own gap at 0 V: {here.offset_um:g} µm, not {config.offset_um:g} µm")
     if loaded.profile.work.kind == "through" and here.thickness_um != config.thickness_um:

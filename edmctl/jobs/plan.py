@@ -23,10 +23,14 @@ SIMULATOR = "sim:"
 
 @dataclass(frozen=True, slots=True)
 class MachineAddress:
-    """Which machine: the selector of its port, and how long to wait for the port."""
+    """Which machine: the selector of its port, and how long to wait for the port.
+
+    controller : what drives a new virtual machine; empty where the profile says it.
+    """
 
     selector: str = SIMULATOR
     wait_s: float = 0.0
+    controller: str = ""
 
     @property
     def in_process(self) -> bool:

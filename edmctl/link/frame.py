@@ -61,6 +61,11 @@ class FrameDecoder:
         self._partial = b""
         self._zeros = 0
 
+    @property
+    def zeros(self) -> int:
+        """So many zeros came last, in a row."""
+        return self._zeros
+
     def feed(self, data: bytes) -> list[Frame]:
         """Take the next bytes and return the frames that they complete."""
         if not data:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -28,6 +28,10 @@ class SimSettings(Table):
         ge=0.0,
         le=100.0,
         description="wear of the tool over that of copper; else by its material",
+    )
+    controller: Literal["python", "firmware", "firmware-float"] = Field(
+        "python",
+        description="what drives it: the virtual controller, the firmware's core, or that in a board's arithmetic",
     )
     spread: float = Field(
         0.03, ge=0.0, le=0.5, description="relative sd by which every machine differs from the figures below"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import LinkLost
 from edmctl.simulator.commands import Commands
+from edmctl.simulator.config import FIRMWARE_FLOAT, PYTHON
 from edmctl.simulator.controller import VirtualController
 from edmctl.simulator.injection import LineDamage
 from edmctl.simulator.plant import Plant
@@ -16,9 +17,11 @@ from edmctl.simulator.workpiece import compile_loops
 
 if TYPE_CHECKING:
     from edmctl.simulator.config import BenchConfig
+    from edmctl.simulator.firmware_controller import FirmwareController
     from edmctl.simulator.injection import Injection, LineState
     from edmctl.simulator.work_under_tool import Floats
 
+    AnyController = VirtualController | FirmwareController
 
 SETTLE_TICKS, MOST_SETTLES = 50, 2000
 
@@ -43,7 +46,7 @@ class HoleTruth:
 class MemoryTransport:
     """A line without wire: real frame bytes, virtual time, which passes only while the host reads (`HostWait`)."""
 
-    def __init__(self, controller: VirtualController) -> None:
+    def __init__(self, controller: AnyController) -> None:
         self.name = "sim:"
         self.live = False
         self._controller = controller
@@ -76,12 +79,23 @@ class MemoryTransport:
             raise LinkLost("The line to sim: broke: it was unplugged.", hint="Check the cable.", code="E4003")
 
 
+def _controller_of(plant: Plant, kind: str) -> AnyController:
+    if kind == PYTHON:
+        return VirtualController(plant, Commands)
+    from edmctl.simulator.firmware_controller import FirmwareController
+
+    return FirmwareController(plant, "float" if kind == FIRMWARE_FLOAT else "double")
+
+
 class VirtualBench:
-    """A controller over a plant, and what an all-seeing observer would know of it."""
+    """A controller over a plant, and what an all-seeing observer would know of it.
+
+    The firmware's core, where the config asks for it, is built at the first use (edmctl/firmware).
+    """
 
     def __init__(self, config: BenchConfig, seed: int) -> None:
         self.plant = Plant(config, seed)
-        self.controller = VirtualController(self.plant, Commands)
+        self.controller: AnyController = _controller_of(self.plant, config.controller)
         self.transport = MemoryTransport(self.controller)
 
     @property

@@ -61,6 +61,10 @@ class SensorConstants:
     rotary_sd_deg: float = 0.05
 
 
+PYTHON, FIRMWARE, FIRMWARE_FLOAT = CONTROLLERS = ("python", "firmware", "firmware-float")
+"""What can drive a bench: the virtual controller, the firmware's core with its bits, and that with a board's."""
+
+
 @dataclass(frozen=True, slots=True)
 class BenchConfig:
     """One virtual bench: a tool over a work sheet."""
@@ -77,5 +81,6 @@ class BenchConfig:
     cell_um: float = 5.0  # of the map of the work
     discharge: DischargeConstants = field(default_factory=DischargeConstants)
     sensors: SensorConstants = field(default_factory=SensorConstants)
+    controller: str = "python"  # what drives it: one of CONTROLLERS
     dielectric_flow_lpm: float = 1.2
     dielectric_temperature_c: float = 22.0

@@ -89,7 +89,7 @@ def write_sample(settings: Settings, loop: LoopState, drive: Drive, flags: int, 
     sample.actuator_v = int(drive.actuator_v * STEPS_PER_V + 0.5)
     sample.gap_v = min(65535, int(loop.gap_v * 200.0 + 0.5))
     mean_a = loop.charge_uc / (settings.tlm_ticks * 1000.0)
-    sample.current_a = min(65535, int(mean_a * 1000.0 + 0.5))
+    sample.current_a = max(0, min(65535, int(mean_a * 1000.0 + 0.5)))
     counts = loop.sample_counts
     sample.n_normal = min(255, count_of(counts, NORMAL))
     sample.n_arc = min(255, count_of(counts, ARC))

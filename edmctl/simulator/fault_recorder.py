@@ -98,7 +98,7 @@ def _records(rows: NDArray[np.float64]) -> bytes:
     records["displacement_um"] = np.floor(rows[:, 0] * 1000.0 + 0.5)
     records["actuator_v"] = rows[:, 1] * STEPS_PER_V + 0.5
     records["gap_v"] = np.minimum(_MOST, rows[:, 2] * 200.0 + 0.5)
-    records["current_a"] = np.minimum(_MOST, rows[:, 3] / 1000.0 * 1000.0 + 0.5)
+    records["current_a"] = np.clip(rows[:, 3] / 1000.0 * 1000.0 + 0.5, 0, _MOST)
     counts = rows[:, 4].astype(np.int64)
     for name, index in _COUNTS:
         records[name] = np.minimum(255, counts >> (PACK * index) & ((1 << PACK) - 1))

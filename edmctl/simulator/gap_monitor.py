@@ -122,7 +122,7 @@ def close_block(loop: LoopState, blocks: Rows) -> None:
     entry.n_arc = count_of(loop.block_counts, ARC)
     entry.n_short = count_of(loop.block_counts, SHORT)
     entry.delay_us = int(loop.delay_sum_us * 10.0 + 0.5)
-    entry.energy_uj = int(loop.energy_sum_uj * 10.0 + 0.5)
+    entry.energy_uj = max(0, int(loop.energy_sum_uj * 10.0 + 0.5))
     loop.delay_sum_us = 0.0
     loop.energy_sum_uj = 0.0
     loop.block_count = 0

@@ -11,9 +11,7 @@ from edmctl.simulator.injection import CHIPS, Injection, LineState, Trigger
 from edmctl.simulator.plant_interface import TICK_S
 
 if TYPE_CHECKING:
-    from edmctl.simulator.controller_state import LoopState
     from edmctl.simulator.plant import Plant
-    from edmctl.simulator.telemetry import Telemetry
 
 NEVER = 1 << 62
 HUGE = 1e12
@@ -74,14 +72,32 @@ class _Pending:
     to_come: int = 1  # of its triggers
 
 
+class Counting(Protocol):
+    """Pulses of the last millisecond, packed by class (controller_state.PACK)."""
+
+    tick_counts: int
+
+
 class Injected(Protocol):
     """What an injector must know of a controller: its clock, its state, what to break and how to restart it."""
 
     plant: Plant
-    loop: LoopState
-    telemetry: Telemetry
-    state: State
-    boot_tick: int
+
+    @property
+    def loop(self) -> Counting:
+        """What it has counted."""
+
+    @property
+    def telemetry(self) -> object:
+        """What sends samples: `lost` and `frozen` can be broken."""
+
+    @property
+    def state(self) -> State:
+        """State of the controller."""
+
+    @property
+    def boot_tick(self) -> int:
+        """When it started."""
 
     @property
     def tick(self) -> int:

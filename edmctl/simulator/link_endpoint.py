@@ -110,11 +110,12 @@ class LinkEndpoint:
         """Whether somebody waits for an answer on a driven clock that nobody drives yet."""
         return self.driven and self.urgent and not self._advanced
 
-    @staticmethod
-    def up_to_aborts(data: bytes) -> list[bytes]:
+    def up_to_aborts(self, data: bytes) -> list[bytes]:
         """Cut what came in one read behind each abort run, so that it acts before what follows it."""
-        *before, last = data.split(ABORT_RUN)
-        return [*(part + ABORT_RUN for part in before), last]
+        missing = max(0, len(ABORT_RUN) - self._decoder.zeros)
+        ends_run = data[:missing] if missing and data.startswith(bytes(missing)) else b""
+        *before, last = data[len(ends_run) :].split(ABORT_RUN)
+        return [ends_run, *(part + ABORT_RUN for part in before), last]
 
     def receive(self, data: bytes) -> bool:
         """Execute what the bytes say; returns whether an abort run came."""
@@ -264,6 +265,14 @@ class LinkEndpoint:
         return self._execute(message)
 
 
+class Answering(Protocol):
+    """An end of the line."""
+
+    @property
+    def urgent(self) -> bool:
+        """Whether somebody waits for what is to be sent."""
+
+
 class HostWait:
     """Lets time pass for a host that waits.
 
@@ -271,7 +280,7 @@ class HostWait:
     clock, a millisecond passes after every eight answers.
     """
 
-    def __init__(self, link: LinkEndpoint, advance: Callable[[int], None]) -> None:
+    def __init__(self, link: Answering, advance: Callable[[int], None]) -> None:
         self._link, self._advance = link, advance
         self._answers = 0
 

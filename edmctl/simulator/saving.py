@@ -20,6 +20,7 @@ from edmctl.process.erosion import ErosionLaw
 from edmctl.process.gap_conditions import GapLaw
 from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
+from edmctl.simulator.controller import VirtualController
 from edmctl.simulator.controller_kernel import BOX_COLUMNS
 from edmctl.simulator.fault_recorder import PULSE, PULSE_COLUMNS, RecentPulses, Waveforms
 from edmctl.simulator.work_under_tool import Hole
@@ -28,6 +29,7 @@ from edmctl.simulator.workpiece import TILE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from edmctl.simulator.firmware_controller import FirmwareController
     from edmctl.simulator.plant import Plant
     from edmctl.simulator.records import Record
 
@@ -82,12 +84,15 @@ def restored_bench(state: State) -> VirtualBench:
     Raises RunFileError E9021 where the state lacks something, or holds what cannot be.
     """
     try:
-        bench = VirtualBench(_config(_part(state, "config")), seed=0)
         plant, controller = _part(state, "plant"), _part(state, "controller")
+        bench = VirtualBench(_config(_part(state, "config")), seed=0)
         _restore_records(bench.plant, _PLANT_RECORDS, plant)
-        _restore_records(bench.controller, _CONTROLLER_RECORDS, controller)
         _restore_plant(bench.plant, plant)
-        _restore_controller(bench, controller)
+        if isinstance(bench.controller, VirtualController):
+            _restore_records(bench.controller, _CONTROLLER_RECORDS, controller)
+            _restore_controller(bench.controller, controller)
+        else:
+            _restore_firmware(bench.controller, controller)
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise RunFileError(
             f"The saved bench does not fit this version: {type(error).__name__} {error}.",
@@ -181,6 +186,8 @@ def _tile(cells: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _controller_state(bench: VirtualBench, boots: int) -> State:
     controller = bench.controller
+    if not isinstance(controller, VirtualController):
+        return {**controller.kept(boots), **_waveform_state(controller.waveforms)}
     box = controller.black_box
     frozen = box._frozen
     return {
@@ -210,8 +217,13 @@ def _waveform_state(waveforms: Waveforms) -> State:
     }
 
 
-def _restore_controller(bench: VirtualBench, state: State) -> None:
-    controller = bench.controller
+def _restore_firmware(controller: FirmwareController, state: State) -> None:
+    controller.take_up(state)
+    if "waveform_times_ns" in state:
+        _restore_waveforms(controller.waveforms, state)
+
+
+def _restore_controller(controller: VirtualController, state: State) -> None:
     box = controller.black_box
     controller.fault = _integer(state, "fault")
     controller.boot_count = _integer(state, "boot_count")

@@ -1,4 +1,7 @@
-"""Which controller the suite runs against: `--controller-port URL` names a board, without it the virtual one."""
+"""Which controller the suite runs against: `--controller-port URL` names a board, without it a virtual machine.
+
+`--controller firmware` puts the firmware's core in the place of the virtual controller.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +26,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="URL",
         help="run the conformance suite on this port (pyserial name or URL)",
     )
+    group.addoption(
+        "--controller",
+        choices=["python", "firmware", "firmware-float"],
+        default="python",
+        help="what drives the virtual machine: the virtual controller, or the firmware's core",
+    )
     group.addoption("--controller-baud", type=int, default=500_000, help="baud of that port")
 
 
@@ -38,7 +47,7 @@ def shared_line(backend: str, request: pytest.FixtureRequest) -> Iterator[Line |
     if backend == PROCESS:
         yield None
     elif backend == PTY:
-        with served() as line:
+        with served(request.config.getoption("--controller")) as line:
             yield line
     else:
         line = Serial(
@@ -49,9 +58,9 @@ def shared_line(backend: str, request: pytest.FixtureRequest) -> Iterator[Line |
 
 
 @pytest.fixture
-def line(shared_line: Line | None) -> Line:
+def line(shared_line: Line | None, request: pytest.FixtureRequest) -> Line:
     """The line to the controller under test."""
-    return shared_line or InProcess()
+    return shared_line or InProcess(request.config.getoption("--controller", default="python"))
 
 
 @pytest.fixture

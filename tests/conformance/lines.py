@@ -32,11 +32,11 @@ class Line(Protocol):
     def now_s(self) -> float: ...
 
 
-def new_bench(seed: int = 5) -> Any:
+def new_bench(controller: str = "python", seed: int = 5) -> Any:
     """A virtual bench with a surface 20 µm away, so that the tool is soon at work."""
     from edmctl.simulator import BenchConfig, open_bench
 
-    return open_bench(BenchConfig(offset_um=20.0), seed)
+    return open_bench(BenchConfig(offset_um=20.0, controller=controller), seed)
 
 
 WRAP_16, WRAP_32 = 1 << 16, 1 << 32
@@ -71,9 +71,9 @@ class InProcess:
 
     virtual_time = True
 
-    def __init__(self) -> None:
-        self.name = "the virtual controller in process"
-        self.bench = new_bench()
+    def __init__(self, controller: str = "python") -> None:
+        self.name = f"the virtual machine in process, controller: {controller}"
+        self.bench = new_bench(controller)
 
     def write(self, data: bytes) -> None:
         self.bench.transport.write(data)
@@ -115,9 +115,9 @@ class Serial:
 
 
 @contextmanager
-def served() -> Iterator[Serial]:
-    """The virtual controller behind a pty, its clock driven by this host."""
-    bench = new_bench()
+def served(controller: str = "python") -> Iterator[Serial]:
+    """The virtual machine behind a pty, its clock driven by this host."""
+    bench = new_bench(controller)
     with serving(bench) as path:
         line = Serial(path, 500_000, bench)
         try:

@@ -10,6 +10,7 @@ import pytest
 
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
+from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.session import CommandRefused
 from edmctl.simulator import BenchConfig
 
@@ -143,6 +144,18 @@ def test_an_abort_run_stops_everything(rig: RigMaker) -> None:
     r.bench.transport.read(0.001)
     assert r.bench.plant.drive.pulses_on == 0
     assert r.bench.controller.fault == FaultCode.ABORT_RUN
+
+
+def test_an_abort_run_that_ends_in_a_later_read_acts_before_the_frame_behind_it(rig: RigMaker) -> None:
+    r = rig()
+    r.arm()
+    controller = r.bench.controller
+    controller.receive(bytes(5))
+    hello = m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 77, m.SCHEMA_HASH)
+    controller.receive(bytes(3) + encode_frame(m.Hello.ID, 0, 99, 0, hello.pack()))
+    first, *_ = FrameDecoder(watch_for_abort=False).feed(controller.link.take_output())
+    assert controller.fault == FaultCode.ABORT_RUN
+    assert m.Fault.unpack(first.payload).code == FaultCode.ABORT_RUN
 
 
 @pytest.mark.parametrize("what", ["level", "flow"])

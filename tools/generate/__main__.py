@@ -1,7 +1,7 @@
 """Writes what is made from data files and models: `python -m tools.generate [--check]`, from the project's folder.
 
-Made are edmctl/link/messages.py and the marked parts of pages in docs/. With --check nothing is written; the
-exit code is 1 where a file is out of date.
+Made are edmctl/link/messages.py, firmware/gen/ and the marked parts of pages in docs/. With --check nothing is
+written; the exit code is 1 where a file is out of date.
 """
 
 from __future__ import annotations
@@ -11,7 +11,15 @@ import tomllib
 from pathlib import Path
 
 from edmctl.link.schema import SCHEMA_PATH, load_schema
-from tools.generate import actuator_page, faults_page, profile_page, protocol_page, run_file_page, study_page
+from tools.generate import (
+    actuator_page,
+    faults_page,
+    firmware,
+    profile_page,
+    protocol_page,
+    run_file_page,
+    study_page,
+)
 from tools.generate.messages import messages_source
 from tools.generate.text import filled, formatted
 
@@ -31,8 +39,14 @@ def wanted_files() -> dict[Path, str]:
         "study.md": study_page.tables(),
     }
     link, docs = _ROOT / "edmctl" / "link", _ROOT / "docs"
-    return {link / "messages.py": formatted(messages_source(schema))} | {
-        docs / name: filled((docs / name).read_text(encoding="utf-8"), made) for name, made in parts.items()
+    made = {
+        link / "messages.py": formatted(messages_source(schema)),
+        _ROOT / "firmware" / "gen" / "edmlink.h": firmware.header(schema, faults),
+        _ROOT / "firmware" / "gen" / "edmlink.c": firmware.tables(schema),
+    }
+    return made | {
+        docs / name: filled((docs / name).read_text(encoding="utf-8"), made_parts)
+        for name, made_parts in parts.items()
     }
 
 

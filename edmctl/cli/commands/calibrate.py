@@ -9,6 +9,7 @@ import typer
 
 from edmctl.cli.options import (
     PROGRESS,
+    ControllerOption,
     DryRunOption,
     PortOption,
     SeedOption,
@@ -91,6 +92,7 @@ def calibrate(
     port: PortOption = None,
     wait: WaitOption = 0.0,
     seed: SeedOption = None,
+    controller: ControllerOption = None,
     dry_run: DryRunOption = False,
 ) -> None:
     """Identify the actuator, and write a calibration.
@@ -114,6 +116,7 @@ def calibrate(
             setup=setup,
             port=port,
             wait_s=wait,
+            controller=controller or "",
         ),
         shell(),
     )

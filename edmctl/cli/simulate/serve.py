@@ -1,14 +1,23 @@
 """`edmctl simulate serve`: a virtual controller that other programs reach as they reach a real one."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import NOTES, ProfileOption, SeedOption, SetOption, SetupOption, command
+from edmctl.cli.options import (
+    NOTES,
+    ControllerOption,
+    ProfileOption,
+    SeedOption,
+    SetOption,
+    SetupOption,
+    command,
+    controlled_by,
+)
 from edmctl.cli.outcome import Outcome, Output, tell
 from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
@@ -99,6 +108,7 @@ def serve(
     overrides: SetOption = None,
     setup: SetupOption = None,
     seed: SeedOption = None,
+    controller: ControllerOption = None,
     link: LinkOption = None,
     socket: SocketOption = None,
     allow_remote: RemoteOption = False,
@@ -114,7 +124,7 @@ def serve(
     It is the machine of `sim:`, and lives on between the programs that use it one after the other. What --fault
     breaks stays broken until SIGUSR1 mends it.
     """
-    from edmctl.jobs.connect import bench_config
+    from edmctl.jobs.connect import bench_config, known_controller
     from edmctl.profile.setup import load_setup
     from edmctl.rules.load import load_profile
 
@@ -128,13 +138,15 @@ def serve(
             f"--for {seconds} is no length of time.", hint="Leave it out for no end.", code="E2045"
         )
     settings = load_setup(setup)
-    loaded = load_profile(profile, tuple(overrides or ()), setup=settings) if profile else None
+    changes = (*(overrides or ()), *controlled_by(controller))
+    loaded = load_profile(profile, changes, setup=settings) if profile else None
+    config = bench_config(loaded, settings)
+    if controller is not None and loaded is None:
+        config = replace(config, controller=known_controller(controller))
     used_seed = seed_to_use(seed)
     # A bench that was kept is the machine that it is, whatever seed would make another.
     outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
-    request = ServeRequest(
-        bench_config(loaded, settings), used_seed, factor, baud, injections, bench, seconds
-    )
+    request = ServeRequest(config, used_seed, factor, baud, injections, bench, seconds)
     _serve(outcome, request, link, place)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from edmctl.errors import Diagnostic, RecordError, RunFileError, UsageError
@@ -46,6 +46,7 @@ class CalibrationRequest:
     setup: Path | None = None
     port: str | None = None
     wait_s: float = 0.0
+    controller: str = ""
 
     @property
     def lever_only(self) -> bool:
@@ -103,6 +104,10 @@ def check(request: CalibrationRequest, surroundings: Surroundings = NONE) -> Che
         from edmctl.procedures.actuator.calibration import plan_calibration
 
         where = where_is(request.port, setup, request.wait_s)
+        if request.controller:
+            from edmctl.jobs.connect import known_controller
+
+            where = replace(where, controller=known_controller(request.controller))
         simulated = True if where.in_process else None
         plan = plan_calibration(setup)
     if request.output is not None:

@@ -1,0 +1,131 @@
+"""Put deliberate faults into the firmware's core, one at a time in a copy, and see whether a comparison finds each.
+
+    python benchmarks/firmware_faults.py [--schedules 80] [--steps 300] [--only NAME]
+
+Each has to part the core from the virtual controller in a random schedule (tests/firmware/schedules.py). Ends with 1
+where one does not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+from unittest import mock
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from edmctl.firmware import build
+from edmctl.firmware.library import library
+from tests.firmware.schedules import Difference, Schedule
+
+FAULTS = {
+    "sign of the ramp": (
+        "motion.c",
+        "most(m->target_v, m->command_v - step)",
+        "most(m->target_v, m->command_v + step)",
+    ),
+    "fault not latched": ("states.c", "    latch(c, code);\n    stages_stop", "    stages_stop"),
+    "window of seq off by one": ("delivery.c", "ahead < HALF", "ahead <= HALF"),
+    "watchdog fed by copies": (
+        "delivery.c",
+        "    if (before != NULL) {\n",
+        "    if (before != NULL) {\n        watchdog_feed(c);\n",
+    ),
+    "heartbeats not compared": (
+        "delivery.c",
+        "beat_us > link->newest_beat_us",
+        "beat_us >= link->newest_beat_us",
+    ),
+    "watchdog one tick late": ("watchdog.c", "c->tick >= watchdog_tick(c)", "c->tick > watchdog_tick(c)"),
+    "seventh zero aborts": ("frame.c", "r->zeros == ABORT_ZEROS - 1", "r->zeros == ABORT_ZEROS - 2"),
+    "oldest event acknowledged alone": (
+        "events.c",
+        "uint8_t rest = (uint8_t)(events->count - i - 1);",
+        "uint8_t rest = (uint8_t)(events->count - 1);",
+    ),
+    "hysteresis of the relay not halved": (
+        "servo.c",
+        "error < R(-0.5) * s->hysteresis",
+        "error < -s->hysteresis",
+    ),
+    "short not hurried": ("servo.c", "? R(4.0) : R(1.0)", "? R(1.0) : R(1.0)"),
+    "arc judged without its delay": ("pulses.c", " && c->readings.delay_us[i] < s->arc_delay_us", ""),
+    "pulses flow on after TIME_UP": (
+        "motion.c",
+        "    motion_gate(c, false);\n    c->scan.scanning = false;\n    c->scan.count = 0;\n",
+        "    c->scan.scanning = false;\n    c->scan.count = 0;\n",
+    ),
+    "former nonce opens again": ("session.c", "if (is_used(c, request.host_nonce))", "if (false)"),
+    "touch before the flip": (
+        "touch.c",
+        "c->motion.phase < c->motion.dwell_ticks",
+        "c->motion.phase <= c->motion.dwell_ticks",
+    ),
+    "stage path ignores shorts": ("scan.c", "c->gap.shorted || ", ""),
+    "parameters survive a reset": (
+        "states.c",
+        "    session_begin(c, 0);\n    parameters_reset(c);\n",
+        "    session_begin(c, 0);\n",
+    ),
+    "sample of the state that follows": (
+        "telemetry.c",
+        "        .state = c->state,",
+        "        .state = c->motion.mode == HOLD ? STATE_ARMED : c->state,",
+    ),
+    "interlock bit of the door": (
+        "guards.c",
+        "inputs->door_open ? INTERLOCKS_DOOR : 0",
+        "inputs->door_open ? INTERLOCKS_HV_SUPPLY : 0",
+    ),
+}
+
+
+def found_by(name: str, schedules: int, steps: int) -> str:
+    """Return in which schedule and after how many commands a fault was found; empty where it was not."""
+    file, right, wrong = FAULTS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "firmware"
+        shutil.copytree(build.source_folder(), copy)
+        path = copy / "core" / file
+        source = path.read_text(encoding="utf-8")
+        if source.count(right) != 1:
+            raise SystemExit(f"{name}: its place in {file} is gone")
+        path.write_text(source.replace(right, wrong), encoding="utf-8")
+        with (
+            mock.patch.object(build, "source_folder", return_value=copy),
+            mock.patch.dict("os.environ", {build.CACHE_VARIABLE: folder}),
+        ):
+            library.cache_clear()
+            commands = 0
+            for seed in range(1, schedules + 1):
+                schedule = Schedule(seed)
+                try:
+                    schedule.run(steps)
+                except Difference:
+                    return f"schedule {seed}, command {commands + schedule.commands}"
+                commands += schedule.commands
+    return ""
+
+
+def main() -> int:
+    """Try every fault; 1 where one was not found."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--schedules", type=int, default=80)
+    parser.add_argument("--steps", type=int, default=300)
+    parser.add_argument("--only", choices=FAULTS)
+    options = parser.parse_args()
+    missed = 0
+    for name in [options.only] if options.only else FAULTS:
+        where = found_by(name, options.schedules, options.steps)
+        print(f"{name}: {where or 'NOT FOUND'}", flush=True)
+        missed += not where
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,167 @@
+"""Builds the firmware's core as a shared library with whatever C compiler there is, and keeps it."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmctl.errors import PreconditionError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+CACHE_VARIABLE = "EDMCTL_FIRMWARE_CACHE"
+REALS = ("double", "float")
+"""Arithmetic of a build: double gives what the virtual controller gives bit for bit, float is that of a board."""
+
+_COMPILERS = ("cc", "gcc", "clang")
+_FLAGS = (
+    "-std=c11",
+    "-O2",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fPIC",
+    "-shared",
+    "-fvisibility=hidden",
+)
+_WHOLE = "-flto"
+"""Of a tick of 0.4 µs calls between files are a tenth; a compiler that cannot look across them does without."""
+_LINGER_TICKS = 200
+"""The simulator sends telemetry so often at least, in ms: simulator/telemetry.py."""
+_SECONDS = 300
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """A library that was built, and what by.
+
+    real : its arithmetic, one of REALS. sources : digest of what it was built from.
+    compiler : command and first line of its version. is_new : it was built now.
+    """
+
+    path: Path
+    real: str
+    sources: str
+    compiler: str
+    is_new: bool
+
+
+def source_folder() -> Path:
+    """Folder of the firmware's sources: inside an installed package, beside it in a source tree."""
+    package = Path(__file__).resolve().parent
+    installed = package / "source"
+    return installed if installed.is_dir() else package.parent.parent / "firmware"
+
+
+def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Build:
+    """Return the library of that arithmetic, built now unless that was done before.
+
+    Raises PreconditionError: E8093 without a C compiler, E8094 where it cannot build the library.
+    """
+    command = compiler(environ.get("CC", ""))
+    version = _version(command)
+    folder = source_folder()
+    sources = [path for part in ("core", "gen", "host") for path in sorted((folder / part).glob("*.c"))]
+    arguments = [*_FLAGS, *_defines(real), f"-I{folder / 'core'}", f"-I{folder / 'gen'}"]
+    content = hashlib.sha256(repr([*_FLAGS, *_defines(real)]).encode())
+    for path in sorted(folder.rglob("*.[ch]")):
+        content.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
+    digest = content.hexdigest()[:16]
+    maker = hashlib.sha256(repr((command, version)).encode()).hexdigest()[:8]
+    library = _cache_folder(environ) / f"edmlink-{real}-{digest}-{maker}{_suffix()}"
+    said = f"{shlex.join(command)} ({version})"
+    if library.is_file():
+        return Build(library, real, digest, said, is_new=False)
+    try:
+        _compile([*command, *arguments, _WHOLE, *map(str, sources)], library)
+    except PreconditionError:
+        _compile([*command, *arguments, *map(str, sources)], library)
+    return Build(library, real, digest, said, is_new=True)
+
+
+def _defines(real: str) -> list[str]:
+    if real not in REALS:
+        raise ValueError(f"the firmware calculates in {' or '.join(REALS)}, not in {real}")
+    kind = ["-DEDM_REAL_DOUBLE"] if real == "double" else []
+    return [*kind, f"-DEDM_LINGER_TICKS={_LINGER_TICKS}"]
+
+
+def _suffix() -> str:
+    return {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+
+
+def _cache_folder(environ: Mapping[str, str]) -> Path:
+    if named := environ.get(CACHE_VARIABLE):
+        return Path(named)
+    import platformdirs
+
+    return platformdirs.user_cache_path("edmctl", appauthor=False) / "firmware"
+
+
+@cache
+def compiler(named: str = "") -> tuple[str, ...]:
+    """Command of a C compiler: $CC, else one of the system's, else that of the package ziglang."""
+    if named:
+        return tuple(shlex.split(named))
+    for name in _COMPILERS:
+        if path := shutil.which(name):
+            return (path,)
+    if importlib.util.find_spec("ziglang") is not None:
+        # Else zig builds for this very processor, and the folder of the library may be shared with another.
+        return (sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline")
+    raise PreconditionError(
+        "There is no C compiler to build the firmware with.",
+        hint="`pip install edmctl[firmware]` brings one; CC names another.",
+        code="E8093",
+    )
+
+
+@cache
+def _version(command: tuple[str, ...]) -> str:
+    try:
+        done = subprocess.run(
+            [*command, "--version"], capture_output=True, text=True, timeout=_SECONDS, check=True
+        )
+    except (OSError, subprocess.SubprocessError) as error:
+        raise PreconditionError(
+            f"The C compiler {shlex.join(command)} does not run: {error}.",
+            hint="Name another one in CC.",
+            code="E8093",
+        ) from error
+    return next(iter(done.stdout.splitlines()), "").strip()
+
+
+def _compile(command: list[str], library: Path) -> None:
+    """Build beside the place of the library and move it there: whoever loads it finds a whole one or none."""
+    try:
+        library.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=library.parent, prefix="building-") as folder:
+            made = Path(folder) / library.name
+            done = subprocess.run(
+                [*command, "-o", str(made)], capture_output=True, text=True, timeout=_SECONDS, check=False
+            )
+            if done.returncode:
+                raise _failed("\n".join(done.stderr.splitlines()[:10]))
+            with suppress(FileExistsError):  # on Windows, of another process that was quicker
+                made.replace(library)
+    except (OSError, subprocess.SubprocessError) as error:
+        raise _failed(str(error)) from error
+
+
+def _failed(reason: str) -> PreconditionError:
+    return PreconditionError(
+        f"The firmware could not be built: {reason}",
+        hint=f"Name another C compiler in CC, or a folder that can be written in {CACHE_VARIABLE}.",
+        code="E8094",
+    )

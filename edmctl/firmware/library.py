@@ -1,0 +1,155 @@
+"""The built core, called by ctypes: its functions, and the records that both sides share (firmware/host/host.h)."""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import (
+    CFUNCTYPE,
+    POINTER,
+    c_char_p,
+    c_double,
+    c_int,
+    c_int16,
+    c_int64,
+    c_size_t,
+    c_uint16,
+    c_uint32,
+    c_void_p,
+)
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from edmctl.firmware.build import Build, built
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+OUT_BYTES = 256 * 1024
+"""What the core's memory for bytes to be sent holds."""
+
+
+class Inputs(ctypes.Structure):
+    """What the core reads of interlocks and slow readings; the caller writes it."""
+
+    _fields_ = [
+        *((name, c_int64) for name in ("estop", "door_open", "hv_supply_ok", "level_ok", "limit_switch")),
+        *((name, c_double) for name in ("flow_lpm", "temperature_c", "monitor_v")),
+    ]
+
+
+class Seen(ctypes.Structure):
+    """What stands in the core; every call renews it, but those of the tick."""
+
+    tick: int
+    boot_tick: int
+    state: int
+    armed: int
+    fault: int
+    boot_count: int
+    frozen_tick: int
+    watchdog_ticks: int
+    crc: int
+    mode: int
+    tick_counts: int
+    pulse_no: int
+    tlm_next: int
+    scanning: int
+    command_v: float
+    displacement_um: float
+    slow_displacement_um: float
+    gap_v: float
+    rx_bad: int
+    rx_drop: int
+    rx_frames: int
+    urgent: int
+    due: int
+    advanced: int
+    advancing: int
+    advance_us: int
+    reboot_asked: int
+    arms: int
+    touch_offs: int
+    out_bytes: int
+    lost_frames: int
+
+
+Seen._fields_ = [
+    (name, c_double if kind == "float" else c_int64) for name, kind in Seen.__annotations__.items()
+]
+
+
+CALLBACKS: dict[str, Any] = {
+    "set_generator": CFUNCTYPE(c_double, c_double, c_double, c_double, c_double, c_double),
+    "stage_stop": CFUNCTYPE(None, c_int64, c_double),
+    "path_begin": CFUNCTYPE(None),
+    "path_line": CFUNCTYPE(None, c_int64),
+    "path_end": CFUNCTYPE(None),
+    "wave_memory": CFUNCTYPE(c_int64),
+    "wave_keep": CFUNCTYPE(None),
+    "wave_forget": CFUNCTYPE(None, c_int64),
+    "wave_read": CFUNCTYPE(None, c_int64, c_int64, POINTER(c_int16)),
+}
+
+
+class Callbacks(ctypes.Structure):
+    """What the core asks of the machine's model, between ticks."""
+
+    _fields_ = list(CALLBACKS.items())
+
+
+_FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
+    "size": (c_size_t, ()),
+    "inputs_at": (c_size_t, ()),
+    "seen_at": (c_size_t, ()),
+    "out_at": (c_size_t, ()),
+    "last_samples_at": (c_size_t, ()),
+    "real_bytes": (c_int, ()),
+    "schema_hash": (c_uint32, ()),
+    "bind": (None, (c_void_p, c_void_p, c_void_p, POINTER(Callbacks))),
+    "create": (None, (c_void_p, c_char_p, c_double)),
+    "set": (None, (c_void_p, c_int, c_uint32, c_int, c_double)),
+    "receive": (c_size_t, (c_void_p, c_char_p, c_size_t)),
+    "line_read": (None, (c_void_p,)),
+    "advanced": (None, (c_void_p,)),
+    "taken": (None, (c_void_p,)),
+    "heard": (None, (c_void_p,)),
+    "set_boots": (None, (c_void_p, c_uint32)),
+    "count_from": (None, (c_void_p, c_int64, c_uint16, c_uint32, c_uint32, c_uint32)),
+    "begin": (None, (c_void_p,)),
+    "end": (c_int64, (c_void_p,)),
+    "conclude": (None, (c_void_p, c_int64)),
+    "watch": (None, (c_void_p,)),
+    "deadline": (c_int64, (c_void_p,)),
+    "fault": (None, (c_void_p, c_int, c_int)),
+    "reset": (None, (c_void_p, c_int)),
+}
+
+
+class Library:
+    """A loaded build: functions of host.c by their names without `edm_host_`, and addresses for compiled loops."""
+
+    def __init__(self, build: Build) -> None:
+        self.build = build
+        loaded = ctypes.CDLL(str(build.path))
+        for name, (result, arguments) in _FUNCTIONS.items():
+            function = getattr(loaded, f"edm_host_{name}")
+            function.restype, function.argtypes = result, list(arguments)
+            setattr(self, name, function)
+
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(name)
+
+    def address(self, name: str) -> int:
+        """Address of a function of the tick: `begin` or `end`."""
+        value = ctypes.cast(getattr(self, name), c_void_p).value
+        assert value is not None
+        return value
+
+
+@cache
+def library(real: str = "double") -> Library:
+    """Return the library of that arithmetic, built if need be.
+
+    Raises PreconditionError E8093, E8094 as `built` does.
+    """
+    return Library(built(real))

@@ -1,0 +1,482 @@
+"""The firmware's core over the plant, in the place of the virtual controller: the same bytes, the same interface.
+
+What happens stands in the core (firmware/core); here stands what a board does around it, and what only a simulator
+does: injections, a driven clock, the end of slices of time.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from edmctl.firmware.library import CALLBACKS, Callbacks, Inputs, Seen, library
+from edmctl.link.frame import FrameDecoder, encode_frame
+from edmctl.link.messages import ResetCause, State, Tlm
+from edmctl.simulator.fault_recorder import WAVEFORM_PER_REPLY, Waveforms
+from edmctl.simulator.firmware_kernel import run_firmware
+from edmctl.simulator.injection import Trigger
+from edmctl.simulator.injector import Injector
+from edmctl.simulator.kernel import LOOK
+from edmctl.simulator.link_endpoint import HostWait
+from edmctl.simulator.plant_interface import TICK_NS
+from edmctl.simulator.telemetry import SLICE_TICKS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from edmctl.link.faults import FaultCode
+    from edmctl.simulator.plant import Plant
+
+NEVER = 1 << 62
+MOST_AT_ONCE = 4096
+"""Bytes that the core gets at once: the answers to them fit into its memory."""
+
+
+class FirmwareLink:
+    """The core's end of the line, as `LinkEndpoint` is the virtual controller's."""
+
+    def __init__(self, controller: FirmwareController) -> None:
+        self._c = controller
+        self._out: list[bytes] = []
+
+    @property
+    def driven(self) -> bool:
+        """Whether time stands still but in ADVANCE."""
+        return self._c.driven
+
+    @driven.setter
+    def driven(self, driven: bool) -> None:
+        self._c.driven = driven
+        self._c.tell_core()
+
+    @property
+    def urgent(self) -> bool:
+        """Whether somebody waits for what is to be sent."""
+        return bool(self._c.seen.urgent)
+
+    @property
+    def due(self) -> bool:
+        """On a driven clock, whether it is to be sent now."""
+        return bool(self._c.seen.due)
+
+    @property
+    def greeting(self) -> bool:
+        """Whether somebody waits for an answer on a driven clock that nobody drives yet."""
+        seen = self._c.seen
+        return bool(self.driven and seen.urgent and not seen.advanced)
+
+    @property
+    def rx_bad(self) -> int:
+        """Frames dropped for a bad check."""
+        return self._c.seen.rx_bad
+
+    @property
+    def rx_drop(self) -> int:
+        """Frames dropped for another reason."""
+        return self._c.seen.rx_drop
+
+    @property
+    def rx_frames(self) -> int:
+        """Commands that came whole, whoever sent them."""
+        return self._c.seen.rx_frames
+
+    def keep(self, data: bytes) -> None:
+        """Line up what the core has sent."""
+        self._out.append(data)
+
+    def take_output(self) -> bytes:
+        """Hand over everything to be sent."""
+        out = b"".join(self._out)
+        self._out.clear()
+        self._c.output_taken()
+        return out
+
+
+class SampleLine:
+    """What can be wrong with a controller's samples: `lost` ones do not come, `frozen` ones tell an old time."""
+
+    def __init__(self, controller: FirmwareController) -> None:
+        self._c = controller
+        self._lost = self._frozen = False
+        self._frozen_us = 0
+
+    @property
+    def lost(self) -> bool:
+        """Everything is sent but samples."""
+        return self._lost
+
+    @lost.setter
+    def lost(self, lost: bool) -> None:
+        self._c.drain()
+        self._lost = bool(lost)
+
+    @property
+    def frozen(self) -> bool:
+        """All samples have the time of the last ones before."""
+        return self._frozen
+
+    @frozen.setter
+    def frozen(self, frozen: bool) -> None:
+        self._c.drain()
+        if frozen and not self._frozen:
+            frames = FrameDecoder(watch_for_abort=False).feed(self._c.last_samples() + b"\0")
+            self._frozen_us = Tlm.unpack(frames[0].payload).t0_us if frames else 0
+        self._frozen = bool(frozen)
+
+    def passes(self, data: bytes) -> bytes:
+        """Return what is sent of whole frames."""
+        if not (self._lost or self._frozen):
+            return data
+        sent = []
+        for frame in FrameDecoder(watch_for_abort=False).feed(data):
+            payload = frame.payload
+            if frame.type_id == Tlm.ID:
+                if self._lost:
+                    continue
+                if self._frozen:
+                    samples = Tlm.unpack(payload)
+                    samples.t0_us = self._frozen_us
+                    payload = samples.pack()
+            sent.append(encode_frame(frame.type_id, frame.seq, frame.session, frame.flags, payload))
+        return b"".join(sent)
+
+
+class FrozenBox:
+    """What is asked of the black box beside its samples."""
+
+    def __init__(self, seen: Seen) -> None:
+        self._seen = seen
+
+    @property
+    def frozen_tick(self) -> int | None:
+        """When a fault froze it; None while it goes on."""
+        return None if self._seen.frozen_tick < 0 else self._seen.frozen_tick
+
+
+class FirmwareController:
+    """One core over one plant, with the interface of `VirtualController` as far as the simulator asks for it.
+
+    real : arithmetic of the core, "double" (the bits of the virtual controller) or "float" (those of a board).
+    """
+
+    def __init__(self, plant: Plant, real: str = "double") -> None:
+        self.plant = plant
+        self.real = real
+        self._library = library(real)
+        self._memory = (ctypes.c_double * (self._library.size() // 8 + 1))()
+        self.waveforms = Waveforms(plant)
+        self.baud_told = self.board_told = 0
+        self._scale = 1.0
+        self.driven = False
+        self._failed: BaseException | None = None
+        self._bind()
+        self._read_inputs()
+        self._library.create(self._at, plant.serial.encode().ljust(12, b"\0"), plant.reported[0])
+        self._raise_failed()
+        self.link = FirmwareLink(self)
+        self.telemetry = SampleLine(self)
+        self.injector = Injector(self)
+        self.host_wait = HostWait(self.link, self.advance)
+        self._noted = (0, 0)
+
+    def _bind(self) -> None:
+        """Show the core where everything is: its own memory, the plant's records, the model's functions."""
+        core = self._library
+        self._at = ctypes.addressof(self._memory)
+        self._inputs = Inputs.from_buffer(self._memory, core.inputs_at())
+        self.seen = Seen.from_buffer(self._memory, core.seen_at())
+        self.loop = self.parameters = self.seen
+        self.black_box = FrozenBox(self.seen)
+        acts: dict[str, Callable[..., object]] = {
+            "set_generator": self._set_generator,
+            "stage_stop": self.plant.stage_lands,
+            "path_begin": self.plant.begin_scan,
+            "path_line": self.plant.draw_line_error,
+            "path_end": lambda: self.plant.follow_stages(scan_goes_on=False),
+            "wave_memory": lambda: self.waveforms.memory,
+            "wave_keep": lambda: self.waveforms.freeze(self.tick, self.boot_tick),
+            "wave_forget": lambda kept: self.waveforms.thaw() if kept else self.waveforms.forget(),
+            "wave_read": self._read_waveforms,
+        }
+        self._callbacks = Callbacks(*(kind(self._guarded(acts[name])) for name, kind in CALLBACKS.items()))
+        drive, readings = self.plant.drive, self.plant.readings
+        core.bind(
+            self._at, ctypes.addressof(drive), ctypes.addressof(readings), ctypes.byref(self._callbacks)
+        )
+
+    def _guarded(self, act: Callable[..., Any]) -> Callable[..., Any]:
+        """Keep what goes wrong in a function that C calls, for whoever called C."""
+
+        def call(*arguments: float) -> Any:
+            try:
+                return act(*arguments)
+            except BaseException as error:
+                self._failed = error
+                return 0
+
+        return call
+
+    def _raise_failed(self) -> None:
+        failed, self._failed = self._failed, None
+        if failed is not None:
+            raise failed
+
+    def _set_generator(
+        self, on_us: float, off_us: float, open_v: float, peak_a: float, set_us: float
+    ) -> float:
+        self.plant.set_generator(on_us, off_us, open_v, peak_a, set_us)
+        return self.plant.unit.nominal_siemens
+
+    def _read_waveforms(self, offset: int, samples: int, counts: Any) -> None:
+        reply = self.waveforms.read(offset, self.tick)
+        assert reply is not None
+        assert samples <= WAVEFORM_PER_REPLY
+        ctypes.memmove(counts, np.frombuffer(reply.records, "<i2").astype("=i2").tobytes(), 4 * samples)
+
+    # ------------------------------------------------------------------------------- what stands in the core
+    @property
+    def tick(self) -> int:
+        """Milliseconds since the machine was set up; resets do not touch them."""
+        return self.plant.readings.tick
+
+    @property
+    def boot_tick(self) -> int:
+        """The tick at which the controller started."""
+        return self.seen.boot_tick
+
+    @property
+    def time_us(self) -> int:
+        """Controller time: µs since its start."""
+        return (self.tick - self.boot_tick) * TICK_NS // 1000
+
+    @property
+    def state(self) -> State:
+        """State of the controller."""
+        return State(self.seen.state)
+
+    @property
+    def armed(self) -> bool:
+        """Whether the watchdog runs."""
+        return bool(self.seen.armed)
+
+    @property
+    def fault(self) -> int:
+        """Latched fault, 0 for none."""
+        return self.seen.fault
+
+    @property
+    def boot_count(self) -> int:
+        """How often it has started."""
+        return self.seen.boot_count
+
+    @property
+    def baud(self) -> int:
+        """Baud of the line, 0 where it has none."""
+        return self.baud_told
+
+    @baud.setter
+    def baud(self, baud: int) -> None:
+        self.baud_told = baud
+        self.tell_core()
+
+    @property
+    def board(self) -> int:
+        """Kind of board that it says to be, 0 = virtual."""
+        return self.board_told
+
+    @board.setter
+    def board(self, board: int) -> None:
+        self.board_told = board
+        self.tell_core()
+
+    @property
+    def host_time_scale(self) -> float:
+        """Controller seconds per second of the host."""
+        return self._scale
+
+    @host_time_scale.setter
+    def host_time_scale(self, scale: float) -> None:
+        self._scale = scale
+        self.tell_core()
+
+    def count_from(self, time_us: int, event_no: int, boot_count: int, frames: int, pulse_no: int) -> None:
+        """Let every counter of the link stand where it does after a long time, as tests of its wrap need it."""
+        self._library.count_from(
+            self._at, time_us, event_no, boot_count, frames & 0xFFFFFFFF, pulse_no & 0xFFFFFFFF
+        )
+
+    def tell_core(self) -> None:
+        """Tell the core what it is to say of itself and of its line."""
+        self._library.set(self._at, self.board_told, self.baud_told, self.driven, self._scale)
+
+    # ------------------------------------------------------------------------------------------ bytes and time
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the line and execute the commands in them."""
+        at = 0
+        while at < len(data):
+            self._read_inputs()
+            part = data[at : at + MOST_AT_ONCE]
+            at += self._library.receive(self._at, part, len(part))
+            self._after_call()
+            if self.seen.advancing:
+                self._let_time_pass()
+        self._library.line_read(self._at)
+        self._after_call()
+        if self.seen.reboot_asked:
+            self.reset(ResetCause.COMMANDED)
+
+    def _let_time_pass(self) -> None:
+        """Carry out an ADVANCE."""
+        timeout_us = self.seen.advance_us
+        if self.seen.reboot_asked:
+            self.reset(ResetCause.COMMANDED)
+        if timeout_us:
+            self.host_wait.wait(timeout_us * 1e-6)
+        self._library.advanced(self._at)
+        self._after_call()
+
+    def host_heard(self) -> None:
+        """Feed the watchdog."""
+        self._library.heard(self._at)
+
+    def advance(self, ticks: int) -> None:
+        """Let `ticks` milliseconds pass."""
+        now = self.tick
+        end = now + ticks
+        while now < end:
+            happened = self.step(min(end, self._next_deadline(now)) - now)
+            self.plant.follow_stages(scan_goes_on=True)
+            if happened == LOOK:
+                self.plant.look()
+                happened = 0
+            self._library.conclude(self._at, happened)
+            self._after_call()
+            now = self.tick
+            self._watch(now)
+
+    def step(self, ticks: int) -> int:
+        """Run plant and core for at most `ticks` ms; returns what happened, in the core's words."""
+        plant = self.plant
+        pulses = ticks * TICK_NS // plant.unit.pulse_period_ns + 2
+        plant.random.provide(plant.state, pulses, 2 * ticks + 2)
+        happened: int = run_firmware(
+            ticks,
+            plant.unit.shared,
+            plant.state.shared,
+            plant.scope.shared,
+            plant.random.pulse,
+            plant.random.tables,
+            plant.random.noise,
+            plant.work_under_tool.levels,
+            plant.drive.shared,
+            plant.readings.shared,
+            self._library.address("begin"),
+            self._library.address("end"),
+            self._at,
+        )
+        return happened
+
+    def _next_deadline(self, now: int) -> int:
+        due: int = self._library.deadline(self._at)
+        deadline = min(now + SLICE_TICKS, due, self.injector.next_tick(now))
+        return max(min(deadline, self.plant.chips.next_tick(now) or NEVER), now + 1)
+
+    def _watch(self, now: int) -> None:
+        self.injector.apply_due(now)
+        self.plant.chips.look()
+        self._read_inputs()
+        self._library.watch(self._at)
+        self._after_call()
+
+    def _read_inputs(self) -> None:
+        plant, inputs = self.plant, self._inputs
+        inputs.estop, inputs.door_open, inputs.hv_supply_ok = plant.estop, plant.door_open, plant.hv_supply_ok
+        inputs.level_ok, inputs.limit_switch = plant.dielectric_level_ok, plant.limit_switch
+        inputs.flow_lpm, inputs.temperature_c = plant.dielectric_flow_lpm, plant.dielectric_temperature_c
+        inputs.monitor_v = plant.monitor_v()
+
+    def _after_call(self) -> None:
+        """What follows a call of the core: its bytes are lined up, what it has begun is told to the injector."""
+        if self._failed is not None:
+            self._raise_failed()
+        seen = self.seen
+        if seen.out_bytes:
+            self.drain()
+        if (seen.arms, seen.touch_offs) != self._noted:
+            arms, touches = self._noted
+            self._noted = seen.arms, seen.touch_offs
+            for _ in range(seen.arms - arms):
+                self.injector.note(Trigger.ARM)
+            for _ in range(seen.touch_offs - touches):
+                self.injector.note(Trigger.TOUCH)
+
+    def drain(self) -> None:
+        """Line up what the core has sent."""
+        size = self.seen.out_bytes
+        self.seen.out_bytes = 0
+        if size:
+            self.link.keep(self.telemetry.passes(ctypes.string_at(self._at + self._library.out_at(), size)))
+
+    def last_samples(self) -> bytes:
+        """The newest telemetry frame of samples; zeros before the first."""
+        return ctypes.string_at(self._at + self._library.last_samples_at(), 257)
+
+    def output_taken(self) -> None:
+        """Nobody waits any more."""
+        self._library.taken(self._at)
+
+    # ------------------------------------------------------------------------------------------ keeping it
+    def kept(self, boots: int) -> dict[str, object]:
+        """Return the core's memory, for a file; `boots` is the count of boots that it is to have."""
+        core = np.frombuffer(self._memory, np.uint8)[: self._library.inputs_at()].copy()
+        return {"sources": self._library.build.sources, "boot_count": boots, "core": core}
+
+    def take_up(self, state: Mapping[str, object]) -> None:
+        """Go on from memory that was kept. ValueError where it is of another build of the core."""
+        core, at = np.asarray(state["core"]), self._library.inputs_at()
+        if state["sources"] != self._library.build.sources or core.shape != (at,):
+            raise ValueError("its firmware is of another version")
+        np.frombuffer(self._memory, np.uint8)[:at] = core
+        self._bind()
+        self.tell_core()
+        boots = state["boot_count"]
+        assert isinstance(boots, int)
+        self._library.set_boots(self._at, boots)
+        self._noted = (self.seen.arms, self.seen.touch_offs)
+
+    def __deepcopy__(self, memo: dict[int, object]) -> FirmwareController:
+        twin = object.__new__(type(self))
+        memo[id(self)] = twin
+        here = {
+            "_library",
+            "_memory",
+            "_at",
+            "_inputs",
+            "seen",
+            "loop",
+            "parameters",
+            "black_box",
+            "_callbacks",
+        }
+        twin._library = self._library
+        twin._memory = type(self._memory).from_buffer_copy(self._memory)
+        for name, value in vars(self).items():
+            if name not in here:
+                setattr(twin, name, deepcopy(value, memo))
+        twin._bind()
+        return twin
+
+    # ------------------------------------------------------------------------------- what a board finds by itself
+    def raise_fault(self, code: FaultCode, detail: int = 0) -> None:
+        """Pulses off, retract, latch, report."""
+        self._library.fault(self._at, int(code), detail)
+        self._after_call()
+
+    def reset(self, cause: ResetCause) -> None:
+        """Start anew: no session, default parameters, pulses off, tool retracting. A latched fault outlives it."""
+        self.plant.look()
+        self._library.reset(self._at, int(cause))
+        self._after_call()

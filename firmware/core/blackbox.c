@@ -1,0 +1,48 @@
+/* One sample of every millisecond; a fault freezes them (docs/protocol.md, Black box). They are written by telemetry.c, bit
+ * for bit as TLM with a period of 1000 µs carries them. */
+#include "core.h"
+
+#define PER_REPLY 14
+
+void blackbox_freeze(struct edm_controller *c) {
+    struct edm_black_box *box = &c->box;
+    if (!box->frozen) {
+        box->frozen = true;
+        box->frozen_tick = c->tick;
+        box->frozen_boot_tick = c->boot_tick;
+    }
+}
+
+/* CLEAR_FAULT: the record begins anew. */
+void blackbox_thaw(struct edm_controller *c) {
+    struct edm_black_box *box = &c->box;
+    box->frozen = false;
+    box->since_tick = c->tick;
+}
+
+/* BLACKBOX_READ: up to 14 samples from sample `offset` on, the oldest being sample 0. */
+void blackbox_read(struct edm_controller *c, uint16_t offset, struct edm_reply *reply) {
+    const struct edm_black_box *box = &c->box;
+    int64_t end = box->frozen ? box->frozen_tick : c->tick;
+    int64_t boot = box->frozen ? box->frozen_boot_tick : c->boot_tick;
+    int64_t origin = box->since_tick > boot ? box->since_tick : boot;
+    int64_t total = end - origin < EDM_BOX_SAMPLES ? end - origin : EDM_BOX_SAMPLES;
+    int64_t first = end - total + offset;
+    int64_t rest = total > offset ? total - offset : 0;
+    uint8_t n = (uint8_t)(rest < PER_REPLY ? rest : PER_REPLY);
+    const struct blackbox_read_reply header = {
+        .total = (uint16_t)total,
+        .t0_us = (uint32_t)((first + 1 - boot) * TICK_US),
+        .n = n,
+    };
+    blackbox_read_reply_write(reply->payload, &header);
+    for (uint8_t i = 0; i < n; i++) {
+        memcpy(reply->payload + BLACKBOX_READ_REPLY_SIZE + i * TLM_RECORD_SIZE,
+               box->ring[(size_t)(first + i) % EDM_BOX_SAMPLES], TLM_RECORD_SIZE);
+    }
+    reply->size = (uint8_t)(BLACKBOX_READ_REPLY_SIZE + n * TLM_RECORD_SIZE);
+}
+
+_Static_assert((EDM_BOX_SAMPLES & (EDM_BOX_SAMPLES - 1)) == 0, "a power of two, so that places wrap");
+_Static_assert(BLACKBOX_READ_REPLY_RECORD_SIZE == TLM_RECORD_SIZE && PER_REPLY <= BLACKBOX_READ_REPLY_MOST,
+               "samples are those of TLM");

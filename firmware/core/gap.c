@@ -1,0 +1,47 @@
+/* The gap as the servo sees it: filtered mean voltage, shorts, lost sparks, and the faults 3001 to 3005 of it. */
+#include "core.h"
+
+/* Feeds the low-pass with this tick's mean gap voltage and keeps the counters of the discharge faults. Between slow pulses
+ * ticks pass without one; the next pulse then speaks for all of them. */
+int gap_measure(struct edm_controller *c, int shorts) {
+    const struct edm_settings *s = &c->settings;
+    const struct edm_readings *readings = &c->readings;
+    struct edm_gap *gap = &c->gap;
+    uint32_t elapsed = gap->silent_ticks + 1;
+    gap->silent_ticks = 0;
+    real mean_v = readings->gap_v;
+    gap->tick_gap_v = mean_v;
+    gap->gap_v = mean_v + (gap->gap_v - mean_v) * power_of(R(1.0) - s->filter_alpha, elapsed);
+    gap->shorted = shorts == readings->pulses;
+    gap->short_ticks = gap->shorted ? gap->short_ticks + elapsed : 0;
+    if (mean_v > R(0.999) * s->duty_v) {
+        /* Open pulses on the way back from a retraction are no loss: only those at the last spark count. */
+        if (gap->slow_displacement_um >= gap->last_spark_um - R(1.0)) {
+            gap->open_ticks += elapsed;
+        }
+    } else {
+        gap->open_ticks = 0;
+        gap->last_spark_um = gap->displacement_um; /* the slow reading lags behind a tool that comes back from a jump */
+    }
+    if (gap->misreads >= s->misreads_max) {
+        return FAULT_GAP_SENSOR;
+    }
+    /* Current over voltage drop in a discharge is the conductance that the generator really has. */
+    bool over = readings->generator_siemens > s->over_current * s->nominal_siemens;
+    if (readings->charge_uc > 0 && (readings->off_time_a > 0 || over)) {
+        return FAULT_GEN_FAULT;
+    }
+    if (gap->short_ticks > s->short_ticks_max) {
+        return FAULT_SHORT_STUCK;
+    }
+    return gap->arc_run >= s->arc_run_max ? FAULT_ARC_BURN : NOTHING;
+}
+
+/* A millisecond without pulses, in which the gap sensor should read nothing. */
+void gap_rest(struct edm_controller *c) {
+    memset(&c->gap.tick, 0, sizeof c->gap.tick);
+    c->gap.tick_gap_v = 0;
+    if (c->readings.gap_v >= 0) {
+        c->gap.tick_gap_v = c->gap.gap_v = c->readings.gap_v;
+    }
+}

@@ -1,0 +1,51 @@
+/* Figures that a board may set otherwise (-D): sizes of memories, and what its generator can do. */
+#ifndef EDM_LIMITS_H
+#define EDM_LIMITS_H
+
+#ifndef EDM_SERVO_HZ
+#define EDM_SERVO_HZ 1000 /* the tick; every duration of the core is counted in it */
+#endif
+#define TICK_US 1000
+#define TICK_NS 1000000
+#define TICK_S R(0.001)
+
+/* Memories. */
+#ifndef EDM_EVENTS
+#define EDM_EVENTS 32 /* events kept until they are acknowledged */
+#endif
+#ifndef EDM_BOX_SAMPLES
+#define EDM_BOX_SAMPLES 2048 /* milliseconds in the black box */
+#endif
+#ifndef EDM_REPLIES
+#define EDM_REPLIES 8 /* kept replies (Delivery) */
+#endif
+#ifndef EDM_NONCES
+#define EDM_NONCES 8 /* nonces of former sessions (Session) */
+#endif
+#ifndef EDM_PATH_LINES
+#define EDM_PATH_LINES 16 /* lines of a scan that wait */
+#endif
+#ifndef EDM_MOST_PULSES
+#define EDM_MOST_PULSES 64 /* pulses of one tick: 50 kHz and some */
+#endif
+#ifndef EDM_LINGER_TICKS
+#define EDM_LINGER_TICKS 1 /* telemetry is sent at least so often */
+#endif
+#define EDM_PENDING_SAMPLES (14 + EDM_LINGER_TICKS)
+#define EDM_PENDING_PULSES (38 + 52 * EDM_LINGER_TICKS)
+
+/* The generator (PULSE_CONFIG). */
+#define EDM_PERIOD_NS_MIN 20000u
+#define EDM_PERIOD_NS_MAX 1000000000u
+#ifndef EDM_OPEN_V_MAX
+#define EDM_OPEN_V_MAX R(300.0)
+#endif
+#ifndef EDM_CURRENT_A_MAX
+#define EDM_CURRENT_A_MAX R(10.0)
+#endif
+
+/* The converter of the actuator: counts of 2.5 mV, as on the wire. */
+#define STEPS_PER_V R(400.0)
+#define DAC_V R(0.0025)
+
+#endif

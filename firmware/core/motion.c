@@ -1,0 +1,160 @@
+/* What moves the tool, millisecond by millisecond: the command within slew and range, and where a motion stands. */
+#include "core.h"
+
+#define SETTLE_TICKS 100 /* generator on before the approach judges the gap voltage */
+#define LIMIT_TICKS_MAX 500 /* fault 2001 */
+
+/* Begins a mode. */
+void motion_enter(struct edm_controller *c, enum edm_mode mode) {
+    c->motion.mode = mode;
+    c->motion.phase = 0;
+    c->motion.limit_ticks = 0;
+}
+
+/* Puts the gate of the generator; opening it begins the period of the pulses anew. */
+void motion_gate(struct edm_controller *c, bool on) {
+    c->drive.pulses_on = on;
+    if (on) {
+        c->drive.pulse_starts++;
+    }
+    hal_gate(c->board, on);
+}
+
+/* Pulses off, tool and stages held where they are. */
+void motion_hold(struct edm_controller *c) {
+    motion_gate(c, false);
+    scan_end(c);
+    motion_enter(c, HOLD);
+}
+
+/* Pulses off, then the actuator ramps to a voltage. */
+void motion_ramp(struct edm_controller *c, real target_v, real slew_v_s) {
+    motion_gate(c, false);
+    scan_end(c);
+    c->motion.target_v = target_v;
+    c->motion.ramp_v_s = slew_v_s;
+    motion_enter(c, RAMP);
+}
+
+/* Pulses on, with fresh counters of what would stop them. */
+void motion_pulses_on(struct edm_controller *c) {
+    struct edm_gap *gap = &c->gap;
+    motion_gate(c, true);
+    gap->open_ticks = gap->short_ticks = 0;
+    gap->shorted = false;
+    gap->arc_run = gap->misreads = 0;
+    gap->last_spark_um = gap->slow_displacement_um;
+}
+
+/* Ends a motion within a tick: pulses off, tool and stages held; returns what happened. */
+int motion_end(struct edm_controller *c, int happened) {
+    motion_gate(c, false);
+    c->scan.scanning = false;
+    c->scan.count = 0;
+    motion_enter(c, HOLD);
+    return happened;
+}
+
+static real ramp_command(const struct edm_motion *m) {
+    real step = m->ramp_v_s * TICK_S;
+    return m->target_v > m->command_v ? least(m->target_v, m->command_v + step)
+                                      : most(m->target_v, m->command_v - step);
+}
+
+/* Where the mode wants the command, before slew and range. */
+static real wanted_command(const struct edm_controller *c) {
+    const struct edm_motion *m = &c->motion;
+    switch (m->mode) {
+    case SERVO:
+        return m->command_v + c->servo.rate_v_s * TICK_S;
+    case RAMP:
+    case TOUCH_BACK:
+        return ramp_command(m);
+    case APPROACH:
+        return m->phase >= SETTLE_TICKS ? m->command_v + m->slow_v_s * TICK_S : m->command_v;
+    case JUMP_UP:
+    case JUMP_DOWN:
+        return jump_command(c);
+    case JUMP_RETURN:
+    case TOUCH_FAST:
+        return m->command_v + m->fast_v_s * TICK_S;
+    case TOUCH_SLOW:
+        return m->command_v + m->slow_v_s * TICK_S;
+    case TOUCH_HUNT: /* the slope flips with the contact */
+        return m->command_v + (c->readings.contact ? R(-1.0) : R(1.0)) * m->slow_v_s * TICK_S;
+    case HOLD:
+    case JUMP_DWELL:
+    case TEST_OFF:
+    case TEST_ON:
+    default:
+        return m->command_v;
+    }
+}
+
+/* Moves the command by one millisecond, within slew and range, onto the converter's grid (2.5 mV). */
+void motion_command(struct edm_controller *c) {
+    struct edm_motion *m = &c->motion;
+    real before = m->command_v;
+    real v = wanted_command(c);
+    real step = c->settings.slew_limit_v_s * TICK_S;
+    m->slewed = magnitude(v - before) > step;
+    v = least(before + step, most(before - step, v));
+    m->limit_ticks = v > c->settings.piezo_max_v ? m->limit_ticks + 1 : 0;
+    m->command_v = least(c->settings.piezo_max_v, most(0, v));
+    c->drive.actuator_v = (real)floor_of(m->command_v * STEPS_PER_V + R(0.5)) * DAC_V;
+}
+
+/* APPROACH: sparks pull the mean gap voltage down to the reference; max_travel_um without them is fault 3005. */
+static int approach_tick(struct edm_controller *c) {
+    if (c->motion.phase <= SETTLE_TICKS) {
+        return NOTHING;
+    }
+    if (c->gap.gap_v <= c->servo.gap_ref_v) {
+        return motion_end(c, SPARK_FOUND);
+    }
+    if (c->gap.slow_displacement_um - c->motion.start_z_um > c->motion.z_max_um) {
+        return FAULT_NO_SPARK;
+    }
+    return NOTHING;
+}
+
+/* Where the running motion stands after this tick: goes on, changes its phase, or tells what happened. */
+int motion_tick(struct edm_controller *c) {
+    struct edm_motion *m = &c->motion;
+    m->phase++;
+    if (m->mode == HOLD) {
+        return NOTHING;
+    }
+    if (m->mode == RAMP) {
+        if (c->readings.contact && m->target_v > m->command_v) {
+            return FAULT_COLLISION;
+        }
+        bool there = !(m->command_v < m->target_v || m->command_v > m->target_v);
+        return there ? motion_end(c, RAMP_DONE) : NOTHING;
+    }
+    if (m->limit_ticks > LIMIT_TICKS_MAX) {
+        return FAULT_TRAVEL_LIMIT;
+    }
+    switch (m->mode) {
+    case APPROACH:
+        return approach_tick(c);
+    case SERVO:
+        return servo_tick(c);
+    case JUMP_UP:
+    case JUMP_DWELL:
+    case JUMP_DOWN:
+    case JUMP_RETURN:
+        return jump_tick(c);
+    case TEST_OFF:
+    case TEST_ON:
+        return self_test_tick(c);
+    case TOUCH_FAST:
+    case TOUCH_SLOW:
+    case TOUCH_HUNT:
+    case TOUCH_BACK:
+    case HOLD:
+    case RAMP:
+    default:
+        return touch_tick(c);
+    }
+}

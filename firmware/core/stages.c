@@ -1,0 +1,46 @@
+/* Travel of one stage axis (STAGE_MOVE, STAGE_STOP): from where to where, since when, and its settling. */
+#include "core.h"
+
+#define SETTLE_TICKS 50
+
+/* Lets an axis travel (µm and µm/s, degrees and degrees/s) and come to rest. */
+void stages_start(struct edm_controller *c, uint8_t axis, real target, real speed) {
+    struct edm_stages *s = &c->stages;
+    s->travels = true;
+    s->axis = axis;
+    s->start = s->at[axis];
+    s->target = target;
+    s->start_tick = c->tick;
+    s->travel_ticks = ceiling_of(magnitude(target - s->start) / speed / TICK_S);
+    hal_stage_start(c->board, axis, target, speed);
+}
+
+/* The tick at which the stage has come to rest; NEVER where none travels. */
+static int64_t arrival_tick(const struct edm_stages *s) {
+    return s->travels ? s->start_tick + s->travel_ticks + SETTLE_TICKS : NEVER;
+}
+
+bool stages_arrived(const struct edm_controller *c) {
+    return c->tick >= arrival_tick(&c->stages);
+}
+
+/* Ends the travel where the stage is now. */
+void stages_stop(struct edm_controller *c) {
+    struct edm_stages *s = &c->stages;
+    if (!s->travels) {
+        return;
+    }
+    s->travels = false;
+    real share = (real)(c->tick - s->start_tick) / (real)(s->travel_ticks > 1 ? s->travel_ticks : 1);
+    s->at[s->axis] = s->start + least(R(1.0), share) * (s->target - s->start);
+    hal_stage_stop(c->board, s->axis, s->at[s->axis]);
+}
+
+int64_t edm_next_deadline(const struct edm_controller *c) {
+    int64_t next = c->events.repeat_tick;
+    int64_t others[] = {watchdog_tick(c), arrival_tick(&c->stages)};
+    for (int i = 0; i < 2; i++) {
+        next = others[i] < next ? others[i] : next;
+    }
+    return next;
+}

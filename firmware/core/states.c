@@ -1,0 +1,174 @@
+/* States, the safe state, and what ends a motion (docs/protocol.md, States, Safe state and watchdog). */
+#include "core.h"
+
+static bool is_armed_state(uint8_t state) {
+    return state >= STATE_ARMED && state <= STATE_MOVING;
+}
+
+/* Enters a state. The watchdog runs, inputs and monitors count while it is an armed one. */
+void states_enter(struct edm_controller *c, uint8_t state) {
+    c->state = state;
+    c->armed = is_armed_state(state);
+}
+
+static void latch(struct edm_controller *c, uint16_t code) {
+    c->keeps.fault = code;
+    hal_persist(c->board, &c->keeps);
+}
+
+static void freeze(struct edm_controller *c) {
+    blackbox_freeze(c);
+    waveforms_freeze(c);
+}
+
+/* Pulses off, retract, latch, report. The first fault stays the latched one, but for an emergency stop. */
+void states_raise(struct edm_controller *c, uint16_t code, int32_t detail) {
+    uint16_t latched = c->keeps.fault;
+    motion_ramp(c, 0, c->settings.retract_v_s);
+    if (latched != 0 && (code != FAULT_ESTOP || latched == FAULT_ESTOP)) {
+        return;
+    }
+    telemetry_flush(c);
+    freeze(c);
+    latch(c, code);
+    stages_stop(c);
+    c->disarming = c->pulses_allowed = false;
+    states_enter(c, code == FAULT_ESTOP ? STATE_ESTOP : STATE_FAULT);
+    events_emit_fault(c, code, detail);
+}
+
+void edm_fault(struct edm_controller *c, uint16_t code, int32_t detail) {
+    states_raise(c, code, detail);
+}
+
+/* Leaves FAULT or ESTOP for IDLE. */
+void states_clear_fault(struct edm_controller *c) {
+    latch(c, 0);
+    blackbox_thaw(c);
+    waveforms_thaw(c);
+    states_enter(c, STATE_IDLE);
+}
+
+/* Pulses off, holds the tool where it is. */
+void states_stop_motion(struct edm_controller *c) {
+    motion_hold(c);
+    states_enter(c, STATE_ARMED);
+    events_emit(c, EVENT_CODE_STOPPED);
+}
+
+static void end_ramp(struct edm_controller *c) {
+    if (c->state == STATE_BOOT) {
+        states_enter(c, STATE_IDLE);
+    } else if (c->keeps.fault == 0) {
+        states_enter(c, c->disarming ? STATE_IDLE : STATE_ARMED);
+        c->disarming = false;
+        events_emit(c, EVENT_CODE_MOVE_DONE);
+    }
+}
+
+static void end_motion(struct edm_controller *c, uint8_t state, uint16_t event) {
+    states_enter(c, state);
+    events_emit(c, event);
+}
+
+void edm_conclude(struct edm_controller *c, int happened) {
+    telemetry_send_full(c);
+    scan_release(c);
+    switch (happened) {
+    case NOTHING:
+    case JUMP_RESUMED:
+        break;
+    case RAMP_DONE:
+        end_ramp(c);
+        break;
+    case SPARK_FOUND:
+        end_motion(c, STATE_ARMED, EVENT_CODE_APPROACH_DONE);
+        break;
+    case CUT_DONE:
+        end_motion(c, STATE_ARMED, EVENT_CODE_CUT_DONE);
+        break;
+    case TIME_UP:
+        end_motion(c, STATE_ARMED, EVENT_CODE_TIME_UP);
+        break;
+    case PATH_IS_DONE:
+        end_motion(c, STATE_ARMED, EVENT_CODE_PATH_DONE);
+        break;
+    case JUMP_IS_DONE:
+        end_motion(c, c->jump.resumes ? STATE_MACHINING : STATE_ARMED, EVENT_CODE_JUMP_DONE);
+        break;
+    case TOUCHED:
+        events_emit_touch(c);
+        break;
+    case TOUCHES_DONE:
+        end_motion(c, STATE_ARMED, EVENT_CODE_TOUCH_DONE);
+        break;
+    case TESTED:
+        self_test_judge(c);
+        break;
+    default: /* the code of a fault */
+        states_raise(c, (uint16_t)happened, 0);
+        break;
+    }
+}
+
+void edm_send_full_frames(struct edm_controller *c) {
+    telemetry_send_full(c);
+}
+
+void edm_create(struct edm_controller *c, void *board, const struct edm_identity *identity,
+                const struct edm_persistent *keeps) {
+    static const struct edm_generator usual = {.on_time_us = R(130.435), .off_time_us = R(304.348), .open_v = 40,
+                                               .peak_a = R(0.12)};
+    struct edm_inputs inputs;
+    memset(c, 0, sizeof *c);
+    c->board = board;
+    c->identity = *identity;
+    if (keeps != NULL) {
+        c->keeps = *keeps;
+    }
+    c->events.repeat_tick = NEVER;
+    c->telemetry.next = -1;
+    parameters_reset(c);
+    waveforms_forget(c);
+    parameters_set_generator(c, &usual);
+    hal_inputs(board, &inputs);
+    c->motion.command_v = most(0, inputs.monitor_v); /* wherever a reset has left the actuator */
+    states_enter(c, STATE_IDLE);
+}
+
+void edm_start(struct edm_controller *c, uint8_t cause) {
+    struct edm_persistent *keeps = &c->keeps;
+    telemetry_forget(c);
+    c->telemetry.counter = c->telemetry.pulse_counter = 0;
+    memset(&c->receiver, 0, sizeof c->receiver);
+    c->guards.bad_seen = 0;
+    c->link.drop = 0;
+    session_begin(c, 0);
+    parameters_reset(c);
+    motion_ramp(c, 0, c->settings.retract_v_s);
+    stages_stop(c);
+    c->link.reboot_asked = c->disarming = c->pulses_allowed = false;
+    if (keeps->fault == 0 && (cause == RESET_CAUSE_WATCHDOG || cause == RESET_CAUSE_BROWN_OUT)) {
+        freeze(c);
+        keeps->fault = FAULT_RESET;
+    }
+    waveforms_forget(c);
+    keeps->boot_count++;
+    hal_persist(c->board, keeps);
+    c->boot_tick = c->tick;
+    c->reset_cause = cause;
+    c->events.repeat_tick = NEVER;
+    bool at_rest = c->motion.command_v <= 0;
+    if (keeps->fault != 0) {
+        states_enter(c, keeps->fault == FAULT_ESTOP ? STATE_ESTOP : STATE_FAULT);
+    } else {
+        states_enter(c, at_rest ? STATE_IDLE : STATE_BOOT);
+    }
+    if (at_rest) {
+        motion_hold(c);
+    }
+    uint8_t payload[BOOT_SIZE];
+    const struct boot boot = {.reset_cause = cause, .boot_count = keeps->boot_count};
+    boot_write(payload, &boot);
+    delivery_send(c, MSG_BOOT, payload, BOOT_SIZE);
+}

@@ -1,0 +1,67 @@
+/* The millisecond: edm_tick_begin commands, the machine lives through it, edm_tick_end judges and records it. */
+#include "core.h"
+
+void edm_tick_begin(struct edm_controller *c) {
+    c->drive.stage_moves = 0;
+    motion_command(c);
+}
+
+/* TlmFlags of now. */
+static uint8_t flags_of(const struct edm_controller *c) {
+    int bits = c->drive.pulses_on ? TLM_FLAGS_PULSES_ON : 0;
+    bits |= c->readings.contact ? TLM_FLAGS_CONTACT : 0;
+    bits |= c->servo.direction > 0 ? TLM_FLAGS_ADVANCING : 0;
+    bits |= c->gap.shorted ? TLM_FLAGS_SHORTED : 0;
+    bits |= c->motion.limit_ticks > 0 ? TLM_FLAGS_AT_LIMIT : 0;
+    bits |= c->motion.slewed ? TLM_FLAGS_SLEW_LIMITED : 0;
+    return (uint8_t)bits;
+}
+
+static int judge_gap(struct edm_controller *c) {
+    if (!c->drive.pulses_on) {
+        gap_rest(c);
+        return NOTHING;
+    }
+    if (c->readings.pulses == 0) {
+        c->gap.silent_ticks++;
+        memset(&c->gap.tick, 0, sizeof c->gap.tick);
+        return NOTHING;
+    }
+    int shorts = pulses_judge(c);
+    c->telemetry.charge_uc += c->readings.charge_uc;
+    return gap_measure(c, shorts);
+}
+
+static void read_displacement(struct edm_controller *c) {
+    real displacement = c->readings.sensor_um;
+    if (c->settings.sensor_missing) {
+        displacement = c->drive.actuator_v / c->settings.v_per_um;
+    }
+    c->gap.displacement_um = displacement;
+    c->gap.slow_displacement_um += c->settings.displacement_alpha * (displacement - c->gap.slow_displacement_um);
+}
+
+int edm_tick_end(struct edm_controller *c) {
+    c->tick++;
+    int happened = judge_gap(c);
+    read_displacement(c);
+    int sequence = motion_tick(c);
+    if (happened == NOTHING) {
+        happened = sequence;
+    }
+    if (c->armed) {
+        int voltage = guards_monitor(c);
+        if (voltage != NOTHING) {
+            happened = voltage;
+        }
+    }
+    if (c->scan.scanning && happened == NOTHING) {
+        happened = scan_tick(c);
+    }
+    uint8_t flags = flags_of(c);
+    blackbox_record(c, flags);
+    if (c->tick == c->telemetry.next) {
+        telemetry_sample(c, flags);
+    }
+    return happened;
+}

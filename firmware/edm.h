@@ -1,0 +1,41 @@
+/* EDM Link controller: what a board calls. See hal.h for what it supplies, docs/firmware.md for how. */
+#ifndef EDM_H
+#define EDM_H
+
+#include "core/controller.h"
+
+/* Makes a controller in the caller's memory: parameters at their defaults, IDLE, tool taken to rest at 0 V. `keeps` are
+ * the words that outlasted the supply or the reset, NULL for none. edm_start follows. */
+void edm_create(struct edm_controller *c, void *board, const struct edm_identity *identity,
+                const struct edm_persistent *keeps);
+/* Starts it, as a reset of that cause does: no session, pulses off, tool back, BOOT sent (docs/protocol.md, Session). */
+void edm_start(struct edm_controller *c, uint8_t cause);
+
+/* Takes bytes of the line and carries out the commands in them; returns how many were taken. It stops early behind an
+ * ADVANCE, the rest follows after edm_advanced. */
+size_t edm_receive(struct edm_controller *c, const uint8_t *bytes, size_t size);
+/* Eight zeros came in a row, or the line was low for 1 ms: for boards that time it in hardware. */
+void edm_abort(struct edm_controller *c);
+/* What ends a call of edm_receive: a line that is too noisy. Call it after every read of the line. */
+void edm_line_read(struct edm_controller *c);
+/* Answers the ADVANCE that edm_receive stopped at. */
+void edm_advanced(struct edm_controller *c);
+
+/* Begins a millisecond: reads the contact of the last one, sets c->drive. No message is sent. */
+void edm_tick_begin(struct edm_controller *c);
+/* Ends a millisecond: judges c->readings, records them; returns what happened (enum edm_happened). */
+int edm_tick_end(struct edm_controller *c);
+/* Follows a tick, or several in which nothing happened: sends telemetry, turns `happened` into states and events. */
+void edm_conclude(struct edm_controller *c, int happened);
+/* Sends telemetry frames that are full; edm_conclude does it too. */
+void edm_send_full_frames(struct edm_controller *c);
+/* What is due by the clock and by the inputs: stages, interlocks, watchdog, repetition of events. Call it every
+ * millisecond, or at the latest at edm_next_deadline. */
+void edm_watch(struct edm_controller *c);
+/* The tick at which edm_watch has something to do by the clock; NEVER for none. */
+int64_t edm_next_deadline(const struct edm_controller *c);
+
+/* A fault that the board itself has found. */
+void edm_fault(struct edm_controller *c, uint16_t code, int32_t detail);
+
+#endif

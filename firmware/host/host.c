@@ -1,0 +1,337 @@
+/* The board that the core finds in a process: records of the virtual plant, callbacks into its model, bytes in memory. */
+#include "host.h"
+
+#include <stddef.h>
+
+#define PACK 12 /* bits of a count in tick_counts */
+
+_Static_assert(offsetof(struct edm_host, core) == 0, "the core stands first");
+
+static struct edm_host *host_of(void *board) {
+    return board;
+}
+
+void hal_send(void *board, const uint8_t *frame, size_t size) {
+    struct edm_host *h = host_of(board);
+    if (frame[2] == MSG_TLM) {
+        memcpy(h->last_samples, frame, size);
+    }
+    if (h->seen.out_bytes + (int64_t)size > OUT_BYTES) {
+        h->seen.lost_frames++;
+        return;
+    }
+    memcpy(h->out + h->seen.out_bytes, frame, size);
+    h->seen.out_bytes += (int64_t)size;
+}
+
+void hal_inputs(void *board, struct edm_inputs *inputs) {
+    const struct host_inputs *now = &host_of(board)->inputs;
+    inputs->estop = now->estop != 0;
+    inputs->door_open = now->door_open != 0;
+    inputs->hv_supply_ok = now->hv_supply_ok != 0;
+    inputs->level_ok = now->level_ok != 0;
+    inputs->limit_switch = now->limit_switch != 0;
+    inputs->flow_lpm = (real)now->flow_lpm;
+    inputs->temperature_c = (real)now->temperature_c;
+    inputs->monitor_v = (real)now->monitor_v;
+}
+
+void hal_gate(void *board, bool on) {
+    (void)board; /* the plant reads it in the drive */
+    (void)on;
+}
+
+real hal_set_generator(void *board, const struct edm_generator *g) {
+    const struct host_callbacks *model = &host_of(board)->callbacks;
+    return (real)model->set_generator((double)g->on_time_us, (double)g->off_time_us, (double)g->open_v,
+                                      (double)g->peak_a, (double)g->discharge_us);
+}
+
+void hal_stage_start(void *board, uint8_t axis, real target, real speed) {
+    (void)board; /* the model's stage lands when it is told that it has */
+    (void)axis;
+    (void)target;
+    (void)speed;
+}
+
+void hal_stage_stop(void *board, uint8_t axis, real at) {
+    host_of(board)->callbacks.stage_stop(axis, (double)at);
+}
+
+void hal_path_begin(void *board) {
+    host_of(board)->callbacks.path_begin();
+}
+
+void hal_path_line(void *board, uint8_t row) {
+    host_of(board)->callbacks.path_line(row);
+}
+
+void hal_path_end(void *board) {
+    host_of(board)->callbacks.path_end();
+}
+
+uint32_t hal_wave_memory(void *board) {
+    return (uint32_t)host_of(board)->callbacks.wave_memory();
+}
+
+void hal_wave_keep(void *board, int64_t begin_ns, int64_t end_ns) {
+    (void)begin_ns; /* the model keeps its newest pulses */
+    (void)end_ns;
+    host_of(board)->callbacks.wave_keep();
+}
+
+void hal_wave_read(void *board, uint32_t offset, uint8_t samples, int16_t *counts) {
+    host_of(board)->callbacks.wave_read(offset, samples, counts);
+}
+
+void hal_wave_forget(void *board, bool kept) {
+    host_of(board)->callbacks.wave_forget(kept);
+}
+
+void hal_persist(void *board, const struct edm_persistent *words) {
+    (void)board; /* they stand in the memory that the caller keeps */
+    (void)words;
+}
+
+static void put_drive(struct edm_host *h) {
+    const struct edm_drive *from = &h->core.drive;
+    struct host_drive *to = h->drive;
+    to->actuator_v = (double)from->actuator_v;
+    to->pulses_on = from->pulses_on;
+    to->pulse_starts = from->pulse_starts;
+    to->contact_tests = from->contact_tests;
+    to->stage_moves = from->stage_moves;
+    if (from->stage_moves || h->core.scan.follows) {
+        to->stage_x_um = (double)from->stage_um[AXIS_X];
+        to->stage_y_um = (double)from->stage_um[AXIS_Y];
+        to->stage_line = from->stage_line;
+        to->stage_lines_done = from->stage_lines_done;
+        to->stage_share = (double)from->stage_share;
+        to->stage_way_um = (double)from->stage_way_um;
+    }
+}
+
+static void take_readings(struct edm_host *h) {
+    const struct host_readings *from = h->readings;
+    struct edm_readings *to = &h->core.readings;
+    int pulses = from->pulses < EDM_MOST_PULSES ? (int)from->pulses : EDM_MOST_PULSES;
+    to->sensor_um = (real)from->sensor_um;
+    to->monitor_v = (real)from->monitor_v;
+    to->gap_v = (real)from->gap_v;
+    to->charge_uc = (real)from->charge_uc;
+    to->generator_siemens = (real)from->generator_siemens;
+    to->off_time_a = (real)from->off_time_a;
+    to->contact = from->contact != 0;
+    to->stray_pulses = (uint8_t)(from->stray_pulses < 255 ? from->stray_pulses : 255);
+    to->pulses = (uint8_t)pulses;
+    to->first_pulse_ns = from->first_pulse_ns;
+    for (int i = 0; i < pulses; i++) {
+        to->delay_us[i] = (real)from->delay_us[i];
+        to->discharge_us[i] = (real)from->discharge_us[i];
+        to->plateau_v[i] = (real)from->plateau_v[i];
+        to->energy_uj[i] = (real)from->energy_uj[i];
+    }
+}
+
+/* Shows the caller what stands in the controller. */
+static void show(struct edm_host *h) {
+    const struct edm_controller *c = &h->core;
+    struct host_seen *seen = &h->seen;
+    put_drive(h);
+    seen->tick = c->tick;
+    seen->boot_tick = c->boot_tick;
+    seen->state = c->state;
+    seen->armed = c->armed;
+    seen->fault = c->keeps.fault;
+    seen->boot_count = c->keeps.boot_count;
+    seen->frozen_tick = c->box.frozen ? c->box.frozen_tick : -1;
+    seen->watchdog_ticks = c->settings.watchdog_ticks;
+    seen->param_crc = c->parameters.crc;
+    seen->mode = c->motion.mode;
+    seen->tick_counts = 0;
+    for (int k = 0; k < 4; k++) {
+        seen->tick_counts |= (int64_t)c->gap.tick.of[k] << (PACK * k);
+    }
+    seen->pulse_no = c->gap.pulse_no;
+    seen->tlm_next = c->telemetry.next;
+    seen->scanning = c->scan.scanning;
+    seen->command_v = (double)c->motion.command_v;
+    seen->displacement_um = (double)c->gap.displacement_um;
+    seen->slow_displacement_um = (double)c->gap.slow_displacement_um;
+    seen->gap_v = (double)c->gap.gap_v;
+    seen->rx_bad = c->receiver.bad;
+    seen->rx_drop = c->link.drop;
+    seen->rx_frames = c->link.frames;
+    seen->urgent = c->link.urgent;
+    seen->due = c->link.due;
+    seen->advanced = c->link.advanced;
+    seen->advancing = c->link.advance_came;
+    seen->advance_us = c->link.advance_us;
+    seen->reboot_asked = c->link.reboot_asked;
+    seen->arms = c->arms;
+    seen->touch_offs = c->touch_offs;
+}
+
+EXPORTED size_t edm_host_size(void);
+EXPORTED size_t edm_host_inputs_at(void);
+EXPORTED size_t edm_host_seen_at(void);
+EXPORTED size_t edm_host_out_at(void);
+EXPORTED size_t edm_host_last_samples_at(void);
+EXPORTED int edm_host_real_bytes(void);
+EXPORTED uint32_t edm_host_schema_hash(void);
+EXPORTED void edm_host_bind(struct edm_host *h, struct host_drive *drive, const struct host_readings *readings,
+                            const struct host_callbacks *callbacks);
+EXPORTED void edm_host_create(struct edm_host *h, const char serial[12], double x_um);
+EXPORTED void edm_host_set(struct edm_host *h, int board, uint32_t baud, int driven, double host_time_scale);
+EXPORTED size_t edm_host_receive(struct edm_host *h, const uint8_t *bytes, size_t size);
+EXPORTED void edm_host_line_read(struct edm_host *h);
+EXPORTED void edm_host_advanced(struct edm_host *h);
+EXPORTED void edm_host_taken(struct edm_host *h);
+EXPORTED void edm_host_heard(struct edm_host *h);
+EXPORTED void edm_host_set_boots(struct edm_host *h, uint32_t boots);
+EXPORTED void edm_host_count_from(struct edm_host *h, int64_t since_us, uint16_t event_no, uint32_t boot_count,
+                                  uint32_t frames, uint32_t pulse_no);
+EXPORTED void edm_host_begin(struct edm_host *h);
+EXPORTED int64_t edm_host_end(struct edm_host *h);
+EXPORTED void edm_host_conclude(struct edm_host *h, int64_t happened);
+EXPORTED void edm_host_watch(struct edm_host *h);
+EXPORTED int64_t edm_host_deadline(const struct edm_host *h);
+EXPORTED void edm_host_fault(struct edm_host *h, int code, int detail);
+EXPORTED void edm_host_reset(struct edm_host *h, int cause);
+
+size_t edm_host_size(void) {
+    return sizeof(struct edm_host);
+}
+
+size_t edm_host_inputs_at(void) {
+    return offsetof(struct edm_host, inputs);
+}
+
+size_t edm_host_seen_at(void) {
+    return offsetof(struct edm_host, seen);
+}
+
+size_t edm_host_out_at(void) {
+    return offsetof(struct edm_host, out);
+}
+
+size_t edm_host_last_samples_at(void) {
+    return offsetof(struct edm_host, last_samples);
+}
+
+int edm_host_real_bytes(void) {
+    return (int)sizeof(real);
+}
+
+uint32_t edm_host_schema_hash(void) {
+    return SCHEMA_HASH;
+}
+
+/* Tells where the records and the model are; again after the memory has been copied. */
+void edm_host_bind(struct edm_host *h, struct host_drive *drive, const struct host_readings *readings,
+                   const struct host_callbacks *callbacks) {
+    h->core.board = h;
+    h->drive = drive;
+    h->readings = readings;
+    h->callbacks = *callbacks;
+}
+
+/* Makes the controller of a machine that has been switched on, in memory that edm_host_bind was called on. */
+void edm_host_create(struct edm_host *h, const char serial[12], double x_um) {
+    struct edm_identity identity = {.host_time_scale = 1};
+    const struct edm_persistent keeps = {.boot_count = 1};
+    memcpy(identity.serial, serial, sizeof identity.serial);
+    edm_create(&h->core, h, &identity, &keeps);
+    h->core.tick = h->core.boot_tick = h->readings->tick;
+    h->core.stages.at[AXIS_X] = (real)x_um;
+    show(h);
+}
+
+void edm_host_set(struct edm_host *h, int board, uint32_t baud, int driven, double host_time_scale) {
+    struct edm_identity *identity = &h->core.identity;
+    identity->board = (uint16_t)board;
+    identity->baud = baud;
+    identity->driven = driven != 0;
+    identity->host_time_scale = (real)host_time_scale;
+}
+
+size_t edm_host_receive(struct edm_host *h, const uint8_t *bytes, size_t size) {
+    size_t taken = edm_receive(&h->core, bytes, size);
+    show(h);
+    return taken;
+}
+
+void edm_host_line_read(struct edm_host *h) {
+    edm_line_read(&h->core);
+    show(h);
+}
+
+void edm_host_advanced(struct edm_host *h) {
+    edm_advanced(&h->core);
+    show(h);
+}
+
+/* What there was to send has been taken. */
+void edm_host_taken(struct edm_host *h) {
+    h->core.link.urgent = h->core.link.due = false;
+    h->seen.urgent = h->seen.due = 0;
+}
+
+void edm_host_heard(struct edm_host *h) {
+    h->core.heard_tick = h->core.tick;
+}
+
+void edm_host_set_boots(struct edm_host *h, uint32_t boots) {
+    h->core.keeps.boot_count = boots;
+    show(h);
+}
+
+/* Lets every counter of the link stand where it does after a long time: for tests of their wrap. */
+void edm_host_count_from(struct edm_host *h, int64_t since_us, uint16_t event_no, uint32_t boot_count, uint32_t frames,
+                         uint32_t pulse_no) {
+    struct edm_controller *c = &h->core;
+    c->boot_tick = c->tick - since_us / TICK_US;
+    c->telemetry.counter = c->telemetry.pulse_counter = (uint16_t)frames;
+    c->keeps.event_no = event_no;
+    c->keeps.boot_count = boot_count;
+    c->receiver.bad = c->link.drop = frames;
+    c->gap.pulse_no = pulse_no;
+    show(h);
+}
+
+void edm_host_begin(struct edm_host *h) {
+    edm_tick_begin(&h->core);
+    h->drive->actuator_v = (double)h->core.drive.actuator_v;
+    h->drive->stage_moves = 0; /* the rest stands there since the last call */
+}
+
+int64_t edm_host_end(struct edm_host *h) {
+    take_readings(h);
+    int happened = edm_tick_end(&h->core);
+    put_drive(h);
+    return happened;
+}
+
+void edm_host_conclude(struct edm_host *h, int64_t happened) {
+    edm_conclude(&h->core, (int)happened);
+    show(h);
+}
+
+void edm_host_watch(struct edm_host *h) {
+    edm_watch(&h->core);
+    show(h);
+}
+
+int64_t edm_host_deadline(const struct edm_host *h) {
+    return edm_next_deadline(&h->core);
+}
+
+void edm_host_fault(struct edm_host *h, int code, int detail) {
+    edm_fault(&h->core, (uint16_t)code, detail);
+    show(h);
+}
+
+void edm_host_reset(struct edm_host *h, int cause) {
+    edm_start(&h->core, (uint8_t)cause);
+    show(h);
+}

@@ -1,0 +1,58 @@
+"""A bench in the middle of a cut, driven by frames alone, so that any controller can be behind it."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import TYPE_CHECKING
+
+from edmctl.link import messages as m
+from edmctl.link.session import Session
+from edmctl.simulator import BenchConfig, open_bench
+
+if TYPE_CHECKING:
+    from edmctl.simulator import VirtualBench
+
+DUTY_V = 12.0
+
+
+def cut(
+    controller: str,
+    seconds: float,
+    frequency_hz: float = 2300.0,
+    seed: int = 2,
+    heard: bytearray | None = None,
+    *,
+    told: bool = True,
+) -> VirtualBench:
+    """Approach, then cut for so long; what came over the line is added to `heard`, with telemetry if `told`."""
+    bench = open_bench(BenchConfig(offset_um=3.0, controller=controller), seed)
+    read = bench.transport.read
+
+    def listen(timeout_s: float) -> bytes:
+        data = read(timeout_s)
+        if heard is not None:
+            heard.extend(data)
+        return data
+
+    bench.transport.read = listen  # type: ignore[method-assign]
+    session, crc = Session(bench.transport, Random(1)), m.param_crc({})
+    session.open()
+    period_us = 1e6 / frequency_hz
+    on_us = round(0.3 * period_us, 3)
+    generator = m.PulseConfig(
+        on_us, round(period_us - on_us, 3), DUTY_V / 0.3, 0.12, m.PulseMode.ISOFREQUENCY, 0.0
+    )
+    for request in (m.CommitProfile(crc), generator, m.Arm(crc), m.PulseEnable(1)):
+        session.request(request)
+    session.request(m.StageMove(m.Axis.X, 0, 50_000_000))
+    session.pump(0.3)
+    if told:
+        session.request(m.TlmStart(1000, 14, m.PulseLog.BLOCKS))
+    session.request(m.Approach(5.0, 100.0, 0.9 * DUTY_V))
+    for _ in range(100):
+        session.pump(0.1)
+        if session.request(m.GetStatus()).state != m.State.APPROACH:
+            break
+    session.request(m.ServoStart(0.8 * DUTY_V, 500.0, 1e5))
+    session.pump(seconds)
+    return bench

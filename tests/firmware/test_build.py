@@ -1,0 +1,48 @@
+"""Building the core: once for its sources and compiler, and with a word where that cannot be."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.errors import PreconditionError
+from edmctl.firmware import build
+from edmctl.firmware.library import library
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from edmctl.firmware.build import Build
+
+
+def test_what_was_built_is_found_again(core: Build) -> None:
+    again = build.built()
+    assert not again.is_new
+    assert again.path == core.path
+
+
+def test_the_library_is_of_this_protocol_and_says_its_arithmetic(core: Build) -> None:
+    from edmctl.link.messages import SCHEMA_HASH
+
+    assert library().schema_hash() == SCHEMA_HASH
+    assert library().real_bytes() == 8
+    assert library("float").real_bytes() == 4
+
+
+def test_without_a_compiler_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    build.compiler.cache_clear()
+    with pytest.raises(PreconditionError, match="no C compiler") as caught:
+        build.built(environ={})
+    build.compiler.cache_clear()
+    assert (caught.value.code, "edmctl[firmware]" in caught.value.hint) == ("E8093", True)
+
+
+@pytest.mark.parametrize(("command", "code"), [("no-such-compiler", "E8093"), ("true", "E8094")])
+def test_a_compiler_that_does_not_compile_is_told(command: str, code: str, tmp_path: Path) -> None:
+    with pytest.raises(PreconditionError) as caught:
+        build.built(environ={"CC": command, build.CACHE_VARIABLE: str(tmp_path / "cache")})
+    assert caught.value.code == code
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]

@@ -1,0 +1,41 @@
+"""The core does, byte for byte, what the virtual controller does; benchmarks/firmware_differences.py tries more."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.link import messages as m
+from edmctl.simulator.firmware_controller import FirmwareController
+from tests.firmware.schedules import Difference, Schedule
+from tests.tiers import tiers
+
+if TYPE_CHECKING:
+    from edmctl.firmware.build import Build
+
+
+@pytest.mark.parametrize("seed", tiers(3, slow=(4, 6, 8), full=tuple(range(10, 30))))
+def test_a_random_schedule_makes_no_difference(core: Build, seed: int) -> None:
+    schedule = Schedule(seed)
+    schedule.run(150)
+    assert isinstance(schedule.twins.benches[1].controller, FirmwareController)
+    assert schedule.commands > 150
+
+
+def test_a_difference_is_found(core: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The comparison can fail: one controller whose ramp is a step longer."""
+    schedule = Schedule(3)
+    schedule.twins.benches[0].controller.motion.volts = lambda um: um * 1.001  # type: ignore[method-assign, union-attr]
+    with pytest.raises(Difference):
+        schedule.run(300)
+
+
+def test_float_arithmetic_cuts_as_deep(core: Build) -> None:
+    """A board calculates in float: what is chaotic about sparks comes out otherwise, what counts does not."""
+    from tests.firmware.cuts import cut
+
+    exact, board = cut("firmware", 4.0), cut("firmware-float", 4.0)
+    assert board.controller.state is exact.controller.state is m.State.MACHINING
+    assert board.plant.state.depth_um == pytest.approx(exact.plant.state.depth_um, rel=0.05)
+    assert board.controller.loop.pulse_no == exact.controller.loop.pulse_no

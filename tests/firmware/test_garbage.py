@@ -1,0 +1,69 @@
+"""Senseless bytes, frames and readings under sanitizers: no command out of noise, no undefined behaviour."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.firmware.build import REALS, compiler, source_folder
+from tests.tiers import tiers
+
+if TYPE_CHECKING:
+    from edmctl.firmware.build import Build
+
+PROGRAM = Path(__file__).with_name("garbage.c")
+SANITIZERS = "-fsanitize=address,undefined,float-cast-overflow"
+
+
+def garbage_program(real: str, folder: Path, *flags: str) -> list[str]:
+    """Return the command that builds the program, and its path as the last word."""
+    source = source_folder()
+    parts = [str(path) for part in ("core", "gen") for path in sorted((source / part).glob("*.c"))]
+    kind = ["-DEDM_REAL_DOUBLE"] if real == "double" else []
+    include = [f"-I{source / 'core'}", f"-I{source / 'gen'}"]
+    warn = ["-std=c11", "-O1", "-g", "-ffp-contract=off"]
+    return [
+        *compiler(),
+        *warn,
+        *kind,
+        *flags,
+        *include,
+        str(PROGRAM),
+        *parts,
+        "-lm",
+        "-o",
+        str(folder / "garbage"),
+    ]
+
+
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("megabytes", tiers(slow=(1,), full=(20,)))
+def test_garbage_is_no_command_and_does_no_harm(
+    core: Build, real: str, megabytes: int, tmp_path: Path
+) -> None:
+    command = garbage_program(real, tmp_path, SANITIZERS, "-fno-sanitize-recover=all")
+    if subprocess.run(command, capture_output=True, check=False).returncode:
+        pytest.skip("the C compiler has no sanitizers")
+    done = subprocess.run([command[-1], "1", str(megabytes)], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert f"{megabytes << 20} bytes of garbage" in done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("real", REALS)
+def test_the_core_compiles_without_a_warning(core: Build, real: str, tmp_path: Path) -> None:
+    folder = source_folder()
+    flags = ["-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror"]
+    for path in sorted(
+        [*(folder / "core").glob("*.c"), *(folder / "gen").glob("*.c"), *(folder / "host").glob("*.c")]
+    ):
+        kind = ["-DEDM_REAL_DOUBLE"] if real == "double" else []
+        include = [f"-I{folder / 'core'}", f"-I{folder / 'gen'}"]
+        command = [*compiler(), "-std=c11", "-O2", *flags, *kind, *include, "-c", str(path)]
+        done = subprocess.run(
+            [*command, "-o", str(tmp_path / "part.o")], capture_output=True, text=True, check=False
+        )
+        assert (done.returncode, done.stderr) == (0, "")
