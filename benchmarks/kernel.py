@@ -44,7 +44,7 @@ def bench_at(frequency_hz: float | None) -> VirtualBench:
     if hasattr(config, "spread"):  # checkouts before decision 0042 draw nothing
         config = replace(config, spread=SimSettings().spread)
     bench = open_bench(config, 1)
-    controller, crc = bench.controller, m.param_crc({})
+    controller, crc = bench.python_controller, m.param_crc({})
     period_us = 1e6 / (frequency_hz or 2300.0)
     pulses = m.PulseConfig(0.3 * period_us, 0.7 * period_us, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0)
     move = m.StageMove(m.Axis.X, 0, 50_000_000)

@@ -54,7 +54,7 @@ def kernel_speed(repeat: int) -> float:
     from edmctl.simulator import BenchConfig, open_bench
 
     bench = open_bench(BenchConfig(offset_um=5.0), 1)
-    controller = bench.controller
+    controller = bench.python_controller
     crc = m.param_crc({})
     commands = controller.commands
     for message in (

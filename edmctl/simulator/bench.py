@@ -99,6 +99,13 @@ class VirtualBench:
         self.transport = MemoryTransport(self.controller)
 
     @property
+    def python_controller(self) -> VirtualController:
+        """The controller, as the one whose insides Python sees. Raises TypeError where it is the firmware's core."""
+        if not isinstance(self.controller, VirtualController):
+            raise TypeError("the bench runs under the firmware's core")
+        return self.controller
+
+    @property
     def line(self) -> LineState:
         """What is wrong with the line; whoever carries the bytes acts on it."""
         return self.controller.injector.line

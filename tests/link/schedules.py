@@ -48,7 +48,7 @@ def run_schedule(seed: int, tally: Tally, faults: Faults = LOSS) -> None:
         return
     for number in range(COMMANDS):
         if random.random() < REBOOT:
-            bench.controller.reset(m.ResetCause.BROWN_OUT)
+            bench.python_controller.reset(m.ResetCause.BROWN_OUT)
             tally.reboots += 1
         command = _command(random, number)
         try:
@@ -87,11 +87,11 @@ def _command(random: Random, number: int) -> Request[object]:
 
 
 def _count_effects(bench: VirtualBench, effects: Counter[bytes]) -> None:
-    execute = bench.controller.commands.execute
+    execute = bench.python_controller.commands.execute
 
     def counting(message: Message) -> Outcome:
         if isinstance(message, m.SetParam | m.PiezoSet):
             effects[message.pack()] += 1
         return execute(message)
 
-    bench.controller.link._execute = counting
+    bench.python_controller.link._execute = counting

@@ -56,7 +56,7 @@ class Rig:
 
     @property
     def applied_v(self) -> float:
-        return self.bench.controller.plant.drive.actuator_v
+        return self.bench.python_controller.plant.drive.actuator_v
 
 
 def test_the_plan_spans_the_stroke_and_ends_with_fast_swings_and_use() -> None:
@@ -139,7 +139,12 @@ def test_no_pulse_is_possible_meanwhile() -> None:
 
     class Watching(Told):
         def progress(self, p: Progress) -> None:
-            seen.append((rig.bench.controller.pulses_allowed, rig.bench.controller.plant.drive.pulses_on))
+            seen.append(
+                (
+                    rig.bench.python_controller.pulses_allowed,
+                    rig.bench.python_controller.plant.drive.pulses_on,
+                )
+            )
 
     rig.told = Watching()
     rig.measure()
@@ -205,8 +210,8 @@ def test_a_lost_line_leaves_the_machine_to_its_watchdog() -> None:
     rig.when_calibrating(rig.bench.transport.close)
     with pytest.raises(LinkLost):
         rig.measure()
-    rig.bench.controller.advance(2000)
-    assert rig.bench.controller.state is MachineState.FAULT
+    rig.bench.python_controller.advance(2000)
+    assert rig.bench.python_controller.state is MachineState.FAULT
     assert rig.applied_v == 0.0
 
 

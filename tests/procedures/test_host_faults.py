@@ -275,14 +275,14 @@ def test_a_line_that_dies_while_a_fault_is_read_does_not_hide_the_fault(
     dies_after: int, shop: OpenShop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     s, seen, asked = shop(), Box(), [0]
-    execute = s.bench.controller.commands.execute
+    execute = s.bench.python_controller.commands.execute
 
     def mute(message: Message) -> Outcome:
         asked[0] += isinstance(message, WaveformRead)
         s.bench.line.silent = s.bench.line.unplugged = asked[0] > dies_after
         return execute(message)
 
-    monkeypatch.setattr(s.bench.controller.link, "_execute", mute)
+    monkeypatch.setattr(s.bench.python_controller.link, "_execute", mute)
     s.bench.inject(parse_injection("ESTOP"))
     with pytest.raises(MachineFault, match="Emergency stop") as caught:
         s.run_job(seen)

@@ -35,8 +35,8 @@ NEAR = BenchConfig(offset_um=20.0, discharge=DischargeConstants(scatter=0.4))
 
 def power_cycled(bench: VirtualBench) -> VirtualBench:
     """The bench itself after its power was cut at rest."""
-    bench.controller.reset(m.ResetCause.POWER_ON)
-    bench.controller.link.take_output()
+    bench.python_controller.reset(m.ResetCause.POWER_ON)
+    bench.python_controller.link.take_output()
     return bench
 
 
@@ -55,7 +55,7 @@ def cut(rig: Rig) -> None:
 
 def next_bytes(bench: VirtualBench) -> bytes:
     """All that a bench says in two touches and another cut in the same hole."""
-    said, first_pulse = bytearray(), bench.controller.loop.pulse_no
+    said, first_pulse = bytearray(), bench.python_controller.loop.pulse_no
     read = bench.transport.read
 
     def listening(timeout_s: float) -> bytes:
@@ -86,7 +86,7 @@ def next_bytes(bench: VirtualBench) -> bytes:
     session.pump(8.0)
     session.request(m.ServoStart(9.6, 500.0, 100.0))
     session.pump(2.0)
-    assert bench.controller.loop.pulse_no - first_pulse > BLOCK
+    assert bench.python_controller.loop.pulse_no - first_pulse > BLOCK
     assert len(bench.truth()) == 1
     return bytes(said)
 
@@ -130,10 +130,10 @@ def test_a_machine_saved_in_mid_cut_has_lost_its_power_and_retracted(rig: RigMak
     r.start_sparking()
     r.session.pump(2.0)
     again = restored_bench(bench_state(r.bench))
-    assert r.bench.controller.state is m.State.MACHINING
+    assert r.bench.python_controller.state is m.State.MACHINING
     assert (again.controller.state, again.controller.fault) == (m.State.IDLE, 0)
     assert again.controller.loop.command_v == 0.0
-    assert again.controller.boot_count == r.bench.controller.boot_count + 1
+    assert again.controller.boot_count == r.bench.python_controller.boot_count + 1
     assert again.truth() == r.bench.truth()
     assert again.controller.link.take_output() == b""
 
@@ -149,8 +149,8 @@ def test_a_latched_fault_and_its_black_box_are_kept_and_what_was_broken_is_repai
     r.session.pump(1.0)
     again = restored_bench(bench_state(r.bench))
     assert (again.controller.state, again.controller.fault) == (state, fault.code)
-    assert again.controller.guards.open_interlocks() == 0
-    assert r.bench.controller.guards.open_interlocks() != 0
+    assert again.python_controller.guards.open_interlocks() == 0
+    assert r.bench.python_controller.guards.open_interlocks() != 0
     session = Session(again.transport, Random(3))
     hello = session.open()
     assert (hello.fault, hello.reset_cause, hello.boot_count) == (fault.code, m.ResetCause.POWER_ON, 2)

@@ -110,7 +110,7 @@ def test_a_plain_callable_drives_the_plant() -> None:
 def machining() -> VirtualBench:
     """A bench in the middle of a cut, with telemetry on its way."""
     bench = open_bench(NEAR, 2)
-    controller, crc = bench.controller, m.param_crc({})
+    controller, crc = bench.python_controller, m.param_crc({})
     orders = (m.CommitProfile(crc), m.Arm(crc), m.PulseEnable(1), m.StageMove(m.Axis.X, 0, 50_000_000))
     for order in (*orders, m.TlmStart(1000, 10, m.PulseLog.FULL), m.Approach(5.0, 100.0, 10.8)):
         controller.commands.execute(order)
@@ -128,8 +128,8 @@ def machining() -> VirtualBench:
 def test_the_controller_sees_and_tells_nothing_past_the_interface() -> None:
     """Its two functions, called from outside, cut as they do when compiled into one loop with the plant."""
     together, apart = machining(), machining()
-    together.controller.step(150)
-    controller, plant, begun = apart.controller, apart.plant, False
+    together.python_controller.step(150)
+    controller, plant, begun = apart.python_controller, apart.plant, False
 
     def judge() -> None:
         telemetry = controller.telemetry
@@ -156,9 +156,9 @@ def test_the_controller_sees_and_tells_nothing_past_the_interface() -> None:
     plant.advance(tick, 150)
     judge()
     assert together.plant.state.depth_um == plant.state.depth_um > 0.0
-    assert bytes(together.controller.loop) == bytes(controller.loop)
+    assert bytes(together.python_controller.loop) == bytes(controller.loop)
     assert bytes(together.plant.state) == bytes(plant.state)
     for name in ("samples", "pulses"):
-        buffers = [getattr(bench.controller.telemetry, name) for bench in (together, apart)]
+        buffers = [getattr(bench.python_controller.telemetry, name) for bench in (together, apart)]
         assert np.array_equal(*buffers), name
-    assert np.array_equal(together.controller.black_box.ring, controller.black_box.ring)
+    assert np.array_equal(together.python_controller.black_box.ring, controller.black_box.ring)
