@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from edmctl.report.style import Dash
     from edmctl.results.run_file import SiteNumbers
 
-HEIGHT_MM, ROW_MM = 88.0, 74.0
+HEIGHT_MM, ROW_MM = 88.0, 88.0
 """Of one hole at most, and of several side by side."""
 ACROSS_MM, AROUND_MM = 72.0, 35.0
 """Width of the panel of one hole, and height of legend and words around it."""
@@ -134,11 +134,13 @@ def draw(run: RunFile) -> Figure:
         handles, names = axes.get_legend_handles_labels()
         named.update(zip(names, handles, strict=True))
     panels[0].set_ylabel("below the face (µm)")
+    if not alone:  # what the figure is of stands below the last words
+        panels[-1].set_xlabel(panels[-1].get_xlabel() + "\n")
     figure.legend(
         named.values(),
         named,
         loc="outside upper center",
-        ncols=2 if alone else 3,
+        ncols=2 if alone else 4,
         handlelength=1.8,
         columnspacing=1.5,
     )
@@ -306,7 +308,7 @@ def _draw_lengths(axes: Axes, section: Section, at_um: float) -> None:
 def _words(section: Section) -> list[str]:
     """What is known of the gaps, and from where."""
     site = section.site
-    gaps = [
+    lines = [
         f"{words} {value_um:.1f} µm"
         for words, value_um in (
             ("working gap", math.nan if site.through else site.working_gap_um),
@@ -314,7 +316,6 @@ def _words(section: Section) -> list[str]:
         )
         if math.isfinite(value_um)
     ]
-    lines = [", ".join(gaps)] if gaps else []
     truth = [
         f"{words} {value_um:.1f} µm"
         for words, value_um in (
