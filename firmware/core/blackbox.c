@@ -37,7 +37,7 @@ void blackbox_read(struct edm_controller *c, uint16_t offset, struct edm_reply *
     };
     blackbox_read_reply_write(reply->payload, &header);
     for (uint8_t i = 0; i < n; i++) {
-        memcpy(reply->payload + BLACKBOX_READ_REPLY_SIZE + i * TLM_RECORD_SIZE,
+        memcpy(reply->payload + BLACKBOX_READ_REPLY_SIZE + (size_t)i * TLM_RECORD_SIZE,
                box->ring[(size_t)(first + i) % EDM_BOX_SAMPLES], TLM_RECORD_SIZE);
     }
     reply->size = (uint8_t)(BLACKBOX_READ_REPLY_SIZE + n * TLM_RECORD_SIZE);

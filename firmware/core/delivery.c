@@ -6,7 +6,8 @@
 /* Sends a message unasked. */
 void delivery_send(struct edm_controller *c, uint8_t type, const uint8_t *payload, size_t size) {
     uint8_t frame[FRAME_MOST];
-    hal_send(c->board, frame, frame_encode(frame, type, 0, c->link.session, 0, payload, size));
+    size_t encoded = frame_encode(frame, type, 0, c->link.session, 0, payload, size);
+    hal_send(c->board, frame, encoded);
 }
 
 /* Sends the reply that was made to a command. */

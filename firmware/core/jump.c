@@ -35,7 +35,7 @@ static bool is_back(const struct edm_controller *c) {
 }
 
 int jump_tick(struct edm_controller *c) {
-    struct edm_motion *m = &c->motion;
+    const struct edm_motion *m = &c->motion;
     if (m->mode == JUMP_UP && m->phase >= m->phase_ticks) {
         motion_enter(c, JUMP_DWELL);
     } else if (m->mode == JUMP_DWELL && m->phase >= m->dwell_ticks) {

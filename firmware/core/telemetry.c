@@ -139,7 +139,7 @@ static void close_block(struct edm_telemetry *t) {
         .delay_us = counts_up(t->block_delay_us * R(10.0), BLOCK_MOST),
         .energy_uj = counts_up(t->block_energy_uj * R(10.0), BLOCK_MOST),
     };
-    pulse_blocks_record_write(t->records + t->log_pending * PULSE_BLOCKS_RECORD_SIZE, &block);
+    pulse_blocks_record_write(t->records + (size_t)t->log_pending * PULSE_BLOCKS_RECORD_SIZE, &block);
     int32_t pending = t->log_pending + 1;
     begin_log(t);
     t->log_pending = pending;
@@ -152,7 +152,7 @@ static void log_one(struct edm_telemetry *t, const struct edm_readings *readings
         .discharge_us = counts_up_u16(readings->discharge_us[i] * R(10.0)),
         .plateau_v = (uint8_t)counts_up(readings->plateau_v[i] * R(2.0), UINT8_MAX),
     };
-    pulses_record_write(t->records + t->log_pending++ * PULSES_RECORD_SIZE, &pulse);
+    pulses_record_write(t->records + (size_t)t->log_pending++ * PULSES_RECORD_SIZE, &pulse);
 }
 
 /* Adds pulse i of the tick to what TLM_START asked for: a record each, or sums over block_pulses of them. */
@@ -225,7 +225,7 @@ static void send_pulse_frame(struct edm_controller *c, const uint8_t *records, i
         pulses = n * c->settings.block_size;
     }
     memcpy(payload + header, records, (size_t)size);
-    delivery_send(c, t->log == PULSE_LOG_FULL ? MSG_PULSES : MSG_PULSE_BLOCKS, payload, (size_t)(header + size));
+    delivery_send(c, t->log == PULSE_LOG_FULL ? MSG_PULSES : MSG_PULSE_BLOCKS, payload, (size_t)header + (size_t)size);
     t->log_pulse_no += (uint32_t)pulses;
     t->log_t0_ns += (int64_t)pulses * c->settings.pulse_period_ns;
 }
@@ -235,19 +235,19 @@ static void send_pulses(struct edm_controller *c, int32_t count) {
     struct edm_telemetry *t = &c->telemetry;
     bool full = t->log == PULSE_LOG_FULL;
     int32_t per_frame = full ? PULSES_MOST : PULSE_BLOCKS_MOST;
-    int32_t size = full ? PULSES_RECORD_SIZE : PULSE_BLOCKS_RECORD_SIZE;
+    size_t size = full ? PULSES_RECORD_SIZE : PULSE_BLOCKS_RECORD_SIZE;
     int32_t n;
     for (int32_t at = 0; at < count; at += n) {
         n = count - at < per_frame ? count - at : per_frame;
-        send_pulse_frame(c, t->records + at * size, n);
+        send_pulse_frame(c, t->records + (size_t)at * size, n);
     }
     t->log_pending -= count;
-    memmove(t->records, t->records + count * size, (size_t)(t->log_pending * size));
+    memmove(t->records, t->records + (size_t)count * size, (size_t)t->log_pending * size);
 }
 
 /* Sends every frame that is full. */
 void telemetry_send_full(struct edm_controller *c) {
-    struct edm_telemetry *t = &c->telemetry;
+    const struct edm_telemetry *t = &c->telemetry;
     int32_t per_frame = t->log == PULSE_LOG_FULL ? PULSES_MOST : PULSE_BLOCKS_MOST;
     if (t->batch > 0 && t->pending >= t->batch) {
         send_samples(c, t->pending / t->batch * t->batch);

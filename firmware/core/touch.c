@@ -37,7 +37,7 @@ static int end_of_back_off(struct edm_controller *c) {
 }
 
 int touch_tick(struct edm_controller *c) {
-    struct edm_motion *m = &c->motion;
+    const struct edm_motion *m = &c->motion;
     bool contact = c->readings.contact != 0;
     if (c->readings.stray_pulses > 0) {
         return FAULT_MODE_SWITCH;

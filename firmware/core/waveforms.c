@@ -79,7 +79,7 @@ uint8_t waveforms_read(struct edm_controller *c, uint32_t offset, struct edm_rep
         hal_wave_read(c->board, offset, header.n, counts);
     }
     for (int i = 0; i < 2 * header.n; i++) {
-        put_i16(reply->payload + WAVEFORM_READ_REPLY_SIZE + 2 * i, counts[i]);
+        put_i16(reply->payload + WAVEFORM_READ_REPLY_SIZE + sizeof(int16_t) * (size_t)i, counts[i]);
     }
     reply->size = (uint8_t)(WAVEFORM_READ_REPLY_SIZE + header.n * WAVEFORM_READ_REPLY_RECORD_SIZE);
     return STATUS_OK;

@@ -1,0 +1,66 @@
+"""What clang-tidy and cppcheck find in the core by the chosen rules: nothing."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FIRMWARE = Path(__file__).parents[2] / "firmware"
+SOURCES = sorted(str(path) for path in FIRMWARE.glob("core/*.c"))
+REALS = ("-DEDM_REAL_DOUBLE", "-UEDM_REAL_DOUBLE")
+
+pytestmark = pytest.mark.slow
+
+
+def tool(name: str) -> str:
+    """Where a program is: beside Python, or else on the path."""
+    found = shutil.which(name, path=str(Path(sys.executable).parent)) or shutil.which(name)
+    if found is None:
+        pytest.skip(f"no {name} (pip install -e .[test])")
+    return found
+
+
+def said_by(*command: str) -> str:
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", check=False)
+    return f"{done.stdout}{done.stderr}" if done.returncode else ""
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_clang_tidy_finds_nothing(real: str) -> None:
+    assert SOURCES
+    options = ("-std=c11", f"-I{FIRMWARE}", f"-I{FIRMWARE / 'core'}", real)
+    assert said_by(tool("clang-tidy"), "--quiet", *SOURCES, "--", *options) == ""
+
+
+@pytest.mark.parametrize("real", REALS)
+def test_cppcheck_finds_nothing(real: str) -> None:
+    rules = "--enable=warning,style,performance,portability"
+    said = said_by(
+        tool("cppcheck"),
+        "--quiet",
+        "--std=c11",
+        rules,
+        "--inline-suppr",
+        "--suppress=missingIncludeSystem",
+        "--error-exitcode=1",
+        real,
+        f"-I{FIRMWARE}",
+        f"-I{FIRMWARE / 'core'}",
+        *SOURCES,
+    )
+    assert said == ""
+
+
+def test_the_rules_are_not_empty(tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong.c"
+    wrong.write_text(
+        "int f(int i) { int a[2] = {0}; if (i == 1) { a[2] = i; } return a[0]; }\n", encoding="utf-8"
+    )
+    config = f"--config-file={FIRMWARE / '.clang-tidy'}"
+    assert "clang-analyzer" in said_by(tool("clang-tidy"), "--quiet", config, str(wrong), "--", "-std=c11")
+    cppcheck = ("--quiet", "--error-exitcode=1", str(wrong))
+    assert "arrayIndexOutOfBounds" in said_by(tool("cppcheck"), *cppcheck)
