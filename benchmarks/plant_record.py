@@ -28,6 +28,7 @@ ROW = np.dtype(
         ("actuator_v", "<f8"),
         ("state", "<i4"),
         ("fault", "<i4"),
+        ("tick", "<i8"),  # milliseconds of the machine
     ]
 )
 
@@ -103,6 +104,7 @@ def main() -> None:
                 bench.plant.drive.actuator_v,
                 controller.state,
                 controller.fault,
+                controller.tick,
             )
             rows.write(np.array(row, ROW).tobytes())
 
