@@ -29,6 +29,8 @@ ROW = np.dtype(
         ("state", "<i4"),
         ("fault", "<i4"),
         ("tick", "<i8"),  # milliseconds of the machine
+        ("heard", "<i8"),  # frames that came whole
+        ("fault_tick", "<i8"),  # when pulses went off for the fault; -1: none
     ]
 )
 
@@ -105,6 +107,8 @@ def main() -> None:
                 controller.state,
                 controller.fault,
                 controller.tick,
+                controller.link.rx_frames,
+                -1 if controller.black_box.frozen_tick is None else controller.black_box.frozen_tick,
             )
             rows.write(np.array(row, ROW).tobytes())
 
