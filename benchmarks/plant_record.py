@@ -28,6 +28,9 @@ ROW = np.dtype(
         ("actuator_v", "<f8"),
         ("state", "<i4"),
         ("fault", "<i4"),
+        ("tick", "<i8"),  # milliseconds of the machine
+        ("heard", "<i8"),  # frames that came whole
+        ("fault_tick", "<i8"),  # when pulses went off for the fault; -1: none
     ]
 )
 
@@ -103,6 +106,9 @@ def main() -> None:
                 bench.plant.drive.actuator_v,
                 controller.state,
                 controller.fault,
+                controller.tick,
+                controller.link.rx_frames,
+                -1 if controller.black_box.frozen_tick is None else controller.black_box.frozen_tick,
             )
             rows.write(np.array(row, ROW).tobytes())
 

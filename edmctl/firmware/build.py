@@ -28,9 +28,10 @@ REALS = ("double", "float")
 _COMPILERS = ("cc", "gcc", "clang")
 _FLAGS = (
     "-std=c11",
-    "-O2",
+    "-O3",
     "-ffp-contract=off",
     "-fno-math-errno",
+    "-fno-trapping-math",
     "-fPIC",
     "-shared",
     "-fvisibility=hidden",

@@ -1,8 +1,27 @@
-/* One sample of every millisecond; a fault freezes them (docs/protocol.md, Black box). They are written by telemetry.c, bit
- * for bit as TLM with a period of 1000 µs carries them. */
+/* One sample of every millisecond; a fault freezes them (docs/protocol.md, Black box). They are kept as they were measured,
+ * and read bit for bit as TLM with a period of 1000 µs carries them. */
 #include "core.h"
 
 #define PER_REPLY 14
+
+/* Records the millisecond. */
+void blackbox_record(struct edm_controller *c, uint8_t flags) {
+    struct edm_black_box *box = &c->box;
+    box->newest_flags = flags;
+    if (box->frozen) {
+        return;
+    }
+    struct edm_sample *sample = &box->ring[(size_t)(c->tick - 1) % EDM_BOX_SAMPLES];
+    sample->displacement_um = c->gap.displacement_um;
+    sample->actuator_v = c->drive.actuator_v;
+    sample->gap_v = c->gap.gap_v;
+    sample->charge_uc = c->readings.charge_uc;
+    for (int k = 0; k < 4; k++) {
+        sample->counts[k] = (uint8_t)c->gap.tick.of[k]; /* EDM_MOST_PULSES at most */
+    }
+    sample->state = c->state;
+    sample->flags = flags;
+}
 
 void blackbox_freeze(struct edm_controller *c) {
     struct edm_black_box *box = &c->box;
@@ -37,8 +56,8 @@ void blackbox_read(struct edm_controller *c, uint16_t offset, struct edm_reply *
     };
     blackbox_read_reply_write(reply->payload, &header);
     for (uint8_t i = 0; i < n; i++) {
-        memcpy(reply->payload + BLACKBOX_READ_REPLY_SIZE + (size_t)i * TLM_RECORD_SIZE,
-               box->ring[(size_t)(first + i) % EDM_BOX_SAMPLES], TLM_RECORD_SIZE);
+        telemetry_write(reply->payload + BLACKBOX_READ_REPLY_SIZE + (size_t)i * TLM_RECORD_SIZE,
+                        &box->ring[(size_t)(first + i) % EDM_BOX_SAMPLES], 1);
     }
     reply->size = (uint8_t)(BLACKBOX_READ_REPLY_SIZE + n * TLM_RECORD_SIZE);
 }

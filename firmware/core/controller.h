@@ -250,9 +250,16 @@ struct edm_telemetry {
     real block_delay_us, block_energy_uj;
 };
 
-/* blackbox.c: a ring that a fault freezes. */
+/* telemetry.c: what a sample is written from. */
+struct edm_sample {
+    real displacement_um, actuator_v, gap_v, charge_uc;
+    uint8_t counts[4];   /* pulses by class, 255 at most */
+    uint8_t state, flags;
+};
+
+/* blackbox.c: a ring that a fault freezes; the samples are written when they are read. */
 struct edm_black_box {
-    uint8_t ring[EDM_BOX_SAMPLES][TLM_RECORD_SIZE];
+    struct edm_sample ring[EDM_BOX_SAMPLES];
     int64_t since_tick;  /* what lies before it is not of this record */
     bool frozen;
     int64_t frozen_tick, frozen_boot_tick;

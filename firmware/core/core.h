@@ -101,6 +101,7 @@ void telemetry_forget(struct edm_controller *c);
 void telemetry_flush(struct edm_controller *c);
 void telemetry_send_full(struct edm_controller *c);
 void telemetry_sample(struct edm_controller *c, uint8_t flags);
+void telemetry_write(uint8_t *p, const struct edm_sample *sample, int32_t ticks);
 void telemetry_log_pulse(struct edm_controller *c, int i, uint8_t pulse_class);
 
 /* blackbox.c */

@@ -86,23 +86,22 @@ static uint16_t counts_up_u16(real value) {
     return (uint16_t)counts_up(value, UINT16_MAX);
 }
 
-/* A sample of the millisecond, as telemetry and black box carry it; charge and pulses of `ticks` milliseconds. */
-static void write_sample(const struct edm_controller *c, uint8_t *p, uint8_t flags, real charge_uc, int32_t ticks,
-                         const struct edm_counts *counts) {
-    real mean_a = charge_uc / ((real)ticks * R(1000.0));
-    const struct tlm_record sample = {
-        .displacement_um = floor_of(within(c->gap.displacement_um * R(1000.0) + R(0.5), FARTHEST)),
-        .actuator_v = counts_up_u16(c->drive.actuator_v * STEPS_PER_V),
-        .gap_v = counts_up_u16(c->gap.gap_v * R(200.0)),
+/* Writes a sample as telemetry and black box carry it; its charge is that of `ticks` milliseconds. */
+void telemetry_write(uint8_t *p, const struct edm_sample *sample, int32_t ticks) {
+    real mean_a = sample->charge_uc / ((real)ticks * R(1000.0));
+    const struct tlm_record record = {
+        .displacement_um = floor_of(within(sample->displacement_um * R(1000.0) + R(0.5), FARTHEST)),
+        .actuator_v = counts_up_u16(sample->actuator_v * STEPS_PER_V),
+        .gap_v = counts_up_u16(sample->gap_v * R(200.0)),
         .current_a = counts_up_u16(mean_a * R(1000.0)),
-        .n_normal = at_most_255(counts->of[PULSE_CLASS_NORMAL]),
-        .n_arc = at_most_255(counts->of[PULSE_CLASS_ARC]),
-        .n_short = at_most_255(counts->of[PULSE_CLASS_SHORT]),
-        .n_open = at_most_255(counts->of[PULSE_CLASS_OPEN]),
-        .state = c->state,
-        .flags = flags,
+        .n_normal = sample->counts[PULSE_CLASS_NORMAL],
+        .n_arc = sample->counts[PULSE_CLASS_ARC],
+        .n_short = sample->counts[PULSE_CLASS_SHORT],
+        .n_open = sample->counts[PULSE_CLASS_OPEN],
+        .state = sample->state,
+        .flags = sample->flags,
     };
-    tlm_record_write(p, &sample);
+    tlm_record_write(p, &record);
 }
 
 /* Ends a telemetry sample. Samples that nobody has sent are discarded, and counted. */
@@ -113,18 +112,20 @@ void telemetry_sample(struct edm_controller *c, uint8_t flags) {
         t->pending = 0;
     }
     t->next += t->ticks;
-    write_sample(c, t->samples[t->pending++], flags, t->charge_uc, t->ticks, &t->counts);
+    struct edm_sample sample = {
+        .displacement_um = c->gap.displacement_um,
+        .actuator_v = c->drive.actuator_v,
+        .gap_v = c->gap.gap_v,
+        .charge_uc = t->charge_uc,
+        .state = c->state,
+        .flags = flags,
+    };
+    for (int k = 0; k < 4; k++) {
+        sample.counts[k] = at_most_255(t->counts.of[k]);
+    }
+    telemetry_write(t->samples[t->pending++], &sample, t->ticks);
     t->charge_uc = 0;
     memset(&t->counts, 0, sizeof t->counts);
-}
-
-/* Records the millisecond in the black box. */
-void blackbox_record(struct edm_controller *c, uint8_t flags) {
-    struct edm_black_box *box = &c->box;
-    box->newest_flags = flags;
-    if (!box->frozen) {
-        write_sample(c, box->ring[(size_t)(c->tick - 1) % EDM_BOX_SAMPLES], flags, c->readings.charge_uc, 1, &c->gap.tick);
-    }
 }
 
 static void close_block(struct edm_telemetry *t) {
