@@ -88,7 +88,8 @@ def test_a_dead_generator_is_no_open_gap() -> None:
     """Of the virtual controller; hostile.c tries the core."""
     loop, settings = LoopState(), Settings()
     settings.pulse_period_ns = 434_783
-    waits = [wait_for_pulse.py_func(settings, loop) for _ in range(101)]
+    wait = wait_for_pulse.py_func  # type: ignore[attr-defined]
+    waits = [wait(settings, loop) for _ in range(101)]
     assert waits == [NOTHING] * 100 + [FAULT_NO_SPARK]
 
 
