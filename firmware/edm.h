@@ -14,7 +14,8 @@ void edm_start(struct edm_controller *c, uint8_t cause);
 /* Takes bytes of the line and carries out the commands in them; returns how many were taken. It stops early behind an
  * ADVANCE, the rest follows after edm_advanced. */
 size_t edm_receive(struct edm_controller *c, const uint8_t *bytes, size_t size);
-/* Eight zeros came in a row, or the line was low for 1 ms: for boards that time it in hardware. */
+/* The line was low for 1 ms, or eight zeros were counted elsewhere: for boards that time or count in hardware. As every
+ * function here: not from an interrupt of another one. */
 void edm_abort(struct edm_controller *c);
 /* What ends a call of edm_receive: a line that is too noisy. Call it after every read of the line. */
 void edm_line_read(struct edm_controller *c);

@@ -1,7 +1,8 @@
 /* What a board supplies. `board` is its own; the core hands back what edm_create was given.
  *
- * Once a millisecond a board fills `edm_readings`, calls edm_tick_end, edm_service and edm_tick_begin (edm.h), and puts
- * out what then stands in `edm_drive`. Everything else goes through these functions. None may block.
+ * Once a millisecond a board fills `edm_readings`, calls edm_tick_end, edm_conclude, edm_watch, edm_receive and
+ * edm_tick_begin (edm.h; docs/firmware.md says how), and puts out what then stands in `edm_drive`. Everything else goes
+ * through these functions. None may block, and none may call the core.
  */
 #ifndef EDM_HAL_H
 #define EDM_HAL_H
@@ -25,31 +26,33 @@ struct edm_drive {
     real stage_way_um;       /* way that they went */
 };
 
-/* What the machine shows of the millisecond that ended. */
+/* What the machine shows of the millisecond that ended. A reading that has failed is NaN, never an old or a likely value:
+ * the core then takes what is safe. */
 struct edm_readings {
     real sensor_um;          /* displacement sensor */
     real monitor_v;          /* voltage monitor of the actuator's amplifier */
-    real gap_v;              /* mean gap voltage; negative or no number where there is none to measure */
+    real gap_v;              /* mean gap voltage over the pulses; without pulses that of the gap, NaN where none is measured */
     real charge_uc;          /* that went through the gap */
-    real generator_siemens;  /* current over voltage drop in a discharge */
+    real generator_siemens;  /* current over voltage drop in a discharge; 0 without one */
     real off_time_a;         /* current that goes on into the off-time */
     uint8_t contact;         /* 1: the contact circuit is closed */
     uint8_t stray_pulses;    /* generator pulses in measure mode */
     uint8_t pulses;          /* entries of the series below */
-    int64_t first_pulse_ns;  /* begin of the first one, on the clock of edm_start */
+    int64_t first_pulse_ns;  /* begin of the first one; the millisecond began at (tick of the controller) x 1 000 000 */
     real delay_us[EDM_MOST_PULSES];     /* ignition delay; the on-time when open */
     real discharge_us[EDM_MOST_PULSES]; /* time of current; 0: none */
     real plateau_v[EDM_MOST_PULSES];    /* gap voltage of the discharge, or of the open gap */
     real energy_uj[EDM_MOST_PULSES];    /* of the discharge */
 };
 
-/* Inputs and slow readings, as they are now. */
+/* Inputs and slow readings, as they are now. A reading that has failed is NaN: what it guards is then forbidden. */
 struct edm_inputs {
     bool estop;              /* pressed */
     bool door_open;
     bool hv_supply_ok;
     bool level_ok;           /* of the dielectric */
     bool limit_switch;       /* of a stage, closed */
+    bool stage_moves;        /* one that STAGE_MOVE has started is still on its way; false where nothing tells it */
     real flow_lpm;           /* of the dielectric */
     real temperature_c;      /* of the dielectric */
     real monitor_v;          /* of the actuator's amplifier */
@@ -64,7 +67,8 @@ struct edm_generator {
     real discharge_us;       /* isopulse; 0: isofrequency */
 };
 
-/* Words that outlast a reset: keep them in backup registers or no-init memory with a check. */
+/* Words that outlast a reset, with a check: nonces need not outlast the supply, all others shall (battery-backed registers,
+ * or a memory that takes a write for every event). */
 struct edm_persistent {
     uint32_t boot_count;
     uint16_t fault;          /* latched */
@@ -72,7 +76,7 @@ struct edm_persistent {
     uint32_t nonces[EDM_NONCES]; /* of HELLOs of former sessions, oldest first */
     uint32_t present_nonce;  /* of the present session */
     uint8_t nonce_count;
-    bool has_session;
+    uint8_t has_session;
 };
 
 /* Sends whole frames; a line that cannot take them loses them whole. */
@@ -85,7 +89,7 @@ void hal_gate(void *board, bool on);
 real hal_set_generator(void *board, const struct edm_generator *setting);
 /* Lets an axis travel to a target (µm; degrees for THETA) at a speed (µm/s, degrees/s). */
 void hal_stage_start(void *board, uint8_t axis, real target, real speed);
-/* The axis has arrived, or shall stop: it stands at `at`. */
+/* The axis has arrived, or shall stop at once: the core takes it to stand at `at`. */
 void hal_stage_stop(void *board, uint8_t axis, real at);
 /* The stages are about to follow a path, from where they stand. */
 void hal_path_begin(void *board);
@@ -95,13 +99,14 @@ void hal_path_line(void *board, uint8_t row);
 void hal_path_end(void *board);
 /* Samples of the gap, 1 µs apart, that there is a ring for; 0: none are taken. */
 uint32_t hal_wave_memory(void *board);
-/* Keeps the samples of the gap from the begin of a pulse to an end after now, ns on the clock of edm_start. */
+/* Keeps the samples of the gap from the begin of a pulse to an end after now, ns on the clock of `tick`. Called as well
+ * where there is nothing to keep: begin is now then, and they are not read. */
 void hal_wave_keep(void *board, int64_t begin_ns, int64_t end_ns);
 /* Reads kept samples: gap voltage and current as counts of the wire, by turns. A board without any keeps no record. */
 void hal_wave_read(void *board, uint32_t offset, uint8_t samples, int16_t *counts);
 /* Forgets what was kept, or else what the ring holds: samples before now are of another setting. */
 void hal_wave_forget(void *board, bool kept);
-/* Words that outlast a reset have changed. */
+/* Words that outlast a reset have changed. With every event, fault and session; in a fault before anything is sent. */
 void hal_persist(void *board, const struct edm_persistent *words);
 
 #endif

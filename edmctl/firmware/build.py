@@ -114,7 +114,12 @@ def _cache_folder(environ: Mapping[str, str]) -> Path:
 def compiler(named: str = "") -> tuple[str, ...]:
     """Command of a C compiler: $CC, else one of the system's, else that of the package ziglang."""
     if named:
-        return tuple(shlex.split(named))
+        try:
+            return tuple(shlex.split(named))
+        except ValueError as error:
+            raise PreconditionError(
+                f"CC names no C compiler: {error} in {named!r}.", hint="Name another one in CC.", code="E8093"
+            ) from error
     for name in _COMPILERS:
         if path := shutil.which(name):
             return (path,)
@@ -153,14 +158,17 @@ def _compile(command: list[str], library: Path) -> None:
                 [*command, "-o", str(made)], capture_output=True, text=True, timeout=_SECONDS, check=False
             )
             if done.returncode:
-                raise _failed("\n".join(done.stderr.splitlines()[:10]))
+                raise failed("\n".join(done.stderr.splitlines()[:10]))
+            if not made.is_file():
+                raise failed(f"{shlex.join(command[:1])} made no library.")
             with suppress(FileExistsError):  # on Windows, of another process that was quicker
                 made.replace(library)
     except (OSError, subprocess.SubprocessError) as error:
-        raise _failed(str(error)) from error
+        raise failed(str(error)) from error
 
 
-def _failed(reason: str) -> PreconditionError:
+def failed(reason: str) -> PreconditionError:
+    """The error E8094 of a library that cannot be built or loaded."""
     return PreconditionError(
         f"The firmware could not be built: {reason}",
         hint=f"Name another C compiler in CC, or a folder that can be written in {CACHE_VARIABLE}.",

@@ -19,7 +19,7 @@ from ctypes import (
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from edmctl.firmware.build import Build, built
+from edmctl.firmware.build import Build, built, failed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -150,6 +150,18 @@ class Library:
 def library(real: str = "double") -> Library:
     """Return the library of that arithmetic, built if need be.
 
+    One that cannot be loaded, a damaged file or another system's, is built anew.
     Raises PreconditionError E8093, E8094 as `built` does.
     """
-    return Library(built(real))
+    found = built(real)
+    try:
+        return Library(found)
+    except (OSError, AttributeError) as error:
+        reason = f"what {found.compiler} made cannot be loaded: {error}"
+        try:
+            found.path.unlink(missing_ok=True)
+            if not found.is_new:
+                return Library(built(real))
+        except (OSError, AttributeError) as again:
+            reason = f"{reason}; {again}"
+        raise failed(reason) from error

@@ -277,7 +277,8 @@ class VirtualController:
         off_v = self.loop.test_off_v
         on_v = self.loop.touch_sum / max(1, self.loop.touch_count)
         duty_v = self.settings.duty_v
-        if max(abs(off_v), abs(on_v - duty_v)) > self.parameters.test_error * duty_v:
+        error_v = self.parameters.test_error * duty_v
+        if not (abs(off_v) <= error_v and abs(on_v - duty_v) <= error_v):
             self.raise_fault(FaultCode.GAP_SENSOR, round(1000.0 * on_v))
             return
         self.set_state(State.ARMED)

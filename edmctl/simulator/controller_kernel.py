@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import compiled
 from edmctl.simulator.controller_state import ARC, NORMAL, NOTHING, OPEN, SHORT
-from edmctl.simulator.gap_monitor import count_of, judge_pulses, measure_gap, rest_gap, watch_monitor
+from edmctl.simulator.gap_monitor import (
+    count_of,
+    judge_pulses,
+    measure_gap,
+    rest_gap,
+    wait_for_pulse,
+    watch_monitor,
+)
 from edmctl.simulator.plant_interface import STEPS_PER_V
 from edmctl.simulator.sequences import follow_path, sequence_tick
 
@@ -21,6 +28,7 @@ if TYPE_CHECKING:
 
 BOX_TICKS = 2048  # milliseconds in the fault recorder; a power of two
 BOX_COLUMNS = 6
+DISPLACEMENT_MOST_UM = 2e6  # no displacement is beyond it; what is no number counts as this
 
 
 @compiled
@@ -39,8 +47,7 @@ def judge_tick(
     if drive.pulses_on == 0:
         rest_gap(loop, readings)
     elif readings.pulses == 0:
-        loop.silent_ticks += 1
-        loop.tick_counts = 0
+        happened = wait_for_pulse(settings, loop)
     else:
         shorts = judge_pulses(settings, loop, readings, blocks, pulses)
         loop.charge_uc += readings.charge_uc
@@ -48,6 +55,8 @@ def judge_tick(
     displacement = readings.sensor_um
     if settings.sensor_missing == 1:
         displacement = drive.actuator_v / settings.v_per_um
+    displacement = displacement if displacement <= DISPLACEMENT_MOST_UM else DISPLACEMENT_MOST_UM
+    displacement = max(displacement, -DISPLACEMENT_MOST_UM)
     loop.displacement_um = displacement
     loop.slow_displacement_um += settings.displacement_alpha * (displacement - loop.slow_displacement_um)
     sequence = sequence_tick(settings, loop, drive, readings)

@@ -14,6 +14,7 @@ from edmctl.simulator.controller_state import (
     FAULT_GAP_SENSOR,
     FAULT_GENERATOR,
     FAULT_MONITOR,
+    FAULT_NO_SPARK,
     FAULT_SHORT,
     FAULT_TRACK,
     LOG_FULL,
@@ -24,6 +25,7 @@ from edmctl.simulator.controller_state import (
     PACK,
     SHORT,
 )
+from edmctl.simulator.plant_interface import TICK_NS
 
 if TYPE_CHECKING:
     from edmctl.simulator.controller_state import LoopState, Settings
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
     from edmctl.simulator.records import Rows
 
 MISREAD_HIGH = 0.97  # of the open voltage: more is none that a discharge has
+GAP_MOST_V = 1000.0  # beyond it no gap voltage is one
+SILENCE_NS = 100_000_000  # beyond a period, in which pulses must come while they are on
 MISREAD_LOW = 0.5  # of the open voltage: less is none that an open gap has
 
 
@@ -52,19 +56,19 @@ def judge_pulses(
         pulse_class = NORMAL
         if readings.discharge_us[i] == 0.0:
             pulse_class = OPEN
-            if seen_v < low_v:
+            if not seen_v >= low_v:
                 misreads += 1
             arc_run = 0
         elif seen_v < short_v:
             pulse_class = SHORT
             shorts += 1
             arc_run = 0
-        elif seen_v < arc_v and readings.delay_us[i] < arc_delay:
+        elif seen_v < arc_v and not readings.delay_us[i] >= arc_delay:
             pulse_class = ARC
             arc_run += 1
         else:
             # Arcs and shorts say neither that the sensor is right nor that it is wrong.
-            misreads = misreads + 1 if seen_v > high_v else 0
+            misreads = 0 if seen_v <= high_v else misreads + 1
             arc_run = 0
         counts += 1 << (PACK * pulse_class)
         if logs:
@@ -139,6 +143,8 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
     elapsed = loop.silent_ticks + 1
     loop.silent_ticks = 0
     mean_v = readings.gap_v
+    if not abs(mean_v) <= GAP_MOST_V:
+        return FAULT_GAP_SENSOR
     loop.tick_gap_v = mean_v
     keep = 1.0 - settings.filter_alpha
     loop.gap_v = mean_v + (loop.gap_v - mean_v) * (keep if elapsed == 1 else keep**elapsed)
@@ -159,9 +165,9 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
     if loop.misreads >= settings.misreads_max:
         return FAULT_GAP_SENSOR
     # Current over voltage drop in a discharge is the conductance that the generator really has.
-    if readings.charge_uc > 0.0 and (
-        readings.off_time_a > 0.0
-        or readings.generator_siemens > settings.over_current * settings.nominal_siemens
+    if not readings.charge_uc <= 0.0 and (
+        not readings.off_time_a <= 0.0
+        or not readings.generator_siemens <= settings.over_current * settings.nominal_siemens
     ):
         return FAULT_GENERATOR
     if loop.short_ticks > settings.short_ticks_max:
@@ -177,14 +183,24 @@ def rest_gap(loop: LoopState, readings: Readings) -> None:
     loop.tick_counts = 0
     loop.tick_gap_v = 0.0
     if readings.gap_v >= 0.0:
-        loop.tick_gap_v = loop.gap_v = readings.gap_v
+        loop.tick_gap_v = loop.gap_v = min(readings.gap_v, GAP_MOST_V)
+
+
+@compiled
+def wait_for_pulse(settings: Settings, loop: LoopState) -> int:
+    """A millisecond with the generator on in which no pulse began: between slow pulses one like others."""
+    loop.tick_counts = 0
+    loop.silent_ticks += 1
+    if loop.silent_ticks * TICK_NS > SILENCE_NS + settings.pulse_period_ns:
+        return FAULT_NO_SPARK
+    return NOTHING
 
 
 @compiled
 def watch_monitor(settings: Settings, loop: LoopState, drive: Drive, readings: Readings) -> int:
     """Look at the voltage monitor of the actuator's amplifier: in its range, and near the command?"""
     monitor_v = readings.monitor_v
-    if monitor_v > settings.monitor_max_v or monitor_v < settings.monitor_min_v:
+    if not settings.monitor_min_v <= monitor_v <= settings.monitor_max_v:
         return FAULT_MONITOR
     if abs(drive.actuator_v - monitor_v) > settings.track_v:
         loop.track_ticks = loop.track_ticks + 1 if loop.track_at == readings.tick - 1 else 1

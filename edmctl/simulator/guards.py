@@ -47,7 +47,7 @@ class Guards:
         self._bad_seen = 0
 
     def open_interlocks(self) -> int:
-        """Interlocks bits of the inputs that forbid machining now."""
+        """Interlocks bits of the inputs that forbid machining now. What is no number forbids it."""
         plant, parameters = self._plant, self._parameters
         bits = 0
         if plant.estop:
@@ -59,9 +59,9 @@ class Guards:
         if parameters.dielectric_required:
             if not plant.dielectric_level_ok:
                 bits |= Interlocks.DIELECTRIC_LEVEL
-            if plant.dielectric_flow_lpm < parameters.flow_min_lpm:
+            if not plant.dielectric_flow_lpm >= parameters.flow_min_lpm:
                 bits |= Interlocks.DIELECTRIC_FLOW
-            if plant.dielectric_temperature_c > parameters.temperature_max_c:
+            if not plant.dielectric_temperature_c <= parameters.temperature_max_c:
                 bits |= Interlocks.DIELECTRIC_HOT
         return int(bits)
 

@@ -97,9 +97,10 @@ def enter(loop: LoopState, mode: int) -> None:
 
 
 @compiled
-def start_pulses(drive: Drive) -> None:
+def start_pulses(loop: LoopState, drive: Drive) -> None:
     drive.pulses_on = 1
     drive.pulse_starts += 1
+    loop.silent_ticks = 0
 
 
 @compiled
@@ -182,7 +183,7 @@ def jump_tick(settings: Settings, loop: LoopState, drive: Drive) -> int:
         if loop.jump_resumes == 0:
             return end_motion(loop, drive, JUMP_DONE)
         enter(loop, JUMP_RETURN)
-        start_pulses(drive)
+        start_pulses(loop, drive)
         loop.tick_gap_v = settings.open_v
         return JUMP_RESUMED
     elif mode == JUMP_RETURN and jump_is_back(loop):
@@ -258,6 +259,6 @@ def test_tick(loop: LoopState, drive: Drive) -> int:
     loop.test_off_v = loop.touch_sum / loop.touch_count
     loop.touch_sum = 0.0
     loop.touch_count = 0
-    start_pulses(drive)
+    start_pulses(loop, drive)
     enter(loop, TEST_ON)
     return NOTHING

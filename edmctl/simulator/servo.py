@@ -66,8 +66,9 @@ def command_tick(settings: Settings, loop: LoopState, drive: Drive, readings: Re
     most = settings.slew_limit_v_s * TICK_S
     loop.slewed = 1 if abs(v - before) > most else 0
     v = min(before + most, max(before - most, v))
-    loop.limit_ticks = loop.limit_ticks + 1 if v > settings.piezo_max_v else 0
-    v = min(settings.piezo_max_v, max(0.0, v))
+    top = max(settings.piezo_max_v, before)  # what a reset has left beyond the range comes down by its ramp
+    loop.limit_ticks = loop.limit_ticks + 1 if v > top else 0
+    v = min(top, max(0.0, v))
     loop.command_v = v
     drive.actuator_v = on_grid(v)
 

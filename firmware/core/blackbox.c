@@ -63,5 +63,6 @@ void blackbox_read(struct edm_controller *c, uint16_t offset, struct edm_reply *
 }
 
 _Static_assert((EDM_BOX_SAMPLES & (EDM_BOX_SAMPLES - 1)) == 0, "a power of two, so that places wrap");
+_Static_assert(EDM_BOX_SAMPLES >= 500 && EDM_BOX_SAMPLES <= 2048, "what the protocol asks for");
 _Static_assert(BLACKBOX_READ_REPLY_RECORD_SIZE == TLM_RECORD_SIZE && PER_REPLY <= BLACKBOX_READ_REPLY_MOST,
                "samples are those of TLM");

@@ -84,6 +84,7 @@ int scan_tick(struct edm_controller *c);
 /* pulses.c, gap.c */
 int pulses_judge(struct edm_controller *c);
 void gap_rest(struct edm_controller *c);
+int gap_wait(struct edm_controller *c);
 int gap_measure(struct edm_controller *c, int shorts);
 
 /* guards.c, watchdog.c */

@@ -1,6 +1,9 @@
 /* The gap as the servo sees it: filtered mean voltage, shorts, lost sparks, and the faults 3001 to 3005 of it. */
 #include "core.h"
 
+#define GAP_MOST_V R(1000.0) /* beyond it no gap voltage is one */
+#define SILENCE_NS 100000000 /* beyond a period, in which pulses must come while they are on */
+
 /* Feeds the low-pass with this tick's mean gap voltage and keeps the counters of the discharge faults. Between slow pulses
  * ticks pass without one; the next pulse then speaks for all of them. */
 int gap_measure(struct edm_controller *c, int shorts) {
@@ -10,6 +13,9 @@ int gap_measure(struct edm_controller *c, int shorts) {
     uint32_t elapsed = gap->silent_ticks + 1;
     gap->silent_ticks = 0;
     real mean_v = readings->gap_v;
+    if (!(magnitude(mean_v) <= GAP_MOST_V)) {
+        return FAULT_GAP_SENSOR;
+    }
     gap->tick_gap_v = mean_v;
     gap->gap_v = mean_v + (gap->gap_v - mean_v) * power_of(R(1.0) - s->filter_alpha, elapsed);
     gap->shorted = shorts == readings->pulses;
@@ -27,8 +33,8 @@ int gap_measure(struct edm_controller *c, int shorts) {
         return FAULT_GAP_SENSOR;
     }
     /* Current over voltage drop in a discharge is the conductance that the generator really has. */
-    bool over = readings->generator_siemens > s->over_current * s->nominal_siemens;
-    if (readings->charge_uc > 0 && (readings->off_time_a > 0 || over)) {
+    bool over = !(readings->generator_siemens <= s->over_current * s->nominal_siemens);
+    if (!(readings->charge_uc <= 0) && (!(readings->off_time_a <= 0) || over)) {
         return FAULT_GEN_FAULT;
     }
     if (gap->short_ticks > s->short_ticks_max) {
@@ -42,6 +48,15 @@ void gap_rest(struct edm_controller *c) {
     memset(&c->gap.tick, 0, sizeof c->gap.tick);
     c->gap.tick_gap_v = 0;
     if (c->readings.gap_v >= 0) {
-        c->gap.tick_gap_v = c->gap.gap_v = c->readings.gap_v;
+        c->gap.tick_gap_v = c->gap.gap_v = least(c->readings.gap_v, GAP_MOST_V);
     }
+}
+
+/* A millisecond with the generator on in which no pulse began: between slow pulses one like others, else it is dead. */
+int gap_wait(struct edm_controller *c) {
+    struct edm_gap *gap = &c->gap;
+    memset(&gap->tick, 0, sizeof gap->tick);
+    gap->silent_ticks++;
+    bool dead = (int64_t)gap->silent_ticks * TICK_NS > SILENCE_NS + (int64_t)c->settings.pulse_period_ns;
+    return dead ? FAULT_NO_SPARK : NOTHING;
 }

@@ -3,7 +3,7 @@
 
 #define NOISE_TICKS 1000
 
-/* Interlocks bits of the inputs that forbid machining now; `inputs` is what was read. */
+/* Interlocks bits of the inputs that forbid machining now; `inputs` is what was read. What is no number forbids it. */
 uint16_t guards_interlocks(struct edm_controller *c, struct edm_inputs *inputs) {
     const struct edm_settings *s = &c->settings;
     hal_inputs(c->board, inputs);
@@ -12,8 +12,8 @@ uint16_t guards_interlocks(struct edm_controller *c, struct edm_inputs *inputs) 
     bits |= inputs->hv_supply_ok ? 0 : INTERLOCKS_HV_SUPPLY;
     if (s->dielectric_required) {
         bits |= inputs->level_ok ? 0 : INTERLOCKS_DIELECTRIC_LEVEL;
-        bits |= inputs->flow_lpm < s->flow_min_lpm ? INTERLOCKS_DIELECTRIC_FLOW : 0;
-        bits |= inputs->temperature_c > s->temperature_max_c ? INTERLOCKS_DIELECTRIC_HOT : 0;
+        bits |= inputs->flow_lpm >= s->flow_min_lpm ? 0 : INTERLOCKS_DIELECTRIC_FLOW;
+        bits |= inputs->temperature_c <= s->temperature_max_c ? 0 : INTERLOCKS_DIELECTRIC_HOT;
     }
     return (uint16_t)bits;
 }
@@ -56,7 +56,7 @@ int guards_monitor(struct edm_controller *c) {
     const struct edm_settings *s = &c->settings;
     struct edm_guards *g = &c->guards;
     real monitor_v = c->readings.monitor_v;
-    if (monitor_v > s->monitor_max_v || monitor_v < s->monitor_min_v) {
+    if (!(monitor_v <= s->monitor_max_v && monitor_v >= s->monitor_min_v)) {
         return FAULT_PIEZO_OV;
     }
     if (magnitude(c->drive.actuator_v - monitor_v) > s->track_v) {

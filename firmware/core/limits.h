@@ -1,30 +1,20 @@
-/* Figures that a board may set otherwise (-D): sizes of memories, and what its generator can do. */
+/* Sizes of memories, and what the generator can do. What stands in #ifndef a board may set otherwise (-D). */
 #ifndef EDM_LIMITS_H
 #define EDM_LIMITS_H
 
-#ifndef EDM_SERVO_HZ
-#define EDM_SERVO_HZ 1000 /* the tick; every duration of the core is counted in it */
-#endif
+#define EDM_SERVO_HZ 1000 /* the tick: every duration of the core is counted in it, so no board sets it otherwise */
 #define TICK_US 1000
 #define TICK_NS 1000000
 #define TICK_S R(0.001)
 
 /* Memories. */
-#ifndef EDM_EVENTS
-#define EDM_EVENTS 32 /* events kept until they are acknowledged */
-#endif
 #ifndef EDM_BOX_SAMPLES
-#define EDM_BOX_SAMPLES 2048 /* milliseconds in the black box */
+#define EDM_BOX_SAMPLES 2048 /* milliseconds in the black box: 512, 1024 or 2048 */
 #endif
-#ifndef EDM_REPLIES
-#define EDM_REPLIES 8 /* kept replies (Delivery) */
-#endif
-#ifndef EDM_NONCES
-#define EDM_NONCES 8 /* nonces of former sessions (Session) */
-#endif
-#ifndef EDM_PATH_LINES
+#define EDM_EVENTS 32     /* events kept until they are acknowledged; these figures are the protocol's */
+#define EDM_REPLIES 8     /* kept replies (Delivery) */
+#define EDM_NONCES 8      /* nonces of former sessions (Session) */
 #define EDM_PATH_LINES 16 /* lines of a scan that wait */
-#endif
 #ifndef EDM_MOST_PULSES
 #define EDM_MOST_PULSES 64 /* pulses of one tick: 50 kHz and some */
 #endif

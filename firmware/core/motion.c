@@ -16,6 +16,7 @@ void motion_gate(struct edm_controller *c, bool on) {
     c->drive.pulses_on = on;
     if (on) {
         c->drive.pulse_starts++;
+        c->gap.silent_ticks = 0;
     }
     hal_gate(c->board, on);
 }
@@ -99,8 +100,9 @@ void motion_command(struct edm_controller *c) {
     real step = c->settings.slew_limit_v_s * TICK_S;
     m->slewed = magnitude(v - before) > step;
     v = least(before + step, most(before - step, v));
-    m->limit_ticks = v > c->settings.piezo_max_v ? m->limit_ticks + 1 : 0;
-    m->command_v = least(c->settings.piezo_max_v, most(0, v));
+    real top = most(c->settings.piezo_max_v, before); /* what a reset has left beyond the range comes down by its ramp */
+    m->limit_ticks = v > top ? m->limit_ticks + 1 : 0;
+    m->command_v = least(top, most(0, v));
     c->drive.actuator_v = (real)floor_of(m->command_v * STEPS_PER_V + R(0.5)) * DAC_V;
 }
 

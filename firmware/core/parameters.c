@@ -1,8 +1,13 @@
 /* Parameters: staged by SET_PARAM, current after COMMIT_PROFILE, made ready for the tick (docs/protocol.md, Parameters).
  * The only file that needs a math library: exp, when parameters are committed. */
-#include <math.h>
-
 #include "core.h"
+
+#if __STDC_HOSTED__
+#include <math.h>
+#else
+double exp(double x);
+float expf(float x);
+#endif
 
 #define FULL_SCALE_V R(150.0) /* what track_error is a share of */
 #define DISPLACEMENT_FILTER_S R(0.05) /* low-pass of the sensor for depth limits */

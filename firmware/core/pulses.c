@@ -4,13 +4,13 @@
 #define MISREAD_HIGH R(0.97) /* of the open voltage: more is none that a discharge has */
 #define MISREAD_LOW R(0.5)   /* of the open voltage: less is none that an open gap has */
 
-/* Gives a pulse its class, and keeps the runs of arcs and of voltages that cannot be. */
+/* Gives a pulse its class, and keeps the runs of arcs and of voltages that cannot be, one that is no number among them. */
 static uint8_t class_of(struct edm_controller *c, int i) {
     const struct edm_settings *s = &c->settings;
     struct edm_gap *gap = &c->gap;
     real seen_v = c->readings.plateau_v[i];
     if (c->readings.discharge_us[i] <= 0) {
-        if (seen_v < MISREAD_LOW * s->open_v) {
+        if (!(seen_v >= MISREAD_LOW * s->open_v)) {
             gap->misreads++;
         }
         gap->arc_run = 0;
@@ -20,12 +20,12 @@ static uint8_t class_of(struct edm_controller *c, int i) {
         gap->arc_run = 0;
         return PULSE_CLASS_SHORT;
     }
-    if (seen_v < s->arc_v && c->readings.delay_us[i] < s->arc_delay_us) {
+    if (seen_v < s->arc_v && !(c->readings.delay_us[i] >= s->arc_delay_us)) {
         gap->arc_run++;
         return PULSE_CLASS_ARC;
     }
     /* Arcs and shorts say neither that the sensor is right nor that it is wrong. */
-    gap->misreads = seen_v > MISREAD_HIGH * s->open_v ? gap->misreads + 1 : 0;
+    gap->misreads = seen_v <= MISREAD_HIGH * s->open_v ? 0 : gap->misreads + 1;
     gap->arc_run = 0;
     return PULSE_CLASS_NORMAL;
 }

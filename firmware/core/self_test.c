@@ -44,7 +44,8 @@ void self_test_judge(struct edm_controller *c) {
     real duty_v = c->settings.duty_v;
     real on_v = touch->sum / (real)(touch->count > 1 ? touch->count : 1);
     int32_t on_mv = counts_i32(R(1000.0) * on_v);
-    if (most(magnitude(touch->test_off_v), magnitude(on_v - duty_v)) > c->settings.test_error * duty_v) {
+    real error_v = c->settings.test_error * duty_v;
+    if (!(magnitude(touch->test_off_v) <= error_v && magnitude(on_v - duty_v) <= error_v)) {
         states_raise(c, FAULT_GAP_SENSOR, on_mv);
         return;
     }

@@ -15,7 +15,7 @@ void stages_start(struct edm_controller *c, uint8_t axis, real target, real spee
     hal_stage_start(c->board, axis, target, speed);
 }
 
-/* The tick at which the stage has come to rest; NEVER where none travels. */
+/* The tick at which the stage has come to rest by its speed; NEVER where none travels. */
 static int64_t arrival_tick(const struct edm_stages *s) {
     return s->travels ? s->start_tick + s->travel_ticks + SETTLE_TICKS : NEVER;
 }

@@ -1,6 +1,8 @@
 /* States, the safe state, and what ends a motion (docs/protocol.md, States, Safe state and watchdog). */
 #include "core.h"
 
+#define FAULT_LEAST 1000 /* what happened is a fault from here on */
+
 static bool is_armed_state(uint8_t state) {
     return state >= STATE_ARMED && state <= STATE_MOVING;
 }
@@ -28,9 +30,9 @@ void states_raise(struct edm_controller *c, uint16_t code, int32_t detail) {
     if (latched != 0 && (code != FAULT_ESTOP || latched == FAULT_ESTOP)) {
         return;
     }
+    latch(c, code); /* before anything that takes time: the supply may go with the fault */
     telemetry_flush(c);
     freeze(c);
-    latch(c, code);
     stages_stop(c);
     c->disarming = c->pulses_allowed = false;
     states_enter(c, code == FAULT_ESTOP ? STATE_ESTOP : STATE_FAULT);
@@ -72,6 +74,9 @@ static void end_motion(struct edm_controller *c, uint8_t state, uint16_t event) 
 }
 
 void edm_conclude(struct edm_controller *c, int happened) {
+    if (happened >= FAULT_LEAST) {
+        motion_gate(c, false); /* before the samples go out */
+    }
     telemetry_send_full(c);
     scan_release(c);
     switch (happened) {
@@ -105,7 +110,7 @@ void edm_conclude(struct edm_controller *c, int happened) {
     case TESTED:
         self_test_judge(c);
         break;
-    default: /* the code of a fault */
+    default:
         states_raise(c, (uint16_t)happened, 0);
         break;
     }
@@ -113,6 +118,15 @@ void edm_conclude(struct edm_controller *c, int happened) {
 
 void edm_send_full_frames(struct edm_controller *c) {
     telemetry_send_full(c);
+}
+
+/* Where a reset has left the actuator, by its monitor. A monitor that cannot be right says nothing: to drive the tool where
+ * it says, so as to come back from there, might drive it into the work. */
+static real command_left(const struct edm_controller *c, real monitor_v) {
+    if (!(monitor_v <= c->settings.monitor_max_v)) {
+        return 0;
+    }
+    return most(0, least(monitor_v, R(150.0)));
 }
 
 void edm_create(struct edm_controller *c, void *board, const struct edm_identity *identity,
@@ -126,18 +140,23 @@ void edm_create(struct edm_controller *c, void *board, const struct edm_identity
     if (keeps != NULL) {
         c->keeps = *keeps;
     }
+    if (c->keeps.nonce_count > EDM_NONCES) { /* words that did not last */
+        c->keeps.nonce_count = 0;
+    }
     c->events.repeat_tick = NEVER;
     c->telemetry.next = -1;
+    motion_gate(c, false);
     parameters_reset(c);
     waveforms_forget(c);
     parameters_set_generator(c, &usual);
     hal_inputs(board, &inputs);
-    c->motion.command_v = most(0, inputs.monitor_v); /* wherever a reset has left the actuator */
+    c->motion.command_v = command_left(c, inputs.monitor_v);
     states_enter(c, STATE_IDLE);
 }
 
 void edm_start(struct edm_controller *c, uint8_t cause) {
     struct edm_persistent *keeps = &c->keeps;
+    motion_gate(c, false);
     telemetry_forget(c);
     c->telemetry.counter = c->telemetry.pulse_counter = 0;
     memset(&c->receiver, 0, sizeof c->receiver);

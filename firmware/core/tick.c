@@ -1,6 +1,8 @@
 /* The millisecond: edm_tick_begin commands, the machine lives through it, edm_tick_end judges and records it. */
 #include "core.h"
 
+#define DISPLACEMENT_MOST_UM R(2e6) /* no displacement is beyond it; what is no number counts as this */
+
 void edm_tick_begin(struct edm_controller *c) {
     c->drive.stage_moves = 0;
     motion_command(c);
@@ -23,9 +25,7 @@ static int judge_gap(struct edm_controller *c) {
         return NOTHING;
     }
     if (c->readings.pulses == 0) {
-        c->gap.silent_ticks++;
-        memset(&c->gap.tick, 0, sizeof c->gap.tick);
-        return NOTHING;
+        return gap_wait(c);
     }
     int shorts = pulses_judge(c);
     c->telemetry.charge_uc += c->readings.charge_uc;
@@ -37,12 +37,17 @@ static void read_displacement(struct edm_controller *c) {
     if (c->settings.sensor_missing) {
         displacement = c->drive.actuator_v / c->settings.v_per_um;
     }
+    displacement = displacement <= DISPLACEMENT_MOST_UM ? displacement : DISPLACEMENT_MOST_UM;
+    displacement = most(displacement, -DISPLACEMENT_MOST_UM);
     c->gap.displacement_um = displacement;
     c->gap.slow_displacement_um += c->settings.displacement_alpha * (displacement - c->gap.slow_displacement_um);
 }
 
 int edm_tick_end(struct edm_controller *c) {
     c->tick++;
+    if (c->readings.pulses > EDM_MOST_PULSES) {
+        c->readings.pulses = EDM_MOST_PULSES;
+    }
     int happened = judge_gap(c);
     read_displacement(c);
     int sequence = motion_tick(c);

@@ -11,11 +11,11 @@ int64_t watchdog_tick(const struct edm_controller *c) {
     return c->armed ? c->heard_tick + host_ticks(c, c->settings.watchdog_ticks) : NEVER;
 }
 
-static void watch_stages(struct edm_controller *c, bool limit_switch) {
+static void watch_stages(struct edm_controller *c, const struct edm_inputs *inputs) {
     bool travels = c->stages.travels;
-    if (limit_switch && (travels || c->scan.count > 0)) {
+    if (inputs->limit_switch && (travels || c->scan.count > 0)) {
         states_raise(c, FAULT_STAGE_LIMIT, travels ? c->stages.axis : AXIS_X);
-    } else if (stages_arrived(c)) {
+    } else if (stages_arrived(c) && !inputs->stage_moves) {
         stages_stop(c);
         states_enter(c, STATE_ARMED);
         events_emit(c, EVENT_CODE_STAGE_DONE);
@@ -25,7 +25,7 @@ static void watch_stages(struct edm_controller *c, bool limit_switch) {
 void edm_watch(struct edm_controller *c) {
     struct edm_inputs inputs;
     uint16_t open = guards_interlocks(c, &inputs);
-    watch_stages(c, inputs.limit_switch);
+    watch_stages(c, &inputs);
     if ((open & INTERLOCKS_ESTOP) != 0 && c->state != STATE_ESTOP) {
         states_raise(c, FAULT_ESTOP, open);
     } else if (open != 0 && c->armed) {

@@ -41,9 +41,10 @@ void waveforms_freeze(struct edm_controller *c) {
     int64_t most_before_ns = (int64_t)memory * SAMPLE_NS - most_after_ns;
     int64_t oldest_ns = fault_ns - (before_ns < most_before_ns ? before_ns : most_before_ns);
     w->empty = true;
+    w->begin_ns = fault_ns;
     for (int i = w->count; i > 0 && w->empty; i--) {
         int64_t start_ns = w->start_ns[(w->at + SCOPE_PULSES - i) % SCOPE_PULSES];
-        if (start_ns >= oldest_ns) {
+        if (start_ns >= oldest_ns && start_ns <= fault_ns) {
             w->empty = false;
             w->begin_ns = start_ns / SAMPLE_NS * SAMPLE_NS;
         }

@@ -2,9 +2,17 @@
 #ifndef EDM_WIRE_H
 #define EDM_WIRE_H
 
-#include <string.h>
-
 #include "real.h"
+
+#if __STDC_HOSTED__
+#include <string.h>
+#else /* a freestanding compiler has these functions, but not the header */
+#include <stddef.h>
+void *memcpy(void *restrict to, const void *restrict from, size_t size);
+void *memmove(void *to, const void *from, size_t size);
+void *memset(void *to, int byte, size_t size);
+int memcmp(const void *a, const void *b, size_t size);
+#endif
 
 static inline uint8_t get_u8(const uint8_t *p) {
     return p[0];

@@ -31,6 +31,7 @@ void hal_inputs(void *board, struct edm_inputs *inputs) {
     inputs->hv_supply_ok = now->hv_supply_ok != 0;
     inputs->level_ok = now->level_ok != 0;
     inputs->limit_switch = now->limit_switch != 0;
+    inputs->stage_moves = false; /* the model's stages keep their time */
     inputs->flow_lpm = (real)now->flow_lpm;
     inputs->temperature_c = (real)now->temperature_c;
     inputs->monitor_v = (real)now->monitor_v;

@@ -40,9 +40,27 @@ def test_without_a_compiler_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch, 
     assert (caught.value.code, "edmctl[firmware]" in caught.value.hint) == ("E8093", True)
 
 
-@pytest.mark.parametrize(("command", "code"), [("no-such-compiler", "E8093"), ("true", "E8094")])
+@pytest.mark.parametrize(
+    ("command", "code"), [("no-such-compiler", "E8093"), ("'cc", "E8093"), ("true", "E8094")]
+)
 def test_a_compiler_that_does_not_compile_is_told(command: str, code: str, tmp_path: Path) -> None:
     with pytest.raises(PreconditionError) as caught:
         build.built(environ={"CC": command, build.CACHE_VARIABLE: str(tmp_path / "cache")})
     assert caught.value.code == code
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_a_damaged_library_is_built_anew_and_a_false_one_told(
+    core: Build, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
+    (tmp_path / core.path.name).write_bytes(b"damaged")
+    again = library.__wrapped__()
+    assert (again.build.is_new, again.real_bytes()) == (True, 8)
+    false = tmp_path / "false-cc"
+    false.write_text('#!/bin/sh\nfor last; do :; done\n[ "$1" = --version ] || echo no >"$last"\n')
+    false.chmod(0o755)
+    monkeypatch.setenv("CC", str(false))
+    with pytest.raises(PreconditionError, match="cannot be loaded") as caught:
+        library.__wrapped__()
+    assert caught.value.code == "E8094"

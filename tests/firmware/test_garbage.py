@@ -14,12 +14,12 @@ from tests.tiers import tiers
 if TYPE_CHECKING:
     from edmctl.firmware.build import Build
 
-PROGRAM = Path(__file__).with_name("garbage.c")
+PROGRAMS = Path(__file__).parent
 SANITIZERS = "-fsanitize=address,undefined,float-cast-overflow"
 
 
-def garbage_program(real: str, folder: Path, *flags: str) -> list[str]:
-    """Return the command that builds the program, and its path as the last word."""
+def program(name: str, real: str, folder: Path, *flags: str) -> list[str]:
+    """Return the command that builds a program over the core, and its path as the last word."""
     source = source_folder()
     parts = [str(path) for part in ("core", "gen") for path in sorted((source / part).glob("*.c"))]
     kind = ["-DEDM_REAL_DOUBLE"] if real == "double" else []
@@ -31,11 +31,11 @@ def garbage_program(real: str, folder: Path, *flags: str) -> list[str]:
         *kind,
         *flags,
         *include,
-        str(PROGRAM),
+        str(PROGRAMS / f"{name}.c"),
         *parts,
         "-lm",
         "-o",
-        str(folder / "garbage"),
+        str(folder / name),
     ]
 
 
@@ -44,7 +44,7 @@ def garbage_program(real: str, folder: Path, *flags: str) -> list[str]:
 def test_garbage_is_no_command_and_does_no_harm(
     core: Build, real: str, megabytes: int, tmp_path: Path
 ) -> None:
-    command = garbage_program(real, tmp_path, SANITIZERS, "-fno-sanitize-recover=all")
+    command = program("garbage", real, tmp_path, SANITIZERS, "-fno-sanitize-recover=all")
     if subprocess.run(command, capture_output=True, check=False).returncode:
         pytest.skip("the C compiler has no sanitizers")
     done = subprocess.run([command[-1], "1", str(megabytes)], capture_output=True, text=True, check=False)

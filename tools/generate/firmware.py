@@ -20,7 +20,7 @@ _HEAD = """\
 #ifndef EDM_GEN_EDMLINK_H
 #define EDM_GEN_EDMLINK_H
 
-#include "wire.h"
+#include "../core/wire.h"
 
 #define PROTO_MAJOR {major}
 #define PROTO_MINOR {minor}

@@ -1,0 +1,352 @@
+/* What a board may do to the core, or find: readings that have failed, a dead generator, words that did not last, aborts at
+ * any byte, hosts one after the other. `hostile` tries the cases below; `hostile SEED STEPS ODDS` does random work in which
+ * one reading of ODDS has failed. What has to hold is looked at after every byte and every millisecond. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "core.h"
+
+#define HOLDS(what) holds((what) != 0, #what, __LINE__)
+
+static struct edm_controller c;
+static struct edm_inputs inputs;
+static struct edm_persistent kept;
+static uint64_t state, beat;
+static bool gate;
+static uint8_t seq, session;
+static uint32_t nonce;
+static int broken;
+static uint32_t odds = 1000000000; /* one reading of so many has failed */
+
+static uint32_t draw(uint32_t below) {
+    state = state * 6364136223846793005u + 1442695040888963407u;
+    return (uint32_t)((state >> 33) % below);
+}
+
+static void holds(bool what, const char *words, int line) {
+    if (!what && broken++ < 5) {
+        printf("line %d, %lld ms, state %d, fault %d, %g V, gate %d: not %s\n", line, (long long)c.tick, c.state,
+               c.keeps.fault, (double)c.motion.command_v, gate, words);
+    }
+}
+
+void hal_send(void *board, const uint8_t *frame, size_t size) {
+    (void)board; (void)size;
+    if (frame[2] == MSG_FAULT) {
+        HOLDS(!gate);
+        HOLDS(kept.fault == c.keeps.fault && kept.fault != 0);
+    }
+}
+void hal_inputs(void *board, struct edm_inputs *now) { (void)board; *now = inputs; }
+void hal_gate(void *board, bool on) { (void)board; gate = on; }
+real hal_set_generator(void *board, const struct edm_generator *setting) { (void)board; return setting->peak_a / 20; }
+void hal_stage_start(void *board, uint8_t axis, real at, real speed) { (void)board; (void)axis; (void)at; (void)speed; }
+void hal_stage_stop(void *board, uint8_t axis, real at) { (void)board; (void)axis; (void)at; }
+void hal_path_begin(void *board) { (void)board; }
+void hal_path_line(void *board, uint8_t row) { (void)board; (void)row; }
+void hal_path_end(void *board) { (void)board; }
+uint32_t hal_wave_memory(void *board) { (void)board; return 40000; }
+void hal_wave_keep(void *board, int64_t begin_ns, int64_t end_ns) { (void)board; HOLDS(begin_ns <= end_ns); }
+void hal_wave_read(void *board, uint32_t offset, uint8_t samples, int16_t *counts) {
+    (void)board; (void)offset;
+    memset(counts, 0, (size_t)samples * 4);
+}
+void hal_wave_forget(void *board, bool what) { (void)board; (void)what; }
+void hal_persist(void *board, const struct edm_persistent *words) { (void)board; kept = *words; }
+
+static void look(void) {
+    HOLDS(gate == (c.drive.pulses_on != 0));
+    if (gate) {
+        HOLDS(c.armed && c.pulses_allowed && c.link.session != 0 && c.keeps.fault == 0);
+        HOLDS(c.state == STATE_APPROACH || c.state == STATE_MACHINING || c.state == STATE_JUMP);
+        HOLDS(c.motion.mode != HOLD && c.motion.mode != RAMP);
+    }
+    HOLDS((c.keeps.fault != 0) == (c.state == STATE_FAULT || c.state == STATE_ESTOP));
+    HOLDS(isfinite(c.gap.slow_displacement_um) && isfinite(c.gap.gap_v));
+}
+
+static real any(real usual) {
+    static const real odd[] = {0, -1, R(1e-9), R(1e6), R(-1e6), R(1e30), R(-1e30), NAN, INFINITY, -INFINITY};
+    return draw(odds) ? usual : odd[draw(10)];
+}
+
+/* Readings of a machine that goes well, but for what `any` does to them. */
+static void readings(int pulses) {
+    struct edm_readings *r = &c.readings;
+    memset(r, 0, sizeof *r);
+    r->sensor_um = any(3 * c.drive.actuator_v);
+    r->monitor_v = any(c.drive.actuator_v);
+    r->gap_v = c.drive.pulses_on ? any(10) : NAN;
+    r->pulses = c.drive.pulses_on ? (uint8_t)pulses : 0;
+    r->first_pulse_ns = c.tick * TICK_NS;
+    for (int i = 0; i < r->pulses && i < EDM_MOST_PULSES; i++) {
+        bool open = i % 3 == 0;
+        r->delay_us[i] = any(50);
+        r->discharge_us[i] = any(open ? 0 : 80);
+        r->plateau_v[i] = any(open ? 40 : 25);
+        r->energy_uj[i] = any(240);
+    }
+    r->charge_uc = any(r->pulses ? 1 : 0);
+    r->generator_siemens = any(c.settings.nominal_siemens);
+    r->off_time_a = any(0);
+}
+
+static void begin(void) {
+    real before = c.motion.command_v;
+    edm_tick_begin(&c);
+    HOLDS(magnitude(c.motion.command_v - before) <= c.settings.slew_limit_v_s * TICK_S + R(1e-4));
+    HOLDS(c.motion.command_v >= 0 && c.motion.command_v <= most(before, c.settings.piezo_max_v));
+    HOLDS(c.drive.actuator_v >= 0 && c.drive.actuator_v <= 150);
+    HOLDS(c.keeps.fault == 0 || c.motion.command_v <= before);
+}
+
+static int end(void) {
+    int happened = edm_tick_end(&c);
+    edm_conclude(&c, happened);
+    HOLDS(happened < 1000 || !gate);
+    edm_watch(&c);
+    look();
+    return happened;
+}
+
+static void send(uint8_t type, const uint8_t *payload, size_t size) {
+    uint8_t frame[FRAME_MOST], zero = 0;
+    size_t total = frame_encode(frame, type, ++seq, session, 0, payload, size);
+    size_t abort_at = draw(400) ? total : draw((uint32_t)total);
+    for (size_t i = 0; i < total; i++) {
+        for (int k = 0; k < 8 && i == abort_at; k++) {
+            edm_receive(&c, &zero, 1);
+        }
+        HOLDS(i != abort_at || !gate);
+        edm_receive(&c, frame + i, 1);
+        look();
+    }
+    edm_line_read(&c);
+}
+
+static void greet(void) {
+    uint8_t p[HELLO_SIZE] = {PROTO_MAJOR, PROTO_MINOR};
+    put_u32(p + 2, ++nonce);
+    put_u32(p + 6, SCHEMA_HASH);
+    session = (uint8_t)(1 + nonce % 255);
+    send(MSG_HELLO, p, sizeof p);
+    HOLDS(!gate);
+}
+
+static void live(void) {
+    uint8_t p[HEARTBEAT_SIZE];
+    put_u64(p, ++beat);
+    put_u16(p + 8, c.keeps.event_no);
+    send(MSG_HEARTBEAT, p, sizeof p);
+}
+
+static void run(int ms, int pulses) {
+    while (ms-- > 0) {
+        begin();
+        readings(pulses);
+        end();
+        if (ms % 50 == 0) live();
+    }
+}
+
+static void start(uint8_t cause) {
+    edm_start(&c, cause);
+    HOLDS(!gate);
+    greet();
+}
+
+static void set_up(const struct edm_persistent *words, real monitor_v) {
+    static const struct edm_identity identity = {.serial = "HOSTILE", .host_time_scale = 1};
+    gate = true; /* as a reset may have left it */
+    inputs = (struct edm_inputs){.hv_supply_ok = true, .level_ok = true, .flow_lpm = 1, .temperature_c = 20,
+                                 .monitor_v = monitor_v};
+    state = 1u << 20; /* draws no abort */
+    edm_create(&c, NULL, &identity, words);
+    HOLDS(!gate);
+    start(RESET_CAUSE_POWER_ON);
+}
+
+static void stage_parameter(int row, int32_t value) {
+    uint8_t p[6];
+    uint32_t crc = 0;
+    put_u16(p, edm_params[row].id);
+    put_i32(p + 2, value);
+    send(MSG_SET_PARAM, p, 6);
+    for (int k = 0; k < PARAMS; k++) {
+        put_u16(p, edm_params[k].id);
+        put_i32(p + 2, c.parameters.staged[k]);
+        crc = frame_crc(crc, p, 6);
+    }
+    put_u32(p, crc);
+    send(MSG_COMMIT_PROFILE, p, 4);
+}
+
+static void arm(void) {
+    uint8_t p[4];
+    put_u32(p, c.parameters.crc);
+    send(MSG_ARM, p, 4);
+    p[0] = 1;
+    send(MSG_PULSE_ENABLE, p, 1);
+}
+
+/* A cut to 200 µm with the reference at 8 V. */
+static void cut(void) {
+    uint8_t p[10];
+    put_u16(p, 1600);
+    put_i32(p + 2, 200000);
+    put_u32(p + 6, 1000000);
+    send(MSG_SERVO_START, p, 10);
+}
+
+static void cut_with(real *reading, real value, int ms, int fault) {
+    set_up(NULL, 0);
+    arm();
+    cut();
+    run(100, 3);
+    HOLDS(gate && c.keeps.fault == 0);
+    for (int i = 0; i < ms && gate; i++) {
+        begin();
+        readings(3);
+        *reading = value;
+        for (int k = 0; k < 3 && reading == c.readings.plateau_v; k++) reading[k] = value;
+        end();
+    }
+    HOLDS(!gate && c.keeps.fault == fault);
+    run(700, 3);
+    HOLDS(c.motion.command_v <= 0 || fault == 0);
+    HOLDS(magnitude(c.gap.slow_displacement_um) < 400);
+}
+
+static void cases(void) {
+    const real values[] = {NAN, INFINITY, R(1e30)};
+    for (int i = 0; i < 3; i++) { /* what has failed ends a cut, and is over when it is */
+        cut_with(&c.readings.sensor_um, values[i], 1, 0);
+        cut_with(&c.readings.monitor_v, values[i], 1, FAULT_PIEZO_OV);
+        cut_with(&c.readings.gap_v, values[i], 1, FAULT_GAP_SENSOR);
+        cut_with(&c.readings.generator_siemens, values[i], 1, FAULT_GEN_FAULT);
+        cut_with(&c.readings.off_time_a, values[i], 1, FAULT_GEN_FAULT);
+        cut_with(c.readings.plateau_v, values[i], 60, FAULT_GAP_SENSOR);
+    }
+    cut_with(&inputs.flow_lpm, NAN, 1, FAULT_DIELECTRIC);
+    cut_with(&inputs.temperature_c, NAN, 1, FAULT_DIELECTRIC);
+
+    set_up(NULL, 0); /* a generator that gives no pulses: the tool does not feed on */
+    arm();
+    cut();
+    run(120, 0);
+    HOLDS(c.keeps.fault == FAULT_NO_SPARK && !gate && c.motion.command_v < R(0.5));
+
+    set_up(NULL, 0); /* more pulses than there is room for */
+    arm();
+    cut();
+    run(5, 255);
+    HOLDS(c.gap.pulse_no == 5 * EDM_MOST_PULSES);
+
+    set_up(NULL, 0); /* a reset beyond the default range: `begin` finds a jump */
+    stage_parameter(PARAM_PIEZO_MAX_V, 150000);
+    arm();
+    uint8_t p[9] = {0};
+    put_u16(p, 60000);
+    put_u32(p + 2, 1000000);
+    send(MSG_PIEZO_SET, p, 6);
+    run(200, 0);
+    HOLDS(c.motion.command_v >= 149);
+    start(RESET_CAUSE_WATCHDOG);
+    run(500, 0);
+    HOLDS(c.state == STATE_FAULT && c.motion.command_v <= 0);
+
+    const real monitors[] = {100, R(150.4), 200, NAN, R(1e30), -3}, commands[] = {100, 150, 0, 0, 0, 0};
+    for (int i = 0; i < 6; i++) { /* where a reset has left the tool, by a monitor that is right or cannot be */
+        set_up(NULL, monitors[i]);
+        HOLDS(!(magnitude(c.motion.command_v - commands[i]) > R(0.001)));
+        HOLDS(c.state == (commands[i] > 0 ? STATE_BOOT : STATE_IDLE));
+    }
+
+    struct edm_persistent words; /* words that did not last */
+    memset(&words, 0xFF, sizeof words);
+    words.fault = 0;
+    set_up(&words, 0);
+    for (int i = 0; i < 20; i++) greet();
+    HOLDS(c.keeps.nonce_count == EDM_NONCES && c.link.session == session);
+
+    set_up(NULL, 0); /* a stage that takes longer than its speed says */
+    arm();
+    put_i32(p + 1, 1000);
+    put_u32(p + 5, 1000000);
+    p[0] = AXIS_X;
+    send(MSG_STAGE_MOVE, p, 9);
+    inputs.stage_moves = true;
+    run(400, 0);
+    HOLDS(c.state == STATE_MOVING);
+    inputs.stage_moves = false;
+    run(1, 0);
+    HOLDS(c.state == STATE_ARMED);
+}
+
+static void act(void) {
+    uint8_t p[MAX_PAYLOAD] = {0};
+    switch (draw(32)) {
+    case 0: if (!draw(40)) greet(); break;
+    case 1: arm(); break;
+    case 2: if (!draw(20)) send(MSG_DISARM, p, 0); break;
+    case 3: put_u16(p, c.keeps.fault); send(MSG_CLEAR_FAULT, p, 2); break;
+    case 4: {
+        int row = (int)draw(PARAMS);
+        uint32_t which = draw(4);
+        stage_parameter(row, which == 0 ? edm_params[row].least : which == 1 ? edm_params[row].most
+                                                                             : edm_params[row].default_wire);
+        break;
+    }
+    case 5: put_u16(p, (uint16_t)draw(60001)); put_u32(p + 2, draw(5) ? draw(2000000) : 1); send(MSG_PIEZO_SET, p, 6); break;
+    case 6: p[0] = (uint8_t)draw(3); put_i32(p + 1, (int32_t)draw(20000)); put_u32(p + 5, 1000000); send(MSG_STAGE_MOVE, p, 9); break;
+    case 7: send(MSG_STAGE_STOP, p, 0); break;
+    case 8: put_u32(p, draw(20000)); put_u32(p + 4, draw(200000)); put_u16(p + 8, (uint16_t)draw(3000)); send(MSG_APPROACH, p, 10); break;
+    case 9: case 10: put_u16(p, (uint16_t)draw(3000)); put_i32(p + 2, (int32_t)draw(400000)); put_u32(p + 6, draw(10000)); send(draw(2) ? MSG_SERVO_START : MSG_SCAN_START, p, 10); break;
+    case 11: if (!draw(10)) send(MSG_SERVO_STOP, p, 0); break;
+    case 12: put_u32(p, draw(100000)); put_u32(p + 4, draw(3000000)); put_u16(p + 8, (uint16_t)draw(100)); put_u32(p + 10, draw(20000)); send(MSG_JUMP, p, 14); break;
+    case 13: put_u32(p, draw(3000000)); put_i32(p + 4, (int32_t)draw(50000)); put_u32(p + 8, draw(20000)); put_i32(p + 12, (int32_t)draw(300000)); put_u32(p + 16, draw(30000)); p[20] = (uint8_t)draw(100); p[22] = (uint8_t)draw(4); send(MSG_TOUCH_OFF, p, 23); break;
+    case 14: send(MSG_SELF_TEST, p, 0); break;
+    case 15: put_i32(p, (int32_t)draw(10000)); put_i32(p + 4, (int32_t)draw(10000)); put_u32(p + 8, draw(1000000)); put_i32(p + 12, (int32_t)draw(300000)); p[16] = draw(6) == 0; send(MSG_PATH_MOVE, p, 17); break;
+    case 16: put_u32(p, draw(20) ? 130435 : draw(1000000000)); put_u32(p + 4, draw(20) ? 304348 : draw(1000000000)); put_u16(p + 8, 8000); put_u16(p + 10, 120); send(MSG_PULSE_CONFIG, p, 17); break;
+    case 17: p[0] = draw(20) != 0; send(MSG_PULSE_ENABLE, p, 1); break;
+    case 18: put_u16(p, 1000); p[2] = (uint8_t)(1 + draw(14)); p[3] = (uint8_t)draw(3); send(MSG_TLM_START, p, 4); break;
+    case 19: if (!draw(200)) start((uint8_t)draw(5)); break;
+    case 20: send(MSG_WAVEFORM_READ, p, 4); send(MSG_BLACKBOX_READ, p, 2); break;
+    default: if (draw(8)) live(); else send(MSG_GET_STATUS, p, 0); break;
+    }
+}
+
+int main(int argc, char **argv) {
+    unsigned long sparks = 0, steps = argc > 2 ? strtoul(argv[2], NULL, 10) : 0;
+    unsigned states = 0;
+    if (steps == 0) {
+        cases();
+        printf("%d broken\n", broken);
+        return broken != 0;
+    }
+    set_up(NULL, 0);
+    state = strtoull(argv[1], NULL, 10);
+    odds = (uint32_t)strtoul(argv[3], NULL, 10);
+    for (unsigned long i = 0; i < steps; i++) {
+        act();
+        for (int ms = (int)draw(12) + (draw(30) ? 0 : 150); ms > 0; ms--) {
+            inputs.estop = draw(20000) == 0;
+            inputs.door_open = draw(20000) == 0;
+            inputs.limit_switch = draw(5000) == 0;
+            inputs.flow_lpm = any(1);
+            inputs.temperature_c = any(20);
+            inputs.monitor_v = any(c.drive.actuator_v);
+            begin();
+            readings((int)draw(5));
+            c.readings.contact = draw(100) == 0;
+            c.readings.stray_pulses = draw(30000) == 0;
+            end();
+            sparks += gate;
+            if (ms % 50 == 0) live();
+        }
+        states |= 1u << c.state;
+    }
+    printf("%lld ms, %lu with pulses, states %#x, %d broken\n", (long long)c.tick, sparks, states, broken);
+    return broken != 0 || sparks == 0;
+}
