@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from edmctl.report.style import Dash
     from edmctl.results.run_file import SiteNumbers
 
-HEIGHT_MM, ROW_MM = 88.0, 88.0
+HEIGHT_MM, ROW_MM = 92.0, 84.0
 """Of one hole at most, and of several side by side."""
-ACROSS_MM, AROUND_MM = 72.0, 35.0
+ACROSS_MM, AROUND_MM = 72.0, 40.0
 """Width of the panel of one hole, and height of legend and words around it."""
 MOST_HOLES = 3
 """As many fit side by side; of more, the last ones are drawn."""
@@ -134,8 +134,6 @@ def draw(run: RunFile) -> Figure:
         handles, names = axes.get_legend_handles_labels()
         named.update(zip(names, handles, strict=True))
     panels[0].set_ylabel("below the face (µm)")
-    if not alone:  # what the figure is of stands below the last words
-        panels[-1].set_xlabel(panels[-1].get_xlabel() + "\n")
     figure.legend(
         named.values(),
         named,
@@ -179,7 +177,7 @@ def _draw_section(axes: Axes, section: Section, title: str) -> None:
     scale = _scale((bottom_um - top_um) / (right_um - left_um))
     axes.set_xlim(left_um, right_um)
     axes.set_ylim(bottom_um, top_um)
-    axes.set_aspect(scale)
+    axes.set_aspect(scale, anchor="N")
     axes.grid(visible=False)
     axes.locator_params(axis="x", nbins=5)
     axes.set_title(title if scale == 1.0 else f"{title}, depth × {scale:g}", pad=2.0)
