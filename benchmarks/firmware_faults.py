@@ -27,7 +27,7 @@ FAULTS = {
         "most(m->target_v, m->command_v - step)",
         "most(m->target_v, m->command_v + step)",
     ),
-    "fault not latched": ("states.c", "    latch(c, code);\n    stages_stop", "    stages_stop"),
+    "fault not latched": ("states.c", "    latch(c, code); /*", "    /*"),
     "window of seq off by one": ("delivery.c", "ahead < HALF", "ahead <= HALF"),
     "watchdog fed by copies": (
         "delivery.c",
@@ -52,7 +52,7 @@ FAULTS = {
         "error < -s->hysteresis",
     ),
     "short not hurried": ("servo.c", "? R(4.0) : R(1.0)", "? R(1.0) : R(1.0)"),
-    "arc judged without its delay": ("pulses.c", " && c->readings.delay_us[i] < s->arc_delay_us", ""),
+    "arc judged without its delay": ("pulses.c", " && !(c->readings.delay_us[i] >= s->arc_delay_us)", ""),
     "pulses flow on after TIME_UP": (
         "motion.c",
         "    motion_gate(c, false);\n    c->scan.scanning = false;\n    c->scan.count = 0;\n",

@@ -219,6 +219,7 @@ struct edm_scan {
     bool follows;        /* the stages were handed over to the path */
     uint8_t at, count;
     struct edm_line lines[EDM_PATH_LINES];
+    real rest_um[3];     /* of X, Y and the limit: what float has rounded away so far */
 };
 
 /* guards.c */

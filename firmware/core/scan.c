@@ -7,6 +7,7 @@ void scan_begin(struct edm_controller *c) {
     scan->scanning = scan->follows = true;
     scan->count = 0;
     scan->path_ends = false;
+    memset(scan->rest_um, 0, sizeof scan->rest_um);
     c->drive.stage_um[AXIS_X] = c->stages.at[AXIS_X];
     c->drive.stage_um[AXIS_Y] = c->stages.at[AXIS_Y];
     hal_path_begin(c->board);
@@ -50,6 +51,20 @@ static real root_of(real square) {
 #endif
 }
 
+/* A sum with one step more. Of a step that is small beside the sum float loses much or all; that is kept for the next one.
+ * In double nothing is, so that the sums are those of the virtual controller. */
+static real added(real sum, real step, real *rest) {
+#ifdef EDM_REAL_DOUBLE
+    (void)rest;
+    return sum + step;
+#else
+    real whole = step + *rest;
+    real now = sum + whole;
+    *rest = whole - (now - sum);
+    return now;
+#endif
+}
+
 static void move_to(struct edm_controller *c, real x_um, real y_um) {
     c->drive.stage_um[AXIS_X] = c->stages.at[AXIS_X] = x_um;
     c->drive.stage_um[AXIS_Y] = c->stages.at[AXIS_Y] = y_um;
@@ -76,8 +91,10 @@ int scan_tick(struct edm_controller *c) {
         real needed_s = way / line->speed_um_s;
         if (needed_s > left_s) {
             real share = left_s / needed_s;
-            move_to(c, drive->stage_um[AXIS_X] + share * x, drive->stage_um[AXIS_Y] + share * y);
-            c->servo.z_limit_um += share * (line->z_um - c->servo.z_limit_um);
+            move_to(c, added(drive->stage_um[AXIS_X], share * x, &scan->rest_um[0]),
+                    added(drive->stage_um[AXIS_Y], share * y, &scan->rest_um[1]));
+            c->servo.z_limit_um =
+                added(c->servo.z_limit_um, share * (line->z_um - c->servo.z_limit_um), &scan->rest_um[2]);
             drive->stage_share = share;
             drive->stage_way_um += share * way;
             return NOTHING;
@@ -85,6 +102,7 @@ int scan_tick(struct edm_controller *c) {
         left_s -= needed_s;
         move_to(c, line->x_um, line->y_um);
         c->servo.z_limit_um = line->z_um;
+        memset(scan->rest_um, 0, sizeof scan->rest_um);
         drive->stage_lines_done++;
         drive->stage_way_um += way;
         scan->at = (uint8_t)((scan->at + 1) % EDM_PATH_LINES);
