@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 HURRIED = ("approach.speed_um_s=5", "measure.fast_um_s=50", "measure.settle_s=0.2", "measure.dwell_s=0.1")
 SHALLOW = ("target.depth_um=8", *HURRIED)
-OWN = ("run_file", "run_id", "journal", "path", "file")
+OWN = ("run_file", "run_id", "journal", "path", "file", "calibration_file")
 """What no two runs have in common."""
 
 JOBS: dict[str, Callable[[edmctl.Machine, str], Any]] = {
