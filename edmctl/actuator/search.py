@@ -185,11 +185,11 @@ class Rows:
         between two samples there is no parabola, and the best whole sample stays.
         """
         delays_s, left = self.by_delay(design, delay_s)
-        middle = min(max(int(np.argmin(left)), 1), len(left) - 2)
+        best = int(np.argmin(left))
+        middle = min(max(best, 1), len(left) - 2)
         before, here, after = left[middle - 1 : middle + 2]
         bend = before - 2.0 * here + after
         vertex = min(max(0.5 * (before - after) / bend, -1.0), 1.0) if bend > 0.0 else 0.0
-        best = int(np.argmin(left))
         vertex_s = max(0.0, float(delays_s[middle]) + self.step_s * vertex)
         is_worse = self.residual(Extended(design, vertex_s)) > left[best]
         return max(0.0, float(delays_s[best])) if is_worse else vertex_s

@@ -15,6 +15,7 @@ import numpy as np
 from edmctl.firmware.library import CALLBACKS, Callbacks, Inputs, Seen, library
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import ResetCause, State, Tlm
+from edmctl.simulator.controller import NEVER
 from edmctl.simulator.fault_recorder import WAVEFORM_PER_REPLY, Waveforms
 from edmctl.simulator.firmware_kernel import run_firmware
 from edmctl.simulator.injection import Trigger
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from edmctl.link.faults import FaultCode
     from edmctl.simulator.plant import Plant
 
-NEVER = 1 << 62
 MOST_AT_ONCE = 4096
 """Bytes that the core gets at once: the answers to them fit into its memory."""
 

@@ -186,10 +186,11 @@ def _wanted(plan: StudyPlan) -> list[str]:
 
 def _untold(state: StudyState) -> list[StudyRun]:
     """Runs that were made and lack a value that people measure."""
+    wanted = _by_hand(state)
     return [
         run
         for run in fitting_runs(state)
-        if run.state is RunState.DONE and any(run.value(name) is None for name in _by_hand(state))
+        if run.state is RunState.DONE and any(run.value(name) is None for name in wanted)
     ]
 
 

@@ -103,11 +103,11 @@ class Rows:
         """Return a run with all that is known of it; what was made at other settings is another computer's run."""
         attempts = [one for one in self.attempts.get(planned.number, ()) if one.settings == planned.settings]
         last = attempts[-1] if attempts else None
-        number = last.attempt if last else 0
+        number, own = last.attempt if last else 0, ("", _which(planned.settings))
         told: dict[str, float | None] = {}
         judgement, reason = None, ""
         for one in self.said.get(planned.number, ()):
-            if one.which not in ("", _which(planned.settings)):
+            if one.which not in own:
                 continue
             if one.judgement is None and one.attempt == max(1, number):
                 told.update(one.values)
