@@ -1,0 +1,311 @@
+"""The processor: memory, exceptions, sleep, reset. One call a millisecond runs its interrupt and its main loop.
+
+Unicorn executes; exceptions are entered and left here, for Unicorn leaves that to whoever uses it: eight words on the stack
+of who was interrupted, room for the registers of the floating-point unit as lazy stacking leaves it (PM0214 §2.3.7).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+from unicorn import Uc, arm_const, unicorn_const
+from unicorn.unicorn_py3.unicorn import uclib
+
+from edmctl.actuator.compiling import compiled
+from firmware_sim import registers as reg
+
+if TYPE_CHECKING:
+    from firmware_sim.image import Image
+
+FLASH_AT, FLASH_BYTES = 0x08000000, 0x200000
+SRAM_AT, SRAM_BYTES = 0x20000000, 0x30000
+CCM_AT, CCM_BYTES = 0x10000000, 0x10000
+SYSTEM_MEMORY_AT, SYSTEM_MEMORY_BYTES = 0x1FFF7000, 0x1000
+_NUMBER = slice(0xA10, 0xA1C)  # of the chip (RM0090 §39.1)
+TICK_HALFWORDS = 168_000
+LOCKED_UP = 0xFFFFFFFE
+_UNMAPPED, _GUARDED = (6, 7, 8), (12, 13, 14)  # Unicorn's words for it
+_UNTIL = 0xFFFFFFF0  # nothing is there; the end of an exception has an address of its own
+_TIM7 = 55
+_FRAME, _FRAME_WITH_FLOATS = 0x20, 0x68
+_VTOR, _SHCSR, _CFSR, _HFSR, _CPACR, _ISER = 0xD08, 0xD24, 0xD28, 0xD2C, 0xD88, 0x100
+_HARD, _MEMORY, _BUS, _USAGE = 3, 4, 5, 6
+
+
+class Reset(Enum):
+    """Why the chip starts, as the flags of RCC_CSR tell it (RM0090 §7.3.21)."""
+
+    POWER_ON = 0x0E000000
+    BROWN_OUT = 0x06000000
+    PIN = 0x04000000
+    SOFTWARE = 0x14000000
+    INDEPENDENT_WATCHDOG = 0x24000000
+    WINDOW_WATCHDOG = 0x44000000
+
+
+class ChipFailed(RuntimeError):
+    """The image did what stops a chip for good: it never came to its main loop."""
+
+
+class _Registers:
+    """Registers that are read or written in one call: memory for their values, and addresses for Unicorn."""
+
+    def __init__(self, *names: str) -> None:
+        self._names = np.array([getattr(arm_const, f"UC_ARM_REG_{n}") for n in names], np.int32)
+        self.values = np.zeros(len(names), np.uint32)
+        self._places = self.values.ctypes.data + 4 * np.arange(len(names), dtype=np.int64)
+        self.names_at, self.places_at = self._names.ctypes.data, self._places.ctypes.data
+
+
+# Words of `core`: addresses of Unicorn's functions, where the processor stands, and of the sets of registers.
+ENGINE, START, READ, READ_SET, WRITE_SET, PC, PC_PLACE, HANDLER, SLEEPS = range(9)
+SETS = 10
+_FRAME_SET, _ENTRY_SET, _LEAVE_SET = SETS, SETS + 2, SETS + 4
+PC_ID = arm_const.UC_ARM_REG_PC
+
+
+@compiled
+def _transfer(core: np.ndarray, function: int, registers: int, count: int) -> None:
+    reg.call(core[function], (core[ENGINE], core[registers], core[registers + 1], count))  # type: ignore[call-arg]
+
+
+@compiled
+def _go(core: np.ndarray, r: np.ndarray, at: int) -> int:
+    """Run to the next sleep, the end of the exception or a stop; Unicorn's status."""
+    r[reg.STOP] = 0
+    status = reg.call(core[START], (core[ENGINE], at | 1, _UNTIL, 0, 0))  # type: ignore[call-arg]
+    reg.call(core[READ], (core[ENGINE], PC_ID, core[PC_PLACE]))  # type: ignore[call-arg]
+    core[PC] &= 0xFFFFFFFF
+    return status
+
+
+@compiled
+def _push(sram: np.ndarray, ccm: np.ndarray, at: int, frame: np.ndarray) -> None:
+    memory, place = (sram, at - SRAM_AT) if at >= SRAM_AT else (ccm, at - CCM_AT)
+    if 0 <= place <= len(memory) - 32:
+        for i in range(8):
+            for k in range(4):
+                memory[place + 4 * i + k] = frame[i] >> 8 * k & 255
+
+
+@compiled
+def run_tick(
+    core: np.ndarray,
+    r: np.ndarray,
+    sram: np.ndarray,
+    ccm: np.ndarray,
+    frame: np.ndarray,
+    entry: np.ndarray,
+    leave: np.ndarray,
+) -> int:
+    """The interrupt of TIM7, if it is on, then the main loop until it sleeps or its time is over.
+
+    Returns 0, or Unicorn's status where the processor met what it could not execute; `core[PC]` is where it stands.
+    """
+    r[reg.HALFWORDS], r[reg.LIMIT], r[reg.OFF_AT] = 0, TICK_HALFWORDS, 0
+    core[SLEEPS] = 0
+    if core[PC] == LOCKED_UP:
+        return 0
+    if r[reg.SYSTEM_AT + ((_ISER + 4) >> 2)] >> (_TIM7 - 32) & 1 and r[reg.word(reg.TIM7, 0x0C)] & 1:
+        r[reg.word(reg.TIM7, 0x10)] |= 1
+        _transfer(core, READ_SET, _FRAME_SET, 11)
+        sp, control = np.int64(frame[8]), np.int64(frame[9])
+        floats = control & 4
+        new = (sp - (_FRAME_WITH_FLOATS if floats else _FRAME)) & ~7
+        frame[6] = core[PC]
+        _push(sram, ccm, new, frame)
+        entry[0] = control & ~6
+        entry[1] = 0xFFFFFFF9 if not control & 2 else 0xFFFFFFED if floats else 0xFFFFFFFD
+        entry[2] = frame[10] if control & 2 else new
+        _transfer(core, WRITE_SET, _ENTRY_SET, 3)
+        before = core[PC]
+        status = _go(core, r, core[HANDLER])
+        if core[PC] < 0xFFFFFF00:
+            return status
+        leave[0], leave[1] = control, sp
+        _transfer(core, WRITE_SET, _LEAVE_SET, 2)
+        frame[6] = before | 1
+        _transfer(core, WRITE_SET, _FRAME_SET, 10)
+        core[PC] = before
+    status = _go(core, r, core[PC])
+    if status == 0 and not r[reg.STOP]:
+        core[SLEEPS] = 1
+    return status
+
+
+class Chip:
+    """An STM32F429 with an image in its flash.
+
+    number : 12 bytes, the chip's own. r : registers (registers.py). sram, ccm : memory, bytes. resets : causes of the resets
+    so far.
+    """
+
+    def __init__(self, image: Image, number: bytes) -> None:
+        self.image = image
+        self.r = np.zeros(reg.WORDS, np.int64)
+        self.sram, self.ccm = np.zeros(SRAM_BYTES, np.uint8), np.zeros(CCM_BYTES, np.uint8)
+        self.flash = np.full(FLASH_BYTES, 0xFF, np.uint8)
+        for at, data in image.segments:
+            if not FLASH_AT <= at <= FLASH_AT + FLASH_BYTES - len(data):
+                raise ValueError(f"the image has something at {at:#x}, which is no flash")
+            self.flash[at - FLASH_AT : at - FLASH_AT + len(data)] = np.frombuffer(data, np.uint8)
+        self.core = np.zeros(SETS + 6, np.int64)
+        self.system_memory = np.full(SYSTEM_MEMORY_BYTES, 0xFF, np.uint8)
+        self.system_memory[_NUMBER] = np.frombuffer(number.ljust(12, b"\0")[:12], np.uint8)
+        self._faulting = False
+        self.resets: list[Reset] = []
+        self._closed = (0, 0)
+        self._start_unicorn()
+
+    def _start_unicorn(self) -> None:
+        model = arm_const.UC_CPU_ARM_CORTEX_M4
+        self._engine = Uc(
+            unicorn_const.UC_ARCH_ARM, unicorn_const.UC_MODE_THUMB | unicorn_const.UC_MODE_MCLASS, model
+        )
+        self._uc = self._engine._uch
+        for at, memory, rights in (
+            (FLASH_AT, self.flash, 5),
+            (SRAM_AT, self.sram, 7),
+            (CCM_AT, self.ccm, 3),
+            (SYSTEM_MEMORY_AT, self.system_memory, 1),
+        ):
+            self._call("uc_mem_map_ptr", at, len(memory), rights, ctypes.c_void_p(memory.ctypes.data))
+        words = ctypes.c_void_p(self.r.ctypes.data)
+        for at, size, read, write in (
+            (reg.PERIPHERALS, reg.PERIPHERAL_BYTES, reg.on_read, reg.on_write),
+            (reg.SYSTEM, reg.PAGE_BYTES, reg.on_system_read, reg.on_system_write),
+            (reg.TRACE, reg.PAGE_BYTES, reg.on_trace_read, reg.on_trace_write),
+        ):
+            self._call(
+                "uc_mmio_map",
+                at,
+                size,
+                ctypes.c_void_p(read.address),
+                words,
+                ctypes.c_void_p(write.address),
+                words,
+            )
+        self.r[reg.ENGINE] = ctypes.cast(self._uc, ctypes.c_void_p).value or 0
+        self.r[reg.STOP_FUNCTION] = ctypes.cast(uclib.uc_emu_stop, ctypes.c_void_p).value or 0
+        hook = ctypes.c_size_t()
+        self._call(
+            "uc_hook_add",
+            ctypes.byref(hook),
+            unicorn_const.UC_HOOK_BLOCK,
+            ctypes.c_void_p(reg.on_block.address),
+            words,
+            ctypes.c_uint64(1),
+            ctypes.c_uint64(0),
+        )
+        names = ("R0", "R1", "R2", "R3", "R12", "LR", "PC", "XPSR")
+        self._sets = [
+            _Registers(*names, "SP", "CONTROL", "MSP"),
+            _Registers("CONTROL", "LR", "SP"),
+            _Registers("CONTROL", "SP"),
+        ]
+        self.buffers = [registers.values for registers in self._sets]
+        core = self.core
+        core[ENGINE] = ctypes.cast(self._uc, ctypes.c_void_p).value or 0
+        for place, name in enumerate(("emu_start", "reg_read", "reg_read_batch", "reg_write_batch")):
+            core[place + 1] = ctypes.cast(getattr(uclib, f"uc_{name}"), ctypes.c_void_p).value or 0
+        core[PC_PLACE] = core.ctypes.data + 8 * PC
+        for i, registers in enumerate(self._sets):
+            core[SETS + 2 * i : SETS + 2 * i + 2] = registers.names_at, registers.places_at
+
+    def _call(self, name: str, *arguments: object) -> None:
+        status = getattr(uclib, name)(self._uc, *arguments)
+        if status:
+            raise ChipFailed(f"{name} failed: {status}")
+
+    # ---------------------------------------------------------------------------------------------- reset
+    def reset(self, cause: Reset) -> None:
+        """Start anew: the next ticks run the image from its reset vector. A loss of supply leaves anything in memory."""
+        self.resets.append(cause)
+        r = self.r
+        loses_all = cause is Reset.POWER_ON
+        flags = int(r[reg.register(reg.RCC, 0x74)]) & 0xFE000000
+        reg.reset_registers(r, keeps_backup=True)
+        if loses_all:
+            r[reg.DAC_CODE] = 0
+            noise = np.random.default_rng(len(self.resets))
+            self.sram[:] = noise.integers(0, 256, SRAM_BYTES, np.uint8)
+            self.ccm[:] = noise.integers(0, 256, CCM_BYTES, np.uint8)
+        r[reg.register(reg.RCC, 0x74)] = (0 if loses_all else flags) | cause.value
+        self._open_guard()
+        uc = self._engine
+        for name in ("CONTROL", "PRIMASK", "BASEPRI", "FAULTMASK"):
+            uc.reg_write(getattr(arm_const, f"UC_ARM_REG_{name}"), 0)
+        stack, start = self.flash[:8].view("<u4").tolist()
+        uc.reg_write(arm_const.UC_ARM_REG_MSP, stack)
+        uc.reg_write(arm_const.UC_ARM_REG_SP, stack)
+        uc.reg_write(arm_const.UC_ARM_REG_LR, 0xFFFFFFFF)
+        uc.reg_write(arm_const.UC_ARM_REG_XPSR, 0x01000000)
+        uc.reg_write(arm_const.UC_ARM_REG_FPEXC, 0x40000000)
+        self.core[PC] = start & ~1
+        self.core[HANDLER] = int(self.flash[self._vector(16 + _TIM7)].view("<u4")[0]) & ~1
+        self._faulting = False
+
+    # ------------------------------------------------------------------------------------------ exceptions
+    def conclude(self, status: int) -> bool:
+        """See to what stopped the processor: the handler of a fault goes on at the next tick. False for a reset."""
+        if status and not self.r[reg.RESET_ASKED]:
+            self._fault(status)
+        return not self.r[reg.RESET_ASKED]
+
+    def close_guard(self) -> None:
+        """Take from the memory what a region of the MPU without access covers (PM0214 §4.2)."""
+        r = self.r
+        r[reg.MPU_SET] = 0
+        if not reg.system(r, 0xD94) & 1:
+            return
+        for region in range(8):
+            base, attributes = reg.mpu_region(r, region)
+            if attributes & 1 and attributes >> 24 & 7 == 0:
+                size = 2 << (attributes >> 1 & 0x1F)
+                if size % 0x400 or base % 0x400:
+                    raise ChipFailed(f"a guard of {size} bytes at {base:#x}: the emulator closes whole KiB")
+                if (base, size) != self._closed:
+                    self._open_guard()
+                    self._closed = base, size
+                    self._call("uc_mem_protect", base, size, 0)
+
+    def _vector(self, number: int) -> slice:
+        at = reg.system(self.r, _VTOR)
+        at = (at - FLASH_AT if at >= FLASH_AT else at) + 4 * number
+        return slice(at, at + 4)
+
+    def _fault(self, status: int) -> None:
+        """Enter the handler of what could not be executed, on the main stack; a fault in a handler locks the core up.
+
+        PM0214 §2.4: memory, bus and usage faults where they are enabled (SHCSR), else the hard fault.
+        """
+        r = self.r
+        if self._faulting:
+            self.core[PC] = LOCKED_UP
+            return
+        self._faulting = True
+        enabled = reg.system(r, _SHCSR)
+        number, bits = _HARD, 0
+        if status in _GUARDED and enabled >> 16 & 1:
+            number, bits = _MEMORY, 0x02
+        elif status in _UNMAPPED and enabled >> 17 & 1:
+            number, bits = _BUS, 0x0200
+        elif status not in (*_GUARDED, *_UNMAPPED) and enabled >> 18 & 1:
+            number, bits = _USAGE, 0x00010000
+        reg.set_system(r, _CFSR, reg.system(r, _CFSR) | bits)
+        if number == _HARD:
+            reg.set_system(r, _HFSR, 0x40000000)
+        engine = self._engine
+        control = engine.reg_read(arm_const.UC_ARM_REG_CONTROL)
+        engine.reg_write(arm_const.UC_ARM_REG_CONTROL, control & ~6)
+        engine.reg_write(arm_const.UC_ARM_REG_LR, 0xFFFFFFFD if control & 2 else 0xFFFFFFF9)
+        self.core[PC] = int(self.flash[self._vector(number)].view("<u4")[0]) & ~1
+
+    def _open_guard(self) -> None:
+        base, size = self._closed
+        if size:
+            self._call("uc_mem_protect", base, size, 7)
+            self._closed = (0, 0)

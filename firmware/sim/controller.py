@@ -1,0 +1,496 @@
+"""The emulated board as a controller of the simulator: the interface of `FirmwareController`, behind a real line.
+
+Bytes take their time, answers come with the millisecond, and the clock runs: the image knows nothing of a driven one. Where
+the host drives the clock, its ADVANCE is answered here, and HELLO's answer is told so.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from edmctl.link.frame import FrameDecoder, encode_frame
+from edmctl.link.messages import (
+    Advance,
+    AdvanceReply,
+    Clock,
+    Hello,
+    HelloReply,
+    ResetCause,
+    State,
+    Status,
+    Tlm,
+)
+from edmctl.simulator.injection import Trigger
+from edmctl.simulator.injector import Injector
+from edmctl.simulator.plant_interface import TICK_NS, TICK_S
+from firmware_sim import registers as reg
+from firmware_sim.chip import CCM_AT, PC, Chip, ChipFailed, Reset
+from firmware_sim.loop import BITTEN_BY_IWDG, BITTEN_BY_WWDG, CHANGED, FAILED, LOOK, SENT, Watch, run
+from firmware_sim.wiring import (
+    LINE_BYTES,
+    NOISE,
+    STEP_DEG,
+    STEP_UM,
+    UNHURRIED,
+    Bench,
+    generator_of,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from edmctl.link.faults import FaultCode
+    from edmctl.simulator.plant import Plant
+    from firmware_sim.image import Image
+
+REPLY_BIT = 0x40
+BAUD = 921_600
+_CAUSES = {
+    ResetCause.POWER_ON: Reset.POWER_ON,
+    ResetCause.COMMANDED: Reset.SOFTWARE,
+    ResetCause.WATCHDOG: Reset.INDEPENDENT_WATCHDOG,
+    ResetCause.BROWN_OUT: Reset.BROWN_OUT,
+    ResetCause.EXTERNAL: Reset.PIN,
+}
+_GREETING_MS = 8
+START_MS = 200
+MOST_AT_ONCE = 50
+"""Milliseconds for which random numbers are drawn at once."""
+
+
+class Stm32Link:
+    """The board's end of the line, with what only a simulator's line does."""
+
+    def __init__(self, controller: Stm32Controller) -> None:
+        self._c = controller
+        self._decoder = FrameDecoder(watch_for_abort=False)
+        self._partial = b""
+        self._out: list[bytes] = []
+        self.driven = False
+        self.urgent = self.due = False
+        self.advanced = False
+
+    @property
+    def greeting(self) -> bool:
+        """Whether somebody waits for an answer on a driven clock that nobody drives yet."""
+        return self.driven and self.urgent and not self.advanced
+
+    @property
+    def rx_frames(self) -> int:
+        """Commands that came whole, whoever sent them."""
+        return self._c.word("link.frames")
+
+    @property
+    def rx_bad(self) -> int:
+        """Frames dropped for a bad check."""
+        return self._c.word("receiver.bad")
+
+    @property
+    def rx_drop(self) -> int:
+        """Frames dropped for another reason."""
+        return self._c.word("link.drop")
+
+    def sent(self, data: bytes) -> None:
+        """Take bytes that the board has sent; frames are lined up whole."""
+        *whole, self._partial = (self._partial + data).split(b"\0")
+        for piece in whole:
+            if piece:
+                self._line_up(b"\0" + piece + b"\0")
+
+    def _line_up(self, data: bytes) -> None:
+        frame = next(iter(self._decoder.feed(data)), None)
+        if frame is not None:
+            self.urgent = self.urgent or frame.type_id not in UNHURRIED
+            if frame.type_id == Hello.ID | REPLY_BIT:
+                self.advanced = False
+                if self.driven and frame.flags == Status.OK:
+                    told = HelloReply.unpack(frame.payload)
+                    told.clock = Clock.DRIVEN
+                    data = encode_frame(*frame[:4], told.pack())
+            data = self._c.telemetry.passes(frame.type_id, data)
+        if data:
+            self._out.append(data)
+
+    def answer(self, data: bytes) -> None:
+        """Send an answer that the board did not give."""
+        self._out.append(data)
+        self.due = True
+
+    def take_output(self) -> bytes:
+        """Hand over everything to be sent."""
+        out = b"".join(self._out)
+        self._out.clear()
+        self.urgent = self.due = False
+        return out
+
+
+class Samples:
+    """What can be wrong with a controller's samples, on their way."""
+
+    lost = frozen = False
+
+    def passes(self, type_id: int, data: bytes) -> bytes:
+        """Return what is sent of a frame."""
+        return b"" if self.lost and type_id == Tlm.ID else data
+
+
+class Seen:
+    """Words of the image's memory by their names, for whoever looks in from outside."""
+
+    def __init__(self, controller: Stm32Controller) -> None:
+        self._c = controller
+
+    @property
+    def tick_counts(self) -> int:
+        """Pulses of the last millisecond, packed by class."""
+        four = self._c.bytes_of("gap.tick", 8).view("<u2").tolist()
+        return sum(n << (12 * k) for k, n in enumerate(four))
+
+    @property
+    def command_v(self) -> float:
+        """Voltage commanded of the actuator."""
+        return float(self._c.bytes_of("motion.command_v", 4).view("<f4")[0])
+
+    @property
+    def watchdog_ticks(self) -> int:
+        """Milliseconds of the host's silence that the board bears."""
+        return self._c.word("settings.watchdog_ticks")
+
+    @property
+    def frozen_tick(self) -> int | None:
+        """When a fault froze the black box; None while it goes on."""
+        if not self._c.bytes_of("box.frozen", 1)[0]:
+            return None
+        return int(self._c.bytes_of("box.frozen_tick", 8).view("<i8")[0]) + self._c.ticks_before
+
+
+class Waiting:
+    """Lets time pass for a host that waits: until an answer is there, at most as long as it would."""
+
+    def __init__(self, controller: Stm32Controller) -> None:
+        self._c = controller
+
+    def wait(self, timeout_s: float) -> None:
+        """Let up to `timeout_s` pass, in whole milliseconds, at least one."""
+        self._c.run(max(1, math.floor(timeout_s / TICK_S + 0.5)), stops_when_sent=True)
+
+
+class Stm32Controller:
+    """An image on an emulated chip over one plant.
+
+    chip : the chip; bench : what lies between it and the plant. layout : offsets of members of `controller` by name.
+    watch : what the loop keeps, the load of the chip among it. The image has its controller in CCM.
+    """
+
+    def __init__(self, plant: Plant, image: Image, layout: Mapping[str, int], baud: int = BAUD) -> None:
+        self.plant = plant
+        self.chip = Chip(image, plant.serial.encode())
+        self.bench = Bench()
+        self._layout = layout
+        self._at = image.symbols["controller"]
+        self._rx = np.zeros(LINE_BYTES, np.uint8)
+        self._tx = np.zeros(4096, np.uint8)
+        self._hiss = np.random.default_rng([*plant.serial.encode(), 17]).standard_normal(NOISE)
+        self.bench.rate = baud * 100
+        self.baud_told = baud
+        self.board = 0
+        self.host_time_scale = 1.0
+        self.link = Stm32Link(self)
+        self.telemetry = Samples()
+        self.loop = self.parameters = self.black_box = Seen(self)
+        self.injector = Injector(self)
+        self.host_wait = Waiting(self)
+        self._commands = FrameDecoder(watch_for_abort=False)
+        self._pending = b""
+        self._generator: tuple[float, ...] = ()
+        self._moved = [False] * 3
+        self._scans = False
+        self.watch = Watch()
+        self.watch.arms_at, self.watch.touches_at = (
+            self._at + layout[name] - CCM_AT for name in ("arms", "touch_offs")
+        )
+        self._read_inputs()
+        self._start(Reset.POWER_ON)
+        self._boot()
+
+    # --------------------------------------------------------------------------------------- what stands in memory
+    def bytes_of(self, name: str, size: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
+        """Bytes of a member of the image's controller."""
+        if not self.bench.ticks:
+            return np.zeros(size, np.uint8)  # what stands there is of before the start
+        at = self._at + self._layout[name] - CCM_AT
+        return self.chip.ccm[at : at + size]
+
+    @property
+    def ticks_before(self) -> int:
+        """Milliseconds of the machine before the image's tick 0."""
+        return self.tick - self.watch.is_due - int(self.bytes_of("tick", 8).view("<i8")[0])
+
+    def word(self, name: str) -> int:
+        """A member of 32 bits."""
+        return int(self.bytes_of(name, 4).view("<u4")[0])
+
+    @property
+    def tick(self) -> int:
+        """Milliseconds since the machine was set up; resets do not touch them."""
+        return self.plant.readings.tick
+
+    @property
+    def boot_tick(self) -> int:
+        """The tick at which the controller started."""
+        return int(self.bytes_of("boot_tick", 8).view("<i8")[0]) + self.ticks_before
+
+    @property
+    def time_us(self) -> int:
+        """Controller time: µs since its start."""
+        return (self.tick - self.boot_tick) * TICK_NS // 1000
+
+    @property
+    def state(self) -> State:
+        """State of the controller."""
+        return State(int(self.bytes_of("state", 1)[0]))
+
+    @property
+    def armed(self) -> bool:
+        """Whether the watchdog runs."""
+        return bool(self.bytes_of("armed", 1)[0])
+
+    @property
+    def fault(self) -> int:
+        """Latched fault, 0 for none."""
+        return int(self.bytes_of("keeps.fault", 2).view("<u2")[0])
+
+    @property
+    def boot_count(self) -> int:
+        """How often it has started."""
+        return self.word("keeps.boot_count")
+
+    @property
+    def baud(self) -> int:
+        """Baud of the line."""
+        return self.baud_told
+
+    @baud.setter
+    def baud(self, baud: int) -> None:
+        self.baud_told = baud or BAUD
+        self.bench.rate = self.baud_told * 100
+
+    def count_from(self, time_us: int, event_no: int, boot_count: int, frames: int, pulse_no: int) -> None:
+        """Let every counter of the link stand where it does after a long time, as tests of its wrap need it."""
+        ticks = int(self.bytes_of("tick", 8).view("<i8")[0])
+        self.bytes_of("boot_tick", 8).view("<i8")[0] = ticks - time_us // 1000
+        self.bytes_of("keeps.event_no", 2).view("<u2")[0] = event_no
+        for name, value in (
+            ("keeps.boot_count", boot_count),
+            ("receiver.bad", frames),
+            ("link.drop", frames),
+            ("gap.pulse_no", pulse_no),
+        ):
+            self.bytes_of(name, 4).view("<u4")[0] = value & 0xFFFFFFFF
+        for name in ("telemetry.counter", "telemetry.pulse_counter"):
+            self.bytes_of(name, 2).view("<u2")[0] = frames & 0xFFFF
+
+    # ------------------------------------------------------------------------------------------------ bytes and time
+    def receive(self, data: bytes) -> None:
+        """Put bytes on the line; an ADVANCE among them is carried out here where the clock is driven."""
+        if not self.link.driven:
+            self._put_on_line(data)
+            return
+        *whole, self._pending = (self._pending + data).split(b"\0")
+        for piece in whole:
+            frames = self._commands.feed(b"\0" + piece + b"\0") if piece else []
+            if frames and frames[0].type_id == Advance.ID:
+                self._let_time_pass(frames[0])
+            else:
+                self._put_on_line(piece + b"\0")
+        if self._pending and self._pending.count(b"\0"):
+            self._put_on_line(self._pending)
+        if self.bench.rx_tail > self.bench.rx_head and not self.link.advanced:
+            for _ in range(_GREETING_MS):
+                self.advance(1)
+                if self.link.urgent:
+                    self.link.due = True
+                    break
+
+    def _put_on_line(self, data: bytes) -> None:
+        bench = self.bench
+        for value in data:
+            if bench.rx_tail - bench.rx_head >= LINE_BYTES:
+                self.advance(1)
+            self._rx[bench.rx_tail & (LINE_BYTES - 1)] = value
+            bench.rx_tail += 1
+
+    def _let_time_pass(self, frame: Any) -> None:
+        try:
+            asked = Advance.unpack(frame.payload)
+        except ValueError:
+            self.link.answer(
+                encode_frame(frame.type_id | REPLY_BIT, frame.seq, frame.session, Status.BAD_LENGTH, b"")
+            )
+            return
+        self.link.advanced = True
+        if asked.timeout_us:
+            self.host_wait.wait(asked.timeout_us * 1e-6)
+        reply = AdvanceReply(t_dev_us=self.time_us & 0xFFFFFFFF)
+        self.link.answer(
+            encode_frame(frame.type_id | REPLY_BIT, frame.seq, frame.session, Status.OK, reply.pack())
+        )
+
+    def host_heard(self) -> None:
+        """Nothing feeds a board's watchdog but frames."""
+
+    def step(self, ticks: int) -> int:
+        """Compile what runs the millisecond; `ticks` is 0."""
+        return 0
+
+    def advance(self, ticks: int) -> None:
+        """Let `ticks` milliseconds pass: for each, what the chip does at its begin, then the machine's own."""
+        self.run(ticks, stops_when_sent=False)
+
+    def run(self, ticks: int, *, stops_when_sent: bool) -> None:
+        """Let up to `ticks` milliseconds pass, or until a frame has gone out that somebody waits for."""
+        end = self.tick + ticks
+        while (now := self.tick) < end:
+            self.injector.apply_due(now)
+            self.plant.chips.look()
+            self._read_inputs()
+            until = min(end, self.injector.next_tick(now), self.plant.chips.next_tick(now) or end)
+            reason = self._loop(min(max(until - now, 1), MOST_AT_ONCE), stops_when_sent)
+            self._see_to(reason)
+            if reason == SENT and stops_when_sent:
+                return
+
+    def _loop(self, ticks: int, stops_when_sent: bool) -> int:
+        plant, chip = self.plant, self.chip
+        plant.random.provide(plant.state, ticks * (TICK_NS // plant.unit.pulse_period_ns + 2), 4 * ticks)
+        reason: int = run(
+            ticks,
+            stops_when_sent,
+            self.watch.shared,
+            chip.core,
+            chip.r,
+            chip.sram,
+            chip.ccm,
+            *chip.buffers,
+            self.bench.shared,
+            self._rx,
+            self._tx,
+            plant.unit.shared,
+            plant.state.shared,
+            plant.scope.shared,
+            plant.random.pulse,
+            plant.random.tables,
+            plant.random.noise,
+            plant.work_under_tool.levels,
+            self._hiss,
+            plant.drive.shared,
+            plant.readings.shared,
+        )
+        return reason
+
+    def _see_to(self, reason: int) -> None:
+        """What the loop came back for."""
+        if self.bench.tx_size:
+            self.link.sent(self._tx[: self.bench.tx_size].tobytes())
+            self.bench.tx_size = self.bench.urgent = 0
+        if reason == LOOK:
+            self.plant.look()
+        elif reason == FAILED:
+            if self.chip.r[reg.MPU_SET]:
+                self.chip.close_guard()
+            if not self.chip.conclude(self.watch.status):
+                self._start(Reset.SOFTWARE)
+        elif reason == BITTEN_BY_WWDG:
+            self._start(Reset.WINDOW_WATCHDOG)
+        elif reason == BITTEN_BY_IWDG:
+            self._start(Reset.INDEPENDENT_WATCHDOG)
+        elif reason == CHANGED:
+            self._follow()
+
+    def _follow(self) -> None:
+        """Carry what the image has set on to the machine, and tell whoever waits for a trigger."""
+        if self.chip.r[reg.GATE_CHANGES]:
+            self.chip.r[reg.GATE_CHANGES] = 0
+            self._set_generator()
+        if self.bench.moved:
+            self._move_stages()
+        watch = self.watch
+        seen = self.word("arms"), self.word("touch_offs")
+        before, (watch.arms, watch.touches) = (watch.arms, watch.touches), seen
+        for _ in range(seen[0] - before[0]):
+            self.injector.note(Trigger.ARM)
+        for _ in range(seen[1] - before[1]):
+            self.injector.note(Trigger.TOUCH)
+
+    def _read_inputs(self) -> None:
+        plant, bench = self.plant, self.bench
+        bench.estop, bench.door, bench.hv_ok = plant.estop, plant.door_open, plant.hv_supply_ok
+        bench.level_ok, bench.limit = plant.dielectric_level_ok, plant.limit_switch
+        bench.flow_lpm, bench.temperature_c = plant.dielectric_flow_lpm, plant.dielectric_temperature_c
+
+    def _set_generator(self) -> None:
+        setting = generator_of(self.chip.r)
+        if setting == self._generator or setting[0] <= 0.0 or setting[1] <= 0.0:
+            return
+        self._generator = setting
+        self.plant.set_generator(*setting)
+
+    def _move_stages(self) -> None:
+        """Carry step pulses to the stages: along a path while there are sparks or a scan goes on, else to a place at the end."""
+        plant, bench = self.plant, self.bench
+        steps = bench.array("steps")
+        way = steps * (STEP_UM, STEP_UM, STEP_DEG)
+        steps[:] = 0.0
+        for axis in range(3):
+            if way[axis]:
+                self._moved[axis] = True
+                plant.reported[axis] += float(way[axis])
+        is_over, bench.moved = bench.moved > 1, 0
+        if plant.drive.pulses_on or self._scans:
+            if not self._scans:
+                plant.begin_scan()
+                self._scans = True
+            plant.drive.stage_x_um, plant.drive.stage_y_um = plant.reported[:2]
+            plant.look()
+            if is_over:
+                plant.follow_stages(scan_goes_on=False)
+                self._scans = False
+        elif is_over:
+            for axis in range(3):
+                if self._moved[axis]:
+                    plant.stage_lands(axis, plant.reported[axis])
+        if is_over:
+            self._moved[:] = [False] * 3
+
+    # --------------------------------------------------------------------------------------------------- resets
+    def _start(self, cause: Reset) -> None:
+        self.chip.reset(cause)
+        bench, watch = self.bench, self.watch
+        bench.ticks = bench.alive_edges = bench.gate_starts = 0
+        bench.rx_head = bench.rx_tail
+        bench.frame_bytes = 0
+        watch.is_due = 1
+        watch.wwdg_silent = watch.iwdg_silent = 0
+        watch.arms = watch.touches = 0
+
+    def _boot(self) -> None:
+        """Let the image come to its main loop."""
+        for _ in range(START_MS):
+            self.run(1, stops_when_sent=False)
+            if self.bench.ticks > 1:
+                return
+        raise ChipFailed(
+            f"the image does not come to its main loop; it stands at {int(self.chip.core[PC]):#x}"
+        )
+
+    def raise_fault(self, code: FaultCode, detail: int = 0) -> None:
+        """Let as much of the board's time pass as it takes to find out that the host is silent: nothing else is asked for."""
+        self.advance(self.loop.watchdog_ticks + 1)
+
+    def reset(self, cause: ResetCause) -> None:
+        """Start anew."""
+        self.plant.look()
+        self._start(_CAUSES[cause])

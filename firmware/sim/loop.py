@@ -1,0 +1,123 @@
+"""Chip and machine by turns, compiled: as many milliseconds as nothing happens that Python has to see to."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from edmctl.actuator.compiling import cached, compiled
+from edmctl.simulator.records import Record, record
+from firmware_sim import registers as reg
+from firmware_sim.chip import run_tick
+from firmware_sim.wiring import run_millisecond
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from edmctl.simulator.plant_interface import Drive, Readings
+    from edmctl.simulator.plant_state import PlantState, Scope, Unit
+    from edmctl.simulator.records import Floats
+    from firmware_sim.wiring import Bench
+
+DONE, LOOK, CHANGED, FAILED, BITTEN_BY_WWDG, BITTEN_BY_IWDG, SENT = range(7)
+"""Why the loop came back: time over; look under the tool; generator, stages or triggers changed; the processor stopped or asks
+for a reset; a watchdog; a frame that somebody waits for."""
+WWDG_HZ = 42e6 / 4096
+MOST_SENT = 3000
+
+
+@record
+class Watch(Record):
+    """What the loop watches.
+
+    is_due : the chip's interrupt of the last millisecond is still to come.
+    """
+
+    is_due: int
+    status: int  # of the processor, where it failed
+    wwdg_silent: int  # milliseconds since they were fed
+    iwdg_silent: int
+    arms_at: int  # places in memory of counts that triggers wait for
+    touches_at: int
+    arms: int
+    touches: int
+    most_load: int  # halfwords executed in a millisecond
+    loads: int  # sum and number
+    loads_count: int
+
+
+@compiled
+def word_of(memory: np.ndarray, at: int) -> int:
+    """A word of memory."""
+    return memory[at] | memory[at + 1] << 8 | memory[at + 2] << 16 | memory[at + 3] << 24
+
+
+@cached
+def run(
+    ticks: int,
+    stops_when_sent: bool,
+    watches: Sequence[Watch],
+    core: np.ndarray,
+    r: np.ndarray,
+    sram: np.ndarray,
+    ccm: np.ndarray,
+    frame: np.ndarray,
+    entry: np.ndarray,
+    leave: np.ndarray,
+    benches: Sequence[Bench],
+    rx: np.ndarray,
+    tx: np.ndarray,
+    units: Sequence[Unit],
+    plants: Sequence[PlantState],
+    scopes: Sequence[Scope],
+    random: Floats,
+    tables: Floats,
+    noise: Floats,
+    levels: Floats,
+    hiss: Floats,
+    all_drives: Sequence[Drive],
+    all_readings: Sequence[Readings],
+) -> int:
+    """Run up to `ticks` milliseconds: for each, what the chip does at its begin, then the machine's own."""
+    watch, bench, unit, plant, scope = watches[0], benches[0], units[0], plants[0], scopes[0]
+    drive, readings = all_drives[0], all_readings[0]
+    for _ in range(ticks):
+        if watch.is_due:
+            watch.is_due = 0
+            r[reg.WWDG_FED] = r[reg.IWDG_FED] = 0
+            status = run_tick(core, r, sram, ccm, frame, entry, leave)
+            load = r[reg.HALFWORDS]
+            watch.most_load = max(watch.most_load, load)
+            watch.loads += load
+            watch.loads_count += 1
+            if status or r[reg.RESET_ASKED] or r[reg.MPU_SET]:
+                watch.status = status
+                return FAILED
+            watch.wwdg_silent = 0 if r[reg.WWDG_FED] else watch.wwdg_silent + 1
+            watch.iwdg_silent = 0 if r[reg.IWDG_FED] else watch.iwdg_silent + 1
+            control, setting = r[reg.word(reg.WWDG, 0)], r[reg.word(reg.WWDG, 4)]
+            counts = ((control & 0x7F) - 0x3F) << (setting >> 7 & 3)
+            if control & 0x80 and watch.wwdg_silent * WWDG_HZ >= counts * 1000.0:
+                return BITTEN_BY_WWDG
+            # LSI of 32 kHz (RM0090 §21.3).
+            period = ((r[reg.word(reg.IWDG, 8)] & 0xFFF) + 1) * (4 << min(r[reg.word(reg.IWDG, 4)] & 7, 6))
+            if r[reg.IWDG_RUNS] and watch.iwdg_silent * 32 >= period:
+                return BITTEN_BY_IWDG
+            counted = (
+                word_of(ccm, watch.arms_at) != watch.arms or word_of(ccm, watch.touches_at) != watch.touches
+            )
+            )
+            if r[reg.GATE_CHANGES] or counted:
+                return CHANGED
+        look = run_millisecond(
+            r, sram, bench, rx, tx, unit, plant, scope, random, tables, noise, levels, hiss, drive, readings
+        )
+        watch.is_due = 1
+        if look:
+            return LOOK
+        if bench.moved:
+            return CHANGED
+        if bench.tx_size > MOST_SENT or (stops_when_sent and bench.urgent):
+            return SENT
+    return DONE
