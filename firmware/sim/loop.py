@@ -104,9 +104,8 @@ def run(
             period = ((r[reg.word(reg.IWDG, 8)] & 0xFFF) + 1) * (4 << min(r[reg.word(reg.IWDG, 4)] & 7, 6))
             if r[reg.IWDG_RUNS] and watch.iwdg_silent * 32 >= period:
                 return BITTEN_BY_IWDG
-            counted = (
+            counted = bench.ticks > 0 and (
                 word_of(ccm, watch.arms_at) != watch.arms or word_of(ccm, watch.touches_at) != watch.touches
-            )
             )
             if r[reg.GATE_CHANGES] or counted:
                 return CHANGED
