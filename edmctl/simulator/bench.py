@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import LinkLost
 from edmctl.simulator.commands import Commands
-from edmctl.simulator.config import FIRMWARE_FLOAT, PYTHON
+from edmctl.simulator.config import FIRMWARE_FLOAT, PYTHON, STM32
 from edmctl.simulator.controller import VirtualController
 from edmctl.simulator.injection import LineDamage
 from edmctl.simulator.plant import Plant
@@ -82,6 +82,10 @@ class MemoryTransport:
 def _controller_of(plant: Plant, kind: str) -> AnyController:
     if kind == PYTHON:
         return VirtualController(plant, Commands)
+    if kind == STM32:
+        from edmctl.simulator.emulated import emulated_controller
+
+        return emulated_controller(plant)  # type: ignore[no-any-return]
     from edmctl.simulator.firmware_controller import FirmwareController
 
     return FirmwareController(plant, "float" if kind == FIRMWARE_FLOAT else "double")

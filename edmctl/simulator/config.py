@@ -61,8 +61,9 @@ class SensorConstants:
     rotary_sd_deg: float = 0.05
 
 
-PYTHON, FIRMWARE, FIRMWARE_FLOAT = CONTROLLERS = ("python", "firmware", "firmware-float")
-"""What can drive a bench: the virtual controller, the firmware's core with its bits, and that with a board's."""
+PYTHON, FIRMWARE, FIRMWARE_FLOAT, STM32 = CONTROLLERS = ("python", "firmware", "firmware-float", "stm32")
+"""What can drive a bench: the virtual controller, the firmware's core with its bits, and that with a board's; the image of
+a board on an emulated chip."""
 
 
 @dataclass(frozen=True, slots=True)

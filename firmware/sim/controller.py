@@ -40,8 +40,6 @@ from firmware_sim.wiring import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from edmctl.link.faults import FaultCode
     from edmctl.simulator.plant import Plant
     from firmware_sim.image import Image
@@ -59,6 +57,37 @@ _GREETING_MS = 8
 START_MS = 200
 MOST_AT_ONCE = 50
 """Milliseconds for which random numbers are drawn at once."""
+
+
+MEMBERS = (
+    "tick",
+    "boot_tick",
+    "state",
+    "armed",
+    "keeps.fault",
+    "keeps.boot_count",
+    "box.frozen",
+    "box.frozen_tick",
+    "settings.watchdog_ticks",
+    "parameters.crc",
+    "motion.mode",
+    "gap.tick",
+    "gap.pulse_no",
+    "motion.command_v",
+    "gap.displacement_um",
+    "gap.gap_v",
+    "receiver.bad",
+    "link.drop",
+    "link.frames",
+    "arms",
+    "touch_offs",
+    "readings",
+    "size",
+    "keeps.event_no",
+    "telemetry.counter",
+    "telemetry.pulse_counter",
+)
+"""What the image tells of its controller, `edm_layout` (board/stm32f4/image.c), in its order."""
 
 
 class Stm32Link:
@@ -181,15 +210,15 @@ class Waiting:
 class Stm32Controller:
     """An image on an emulated chip over one plant.
 
-    chip : the chip; bench : what lies between it and the plant. layout : offsets of members of `controller` by name.
+    chip : the chip; bench : what lies between it and the plant.
     watch : what the loop keeps, the load of the chip among it. The image has its controller in CCM.
     """
 
-    def __init__(self, plant: Plant, image: Image, layout: Mapping[str, int], baud: int = BAUD) -> None:
+    def __init__(self, plant: Plant, image: Image, baud: int = BAUD) -> None:
         self.plant = plant
         self.chip = Chip(image, plant.serial.encode())
         self.bench = Bench()
-        self._layout = layout
+        self._layout = dict(zip(MEMBERS, image.words("edm_layout", len(MEMBERS)), strict=True))
         self._at = image.symbols["controller"]
         self._rx = np.zeros(LINE_BYTES, np.uint8)
         self._tx = np.zeros(4096, np.uint8)
@@ -210,7 +239,7 @@ class Stm32Controller:
         self._scans = False
         self.watch = Watch()
         self.watch.arms_at, self.watch.touches_at = (
-            self._at + layout[name] - CCM_AT for name in ("arms", "touch_offs")
+            self._at + self._layout[name] - CCM_AT for name in ("arms", "touch_offs")
         )
         self._read_inputs()
         self._start(Reset.POWER_ON)
@@ -433,7 +462,7 @@ class Stm32Controller:
 
     def _set_generator(self) -> None:
         setting = generator_of(self.chip.r)
-        if setting == self._generator or setting[0] <= 0.0 or setting[1] <= 0.0:
+        if setting == self._generator or min(setting[:4]) <= 0.0:
             return
         self._generator = setting
         self.plant.set_generator(*setting)

@@ -39,3 +39,11 @@ class Image:
                 end = data.index(b"\0", names + name)
                 if end > names + name:
                     self.symbols[data[names + name : end].decode()] = value
+
+    def words(self, name: str, count: int) -> tuple[int, ...]:
+        """Words of a constant. ValueError where the image has none of that name."""
+        address = self.symbols.get(name, 0)
+        for at, data in self.segments:
+            if at <= address <= at + len(data) - 4 * count:
+                return struct.unpack_from(f"<{count}I", data, address - at)
+        raise ValueError(f"the image has no {name}")

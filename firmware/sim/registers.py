@@ -43,6 +43,7 @@ ERRORS, ERROR_AT = AUX + 14, AUX + 15
 IS_BROKEN = AUX + 16  # the break input of TIM1 is active
 RESET_ASKED, MPU_SET = AUX + 17, AUX + 18
 ENGINE, STOP_FUNCTION = AUX + 19, AUX + 20  # of Unicorn
+SHIFTS = AUX + 21  # words since the converter was selected
 PINS = AUX + 32  # levels from outside, a word a port
 RELOAD = AUX + 48  # of the 16 DMA streams: NDTR when they were enabled
 
@@ -159,10 +160,12 @@ def write_port(r: np.ndarray, page: int, at: int, value: int) -> None:
     elif at != word(page, 0x10):
         r[at] = value
     changed = before ^ r[odr]
-    if page == PORT_E and changed & _CS_BIT and r[odr] & _CS_BIT:
+    if page == PORT_E and changed & _CS_BIT and not r[odr] & _CS_BIT:
+        r[SHIFTS] = 0
+    if page == PORT_E and changed & _CS_BIT and r[odr] & _CS_BIT and r[SHIFTS]:
         control = r[word(SPI4, 0)]
         # Master, 16 bits, enabled, MSB first, software slave management (RM0090 §28.5.1); clock of at most 50 MHz.
-        if control & 0x0844 != 0x0844 or control & 0x0080:
+        if control & 0x0844 != 0x0844 or control & 0x0080 or r[SHIFTS] != 1:
             note_error(r, PERIPHERALS + SPI4 * 0x400)
         else:
             r[DAC_CODE] = r[SHIFTED]
@@ -261,6 +264,7 @@ def write_register(r: np.ndarray, offset: int, size: int, value: int) -> None:
         write_dma(r, page, here, at, value)
     elif page == SPI4 and here == 0x0C:
         r[SHIFTED] = value & 0xFFFF
+        r[SHIFTS] += 1
     elif page == SPI4 and here == 0x08:
         pass
     elif page == USART3 and here == 0:

@@ -156,7 +156,7 @@ def put(
     cr = r[control]
     if not cr & 1 or cr >> 25 & 7 != channel or cr >> 6 & 3 != 0 or r[control + 2] != source:
         return
-    width = 2 if size == 4 else 1
+    width = size >> 1  # 0, 1, 2: bytes, halfwords, words
     if cr >> 13 & 3 != width or cr >> 11 & 3 != width or not cr & 0x400:
         reg.note_error(r, source)
         return

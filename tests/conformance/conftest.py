@@ -28,7 +28,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     group.addoption(
         "--controller",
-        choices=["python", "firmware", "firmware-float"],
+        choices=["python", "firmware", "firmware-float", "stm32"],
         default="python",
         help="what drives the virtual machine: the virtual controller, or the firmware's core",
     )

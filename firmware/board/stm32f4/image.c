@@ -15,7 +15,7 @@ __attribute__((section(".image"), used)) const struct {
     uint32_t crc;
 } edm_image = {{'E', 'D', 'M', 'I'}, PROTO_MAJOR, PROTO_MINOR, BOARD_NUMBER, SCHEMA_HASH, image_size, 0};
 
-__attribute__((used)) const uint32_t edm_layout[] = {
+__attribute__((section(".image.layout"), used)) const uint32_t edm_layout[] = {
     CONTROLLER(tick),
     CONTROLLER(boot_tick),
     CONTROLLER(state),
@@ -39,4 +39,7 @@ __attribute__((used)) const uint32_t edm_layout[] = {
     CONTROLLER(touch_offs),
     CONTROLLER(readings),
     sizeof(struct edm_controller),
+    CONTROLLER(keeps.event_no),
+    CONTROLLER(telemetry.counter),
+    CONTROLLER(telemetry.pulse_counter),
 };
