@@ -55,6 +55,9 @@
 #ifndef EDM_STEP_DEGREES
 #define EDM_STEP_DEGREES R(0.001)
 #endif
+#ifndef EDM_PARKED_X_UM
+#define EDM_PARKED_X_UM R(-5000.0) /* where X stands when the supply comes: beside the work */
+#endif
 #ifndef EDM_MOST_STEPS_PER_MS
 #define EDM_MOST_STEPS_PER_MS 100
 #endif

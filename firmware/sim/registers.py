@@ -287,6 +287,8 @@ def write_register(r: np.ndarray, offset: int, size: int, value: int) -> None:
             r[at] = value
         else:
             note_error(r, PERIPHERALS + offset)
+    elif page == DAC and here == 0x20:  # both channels at once (§14.5.11)
+        r[word(DAC, 0x08)], r[word(DAC, 0x14)] = value & 0xFFF, value >> 16 & 0xFFF
     elif page == RTC and here >= 0x50:
         if r[word(PWR, 0)] & 0x100:  # DBP (§5.4.1)
             r[at] = value

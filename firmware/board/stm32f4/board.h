@@ -65,7 +65,8 @@ void inputs_put_mode(bool generator);
 void inputs_toggle_alive(void);
 
 /* stages.c */
-void stages_begin(void);
+void stages_begin(bool kept);
+void stages_tell(struct edm_controller *c);
 void stages_put(void);
 void stages_plan(const struct edm_controller *c);
 bool stages_move(void);

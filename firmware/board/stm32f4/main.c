@@ -93,6 +93,7 @@ static void start_core(struct edm_controller *c) {
     struct edm_identity identity = {.board = BOARD_NUMBER, .baud = EDM_BAUD, .host_time_scale = 1};
     uint8_t cause = keep_cause();
     tell_serial(identity.serial);
+    stages_begin(cause != RESET_CAUSE_POWER_ON);
     bool waves = cause != RESET_CAUSE_POWER_ON && sampling_kept(c);
     sampling_start();
     if (cause == RESET_CAUSE_POWER_ON) {
@@ -100,6 +101,7 @@ static void start_core(struct edm_controller *c) {
     } else {
         edm_create_again(c, NULL, &identity, keep_words(), waves);
     }
+    stages_tell(c);
     edm_start(c, cause);
     edm_tick_begin(c);
 }
@@ -112,7 +114,6 @@ _Noreturn void main_run(void) {
     gate_start();
     pins_start();
     actuator_start();
-    stages_begin();
     line_start();
     start_core(&controller);
     put_out(&controller);

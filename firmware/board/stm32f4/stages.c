@@ -19,6 +19,28 @@ struct axis {
 static struct axis axes[AXES];
 static bool follows;       /* X and Y go where the core says */
 
+/* Where the stages stand, steps: outlasts a reset of the chip, in which they do not move. */
+#define STANDS_MAGIC 0x53544147u
+static NO_INIT struct {
+    int32_t at[AXES];
+    uint32_t check;
+} stands;
+
+static uint32_t check_of_stands(void) {
+    uint32_t check = STANDS_MAGIC;
+    for (int axis = 0; axis < AXES; axis++) {
+        check = (check << 7 | check >> 25) + (uint32_t)stands.at[axis];
+    }
+    return check;
+}
+
+static void note_stands(void) {
+    for (int axis = 0; axis < AXES; axis++) {
+        stands.at[axis] = axes[axis].at;
+    }
+    stands.check = check_of_stands();
+}
+
 static struct timer *timer_of(int axis) {
     return axis == AXIS_X ? TIM10 : axis == AXIS_Y ? TIM11 : TIM13;
 }
@@ -37,7 +59,14 @@ static int32_t steps_of(int axis, real place) {
     return (int32_t)nearest(within(place / step_of(axis), most_steps));
 }
 
-void stages_begin(void) {
+/* Starts the timers. The stages stand where they stood before a reset; when the supply comes, where they are parked. */
+void stages_begin(bool kept) {
+    bool known = kept && stands.check == check_of_stands();
+    const int32_t parked[AXES] = {steps_of(AXIS_X, EDM_PARKED_X_UM), 0, 0};
+    for (int axis = 0; axis < AXES; axis++) {
+        axes[axis].at = axes[axis].target = known ? stands.at[axis] : parked[axis];
+    }
+    note_stands();
     RCC->APB2ENR |= RCC_APB2_TIM10 | RCC_APB2_TIM11;
     RCC->APB1ENR |= RCC_APB1_TIM13;
     TIM10->PSC = TIM11->PSC = CPU_HZ / 1000u / STEP_KHZ - 1u;
@@ -106,6 +135,14 @@ void stages_plan(const struct edm_controller *c) {
         }
     }
     interrupts_on();
+    note_stands();
+}
+
+/* Tells the core where the stages stand: it takes the zero of all axes for it. */
+void stages_tell(struct edm_controller *c) {
+    for (int axis = 0; axis < AXES; axis++) {
+        c->stages.at[axis] = (real)axes[axis].at * step_of(axis);
+    }
 }
 
 /* Whether a travel is under way still. */
