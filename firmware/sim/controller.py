@@ -28,7 +28,7 @@ from edmctl.simulator.injector import Injector
 from edmctl.simulator.plant_interface import TICK_NS, TICK_S
 from firmware_sim import registers as reg
 from firmware_sim.chip import CCM_AT, PC, Chip, ChipFailed, Reset
-from firmware_sim.loop import BITTEN_BY_IWDG, BITTEN_BY_WWDG, CHANGED, FAILED, LOOK, SENT, Watch, run
+from firmware_sim.loop import BITTEN_BY_IWDG, BITTEN_BY_WWDG, CHANGED, FAILED, LOOK, Watch, run
 from firmware_sim.wiring import (
     LINE_BYTES,
     NOISE,
@@ -244,6 +244,7 @@ class Stm32Controller:
         self._read_inputs()
         self._start(Reset.POWER_ON)
         self._boot()
+        self.link.take_output()  # nobody listens when a machine is switched on
 
     # --------------------------------------------------------------------------------------- what stands in memory
     def bytes_of(self, name: str, size: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
@@ -388,7 +389,7 @@ class Stm32Controller:
             until = min(end, self.injector.next_tick(now), self.plant.chips.next_tick(now) or end)
             reason = self._loop(min(max(until - now, 1), MOST_AT_ONCE), stops_when_sent)
             self._see_to(reason)
-            if reason == SENT and stops_when_sent:
+            if stops_when_sent and self.link.urgent:
                 return
 
     def _loop(self, ticks: int, stops_when_sent: bool) -> int:

@@ -19,17 +19,25 @@ class Line(Protocol):
     """A byte stream to one controller.
 
     `bench` is the virtual bench behind it, None on a board. `virtual_time` is true where time passes only in `read`.
+    `decides_us` is the part of a millisecond that the controller takes to see and decide, 0 where it takes no time.
     """
 
     name: str
     bench: Any
     virtual_time: bool
+    decides_us: float
 
     def write(self, data: bytes) -> None: ...
 
     def read(self, timeout_s: float) -> bytes: ...
 
     def now_s(self) -> float: ...
+
+
+STM32 = "stm32"
+STM32_WAVEFORMS = 34_785
+STM32_DECIDES_US = 350.0
+"""Its tick takes 35 % of a millisecond at most (docs/firmware.md)."""
 
 
 def new_bench(controller: str = "python", seed: int = 5) -> Any:
@@ -54,9 +62,12 @@ def count_to_the_wrap(bench: Any) -> None:
     )
 
 
-def shorten_waveforms(bench: Any, samples: int) -> None:
-    """Give the virtual controller a memory for so many samples of a waveform."""
+def shorten_waveforms(bench: Any, samples: int) -> int:
+    """Give the virtual controller a memory for so many samples of a waveform; returns what it has: a chip has its own."""
+    if bench.plant.config.controller == STM32:
+        return STM32_WAVEFORMS
     bench.controller.waveforms.memory = samples
+    return samples
 
 
 def cut_the_power(bench: Any) -> None:
@@ -73,6 +84,7 @@ class InProcess:
 
     def __init__(self, controller: str = "python") -> None:
         self.name = f"the virtual machine in process, controller: {controller}"
+        self.decides_us = STM32_DECIDES_US if controller == STM32 else 0.0
         self.bench = new_bench(controller)
 
     def write(self, data: bytes) -> None:
@@ -97,6 +109,8 @@ class Serial:
 
         self.name = url
         self.bench = bench
+        chip = bench is None or bench.plant.config.controller == STM32
+        self.decides_us = STM32_DECIDES_US if chip else 0.0
         self._port = serial.serial_for_url(url, baudrate=baud, timeout=0, write_timeout=2.0)
 
     def write(self, data: bytes) -> None:
