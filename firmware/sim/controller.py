@@ -16,6 +16,7 @@ from edmctl.link.messages import (
     Advance,
     AdvanceReply,
     Clock,
+    GetSchema,
     Hello,
     HelloReply,
     ResetCause,
@@ -334,6 +335,8 @@ class Stm32Controller:
             if frames and frames[0].type_id == Advance.ID:
                 self._let_time_pass(frames[0])
             else:
+                if frames and frames[0].type_id in (Hello.ID, GetSchema.ID):
+                    self.link.advanced = False  # whoever asks does not drive the clock yet
                 self._put_on_line(piece + b"\0")
         if self._pending and self._pending.count(b"\0"):
             self._put_on_line(self._pending)
