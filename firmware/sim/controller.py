@@ -235,6 +235,7 @@ class Stm32Controller:
         self.host_wait = Waiting(self)
         self._commands = FrameDecoder(watch_for_abort=False)
         self._pending = b""
+        self._has_zero = False
         self._generator: tuple[float, ...] = ()
         self._moved = [False] * 3
         self._scans = False
@@ -334,12 +335,14 @@ class Stm32Controller:
             frames = self._commands.feed(b"\0" + piece + b"\0") if piece else []
             if frames and frames[0].type_id == Advance.ID:
                 self._let_time_pass(frames[0])
+                self._has_zero = True  # the zero before it went on
+            elif self._has_zero and not piece:
+                self._has_zero = False
             else:
+                self._has_zero = False
                 if frames and frames[0].type_id in (Hello.ID, GetSchema.ID):
                     self.link.advanced = False  # whoever asks does not drive the clock yet
                 self._put_on_line(piece + b"\0")
-        if self._pending and self._pending.count(b"\0"):
-            self._put_on_line(self._pending)
         if self.bench.rx_tail > self.bench.rx_head and not self.link.advanced:
             for _ in range(_GREETING_MS):
                 self.advance(1)
