@@ -16,7 +16,7 @@
 #define WAVE_MEMORY 34785u
 #define WAVE_RING (WAVE_MEMORY + SAMPLES_PER_MS + 90u)
 #define REST_RING 400u     /* goes on while the other one is kept; no divisor of a millisecond, so that a stop shows */
-#define SUM_WORDS 2000u    /* of the check, a millisecond */
+#define SUM_WORDS 1000u    /* of the check, a millisecond */
 #define KEPT_MAGIC 0x57415645u
 
 #define GATES (&DMA1->S[3])
