@@ -179,6 +179,18 @@ def test_the_exponential_is_that_of_a_math_library(core: Build, tmp_path: Path) 
     assert np.isnan(library.own_expf(np.nan))
 
 
+def test_pulses_are_let_out_in_one_place() -> None:
+    """Where the core asks for them; everything else that touches the bit takes it away."""
+    folder = source_folder() / "board" / "stm32f4"
+    lines = [
+        line for path in sorted(folder.glob("*.c")) for line in path.read_text(encoding="utf-8").splitlines()
+    ]
+    touching = sorted(line.strip() for line in lines if "TIM_BDTR_MOE" in line)
+    assert touching == ["TIM1->BDTR &= ~TIM_BDTR_MOE;"] * 2 + ["TIM1->BDTR |= TIM_BDTR_MOE;"]
+    gate = (folder / "gate.c").read_text(encoding="utf-8")
+    assert "|= TIM_BDTR_MOE" in gate[gate.index("void hal_gate(") : gate.index("/* The least divider")]
+
+
 def test_every_pin_has_one_net() -> None:
     """The rows of pins.h, as the script reads them that makes the table of the guide."""
     text = (source_folder() / "board" / "stm32f4" / "pins.h").read_text(encoding="utf-8")

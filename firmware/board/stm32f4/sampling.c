@@ -49,6 +49,7 @@ static struct scans scans = {.ring = slow_ring, .size = SLOW_HALFWORDS};
 /* What a fault keeps of the ring. It outlasts a reset: its check is right then. */
 NO_INIT struct {
     uint32_t magic, begin, total;
+    uint32_t blank;        /* samples at its begin that were never taken: they read 0 */
     uint32_t sums[2];
     uint32_t times;        /* check of when the core says that it was */
 } wave_kept;
@@ -292,7 +293,7 @@ static void sum_up(uint32_t limit) {
 
 static void begin_sum(void) {
     keep.at = 0;
-    keep.sums[0] = wave_kept.begin;
+    keep.sums[0] = wave_kept.begin + (wave_kept.blank << 16);
     keep.sums[1] = wave_kept.total;
 }
 
@@ -344,6 +345,7 @@ void hal_wave_keep(void *board, int64_t begin_ns, int64_t end_ns) {
     }
     uint32_t back = (uint32_t)((uint64_t)(now_ns - begin_ns) / 1000u) % WAVE_RING;
     wave_kept.magic = 0;
+    wave_kept.blank = back > samples.held ? back - samples.held : 0;
     wave_kept.begin = (samples.at + WAVE_RING - back) % WAVE_RING;
     wave_kept.total = (uint32_t)((uint64_t)(end_ns - begin_ns) / 1000u);
     keep.end_ns = end_ns;
@@ -360,7 +362,7 @@ static int16_t scaled(uint32_t count, uint32_t full) {
 void hal_wave_read(void *board, uint32_t offset, uint8_t n, int16_t *counts) {
     (void)board;
     for (uint32_t i = 0; i < n; i++) {
-        uint32_t word = keep.lost ? 0 : word_of(offset + i);
+        uint32_t word = keep.lost || offset + i < wave_kept.blank ? 0 : word_of(offset + i);
         counts[2u * i] = scaled(word & 0xFFFu, (uint32_t)(EDM_GAP_FULL_V * R(100.0)));
         counts[2u * i + 1u] = scaled(word >> 16 & 0xFFFu, (uint32_t)(EDM_GAP_FULL_A * R(1000.0)));
     }
