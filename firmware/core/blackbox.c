@@ -7,23 +7,21 @@
 /* Check of a sample with its millisecond and the start of its controller: memory that has outlasted a reset is right where
  * they agree, and what stands beside the ring with it. */
 static uint16_t check_of(const struct edm_sample *sample, int64_t tick, int64_t boot_tick) {
-    struct {
-        struct edm_sample sample;
-        int64_t tick, boot_tick;
-    } of;
-    uint32_t words[sizeof of / sizeof(uint32_t)], hash = 0x811C9DC5u;
-    memset(&of, 0, sizeof of);
-    of.sample = *sample;
-    of.sample.check = 0;
-    of.tick = tick;
-    of.boot_tick = boot_tick;
-    memcpy(words, &of, sizeof words);
+    static const uint32_t keys[] = {0x9E3779B1u, 0x85EBCA77u, 0xC2B2AE3Du, 0x27D4EB2Fu, 0x165667B1u,
+                                    0xD3A2646Du, 0xFD7046C5u, 0xB55A4F09u, 0x8CB92BA7u, 0xDB4F0B91u};
+    uint32_t words[sizeof *sample / sizeof(uint32_t)];
+    struct edm_sample unchecked = *sample;
+    unchecked.check = 0;
+    memcpy(words, &unchecked, sizeof words);
+    uint64_t sum = (uint64_t)tick * 0x9E3779B97F4A7C15u + (uint64_t)boot_tick * 0xBF58476D1CE4E5B9u;
     for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
-        hash = (hash ^ words[i]) * 0x01000193u;
-        hash ^= hash >> 15;
+        sum += (uint64_t)words[i] * keys[i];
     }
-    return (uint16_t)(hash ^ hash >> 16);
+    sum ^= sum >> 32;
+    return (uint16_t)(sum ^ sum >> 16);
 }
+
+_Static_assert(sizeof(struct edm_sample) <= 10 * sizeof(uint32_t), "a key for every word of a sample");
 
 /* Records the millisecond. */
 void blackbox_record(struct edm_controller *c, uint8_t flags) {

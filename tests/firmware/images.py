@@ -63,7 +63,16 @@ def built(name: str, folder: Path, *flags: str) -> Path:
     link = [f"-Wl,-T,{script}", "-Wl,--gc-sections", "-Wl,-e,reset_handler"]
     libraries = ["-lgcc"] if name == "gcc" else []
     path = folder / f"f429-{name}.elf"
-    command = [*compile_command(name), *WARNINGS, *flags, *map(str, sources()), *link, *libraries, "-o", str(path)]
+    command = [
+        *compile_command(name),
+        *WARNINGS,
+        *flags,
+        *map(str, sources()),
+        *link,
+        *libraries,
+        "-o",
+        str(path),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=_SECONDS, check=False, cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     return path

@@ -15,6 +15,7 @@ from edmctl.link import messages as m
 from tests.firmware.images import COMPILERS, Elf, built, compile_command, sources
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from edmctl.firmware.build import Build
@@ -44,7 +45,9 @@ def test_the_vectors_are_at_the_begin_of_the_flash(image: Elf) -> None:
     vectors = image.words(FLASH, VECTORS)
     assert vectors[0] == image.symbols["main_stack_top"]
     handlers = ["reset", "nmi", "hard_fault", "memory_fault", "bus_fault", "usage_fault"]
-    assert [word & ~1 for word in vectors[1:7]] == [image.symbols[f"{name}_handler"] & ~1 for name in handlers]
+    assert [word & ~1 for word in vectors[1:7]] == [
+        image.symbols[f"{name}_handler"] & ~1 for name in handlers
+    ]
     assert vectors[TIM7] & ~1 == image.symbols["main_tick"] & ~1
     others = [word for i, word in enumerate(vectors) if i > 6 and i != TIM7]
     assert {word & ~1 for word in others} == {image.symbols["other_handler"] & ~1}
@@ -54,7 +57,9 @@ def test_the_vectors_are_at_the_begin_of_the_flash(image: Elf) -> None:
 
 def test_stacks_and_guard(image: Elf) -> None:
     """The guard is below the stack of the main loop, at a multiple of its size."""
-    at = {name: image.symbols[name] for name in ("guard_begin", "guard_end", "loop_stack_top", "main_stack_top")}
+    at = {
+        name: image.symbols[name] for name in ("guard_begin", "guard_end", "loop_stack_top", "main_stack_top")
+    }
     assert at["guard_begin"] % KB == 0
     assert (at["guard_end"] - at["guard_begin"], at["loop_stack_top"] - at["guard_end"]) == (KB, 3 * KB)
     assert at["main_stack_top"] - at["loop_stack_top"] == KB
@@ -65,7 +70,16 @@ def test_memory_is_where_dma_and_resets_need_it(image: Elf) -> None:
     kept = image.sections[".noinit"]
     assert not kept.loaded
     assert image.symbols["controller"] == CCM
-    for name in ("wave_ring", "rest_ring", "gate_edges", "ignition_edges", "end_edges", "slow_ring", "rx", "tx"):
+    for name in (
+        "wave_ring",
+        "rest_ring",
+        "gate_edges",
+        "ignition_edges",
+        "end_edges",
+        "slow_ring",
+        "rx",
+        "tx",
+    ):
         assert SRAM <= image.symbols[name] < SRAM + 192 * KB
         assert image.symbols[name] % 2 == 0 or name in ("rx", "tx")
     for name in ("wave_ring", "wave_kept", "kept_words", "crash_word"):
@@ -104,9 +118,12 @@ def _call_graph(folder: Path) -> tuple[dict[str, int], dict[str, set[str]]]:
         text = path.read_text(encoding="utf-8")
 
         def name(title: str, unit: str = path.stem) -> str:
-            return title.split(":")[-1] if ":" not in title else f"{unit}:{title.split(':')[-1]}"
+            """Static functions, which are told with their path, get the name of their file."""
+            return f"{unit}:{title.split(':')[-1]}" if ":" in title else title
 
-        for title, size in re.findall(r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes \(static\)', text):
+        for title, size in re.findall(
+            r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes \(static\)', text
+        ):
             frames[name(title)] = int(size)
         for source, target in re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', text):
             calls.setdefault(name(source), set()).add(name(target))
@@ -114,11 +131,15 @@ def _call_graph(folder: Path) -> tuple[dict[str, int], dict[str, set[str]]]:
     return frames, calls
 
 
-def _deepest(frames: dict[str, int], calls: dict[str, set[str]], name: str, above: tuple[str, ...] = ()) -> int:
+def _deepest(
+    frames: dict[str, int], calls: dict[str, set[str]], name: str, above: tuple[str, ...] = ()
+) -> int:
     assert name not in above, f"recursion: {' > '.join([*above, name])}"
     assert name != "__indirect_call"
     called = calls.get(name, set())
-    return frames.get(name, 32) + max((_deepest(frames, calls, one, (*above, name)) for one in called), default=0)
+    return frames.get(name, 32) + max(
+        (_deepest(frames, calls, one, (*above, name)) for one in called), default=0
+    )
 
 
 def test_the_stack_suffices(tmp_path: Path) -> None:
@@ -156,3 +177,82 @@ def test_the_exponential_is_that_of_a_math_library(core: Build, tmp_path: Path) 
     assert library.own_expf(200.0) == np.inf
     assert library.own_expf(-200.0) == 0.0
     assert np.isnan(library.own_expf(np.nan))
+
+
+def test_pulses_are_let_out_in_one_place() -> None:
+    """Where the core asks for them; everything else that touches the bit takes it away."""
+    folder = source_folder() / "board" / "stm32f4"
+    lines = [
+        line for path in sorted(folder.glob("*.c")) for line in path.read_text(encoding="utf-8").splitlines()
+    ]
+    touching = sorted(line.strip() for line in lines if "TIM_BDTR_MOE" in line)
+    assert touching == ["TIM1->BDTR &= ~TIM_BDTR_MOE;"] * 2 + ["TIM1->BDTR |= TIM_BDTR_MOE;"]
+    gate = (folder / "gate.c").read_text(encoding="utf-8")
+    assert "|= TIM_BDTR_MOE" in gate[gate.index("void hal_gate(") : gate.index("/* The least divider")]
+
+
+def test_every_pin_has_one_net() -> None:
+    """The rows of pins.h, as the script reads them that makes the table of the guide."""
+    text = (source_folder() / "board" / "stm32f4" / "pins.h").read_text(encoding="utf-8")
+    rows = re.findall(
+        r'^ {4}PIN\((\w+), +([A-G]), +(\d+), (\w+), +(\d+), (\w+), +([01]), "([^"]+)"\)', text, re.M
+    )
+    assert len(rows) == text.count("    PIN(") == 34
+    nets, pins = {row[0] for row in rows}, {(row[1], int(row[2])) for row in rows}
+    assert len(nets) == len(pins) == len(rows)
+    modes = {net: (mode, pull, level) for net, _, _, mode, _, pull, level, _ in rows}
+    assert {mode for mode, _, _ in modes.values()} == {"INPUT", "OUTPUT", "ALTERNATE", "ANALOG"}
+    # What is safe without a wire: the chain broken, contacts open, no ignition, gate and enable low.
+    assert {modes[net] for net in ("ESTOP", "DOOR", "HV_SUPPLY", "LEVEL", "LIMITS")} == {
+        ("INPUT", "DOWN", "0")
+    }
+    assert {modes[net][1] for net in ("BREAK_CHAIN", "IGNITION", "GATE_SENSE")} == {"DOWN"}
+    assert [net for net, (mode, _, level) in modes.items() if mode == "OUTPUT" and level == "1"] == [
+        "DAC_SELECT"
+    ]
+
+
+def _called(elf: Elf) -> Callable[..., tuple[int, int, int]]:
+    """A function of the image called on an emulated processor: (r0, r1, s0) after it."""
+    unicorn = pytest.importorskip("unicorn")
+    arm = pytest.importorskip("unicorn.arm_const")
+    machine = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
+    machine.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
+    machine.mem_map(FLASH, 1 << 20)
+    machine.mem_map(SRAM, 192 * KB)
+    for section in elf.sections.values():
+        if section.loaded and FLASH <= section.address < FLASH + FLASH_MOST:
+            machine.mem_write(section.address, section.content)
+    back = FLASH + (1 << 20) - 16
+
+    def call(name: str, *words: int, s0: int = 0) -> tuple[int, int, int]:
+        for register, word in zip((arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1), words, strict=False):
+            machine.reg_write(register, word)
+        machine.reg_write(arm.UC_ARM_REG_S0, s0)
+        machine.reg_write(arm.UC_ARM_REG_SP, elf.symbols["main_stack_top"])
+        machine.reg_write(arm.UC_ARM_REG_LR, back | 1)
+        machine.emu_start(elf.symbols[name] | 1, back)
+        registers = (arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1, arm.UC_ARM_REG_S0)
+        return tuple(machine.reg_read(register) & 0xFFFFFFFF for register in registers)
+
+    return call
+
+
+def _bits(x: float) -> int:
+    return int(np.float32(x).view(np.uint32))
+
+
+def test_the_run_time_has_the_bits_of_the_standard(image: Elf) -> None:
+    """Conversions to and from 64 bits come in core registers, the exponential in one of the FPU."""
+    call = _called(image)
+    for x in (0.0, 0.4, -0.6, 1.0, -1.5, 60000.4, -3e9, 8.1e12, 9.2e18, -9.2e18, 1e30, -1e30):
+        low, high, _ = call("__aeabi_f2lz", _bits(x))
+        whole = min(max(int(np.float32(x)), -(1 << 63)), (1 << 63) - 1)
+        assert (high << 32 | low) == whole & (1 << 64) - 1
+    for whole in (0, 1, -1, 16777217, 16777219, -16777217, 1 << 40, (1 << 62) + 1, -(1 << 63), (1 << 63) - 1):
+        word = whole & (1 << 64) - 1
+        assert call("__aeabi_l2f", word & 0xFFFFFFFF, word >> 32)[0] == _bits(
+            float(np.float32(np.int64(whole)))
+        )
+    for x in (-0.02, -0.125663706, -6.2831855, 0.0, 1.0, -87.0, 42.5):
+        assert call("expf", s0=_bits(x))[2] == _bits(np.exp(np.float64(np.float32(x))))

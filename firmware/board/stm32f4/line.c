@@ -13,15 +13,15 @@ static uint32_t tx_in, tx_out, tx_piece; /* next to be written, next to be sent,
 static struct {
     bool suspected, told;
     uint32_t at;                /* of the receiving ring */
-} low;
+} held;
 
 #define RX_STREAM (&DMA1->S[1])
 #define TX_STREAM (&DMA1->S[4])
 #define TX_FLAGS 0x3Du          /* of stream 4, in IFCR[1] */
 
 void line_start(void) {
-    RCC->AHB1ENR |= RCC_AHB1_DMA1;
-    RCC->APB1ENR |= RCC_APB1_USART3;
+    clocks_on(&RCC->AHB1ENR, RCC_AHB1_DMA1);
+    clocks_on(&RCC->APB1ENR, RCC_APB1_USART3);
     rx_at = tx_in = tx_out = tx_piece = 0;
     RX_STREAM->PAR = (uint32_t)(uintptr_t)&USART3->DR;
     RX_STREAM->M0AR = (uint32_t)(uintptr_t)rx;
@@ -57,20 +57,20 @@ void line_read(struct edm_controller *c) {
 bool line_is_held_low(void) {
     bool is_low = !pins_high(PIN_LINE_IN);
     uint32_t at = received();
-    bool held = low.suspected && is_low && at == low.at;
+    bool is_held = held.suspected && is_low && at == held.at;
     if (!is_low) {
-        low.suspected = low.told = false;
+        held.suspected = held.told = false;
     } else if ((USART3->SR & USART_SR_FE) != 0) {
         (void)USART3->DR; /* with the status read before, this clears the flag */
-        low.suspected = true;
-        low.at = received();
-    } else if (at != low.at) {
-        low.suspected = false;
+        held.suspected = true;
+        held.at = received();
+    } else if (at != held.at) {
+        held.suspected = false;
     }
-    if (!held || low.told) {
+    if (!is_held || held.told) {
         return false;
     }
-    low.told = true;
+    held.told = true;
     return true;
 }
 

@@ -16,7 +16,7 @@
 #define WAVE_MEMORY 34785u
 #define WAVE_RING (WAVE_MEMORY + SAMPLES_PER_MS + 90u)
 #define REST_RING 400u     /* goes on while the other one is kept; no divisor of a millisecond, so that a stop shows */
-#define SUM_WORDS 2000u    /* of the check, a millisecond */
+#define SUM_WORDS 1000u    /* of the check, a millisecond */
 #define KEPT_MAGIC 0x57415645u
 
 #define GATES (&DMA1->S[3])
@@ -43,11 +43,13 @@ static bool running;
 static struct samples samples;
 static bool anew;          /* the stream was started anew: where it stands has to be seen */
 static uint32_t anew_timer;
+static bool scans_anew;
 static struct scans scans = {.ring = slow_ring, .size = SLOW_HALFWORDS};
 
 /* What a fault keeps of the ring. It outlasts a reset: its check is right then. */
 NO_INIT struct {
     uint32_t magic, begin, total;
+    uint32_t blank;        /* samples at its begin that were never taken: they read 0 */
     uint32_t sums[2];
     uint32_t times;        /* check of when the core says that it was */
 } wave_kept;
@@ -106,7 +108,7 @@ static void restart_slow(void) {
 
 /* Sampling times: 3 cycles for the gap, 15 of 21 a sample; 84 for slow channels. ADC clock: 21 MHz (36 at most). */
 static void start_adcs(void) {
-    RCC->APB2ENR |= RCC_APB2_ADC1 | RCC_APB2_ADC2 | RCC_APB2_ADC3;
+    clocks_on(&RCC->APB2ENR, RCC_APB2_ADC1 | RCC_APB2_ADC2 | RCC_APB2_ADC3);
     ADC_COMMON->CCR = ADC_CCR_ADCPRE_4 | ADC_CCR_DUAL_REGULAR | ADC_CCR_DDS;
     ADC1->SQR1 = ADC2->SQR1 = ADC_SQR1_L(1);
     ADC1->SQR3 = 10u;
@@ -141,9 +143,9 @@ static void start_edges(void) {
 
 /* Sets everything up, and brings the first scans of the slow channels: edm_create asks for the monitor. */
 void sampling_start(void) {
-    RCC->AHB1ENR |= RCC_AHB1_DMA1 | RCC_AHB1_DMA2;
-    RCC->APB1ENR |= RCC_APB1_TIM2 | RCC_APB1_TIM4 | RCC_APB1_TIM5 | RCC_APB1_TIM7;
-    RCC->APB2ENR |= RCC_APB2_TIM8;
+    clocks_on(&RCC->AHB1ENR, RCC_AHB1_DMA1 | RCC_AHB1_DMA2);
+    clocks_on(&RCC->APB1ENR, RCC_APB1_TIM2 | RCC_APB1_TIM4 | RCC_APB1_TIM5 | RCC_APB1_TIM7);
+    clocks_on(&RCC->APB2ENR, RCC_APB2_TIM8);
     bool holds = keep.stopped;
     samples = holds ? (struct samples){.ring = rest_ring, .size = REST_RING}
                     : (struct samples){.ring = wave_ring, .size = WAVE_RING};
@@ -206,37 +208,38 @@ static void look_at_samples(void) {
     int32_t size = (int32_t)samples.size;
     int32_t since = (int32_t)(latched.timer - now) / (int32_t)COUNTS_PER_US;
     int32_t seen = (int32_t)place(latched.samples, samples.size) - since; /* where the end of the millisecond is */
-    uint32_t most = samples.size > 2u * LAST_LOOK ? samples.size - LAST_LOOK : samples.size - REST_RING / 4u;
-    if (anew) {
+    uint32_t passed = anew ? (now - anew_timer) / COUNTS_PER_US : SAMPLES_PER_MS;
+    uint32_t room = samples.size > 2u * LAST_LOOK ? samples.size - LAST_LOOK : samples.size - REST_RING / 4u;
+    samples.at = (samples.at + passed) % samples.size;
+    samples.held += passed;
+    int32_t lag = ((int32_t)samples.at - seen) % size;
+    lag = lag > size / 2 ? lag - size : lag < -size / 2 ? lag + size : lag;
+    samples.good = lag <= LAG_MOST && lag >= -LAG_MOST;
+    if (!samples.good) {
+        keep.lost = keep.lost || keep.pending;
+        restart_samples(samples.ring, samples.size);
+        return;
+    }
+    if (anew) { /* it began in the middle of a microsecond */
         anew = false;
         samples.at = (uint32_t)((seen % size + size) % size);
-        samples.held = (now - anew_timer) / COUNTS_PER_US;
-        samples.held = samples.held > 4u ? samples.held - 4u : 0;
-    } else {
-        samples.at = (samples.at + SAMPLES_PER_MS) % samples.size;
-        samples.held += SAMPLES_PER_MS;
-        int32_t lag = ((int32_t)samples.at - seen) % size;
-        lag = lag > size / 2 ? lag - size : lag < -size / 2 ? lag + size : lag;
-        samples.good = lag <= LAG_MOST && lag >= -LAG_MOST;
-        if (!samples.good) {
-            keep.lost = keep.lost || keep.pending;
-            restart_samples(samples.ring, samples.size);
-            return;
-        }
+        samples.held -= LAG_MOST;
     }
-    samples.held = samples.held < most ? samples.held : most;
-    samples.good = true;
+    samples.held = samples.held < room ? samples.held : room;
 }
 
 static void look_at_scans(void) {
     uint32_t at = place(latched.slow, SLOW_HALFWORDS);
     uint32_t moved = (at + SLOW_HALFWORDS - scans.at) % SLOW_HALFWORDS;
-    scans.good = moved >= SLOW_PER_MS - SLOW_SLACK && moved <= SLOW_PER_MS + SLOW_SLACK;
+    scans.good = !scans_anew && moved >= SLOW_PER_MS - SLOW_SLACK && moved <= SLOW_PER_MS + SLOW_SLACK;
     scans.at = at;
-    if (!scans.good) {
-        restart_slow();
-        scans.at = 0;
+    if (scans.good || scans_anew) { /* what a stream began in the middle of a millisecond is no mean of one */
+        scans_anew = false;
+        return;
     }
+    restart_slow();
+    scans.at = 0;
+    scans_anew = true;
 }
 
 /* Follows the tick: what the streams hold at the end of the millisecond, whose time the controller knows. */
@@ -282,15 +285,15 @@ static uint32_t word_of(uint32_t offset) {
 }
 
 /* Sums up the next words of the record, until it is done. */
-static void sum_up(uint32_t most) {
-    for (uint32_t i = 0; i < most && keep.at < wave_kept.total; i++) {
+static void sum_up(uint32_t limit) {
+    for (uint32_t i = 0; i < limit && keep.at < wave_kept.total; i++) {
         add_to(keep.sums, word_of(keep.at++));
     }
 }
 
 static void begin_sum(void) {
     keep.at = 0;
-    keep.sums[0] = wave_kept.begin;
+    keep.sums[0] = wave_kept.begin + (wave_kept.blank << 16);
     keep.sums[1] = wave_kept.total;
 }
 
@@ -342,10 +345,11 @@ void hal_wave_keep(void *board, int64_t begin_ns, int64_t end_ns) {
     }
     uint32_t back = (uint32_t)((uint64_t)(now_ns - begin_ns) / 1000u) % WAVE_RING;
     wave_kept.magic = 0;
+    wave_kept.blank = back > samples.held ? back - samples.held : 0;
     wave_kept.begin = (samples.at + WAVE_RING - back) % WAVE_RING;
     wave_kept.total = (uint32_t)((uint64_t)(end_ns - begin_ns) / 1000u);
     keep.end_ns = end_ns;
-    keep.lost = false;
+    keep.lost = !samples.good;
     keep.pending = true;
 }
 
@@ -358,7 +362,7 @@ static int16_t scaled(uint32_t count, uint32_t full) {
 void hal_wave_read(void *board, uint32_t offset, uint8_t n, int16_t *counts) {
     (void)board;
     for (uint32_t i = 0; i < n; i++) {
-        uint32_t word = keep.lost ? 0 : word_of(offset + i);
+        uint32_t word = keep.lost || offset + i < wave_kept.blank ? 0 : word_of(offset + i);
         counts[2u * i] = scaled(word & 0xFFFu, (uint32_t)(EDM_GAP_FULL_V * R(100.0)));
         counts[2u * i + 1u] = scaled(word >> 16 & 0xFFFu, (uint32_t)(EDM_GAP_FULL_A * R(1000.0)));
     }

@@ -18,27 +18,28 @@ struct axis {
 };
 static struct axis axes[AXES];
 static bool follows;       /* X and Y go where the core says */
+static bool leaves;        /* and this was the last place of it */
 
 /* Where the stages stand, steps: outlasts a reset of the chip, in which they do not move. */
 #define STANDS_MAGIC 0x53544147u
-static NO_INIT struct {
+NO_INIT struct {
     int32_t at[AXES];
     uint32_t check;
-} stands;
+} stands_before;
 
 static uint32_t check_of_stands(void) {
     uint32_t check = STANDS_MAGIC;
     for (int axis = 0; axis < AXES; axis++) {
-        check = (check << 7 | check >> 25) + (uint32_t)stands.at[axis];
+        check = (check << 7 | check >> 25) + (uint32_t)stands_before.at[axis];
     }
     return check;
 }
 
 static void note_stands(void) {
     for (int axis = 0; axis < AXES; axis++) {
-        stands.at[axis] = axes[axis].at;
+        stands_before.at[axis] = axes[axis].at;
     }
-    stands.check = check_of_stands();
+    stands_before.check = check_of_stands();
 }
 
 static struct timer *timer_of(int axis) {
@@ -61,14 +62,14 @@ static int32_t steps_of(int axis, real place) {
 
 /* Starts the timers. The stages stand where they stood before a reset; when the supply comes, where they are parked. */
 void stages_begin(bool kept) {
-    bool known = kept && stands.check == check_of_stands();
+    bool known = kept && stands_before.check == check_of_stands();
     const int32_t parked[AXES] = {steps_of(AXIS_X, EDM_PARKED_X_UM), 0, 0};
     for (int axis = 0; axis < AXES; axis++) {
-        axes[axis].at = axes[axis].target = known ? stands.at[axis] : parked[axis];
+        axes[axis].at = axes[axis].target = known ? stands_before.at[axis] : parked[axis];
     }
     note_stands();
-    RCC->APB2ENR |= RCC_APB2_TIM10 | RCC_APB2_TIM11;
-    RCC->APB1ENR |= RCC_APB1_TIM13;
+    clocks_on(&RCC->APB2ENR, RCC_APB2_TIM10 | RCC_APB2_TIM11);
+    clocks_on(&RCC->APB1ENR, RCC_APB1_TIM13);
     TIM10->PSC = TIM11->PSC = CPU_HZ / 1000u / STEP_KHZ - 1u;
     TIM13->PSC = CPU_HZ / 2000u / STEP_KHZ - 1u;
     for (int axis = 0; axis < AXES; axis++) {
@@ -125,15 +126,18 @@ static void plan_travel(struct axis *axis) {
 void stages_plan(const struct edm_controller *c) {
     interrupts_off(); /* all axes at one tick */
     for (int axis = 0; axis < AXES; axis++) {
-        if (follows && axis != AXIS_THETA) {
+        if ((follows || leaves) && axis != AXIS_THETA) {
             axes[axis].target = steps_of(axis, c->drive.stage_um[axis]);
             plan_axis(&axes[axis], MOST_STEPS);
+            axes[axis].per_ms = R(MOST_STEPS); /* for what is left at the end, after a change of direction */
+            axes[axis].travels = leaves && axes[axis].at != axes[axis].target;
         } else if (axes[axis].travels) {
             plan_travel(&axes[axis]);
         } else {
             axes[axis].planned = 0;
         }
     }
+    leaves = false;
     interrupts_on();
     note_stands();
 }
@@ -159,7 +163,7 @@ void hal_stage_start(void *board, uint8_t axis, real target, real speed) {
     a->travels = a->at != a->target;
 }
 
-/* Stops at once: nothing is planned any more; what runs are the steps of this millisecond. The axis knows where it stands. */
+/* Stops at once: nothing is planned any more; what runs are the steps of this millisecond. The axis knows where it stands_before. */
 void hal_stage_stop(void *board, uint8_t axis, real at) {
     (void)board;
     (void)at;
@@ -180,5 +184,6 @@ void hal_path_line(void *board, uint8_t row) {
 
 void hal_path_end(void *board) {
     (void)board;
+    leaves = follows;
     follows = false;
 }
