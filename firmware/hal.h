@@ -83,7 +83,8 @@ struct edm_persistent {
 void hal_send(void *board, const uint8_t *frame, size_t size);
 /* Reads inputs and slow readings. */
 void hal_inputs(void *board, struct edm_inputs *inputs);
-/* Puts the gate of the generator; off within 10 µs. The gate also stands in edm_drive. */
+/* Puts the gate of the generator; off within 10 µs, from any function of edm.h. On comes from edm_tick_begin alone: between
+ * that and what asked for it, in which edm_drive says so already, inputs, watchdog, readings or the line may forbid it. */
 void hal_gate(void *board, bool on);
 /* Sets the generator; returns the conductance of what limits its current, peak over drop in a normal discharge, S. */
 real hal_set_generator(void *board, const struct edm_generator *setting);

@@ -9,8 +9,9 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import compiled
-from edmctl.simulator.controller_state import ARC, NORMAL, NOTHING, OPEN, SHORT
+from edmctl.simulator.controller_state import ARC, DISPLACEMENT_FAILED_UM, NORMAL, NOTHING, OPEN, SHORT
 from edmctl.simulator.gap_monitor import (
+    CHARGE_MOST_UC,
     count_of,
     judge_pulses,
     measure_gap,
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
 BOX_TICKS = 2048  # milliseconds in the fault recorder; a power of two
 BOX_COLUMNS = 6
-DISPLACEMENT_MOST_UM = 2e6  # no displacement is beyond it; what is no number counts as this
 
 
 @compiled
@@ -44,21 +44,25 @@ def judge_tick(
 ) -> int:
     """Look at the millisecond that ended, decide how to go on, record it; returns what happened."""
     happened = NOTHING
+    charge = readings.charge_uc if abs(readings.charge_uc) <= CHARGE_MOST_UC else 0.0
     if drive.pulses_on == 0:
         rest_gap(loop, readings)
     elif readings.pulses == 0:
         happened = wait_for_pulse(settings, loop)
     else:
         shorts = judge_pulses(settings, loop, readings, blocks, pulses)
-        loop.charge_uc += readings.charge_uc
+        loop.charge_uc += charge
         happened = measure_gap(settings, loop, readings, shorts)
     displacement = readings.sensor_um
     if settings.sensor_missing == 1:
         displacement = drive.actuator_v / settings.v_per_um
-    displacement = displacement if displacement <= DISPLACEMENT_MOST_UM else DISPLACEMENT_MOST_UM
-    displacement = max(displacement, -DISPLACEMENT_MOST_UM)
+    if not abs(displacement) < DISPLACEMENT_FAILED_UM:
+        displacement = DISPLACEMENT_FAILED_UM
     loop.displacement_um = displacement
-    loop.slow_displacement_um += settings.displacement_alpha * (displacement - loop.slow_displacement_um)
+    if displacement >= DISPLACEMENT_FAILED_UM or loop.slow_displacement_um >= DISPLACEMENT_FAILED_UM:
+        loop.slow_displacement_um = displacement  # nothing of a failed reading stays in the filter
+    else:
+        loop.slow_displacement_um += settings.displacement_alpha * (displacement - loop.slow_displacement_um)
     sequence = sequence_tick(settings, loop, drive, readings)
     if happened == NOTHING:
         happened = sequence
@@ -73,7 +77,7 @@ def judge_tick(
     row[0] = displacement
     row[1] = drive.actuator_v
     row[2] = loop.gap_v
-    row[3] = readings.charge_uc
+    row[3] = charge
     row[4] = loop.tick_counts
     row[5] = loop.link_state * 256 + flags
     if readings.tick == loop.tlm_next:

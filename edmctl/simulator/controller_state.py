@@ -59,6 +59,7 @@ OPEN, NORMAL, ARC, SHORT = range(4)
 PACK = 12  # bits of the count of one pulse class; four of them fit into a float exactly
 LOG_OFF, LOG_BLOCKS, LOG_FULL = range(3)
 RELAY, PI_LAW = range(2)
+DISPLACEMENT_FAILED_UM = 2e6  # what a failed reading counts as: no displacement is that far
 HISTORY = 64  # servo decisions remembered, for latency; a power of two
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from edmctl.actuator.compiling import compiled
 from edmctl.simulator.controller_state import (
     ARC,
+    DISPLACEMENT_FAILED_UM,
     FAULT_ARC,
     FAULT_GAP_SENSOR,
     FAULT_GENERATOR,
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 
 MISREAD_HIGH = 0.97  # of the open voltage: more is none that a discharge has
 GAP_MOST_V = 1000.0  # beyond it no gap voltage is one
+CHARGE_MOST_UC = 1e6  # beyond it, either way, none is the charge of a millisecond
+CURRENT_MOST_A = 1000.0  # below minus this no current is one
 SILENCE_NS = 100_000_000  # beyond a period, in which pulses must come while they are on
 MISREAD_LOW = 0.5  # of the open voltage: less is none that an open gap has
 
@@ -160,14 +163,17 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
             loop.open_ticks += elapsed
     else:
         loop.open_ticks = 0
-        # The slow reading lags behind a tool that comes back from a jump.
-        loop.last_spark_um = loop.displacement_um
+        if loop.displacement_um < DISPLACEMENT_FAILED_UM:
+            # The slow reading lags behind a tool that comes back from a jump.
+            loop.last_spark_um = loop.displacement_um
     if loop.misreads >= settings.misreads_max:
         return FAULT_GAP_SENSOR
     # Current over voltage drop in a discharge is the conductance that the generator really has.
-    if not readings.charge_uc <= 0.0 and (
-        not readings.off_time_a <= 0.0
-        or not readings.generator_siemens <= settings.over_current * settings.nominal_siemens
+    if not abs(readings.charge_uc) <= CHARGE_MOST_UC:
+        return FAULT_GENERATOR
+    if readings.charge_uc > 0.0 and (
+        not -CURRENT_MOST_A <= readings.off_time_a <= 0.0
+        or not abs(readings.generator_siemens) <= settings.over_current * settings.nominal_siemens
     ):
         return FAULT_GENERATOR
     if loop.short_ticks > settings.short_ticks_max:

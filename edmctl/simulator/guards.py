@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from edmctl.simulator.plant import Plant
 
 NOISE_TICKS = 1000
+FLOW_MOST_LPM, COLDEST_C = 1000.0, -100.0  # beyond these a reading has failed
 
 KERNEL_FAULTS = {
     c.FAULT_TRAVEL: FaultCode.TRAVEL_LIMIT,
@@ -59,9 +60,9 @@ class Guards:
         if parameters.dielectric_required:
             if not plant.dielectric_level_ok:
                 bits |= Interlocks.DIELECTRIC_LEVEL
-            if not plant.dielectric_flow_lpm >= parameters.flow_min_lpm:
+            if not parameters.flow_min_lpm <= plant.dielectric_flow_lpm <= FLOW_MOST_LPM:
                 bits |= Interlocks.DIELECTRIC_FLOW
-            if not plant.dielectric_temperature_c <= parameters.temperature_max_c:
+            if not COLDEST_C <= plant.dielectric_temperature_c <= parameters.temperature_max_c:
                 bits |= Interlocks.DIELECTRIC_HOT
         return int(bits)
 

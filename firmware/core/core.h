@@ -53,6 +53,7 @@ void motion_enter(struct edm_controller *c, enum edm_mode mode);
 void motion_hold(struct edm_controller *c);
 void motion_ramp(struct edm_controller *c, real target_v, real slew_v_s);
 void motion_gate(struct edm_controller *c, bool on);
+void motion_open_gate(struct edm_controller *c);
 void motion_pulses_on(struct edm_controller *c);
 int motion_end(struct edm_controller *c, int happened);
 int motion_tick(struct edm_controller *c);
@@ -81,9 +82,14 @@ void scan_end(struct edm_controller *c);
 void scan_release(struct edm_controller *c);
 int scan_tick(struct edm_controller *c);
 
+/* What a failed reading counts as: no displacement is that far. */
+#define DISPLACEMENT_FAILED_UM R(2e6)
+
 /* pulses.c, gap.c */
 int pulses_judge(struct edm_controller *c);
 void gap_rest(struct edm_controller *c);
+real gap_place(const struct edm_controller *c);
+real gap_charge(const struct edm_controller *c);
 int gap_wait(struct edm_controller *c);
 int gap_measure(struct edm_controller *c, int shorts);
 

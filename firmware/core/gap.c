@@ -2,7 +2,18 @@
 #include "core.h"
 
 #define GAP_MOST_V R(1000.0) /* beyond it no gap voltage is one */
+#define CHARGE_MOST_UC R(1e6) /* beyond it, either way, none is the charge of a millisecond */
+#define CURRENT_MOST_A R(1000.0) /* below minus this no current is one */
 #define SILENCE_NS 100000000 /* beyond a period, in which pulses must come while they are on */
+
+static bool charge_failed(const struct edm_readings *readings) {
+    return !(magnitude(readings->charge_uc) <= CHARGE_MOST_UC);
+}
+
+/* Charge of the millisecond as it is told: 0 for a reading that has failed. */
+real gap_charge(const struct edm_controller *c) {
+    return charge_failed(&c->readings) ? 0 : c->readings.charge_uc;
+}
 
 /* Feeds the low-pass with this tick's mean gap voltage and keeps the counters of the discharge faults. Between slow pulses
  * ticks pass without one; the next pulse then speaks for all of them. */
@@ -27,20 +38,29 @@ int gap_measure(struct edm_controller *c, int shorts) {
         }
     } else {
         gap->open_ticks = 0;
-        gap->last_spark_um = gap->displacement_um; /* the slow reading lags behind a tool that comes back from a jump */
+        if (gap->displacement_um < DISPLACEMENT_FAILED_UM) {
+            gap->last_spark_um = gap->displacement_um; /* the slow reading lags behind a tool that comes from a jump */
+        }
     }
     if (gap->misreads >= s->misreads_max) {
         return FAULT_GAP_SENSOR;
     }
     /* Current over voltage drop in a discharge is the conductance that the generator really has. */
-    bool over = !(readings->generator_siemens <= s->over_current * s->nominal_siemens);
-    if (!(readings->charge_uc <= 0) && (!(readings->off_time_a <= 0) || over)) {
+    bool over = !(magnitude(readings->generator_siemens) <= s->over_current * s->nominal_siemens);
+    bool goes_on = !(readings->off_time_a <= 0 && readings->off_time_a >= -CURRENT_MOST_A);
+    if (charge_failed(readings) || (readings->charge_uc > 0 && (goes_on || over))) {
         return FAULT_GEN_FAULT;
     }
     if (gap->short_ticks > s->short_ticks_max) {
         return FAULT_SHORT_STUCK;
     }
     return gap->arc_run >= s->arc_run_max ? FAULT_ARC_BURN : NOTHING;
+}
+
+/* Where a way begins that must not get too long: with a sensor that has failed, as far back as can be. */
+real gap_place(const struct edm_controller *c) {
+    real place_um = c->gap.slow_displacement_um;
+    return place_um < DISPLACEMENT_FAILED_UM ? place_um : -DISPLACEMENT_FAILED_UM;
 }
 
 /* A millisecond without pulses, in which the gap sensor should read nothing. */

@@ -11,14 +11,25 @@ void motion_enter(struct edm_controller *c, enum edm_mode mode) {
     c->motion.limit_ticks = 0;
 }
 
-/* Puts the gate of the generator; opening it begins the period of the pulses anew. */
+/* Shuts the gate of the generator at once, or lets it open with the millisecond that begins: what that one's end finds,
+ * and inputs, watchdog and line before it, may still forbid it. Opening begins the period of the pulses anew. */
 void motion_gate(struct edm_controller *c, bool on) {
     c->drive.pulses_on = on;
     if (on) {
         c->drive.pulse_starts++;
         c->gap.silent_ticks = 0;
+    } else {
+        c->motion.gate_open = false;
+        hal_gate(c->board, false);
     }
-    hal_gate(c->board, on);
+}
+
+/* Opens the gate where pulses are to flow in the millisecond that begins. */
+void motion_open_gate(struct edm_controller *c) {
+    if (c->drive.pulses_on && !c->motion.gate_open) {
+        c->motion.gate_open = true;
+        hal_gate(c->board, true);
+    }
 }
 
 /* Pulses off, tool and stages held where they are. */
@@ -44,7 +55,7 @@ void motion_pulses_on(struct edm_controller *c) {
     gap->open_ticks = gap->short_ticks = 0;
     gap->shorted = false;
     gap->arc_run = gap->misreads = 0;
-    gap->last_spark_um = gap->slow_displacement_um;
+    gap->last_spark_um = gap_place(c);
 }
 
 /* Ends a motion within a tick: pulses off, tool and stages held; returns what happened. */

@@ -84,7 +84,7 @@ static uint8_t approach(struct edm_controller *c, const struct edm_frame *frame)
     }
     c->servo.gap_ref_v = request.gap_ref_v;
     c->motion.slow_v_s = volts(c, request.speed_um_s);
-    c->motion.start_z_um = c->gap.slow_displacement_um;
+    c->motion.start_z_um = gap_place(c);
     c->motion.z_max_um = request.max_travel_um;
     c->gap.gap_v = c->settings.duty_v;
     motion_pulses_on(c);

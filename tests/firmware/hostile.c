@@ -13,7 +13,7 @@ static struct edm_controller c;
 static struct edm_inputs inputs;
 static struct edm_persistent kept;
 static uint64_t state, beat;
-static bool gate;
+static bool gate, may_open;
 static uint8_t seq, session;
 static uint32_t nonce;
 static int broken;
@@ -38,7 +38,11 @@ void hal_send(void *board, const uint8_t *frame, size_t size) {
     }
 }
 void hal_inputs(void *board, struct edm_inputs *now) { (void)board; *now = inputs; }
-void hal_gate(void *board, bool on) { (void)board; gate = on; }
+void hal_gate(void *board, bool on) {
+    (void)board;
+    HOLDS(!on || (may_open && c.keeps.fault == 0));
+    gate = on;
+}
 real hal_set_generator(void *board, const struct edm_generator *setting) { (void)board; return setting->peak_a / 20; }
 void hal_stage_start(void *board, uint8_t axis, real at, real speed) { (void)board; (void)axis; (void)at; (void)speed; }
 void hal_stage_stop(void *board, uint8_t axis, real at) { (void)board; (void)axis; (void)at; }
@@ -55,7 +59,7 @@ void hal_wave_forget(void *board, bool what) { (void)board; (void)what; }
 void hal_persist(void *board, const struct edm_persistent *words) { (void)board; kept = *words; }
 
 static void look(void) {
-    HOLDS(gate == (c.drive.pulses_on != 0));
+    HOLDS(!gate || c.drive.pulses_on);
     if (gate) {
         HOLDS(c.armed && c.pulses_allowed && c.link.session != 0 && c.keeps.fault == 0);
         HOLDS(c.state == STATE_APPROACH || c.state == STATE_MACHINING || c.state == STATE_JUMP);
@@ -93,7 +97,10 @@ static void readings(int pulses) {
 
 static void begin(void) {
     real before = c.motion.command_v;
+    may_open = true;
     edm_tick_begin(&c);
+    may_open = false;
+    HOLDS(gate == (c.drive.pulses_on != 0));
     HOLDS(magnitude(c.motion.command_v - before) <= c.settings.slew_limit_v_s * TICK_S + R(1e-4));
     HOLDS(c.motion.command_v >= 0 && c.motion.command_v <= most(before, c.settings.piezo_max_v));
     HOLDS(c.drive.actuator_v >= 0 && c.drive.actuator_v <= 150);
@@ -217,18 +224,114 @@ static void cut_with(real *reading, real value, int ms, int fault) {
     HOLDS(magnitude(c.gap.slow_displacement_um) < 400);
 }
 
+/* A millisecond whose pulses are all open. */
+static void open_gap(void) {
+    readings(3);
+    for (int k = 0; k < c.readings.pulses; k++) {
+        c.readings.discharge_us[k] = 0;
+        c.readings.plateau_v[k] = 40;
+    }
+    c.readings.gap_v = c.drive.pulses_on ? 12 : R(NAN);
+    c.readings.charge_uc = 0;
+}
+
+/* A sensor that fails while the tool is out, in a spark of a scan, and before an approach: no stage moves, and the way
+ * without sparks stays as short. */
+static void sensor_fails_about(real value) {
+    uint8_t p[10] = {0};
+    set_up(NULL, 0);
+    arm();
+    c.motion.command_v = 100;
+    run(400, 0);
+    begin();
+    readings(0);
+    c.readings.sensor_um = value;
+    end();
+    put_u32(p + 5, 1000000);
+    send(MSG_STAGE_MOVE, p, 9);
+    HOLDS(!c.stages.travels && c.gap.slow_displacement_um > 1000);
+    run(1, 0);
+    HOLDS(magnitude(c.gap.slow_displacement_um - 300) < 1);
+    for (int with_approach = 0; with_approach < 2; with_approach++) {
+        set_up(NULL, 0);
+        arm();
+        if (with_approach) {
+            run(400, 0);
+        } else {
+            put_u16(p, 1600);
+            put_i32(p + 2, 440000);
+            put_u32(p + 6, 1000000);
+            send(MSG_SCAN_START, p, 10);
+            run(400, 3);
+        }
+        begin();
+        readings(3);
+        c.readings.sensor_um = value;
+        end();
+        run(1, 3);
+        if (with_approach) {
+            put_u32(p, 5000);
+            put_u32(p + 4, 20000);
+            put_u16(p + 8, 1600);
+            send(MSG_APPROACH, p, 10);
+        }
+        real from_v = c.motion.command_v;
+        for (int ms = 0; ms < 60000 && c.keeps.fault == 0; ms++) {
+            begin();
+            open_gap();
+            end();
+            HOLDS(c.motion.command_v < from_v + 8);
+            if (ms % 50 == 0) live();
+        }
+        HOLDS(c.keeps.fault == FAULT_NO_SPARK && !gate);
+    }
+}
+
+/* A jump's pulses are due in the millisecond in which something forbids them: hal_gate is looked at. */
+static void gate_stays_shut(void) {
+    uint8_t p[14] = {0};
+    put_u32(p, 30000);
+    put_u32(p + 4, 500000);
+    put_u32(p + 10, 5000);
+    for (int what = 0; what < 4; what++) {
+        set_up(NULL, 0);
+        arm();
+        c.motion.command_v = 50;
+        cut();
+        run(50, 3);
+        send(MSG_JUMP, p, 14);
+        for (int ms = 0; ms < 1000 && c.keeps.fault == 0; ms++) {
+            begin();
+            readings(3);
+            bool due = c.motion.mode == JUMP_DOWN && c.motion.phase + 1 >= c.motion.phase_ticks;
+            if (due && what == 0) c.readings.monitor_v = NAN;
+            inputs.estop = due && what == 1;
+            inputs.door_open = due && what == 2;
+            end();
+            if (due && what == 3) edm_abort(&c);
+            if (due) begin();
+            HOLDS(!due || (!gate && c.keeps.fault != 0));
+            if (ms % 50 == 0) live();
+        }
+        HOLDS(c.keeps.fault != 0);
+    }
+}
+
 static void cases(void) {
-    const real values[] = {NAN, INFINITY, R(1e30)};
-    for (int i = 0; i < 3; i++) { /* what has failed ends a cut, and is over when it is */
+    const real values[] = {NAN, INFINITY, R(1e30), -INFINITY, R(-1e30)};
+    for (int i = 0; i < 5; i++) { /* what has failed ends a cut, and is over when it is */
         cut_with(&c.readings.sensor_um, values[i], 1, 0);
         cut_with(&c.readings.monitor_v, values[i], 1, FAULT_PIEZO_OV);
         cut_with(&c.readings.gap_v, values[i], 1, FAULT_GAP_SENSOR);
         cut_with(&c.readings.generator_siemens, values[i], 1, FAULT_GEN_FAULT);
         cut_with(&c.readings.off_time_a, values[i], 1, FAULT_GEN_FAULT);
-        cut_with(c.readings.plateau_v, values[i], 60, FAULT_GAP_SENSOR);
+        cut_with(&c.readings.charge_uc, values[i], 1, FAULT_GEN_FAULT);
+        if (!(values[i] < 0)) cut_with(c.readings.plateau_v, values[i], 60, FAULT_GAP_SENSOR); /* below 0 V: shorts */
+        cut_with(&inputs.flow_lpm, values[i], 1, FAULT_DIELECTRIC);
+        cut_with(&inputs.temperature_c, values[i], 1, FAULT_DIELECTRIC);
+        sensor_fails_about(values[i]);
     }
-    cut_with(&inputs.flow_lpm, NAN, 1, FAULT_DIELECTRIC);
-    cut_with(&inputs.temperature_c, NAN, 1, FAULT_DIELECTRIC);
+    gate_stays_shut();
 
     set_up(NULL, 0); /* a generator that gives no pulses: the tool does not feed on */
     arm();

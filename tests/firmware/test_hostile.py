@@ -51,6 +51,7 @@ def _fails(bench: VirtualBench, part: str, name: str, value: float) -> None:
     setattr(owner, name, value)
 
 
+@pytest.mark.parametrize("value", [math.nan, -math.inf])
 @pytest.mark.parametrize("controller", ["python", "firmware"])
 @pytest.mark.parametrize(
     ("part", "name", "state", "fault"),
@@ -63,11 +64,11 @@ def _fails(bench: VirtualBench, part: str, name: str, value: float) -> None:
     ],
 )
 def test_a_reading_that_is_no_number_ends_the_cut(
-    core: Build, controller: str, part: str, name: str, state: m.State, fault: int
+    core: Build, controller: str, part: str, name: str, state: m.State, fault: int, value: float
 ) -> None:
     bench = cut(controller, 0.1)
     assert bench.plant.drive.pulses_on
-    _fails(bench, part, name, math.nan)
+    _fails(bench, part, name, value)
     bench.controller.advance(2)
     assert not bench.plant.drive.pulses_on
     assert (bench.controller.state, bench.controller.fault) == (state, fault)
