@@ -155,6 +155,7 @@ struct edm_motion {
     int64_t phase;       /* ticks since the mode began */
     int64_t phase_ticks, dwell_ticks;
     real command_v, target_v, ramp_v_s, fast_v_s, slow_v_s;
+    real rest_v;         /* of the command */
     real start_z_um, z_max_um;
     int32_t limit_ticks; /* beyond piezo_max_v */
     bool slewed;
@@ -204,6 +205,7 @@ struct edm_jump {
 /* touch.c and self_test.c share the mean of a dwell. */
 struct edm_touch {
     real fast_to_um, back_v, peak_v, sum;
+    real rest;           /* of the sum: what float has rounded away so far, as everything that is called so */
     int64_t count;
     int32_t number, left;
     real test_off_v;

@@ -36,7 +36,7 @@ void parameters_reset(struct edm_controller *c);
 bool parameters_stage(struct edm_controller *c, uint16_t id, int32_t value);
 bool parameters_commit(struct edm_controller *c, uint32_t crc);
 int parameters_row(uint16_t id);
-void parameters_set_generator(struct edm_controller *c, const struct edm_generator *setting);
+void parameters_set_generator(struct edm_controller *c, const struct edm_generator *setting, int32_t period_ns);
 
 /* states.c */
 void states_enter(struct edm_controller *c, uint8_t state);

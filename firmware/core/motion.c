@@ -9,6 +9,7 @@ void motion_enter(struct edm_controller *c, enum edm_mode mode) {
     c->motion.mode = mode;
     c->motion.phase = 0;
     c->motion.limit_ticks = 0;
+    c->motion.rest_v = 0;
 }
 
 /* Shuts the gate of the generator at once, or lets it open with the millisecond that begins: what that one's end finds,
@@ -67,33 +68,37 @@ int motion_end(struct edm_controller *c, int happened) {
     return happened;
 }
 
-static real ramp_command(const struct edm_motion *m) {
-    real step = m->ramp_v_s * TICK_S;
-    return m->target_v > m->command_v ? least(m->target_v, m->command_v + step)
-                                      : most(m->target_v, m->command_v - step);
+/* The command a millisecond later at a slope. */
+static real sloped(struct edm_motion *m, real slope_v_s) {
+    return added(m->command_v, slope_v_s * TICK_S, &m->rest_v);
+}
+
+static real ramp_command(struct edm_motion *m) {
+    return m->target_v > m->command_v ? least(m->target_v, sloped(m, m->ramp_v_s))
+                                      : most(m->target_v, sloped(m, -m->ramp_v_s));
 }
 
 /* Where the mode wants the command, before slew and range. */
-static real wanted_command(const struct edm_controller *c) {
-    const struct edm_motion *m = &c->motion;
+static real wanted_command(struct edm_controller *c) {
+    struct edm_motion *m = &c->motion;
     switch (m->mode) {
     case SERVO:
-        return m->command_v + c->servo.rate_v_s * TICK_S;
+        return sloped(m, c->servo.rate_v_s);
     case RAMP:
     case TOUCH_BACK:
         return ramp_command(m);
     case APPROACH:
-        return m->phase >= SETTLE_TICKS ? m->command_v + m->slow_v_s * TICK_S : m->command_v;
+        return m->phase >= SETTLE_TICKS ? sloped(m, m->slow_v_s) : m->command_v;
     case JUMP_UP:
     case JUMP_DOWN:
         return jump_command(c);
     case JUMP_RETURN:
     case TOUCH_FAST:
-        return m->command_v + m->fast_v_s * TICK_S;
+        return sloped(m, m->fast_v_s);
     case TOUCH_SLOW:
-        return m->command_v + m->slow_v_s * TICK_S;
+        return sloped(m, m->slow_v_s);
     case TOUCH_HUNT: /* the slope flips with the contact */
-        return m->command_v + (c->readings.contact ? R(-1.0) : R(1.0)) * m->slow_v_s * TICK_S;
+        return sloped(m, (c->readings.contact ? R(-1.0) : R(1.0)) * m->slow_v_s);
     case HOLD:
     case JUMP_DWELL:
     case TEST_OFF:

@@ -103,7 +103,8 @@ static uint8_t servo_start(struct edm_controller *c, const struct edm_frame *fra
     servo->gap_ref_v = c->gap.gap_v = request.gap_ref_v;
     servo->z_limit_um = request.z_limit_um;
     servo->rate_v_s = servo->integral_um_s = 0;
-    servo->time_ticks = ticks(request.max_time_s);
+    uint32_t time_ms = get_u32(frame->payload + SERVO_START_SIZE - sizeof(uint32_t)); /* counts: float has 24 bits */
+    servo->time_ticks = time_ms > 1 ? time_ms : 1;
     servo->count = 0;
     servo->direction = 1;
     motion_pulses_on(c);
@@ -236,7 +237,7 @@ static uint8_t pulse_config(struct edm_controller *c, const struct edm_frame *fr
         .discharge_us = isopulse ? request.discharge_us : 0,
     };
     waveforms_forget(c);
-    parameters_set_generator(c, &setting);
+    parameters_set_generator(c, &setting, (int32_t)period_ns);
     return STATUS_OK;
 }
 

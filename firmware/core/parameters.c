@@ -134,11 +134,11 @@ bool parameters_commit(struct edm_controller *c, uint32_t crc) {
 }
 
 /* Sets the generator, and what the judgement of its pulses goes by. */
-void parameters_set_generator(struct edm_controller *c, const struct edm_generator *g) {
+void parameters_set_generator(struct edm_controller *c, const struct edm_generator *g, int32_t period_ns) {
     struct edm_settings *s = &c->settings;
     s->nominal_siemens = hal_set_generator(c->board, g);
     s->open_v = g->open_v;
-    s->pulse_period_ns = (int32_t)nearest((g->on_time_us + g->off_time_us) * R(1000.0));
+    s->pulse_period_ns = period_ns; /* float would not know the nanoseconds of a long one */
     s->duty_v = g->open_v * g->on_time_us / (g->on_time_us + g->off_time_us);
     s->per_duty_v = R(1.0) / s->duty_v;
 }

@@ -1,6 +1,7 @@
 /* States, the safe state, and what ends a motion (docs/protocol.md, States, Safe state and watchdog). */
 #include "core.h"
 
+#define USUAL_PERIOD_NS 434783 /* of the generator at the start */
 #define FAULT_LEAST 1000 /* what happened is a fault from here on */
 
 static bool is_armed_state(uint8_t state) {
@@ -148,7 +149,7 @@ void edm_create(struct edm_controller *c, void *board, const struct edm_identity
     motion_gate(c, false);
     parameters_reset(c);
     waveforms_forget(c);
-    parameters_set_generator(c, &usual);
+    parameters_set_generator(c, &usual, USUAL_PERIOD_NS);
     hal_inputs(board, &inputs);
     c->motion.command_v = command_left(c, inputs.monitor_v);
     states_enter(c, STATE_IDLE);

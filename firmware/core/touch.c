@@ -13,7 +13,7 @@ static void back_off(struct edm_controller *c) {
 /* The mean of the sensor while hunting is the touch. */
 static int hunt(struct edm_controller *c) {
     struct edm_touch *touch = &c->touch;
-    touch->sum += c->gap.displacement_um;
+    touch->sum = added(touch->sum, c->gap.displacement_um, &touch->rest);
     touch->count++;
     if (c->motion.phase < c->motion.dwell_ticks) {
         return NOTHING;
@@ -57,7 +57,7 @@ int touch_tick(struct edm_controller *c) {
     } else if (m->mode == TOUCH_SLOW) {
         if (contact) {
             c->touch.peak_v = c->drive.actuator_v;
-            c->touch.sum = 0;
+            c->touch.sum = c->touch.rest = 0;
             c->touch.count = 0;
             motion_enter(c, TOUCH_HUNT);
         }

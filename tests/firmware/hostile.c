@@ -400,6 +400,41 @@ static void slow_path(void) {
     HOLDS(magnitude(c.servo.z_limit_um - R(50.2)) < R(0.005));
 }
 
+/* Steps below what float can add: a ramp at 100 V, the mean of a long touch, the nanoseconds of a long period. */
+static void small_steps(void) {
+    uint8_t p[17] = {0};
+    set_up(NULL, 0);
+    arm();
+    c.motion.command_v = 100;
+    put_u16(p, 44000);
+    put_u32(p + 2, 3);
+    send(MSG_PIEZO_SET, p, 6);
+    for (int ms = 0; ms < 100000; ms++) motion_command(&c);
+    HOLDS(magnitude(c.motion.command_v - R(100.3)) < R(0.001));
+
+    motion_enter(&c, TOUCH_HUNT);
+    c.motion.dwell_ticks = 65000;
+    c.motion.z_max_um = 1000;
+    c.gap.displacement_um = c.gap.slow_displacement_um = R(100.123);
+    c.touch.sum = c.touch.rest = 0;
+    c.touch.count = 0;
+    for (int ms = 0; ms < 60000; ms++) touch_tick(&c);
+    HOLDS(magnitude(c.touch.sum / (real)c.touch.count - R(100.123)) < R(0.0001));
+
+    set_up(NULL, 0);
+    arm();
+    put_u32(p, 123456789);
+    put_u32(p + 4, 87654322);
+    put_u16(p + 8, 8000);
+    put_u16(p + 10, 120);
+    send(MSG_PULSE_CONFIG, p, 17);
+    HOLDS(c.settings.pulse_period_ns == 211111111);
+    memset(p, 0, sizeof p);
+    put_u32(p + 6, 39999999);
+    send(MSG_SERVO_START, p, 10);
+    HOLDS(c.servo.time_ticks == 39999999);
+}
+
 static void act(void) {
     uint8_t p[MAX_PAYLOAD] = {0};
     switch (draw(32)) {
@@ -439,6 +474,7 @@ int main(int argc, char **argv) {
     if (steps == 0) {
         cases();
         slow_path();
+        small_steps();
         printf("%d broken\n", broken);
         return broken != 0;
     }
