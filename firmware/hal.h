@@ -37,7 +37,7 @@ struct edm_readings {
     real off_time_a;         /* current that goes on into the off-time */
     uint8_t contact;         /* 1: the contact circuit is closed */
     uint8_t stray_pulses;    /* generator pulses in measure mode */
-    uint8_t pulses;          /* entries of the series below */
+    uint8_t pulses;          /* entries of the series below; with the gate shut none, unless some come all the same */
     int64_t first_pulse_ns;  /* begin of the first one; the millisecond began at (tick of the controller) x 1 000 000 */
     real delay_us[EDM_MOST_PULSES];     /* ignition delay; the on-time when open */
     real discharge_us[EDM_MOST_PULSES]; /* time of current; 0: none */

@@ -46,10 +46,12 @@ def judge_tick(
     happened = NOTHING
     charge = readings.charge_uc if abs(readings.charge_uc) <= CHARGE_MOST_UC else 0.0
     if drive.pulses_on == 0:
-        rest_gap(loop, readings)
+        happened = rest_gap(loop, readings)
     elif readings.pulses == 0:
+        loop.stray_ticks = 0
         happened = wait_for_pulse(settings, loop)
     else:
+        loop.stray_ticks = 0
         shorts = judge_pulses(settings, loop, readings, blocks, pulses)
         loop.charge_uc += charge
         happened = measure_gap(settings, loop, readings, shorts)

@@ -125,6 +125,7 @@ class LoopState(Record):
     tick_gap_v: float  # mean gap voltage of the last millisecond
     shorted: int
     silent_ticks: int  # since the last pulse
+    stray_ticks: int  # in a row with pulses although the gate is shut
     short_ticks: int
     open_ticks: int
     arc_run: int

@@ -184,12 +184,18 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
 
 
 @compiled
-def rest_gap(loop: LoopState, readings: Readings) -> None:
-    """A millisecond without pulses, in which the gap sensor should read nothing."""
+def rest_gap(loop: LoopState, readings: Readings) -> int:
+    """A millisecond without pulses, in which the gap sensor should read nothing.
+
+    Pulses that come all the same are those of a generator that does not switch off; in the first such millisecond
+    the gate may have been shut.
+    """
     loop.tick_counts = 0
     loop.tick_gap_v = 0.0
     if readings.gap_v >= 0.0:
         loop.tick_gap_v = loop.gap_v = min(readings.gap_v, GAP_MOST_V)
+    loop.stray_ticks = loop.stray_ticks + 1 if loop.watched == 1 and readings.pulses > 0 else 0
+    return FAULT_GENERATOR if loop.stray_ticks > 1 else NOTHING
 
 
 @compiled

@@ -180,6 +180,7 @@ struct edm_gap {
     struct edm_counts tick; /* pulses of the last millisecond */
     bool shorted;
     uint32_t silent_ticks; /* since the last pulse */
+    uint32_t stray_ticks; /* in a row with pulses although the gate is shut */
     int64_t short_ticks, open_ticks;
     int32_t arc_run, misreads;
     real last_spark_um;

@@ -87,7 +87,7 @@ int scan_tick(struct edm_controller *c);
 
 /* pulses.c, gap.c */
 int pulses_judge(struct edm_controller *c);
-void gap_rest(struct edm_controller *c);
+int gap_rest(struct edm_controller *c);
 real gap_place(const struct edm_controller *c);
 real gap_charge(const struct edm_controller *c);
 int gap_wait(struct edm_controller *c);

@@ -63,13 +63,17 @@ real gap_place(const struct edm_controller *c) {
     return place_um < DISPLACEMENT_FAILED_UM ? place_um : -DISPLACEMENT_FAILED_UM;
 }
 
-/* A millisecond without pulses, in which the gap sensor should read nothing. */
-void gap_rest(struct edm_controller *c) {
-    memset(&c->gap.tick, 0, sizeof c->gap.tick);
-    c->gap.tick_gap_v = 0;
+/* A millisecond without pulses, in which the gap sensor should read nothing. Pulses that come all the same are those of a
+ * generator that does not switch off; in the first such millisecond the gate may have been shut. */
+int gap_rest(struct edm_controller *c) {
+    struct edm_gap *gap = &c->gap;
+    memset(&gap->tick, 0, sizeof gap->tick);
+    gap->tick_gap_v = 0;
     if (c->readings.gap_v >= 0) {
-        c->gap.tick_gap_v = c->gap.gap_v = least(c->readings.gap_v, GAP_MOST_V);
+        gap->tick_gap_v = gap->gap_v = least(c->readings.gap_v, GAP_MOST_V);
     }
+    gap->stray_ticks = c->armed && c->readings.pulses > 0 ? gap->stray_ticks + 1 : 0;
+    return gap->stray_ticks > 1 ? FAULT_GEN_FAULT : NOTHING;
 }
 
 /* A millisecond with the generator on in which no pulse began: between slow pulses one like others, else it is dead. */

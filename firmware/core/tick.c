@@ -20,9 +20,9 @@ static uint8_t flags_of(const struct edm_controller *c) {
 
 static int judge_gap(struct edm_controller *c) {
     if (!c->drive.pulses_on) {
-        gap_rest(c);
-        return NOTHING;
+        return gap_rest(c);
     }
+    c->gap.stray_ticks = 0;
     if (c->readings.pulses == 0) {
         return gap_wait(c);
     }

@@ -339,6 +339,27 @@ static void cases(void) {
     run(120, 0);
     HOLDS(c.keeps.fault == FAULT_NO_SPARK && !gate && c.motion.command_v < R(0.5));
 
+    for (int touches = 0; touches < 2; touches++) { /* a generator that does not switch off, at rest and in a touch */
+        uint8_t t[23] = {0};
+        set_up(NULL, 0);
+        arm();
+        put_u32(t, 1000000);
+        put_i32(t + 4, 50000);
+        put_u32(t + 8, 5000);
+        put_i32(t + 12, 100000);
+        t[22] = 1;
+        if (touches) send(MSG_TOUCH_OFF, t, 23);
+        const uint8_t strays[] = {1, 0, 3, 3}; /* the gate may have been shut in the first of those that come */
+        for (int ms = 0; ms < 4; ms++) {
+            HOLDS(c.keeps.fault == 0);
+            begin();
+            readings(0);
+            c.readings.pulses = strays[ms];
+            end();
+        }
+        HOLDS(c.keeps.fault == FAULT_GEN_FAULT && c.state == STATE_FAULT);
+    }
+
     set_up(NULL, 0); /* more pulses than there is room for */
     arm();
     cut();

@@ -12,8 +12,15 @@ import pytest
 
 from edmctl.firmware.build import REALS, source_folder
 from edmctl.link import messages as m
-from edmctl.simulator.controller_state import FAULT_NO_SPARK, NOTHING, LoopState, Settings
-from edmctl.simulator.gap_monitor import wait_for_pulse
+from edmctl.simulator.controller_state import (
+    FAULT_GENERATOR,
+    FAULT_NO_SPARK,
+    NOTHING,
+    LoopState,
+    Settings,
+)
+from edmctl.simulator.gap_monitor import rest_gap, wait_for_pulse
+from edmctl.simulator.plant_interface import Readings
 from tests.firmware.cuts import cut
 from tests.firmware.test_garbage import PROGRAMS, SANITIZERS, program
 from tests.tiers import tiers
@@ -107,3 +114,14 @@ def test_the_core_builds_for_a_board_without_headers_or_doubles(core: Build, tmp
     command = [*zig, *flags, *map(str, sources), "-o", str(tmp_path / "board.elf")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_pulses_of_a_generator_that_does_not_switch_off_are_found() -> None:
+    """Of the virtual controller; hostile.c tries the core."""
+    loop, readings = LoopState(), Readings()
+    loop.watched, readings.gap_v = 1, math.nan
+    rest = rest_gap.py_func  # type: ignore[attr-defined]
+    found = []
+    for readings.pulses in (1, 0, 3, 3):
+        found.append(rest(loop, readings))
+    assert found == [NOTHING, NOTHING, NOTHING, FAULT_GENERATOR]
