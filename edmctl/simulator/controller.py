@@ -23,6 +23,7 @@ from edmctl.simulator.parameters import Parameters
 from edmctl.simulator.plant import USUAL_PULSES
 from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.telemetry import SLICE_TICKS, Telemetry
+from edmctl.simulator.within_wire import within_wire
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -241,7 +242,7 @@ class VirtualController:
             displacement_um=self.loop.displacement_um if z_um is None else z_um,
             actuator_v=self.plant.drive.actuator_v if v is None else v,
         )
-        self.link.send_event(event)
+        self.link.send_event(within_wire(event))
         self._repeat_later()
 
     def _conclude(self, happened: int) -> None:
@@ -303,7 +304,7 @@ class VirtualController:
             displacement_um=self.loop.displacement_um,
             gap_v=self.loop.gap_v,
         )
-        self.link.send_event(report)
+        self.link.send_event(within_wire(report))
         self._repeat_later()
 
     def _freeze(self) -> None:

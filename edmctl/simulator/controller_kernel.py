@@ -102,7 +102,7 @@ def write_sample(settings: Settings, loop: LoopState, drive: Drive, flags: int, 
     sample = samples[loop.tlm_n]
     sample.displacement_um = math.floor(loop.displacement_um * 1000.0 + 0.5)
     sample.actuator_v = int(drive.actuator_v * STEPS_PER_V + 0.5)
-    sample.gap_v = min(65535, int(loop.gap_v * 200.0 + 0.5))
+    sample.gap_v = max(0, min(65535, int(loop.gap_v * 200.0 + 0.5)))
     mean_a = loop.charge_uc / (settings.tlm_ticks * 1000.0)
     sample.current_a = max(0, min(65535, int(mean_a * 1000.0 + 0.5)))
     counts = loop.sample_counts

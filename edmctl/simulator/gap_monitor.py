@@ -107,7 +107,7 @@ def log_pulse(
         entry.pulse_class = pulse_class
         entry.delay_us = min(65535, int(readings.delay_us[i] * 10.0 + 0.5))
         entry.discharge_us = min(65535, int(readings.discharge_us[i] * 10.0 + 0.5))
-        entry.plateau_v = min(255, int(readings.plateau_v[i] * 2.0 + 0.5))
+        entry.plateau_v = max(0, min(255, int(readings.plateau_v[i] * 2.0 + 0.5)))
         loop.log_n += 1
         return
     loop.block_counts += 1 << (PACK * pulse_class)

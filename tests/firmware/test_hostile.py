@@ -12,6 +12,7 @@ import pytest
 
 from edmctl.firmware.build import REALS, source_folder
 from edmctl.link import messages as m
+from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.simulator.controller_state import (
     FAULT_GENERATOR,
     FAULT_NO_SPARK,
@@ -125,3 +126,27 @@ def test_pulses_of_a_generator_that_does_not_switch_off_are_found() -> None:
     for readings.pulses in (1, 0, 3, 3):
         found.append(rest(loop, readings))
     assert found == [NOTHING, NOTHING, NOTHING, FAULT_GENERATOR]
+
+
+@pytest.mark.parametrize("value", [math.nan, 700.0, -700.0, 1e9])
+@pytest.mark.parametrize("part", ["gap", "flow", "temperature", "monitor", "sensor"])
+def test_both_controllers_tell_readings_beyond_the_wire_alike(core: Build, part: str, value: float) -> None:
+    said = []
+    for controller in ("python", "firmware"):
+        heard = bytearray()
+        bench = cut(controller, 0.05, heard=heard)
+        replies = [f for f in FrameDecoder(watch_for_abort=False).feed(bytes(heard)) if f.type_id & 0x40]
+        plant, unit = bench.plant, bench.plant.unit
+        owner, name = {
+            "gap": (unit, "gap_stuck_v"),
+            "flow": (plant, "dielectric_flow_lpm"),
+            "temperature": (plant, "dielectric_temperature_c"),
+            "monitor": (unit, "monitor_zero_v"),
+            "sensor": (unit, "sensor_bend_um"),
+        }[part]
+        setattr(owner, name, value)
+        bench.controller.advance(60)
+        ask = encode_frame(m.GetStatus.ID, replies[-1].seq + 100 & 255, replies[-1].session, 0, b"")
+        bench.controller.receive(ask)
+        said.append((bench.controller.link.take_output(), bench.controller.fault))
+    assert said[0] == said[1]
