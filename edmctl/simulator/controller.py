@@ -328,6 +328,7 @@ class VirtualController:
         """Start anew: no session, default parameters, pulses off, tool retracting. A latched fault outlives it."""
         self.telemetry.restart()
         self.link.restart()
+        self.guards.restart()
         self.parameters.reset()
         self.plant.look()  # so that a bench that is restored from here goes on bit for bit
         self.motion.start_ramp(0.0, self.parameters.retract_v_s)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from edmctl.actuator.compiling import compiled
 from edmctl.simulator.controller_state import ARC, NORMAL, NOTHING, OPEN, SHORT
 from edmctl.simulator.gap_monitor import (
+    DISPLACEMENT_MOST_UM,
     count_of,
     judge_pulses,
     measure_gap,
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
 BOX_TICKS = 2048  # milliseconds in the fault recorder; a power of two
 BOX_COLUMNS = 6
-DISPLACEMENT_MOST_UM = 2e6  # no displacement is beyond it; what is no number counts as this
 
 
 @compiled
@@ -55,8 +55,7 @@ def judge_tick(
     displacement = readings.sensor_um
     if settings.sensor_missing == 1:
         displacement = drive.actuator_v / settings.v_per_um
-    displacement = displacement if displacement <= DISPLACEMENT_MOST_UM else DISPLACEMENT_MOST_UM
-    displacement = max(displacement, -DISPLACEMENT_MOST_UM)
+    displacement = displacement if abs(displacement) <= DISPLACEMENT_MOST_UM else DISPLACEMENT_MOST_UM
     loop.displacement_um = displacement
     loop.slow_displacement_um += settings.displacement_alpha * (displacement - loop.slow_displacement_um)
     sequence = sequence_tick(settings, loop, drive, readings)
@@ -96,7 +95,7 @@ def write_sample(settings: Settings, loop: LoopState, drive: Drive, flags: int, 
     sample = samples[loop.tlm_n]
     sample.displacement_um = math.floor(loop.displacement_um * 1000.0 + 0.5)
     sample.actuator_v = int(drive.actuator_v * STEPS_PER_V + 0.5)
-    sample.gap_v = min(65535, int(loop.gap_v * 200.0 + 0.5))
+    sample.gap_v = max(0, min(65535, int(loop.gap_v * 200.0 + 0.5)))
     mean_a = loop.charge_uc / (settings.tlm_ticks * 1000.0)
     sample.current_a = max(0, min(65535, int(mean_a * 1000.0 + 0.5)))
     counts = loop.sample_counts

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from edmctl.simulator.records import Rows
 
 MISREAD_HIGH = 0.97  # of the open voltage: more is none that a discharge has
+DISPLACEMENT_MOST_UM = 2e6  # none is beyond it, either way; what is, or is no number, counts as this
 GAP_MOST_V = 1000.0  # beyond it no gap voltage is one
 SILENCE_NS = 100_000_000  # beyond a period, in which pulses must come while they are on
 MISREAD_LOW = 0.5  # of the open voltage: less is none that an open gap has
@@ -54,7 +55,7 @@ def judge_pulses(
     for i in range(readings.pulses):
         seen_v = readings.plateau_v[i]
         pulse_class = NORMAL
-        if readings.discharge_us[i] == 0.0:
+        if readings.discharge_us[i] <= 0.0:
             pulse_class = OPEN
             if not seen_v >= low_v:
                 misreads += 1
@@ -160,8 +161,9 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
             loop.open_ticks += elapsed
     else:
         loop.open_ticks = 0
-        # The slow reading lags behind a tool that comes back from a jump.
-        loop.last_spark_um = loop.displacement_um
+        if loop.displacement_um < DISPLACEMENT_MOST_UM:
+            # The slow reading lags behind a tool that comes back from a jump.
+            loop.last_spark_um = loop.displacement_um
     if loop.misreads >= settings.misreads_max:
         return FAULT_GAP_SENSOR
     # Current over voltage drop in a discharge is the conductance that the generator really has.

@@ -4,6 +4,8 @@
 
 #include "../edm.h"
 
+#define DISPLACEMENT_MOST_UM R(2e6) /* none is beyond it, either way; what is, or is no number, counts as this */
+
 /* frame.c */
 uint32_t frame_crc(uint32_t crc, const uint8_t *bytes, size_t size);
 size_t frame_encode(uint8_t *out, uint8_t type, uint8_t seq, uint8_t session, uint8_t flags, const uint8_t *payload,
@@ -121,6 +123,11 @@ uint8_t waveforms_read(struct edm_controller *c, uint32_t offset, struct edm_rep
 /* Controller time, µs since its start. */
 static inline uint64_t time_us(const struct edm_controller *c) {
     return (uint64_t)(c->tick - c->boot_tick) * TICK_US;
+}
+
+/* The voltage that the actuator's converter makes of one asked for, V. */
+static inline real on_grid(real voltage_v) {
+    return (real)floor_of(voltage_v * STEPS_PER_V + R(0.5)) * DAC_V;
 }
 
 /* A duration of the host's time in ticks of the controller's; they are the same but on simulated ones. */

@@ -27,7 +27,10 @@ int gap_measure(struct edm_controller *c, int shorts) {
         }
     } else {
         gap->open_ticks = 0;
-        gap->last_spark_um = gap->displacement_um; /* the slow reading lags behind a tool that comes back from a jump */
+        if (gap->displacement_um < DISPLACEMENT_MOST_UM) {
+            /* The slow reading lags behind a tool that comes back from a jump. */
+            gap->last_spark_um = gap->displacement_um;
+        }
     }
     if (gap->misreads >= s->misreads_max) {
         return FAULT_GAP_SENSOR;

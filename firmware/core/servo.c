@@ -4,7 +4,7 @@
 
 #define SHORT_HURRY_TICKS 500 /* a short this long retracts four times as fast */
 #define HOLD_PER_S R(4.0) /* of the way to a scan's limit; well below the bandwidth of the displacement's low-pass */
-#define HELD_WITHIN_UM R(1.0)
+#define HELD_WITHIN_UM R(1.0) /* of its limit a scanning tool is held */
 #define LOST_TICKS 100 /* all open, before the way since the last spark counts */
 
 static void relay(struct edm_controller *c, real error) {

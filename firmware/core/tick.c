@@ -1,8 +1,6 @@
 /* The millisecond: edm_tick_begin commands, the machine lives through it, edm_tick_end judges and records it. */
 #include "core.h"
 
-#define DISPLACEMENT_MOST_UM R(2e6) /* no displacement is beyond it; what is no number counts as this */
-
 void edm_tick_begin(struct edm_controller *c) {
     c->drive.stage_moves = 0;
     motion_command(c);
@@ -37,8 +35,7 @@ static void read_displacement(struct edm_controller *c) {
     if (c->settings.sensor_missing) {
         displacement = c->drive.actuator_v / c->settings.v_per_um;
     }
-    displacement = displacement <= DISPLACEMENT_MOST_UM ? displacement : DISPLACEMENT_MOST_UM;
-    displacement = most(displacement, -DISPLACEMENT_MOST_UM);
+    displacement = magnitude(displacement) <= DISPLACEMENT_MOST_UM ? displacement : DISPLACEMENT_MOST_UM;
     c->gap.displacement_um = displacement;
     c->gap.slow_displacement_um += c->settings.displacement_alpha * (displacement - c->gap.slow_displacement_um);
 }

@@ -189,13 +189,17 @@ static void arm(void) {
     send(MSG_PULSE_ENABLE, p, 1);
 }
 
-/* A cut to 200 µm with the reference at 8 V. */
-static void cut(void) {
+/* A cut (or scan) to 200 µm with the reference at 8 V. */
+static void cut_as(uint8_t type) {
     uint8_t p[10];
     put_u16(p, 1600);
     put_i32(p + 2, 200000);
     put_u32(p + 6, 1000000);
-    send(MSG_SERVO_START, p, 10);
+    send(type, p, 10);
+}
+
+static void cut(void) {
+    cut_as(MSG_SERVO_START);
 }
 
 static void cut_with(real *reading, real value, int ms, int fault) {
@@ -218,7 +222,7 @@ static void cut_with(real *reading, real value, int ms, int fault) {
 }
 
 static void cases(void) {
-    const real values[] = {NAN, INFINITY, R(1e30)};
+    const real values[] = {NAN, INFINITY, R(1e30)}, far[] = {-INFINITY, R(-1e30), R(-2.1e6)};
     for (int i = 0; i < 3; i++) { /* what has failed ends a cut, and is over when it is */
         cut_with(&c.readings.sensor_um, values[i], 1, 0);
         cut_with(&c.readings.monitor_v, values[i], 1, FAULT_PIEZO_OV);
@@ -227,6 +231,7 @@ static void cases(void) {
         cut_with(&c.readings.off_time_a, values[i], 1, FAULT_GEN_FAULT);
         cut_with(c.readings.plateau_v, values[i], 60, FAULT_GAP_SENSOR);
     }
+    for (int i = 0; i < 3; i++) cut_with(&c.readings.sensor_um, far[i], 1, 0); /* no tool is so far from the work */
     cut_with(&inputs.flow_lpm, NAN, 1, FAULT_DIELECTRIC);
     cut_with(&inputs.temperature_c, NAN, 1, FAULT_DIELECTRIC);
 
@@ -235,6 +240,21 @@ static void cases(void) {
     cut();
     run(120, 0);
     HOLDS(c.keeps.fault == FAULT_NO_SPARK && !gate && c.motion.command_v < R(0.5));
+
+    set_up(NULL, 0); /* a scan whose sensor fails: it goes back to where no sparks are, which are missed there */
+    arm();
+    cut_as(MSG_SCAN_START);
+    run(100, 3);
+    HOLDS(gate);
+    for (int ms = 0; ms < 300 && gate; ms++) {
+        begin();
+        readings(3);
+        c.readings.sensor_um = R(NAN);
+        c.readings.gap_v = ms < 50 ? 10 : c.settings.duty_v;
+        end();
+        if (ms % 50 == 0) live();
+    }
+    HOLDS(!gate && c.keeps.fault == FAULT_NO_SPARK);
 
     set_up(NULL, 0); /* more pulses than there is room for */
     arm();
@@ -259,6 +279,7 @@ static void cases(void) {
     for (int i = 0; i < 6; i++) { /* where a reset has left the tool, by a monitor that is right or cannot be */
         set_up(NULL, monitors[i]);
         HOLDS(!(magnitude(c.motion.command_v - commands[i]) > R(0.001)));
+        HOLDS(!(magnitude(c.drive.actuator_v - commands[i]) > DAC_V));
         HOLDS(c.state == (commands[i] > 0 ? STATE_BOOT : STATE_IDLE));
     }
 

@@ -12,8 +12,11 @@ import pytest
 
 from edmctl.firmware.build import REALS, source_folder
 from edmctl.link import messages as m
+from edmctl.link.frame import encode_frame
+from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.controller_state import FAULT_NO_SPARK, NOTHING, LoopState, Settings
-from edmctl.simulator.gap_monitor import wait_for_pulse
+from edmctl.simulator.gap_monitor import DISPLACEMENT_MOST_UM, measure_gap, wait_for_pulse
+from edmctl.simulator.plant_interface import Readings
 from tests.firmware.cuts import cut
 from tests.firmware.test_garbage import PROGRAMS, SANITIZERS, program
 from tests.tiers import tiers
@@ -53,24 +56,50 @@ def _fails(bench: VirtualBench, part: str, name: str, value: float) -> None:
 
 @pytest.mark.parametrize("controller", ["python", "firmware"])
 @pytest.mark.parametrize(
-    ("part", "name", "state", "fault"),
+    ("part", "name", "value", "state", "fault"),
     [
-        ("unit", "sensor_gain", m.State.ARMED, 0),
-        ("unit", "monitor_gain", m.State.FAULT, 2003),
-        ("unit", "off_time_a", m.State.FAULT, 3004),
-        ("plant", "dielectric_flow_lpm", m.State.FAULT, 4003),
-        ("plant", "dielectric_temperature_c", m.State.FAULT, 4003),
+        ("unit", "sensor_gain", math.nan, m.State.ARMED, 0),
+        ("unit", "sensor_drift_um_s", -1e9, m.State.ARMED, 0),
+        ("unit", "monitor_gain", math.nan, m.State.FAULT, 2003),
+        ("unit", "off_time_a", math.nan, m.State.FAULT, 3004),
+        ("plant", "dielectric_flow_lpm", math.nan, m.State.FAULT, 4003),
+        ("plant", "dielectric_temperature_c", math.nan, m.State.FAULT, 4003),
     ],
 )
-def test_a_reading_that_is_no_number_ends_the_cut(
-    core: Build, controller: str, part: str, name: str, state: m.State, fault: int
+def test_a_reading_that_cannot_be_ends_the_cut(
+    core: Build, controller: str, part: str, name: str, value: float, state: m.State, fault: int
 ) -> None:
     bench = cut(controller, 0.1)
     assert bench.plant.drive.pulses_on
-    _fails(bench, part, name, math.nan)
+    _fails(bench, part, name, value)
     bench.controller.advance(2)
     assert not bench.plant.drive.pulses_on
     assert (bench.controller.state, bench.controller.fault) == (state, fault)
+
+
+def test_a_failed_displacement_is_no_place_of_a_spark() -> None:
+    """Of the virtual controller; hostile.c tries the core."""
+    loop, settings, readings = LoopState(), Settings(), Readings()
+    settings.duty_v, settings.misreads_max, settings.arc_run_max = 12.0, 50, 60
+    readings.gap_v, readings.pulses = 10.0, 2
+    measure = measure_gap.py_func  # type: ignore[attr-defined]
+    places = []
+    for displacement_um in (7.0, DISPLACEMENT_MOST_UM, 8.0):
+        loop.displacement_um = displacement_um
+        assert measure(settings, loop, readings, 0) == NOTHING
+        places.append(loop.last_spark_um)
+    assert places == [7.0, 7.0, 8.0]
+
+
+@pytest.mark.parametrize("controller", ["python", "firmware"])
+def test_damaged_frames_count_from_the_reset_on(core: Build, controller: str) -> None:
+    bench = open_bench(BenchConfig(controller=controller), 1)
+    bench.controller.receive(b"\0damaged\0" * 12)
+    bench.controller.reset(m.ResetCause.EXTERNAL)
+    hello = m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 1, m.SCHEMA_HASH)
+    frames = [encode_frame(r.ID, at, 5, 0, r.pack()) for at, r in enumerate((hello, m.Arm(m.param_crc({}))))]
+    bench.controller.receive(b"".join(frames) + b"\0damaged\0" * 10)
+    assert bench.controller.fault == 1003
 
 
 def test_a_reset_beyond_the_default_range_makes_no_jump() -> None:
