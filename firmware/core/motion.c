@@ -56,6 +56,7 @@ int motion_end(struct edm_controller *c, int happened) {
     return happened;
 }
 
+/* The command of a ramp after one more millisecond, V. */
 static real ramp_command(const struct edm_motion *m) {
     real step = m->ramp_v_s * TICK_S;
     return m->target_v > m->command_v ? least(m->target_v, m->command_v + step)
