@@ -12,7 +12,7 @@ import pytest
 
 from edmctl.firmware.build import REALS, source_folder
 from edmctl.link import messages as m
-from edmctl.link.frame import encode_frame
+from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.controller_state import FAULT_NO_SPARK, NOTHING, LoopState, Settings
 from edmctl.simulator.gap_monitor import DISPLACEMENT_MOST_UM, measure_gap, wait_for_pulse
@@ -89,6 +89,23 @@ def test_a_failed_displacement_is_no_place_of_a_spark() -> None:
         assert measure(settings, loop, readings, 0) == NOTHING
         places.append(loop.last_spark_um)
     assert places == [7.0, 7.0, 8.0]
+
+
+@pytest.mark.parametrize("controller", ["python", "firmware"])
+def test_what_no_count_can_tell_is_told_by_a_limit(core: Build, controller: str) -> None:
+    bench = cut(controller, 0.1)
+    bench.plant.unit.gap_stuck_v = 900.0
+    bench.controller.advance(100)
+    bench.plant.unit.monitor_gain = math.nan
+    bench.controller.advance(1)
+    bench.controller.link.take_output()
+    hello = m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 77, m.SCHEMA_HASH)
+    for at, request in enumerate((hello, m.GetStatus())):
+        bench.controller.receive(encode_frame(request.ID, at, 5, 0, request.pack()))
+    told = FrameDecoder(watch_for_abort=False).feed(bench.controller.link.take_output())
+    status = m.GetStatusReply.unpack(told[-1].payload)
+    assert bench.controller.loop.gap_v > 400.0
+    assert (status.gap_v, status.monitor_v) == (327.675, -327.68)
 
 
 @pytest.mark.parametrize("controller", ["python", "firmware"])
