@@ -319,6 +319,19 @@ static void slow_path(void) {
     HOLDS(magnitude(c.servo.z_limit_um - R(50.2)) < R(0.005));
 }
 
+/* A short whose tool is far beyond the limit of a scan, or whose sensor says so: it goes back as fast as any. */
+static void short_beyond_the_limit(void) {
+    const real beyond_um[] = {0, 10, 100, DISPLACEMENT_MOST_UM};
+    for (int i = 0; i < 4; i++) {
+        set_up(NULL, 0);
+        c.scan.scanning = c.gap.shorted = true;
+        c.servo.time_ticks = 100;
+        c.gap.slow_displacement_um = c.servo.z_limit_um + beyond_um[i];
+        servo_tick(&c);
+        HOLDS(!(c.servo.rate_v_s > -c.settings.short_back_um_s * c.settings.v_per_um));
+    }
+}
+
 static void act(void) {
     uint8_t p[MAX_PAYLOAD] = {0};
     switch (draw(32)) {
@@ -358,6 +371,7 @@ int main(int argc, char **argv) {
     if (steps == 0) {
         cases();
         slow_path();
+        short_beyond_the_limit();
         printf("%d broken\n", broken);
         return broken != 0;
     }

@@ -17,6 +17,7 @@ from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.controller_state import FAULT_NO_SPARK, NOTHING, LoopState, Settings
 from edmctl.simulator.gap_monitor import DISPLACEMENT_MOST_UM, measure_gap, wait_for_pulse
 from edmctl.simulator.plant_interface import Readings
+from edmctl.simulator.servo import hold_at_limit
 from tests.firmware.cuts import cut
 from tests.firmware.test_garbage import PROGRAMS, SANITIZERS, program
 from tests.tiers import tiers
@@ -75,6 +76,21 @@ def test_a_reading_that_cannot_be_ends_the_cut(
     bench.controller.advance(2)
     assert not bench.plant.drive.pulses_on
     assert (bench.controller.state, bench.controller.fault) == (state, fault)
+
+
+@pytest.mark.parametrize("beyond_um", [-100.0, 0.0, 10.0, 100.0, DISPLACEMENT_MOST_UM])
+def test_a_short_beyond_the_limit_of_a_scan_goes_back_as_fast_as_any(beyond_um: float) -> None:
+    """Of the virtual controller; hostile.c tries the core."""
+    loop, settings = LoopState(), Settings()
+    settings.back_um_s, settings.v_per_um = 5.0, 1.0
+    loop.slow_displacement_um = beyond_um
+    hold = hold_at_limit.py_func  # type: ignore[attr-defined]
+    loop.rate_v_s = -50.0
+    hold(settings, loop)
+    assert loop.rate_v_s == -50.0
+    loop.rate_v_s = 5.0
+    hold(settings, loop)
+    assert loop.rate_v_s == max(-5.0, min(5.0, -4.0 * beyond_um))
 
 
 def test_a_failed_displacement_is_no_place_of_a_spark() -> None:
