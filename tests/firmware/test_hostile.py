@@ -14,7 +14,7 @@ from edmctl.firmware.build import REALS, source_folder
 from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.simulator import BenchConfig, open_bench
-from edmctl.simulator.controller_state import FAULT_NO_SPARK, NOTHING, LoopState, Settings
+from edmctl.simulator.controller_state import FAULT_NO_SPARK, NORMAL, NOTHING, PACK, LoopState, Settings
 from edmctl.simulator.gap_monitor import DISPLACEMENT_MOST_UM, measure_gap, wait_for_pulse
 from edmctl.simulator.plant_interface import Readings
 from edmctl.simulator.servo import hold_at_limit
@@ -93,7 +93,7 @@ def test_a_short_beyond_the_limit_of_a_scan_goes_back_as_fast_as_any(beyond_um: 
     assert loop.rate_v_s == max(-5.0, min(5.0, -4.0 * beyond_um))
 
 
-def test_a_failed_displacement_is_no_place_of_a_spark() -> None:
+def test_what_counts_as_a_spark_and_as_its_place() -> None:
     """Of the virtual controller; hostile.c tries the core."""
     loop, settings, readings = LoopState(), Settings(), Readings()
     settings.duty_v, settings.misreads_max, settings.arc_run_max = 12.0, 50, 60
@@ -102,9 +102,15 @@ def test_a_failed_displacement_is_no_place_of_a_spark() -> None:
     places = []
     for displacement_um in (7.0, DISPLACEMENT_MOST_UM, 8.0):
         loop.displacement_um = displacement_um
+        loop.tick_counts = 2 << PACK * NORMAL
         assert measure(settings, loop, readings, 0) == NOTHING
         places.append(loop.last_spark_um)
     assert places == [7.0, 7.0, 8.0]
+    for open_pulses, gap_v, open_ticks in ((2, 11.5, 1), (2, 12.0, 2), (1, 11.999, 0)):
+        loop.tick_counts = open_pulses + (2 - open_pulses << PACK * NORMAL)
+        readings.gap_v, loop.slow_displacement_um = gap_v, 9.0
+        assert measure(settings, loop, readings, 0) == NOTHING
+        assert loop.open_ticks == open_ticks
 
 
 @pytest.mark.parametrize("controller", ["python", "firmware"])
