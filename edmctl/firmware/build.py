@@ -39,6 +39,8 @@ _FLAGS = (
 """None changes a result: -fno-trapping-math lets both sides of a choice be calculated, no other sums."""
 _WHOLE = "-flto"
 """Of a tick of 0.4 µs calls between files are a tenth; a compiler that cannot look across them does without."""
+_LIBRARIES = () if sys.platform == "win32" else ("-lm",)
+"""What it needs beside a C library: `exp`, which not every Python has loaded."""
 _LINGER_TICKS = 200
 """The simulator sends telemetry so often at least, in ms: simulator/telemetry.py."""
 _SECONDS = 300
@@ -76,7 +78,7 @@ def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Buil
     folder = source_folder()
     sources = [path for part in ("core", "gen", "host") for path in sorted((folder / part).glob("*.c"))]
     arguments = [*_FLAGS, *_defines(real), f"-I{folder / 'core'}", f"-I{folder / 'gen'}"]
-    content = hashlib.sha256(repr([*_FLAGS, *_defines(real)]).encode())
+    content = hashlib.sha256(repr([*_FLAGS, *_defines(real), *_LIBRARIES]).encode())
     for path in sorted(folder.rglob("*.[ch]")):
         content.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
     digest = content.hexdigest()[:16]
@@ -86,9 +88,9 @@ def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Buil
     if library.is_file():
         return Build(library, real, digest, said, is_new=False)
     try:
-        _compile([*command, *arguments, _WHOLE, *map(str, sources)], library)
+        _compile([*command, *arguments, _WHOLE, *map(str, sources), *_LIBRARIES], library)
     except PreconditionError:
-        _compile([*command, *arguments, *map(str, sources)], library)
+        _compile([*command, *arguments, *map(str, sources), *_LIBRARIES], library)
     return Build(library, real, digest, said, is_new=True)
 
 

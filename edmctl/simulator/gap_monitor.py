@@ -57,7 +57,7 @@ def judge_pulses(
     for i in range(readings.pulses):
         seen_v = readings.plateau_v[i]
         pulse_class = NORMAL
-        if readings.discharge_us[i] == 0.0:
+        if readings.discharge_us[i] <= 0.0:
             pulse_class = OPEN
             if not seen_v >= low_v:
                 misreads += 1
@@ -157,7 +157,7 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
     else:
         loop.shorted = 0
         loop.short_ticks = 0
-    if mean_v > 0.999 * settings.duty_v:
+    if count_of(loop.tick_counts, OPEN) == readings.pulses:
         # Open pulses on the way back from a retraction are no loss: only those at the last spark count.
         if loop.slow_displacement_um >= loop.last_spark_um - 1.0:
             loop.open_ticks += elapsed

@@ -66,6 +66,11 @@ class Guards:
                 bits |= Interlocks.DIELECTRIC_HOT
         return int(bits)
 
+    def restart(self) -> None:
+        """Forget, as a reset does, what the line has brought: `rx_bad` counts from 0."""
+        self._bad_frames.clear()
+        self._bad_seen = 0
+
     def too_noisy(self, bad_frames: int, now: int, armed: bool, time_scale: float) -> bool:
         """Whether, with a total of `bad_frames` at tick `now`, too many came within a second while armed."""
         new, self._bad_seen = max(0, bad_frames - self._bad_seen), bad_frames

@@ -129,6 +129,11 @@ static inline uint64_t time_us(const struct edm_controller *c) {
     return (uint64_t)(c->tick - c->boot_tick) * TICK_US;
 }
 
+/* The voltage that the actuator's converter makes of one asked for, V. */
+static inline real on_grid(real voltage_v) {
+    return (real)floor_of(voltage_v * STEPS_PER_V + R(0.5)) * DAC_V;
+}
+
 /* A duration of the host's time in ticks of the controller's; they are the same but on simulated ones. */
 static inline int64_t host_ticks(const struct edm_controller *c, int32_t ticks) {
     return nearest((real)ticks * c->identity.host_time_scale);

@@ -31,7 +31,7 @@ int gap_measure(struct edm_controller *c, int shorts) {
     gap->gap_v = mean_v + (gap->gap_v - mean_v) * power_of(R(1.0) - s->filter_alpha, elapsed);
     gap->shorted = shorts == readings->pulses;
     gap->short_ticks = gap->shorted ? gap->short_ticks + elapsed : 0;
-    if (mean_v > R(0.999) * s->duty_v) {
+    if (gap->tick.of[PULSE_CLASS_OPEN] == readings->pulses) {
         /* Open pulses on the way back from a retraction are no loss: only those at the last spark count. */
         if (gap->slow_displacement_um >= gap->last_spark_um - R(1.0)) {
             gap->open_ticks += elapsed;
@@ -39,7 +39,8 @@ int gap_measure(struct edm_controller *c, int shorts) {
     } else {
         gap->open_ticks = 0;
         if (gap->displacement_um < DISPLACEMENT_FAILED_UM) {
-            gap->last_spark_um = gap->displacement_um; /* the slow reading lags behind a tool that comes from a jump */
+            /* The slow reading lags behind a tool that comes back from a jump. */
+            gap->last_spark_um = gap->displacement_um;
         }
     }
     if (gap->misreads >= s->misreads_max) {

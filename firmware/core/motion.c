@@ -73,6 +73,7 @@ static real sloped(struct edm_motion *m, real slope_v_s) {
     return added(m->command_v, slope_v_s * TICK_S, &m->rest_v);
 }
 
+/* The command of a ramp after one more millisecond, V. */
 static real ramp_command(struct edm_motion *m) {
     return m->target_v > m->command_v ? least(m->target_v, sloped(m, m->ramp_v_s))
                                       : most(m->target_v, sloped(m, -m->ramp_v_s));
@@ -119,7 +120,7 @@ void motion_command(struct edm_controller *c) {
     real top = most(c->settings.piezo_max_v, before); /* what a reset has left beyond the range comes down by its ramp */
     m->limit_ticks = v > top ? m->limit_ticks + 1 : 0;
     m->command_v = least(top, most(0, v));
-    c->drive.actuator_v = (real)floor_of(m->command_v * STEPS_PER_V + R(0.5)) * DAC_V;
+    c->drive.actuator_v = on_grid(m->command_v);
 }
 
 /* APPROACH: sparks pull the mean gap voltage down to the reference; max_travel_um without them is fault 3005. */

@@ -1,15 +1,17 @@
-/* Commands that move the tool or a stage, or let pulses flow; the ends of motions are events (docs/protocol.md, States). */
+/* Commands that move the tool or a stage, or let pulses flow; the ends of motions are events (docs/protocol.md, States).
+ * Each has a function of its name, which returns the status of the reply; values are in the unit of their name. */
 #include "core.h"
 
 #define BLEND_TICKS 8 /* of a jump's ramp, at each end: jump.c */
 #define MOST_BELOW_ZERO_UM R(5.0) /* SET_ZERO: a tool at rest reads no further from its home */
-#define MOST_ABOVE_ZERO_UM R(25.0)
+#define MOST_ABOVE_ZERO_UM R(25.0) /* more than creep leaves of a deep cut */
 
 /* Volts that move the tool by a length, by the mean gain. */
 static real volts(const struct edm_controller *c, real length_um) {
     return length_um * c->settings.v_per_um;
 }
 
+/* A duration in ticks, one at least. */
 static int64_t ticks(real seconds) {
     int64_t n = nearest(seconds / TICK_S);
     return n > 1 ? n : 1;

@@ -23,6 +23,7 @@ int parameters_row(uint16_t id) {
     return -1;
 }
 
+/* The check of COMMIT_PROFILE and ARM over all wire values. */
 static uint32_t check_of(const int32_t values[PARAMS]) {
     uint32_t crc = 0;
     for (int row = 0; row < PARAMS; row++) {
@@ -34,10 +35,12 @@ static uint32_t check_of(const int32_t values[PARAMS]) {
     return crc;
 }
 
+/* A current value in the parameter's unit. */
 static real value_of(const struct edm_controller *c, int row) {
     return (real)c->parameters.current[row] / (real)edm_params[row].divisor;
 }
 
+/* A current duration, s in the table, in ticks. */
 static int32_t ticks_of(const struct edm_controller *c, int row) {
     return (int32_t)nearest(value_of(c, row) / TICK_S);
 }

@@ -4,7 +4,7 @@
 
 #define SHORT_HURRY_TICKS 500 /* a short this long retracts four times as fast */
 #define HOLD_PER_S R(4.0) /* of the way to a scan's limit; well below the bandwidth of the displacement's low-pass */
-#define HELD_WITHIN_UM R(1.0)
+#define HELD_WITHIN_UM R(1.0) /* of its limit a scanning tool is held */
 #define LOST_TICKS 100 /* all open, before the way since the last spark counts */
 
 static void relay(struct edm_controller *c, real error) {
@@ -53,13 +53,14 @@ static void decide(struct edm_controller *c) {
     }
 }
 
-/* Lets the servo feed no faster than brings a scanning tool softly to its limit, from either side. */
+/* Lets the servo feed no faster than brings a scanning tool softly to its limit, from either side. Nothing slows down the
+ * way back out of a short. */
 static void hold_at_limit(struct edm_controller *c) {
     const struct edm_settings *s = &c->settings;
     struct edm_servo *servo = &c->servo;
     real fastest = HOLD_PER_S * (servo->z_limit_um - c->gap.slow_displacement_um);
     if (servo->rate_v_s > fastest * s->v_per_um) {
-        servo->rate_v_s = most(fastest, -s->back_um_s) * s->v_per_um;
+        servo->rate_v_s = least(servo->rate_v_s, most(fastest, -s->back_um_s) * s->v_per_um);
         servo->integral_um_s = least(servo->integral_um_s, most(0, fastest));
     }
 }

@@ -1,7 +1,7 @@
 /* Travel of one stage axis (STAGE_MOVE, STAGE_STOP): from where to where, since when, and its settling. */
 #include "core.h"
 
-#define SETTLE_TICKS 50
+#define SETTLE_TICKS 50 /* from the end of the travel until the stage is at rest */
 
 /* Lets an axis travel (µm and µm/s, degrees and degrees/s) and come to rest. */
 void stages_start(struct edm_controller *c, uint8_t axis, real target, real speed) {

@@ -2,6 +2,7 @@
 #include "core.h"
 
 #define USUAL_PERIOD_NS 434783 /* of the generator at the start */
+#define RANGE_V R(150.0) /* of the actuator; what its monitor reads above it is the monitor's error */
 #define FAULT_LEAST 1000 /* what happened is a fault from here on */
 
 static bool is_armed_state(uint8_t state) {
@@ -127,11 +128,12 @@ static real command_left(const struct edm_controller *c, real monitor_v) {
     if (!(monitor_v <= c->settings.monitor_max_v)) {
         return 0;
     }
-    return most(0, least(monitor_v, R(150.0)));
+    return most(0, least(monitor_v, RANGE_V));
 }
 
 void edm_create(struct edm_controller *c, void *board, const struct edm_identity *identity,
                 const struct edm_persistent *keeps) {
+    /* The setting of the start (Session); without a discharge time: isofrequency. */
     static const struct edm_generator usual = {.on_time_us = R(130.435), .off_time_us = R(304.348), .open_v = 40,
                                                .peak_a = R(0.12)};
     struct edm_inputs inputs;
@@ -152,6 +154,7 @@ void edm_create(struct edm_controller *c, void *board, const struct edm_identity
     parameters_set_generator(c, &usual, USUAL_PERIOD_NS);
     hal_inputs(board, &inputs);
     c->motion.command_v = command_left(c, inputs.monitor_v);
+    c->drive.actuator_v = on_grid(c->motion.command_v);
     states_enter(c, STATE_IDLE);
 }
 

@@ -3,8 +3,8 @@
 
 #define FRAME_BYTES 11 /* of every frame beside its payload: header, check, COBS, two zeros */
 #define RESERVE R(1.25) /* of a line, for replies and events */
-#define BITS_PER_BYTE R(10.0)
-#define BATCH_MOST 14
+#define BITS_PER_BYTE R(10.0) /* on the line: 8 of data, start and stop bit */
+#define BATCH_MOST 14 /* samples a frame, by the protocol */
 #define BLOCK_MOST 4294967040u /* the greatest float below 2^32 */
 #define FARTHEST R(2147483520.0) /* nm: the greatest float below 2^31 */
 #define COUNT_MOST 255 /* pulses of a sample: a class is told by a byte */

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -28,6 +30,30 @@ def test_the_library_is_of_this_protocol_and_says_its_arithmetic(core: Build) ->
     assert library().schema_hash() == SCHEMA_HASH
     assert library().real_bytes() == 8
     assert library("float").real_bytes() == 4
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into an ELF file")
+def test_the_library_brings_what_it_calls(core: Build) -> None:
+    """`exp` is of libm, which this interpreter may have loaded and another one not."""
+    assert b"\0libm.so" in core.path.read_bytes()
+
+
+def test_the_core_is_as_small_as_the_page_says(core: Build, tmp_path: Path) -> None:
+    """docs/firmware.md: in a board's arithmetic; 220 KB with a ring of 80 periods at 2.3 kHz, 4000 lines."""
+    folder = build.source_folder()
+    lines = sum(path.read_text(encoding="utf-8").count("\n") for path in (folder / "core").glob("*.[ch]"))
+    assert 2000 < lines <= 4000
+    text, program = tmp_path / "size.c", tmp_path / "size"
+    text.write_text(
+        '#include <stdio.h>\n#include "core.h"\n'
+        'int main(void) { return printf("%zu", sizeof(struct edm_controller)) < 0; }\n'
+    )
+    include = [f"-I{folder / part}" for part in ("core", "gen")]
+    subprocess.run([*build.compiler(), "-std=c11", *include, str(text), "-o", str(program)], check=True)
+    size = int(subprocess.run([program], capture_output=True, text=True, check=True).stdout)
+    ring = 80 * 435 * 4
+    assert 50_000 < size <= 65_480
+    assert size + ring <= 220_000
 
 
 def test_without_a_compiler_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
