@@ -30,7 +30,7 @@ def build(outcome: Outcome, real: RealOption = None) -> None:
     builds = [built(kind) for kind in REALS if real in (None, kind)]
     outcome.result = {"builds": [{**asdict(made), "path": str(made.path)} for made in builds]}
     lines = [
-        f"{made.real}: {'built now' if made.is_new else 'was there'} by {made.compiler}: {made.path}"
+        f"{made.real}: {made.path}, {'built now' if made.is_new else 'built before'} by {made.compiler}"
         for made in builds
     ]
     outcome.text = "\n".join(lines)
