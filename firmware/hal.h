@@ -1,8 +1,8 @@
 /* What a board supplies. `board` is its own; the core hands back what edm_create was given.
  *
- * Once a millisecond a board fills `edm_readings`, calls edm_tick_end, edm_conclude, edm_watch, edm_receive and
- * edm_tick_begin (edm.h; docs/firmware.md says how), and puts out what then stands in `edm_drive`. Everything else goes
- * through these functions. None may block, and none may call the core.
+ * Once a millisecond a board fills `edm_readings`, calls edm_tick_end, edm_conclude, edm_watch, edm_receive,
+ * edm_line_read and edm_tick_begin (edm.h; docs/firmware.md says how), and puts out what then stands in `edm_drive`.
+ * Everything else goes through these functions. None may block, and none may call the core.
  */
 #ifndef EDM_HAL_H
 #define EDM_HAL_H

@@ -17,8 +17,9 @@ RealOption = Annotated[
 def build(outcome: Outcome, real: RealOption = None) -> None:
     """Build the firmware's core as a library for virtual machines, unless that was done before.
 
-    It takes a C compiler: CC names one, else one of the system is taken, else that of the package ziglang. Jobs with
-    --controller firmware build by themselves what they need.
+    It takes a C compiler: CC names one, else one of the system is taken, else that of the package ziglang. The
+    library is kept in the user's cache folder, or in EDMCTL_FIRMWARE_CACHE. Jobs with --controller firmware build by
+    themselves what they need.
     """
     from dataclasses import asdict
 
