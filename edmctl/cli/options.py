@@ -148,6 +148,7 @@ class JobOptions:
 
         Raises ProfileError, RecordError, UsageError, LinkLost, PreconditionError.
         """
+        from edmctl.jobs.connect import controller_warning
         from edmctl.jobs.plan import JobRequest, check
 
         request = JobRequest(
@@ -162,7 +163,7 @@ class JobOptions:
         )
         plan = check(request, shell())
         outcome.simulated = plan.simulated
-        outcome.warn(plan.loaded.warnings)
+        outcome.warn([*plan.loaded.warnings, *controller_warning(plan.where, self.controller)])
         return plan
 
 

@@ -53,9 +53,9 @@ struct edm_counts {
 
 /* What the board says of itself in HELLO, and how it counts. */
 struct edm_identity {
-    char serial[12];
-    uint16_t board;
-    uint32_t baud;       /* of the line, 0: it has none */
+    char serial[12];     /* ASCII, filled up with zeros */
+    uint16_t board;      /* kind of board; 0 is the virtual controller, and a host then takes the machine for simulated */
+    uint32_t baud;       /* of the line, 0: it has none (USB) */
     bool driven;         /* its clock follows ADVANCE: simulated controllers only */
     real host_time_scale; /* controller seconds per second of the host: 1 but for simulated controllers */
 };

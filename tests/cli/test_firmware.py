@@ -38,6 +38,7 @@ def test_the_main_job_comes_out_the_same_under_the_core(here: Here) -> None:
     for controller in ("python", "firmware"):
         said = here(*JOB, "--controller", controller, "--out", controller)
         assert said.exit_code == 0, said.err
+        assert ("under the controller firmware, seed 1" in said.err) == (controller == "firmware")
         results.append({key: value for key, value in said.document["result"].items() if key != "journal"})
     assert results[0] == results[1]
 

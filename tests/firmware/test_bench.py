@@ -69,5 +69,6 @@ def test_a_latched_fault_and_its_records_are_kept(core: Build) -> None:
 def test_a_bench_of_another_firmware_is_refused(core: Build) -> None:
     state = dict(bench_state(cut("firmware", 0.1)))
     state["controller"] = {**state["controller"], "sources": "another"}  # type: ignore[dict-item]
-    with pytest.raises(RunFileError, match="another version"):
+    with pytest.raises(RunFileError, match="another build of the firmware's core") as caught:
         restored_bench(state)
+    assert caught.value.code == "E9021"

@@ -63,17 +63,34 @@ def test_without_a_compiler_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch, 
     with pytest.raises(PreconditionError, match="no C compiler") as caught:
         build.built(environ={})
     build.compiler.cache_clear()
-    assert (caught.value.code, "edmctl[firmware]" in caught.value.hint) == ("E8093", True)
+    assert (caught.value.code, "pip install ziglang`" in caught.value.hint) == ("E8093", True)
 
 
 @pytest.mark.parametrize(
-    ("command", "code"), [("no-such-compiler", "E8093"), ("'cc", "E8093"), ("true", "E8094")]
+    ("command", "code", "reason"),
+    [
+        ("no-such-compiler", "E8093", "no-such-compiler does not run: No such file or directory."),
+        ("false", "E8093", "false does not run: with --version it ends with exit code 1."),
+        ("'cc", "E8093", "No closing quotation"),
+        ("true", "E8094", "true made no library."),
+    ],
 )
-def test_a_compiler_that_does_not_compile_is_told(command: str, code: str, tmp_path: Path) -> None:
+def test_a_compiler_that_does_not_compile_is_told(
+    command: str, code: str, reason: str, tmp_path: Path
+) -> None:
     with pytest.raises(PreconditionError) as caught:
         build.built(environ={"CC": command, build.CACHE_VARIABLE: str(tmp_path / "cache")})
     assert caught.value.code == code
+    assert reason in str(caught.value)
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_a_folder_that_takes_no_library_is_told(tmp_path: Path) -> None:
+    blocked = tmp_path / "cache"
+    blocked.write_text("a file", encoding="utf-8")
+    with pytest.raises(PreconditionError, match=r"cannot be kept in .*cache: File exists") as caught:
+        build.built(environ={build.CACHE_VARIABLE: str(blocked)})
+    assert (caught.value.code, build.CACHE_VARIABLE in caught.value.hint) == ("E8094", True)
 
 
 def test_a_damaged_library_is_built_anew_and_a_false_one_told(

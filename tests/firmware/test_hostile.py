@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import re
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.firmware.build import REALS, source_folder
+from edmctl.firmware.build import REALS
 from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.simulator import BenchConfig, open_bench
@@ -28,16 +31,14 @@ from edmctl.simulator.gap_monitor import measure_gap, rest_gap, wait_for_pulse
 from edmctl.simulator.plant_interface import Readings
 from edmctl.simulator.servo import hold_at_limit
 from tests.firmware.cuts import cut
-from tests.firmware.test_garbage import PROGRAMS, SANITIZERS, program
+from tests.firmware.test_garbage import SANITIZERS, program
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from edmctl.firmware.build import Build
     from edmctl.simulator import VirtualBench
 
-CORTEX_M4F = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp")
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("real", tiers("float", slow=("double",)))
@@ -180,14 +181,14 @@ def test_the_core_builds_for_a_board_without_headers_or_doubles(core: Build, tmp
     """docs/firmware.md: zig alone is enough, and the core does no arithmetic in double."""
     if importlib.util.find_spec("ziglang") is None:
         pytest.skip("the package ziglang is not installed")
-    zig = [sys.executable, "-m", "ziglang", "cc", *CORTEX_M4F]
-    flags = ["-std=c11", "-O2", "-ffreestanding", "-ffp-contract=off", "-fno-math-errno"]
-    flags += ["-Wdouble-promotion", "-Werror"]
-    folder = source_folder()
-    sources = [*(folder / "core").glob("*.c"), *(folder / "gen").glob("*.c"), PROGRAMS / "board.c"]
-    command = [*zig, *flags, *map(str, sources), "-o", str(tmp_path / "board.elf")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    page = (ROOT / "docs/firmware.md").read_text(encoding="utf-8")
+    (typed,) = re.findall(r"^ +python (-m ziglang cc .*?) -o board.elf$", page, re.DOTALL | re.MULTILINE)
+    made = tmp_path / "board.elf"
+    more = f"-Wdouble-promotion -Werror -s -o {shlex.quote(str(made))}"
+    command = f"{shlex.quote(sys.executable)} {typed} {more}"
+    done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+    assert made.stat().st_size < 48 * 1024  # with the compiler's own checks it is more than ten times that
 
 
 def test_pulses_of_a_generator_that_does_not_switch_off_are_found() -> None:

@@ -220,8 +220,10 @@ def _endpoint(link: Path | None, place: _Place | None, output: Output) -> "Endpo
 
 
 def _ready(bench: "VirtualBench", endpoint: "Endpoint", speed: float | None) -> str:
+    from edmctl.jobs.connect import driver
+
     pace = "as fast as its clients" if speed is None else f"at {speed:g}x"
-    return f"serving {bench.plant.serial} on {endpoint.name} {pace}; Ctrl-C ends it"
+    return f"serving {bench.plant.serial}{driver(bench)} on {endpoint.name} {pace}; Ctrl-C ends it"
 
 
 def _summary(
