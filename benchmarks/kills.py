@@ -19,7 +19,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING
@@ -84,11 +84,15 @@ def settle(link: Path) -> tuple[State, float]:
 
 @dataclass(frozen=True, slots=True)
 class Kill:
-    """From the kill of a host to pulses off: by the machine's clock and by that on the wall, ms; what went wrong."""
+    """From the kill of a host to pulses off: by the machine's clock and by that on the wall, ms; what went wrong.
+
+    starts : hosts that were started until one cut when it was killed.
+    """
 
     machine_ms: float = math.inf
     wall_ms: float = math.inf
     wrong: str = ""
+    starts: int = 1
 
 
 def kill_runs(home: Path, kills: int, seed: int, controller: str) -> list[Kill]:
@@ -96,11 +100,12 @@ def kill_runs(home: Path, kills: int, seed: int, controller: str) -> list[Kill]:
     chance, outcomes = random.Random(seed), list[Kill]()
     with recorded(home, f"edm{seed}", seed, ("cu270", f"sim.controller={controller}")) as machine:
         for number in range(kills):
-            for start_number in range(MOST_STARTS):
-                outcome = _kill_run(home, machine, f"k{seed}-{number}-{start_number}", chance)
+            for starts in range(1, MOST_STARTS + 1):
+                outcome = _kill_run(home, machine, f"k{seed}-{number}-{starts}", chance)
                 if outcome is not None:
                     break
-            outcomes.append(outcome or Kill(wrong=f"no host of {MOST_STARTS} got to its sparks"))
+            outcome = outcome or Kill(wrong="no host got to its sparks")
+            outcomes.append(replace(outcome, starts=starts))
     return outcomes
 
 
@@ -129,7 +134,11 @@ def _kill_run(home: Path, machine: Recorded, name: str, chance: random.Random) -
     off = rows[rows["tick"] >= off_tick]
     wrong = ""
     if machine_ms > 1000.0 * PULSES_OFF_S:
-        wrong = f"pulses off after {machine_ms:.0f} ms"
+        heard = rows[1:][rows["heard"][1:] > rows["heard"][:-1]][-1]
+        late_ms = 1000.0 * float(heard["time_s"] - killed_s)
+        wrong = (
+            f"pulses off after {machine_ms:.0f} ms; its last frame was read {late_ms:+.0f} ms from the kill"
+        )
     elif off[-1]["pulses"] > off[0]["pulses"]:
         wrong = "pulses after the fault"
     return Kill(machine_ms, wall_ms, wrong)
@@ -199,7 +208,8 @@ def main() -> int:
         killed = [kill for lot in lots for kill in lot]
         each = arguments.signals // jobs
         stopped = list(pool.map(lambda seed: signal_runs(home, each, seed, kind), seeds))
-    print(f"{len(killed)} hosts of {kind} killed while sparking")
+    lost = sum(kill.starts - 1 for kill in killed)
+    print(f"{len(killed)} hosts of {kind} killed while sparking; {lost} more did not get there or starved")
     if killed:
         _tell("of the machine's time", [kill.machine_ms for kill in killed], 1000.0 * PULSES_OFF_S)
         _tell("on the wall, until the account has it", [kill.wall_ms for kill in killed])
