@@ -153,7 +153,9 @@ def known_controller(name: str) -> str:
 
     if name not in CONTROLLERS:
         raise UsageError(
-            f"There is no controller {name}.", hint=f"Say {', '.join(CONTROLLERS)}.", code="E2049"
+            f"There is no controller {name}: it is one of {', '.join(CONTROLLERS)}.",
+            hint="Name one of them, or leave it out.",
+            code="E2049",
         )
     return name
 
