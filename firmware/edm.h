@@ -4,11 +4,12 @@
 
 #include "core/controller.h"
 
-/* Makes a controller in the caller's memory: parameters at their defaults, IDLE, tool taken to rest at 0 V. `keeps` are
- * the words that outlasted the supply or the reset, NULL for none. edm_start follows. */
+/* Makes a controller in the caller's memory: parameters at their defaults, IDLE, tool taken to be where the monitor says.
+ * `keeps` are the words that outlasted the supply or the reset, NULL for none. edm_start follows. */
 void edm_create(struct edm_controller *c, void *board, const struct edm_identity *identity,
                 const struct edm_persistent *keeps);
-/* Starts it, as a reset of that cause does: no session, pulses off, tool back, BOOT sent (docs/protocol.md, Session). */
+/* Starts it, as a reset of that cause does: no session, pulses off, tool back (after RESET_CAUSE_POWER_ON from 0 V, by no
+ * ramp), BOOT sent (docs/protocol.md, Session). */
 void edm_start(struct edm_controller *c, uint8_t cause);
 
 /* Takes bytes of the line and carries out the commands in them; returns how many were taken. It stops early behind an

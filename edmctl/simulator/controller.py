@@ -332,6 +332,8 @@ class VirtualController:
         self.guards.restart()
         self.parameters.reset()
         self.plant.look()  # so that a bench that is restored from here goes on bit for bit
+        if cause is m.ResetCause.POWER_ON:  # the converter has come back at 0 V
+            self.loop.command_v = self.plant.drive.actuator_v = 0.0
         self.motion.start_ramp(0.0, self.parameters.retract_v_s)
         self.motion.stop_stage()
         self.reset_asked = self.disarming = self.pulses_allowed = False

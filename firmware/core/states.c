@@ -168,6 +168,9 @@ void edm_start(struct edm_controller *c, uint8_t cause) {
     c->link.drop = 0;
     session_begin(c, 0);
     parameters_reset(c);
+    if (cause == RESET_CAUSE_POWER_ON) { /* the converter stands at 0 V, whatever the monitor reads */
+        c->motion.command_v = c->drive.actuator_v = 0;
+    }
     motion_ramp(c, 0, c->settings.retract_v_s);
     stages_stop(c);
     c->link.reboot_asked = c->disarming = c->pulses_allowed = false;

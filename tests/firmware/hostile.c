@@ -163,14 +163,18 @@ static void start(uint8_t cause) {
     greet();
 }
 
-static void set_up(const struct edm_persistent *words, real monitor_v) {
+static void set_up_after(uint8_t cause, const struct edm_persistent *words, real monitor_v) {
     static const struct edm_identity identity = {.serial = "HOSTILE", .host_time_scale = 1};
     gate = true; /* as a reset may have left it */
     inputs = (struct edm_inputs){.hv_supply_ok = true, .level_ok = true, .flow_lpm = 1, .temperature_c = 20,
                                  .monitor_v = monitor_v};
     edm_create(&c, NULL, &identity, words);
     HOLDS(!gate);
-    start(RESET_CAUSE_POWER_ON);
+    start(cause);
+}
+
+static void set_up(const struct edm_persistent *words, real monitor_v) {
+    set_up_after(RESET_CAUSE_POWER_ON, words, monitor_v);
 }
 
 static void stage_parameter(int row, int32_t value) {
@@ -418,10 +422,14 @@ static void cases(void) {
 
     const real monitors[] = {100, R(150.4), 200, NAN, R(1e30), -3}, commands[] = {100, 150, 0, 0, 0, 0};
     for (int i = 0; i < 6; i++) { /* where a reset has left the tool, by a monitor that is right or cannot be */
-        set_up(NULL, monitors[i]);
+        set_up_after(RESET_CAUSE_EXTERNAL, NULL, monitors[i]);
         HOLDS(!(magnitude(c.motion.command_v - commands[i]) > R(0.001)));
         HOLDS(!(magnitude(c.drive.actuator_v - commands[i]) > DAC_V));
         HOLDS(c.state == (commands[i] > 0 ? STATE_BOOT : STATE_IDLE));
+        set_up(NULL, monitors[i]); /* without supply the converter did not keep its voltage: no monitor is believed */
+        HOLDS(c.motion.command_v <= 0 && c.drive.actuator_v <= 0 && c.state == STATE_IDLE);
+        run(1, 0);
+        HOLDS(c.drive.actuator_v <= 0);
     }
 
     struct edm_persistent words; /* words that did not last */
