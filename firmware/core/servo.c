@@ -65,10 +65,13 @@ static void hold_at_limit(struct edm_controller *c) {
     }
 }
 
-/* A millisecond of a cut or scan: its limit, its time, and whether sparks are lost (fault 3005). */
+/* A millisecond of a cut or scan: its limit, its time, whether its depth is known (fault 2001) and sparks are lost (3005). */
 int servo_tick(struct edm_controller *c) {
     struct edm_gap *gap = &c->gap;
     struct edm_servo *servo = &c->servo;
+    if (gap->displacement_um >= DISPLACEMENT_FAILED_UM) {
+        return FAULT_TRAVEL_LIMIT; /* nobody knows how deep: no limit that has been reached */
+    }
     decide(c);
     servo->time_ticks--;
     if (c->scan.scanning) {

@@ -133,7 +133,7 @@ enum {
     FAULT_HOST_SILENT = 1001,  /* no new frame of the session for watchdog_s while armed; a new session while armed; an event that finds 30 others unacknowledged */
     FAULT_ABORT_RUN = 1002,  /* eight or more zero bytes in a row */
     FAULT_LINE_NOISE = 1003,  /* bad_frames frames with a bad check within 1 s while armed */
-    FAULT_TRAVEL_LIMIT = 2001,  /* servo or approach wants more than piezo_max_v for 0.5 s */
+    FAULT_TRAVEL_LIMIT = 2001,  /* servo or approach wants more than piezo_max_v for 0.5 s; machining: the displacement sensor reads what no displacement is */
     FAULT_PIEZO_TRACK = 2002,  /* voltage monitor off the command by more than track_error of 150 V for track_s */
     FAULT_PIEZO_OV = 2003,  /* voltage monitor below monitor_min_v or above monitor_max_v */
     FAULT_STAGE_LIMIT = 2004,  /* limit switch closes while a stage moves */

@@ -69,9 +69,9 @@ def _fails(bench: VirtualBench, part: str, name: str, value: float) -> None:
 @pytest.mark.parametrize(
     ("part", "name", "value", "state", "fault"),
     [
-        ("unit", "sensor_gain", math.nan, m.State.ARMED, 0),
-        ("unit", "sensor_gain", -math.inf, m.State.ARMED, 0),
-        ("unit", "sensor_drift_um_s", -1e9, m.State.ARMED, 0),
+        ("unit", "sensor_gain", math.nan, m.State.FAULT, 2001),
+        ("unit", "sensor_gain", -math.inf, m.State.FAULT, 2001),
+        ("unit", "sensor_drift_um_s", -1e9, m.State.FAULT, 2001),
         ("unit", "monitor_gain", math.nan, m.State.FAULT, 2003),
         ("unit", "monitor_gain", -math.inf, m.State.FAULT, 2003),
         ("unit", "off_time_a", math.nan, m.State.FAULT, 3004),
