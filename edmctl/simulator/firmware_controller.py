@@ -404,6 +404,10 @@ class FirmwareController:
         if self._failed is not None:
             self._raise_failed()
         seen = self.seen
+        if seen.lost_frames:
+            raise RuntimeError(
+                f"{seen.lost_frames} frames of the core did not fit into its memory of the line"
+            )
         if seen.out_bytes:
             self.drain()
         if (seen.arms, seen.touch_offs) != self._noted:
