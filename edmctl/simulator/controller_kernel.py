@@ -82,6 +82,7 @@ def judge_tick(
     row[3] = charge
     row[4] = loop.tick_counts
     row[5] = loop.link_state * 256 + flags
+    loop.contact |= readings.contact
     if readings.tick == loop.tlm_next:
         write_sample(settings, loop, drive, flags, samples)
     return happened
@@ -111,7 +112,8 @@ def write_sample(settings: Settings, loop: LoopState, drive: Drive, flags: int, 
     sample.n_short = min(255, count_of(counts, SHORT))
     sample.n_open = min(255, count_of(counts, OPEN))
     sample.state = loop.link_state
-    sample.flags = flags
+    sample.flags = flags | loop.contact << 1
     loop.tlm_n += 1
     loop.charge_uc = 0.0
+    loop.contact = 0
     loop.sample_counts = 0

@@ -178,7 +178,8 @@ class LoopState(Record):
     link_state: int  # as the link names it
     tlm_next: int  # tick at whose end the next sample is due; -1 = none
     tlm_n: int  # samples pending
-    charge_uc: float  # of the running sample
+    contact: int  # 1: the contact circuit was closed in a millisecond of the running sample
+    charge_uc: float  # of that sample
     sample_counts: int  # of its pulses, packed as tick_counts
     tick_counts: int  # pulses of the last millisecond: PACK bits a class, in the order of PulseClass
     pulse_no: int

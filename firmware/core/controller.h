@@ -240,6 +240,7 @@ struct edm_telemetry {
     int64_t next;        /* tick at whose end the next sample is due; -1: none */
     int32_t ticks;       /* period */
     uint8_t batch, log;  /* PulseLog */
+    bool contact;        /* in a millisecond of the running sample */
     uint16_t counter, pulse_counter;
     uint32_t dropped;    /* samples, before the next frame */
     int32_t pending;     /* samples */

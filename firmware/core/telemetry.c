@@ -49,6 +49,7 @@ uint8_t telemetry_start(struct edm_controller *c, const struct tlm_start *reques
     t->pending = 0;
     memset(&t->counts, 0, sizeof t->counts);
     t->charge_uc = 0;
+    t->contact = false;
     t->batch = request->batch;
     t->log = request->pulse_log;
     begin_log(t);
@@ -118,13 +119,14 @@ void telemetry_sample(struct edm_controller *c, uint8_t flags) {
         .gap_v = c->gap.gap_v,
         .charge_uc = t->charge_uc,
         .state = c->state,
-        .flags = flags,
+        .flags = (uint8_t)(flags | (t->contact ? TLM_FLAGS_CONTACT : 0)),
     };
     for (int k = 0; k < 4; k++) {
         sample.counts[k] = at_most_255(t->counts.of[k]);
     }
     telemetry_write(t->samples[t->pending++], &sample, t->ticks);
     t->charge_uc = 0;
+    t->contact = false;
     memset(&t->counts, 0, sizeof t->counts);
 }
 

@@ -70,6 +70,7 @@ int edm_tick_end(struct edm_controller *c) {
     }
     uint8_t flags = flags_of(c);
     blackbox_record(c, flags);
+    c->telemetry.contact = c->telemetry.contact || c->readings.contact;
     if (c->tick == c->telemetry.next) {
         telemetry_sample(c, flags);
     }

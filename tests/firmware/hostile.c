@@ -399,6 +399,23 @@ static void cases(void) {
         HOLDS(!gate && c.keeps.fault == FAULT_NO_SPARK && c.gap.displacement_um < last_um + 17);
     }
 
+    set_up(NULL, 0); /* contact for a millisecond of a sample of ten */
+    uint8_t tlm[TLM_START_SIZE] = {0};
+    put_u16(tlm, 10000);
+    tlm[2] = 14;
+    send(MSG_TLM_START, tlm, TLM_START_SIZE);
+    HOLDS(c.telemetry.next > 0);
+    for (int ms = 1; ms <= 30; ms++) {
+        begin();
+        readings(0);
+        c.readings.contact = ms == 13;
+        end();
+    }
+    HOLDS(c.telemetry.pending == 3);
+    for (int i = 0; i < 3; i++) {
+        HOLDS((c.telemetry.samples[i][TLM_RECORD_SIZE - 1] & TLM_FLAGS_CONTACT) == (i == 1 ? TLM_FLAGS_CONTACT : 0));
+    }
+
     set_up(NULL, 0); /* more pulses than there is room for */
     arm();
     cut();
