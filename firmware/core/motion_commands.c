@@ -17,6 +17,7 @@ static int64_t ticks(real seconds) {
     return n > 1 ? n : 1;
 }
 
+/* Nothing moves, and the actuator is at 0 V. */
 static bool armed_at_rest(const struct edm_controller *c) {
     return c->state == STATE_ARMED && c->motion.mode == HOLD && c->motion.command_v <= 0;
 }

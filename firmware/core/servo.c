@@ -7,6 +7,7 @@
 #define HELD_WITHIN_UM R(1.0) /* of its limit a scanning tool is held */
 #define LOST_TICKS 100 /* all open, before the way since the last spark counts */
 
+/* Full speed one way or the other; `error` is the gap voltage above its reference, over the duty voltage. */
 static void relay(struct edm_controller *c, real error) {
     const struct edm_settings *s = &c->settings;
     struct edm_servo *servo = &c->servo;
@@ -18,6 +19,7 @@ static void relay(struct edm_controller *c, real error) {
     servo->rate_v_s = (servo->direction > 0 ? s->forward_um_s : -s->back_um_s) * s->v_per_um;
 }
 
+/* Speed in proportion to that error and to its integral, within the two speeds. */
 static void pi_law(struct edm_controller *c, real error) {
     const struct edm_settings *s = &c->settings;
     struct edm_servo *servo = &c->servo;
@@ -65,7 +67,8 @@ static void hold_at_limit(struct edm_controller *c) {
     }
 }
 
-/* A millisecond of a cut or scan: its limit, its time, whether its depth is known (fault 2001) and sparks are lost (3005). */
+/* A millisecond of a cut or scan: whether its depth is known (else fault 2001), its limit, its time, and whether sparks are
+ * lost (3005). */
 int servo_tick(struct edm_controller *c) {
     struct edm_gap *gap = &c->gap;
     struct edm_servo *servo = &c->servo;

@@ -20,6 +20,7 @@ static int64_t arrival_tick(const struct edm_stages *s) {
     return s->travels ? s->start_tick + s->travel_ticks + SETTLE_TICKS : NEVER;
 }
 
+/* Whether a stage that travels should be at rest by now. */
 bool stages_arrived(const struct edm_controller *c) {
     return c->tick >= arrival_tick(&c->stages);
 }

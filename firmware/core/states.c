@@ -20,6 +20,7 @@ static void latch(struct edm_controller *c, uint16_t code) {
     hal_persist(c->board, &c->keeps);
 }
 
+/* Keeps what is known of the time before a fault. */
 static void freeze(struct edm_controller *c) {
     blackbox_freeze(c);
     waveforms_freeze(c);
@@ -60,6 +61,7 @@ void states_stop_motion(struct edm_controller *c) {
     events_emit(c, EVENT_CODE_STOPPED);
 }
 
+/* The end of a ramp is an event, but for that of BOOT or of a fault. */
 static void end_ramp(struct edm_controller *c) {
     if (c->state == STATE_BOOT) {
         states_enter(c, STATE_IDLE);

@@ -25,6 +25,7 @@ static real bytes_per_second(const struct edm_controller *c, const struct tlm_st
     return bytes_s;
 }
 
+/* Forgets pulses that are pending, the block begun among them. */
 static void begin_log(struct edm_telemetry *t) {
     t->log_pending = 0;
     t->block_pulses = 0;
@@ -130,6 +131,7 @@ void telemetry_sample(struct edm_controller *c, uint8_t flags) {
     memset(&t->counts, 0, sizeof t->counts);
 }
 
+/* Makes a record of the block begun, whole or not. */
 static void close_block(struct edm_telemetry *t) {
     if (t->block_pulses == 0) {
         return;
@@ -148,6 +150,7 @@ static void close_block(struct edm_telemetry *t) {
     t->log_pending = pending;
 }
 
+/* Makes a record of pulse i of the tick. */
 static void log_one(struct edm_telemetry *t, const struct edm_readings *readings, int i, uint8_t pulse_class) {
     const struct pulses_record pulse = {
         .pulse_class = pulse_class,
@@ -207,6 +210,7 @@ static void send_samples(struct edm_controller *c, int32_t count) {
     memmove(t->samples, t->samples[count], (size_t)t->pending * TLM_RECORD_SIZE);
 }
 
+/* Sends n records, pulses or blocks, in a frame; the time of the next one follows from theirs. */
 static void send_pulse_frame(struct edm_controller *c, const uint8_t *records, int32_t n) {
     struct edm_telemetry *t = &c->telemetry;
     uint8_t payload[MAX_PAYLOAD];

@@ -18,6 +18,7 @@ static uint8_t flags_of(const struct edm_controller *c) {
     return (uint8_t)bits;
 }
 
+/* Judges the pulses of the millisecond, or that there were none. */
 static int judge_gap(struct edm_controller *c) {
     if (!c->drive.pulses_on) {
         return gap_rest(c);
@@ -31,6 +32,7 @@ static int judge_gap(struct edm_controller *c) {
     return gap_measure(c, shorts);
 }
 
+/* Takes over the displacement, µm, and low-passes it. */
 static void read_displacement(struct edm_controller *c) {
     real displacement = c->readings.sensor_um;
     if (c->settings.sensor_missing) {

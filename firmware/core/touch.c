@@ -3,6 +3,7 @@
 
 #define BACK_OFF_TICKS 200 /* for the contact to open after a back-off */
 
+/* Lets the tool go back by back_off_um, not below 0 V. */
 static void back_off(struct edm_controller *c) {
     struct edm_motion *m = &c->motion;
     m->target_v = most(0, m->command_v - c->touch.back_v);
@@ -24,6 +25,7 @@ static int hunt(struct edm_controller *c) {
     return TOUCHED;
 }
 
+/* The contact must be open now; then the next touch, or the end. */
 static int end_of_back_off(struct edm_controller *c) {
     if (c->readings.contact) {
         return FAULT_STUCK_CONTACT;
@@ -36,6 +38,7 @@ static int end_of_back_off(struct edm_controller *c) {
     return NOTHING;
 }
 
+/* A millisecond of a touch: what it must not see, then its phase. */
 int touch_tick(struct edm_controller *c) {
     const struct edm_motion *m = &c->motion;
     bool contact = c->readings.contact != 0;
