@@ -1,6 +1,7 @@
 """Send random schedules to the virtual controller and to the firmware's core over equal plants; compare all bytes.
 
     python benchmarks/firmware_differences.py [--schedules 200] [--steps 500] [--from 1] [--pair python firmware]
+                                              [--wide]
 
 A schedule mixes sensible work with damaged, repeated and foreign frames, aborts, restarts, injected faults and
 senseless values (tests/firmware/schedules.py). After each step what both have sent, their states and their plants
@@ -16,7 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.firmware.schedules import Difference, Schedule
+from tests.firmware.schedules import Difference, Schedule, WideSchedule
 
 
 def main() -> int:
@@ -28,11 +29,15 @@ def main() -> int:
     parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--from", dest="first", type=int, default=1)
     parser.add_argument("--pair", nargs=2, default=["python", "firmware"])
+    parser.add_argument(
+        "--wide", action="store_true", help="parameters of any value, readings that cannot be"
+    )
     options = parser.parse_args()
+    kind = WideSchedule if options.wide else Schedule
     commands, ticks, start_s = 0, 0, time.monotonic()
     faults: set[int] = set()
     for seed in range(options.first, options.first + options.schedules):
-        schedule = Schedule(seed, *options.pair)
+        schedule = kind(seed, *options.pair)
         try:
             schedule.run(options.steps)
         except Difference as difference:

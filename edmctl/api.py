@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self, SupportsIndex
 
 from edmctl.errors import UsageError
-from edmctl.jobs.connect import seed_warning
+from edmctl.jobs.connect import controller_warning, seed_warning
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import SIMULATOR, JobRequest, check, where_is
 from edmctl.jobs.resume.selection import name_of_resumed
@@ -387,6 +387,7 @@ def connect(
     wait_s : how long to wait for a port that somebody holds
     home : folder where machines have their own calibrations; without, that of the user
     controller : what drives a new virtual machine: "python", "firmware", "firmware-float"; without, `sim.controller`
+        says it; EdmWarning W4102 at a port, where it has no effect
 
     Raises UsageError E2006 for a name of nothing, E2005 for a seed that no run file holds, E2049 for no controller.
     """
@@ -398,7 +399,7 @@ def connect(
     if controller is not None:
         from edmctl.jobs.connect import known_controller
 
-        known_controller(controller)
+        _doubts(None)(controller_warning(where, known_controller(controller)))
     return Machine(where.selector, seed, _path(setup), wait_s, _path(home), controller or "")
 
 

@@ -4,15 +4,16 @@
 
 #include "core/controller.h"
 
-/* Makes a controller in the caller's memory: parameters at their defaults, IDLE, tool taken to rest at 0 V. `keeps` are
- * the words that outlasted the supply or the reset, NULL for none. edm_start follows. */
+/* Makes a controller in the caller's memory: parameters at their defaults, IDLE, tool taken to be where the monitor says.
+ * `keeps` are the words that outlasted the supply or the reset, NULL for none. edm_start follows. */
 void edm_create(struct edm_controller *c, void *board, const struct edm_identity *identity,
                 const struct edm_persistent *keeps);
 /* The same in memory that has outlasted the reset, with the clock, the black box and the waveforms in it: the black box as far
  * as its checks are right, `waveforms` if the board says that what it has kept of them is whole. */
 void edm_create_again(struct edm_controller *c, void *board, const struct edm_identity *identity,
                       const struct edm_persistent *keeps, bool waveforms);
-/* Starts it, as a reset of that cause does: no session, pulses off, tool back, BOOT sent (docs/protocol.md, Session). */
+/* Starts it, as a reset of that cause does: no session, pulses off, tool back (after RESET_CAUSE_POWER_ON from 0 V, by no
+ * ramp), BOOT sent (docs/protocol.md, Session). */
 void edm_start(struct edm_controller *c, uint8_t cause);
 
 /* Takes bytes of the line and carries out the commands in them; returns how many were taken. It stops early behind an

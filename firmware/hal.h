@@ -1,8 +1,8 @@
 /* What a board supplies. `board` is its own; the core hands back what edm_create was given.
  *
- * Once a millisecond a board fills `edm_readings`, calls edm_tick_end, edm_conclude, edm_watch, edm_receive and
- * edm_tick_begin (edm.h; docs/firmware.md says how), and puts out what then stands in `edm_drive`. Everything else goes
- * through these functions. None may block, and none may call the core.
+ * Once a millisecond a board fills `edm_readings`, calls edm_tick_end, edm_conclude, edm_watch, edm_receive,
+ * edm_line_read and edm_tick_begin (edm.h; docs/firmware.md says how), and puts out what then stands in `edm_drive`.
+ * Everything else goes through these functions. None may block, and none may call the core.
  */
 #ifndef EDM_HAL_H
 #define EDM_HAL_H
@@ -31,13 +31,14 @@ struct edm_drive {
 struct edm_readings {
     real sensor_um;          /* displacement sensor */
     real monitor_v;          /* voltage monitor of the actuator's amplifier */
-    real gap_v;              /* mean gap voltage over the pulses; without pulses that of the gap, NaN where none is measured */
+    real gap_v;              /* mean gap voltage over the periods of the pulses, off-times included; without pulses that of
+                              * the gap, NaN where none is measured */
     real charge_uc;          /* that went through the gap */
-    real generator_siemens;  /* current over voltage drop in a discharge; 0 without one */
+    real generator_siemens;  /* in a discharge, current over (open voltage - gap voltage); 0 without one */
     real off_time_a;         /* current that goes on into the off-time */
-    uint8_t contact;         /* 1: the contact circuit is closed */
+    uint8_t contact;         /* 1: the contact circuit is closed; counts in ARMED, MOVING and TOUCH */
     uint8_t stray_pulses;    /* generator pulses in measure mode */
-    uint8_t pulses;          /* entries of the series below */
+    uint8_t pulses;          /* entries of the series below; with the gate shut none, unless some come all the same */
     int64_t first_pulse_ns;  /* begin of the first one; the millisecond began at (tick of the controller) x 1 000 000 */
     real delay_us[EDM_MOST_PULSES];     /* ignition delay; the on-time when open */
     real discharge_us[EDM_MOST_PULSES]; /* time of current; 0: none */
@@ -83,9 +84,11 @@ struct edm_persistent {
 void hal_send(void *board, const uint8_t *frame, size_t size);
 /* Reads inputs and slow readings. */
 void hal_inputs(void *board, struct edm_inputs *inputs);
-/* Puts the gate of the generator; off within 10 µs. The gate also stands in edm_drive. */
+/* Puts the gate of the generator; off within 10 µs, from any function of edm.h. On comes from edm_tick_begin alone: between
+ * that and what asked for it, in which edm_drive says so already, inputs, watchdog, readings or the line may forbid it. */
 void hal_gate(void *board, bool on);
-/* Sets the generator; returns the conductance of what limits its current, peak over drop in a normal discharge, S. */
+/* Sets the generator; returns the conductance of what limits its current, S: peak current over (open voltage - gap voltage)
+ * in a normal discharge. */
 real hal_set_generator(void *board, const struct edm_generator *setting);
 /* Lets an axis travel to a target (µm; degrees for THETA) at a speed (µm/s, degrees/s). */
 void hal_stage_start(void *board, uint8_t axis, real target, real speed);

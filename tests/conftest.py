@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from hypothesis import settings
 
 from edmctl.cli.start_up import spare_start_up
+from edmctl.firmware.build import CACHE_VARIABLE
 
 if TYPE_CHECKING:
     import pytest
@@ -30,8 +31,19 @@ for _name in ("SIGINT", "SIGTERM", "SIGHUP"):
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Where no bytecode is to be written, keep it beside the tree while they run: each process compiled it all."""
-    if os.environ.pop("PYTHONDONTWRITEBYTECODE", None) is None or hasattr(config, "workerinput"):
+    """Share among all workers, and take away at the end: builds of the firmware, and bytecode.
+
+    Where a folder for builds is named already, they are kept there. Bytecode is kept beside the tree where none is
+    to be written: each process compiled it all.
+    """
+    if hasattr(config, "workerinput"):
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+        return
+    if not os.environ.get(CACHE_VARIABLE):
+        builds = TemporaryDirectory(prefix="edmctl-firmware-")
+        os.environ[CACHE_VARIABLE] = builds.name
+        config.add_cleanup(builds.cleanup)
+    if os.environ.pop("PYTHONDONTWRITEBYTECODE", None) is None:
         return
     folder = TemporaryDirectory(prefix="edmctl-bytecode-")
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = folder.name

@@ -118,8 +118,12 @@ RESULT, NOTES, PROGRESS = ("json", "debug"), ("json", "quiet", "debug"), tuple(_
 
 
 def controlled_by(controller: str | None) -> tuple[str, ...]:
-    """Return the change of the profile that --controller stands for."""
-    return () if controller is None else (f"sim.controller={controller}",)
+    """Return the change of the profile that --controller stands for. Raises UsageError E2049 for no controller."""
+    if controller is None:
+        return ()
+    from edmctl.jobs.connect import known_controller
+
+    return (f"sim.controller={known_controller(controller)}",)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -148,6 +152,7 @@ class JobOptions:
 
         Raises ProfileError, RecordError, UsageError, LinkLost, PreconditionError.
         """
+        from edmctl.jobs.connect import controller_warning
         from edmctl.jobs.plan import JobRequest, check
 
         request = JobRequest(
@@ -162,7 +167,7 @@ class JobOptions:
         )
         plan = check(request, shell())
         outcome.simulated = plan.simulated
-        outcome.warn(plan.loaded.warnings)
+        outcome.warn([*plan.loaded.warnings, *controller_warning(plan.where, self.controller)])
         return plan
 
 

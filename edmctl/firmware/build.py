@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.errors import PreconditionError
+from edmctl.errors import PreconditionError, installing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -39,9 +39,12 @@ _FLAGS = (
 """None changes a result: -fno-trapping-math lets both sides of a choice be calculated, no other sums."""
 _WHOLE = "-flto"
 """Of a tick of 0.4 µs calls between files are a tenth; a compiler that cannot look across them does without."""
+_LIBRARIES = () if sys.platform == "win32" else ("-lm",)
+"""What it needs beside a C library: `exp`, which not every Python has loaded."""
 _LINGER_TICKS = 200
 """The simulator sends telemetry so often at least, in ms: simulator/telemetry.py."""
 _SECONDS = 300
+_ANOTHER = "Name another one in CC, or unset it: then one of the system is taken."
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +79,7 @@ def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Buil
     folder = source_folder()
     sources = [path for part in ("core", "gen", "host") for path in sorted((folder / part).glob("*.c"))]
     arguments = [*_FLAGS, *_defines(real), f"-I{folder / 'core'}", f"-I{folder / 'gen'}"]
-    content = hashlib.sha256(repr([*_FLAGS, *_defines(real)]).encode())
+    content = hashlib.sha256(repr([*_FLAGS, *_defines(real), *_LIBRARIES]).encode())
     for path in sorted(folder.rglob("*.[ch]")):
         content.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
     digest = content.hexdigest()[:16]
@@ -86,9 +89,9 @@ def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Buil
     if library.is_file():
         return Build(library, real, digest, said, is_new=False)
     try:
-        _compile([*command, *arguments, _WHOLE, *map(str, sources)], library)
+        _compile([*command, *arguments, _WHOLE, *map(str, sources), *_LIBRARIES], library)
     except PreconditionError:
-        _compile([*command, *arguments, *map(str, sources)], library)
+        _compile([*command, *arguments, *map(str, sources), *_LIBRARIES], library)
     return Build(library, real, digest, said, is_new=True)
 
 
@@ -119,7 +122,7 @@ def compiler(named: str = "") -> tuple[str, ...]:
             return tuple(shlex.split(named))
         except ValueError as error:
             raise PreconditionError(
-                f"CC names no C compiler: {error} in {named!r}.", hint="Name another one in CC.", code="E8093"
+                f"CC names no C compiler: {error} in {named!r}.", hint=_ANOTHER, code="E8093"
             ) from error
     for name in _COMPILERS:
         if path := shutil.which(name):
@@ -129,7 +132,7 @@ def compiler(named: str = "") -> tuple[str, ...]:
         return (sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline")
     raise PreconditionError(
         "There is no C compiler to build the firmware with.",
-        hint="`pip install edmctl[firmware]` brings one; CC names another.",
+        hint=f"{installing('ziglang')} brings one; CC names another.",
         code="E8093",
     )
 
@@ -142,8 +145,8 @@ def _version(command: tuple[str, ...]) -> str:
         )
     except (OSError, subprocess.SubprocessError) as error:
         raise PreconditionError(
-            f"The C compiler {shlex.join(command)} does not run: {error}.",
-            hint="Name another one in CC.",
+            f"The C compiler {shlex.join(command)} does not run: {_reason(error)}.",
+            hint=_ANOTHER,
             code="E8093",
         ) from error
     return next(iter(done.stdout.splitlines()), "").strip()
@@ -153,7 +156,15 @@ def _compile(command: list[str], library: Path) -> None:
     """Build beside the place of the library and move it there: whoever loads it finds a whole one or none."""
     try:
         library.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=library.parent, prefix="building-") as folder:
+        folder_made = tempfile.TemporaryDirectory(dir=library.parent, prefix="building-")
+    except OSError as error:
+        raise PreconditionError(
+            f"The firmware's library cannot be kept in {library.parent}: {error.strerror}.",
+            hint=f"Name a folder that can be written in {CACHE_VARIABLE}.",
+            code="E8094",
+        ) from error
+    try:
+        with folder_made as folder:
             made = Path(folder) / library.name
             done = subprocess.run(
                 [*command, "-o", str(made)], capture_output=True, text=True, timeout=_SECONDS, check=False
@@ -165,7 +176,16 @@ def _compile(command: list[str], library: Path) -> None:
             with suppress(FileExistsError):  # on Windows, of another process that was quicker
                 made.replace(library)
     except (OSError, subprocess.SubprocessError) as error:
-        raise failed(str(error)) from error
+        raise failed(f"{_reason(error)}.") from error
+
+
+def _reason(error: OSError | subprocess.SubprocessError) -> str:
+    """Why a program did not run or did not come to its end, in words."""
+    if isinstance(error, subprocess.CalledProcessError):
+        return f"with --version it ends with exit code {error.returncode}"
+    if isinstance(error, subprocess.TimeoutExpired):
+        return f"it is not done after {_SECONDS} s"
+    return str(getattr(error, "strerror", None) or error)
 
 
 def failed(reason: str) -> PreconditionError:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from edmctl.machine.controller import LinkMachine
     from edmctl.profile.setup import Setup
     from edmctl.rules.load import LoadedProfile
-    from edmctl.simulator import BenchConfig
+    from edmctl.simulator import BenchConfig, VirtualBench
 
 VIRTUAL_BEAT_SHARE = 0.8
 """Of the watchdog's time: where time is virtual nothing is late."""
@@ -45,6 +45,15 @@ def seed_warning(where: MachineAddress, asked: int | None) -> list[Diagnostic]:
         message = f"Seed {asked} has no effect on the controller at {where.selector}."
         hint = "Give the seed to `edmctl simulate serve` where the controller is a virtual one."
     return [Diagnostic("W4101", message, hint, is_warning=True)]
+
+
+def controller_warning(where: MachineAddress, asked: str | None) -> list[Diagnostic]:
+    """Return what is to be said of a `--controller` for a machine that is not in this process."""
+    if not asked or where.in_process:
+        return []
+    message = f"--controller {asked} has no effect on the controller at {where.selector}."
+    hint = "Give it to `edmctl simulate serve` where the controller is a virtual one."
+    return [Diagnostic("W4102", message, hint, is_warning=True)]
 
 
 @contextmanager
@@ -88,15 +97,23 @@ def connected(
 
 def introduction(where: MachineAddress, bench: ConnectedMachine) -> str:
     """Return what is said of the machine at the start of a run."""
-    identity = bench.machine.identity
+    identity, under = bench.machine.identity, driver(bench.virtual)
     if where.bench_file is not None:
         new = "" if bench.seed is None else f", new with seed {bench.seed}"
-        return f"simulated run on the virtual machine {identity.serial} of {where.bench_file}{new}"
+        return f"simulated run on the virtual machine {identity.serial} of {where.bench_file}{under}{new}"
     if where.in_process:
-        return f"simulated run on the virtual machine, seed {bench.seed}"
+        return f"simulated run on the virtual machine{under}, seed {bench.seed}"
     if identity.simulated:
         return f"simulated run on the virtual controller {identity.serial} at {identity.transport}"
     return f"machine {identity.serial} at {identity.transport}, firmware {identity.firmware}"
+
+
+def driver(bench: VirtualBench | None) -> str:
+    """Return the words on what drives a virtual machine; none on the virtual controller."""
+    from edmctl.simulator.config import PYTHON
+
+    kind = PYTHON if bench is None else bench.plant.config.controller
+    return "" if kind == PYTHON else f" under the controller {kind}"
 
 
 @contextmanager
@@ -136,7 +153,9 @@ def known_controller(name: str) -> str:
 
     if name not in CONTROLLERS:
         raise UsageError(
-            f"There is no controller {name}.", hint=f"Say {', '.join(CONTROLLERS)}.", code="E2049"
+            f"There is no controller {name}: it is one of {', '.join(CONTROLLERS)}.",
+            hint="Name one of them, or leave it out.",
+            code="E2049",
         )
     return name
 

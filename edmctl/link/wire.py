@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import fields as dataclass_fields
 from typing import TYPE_CHECKING, ClassVar, Generic, Self, TypeVar, cast
 
@@ -31,6 +31,7 @@ _MISFIT = (struct.error, OverflowError, ValueError)
 """What packing raises for a value that its wire type cannot hold."""
 
 ReplyT_co = TypeVar("ReplyT_co", covariant=True)
+MessageT = TypeVar("MessageT", bound="Message")
 
 
 @dataclass(slots=True)
@@ -149,6 +150,23 @@ def _compile(kind: type[Message]) -> None:
     # `pack` comes last, for another thread takes it as the sign that both are there.
     kind.unpack = classmethod(made["unpack"])  # type: ignore[assignment, method-assign]
     kind.pack = made["pack"]  # type: ignore[assignment, method-assign]
+
+
+def saturated(message: MessageT) -> MessageT:
+    """Return a message as a controller sends it.
+
+    A measured value beyond its type is the limit of that, and what is no number the lower one.
+    """
+    values = {}
+    for field, type_ in zip(dataclass_fields(message), message.WIRE.split(), strict=True):
+        code, _, counts = type_.partition("/")
+        if counts:
+            bits = 8 * struct.calcsize(STRUCT_CODES[code])
+            least = -(1 << bits - 1) if code.startswith("i") else 0
+            value = getattr(message, field.name) * int(counts)
+            most = least + (1 << bits) - 1
+            values[field.name] = (most if value > most else value if value >= least else least) / int(counts)
+    return replace(message, **values)
 
 
 def _packed(name: str, type_: str) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.link import messages as m
 from edmctl.link.messages import State, Status
+from edmctl.link.wire import saturated
 from edmctl.simulator.controller_state import HOLD
 from edmctl.simulator.injection import Trigger
 from edmctl.simulator.link_endpoint import OK
@@ -194,7 +195,7 @@ class ServiceCommands:
             monitor_v=plant.monitor_v(),
             flags=self._c.black_box.newest_flags(self._c.tick),
         )
-        return Status.OK, reply.pack()
+        return Status.OK, saturated(reply).pack()
 
     def _black_box(self, request: m.BlackboxRead) -> Outcome:
         c = self._c

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import EventCode, Interlocks, State
+from edmctl.link.wire import saturated
 from edmctl.simulator import controller_state as k
 from edmctl.simulator.controller_state import LoopState, Settings
 from edmctl.simulator.fault_recorder import BlackBox, Waveforms
@@ -241,7 +242,7 @@ class VirtualController:
             displacement_um=self.loop.displacement_um if z_um is None else z_um,
             actuator_v=self.plant.drive.actuator_v if v is None else v,
         )
-        self.link.send_event(event)
+        self.link.send_event(saturated(event))
         self._repeat_later()
 
     def _conclude(self, happened: int) -> None:
@@ -303,7 +304,7 @@ class VirtualController:
             displacement_um=self.loop.displacement_um,
             gap_v=self.loop.gap_v,
         )
-        self.link.send_event(report)
+        self.link.send_event(saturated(report))
         self._repeat_later()
 
     def _freeze(self) -> None:
@@ -328,8 +329,11 @@ class VirtualController:
         """Start anew: no session, default parameters, pulses off, tool retracting. A latched fault outlives it."""
         self.telemetry.restart()
         self.link.restart()
+        self.guards.restart()
         self.parameters.reset()
         self.plant.look()  # so that a bench that is restored from here goes on bit for bit
+        if cause is m.ResetCause.POWER_ON:  # the converter has come back at 0 V
+            self.loop.command_v = self.plant.drive.actuator_v = 0.0
         self.motion.start_ramp(0.0, self.parameters.retract_v_s)
         self.motion.stop_stage()
         self.reset_asked = self.disarming = self.pulses_allowed = False

@@ -9,8 +9,9 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import compiled
-from edmctl.simulator.controller_state import ARC, NORMAL, NOTHING, OPEN, SHORT
+from edmctl.simulator.controller_state import ARC, DISPLACEMENT_FAILED_UM, NORMAL, NOTHING, OPEN, SHORT
 from edmctl.simulator.gap_monitor import (
+    CHARGE_MOST_UC,
     count_of,
     judge_pulses,
     measure_gap,
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
 BOX_TICKS = 2048  # milliseconds in the fault recorder; a power of two
 BOX_COLUMNS = 6
-DISPLACEMENT_MOST_UM = 2e6  # no displacement is beyond it; what is no number counts as this
 
 
 @compiled
@@ -44,21 +44,27 @@ def judge_tick(
 ) -> int:
     """Look at the millisecond that ended, decide how to go on, record it; returns what happened."""
     happened = NOTHING
+    charge = readings.charge_uc if abs(readings.charge_uc) <= CHARGE_MOST_UC else 0.0
     if drive.pulses_on == 0:
-        rest_gap(loop, readings)
+        happened = rest_gap(loop, readings)
     elif readings.pulses == 0:
+        loop.stray_ticks = 0
         happened = wait_for_pulse(settings, loop)
     else:
+        loop.stray_ticks = 0
         shorts = judge_pulses(settings, loop, readings, blocks, pulses)
-        loop.charge_uc += readings.charge_uc
+        loop.charge_uc += charge
         happened = measure_gap(settings, loop, readings, shorts)
     displacement = readings.sensor_um
     if settings.sensor_missing == 1:
         displacement = drive.actuator_v / settings.v_per_um
-    displacement = displacement if displacement <= DISPLACEMENT_MOST_UM else DISPLACEMENT_MOST_UM
-    displacement = max(displacement, -DISPLACEMENT_MOST_UM)
+    if not abs(displacement) < DISPLACEMENT_FAILED_UM:
+        displacement = DISPLACEMENT_FAILED_UM
     loop.displacement_um = displacement
-    loop.slow_displacement_um += settings.displacement_alpha * (displacement - loop.slow_displacement_um)
+    if displacement >= DISPLACEMENT_FAILED_UM or loop.slow_displacement_um >= DISPLACEMENT_FAILED_UM:
+        loop.slow_displacement_um = displacement  # nothing of a failed reading stays in the filter
+    else:
+        loop.slow_displacement_um += settings.displacement_alpha * (displacement - loop.slow_displacement_um)
     sequence = sequence_tick(settings, loop, drive, readings)
     if happened == NOTHING:
         happened = sequence
@@ -73,9 +79,10 @@ def judge_tick(
     row[0] = displacement
     row[1] = drive.actuator_v
     row[2] = loop.gap_v
-    row[3] = readings.charge_uc
+    row[3] = charge
     row[4] = loop.tick_counts
     row[5] = loop.link_state * 256 + flags
+    loop.contact |= readings.contact
     if readings.tick == loop.tlm_next:
         write_sample(settings, loop, drive, flags, samples)
     return happened
@@ -96,7 +103,7 @@ def write_sample(settings: Settings, loop: LoopState, drive: Drive, flags: int, 
     sample = samples[loop.tlm_n]
     sample.displacement_um = math.floor(loop.displacement_um * 1000.0 + 0.5)
     sample.actuator_v = int(drive.actuator_v * STEPS_PER_V + 0.5)
-    sample.gap_v = min(65535, int(loop.gap_v * 200.0 + 0.5))
+    sample.gap_v = max(0, min(65535, int(loop.gap_v * 200.0 + 0.5)))
     mean_a = loop.charge_uc / (settings.tlm_ticks * 1000.0)
     sample.current_a = max(0, min(65535, int(mean_a * 1000.0 + 0.5)))
     counts = loop.sample_counts
@@ -105,7 +112,8 @@ def write_sample(settings: Settings, loop: LoopState, drive: Drive, flags: int, 
     sample.n_short = min(255, count_of(counts, SHORT))
     sample.n_open = min(255, count_of(counts, OPEN))
     sample.state = loop.link_state
-    sample.flags = flags
+    sample.flags = flags | loop.contact << 1
     loop.tlm_n += 1
     loop.charge_uc = 0.0
+    loop.contact = 0
     loop.sample_counts = 0

@@ -59,6 +59,7 @@ OPEN, NORMAL, ARC, SHORT = range(4)
 PACK = 12  # bits of the count of one pulse class; four of them fit into a float exactly
 LOG_OFF, LOG_BLOCKS, LOG_FULL = range(3)
 RELAY, PI_LAW = range(2)
+DISPLACEMENT_FAILED_UM = 2e6  # what a failed reading counts as: no displacement is that far
 HISTORY = 64  # servo decisions remembered, for latency; a power of two
 
 
@@ -124,6 +125,7 @@ class LoopState(Record):
     tick_gap_v: float  # mean gap voltage of the last millisecond
     shorted: int
     silent_ticks: int  # since the last pulse
+    stray_ticks: int  # in a row with pulses although the gate is shut
     short_ticks: int
     open_ticks: int
     arc_run: int
@@ -176,7 +178,8 @@ class LoopState(Record):
     link_state: int  # as the link names it
     tlm_next: int  # tick at whose end the next sample is due; -1 = none
     tlm_n: int  # samples pending
-    charge_uc: float  # of the running sample
+    contact: int  # 1: the contact circuit was closed in a millisecond of the running sample
+    charge_uc: float  # of that sample
     sample_counts: int  # of its pulses, packed as tick_counts
     tick_counts: int  # pulses of the last millisecond: PACK bits a class, in the order of PulseClass
     pulse_no: int

@@ -97,7 +97,7 @@ def _records(rows: NDArray[np.float64]) -> bytes:
     records = np.zeros(len(rows), dtype=Tlm.record_dtype())
     records["displacement_um"] = np.floor(rows[:, 0] * 1000.0 + 0.5)
     records["actuator_v"] = rows[:, 1] * STEPS_PER_V + 0.5
-    records["gap_v"] = np.minimum(_MOST, rows[:, 2] * 200.0 + 0.5)
+    records["gap_v"] = np.clip(rows[:, 2] * 200.0 + 0.5, 0, _MOST)
     records["current_a"] = np.clip(rows[:, 3] / 1000.0 * 1000.0 + 0.5, 0, _MOST)
     counts = rows[:, 4].astype(np.int64)
     for name, index in _COUNTS:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from edmctl.errors import RunFileError
 from edmctl.firmware.library import CALLBACKS, Callbacks, Inputs, Seen, library
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import ResetCause, State, Tlm
@@ -403,6 +404,10 @@ class FirmwareController:
         if self._failed is not None:
             self._raise_failed()
         seen = self.seen
+        if seen.lost_frames:
+            raise RuntimeError(
+                f"{seen.lost_frames} frames of the core did not fit into its memory of the line"
+            )
         if seen.out_bytes:
             self.drain()
         if (seen.arms, seen.touch_offs) != self._noted:
@@ -435,10 +440,14 @@ class FirmwareController:
         return {"sources": self._library.build.sources, "boot_count": boots, "core": core}
 
     def take_up(self, state: Mapping[str, object]) -> None:
-        """Go on from memory that was kept. ValueError where it is of another build of the core."""
+        """Go on from memory that was kept. RunFileError E9021 where it is of another build of the core."""
         core, at = np.asarray(state["core"]), self._library.inputs_at()
         if state["sources"] != self._library.build.sources or core.shape != (at,):
-            raise ValueError("its firmware is of another version")
+            raise RunFileError(
+                "The saved bench holds the memory of another build of the firmware's core.",
+                hint="Begin a new bench under another name, or go back to the sources of that build.",
+                code="E9021",
+            )
         np.frombuffer(self._memory, np.uint8)[:at] = core
         self._bind()
         self.tell_core()

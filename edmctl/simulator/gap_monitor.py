@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from edmctl.actuator.compiling import compiled
 from edmctl.simulator.controller_state import (
     ARC,
+    DISPLACEMENT_FAILED_UM,
     FAULT_ARC,
     FAULT_GAP_SENSOR,
     FAULT_GENERATOR,
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 
 MISREAD_HIGH = 0.97  # of the open voltage: more is none that a discharge has
 GAP_MOST_V = 1000.0  # beyond it no gap voltage is one
+CHARGE_MOST_UC = 1e6  # beyond it, either way, none is the charge of a millisecond
+CURRENT_MOST_A = 1000.0  # below minus this no current is one
 SILENCE_NS = 100_000_000  # beyond a period, in which pulses must come while they are on
 MISREAD_LOW = 0.5  # of the open voltage: less is none that an open gap has
 
@@ -54,7 +57,7 @@ def judge_pulses(
     for i in range(readings.pulses):
         seen_v = readings.plateau_v[i]
         pulse_class = NORMAL
-        if readings.discharge_us[i] == 0.0:
+        if readings.discharge_us[i] <= 0.0:
             pulse_class = OPEN
             if not seen_v >= low_v:
                 misreads += 1
@@ -104,7 +107,7 @@ def log_pulse(
         entry.pulse_class = pulse_class
         entry.delay_us = min(65535, int(readings.delay_us[i] * 10.0 + 0.5))
         entry.discharge_us = min(65535, int(readings.discharge_us[i] * 10.0 + 0.5))
-        entry.plateau_v = min(255, int(readings.plateau_v[i] * 2.0 + 0.5))
+        entry.plateau_v = max(0, min(255, int(readings.plateau_v[i] * 2.0 + 0.5)))
         loop.log_n += 1
         return
     loop.block_counts += 1 << (PACK * pulse_class)
@@ -154,20 +157,23 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
     else:
         loop.shorted = 0
         loop.short_ticks = 0
-    if mean_v > 0.999 * settings.duty_v:
+    if count_of(loop.tick_counts, OPEN) == readings.pulses:
         # Open pulses on the way back from a retraction are no loss: only those at the last spark count.
         if loop.slow_displacement_um >= loop.last_spark_um - 1.0:
             loop.open_ticks += elapsed
     else:
         loop.open_ticks = 0
-        # The slow reading lags behind a tool that comes back from a jump.
-        loop.last_spark_um = loop.displacement_um
+        if loop.displacement_um < DISPLACEMENT_FAILED_UM:
+            # The slow reading lags behind a tool that comes back from a jump.
+            loop.last_spark_um = loop.displacement_um
     if loop.misreads >= settings.misreads_max:
         return FAULT_GAP_SENSOR
     # Current over voltage drop in a discharge is the conductance that the generator really has.
-    if not readings.charge_uc <= 0.0 and (
-        not readings.off_time_a <= 0.0
-        or not readings.generator_siemens <= settings.over_current * settings.nominal_siemens
+    if not abs(readings.charge_uc) <= CHARGE_MOST_UC:
+        return FAULT_GENERATOR
+    if readings.charge_uc > 0.0 and (
+        not -CURRENT_MOST_A <= readings.off_time_a <= 0.0
+        or not abs(readings.generator_siemens) <= settings.over_current * settings.nominal_siemens
     ):
         return FAULT_GENERATOR
     if loop.short_ticks > settings.short_ticks_max:
@@ -178,12 +184,18 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
 
 
 @compiled
-def rest_gap(loop: LoopState, readings: Readings) -> None:
-    """A millisecond without pulses, in which the gap sensor should read nothing."""
+def rest_gap(loop: LoopState, readings: Readings) -> int:
+    """A millisecond without pulses, in which the gap sensor should read nothing.
+
+    Pulses that come all the same are those of a generator that does not switch off; in the first such millisecond
+    the gate may have been shut.
+    """
     loop.tick_counts = 0
     loop.tick_gap_v = 0.0
     if readings.gap_v >= 0.0:
         loop.tick_gap_v = loop.gap_v = min(readings.gap_v, GAP_MOST_V)
+    loop.stray_ticks = loop.stray_ticks + 1 if loop.watched == 1 and readings.pulses > 0 else 0
+    return FAULT_GENERATOR if loop.stray_ticks > 1 else NOTHING
 
 
 @compiled

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from edmctl.simulator.plant import Plant
 
 NOISE_TICKS = 1000
+FLOW_MOST_LPM, COLDEST_C = 1000.0, -100.0  # beyond these a reading has failed
 
 KERNEL_FAULTS = {
     c.FAULT_TRAVEL: FaultCode.TRAVEL_LIMIT,
@@ -59,11 +60,16 @@ class Guards:
         if parameters.dielectric_required:
             if not plant.dielectric_level_ok:
                 bits |= Interlocks.DIELECTRIC_LEVEL
-            if not plant.dielectric_flow_lpm >= parameters.flow_min_lpm:
+            if not parameters.flow_min_lpm <= plant.dielectric_flow_lpm <= FLOW_MOST_LPM:
                 bits |= Interlocks.DIELECTRIC_FLOW
-            if not plant.dielectric_temperature_c <= parameters.temperature_max_c:
+            if not COLDEST_C <= plant.dielectric_temperature_c <= parameters.temperature_max_c:
                 bits |= Interlocks.DIELECTRIC_HOT
         return int(bits)
+
+    def restart(self) -> None:
+        """Forget, as a reset does, what the line has brought: `rx_bad` counts from 0."""
+        self._bad_frames.clear()
+        self._bad_seen = 0
 
     def too_noisy(self, bad_frames: int, now: int, armed: bool, time_scale: float) -> bool:
         """Whether, with a total of `bad_frames` at tick `now`, too many came within a second while armed."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.link.frame import ABORT_RUN, Frame, FrameDecoder, encode_frame
 from edmctl.link.messages import REQUESTS, Advance, GetSchema, Heartbeat, Hello, Status
+from edmctl.link.wire import saturated
 from edmctl.simulator.plant_interface import TICK_S
 
 if TYPE_CHECKING:
@@ -142,7 +143,7 @@ class LinkEndpoint:
 
     def send_event(self, event: Event | Fault) -> None:
         """Send an event and keep it for repetition."""
-        frame = encode_frame(event.ID, 0, self._session, 0, event.pack())
+        frame = encode_frame(event.ID, 0, self._session, 0, saturated(event).pack())
         self._unacknowledged.append((event.event_no, frame))
         self._out.append(frame)
 

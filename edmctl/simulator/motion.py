@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.simulator.controller_state import HOLD, RAMP, TEST_OFF
+from edmctl.simulator.controller_state import DISPLACEMENT_FAILED_UM, HOLD, RAMP, TEST_OFF
 from edmctl.simulator.plant_interface import PATH_LINES, TICK_S
 
 if TYPE_CHECKING:
@@ -66,7 +66,13 @@ class Motion:
         drive.pulse_starts += 1
         loop.silent_ticks = 0
         loop.open_ticks = loop.short_ticks = loop.shorted = loop.arc_run = loop.misreads = 0
-        loop.last_spark_um = loop.slow_displacement_um
+        loop.last_spark_um = self.place_um
+
+    @property
+    def place_um(self) -> float:
+        """Where a way begins that must not get too long: with a sensor that has failed, as far back as can be."""
+        place_um: float = self._loop.slow_displacement_um
+        return place_um if place_um < DISPLACEMENT_FAILED_UM else -DISPLACEMENT_FAILED_UM
 
     def start_test(self) -> None:
         """Test the gap sensor: generator off first, then on."""

@@ -98,7 +98,7 @@ class MotionCommands:
         loop = self._c.loop
         loop.gap_ref_v = request.gap_ref_v
         loop.slow_v_s = self._c.motion.volts(request.speed_um_s)
-        loop.start_z_um = loop.slow_displacement_um
+        loop.start_z_um = self._c.motion.place_um
         loop.z_max_um = request.max_travel_um
         loop.gap_v = self._c.settings.duty_v
         self._c.motion.pulses_on()

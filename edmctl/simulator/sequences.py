@@ -9,6 +9,7 @@ from edmctl.actuator.compiling import compiled
 from edmctl.simulator.controller_state import (
     APPROACH,
     CUT_DONE,
+    DISPLACEMENT_FAILED_UM,
     FAULT_COLLISION,
     FAULT_GAP_SENSOR,
     FAULT_MODE_SWITCH,
@@ -116,6 +117,8 @@ def approach_tick(loop: LoopState, drive: Drive) -> int:
 
 @compiled
 def cut_tick(settings: Settings, loop: LoopState, drive: Drive) -> int:
+    if loop.displacement_um >= DISPLACEMENT_FAILED_UM:
+        return FAULT_TRAVEL  # nobody knows how deep: no limit that has been reached
     servo_tick(settings, loop)
     loop.time_ticks -= 1
     if loop.scanning == 1:

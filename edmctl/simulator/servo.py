@@ -123,8 +123,11 @@ def servo_tick(settings: Settings, loop: LoopState) -> None:
 
 @compiled
 def hold_at_limit(settings: Settings, loop: LoopState) -> None:
-    """Let the servo feed no faster than brings a scanning tool softly to its limit, from either side."""
+    """Let the servo feed no faster than brings a scanning tool softly to its limit, from either side.
+
+    Nothing slows down the way back out of a short.
+    """
     most = HOLD_PER_S * (loop.z_limit_um - loop.slow_displacement_um)
     if loop.rate_v_s > most * settings.v_per_um:
-        loop.rate_v_s = max(most, -settings.back_um_s) * settings.v_per_um
+        loop.rate_v_s = min(loop.rate_v_s, max(most, -settings.back_um_s) * settings.v_per_um)
         loop.integral_um_s = min(loop.integral_um_s, max(0.0, most))

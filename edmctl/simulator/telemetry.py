@@ -81,6 +81,7 @@ class Telemetry:
         self._drop_pending()
         loop.sample_counts = 0
         loop.charge_uc = 0.0
+        loop.contact = 0
         settings.pulse_log = request.pulse_log
         self._batch = request.batch
         self._full = request.pulse_log == PulseLog.FULL

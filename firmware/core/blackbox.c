@@ -34,7 +34,7 @@ void blackbox_record(struct edm_controller *c, uint8_t flags) {
     sample->displacement_um = c->gap.displacement_um;
     sample->actuator_v = c->drive.actuator_v;
     sample->gap_v = c->gap.gap_v;
-    sample->charge_uc = c->readings.charge_uc;
+    sample->charge_uc = gap_charge(c);
     for (int k = 0; k < 4; k++) {
         sample->counts[k] = (uint8_t)c->gap.tick.of[k]; /* EDM_MOST_PULSES at most */
     }

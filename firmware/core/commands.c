@@ -1,4 +1,5 @@
-/* Commands but for motions: session, arming, faults, parameters, status, telemetry (docs/protocol.md, Messages). */
+/* Commands but for motions: session, arming, faults, parameters, status, telemetry (docs/protocol.md, Messages). Each has
+ * a function, which returns the status of the reply and leaves its payload in c->link. */
 #include "core.h"
 
 #define FW_MAJOR 1

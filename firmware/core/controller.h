@@ -53,9 +53,9 @@ struct edm_counts {
 
 /* What the board says of itself in HELLO, and how it counts. */
 struct edm_identity {
-    char serial[12];
-    uint16_t board;
-    uint32_t baud;       /* of the line, 0: it has none */
+    char serial[12];     /* ASCII, filled up with zeros */
+    uint16_t board;      /* kind of board; 0 is the virtual controller, and a host then takes the machine for simulated */
+    uint32_t baud;       /* of the line, 0: it has none (USB) */
     bool driven;         /* its clock follows ADVANCE: simulated controllers only */
     real host_time_scale; /* controller seconds per second of the host: 1 but for simulated controllers */
 };
@@ -155,9 +155,11 @@ struct edm_motion {
     int64_t phase;       /* ticks since the mode began */
     int64_t phase_ticks, dwell_ticks;
     real command_v, target_v, ramp_v_s, fast_v_s, slow_v_s;
+    real rest_v;         /* of the command */
     real start_z_um, z_max_um;
     int32_t limit_ticks; /* beyond piezo_max_v */
     bool slewed;
+    bool gate_open;      /* as hal_gate was told; drive.pulses_on may be ahead of it until the millisecond begins */
 };
 
 /* stages.c: the way of a single axis. */
@@ -178,6 +180,7 @@ struct edm_gap {
     struct edm_counts tick; /* pulses of the last millisecond */
     bool shorted;
     uint32_t silent_ticks; /* since the last pulse */
+    uint32_t stray_ticks; /* in a row with pulses although the gate is shut */
     int64_t short_ticks, open_ticks;
     int32_t arc_run, misreads;
     real last_spark_um;
@@ -203,6 +206,7 @@ struct edm_jump {
 /* touch.c and self_test.c share the mean of a dwell. */
 struct edm_touch {
     real fast_to_um, back_v, peak_v, sum;
+    real rest;           /* of the sum: what float has rounded away so far, as everything that is called so */
     int64_t count;
     int32_t number, left;
     real test_off_v;
@@ -236,6 +240,7 @@ struct edm_telemetry {
     int64_t next;        /* tick at whose end the next sample is due; -1: none */
     int32_t ticks;       /* period */
     uint8_t batch, log;  /* PulseLog */
+    bool contact;        /* in a millisecond of the running sample */
     uint16_t counter, pulse_counter;
     uint32_t dropped;    /* samples, before the next frame */
     int32_t pending;     /* samples */

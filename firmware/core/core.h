@@ -36,7 +36,7 @@ void parameters_reset(struct edm_controller *c);
 bool parameters_stage(struct edm_controller *c, uint16_t id, int32_t value);
 bool parameters_commit(struct edm_controller *c, uint32_t crc);
 int parameters_row(uint16_t id);
-void parameters_set_generator(struct edm_controller *c, const struct edm_generator *setting);
+void parameters_set_generator(struct edm_controller *c, const struct edm_generator *setting, int32_t period_ns);
 
 /* states.c */
 void states_enter(struct edm_controller *c, uint8_t state);
@@ -53,6 +53,7 @@ void motion_enter(struct edm_controller *c, enum edm_mode mode);
 void motion_hold(struct edm_controller *c);
 void motion_ramp(struct edm_controller *c, real target_v, real slew_v_s);
 void motion_gate(struct edm_controller *c, bool on);
+void motion_open_gate(struct edm_controller *c);
 void motion_pulses_on(struct edm_controller *c);
 int motion_end(struct edm_controller *c, int happened);
 int motion_tick(struct edm_controller *c);
@@ -81,9 +82,14 @@ void scan_end(struct edm_controller *c);
 void scan_release(struct edm_controller *c);
 int scan_tick(struct edm_controller *c);
 
+/* What a failed reading counts as: no displacement is that far. */
+#define DISPLACEMENT_FAILED_UM R(2e6)
+
 /* pulses.c, gap.c */
 int pulses_judge(struct edm_controller *c);
-void gap_rest(struct edm_controller *c);
+int gap_rest(struct edm_controller *c);
+real gap_place(const struct edm_controller *c);
+real gap_charge(const struct edm_controller *c);
 int gap_wait(struct edm_controller *c);
 int gap_measure(struct edm_controller *c, int shorts);
 
@@ -122,6 +128,11 @@ uint8_t waveforms_read(struct edm_controller *c, uint32_t offset, struct edm_rep
 /* Controller time, µs since its start. */
 static inline uint64_t time_us(const struct edm_controller *c) {
     return (uint64_t)(c->tick - c->boot_tick) * TICK_US;
+}
+
+/* The voltage that the actuator's converter makes of one asked for, V. */
+static inline real on_grid(real voltage_v) {
+    return (real)floor_of(voltage_v * STEPS_PER_V + R(0.5)) * DAC_V;
 }
 
 /* A duration of the host's time in ticks of the controller's; they are the same but on simulated ones. */

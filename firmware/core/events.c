@@ -11,6 +11,7 @@ static uint16_t next_number(struct edm_controller *c) {
     return c->keeps.event_no;
 }
 
+/* All that are kept are due again 100 ms of the host after the last one that was sent. */
 static void repeat_later(struct edm_controller *c) {
     c->events.repeat_tick = c->tick + host_ticks(c, REPEAT_TICKS);
 }

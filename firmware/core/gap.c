@@ -2,7 +2,18 @@
 #include "core.h"
 
 #define GAP_MOST_V R(1000.0) /* beyond it no gap voltage is one */
+#define CHARGE_MOST_UC R(1e6) /* beyond it, either way, none is the charge of a millisecond */
+#define CURRENT_MOST_A R(1000.0) /* below minus this no current is one */
 #define SILENCE_NS 100000000 /* beyond a period, in which pulses must come while they are on */
+
+static bool charge_failed(const struct edm_readings *readings) {
+    return !(magnitude(readings->charge_uc) <= CHARGE_MOST_UC);
+}
+
+/* Charge of the millisecond as it is told: 0 for a reading that has failed. */
+real gap_charge(const struct edm_controller *c) {
+    return charge_failed(&c->readings) ? 0 : c->readings.charge_uc;
+}
 
 /* Feeds the low-pass with this tick's mean gap voltage and keeps the counters of the discharge faults. Between slow pulses
  * ticks pass without one; the next pulse then speaks for all of them. */
@@ -20,21 +31,25 @@ int gap_measure(struct edm_controller *c, int shorts) {
     gap->gap_v = mean_v + (gap->gap_v - mean_v) * power_of(R(1.0) - s->filter_alpha, elapsed);
     gap->shorted = shorts == readings->pulses;
     gap->short_ticks = gap->shorted ? gap->short_ticks + elapsed : 0;
-    if (mean_v > R(0.999) * s->duty_v) {
+    if (gap->tick.of[PULSE_CLASS_OPEN] == readings->pulses) {
         /* Open pulses on the way back from a retraction are no loss: only those at the last spark count. */
         if (gap->slow_displacement_um >= gap->last_spark_um - R(1.0)) {
             gap->open_ticks += elapsed;
         }
     } else {
         gap->open_ticks = 0;
-        gap->last_spark_um = gap->displacement_um; /* the slow reading lags behind a tool that comes back from a jump */
+        if (gap->displacement_um < DISPLACEMENT_FAILED_UM) {
+            /* The slow reading lags behind a tool that comes back from a jump. */
+            gap->last_spark_um = gap->displacement_um;
+        }
     }
     if (gap->misreads >= s->misreads_max) {
         return FAULT_GAP_SENSOR;
     }
     /* Current over voltage drop in a discharge is the conductance that the generator really has. */
-    bool over = !(readings->generator_siemens <= s->over_current * s->nominal_siemens);
-    if (!(readings->charge_uc <= 0) && (!(readings->off_time_a <= 0) || over)) {
+    bool over = !(magnitude(readings->generator_siemens) <= s->over_current * s->nominal_siemens);
+    bool goes_on = !(readings->off_time_a <= 0 && readings->off_time_a >= -CURRENT_MOST_A);
+    if (charge_failed(readings) || (readings->charge_uc > 0 && (goes_on || over))) {
         return FAULT_GEN_FAULT;
     }
     if (gap->short_ticks > s->short_ticks_max) {
@@ -43,13 +58,23 @@ int gap_measure(struct edm_controller *c, int shorts) {
     return gap->arc_run >= s->arc_run_max ? FAULT_ARC_BURN : NOTHING;
 }
 
-/* A millisecond without pulses, in which the gap sensor should read nothing. */
-void gap_rest(struct edm_controller *c) {
-    memset(&c->gap.tick, 0, sizeof c->gap.tick);
-    c->gap.tick_gap_v = 0;
+/* Where a way begins that must not get too long: with a sensor that has failed, as far back as can be. */
+real gap_place(const struct edm_controller *c) {
+    real place_um = c->gap.slow_displacement_um;
+    return place_um < DISPLACEMENT_FAILED_UM ? place_um : -DISPLACEMENT_FAILED_UM;
+}
+
+/* A millisecond without pulses, in which the gap sensor should read nothing. Pulses that come all the same are those of a
+ * generator that does not switch off; in the first such millisecond the gate may have been shut. */
+int gap_rest(struct edm_controller *c) {
+    struct edm_gap *gap = &c->gap;
+    memset(&gap->tick, 0, sizeof gap->tick);
+    gap->tick_gap_v = 0;
     if (c->readings.gap_v >= 0) {
-        c->gap.tick_gap_v = c->gap.gap_v = least(c->readings.gap_v, GAP_MOST_V);
+        gap->tick_gap_v = gap->gap_v = least(c->readings.gap_v, GAP_MOST_V);
     }
+    gap->stray_ticks = c->armed && c->readings.pulses > 0 ? gap->stray_ticks + 1 : 0;
+    return gap->stray_ticks > 1 ? FAULT_GEN_FAULT : NOTHING;
 }
 
 /* A millisecond with the generator on in which no pulse began: between slow pulses one like others, else it is dead. */

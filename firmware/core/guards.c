@@ -2,6 +2,8 @@
 #include "core.h"
 
 #define NOISE_TICKS 1000
+#define FLOW_MOST_LPM R(1000.0) /* beyond these a reading has failed */
+#define COLDEST_C R(-100.0)
 
 /* Interlocks bits of the inputs that forbid machining now; `inputs` is what was read. What is no number forbids it. */
 uint16_t guards_interlocks(struct edm_controller *c, struct edm_inputs *inputs) {
@@ -12,8 +14,8 @@ uint16_t guards_interlocks(struct edm_controller *c, struct edm_inputs *inputs) 
     bits |= inputs->hv_supply_ok ? 0 : INTERLOCKS_HV_SUPPLY;
     if (s->dielectric_required) {
         bits |= inputs->level_ok ? 0 : INTERLOCKS_DIELECTRIC_LEVEL;
-        bits |= inputs->flow_lpm >= s->flow_min_lpm ? 0 : INTERLOCKS_DIELECTRIC_FLOW;
-        bits |= inputs->temperature_c <= s->temperature_max_c ? 0 : INTERLOCKS_DIELECTRIC_HOT;
+        bits |= inputs->flow_lpm >= s->flow_min_lpm && inputs->flow_lpm <= FLOW_MOST_LPM ? 0 : INTERLOCKS_DIELECTRIC_FLOW;
+        bits |= inputs->temperature_c <= s->temperature_max_c && inputs->temperature_c >= COLDEST_C ? 0 : INTERLOCKS_DIELECTRIC_HOT;
     }
     return (uint16_t)bits;
 }

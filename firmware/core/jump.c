@@ -34,6 +34,7 @@ static bool is_back(const struct edm_controller *c) {
            c->motion.command_v >= c->jump.start_v + c->jump.clearance_v;
 }
 
+/* A millisecond of a jump: its next phase, or the way on in the cut. */
 int jump_tick(struct edm_controller *c) {
     const struct edm_motion *m = &c->motion;
     if (m->mode == JUMP_UP && m->phase >= m->phase_ticks) {

@@ -9,16 +9,28 @@ void motion_enter(struct edm_controller *c, enum edm_mode mode) {
     c->motion.mode = mode;
     c->motion.phase = 0;
     c->motion.limit_ticks = 0;
+    c->motion.rest_v = 0;
 }
 
-/* Puts the gate of the generator; opening it begins the period of the pulses anew. */
+/* Shuts the gate of the generator at once, or lets it open with the millisecond that begins: what that one's end finds,
+ * and inputs, watchdog and line before it, may still forbid it. Opening begins the period of the pulses anew. */
 void motion_gate(struct edm_controller *c, bool on) {
     c->drive.pulses_on = on;
     if (on) {
         c->drive.pulse_starts++;
         c->gap.silent_ticks = 0;
+    } else {
+        c->motion.gate_open = false;
+        hal_gate(c->board, false);
     }
-    hal_gate(c->board, on);
+}
+
+/* Opens the gate where pulses are to flow in the millisecond that begins. */
+void motion_open_gate(struct edm_controller *c) {
+    if (c->drive.pulses_on && !c->motion.gate_open) {
+        c->motion.gate_open = true;
+        hal_gate(c->board, true);
+    }
 }
 
 /* Pulses off, tool and stages held where they are. */
@@ -44,7 +56,7 @@ void motion_pulses_on(struct edm_controller *c) {
     gap->open_ticks = gap->short_ticks = 0;
     gap->shorted = false;
     gap->arc_run = gap->misreads = 0;
-    gap->last_spark_um = gap->slow_displacement_um;
+    gap->last_spark_um = gap_place(c);
 }
 
 /* Ends a motion within a tick: pulses off, tool and stages held; returns what happened. */
@@ -56,33 +68,38 @@ int motion_end(struct edm_controller *c, int happened) {
     return happened;
 }
 
-static real ramp_command(const struct edm_motion *m) {
-    real step = m->ramp_v_s * TICK_S;
-    return m->target_v > m->command_v ? least(m->target_v, m->command_v + step)
-                                      : most(m->target_v, m->command_v - step);
+/* The command a millisecond later at a slope. */
+static real sloped(struct edm_motion *m, real slope_v_s) {
+    return added(m->command_v, slope_v_s * TICK_S, &m->rest_v);
+}
+
+/* The command of a ramp after one more millisecond, V. */
+static real ramp_command(struct edm_motion *m) {
+    return m->target_v > m->command_v ? least(m->target_v, sloped(m, m->ramp_v_s))
+                                      : most(m->target_v, sloped(m, -m->ramp_v_s));
 }
 
 /* Where the mode wants the command, before slew and range. */
-static real wanted_command(const struct edm_controller *c) {
-    const struct edm_motion *m = &c->motion;
+static real wanted_command(struct edm_controller *c) {
+    struct edm_motion *m = &c->motion;
     switch (m->mode) {
     case SERVO:
-        return m->command_v + c->servo.rate_v_s * TICK_S;
+        return sloped(m, c->servo.rate_v_s);
     case RAMP:
     case TOUCH_BACK:
         return ramp_command(m);
     case APPROACH:
-        return m->phase >= SETTLE_TICKS ? m->command_v + m->slow_v_s * TICK_S : m->command_v;
+        return m->phase >= SETTLE_TICKS ? sloped(m, m->slow_v_s) : m->command_v;
     case JUMP_UP:
     case JUMP_DOWN:
         return jump_command(c);
     case JUMP_RETURN:
     case TOUCH_FAST:
-        return m->command_v + m->fast_v_s * TICK_S;
+        return sloped(m, m->fast_v_s);
     case TOUCH_SLOW:
-        return m->command_v + m->slow_v_s * TICK_S;
+        return sloped(m, m->slow_v_s);
     case TOUCH_HUNT: /* the slope flips with the contact */
-        return m->command_v + (c->readings.contact ? R(-1.0) : R(1.0)) * m->slow_v_s * TICK_S;
+        return sloped(m, (c->readings.contact ? R(-1.0) : R(1.0)) * m->slow_v_s);
     case HOLD:
     case JUMP_DWELL:
     case TEST_OFF:
@@ -103,7 +120,7 @@ void motion_command(struct edm_controller *c) {
     real top = most(c->settings.piezo_max_v, before); /* what a reset has left beyond the range comes down by its ramp */
     m->limit_ticks = v > top ? m->limit_ticks + 1 : 0;
     m->command_v = least(top, most(0, v));
-    c->drive.actuator_v = (real)floor_of(m->command_v * STEPS_PER_V + R(0.5)) * DAC_V;
+    c->drive.actuator_v = on_grid(m->command_v);
 }
 
 /* APPROACH: sparks pull the mean gap voltage down to the reference; max_travel_um without them is fault 3005. */

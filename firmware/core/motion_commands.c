@@ -1,20 +1,23 @@
-/* Commands that move the tool or a stage, or let pulses flow; the ends of motions are events (docs/protocol.md, States). */
+/* Commands that move the tool or a stage, or let pulses flow; the ends of motions are events (docs/protocol.md, States).
+ * Each has a function of its name, which returns the status of the reply; values are in the unit of their name. */
 #include "core.h"
 
 #define BLEND_TICKS 8 /* of a jump's ramp, at each end: jump.c */
 #define MOST_BELOW_ZERO_UM R(5.0) /* SET_ZERO: a tool at rest reads no further from its home */
-#define MOST_ABOVE_ZERO_UM R(25.0)
+#define MOST_ABOVE_ZERO_UM R(25.0) /* more than creep leaves of a deep cut */
 
 /* Volts that move the tool by a length, by the mean gain. */
 static real volts(const struct edm_controller *c, real length_um) {
     return length_um * c->settings.v_per_um;
 }
 
+/* A duration in ticks, one at least. */
 static int64_t ticks(real seconds) {
     int64_t n = nearest(seconds / TICK_S);
     return n > 1 ? n : 1;
 }
 
+/* Nothing moves, and the actuator is at 0 V. */
 static bool armed_at_rest(const struct edm_controller *c) {
     return c->state == STATE_ARMED && c->motion.mode == HOLD && c->motion.command_v <= 0;
 }
@@ -84,7 +87,7 @@ static uint8_t approach(struct edm_controller *c, const struct edm_frame *frame)
     }
     c->servo.gap_ref_v = request.gap_ref_v;
     c->motion.slow_v_s = volts(c, request.speed_um_s);
-    c->motion.start_z_um = c->gap.slow_displacement_um;
+    c->motion.start_z_um = gap_place(c);
     c->motion.z_max_um = request.max_travel_um;
     c->gap.gap_v = c->settings.duty_v;
     motion_pulses_on(c);
@@ -103,7 +106,8 @@ static uint8_t servo_start(struct edm_controller *c, const struct edm_frame *fra
     servo->gap_ref_v = c->gap.gap_v = request.gap_ref_v;
     servo->z_limit_um = request.z_limit_um;
     servo->rate_v_s = servo->integral_um_s = 0;
-    servo->time_ticks = ticks(request.max_time_s);
+    uint32_t time_ms = get_u32(frame->payload + SERVO_START_SIZE - sizeof(uint32_t)); /* counts: float has 24 bits */
+    servo->time_ticks = time_ms > 1 ? time_ms : 1;
     servo->count = 0;
     servo->direction = 1;
     motion_pulses_on(c);
@@ -236,7 +240,7 @@ static uint8_t pulse_config(struct edm_controller *c, const struct edm_frame *fr
         .discharge_us = isopulse ? request.discharge_us : 0,
     };
     waveforms_forget(c);
-    parameters_set_generator(c, &setting);
+    parameters_set_generator(c, &setting, (int32_t)period_ns);
     return STATUS_OK;
 }
 

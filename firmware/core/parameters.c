@@ -23,6 +23,7 @@ int parameters_row(uint16_t id) {
     return -1;
 }
 
+/* The check of COMMIT_PROFILE and ARM over all wire values. */
 static uint32_t check_of(const int32_t values[PARAMS]) {
     uint32_t crc = 0;
     for (int row = 0; row < PARAMS; row++) {
@@ -34,10 +35,12 @@ static uint32_t check_of(const int32_t values[PARAMS]) {
     return crc;
 }
 
+/* A current value in the parameter's unit. */
 static real value_of(const struct edm_controller *c, int row) {
     return (real)c->parameters.current[row] / (real)edm_params[row].divisor;
 }
 
+/* A current duration, s in the table, in ticks. */
 static int32_t ticks_of(const struct edm_controller *c, int row) {
     return (int32_t)nearest(value_of(c, row) / TICK_S);
 }
@@ -134,11 +137,11 @@ bool parameters_commit(struct edm_controller *c, uint32_t crc) {
 }
 
 /* Sets the generator, and what the judgement of its pulses goes by. */
-void parameters_set_generator(struct edm_controller *c, const struct edm_generator *g) {
+void parameters_set_generator(struct edm_controller *c, const struct edm_generator *g, int32_t period_ns) {
     struct edm_settings *s = &c->settings;
     s->nominal_siemens = hal_set_generator(c->board, g);
     s->open_v = g->open_v;
-    s->pulse_period_ns = (int32_t)nearest((g->on_time_us + g->off_time_us) * R(1000.0));
+    s->pulse_period_ns = period_ns; /* float would not know the nanoseconds of a long one */
     s->duty_v = g->open_v * g->on_time_us / (g->on_time_us + g->off_time_us);
     s->per_duty_v = R(1.0) / s->duty_v;
 }

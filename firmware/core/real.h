@@ -59,6 +59,20 @@ static inline int64_t nearest(real x) {
     return whole;
 }
 
+/* A sum with one step more. Of a step that is small beside the sum float loses much or all; that is kept for the next one.
+ * In double nothing is, so that the sums are those of the virtual controller. */
+static inline real added(real sum, real step, real *rest) {
+#ifdef EDM_REAL_DOUBLE
+    (void)rest;
+    return sum + step;
+#else
+    real whole = step + *rest;
+    real now = sum + whole;
+    *rest = whole - (now - sum);
+    return now;
+#endif
+}
+
 /* base to the power of a whole exponent, by squaring. */
 static inline real power_of(real base, uint32_t exponent) {
     real result = 1;

@@ -51,20 +51,6 @@ static real root_of(real square) {
 #endif
 }
 
-/* A sum with one step more. Of a step that is small beside the sum float loses much or all; that is kept for the next one.
- * In double nothing is, so that the sums are those of the virtual controller. */
-static real added(real sum, real step, real *rest) {
-#ifdef EDM_REAL_DOUBLE
-    (void)rest;
-    return sum + step;
-#else
-    real whole = step + *rest;
-    real now = sum + whole;
-    *rest = whole - (now - sum);
-    return now;
-#endif
-}
-
 static void move_to(struct edm_controller *c, real x_um, real y_um) {
     c->drive.stage_um[AXIS_X] = c->stages.at[AXIS_X] = x_um;
     c->drive.stage_um[AXIS_Y] = c->stages.at[AXIS_Y] = y_um;

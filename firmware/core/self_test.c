@@ -5,6 +5,7 @@
 #define ON_TICKS 200
 #define MEAN_TICKS 100 /* the last ones of each half speak */
 
+/* Begins the mean of a half. */
 static void begin_mean(struct edm_touch *touch) {
     touch->sum = 0;
     touch->count = 0;
@@ -18,6 +19,7 @@ void self_test_begin(struct edm_controller *c) {
     motion_enter(c, TEST_OFF);
 }
 
+/* A millisecond of either half; the means are judged when both are there. */
 int self_test_tick(struct edm_controller *c) {
     struct edm_touch *touch = &c->touch;
     int64_t ticks = c->motion.mode == TEST_OFF ? OFF_TICKS : ON_TICKS;

@@ -4,9 +4,10 @@
 
 #define SHORT_HURRY_TICKS 500 /* a short this long retracts four times as fast */
 #define HOLD_PER_S R(4.0) /* of the way to a scan's limit; well below the bandwidth of the displacement's low-pass */
-#define HELD_WITHIN_UM R(1.0)
+#define HELD_WITHIN_UM R(1.0) /* of its limit a scanning tool is held */
 #define LOST_TICKS 100 /* all open, before the way since the last spark counts */
 
+/* Full speed one way or the other; `error` is the gap voltage above its reference, over the duty voltage. */
 static void relay(struct edm_controller *c, real error) {
     const struct edm_settings *s = &c->settings;
     struct edm_servo *servo = &c->servo;
@@ -18,6 +19,7 @@ static void relay(struct edm_controller *c, real error) {
     servo->rate_v_s = (servo->direction > 0 ? s->forward_um_s : -s->back_um_s) * s->v_per_um;
 }
 
+/* Speed in proportion to that error and to its integral, within the two speeds. */
 static void pi_law(struct edm_controller *c, real error) {
     const struct edm_settings *s = &c->settings;
     struct edm_servo *servo = &c->servo;
@@ -53,21 +55,26 @@ static void decide(struct edm_controller *c) {
     }
 }
 
-/* Lets the servo feed no faster than brings a scanning tool softly to its limit, from either side. */
+/* Lets the servo feed no faster than brings a scanning tool softly to its limit, from either side. Nothing slows down the
+ * way back out of a short. */
 static void hold_at_limit(struct edm_controller *c) {
     const struct edm_settings *s = &c->settings;
     struct edm_servo *servo = &c->servo;
     real fastest = HOLD_PER_S * (servo->z_limit_um - c->gap.slow_displacement_um);
     if (servo->rate_v_s > fastest * s->v_per_um) {
-        servo->rate_v_s = most(fastest, -s->back_um_s) * s->v_per_um;
+        servo->rate_v_s = least(servo->rate_v_s, most(fastest, -s->back_um_s) * s->v_per_um);
         servo->integral_um_s = least(servo->integral_um_s, most(0, fastest));
     }
 }
 
-/* A millisecond of a cut or scan: its limit, its time, and whether sparks are lost (fault 3005). */
+/* A millisecond of a cut or scan: whether its depth is known (else fault 2001), its limit, its time, and whether sparks are
+ * lost (3005). */
 int servo_tick(struct edm_controller *c) {
     struct edm_gap *gap = &c->gap;
     struct edm_servo *servo = &c->servo;
+    if (gap->displacement_um >= DISPLACEMENT_FAILED_UM) {
+        return FAULT_TRAVEL_LIMIT; /* nobody knows how deep: no limit that has been reached */
+    }
     decide(c);
     servo->time_ticks--;
     if (c->scan.scanning) {

@@ -27,6 +27,7 @@ void session_begin(struct edm_controller *c, uint8_t session) {
     hal_persist(c->board, &c->keeps);
 }
 
+/* Whether a HELLO with that nonce has opened the present session or one of the last ones. */
 static bool is_used(const struct edm_controller *c, uint32_t nonce) {
     const struct edm_persistent *keeps = &c->keeps;
     if (keeps->has_session && nonce == keeps->present_nonce) {

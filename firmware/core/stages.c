@@ -1,7 +1,7 @@
 /* Travel of one stage axis (STAGE_MOVE, STAGE_STOP): from where to where, since when, and its settling. */
 #include "core.h"
 
-#define SETTLE_TICKS 50
+#define SETTLE_TICKS 50 /* from the end of the travel until the stage is at rest */
 
 /* Lets an axis travel (µm and µm/s, degrees and degrees/s) and come to rest. */
 void stages_start(struct edm_controller *c, uint8_t axis, real target, real speed) {
@@ -20,6 +20,7 @@ static int64_t arrival_tick(const struct edm_stages *s) {
     return s->travels ? s->start_tick + s->travel_ticks + SETTLE_TICKS : NEVER;
 }
 
+/* Whether a stage that travels should be at rest by now. */
 bool stages_arrived(const struct edm_controller *c) {
     return c->tick >= arrival_tick(&c->stages);
 }

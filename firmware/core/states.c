@@ -1,6 +1,8 @@
 /* States, the safe state, and what ends a motion (docs/protocol.md, States, Safe state and watchdog). */
 #include "core.h"
 
+#define USUAL_PERIOD_NS 434783 /* of the generator at the start */
+#define RANGE_V R(150.0) /* of the actuator; what its monitor reads above it is the monitor's error */
 #define FAULT_LEAST 1000 /* what happened is a fault from here on */
 
 static bool is_armed_state(uint8_t state) {
@@ -18,6 +20,7 @@ static void latch(struct edm_controller *c, uint16_t code) {
     hal_persist(c->board, &c->keeps);
 }
 
+/* Keeps what is known of the time before a fault. */
 static void freeze(struct edm_controller *c) {
     blackbox_freeze(c);
     waveforms_freeze(c);
@@ -58,6 +61,7 @@ void states_stop_motion(struct edm_controller *c) {
     events_emit(c, EVENT_CODE_STOPPED);
 }
 
+/* The end of a ramp is an event, but for that of BOOT or of a fault. */
 static void end_ramp(struct edm_controller *c) {
     if (c->state == STATE_BOOT) {
         states_enter(c, STATE_IDLE);
@@ -126,11 +130,12 @@ static real command_left(const struct edm_controller *c, real monitor_v) {
     if (!(monitor_v <= c->settings.monitor_max_v)) {
         return 0;
     }
-    return most(0, least(monitor_v, R(150.0)));
+    return most(0, least(monitor_v, RANGE_V));
 }
 
 static void create(struct edm_controller *c, void *board, const struct edm_identity *identity,
                    const struct edm_persistent *keeps) {
+    /* The setting of the start (Session); without a discharge time: isofrequency. */
     static const struct edm_generator usual = {.on_time_us = R(130.435), .off_time_us = R(304.348), .open_v = 40,
                                                .peak_a = R(0.12)};
     struct edm_inputs inputs;
@@ -147,9 +152,10 @@ static void create(struct edm_controller *c, void *board, const struct edm_ident
     motion_gate(c, false);
     parameters_reset(c);
     waveforms_forget(c);
-    parameters_set_generator(c, &usual);
+    parameters_set_generator(c, &usual, USUAL_PERIOD_NS);
     hal_inputs(board, &inputs);
     c->motion.command_v = command_left(c, inputs.monitor_v);
+    c->drive.actuator_v = on_grid(c->motion.command_v);
     states_enter(c, STATE_IDLE);
 }
 
@@ -193,6 +199,9 @@ void edm_start(struct edm_controller *c, uint8_t cause) {
     c->link.drop = 0;
     session_begin(c, 0);
     parameters_reset(c);
+    if (cause == RESET_CAUSE_POWER_ON) { /* the converter stands at 0 V, whatever the monitor reads */
+        c->motion.command_v = c->drive.actuator_v = 0;
+    }
     motion_ramp(c, 0, c->settings.retract_v_s);
     stages_stop(c);
     c->link.reboot_asked = c->disarming = c->pulses_allowed = false;

@@ -3,8 +3,8 @@
 
 #define FRAME_BYTES 11 /* of every frame beside its payload: header, check, COBS, two zeros */
 #define RESERVE R(1.25) /* of a line, for replies and events */
-#define BITS_PER_BYTE R(10.0)
-#define BATCH_MOST 14
+#define BITS_PER_BYTE R(10.0) /* on the line: 8 of data, start and stop bit */
+#define BATCH_MOST 14 /* samples a frame, by the protocol */
 #define BLOCK_MOST 4294967040u /* the greatest float below 2^32 */
 #define FARTHEST R(2147483520.0) /* nm: the greatest float below 2^31 */
 #define COUNT_MOST 255 /* pulses of a sample: a class is told by a byte */
@@ -25,6 +25,7 @@ static real bytes_per_second(const struct edm_controller *c, const struct tlm_st
     return bytes_s;
 }
 
+/* Forgets pulses that are pending, the block begun among them. */
 static void begin_log(struct edm_telemetry *t) {
     t->log_pending = 0;
     t->block_pulses = 0;
@@ -49,6 +50,7 @@ uint8_t telemetry_start(struct edm_controller *c, const struct tlm_start *reques
     t->pending = 0;
     memset(&t->counts, 0, sizeof t->counts);
     t->charge_uc = 0;
+    t->contact = false;
     t->batch = request->batch;
     t->log = request->pulse_log;
     begin_log(t);
@@ -118,16 +120,18 @@ void telemetry_sample(struct edm_controller *c, uint8_t flags) {
         .gap_v = c->gap.gap_v,
         .charge_uc = t->charge_uc,
         .state = c->state,
-        .flags = flags,
+        .flags = (uint8_t)(flags | (t->contact ? TLM_FLAGS_CONTACT : 0)),
     };
     for (int k = 0; k < 4; k++) {
         sample.counts[k] = at_most_255(t->counts.of[k]);
     }
     telemetry_write(t->samples[t->pending++], &sample, t->ticks);
     t->charge_uc = 0;
+    t->contact = false;
     memset(&t->counts, 0, sizeof t->counts);
 }
 
+/* Makes a record of the block begun, whole or not. */
 static void close_block(struct edm_telemetry *t) {
     if (t->block_pulses == 0) {
         return;
@@ -146,6 +150,7 @@ static void close_block(struct edm_telemetry *t) {
     t->log_pending = pending;
 }
 
+/* Makes a record of pulse i of the tick. */
 static void log_one(struct edm_telemetry *t, const struct edm_readings *readings, int i, uint8_t pulse_class) {
     const struct pulses_record pulse = {
         .pulse_class = pulse_class,
@@ -205,6 +210,7 @@ static void send_samples(struct edm_controller *c, int32_t count) {
     memmove(t->samples, t->samples[count], (size_t)t->pending * TLM_RECORD_SIZE);
 }
 
+/* Sends n records, pulses or blocks, in a frame; the time of the next one follows from theirs. */
 static void send_pulse_frame(struct edm_controller *c, const uint8_t *records, int32_t n) {
     struct edm_telemetry *t = &c->telemetry;
     uint8_t payload[MAX_PAYLOAD];

@@ -1,11 +1,10 @@
 /* The millisecond: edm_tick_begin commands, the machine lives through it, edm_tick_end judges and records it. */
 #include "core.h"
 
-#define DISPLACEMENT_MOST_UM R(2e6) /* no displacement is beyond it; what is no number counts as this */
-
 void edm_tick_begin(struct edm_controller *c) {
     c->drive.stage_moves = 0;
     motion_command(c);
+    motion_open_gate(c);
 }
 
 /* TlmFlags of now. */
@@ -19,28 +18,36 @@ static uint8_t flags_of(const struct edm_controller *c) {
     return (uint8_t)bits;
 }
 
+/* Judges the pulses of the millisecond, or that there were none. */
 static int judge_gap(struct edm_controller *c) {
     if (!c->drive.pulses_on) {
-        gap_rest(c);
-        return NOTHING;
+        return gap_rest(c);
     }
+    c->gap.stray_ticks = 0;
     if (c->readings.pulses == 0) {
         return gap_wait(c);
     }
     int shorts = pulses_judge(c);
-    c->telemetry.charge_uc += c->readings.charge_uc;
+    c->telemetry.charge_uc += gap_charge(c);
     return gap_measure(c, shorts);
 }
 
+/* Takes over the displacement, µm, and low-passes it. */
 static void read_displacement(struct edm_controller *c) {
     real displacement = c->readings.sensor_um;
     if (c->settings.sensor_missing) {
         displacement = c->drive.actuator_v / c->settings.v_per_um;
     }
-    displacement = displacement <= DISPLACEMENT_MOST_UM ? displacement : DISPLACEMENT_MOST_UM;
-    displacement = most(displacement, -DISPLACEMENT_MOST_UM);
-    c->gap.displacement_um = displacement;
-    c->gap.slow_displacement_um += c->settings.displacement_alpha * (displacement - c->gap.slow_displacement_um);
+    if (!(magnitude(displacement) < DISPLACEMENT_FAILED_UM)) {
+        displacement = DISPLACEMENT_FAILED_UM;
+    }
+    struct edm_gap *gap = &c->gap;
+    gap->displacement_um = displacement;
+    if (displacement >= DISPLACEMENT_FAILED_UM || gap->slow_displacement_um >= DISPLACEMENT_FAILED_UM) {
+        gap->slow_displacement_um = displacement; /* nothing of a failed reading stays in the filter */
+    } else {
+        gap->slow_displacement_um += c->settings.displacement_alpha * (displacement - gap->slow_displacement_um);
+    }
 }
 
 int edm_tick_end(struct edm_controller *c) {
@@ -65,6 +72,7 @@ int edm_tick_end(struct edm_controller *c) {
     }
     uint8_t flags = flags_of(c);
     blackbox_record(c, flags);
+    c->telemetry.contact = c->telemetry.contact || c->readings.contact;
     if (c->tick == c->telemetry.next) {
         telemetry_sample(c, flags);
     }

@@ -3,6 +3,7 @@
 
 #define BACK_OFF_TICKS 200 /* for the contact to open after a back-off */
 
+/* Lets the tool go back by back_off_um, not below 0 V. */
 static void back_off(struct edm_controller *c) {
     struct edm_motion *m = &c->motion;
     m->target_v = most(0, m->command_v - c->touch.back_v);
@@ -13,7 +14,7 @@ static void back_off(struct edm_controller *c) {
 /* The mean of the sensor while hunting is the touch. */
 static int hunt(struct edm_controller *c) {
     struct edm_touch *touch = &c->touch;
-    touch->sum += c->gap.displacement_um;
+    touch->sum = added(touch->sum, c->gap.displacement_um, &touch->rest);
     touch->count++;
     if (c->motion.phase < c->motion.dwell_ticks) {
         return NOTHING;
@@ -24,6 +25,7 @@ static int hunt(struct edm_controller *c) {
     return TOUCHED;
 }
 
+/* The contact must be open now; then the next touch, or the end. */
 static int end_of_back_off(struct edm_controller *c) {
     if (c->readings.contact) {
         return FAULT_STUCK_CONTACT;
@@ -36,6 +38,7 @@ static int end_of_back_off(struct edm_controller *c) {
     return NOTHING;
 }
 
+/* A millisecond of a touch: what it must not see, then its phase. */
 int touch_tick(struct edm_controller *c) {
     const struct edm_motion *m = &c->motion;
     bool contact = c->readings.contact != 0;
@@ -57,7 +60,7 @@ int touch_tick(struct edm_controller *c) {
     } else if (m->mode == TOUCH_SLOW) {
         if (contact) {
             c->touch.peak_v = c->drive.actuator_v;
-            c->touch.sum = 0;
+            c->touch.sum = c->touch.rest = 0;
             c->touch.count = 0;
             motion_enter(c, TOUCH_HUNT);
         }

@@ -11,6 +11,7 @@ int64_t watchdog_tick(const struct edm_controller *c) {
     return c->armed ? c->heard_tick + host_ticks(c, c->settings.watchdog_ticks) : NEVER;
 }
 
+/* A limit switch on the way, or the end of a travel: by its speed, and by what the board says of it. */
 static void watch_stages(struct edm_controller *c, const struct edm_inputs *inputs) {
     bool travels = c->stages.travels;
     if (inputs->limit_switch && (travels || c->scan.count > 0)) {

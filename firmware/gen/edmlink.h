@@ -133,7 +133,7 @@ enum {
     FAULT_HOST_SILENT = 1001,  /* no new frame of the session for watchdog_s while armed; a new session while armed; an event that finds 30 others unacknowledged */
     FAULT_ABORT_RUN = 1002,  /* eight or more zero bytes in a row */
     FAULT_LINE_NOISE = 1003,  /* bad_frames frames with a bad check within 1 s while armed */
-    FAULT_TRAVEL_LIMIT = 2001,  /* servo or approach wants more than piezo_max_v for 0.5 s */
+    FAULT_TRAVEL_LIMIT = 2001,  /* servo or approach wants more than piezo_max_v for 0.5 s; machining: the displacement sensor reads what no displacement is */
     FAULT_PIEZO_TRACK = 2002,  /* voltage monitor off the command by more than track_error of 150 V for track_s */
     FAULT_PIEZO_OV = 2003,  /* voltage monitor below monitor_min_v or above monitor_max_v */
     FAULT_STAGE_LIMIT = 2004,  /* limit switch closes while a stage moves */
@@ -143,7 +143,7 @@ enum {
     FAULT_SHORT_STUCK = 3001,  /* continuous short for short_stuck_s although the tool retracts */
     FAULT_ARC_BURN = 3002,  /* arc_run consecutive arcs */
     FAULT_GAP_SENSOR = 3003,  /* SELF_TEST; misread_pulses pulses in a row with a discharge at the open voltage, or with neither current nor voltage; contact closed in measure mode at a gap voltage above short_v */
-    FAULT_GEN_FAULT = 3004,  /* current in the off-time, or more than over_current times what the generator's resistor lets through (the peak current in a normal discharge) */
+    FAULT_GEN_FAULT = 3004,  /* current in the off-time, pulses although the gate is shut, or more than over_current times what the generator's resistor lets through (the peak current in a normal discharge) */
     FAULT_NO_SPARK = 3005,  /* approach: max_travel_um without a spark; machining: open_lost_um or open_lost_s of open pulses; no pulses although the generator is on */
     FAULT_MODE_SWITCH = 3006,  /* pulses seen in measure mode */
     FAULT_ESTOP = 4001,  /* emergency-stop input, in every state */

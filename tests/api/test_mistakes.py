@@ -173,6 +173,11 @@ def test_what_is_doubtful_is_a_warning_of_python_unless_somebody_is_told() -> No
     assert [[one.code for one in found] for found in told] == [["W3134"]]
 
 
+def test_a_controller_for_a_port_is_doubtful() -> None:
+    with pytest.warns(EdmWarning, match=r"^W4102: --controller firmware has no effect .*/dev/none"):
+        edmctl.connect("/dev/none", controller="firmware")
+
+
 def test_errors_travel_between_processes_as_what_they_are(tmp_path: Path) -> None:
     missed = edmctl.connect("sim:", seed=1).machine(
         "cu270", overrides={"target.depth_um": 8, "limits.max_time_s": 100}, warn=lambda _: None

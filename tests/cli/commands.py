@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.cli.app import main
+from edmctl.firmware.build import CACHE_VARIABLE
 
 if TYPE_CHECKING:
     import pytest
@@ -60,7 +61,7 @@ class Here:
 
 def environment(**changes: str) -> dict[str, str]:
     """The environment of a user at a plain terminal, who has calibrated nothing."""
-    kept = {k: v for k, v in os.environ.items() if not k.startswith("EDMCTL_")}
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("EDMCTL_") or k == CACHE_VARIABLE}
     for name in ("NO_COLOR", "FORCE_COLOR"):
         kept.pop(name, None)
     return {**kept, "PYTHONPATH": str(ROOT), "PYTHONFAULTHANDLER": "1", "EDMCTL_HOME": "home", **changes}

@@ -119,6 +119,14 @@ def test_a_seed_that_nobody_uses_is_warned_of(here: Here) -> None:
     assert "simulate serve" in document["warnings"][0]["hint"]
 
 
+def test_a_controller_that_drives_nothing_here_is_warned_of(here: Here) -> None:
+    for command in (("machine", *SHALLOW), ("calibrate",)):
+        said = here(*command, "--port", "/dev/nothing-of-the-kind", "--controller", "firmware", "--json")
+        assert (said.exit_code, said.document["error"]["code"]) == (4, "E4001")
+        (warning,) = said.document["warnings"]
+        assert (warning["code"], "/dev/nothing-of-the-kind" in warning["message"]) == ("W4102", True)
+
+
 def test_a_wrong_device_is_told_soon(here: Here) -> None:
     with device(lambda _: b"ok T:21.5 /0.0\r\n") as port:
         begin_s = monotonic()

@@ -137,6 +137,24 @@ def test_no_page_with_commands_is_left_out() -> None:
     assert [page for page in ALL_PAGES if commands_of(page)] == sorted(PAGES)
 
 
+def test_parts_of_the_conformance_suite_are_those_that_its_page_means() -> None:
+    """`-k l1` would be a part of `l10` too."""
+    page = (ROOT / "docs/conformance.md").read_text(encoding="utf-8")
+    files = (ROOT / "tests/conformance").glob("test_*.py")
+    tests = [
+        name
+        for f in files
+        for name in re.findall(r"^def (test_l\w+)", f.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    parts = re.findall(r'-k "(l[^"]+)"', page)
+    assert len(parts) >= 4
+    for part in parts:
+        terms = part.split(" or ")
+        numbers = {re.match(r"l\d+", term)[0] for term in terms}  # type: ignore[index]
+        found = {name for name in tests if any(term in name for term in terms)}
+        assert {name.split("_")[1] for name in found} == numbers, part
+
+
 def test_the_extending_profile_of_the_page_is_sound(tmp_path: Path) -> None:
     folder, env = newcomer(tmp_path)
     text = (ROOT / "docs/profile.md").read_text(encoding="utf-8")

@@ -8,12 +8,22 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.jobs.study.folder import open_folder
+from edmctl.results.study import RunState
+from edmctl.simulator.config import CONTROLLERS, FIRMWARE, FIRMWARE_FLOAT, PYTHON
 from tests.cli.commands import SHALLOW
+from tests.jobs.studies import FULL, HEAD, RESPONSES, outcome, written
 
 if TYPE_CHECKING:
     from tests.cli.commands import Here
 
 JOB = ("machine", *SHALLOW, "--seed", "1", "--json")
+
+TWO_LEVELS = """
+[[factors]]
+key = "servo.reference"
+levels = [0.7, 0.8]
+"""
 
 pytestmark = pytest.mark.skipif(
     not any(shutil.which(name) for name in ("cc", "gcc", "clang")), reason="there is no C compiler"
@@ -38,11 +48,57 @@ def test_the_main_job_comes_out_the_same_under_the_core(here: Here) -> None:
     for controller in ("python", "firmware"):
         said = here(*JOB, "--controller", controller, "--out", controller)
         assert said.exit_code == 0, said.err
+        assert ("under the controller firmware, seed 1" in said.err) == (controller == "firmware")
         results.append({key: value for key, value in said.document["result"].items() if key != "journal"})
     assert results[0] == results[1]
 
 
-def test_another_controller_is_refused(here: Here) -> None:
-    said = here(*JOB, "--controller", "wood")
-    assert said.exit_code == 3
-    assert "firmware" in str(said.document["error"])
+def test_runs_of_a_series_come_out_the_same_under_the_core(here: Here) -> None:
+    rows = {}
+    for controller in CONTROLLERS:
+        said = here("simulate", *SHALLOW, "--runs", "1", "--seed", "1", "--controller", controller, "--json")
+        assert said.exit_code == 0, said.err
+        (case,) = said.document["result"]["cases"]
+        assert case["overrides"][-1] == f"sim.controller={controller}"
+        rows[controller] = case["runs"]
+    assert rows[PYTHON] == rows[FIRMWARE]
+    assert rows[FIRMWARE_FLOAT] != rows[FIRMWARE]
+
+
+def test_a_study_keeps_what_drives_its_machines(here: Here, tmp_path: Path) -> None:
+    file, tables = str(written(tmp_path, HEAD + TWO_LEVELS + FULL + RESPONSES)), {}
+    for controller in (PYTHON, FIRMWARE_FLOAT):
+        out = tmp_path / controller
+        run = ("study", "run", file, "--controller", controller, "-q", "--workers", "1", "--out", str(out))
+        part = here(*run, "--shard", "1/2")
+        assert part.exit_code == 0, part.err
+        assert here("study", "resume", str(out), "--workers", "1", "-q").exit_code == 0
+        state = open_folder(out).read()
+        assert {one.state for one in state.runs} == {RunState.DONE}
+        tables[controller] = outcome(state)
+    assert all(a != b for a, b in zip(tables[PYTHON], tables[FIRMWARE_FLOAT], strict=True))
+    there = str(tmp_path / FIRMWARE_FLOAT)
+    for other in (("--controller", FIRMWARE), ()):
+        said = here("study", "run", file, *other, "--shard", "2/2", "--out", there)
+        assert (said.exit_code, "sim.controller=firmware-float" in said.err) == (9, True)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        JOB,
+        ("simulate", *SHALLOW, "--json"),
+        ("simulate", "serve", "--for", "0.1", "--json"),
+        ("simulate", "serve", *SHALLOW, "--for", "0.1", "--json"),
+        ("study", "run", "taguchi-l9", "--out", "study", "--json"),
+        ("calibrate", "--json"),
+    ],
+    ids=["machine", "simulate", "serve", "serve a job", "study", "calibrate"],
+)
+def test_another_controller_is_refused(command: tuple[str, ...], here: Here) -> None:
+    said = here(*command, "--controller", "wood")
+    error = said.document["error"]
+    assert (said.exit_code, error["code"]) == (2, "E2049")
+    assert "no controller wood" in error["message"]
+    assert all(name in error["message"] for name in CONTROLLERS)
+    assert not Path("study").exists()

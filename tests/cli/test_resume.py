@@ -474,6 +474,8 @@ def test_what_the_journal_has_is_not_said_again(
     said = here(*RESUME, *BENCH, "--profile", "cu270", "--set", "servo.reference=0.8")
     message = refused(said, "E2050")
     assert "--profile, --set" in message
+    driven = here(*RESUME, *BENCH, "--controller", "firmware")
+    assert "--controller" in refused(driven, "E2050")
     assert error_of(here(*MACHINE, "--homed", "--json"))["code"] == "E2050"
     monkeypatch.setenv("EDMCTL_PROFILE", "cu150")
     assert here(*RESUME, *BENCH, "--dry-run").exit_code == 0

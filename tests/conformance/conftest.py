@@ -50,11 +50,22 @@ def shared_line(backend: str, request: pytest.FixtureRequest) -> Iterator[Line |
         with served(request.config.getoption("--controller")) as line:
             yield line
     else:
-        line = Serial(
-            request.config.getoption("--controller-port"), request.config.getoption("--controller-baud")
-        )
+        line = _board(request.config)
         yield line
         line.close()
+
+
+def _board(config: pytest.Config) -> Serial:
+    """The line to the board; one that cannot be opened ends the run, not each of its tests."""
+    import serial
+
+    port = config.getoption("--controller-port")
+    try:
+        return Serial(port, config.getoption("--controller-baud"))
+    except (serial.SerialException, ValueError) as error:
+        pytest.exit(
+            f"--controller-port {port} cannot be opened: {error}", returncode=pytest.ExitCode.USAGE_ERROR
+        )
 
 
 @pytest.fixture

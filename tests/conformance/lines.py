@@ -77,6 +77,13 @@ def cut_the_power(bench: Any) -> None:
     bench.inject(parse_injection("POWER_LOSS@0"))
 
 
+def press_reset(bench: Any) -> None:
+    """Reset the virtual controller alone, whatever it does: the actuator keeps its voltage."""
+    from edmctl.link.messages import ResetCause
+
+    bench.controller.reset(ResetCause.EXTERNAL)
+
+
 class InProcess:
     """The virtual controller itself: bytes handed over, time let pass by the reader."""
 

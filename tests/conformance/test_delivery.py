@@ -8,7 +8,8 @@ import pytest
 
 from tests.conformance import layouts, wire
 from tests.conformance.acts import DUTY_V, OFF_US, ON_US, OPEN_V, arm, assert_pulses_off, lead
-from tests.conformance.peer import EVENT, STATUS, Reply
+from tests.conformance.lines import cut_the_power
+from tests.conformance.peer import EVENT, STATE_NAMES, STATUS, Reply
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -192,6 +193,20 @@ def test_l13_a_latched_fault_survives_the_reboot(peer: Peer) -> None:
     again = peer.hello()
     assert again.fault == code, peer.story(f"fault {again.fault} after the reboot, {code} before", "session")
     assert peer.state() == "FAULT"
+
+
+def test_l13_after_a_loss_of_power_the_actuator_is_at_0_v(over_work: Peer) -> None:
+    peer = over_work
+    lead(peer, "ramp")
+    peer.pump(0.3)
+    assert peer.ok("GET_STATUS").actuator_v > 1.0
+    cut_the_power(peer.line.bench)
+    assert peer.wait(lambda: peer.boots, 3.0), peer.story("no BOOT after a loss of power", "session")
+    peer.hello()
+    status = peer.ok("GET_STATUS")
+    assert (STATE_NAMES[status.state], status.actuator_v) == ("IDLE", 0.0), peer.story(
+        "after POWER_ON the actuator is at 0 V at once", "session"
+    )
 
 
 def test_l13_a_reset_in_mid_command_is_told_by_boot(over_work: Peer, inject: Callable[[str], None]) -> None:

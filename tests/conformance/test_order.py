@@ -18,7 +18,7 @@ from tests.conformance.acts import (
     scan_start,
     servo_start,
 )
-from tests.conformance.lines import cut_the_power
+from tests.conformance.lines import cut_the_power, press_reset
 from tests.conformance.peer import EVENT, STATE, STATE_NAMES, loses_nothing
 from tests.conformance.test_delivery import REBOOT_MAGIC
 
@@ -257,14 +257,12 @@ def test_l31_the_last_sample_of_a_cut_has_its_state_and_no_pulses_on(over_work: 
     assert (after["state"], after["n_open"]) == (STATE["ARMED"], 0)
 
 
-def test_l31_a_controller_whose_tool_is_out_boots_and_takes_no_orders(
-    over_work: Peer, inject: Callable[[str], None]
-) -> None:
+def test_l31_a_controller_whose_tool_is_out_boots_and_takes_no_orders(over_work: Peer) -> None:
     peer = over_work
     arm(peer)
     peer.ok("PIEZO_SET", actuator_v=60.0, slew_v_s=600.0)
     peer.event("MOVE_DONE", 5.0)
-    inject("POWER_LOSS@0")
+    press_reset(peer.line.bench)
     assert peer.wait(lambda: peer.boots, 1.0), peer.story("no BOOT", "session")
     hello = peer.hello()
     status = peer.ok("GET_STATUS")

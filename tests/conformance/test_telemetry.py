@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.conformance import layouts, wire
-from tests.conformance.acts import clear, start_pulses, start_sparks
-from tests.conformance.peer import STATE, Peer, loses_nothing
+from tests.conformance.acts import WORK_X_UM, arm, clear, move_x, start_pulses, start_sparks
+from tests.conformance.peer import EVENT, STATE, Peer, loses_nothing
 
 if TYPE_CHECKING:
     from tests.conformance.layouts import Fields
 
 PULSE_LOG = layouts.enum("PulseLog")
 PULSES_ON = layouts.enum("TlmFlags")["PULSES_ON"]
+CONTACT = layouts.enum("TlmFlags")["CONTACT"]
 LEAST_BOX, MOST_BOX = 500, 2048
 TLM = layouts.ANSWERS[layouts.NAMES["TLM"]]
 
@@ -212,6 +213,23 @@ def test_l17_the_first_sample_is_the_next_multiple_of_the_period(peer: Peer) -> 
             assert first_us == due_us % 2**32, peer.story(
                 f"{first_us} us instead of {due_us} us", "telemetry"
             )
+
+
+def test_l17_the_sample_with_the_first_contact_of_a_touch_shows_it(over_work: Peer) -> None:
+    """By the contact at its end alone one of ten would miss it: there the tool has begun to hunt."""
+    peer = over_work
+    arm(peer)
+    move_x(peer, WORK_X_UM)
+    peer.ok("TLM_START", period_us=10_000, batch=1)
+    touch = {"fast_um_s": 20.0, "fast_to_um": 5.0, "speed_um_s": 5.0, "z_max_um": 60.0}
+    peer.ok("TOUCH_OFF", **touch, back_off_um=1.0, dwell_s=0.05, touches=20)
+    peer.event("TOUCH_DONE", 60.0)
+    rows = {
+        time: TLM.read_record(record)["flags"] & CONTACT for time, record in samples(peer.telemetry).items()
+    }
+    touches = [event["t_us"] for event in peer.events if event["code"] == EVENT["TOUCH"]]
+    shown = [rows[(first + 9999) // 10_000 * 10_000] for first in touches]
+    assert shown == 20 * [CONTACT], peer.story(f"contact in the samples: {shown}", "the-millisecond")
 
 
 @pytest.mark.parametrize("again", ["TLM_START", "TLM_STOP"])

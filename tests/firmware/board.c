@@ -2,7 +2,7 @@
 #include "../../firmware/edm.h"
 
 static struct edm_controller c;
-static const struct edm_identity identity = {.serial = "NOTHING", .host_time_scale = 1};
+static const struct edm_identity identity = {.serial = "NOTHING", .board = 1, .host_time_scale = 1};
 static volatile uint8_t line; /* something that the compiler cannot know */
 
 void hal_send(void *board, const uint8_t *frame, size_t size) { (void)board; line = frame[size - 1]; }
@@ -23,6 +23,7 @@ void hal_persist(void *board, const struct edm_persistent *words) { (void)board;
 void _start(void) {
     edm_create(&c, NULL, &identity, NULL);
     edm_start(&c, RESET_CAUSE_POWER_ON);
+    edm_tick_begin(&c);
     for (;;) {
         uint8_t byte = line;
         c.readings.pulses = line;

@@ -1,6 +1,6 @@
 /* What a board may do to the core, or find: readings that have failed, a dead generator, words that did not last, aborts at
  * any byte, hosts one after the other. `hostile` tries the cases below; `hostile SEED STEPS ODDS` does random work in which
- * one reading of ODDS has failed. What has to hold is looked at after every byte and every millisecond. */
+ * now and then one kind of reading fails for a while, one reading of ODDS. What has to hold is looked at after every byte and every millisecond. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,11 +13,12 @@ static struct edm_controller c;
 static struct edm_inputs inputs;
 static struct edm_persistent kept;
 static uint64_t state, beat;
-static bool gate;
+static bool gate, may_open;
 static uint8_t seq, session;
 static uint32_t nonce;
 static int broken;
-static uint32_t odds = 1000000000; /* one reading of so many has failed */
+static enum { SENSOR, MONITOR, GAP, DELAY, DISCHARGE, PLATEAU, ENERGY, CHARGE, CONDUCTANCE, OFF_TIME, FLOW, HEAT, KINDS } fails = KINDS;
+static uint32_t odds; /* of that kind one reading of so many has failed; 0: none, and no frame meets an abort */
 
 static uint32_t draw(uint32_t below) {
     state = state * 6364136223846793005u + 1442695040888963407u;
@@ -38,7 +39,11 @@ void hal_send(void *board, const uint8_t *frame, size_t size) {
     }
 }
 void hal_inputs(void *board, struct edm_inputs *now) { (void)board; *now = inputs; }
-void hal_gate(void *board, bool on) { (void)board; gate = on; }
+void hal_gate(void *board, bool on) {
+    (void)board;
+    HOLDS(!on || (may_open && c.keeps.fault == 0));
+    gate = on;
+}
 real hal_set_generator(void *board, const struct edm_generator *setting) { (void)board; return setting->peak_a / 20; }
 void hal_stage_start(void *board, uint8_t axis, real at, real speed) { (void)board; (void)axis; (void)at; (void)speed; }
 void hal_stage_stop(void *board, uint8_t axis, real at) { (void)board; (void)axis; (void)at; }
@@ -55,7 +60,7 @@ void hal_wave_forget(void *board, bool what) { (void)board; (void)what; }
 void hal_persist(void *board, const struct edm_persistent *words) { (void)board; kept = *words; }
 
 static void look(void) {
-    HOLDS(gate == (c.drive.pulses_on != 0));
+    HOLDS(!gate || c.drive.pulses_on);
     if (gate) {
         HOLDS(c.armed && c.pulses_allowed && c.link.session != 0 && c.keeps.fault == 0);
         HOLDS(c.state == STATE_APPROACH || c.state == STATE_MACHINING || c.state == STATE_JUMP);
@@ -65,35 +70,38 @@ static void look(void) {
     HOLDS(isfinite(c.gap.slow_displacement_um) && isfinite(c.gap.gap_v));
 }
 
-static real any(real usual) {
+static real any(int kind, real usual) {
     static const real odd[] = {0, -1, R(1e-9), R(1e6), R(-1e6), R(1e30), R(-1e30), NAN, INFINITY, -INFINITY};
-    return draw(odds) ? usual : odd[draw(10)];
+    return kind != (int)fails || draw(odds) ? usual : odd[draw(10)];
 }
 
 /* Readings of a machine that goes well, but for what `any` does to them. */
 static void readings(int pulses) {
     struct edm_readings *r = &c.readings;
     memset(r, 0, sizeof *r);
-    r->sensor_um = any(3 * c.drive.actuator_v);
-    r->monitor_v = any(c.drive.actuator_v);
-    r->gap_v = c.drive.pulses_on ? any(10) : R(NAN);
+    r->sensor_um = any(SENSOR, 3 * c.drive.actuator_v);
+    r->monitor_v = any(MONITOR, c.drive.actuator_v);
+    r->gap_v = c.drive.pulses_on ? any(GAP, 10) : R(NAN);
     r->pulses = c.drive.pulses_on ? (uint8_t)pulses : 0;
     r->first_pulse_ns = c.tick * TICK_NS;
     for (int i = 0; i < r->pulses && i < EDM_MOST_PULSES; i++) {
         bool open = i % 3 == 0;
-        r->delay_us[i] = any(50);
-        r->discharge_us[i] = any(open ? 0 : 80);
-        r->plateau_v[i] = any(open ? 40 : 25);
-        r->energy_uj[i] = any(240);
+        r->delay_us[i] = any(DELAY, 50);
+        r->discharge_us[i] = any(DISCHARGE, open ? 0 : 80);
+        r->plateau_v[i] = any(PLATEAU, open ? 40 : 25);
+        r->energy_uj[i] = any(ENERGY, 240);
     }
-    r->charge_uc = any(r->pulses ? 1 : 0);
-    r->generator_siemens = any(c.settings.nominal_siemens);
-    r->off_time_a = any(0);
+    r->charge_uc = any(CHARGE, r->pulses ? 1 : 0);
+    r->generator_siemens = any(CONDUCTANCE, c.settings.nominal_siemens);
+    r->off_time_a = any(OFF_TIME, 0);
 }
 
 static void begin(void) {
     real before = c.motion.command_v;
+    may_open = true;
     edm_tick_begin(&c);
+    may_open = false;
+    HOLDS(gate == (c.drive.pulses_on != 0));
     HOLDS(magnitude(c.motion.command_v - before) <= c.settings.slew_limit_v_s * TICK_S + R(1e-4));
     HOLDS(c.motion.command_v >= 0 && c.motion.command_v <= most(before, c.settings.piezo_max_v));
     HOLDS(c.drive.actuator_v >= 0 && c.drive.actuator_v <= 150);
@@ -112,7 +120,7 @@ static int end(void) {
 static void send(uint8_t type, const uint8_t *payload, size_t size) {
     uint8_t frame[FRAME_MOST], zero = 0;
     size_t total = frame_encode(frame, type, ++seq, session, 0, payload, size);
-    size_t abort_at = draw(400) ? total : draw((uint32_t)total);
+    size_t abort_at = odds == 0 || draw(400) ? total : draw((uint32_t)total);
     for (size_t i = 0; i < total; i++) {
         for (int k = 0; k < 8 && i == abort_at; k++) {
             edm_receive(&c, &zero, 1);
@@ -157,14 +165,17 @@ static void start(uint8_t cause) {
 
 static const struct edm_identity identity = {.serial = "HOSTILE", .host_time_scale = 1};
 
-static void set_up(const struct edm_persistent *words, real monitor_v) {
+static void set_up_after(uint8_t cause, const struct edm_persistent *words, real monitor_v) {
     gate = true; /* as a reset may have left it */
     inputs = (struct edm_inputs){.hv_supply_ok = true, .level_ok = true, .flow_lpm = 1, .temperature_c = 20,
                                  .monitor_v = monitor_v};
-    state = 1u << 20; /* draws no abort */
     edm_create(&c, NULL, &identity, words);
     HOLDS(!gate);
-    start(RESET_CAUSE_POWER_ON);
+    start(cause);
+}
+
+static void set_up(const struct edm_persistent *words, real monitor_v) {
+    set_up_after(RESET_CAUSE_POWER_ON, words, monitor_v);
 }
 
 static void stage_parameter(int row, int32_t value) {
@@ -190,13 +201,27 @@ static void arm(void) {
     send(MSG_PULSE_ENABLE, p, 1);
 }
 
-/* A cut to 200 µm with the reference at 8 V. */
-static void cut(void) {
+/* Makes all pulses of the millisecond open ones, told by a sensor of that gain. */
+static void all_open(real gain) {
+    for (int i = 0; i < c.readings.pulses; i++) {
+        c.readings.discharge_us[i] = 0;
+        c.readings.plateau_v[i] = gain * c.settings.open_v;
+    }
+    c.readings.charge_uc = 0;
+    c.readings.gap_v = gain * c.settings.duty_v;
+}
+
+/* A cut (or scan) to 200 µm with the reference at 8 V. */
+static void cut_as(uint8_t type) {
     uint8_t p[10];
     put_u16(p, 1600);
     put_i32(p + 2, 200000);
     put_u32(p + 6, 1000000);
-    send(MSG_SERVO_START, p, 10);
+    send(type, p, 10);
+}
+
+static void cut(void) {
+    cut_as(MSG_SERVO_START);
 }
 
 static void cut_with(real *reading, real value, int ms, int fault) {
@@ -218,24 +243,179 @@ static void cut_with(real *reading, real value, int ms, int fault) {
     HOLDS(magnitude(c.gap.slow_displacement_um) < 400);
 }
 
+/* A sensor that fails while the tool is out, in a scan, with the last spark, and before an approach: no stage moves, the scan
+ * ends, and the way without sparks stays as short. */
+static void sensor_fails_about(real value) {
+    uint8_t p[10] = {0};
+    set_up(NULL, 0);
+    arm();
+    c.motion.command_v = 100;
+    run(400, 0);
+    begin();
+    readings(0);
+    c.readings.sensor_um = value;
+    end();
+    put_u32(p + 5, 1000000);
+    send(MSG_STAGE_MOVE, p, 9);
+    HOLDS(!c.stages.travels && c.gap.slow_displacement_um > 1000);
+    run(1, 0);
+    HOLDS(magnitude(c.gap.slow_displacement_um - 300) < 1);
+    set_up(NULL, 0);
+    arm();
+    cut_as(MSG_SCAN_START);
+    run(100, 3);
+    HOLDS(gate);
+    begin();
+    readings(3);
+    c.readings.sensor_um = value;
+    end();
+    HOLDS(!gate && c.keeps.fault == FAULT_TRAVEL_LIMIT);
+    for (int with_approach = 0; with_approach < 2; with_approach++) {
+        set_up(NULL, 0);
+        arm();
+        if (with_approach) {
+            run(400, 0);
+        } else {
+            put_u16(p, 1600);
+            put_i32(p + 2, 440000);
+            put_u32(p + 6, 1000000);
+            send(MSG_SCAN_START, p, 10);
+            run(400, 3);
+        }
+        if (with_approach) {
+            begin();
+            readings(0);
+            c.readings.sensor_um = value;
+            end();
+            run(1, 0);
+            put_u32(p, 5000);
+            put_u32(p + 4, 20000);
+            put_u16(p + 8, 1600);
+            send(MSG_APPROACH, p, 10);
+        } else { /* as in the return of a jump, which goes on */
+            c.gap.displacement_um = DISPLACEMENT_FAILED_UM;
+            run(1, 3);
+        }
+        real from_v = c.motion.command_v;
+        for (int ms = 0; ms < 60000 && c.keeps.fault == 0; ms++) {
+            begin();
+            readings(3);
+            if (c.drive.pulses_on) all_open(1);
+            end();
+            HOLDS(c.motion.command_v < from_v + 8);
+            if (ms % 50 == 0) live();
+        }
+        HOLDS(c.keeps.fault == FAULT_NO_SPARK && !gate);
+    }
+}
+
+/* A jump's pulses are due in the millisecond in which something forbids them: hal_gate is looked at. */
+static void gate_stays_shut(void) {
+    uint8_t p[14] = {0};
+    put_u32(p, 30000);
+    put_u32(p + 4, 500000);
+    put_u32(p + 10, 5000);
+    for (int what = 0; what < 4; what++) {
+        set_up(NULL, 0);
+        arm();
+        c.motion.command_v = 50;
+        cut();
+        run(50, 3);
+        send(MSG_JUMP, p, 14);
+        for (int ms = 0; ms < 1000 && c.keeps.fault == 0; ms++) {
+            begin();
+            readings(3);
+            bool due = c.motion.mode == JUMP_DOWN && c.motion.phase + 1 >= c.motion.phase_ticks;
+            if (due && what == 0) c.readings.monitor_v = NAN;
+            inputs.estop = due && what == 1;
+            inputs.door_open = due && what == 2;
+            end();
+            if (due && what == 3) edm_abort(&c);
+            if (due) begin();
+            HOLDS(!due || (!gate && c.keeps.fault != 0));
+            if (ms % 50 == 0) live();
+        }
+        HOLDS(c.keeps.fault != 0);
+    }
+}
+
 static void cases(void) {
-    const real values[] = {NAN, INFINITY, R(1e30)};
-    for (int i = 0; i < 3; i++) { /* what has failed ends a cut, and is over when it is */
-        cut_with(&c.readings.sensor_um, values[i], 1, 0);
+    const real values[] = {NAN, INFINITY, R(1e30), -INFINITY, R(-1e30), R(-2.1e6)};
+    for (int i = 0; i < 6; i++) { /* what has failed ends a cut, and is over when it is */
+        cut_with(&c.readings.sensor_um, values[i], 1, FAULT_TRAVEL_LIMIT);
         cut_with(&c.readings.monitor_v, values[i], 1, FAULT_PIEZO_OV);
         cut_with(&c.readings.gap_v, values[i], 1, FAULT_GAP_SENSOR);
         cut_with(&c.readings.generator_siemens, values[i], 1, FAULT_GEN_FAULT);
         cut_with(&c.readings.off_time_a, values[i], 1, FAULT_GEN_FAULT);
-        cut_with(c.readings.plateau_v, values[i], 60, FAULT_GAP_SENSOR);
+        cut_with(&c.readings.charge_uc, values[i], 1, FAULT_GEN_FAULT);
+        if (!(values[i] < 0)) cut_with(c.readings.plateau_v, values[i], 60, FAULT_GAP_SENSOR); /* below 0 V: shorts */
+        cut_with(&inputs.flow_lpm, values[i], 1, FAULT_DIELECTRIC);
+        cut_with(&inputs.temperature_c, values[i], 1, FAULT_DIELECTRIC);
+        sensor_fails_about(values[i]);
     }
-    cut_with(&inputs.flow_lpm, NAN, 1, FAULT_DIELECTRIC);
-    cut_with(&inputs.temperature_c, NAN, 1, FAULT_DIELECTRIC);
+    gate_stays_shut();
 
     set_up(NULL, 0); /* a generator that gives no pulses: the tool does not feed on */
     arm();
     cut();
     run(120, 0);
     HOLDS(c.keeps.fault == FAULT_NO_SPARK && !gate && c.motion.command_v < R(0.5));
+
+    for (int touches = 0; touches < 2; touches++) { /* a generator that does not switch off, at rest and in a touch */
+        uint8_t t[23] = {0};
+        set_up(NULL, 0);
+        arm();
+        put_u32(t, 1000000);
+        put_i32(t + 4, 50000);
+        put_u32(t + 8, 5000);
+        put_i32(t + 12, 100000);
+        t[22] = 1;
+        if (touches) send(MSG_TOUCH_OFF, t, 23);
+        const uint8_t strays[] = {1, 0, 3, 3}; /* the gate may have been shut in the first of those that come */
+        for (int ms = 0; ms < 4; ms++) {
+            HOLDS(c.keeps.fault == 0);
+            begin();
+            readings(0);
+            c.readings.pulses = strays[ms];
+            end();
+        }
+        HOLDS(c.keeps.fault == FAULT_GEN_FAULT && c.state == STATE_FAULT);
+    }
+
+    const real gains[] = {R(0.96), 1, R(1.04)};
+    for (int i = 0; i < 3; i++) { /* no sparks any more, by a gap sensor that the self-test lets pass */
+        set_up(NULL, 0);
+        arm();
+        cut();
+        run(100, 3);
+        HOLDS(gate);
+        real last_um = c.gap.displacement_um;
+        for (int ms = 0; ms < 5000 && gate; ms++) {
+            begin();
+            readings(3);
+            all_open(gains[i]);
+            end();
+            if (ms % 50 == 0) live();
+        }
+        HOLDS(!gate && c.keeps.fault == FAULT_NO_SPARK && c.gap.displacement_um < last_um + 17);
+    }
+
+    set_up(NULL, 0); /* contact for a millisecond of a sample of ten */
+    uint8_t tlm[TLM_START_SIZE] = {0};
+    put_u16(tlm, 10000);
+    tlm[2] = 14;
+    send(MSG_TLM_START, tlm, TLM_START_SIZE);
+    HOLDS(c.telemetry.next > 0);
+    for (int ms = 1; ms <= 30; ms++) {
+        begin();
+        readings(0);
+        c.readings.contact = ms == 13;
+        end();
+    }
+    HOLDS(c.telemetry.pending == 3);
+    for (int i = 0; i < 3; i++) {
+        HOLDS((c.telemetry.samples[i][TLM_RECORD_SIZE - 1] & TLM_FLAGS_CONTACT) == (i == 1 ? TLM_FLAGS_CONTACT : 0));
+    }
 
     set_up(NULL, 0); /* more pulses than there is room for */
     arm();
@@ -258,9 +438,14 @@ static void cases(void) {
 
     const real monitors[] = {100, R(150.4), 200, NAN, R(1e30), -3}, commands[] = {100, 150, 0, 0, 0, 0};
     for (int i = 0; i < 6; i++) { /* where a reset has left the tool, by a monitor that is right or cannot be */
-        set_up(NULL, monitors[i]);
+        set_up_after(RESET_CAUSE_EXTERNAL, NULL, monitors[i]);
         HOLDS(!(magnitude(c.motion.command_v - commands[i]) > R(0.001)));
+        HOLDS(!(magnitude(c.drive.actuator_v - commands[i]) > DAC_V));
         HOLDS(c.state == (commands[i] > 0 ? STATE_BOOT : STATE_IDLE));
+        set_up(NULL, monitors[i]); /* without supply the converter did not keep its voltage: no monitor is believed */
+        HOLDS(c.motion.command_v <= 0 && c.drive.actuator_v <= 0 && c.state == STATE_IDLE);
+        run(1, 0);
+        HOLDS(c.drive.actuator_v <= 0);
     }
 
     struct edm_persistent words; /* words that did not last */
@@ -375,6 +560,54 @@ static void slow_path(void) {
     HOLDS(magnitude(c.servo.z_limit_um - R(50.2)) < R(0.005));
 }
 
+/* Steps below what float can add: a ramp at 100 V, the mean of a long touch, the nanoseconds of a long period. */
+static void small_steps(void) {
+    uint8_t p[17] = {0};
+    set_up(NULL, 0);
+    arm();
+    c.motion.command_v = 100;
+    put_u16(p, 44000);
+    put_u32(p + 2, 3);
+    send(MSG_PIEZO_SET, p, 6);
+    for (int ms = 0; ms < 100000; ms++) motion_command(&c);
+    HOLDS(magnitude(c.motion.command_v - R(100.3)) < R(0.001));
+
+    motion_enter(&c, TOUCH_HUNT);
+    c.motion.dwell_ticks = 65000;
+    c.motion.z_max_um = 1000;
+    c.gap.displacement_um = c.gap.slow_displacement_um = R(100.123);
+    c.touch.sum = c.touch.rest = 0;
+    c.touch.count = 0;
+    for (int ms = 0; ms < 60000; ms++) touch_tick(&c);
+    HOLDS(magnitude(c.touch.sum / (real)c.touch.count - R(100.123)) < R(0.0001));
+
+    set_up(NULL, 0);
+    arm();
+    put_u32(p, 123456789);
+    put_u32(p + 4, 87654322);
+    put_u16(p + 8, 8000);
+    put_u16(p + 10, 120);
+    send(MSG_PULSE_CONFIG, p, 17);
+    HOLDS(c.settings.pulse_period_ns == 211111111);
+    memset(p, 0, sizeof p);
+    put_u32(p + 6, 39999999);
+    send(MSG_SERVO_START, p, 10);
+    HOLDS(c.servo.time_ticks == 39999999);
+}
+
+/* A short whose tool is far beyond the limit of a scan, or whose sensor says so: it goes back as fast as any. */
+static void short_beyond_the_limit(void) {
+    const real beyond_um[] = {0, 10, 100, DISPLACEMENT_FAILED_UM};
+    for (int i = 0; i < 4; i++) {
+        set_up(NULL, 0);
+        c.scan.scanning = c.gap.shorted = true;
+        c.servo.time_ticks = 100;
+        c.gap.slow_displacement_um = c.servo.z_limit_um + beyond_um[i];
+        servo_tick(&c);
+        HOLDS(!(c.servo.rate_v_s > -c.settings.short_back_um_s * c.settings.v_per_um));
+    }
+}
+
 static void act(void) {
     uint8_t p[MAX_PAYLOAD] = {0};
     switch (draw(32)) {
@@ -415,6 +648,8 @@ int main(int argc, char **argv) {
         cases();
         resets();
         slow_path();
+        small_steps();
+        short_beyond_the_limit();
         printf("%d broken\n", broken);
         return broken != 0;
     }
@@ -422,14 +657,15 @@ int main(int argc, char **argv) {
     state = strtoull(argv[1], NULL, 10);
     odds = (uint32_t)strtoul(argv[3], NULL, 10);
     for (unsigned long i = 0; i < steps; i++) {
+        fails = draw(3) ? KINDS : draw(KINDS);
         act();
         for (int ms = (int)draw(12) + (draw(30) ? 0 : 150); ms > 0; ms--) {
             inputs.estop = draw(20000) == 0;
             inputs.door_open = draw(20000) == 0;
             inputs.limit_switch = draw(5000) == 0;
-            inputs.flow_lpm = any(1);
-            inputs.temperature_c = any(20);
-            inputs.monitor_v = any(c.drive.actuator_v);
+            inputs.flow_lpm = any(FLOW, 1);
+            inputs.temperature_c = any(HEAT, 20);
+            inputs.monitor_v = any(MONITOR, c.drive.actuator_v);
             begin();
             readings((int)draw(5));
             c.readings.contact = draw(100) == 0;
@@ -441,5 +677,5 @@ int main(int argc, char **argv) {
         states |= 1u << c.state;
     }
     printf("%lld ms, %lu with pulses, states %#x, %d broken\n", (long long)c.tick, sparks, states, broken);
-    return broken != 0 || sparks == 0;
+    return broken != 0 || sparks < steps / 100; /* without sparks nothing is tried */
 }

@@ -6,6 +6,7 @@ damaged and repeated frames, other sessions, aborts, restarts, injected faults, 
 
 from __future__ import annotations
 
+import math
 from random import Random
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +16,24 @@ from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import INJECTIONS, parse_injection
 
 if TYPE_CHECKING:
-    from edmctl.link.wire import Message
+    from edmctl.link.wire import Message, Param
     from edmctl.simulator import VirtualBench
 
 ABORT_ZEROS = 8
 CAUSES = (m.ResetCause.WATCHDOG, m.ResetCause.BROWN_OUT, m.ResetCause.POWER_ON, m.ResetCause.EXTERNAL)
 SPOILED = tuple(name for name in INJECTIONS if name not in ("UNPLUG", "SILENCE", "LINE_NOISE"))
 """The line is spoiled by the schedule itself."""
+FAILED = (
+    ("sensor_gain", math.nan),
+    ("sensor_gain", -1e9),
+    ("monitor_gain", math.nan),
+    ("monitor_gain", 0.9),
+    ("off_time_a", math.nan),
+    ("gap_stuck_v", 5.0),
+    ("gap_stuck_v", 60.0),
+    ("gap_stuck_v", 1e6),
+)
+"""Constants of the machine that no machine has, for what it then reads."""
 
 
 class Difference(AssertionError):
@@ -243,6 +255,14 @@ class Schedule:
     def _stage_parameter(self) -> None:
         r = self.random
         param = r.choice(list(m.PARAMS.values()))
+        wire = param.to_wire(self._any_value(param))
+        self._send(m.SetParam(param.id, wire))
+        if self.twins.lead.controller.state is m.State.IDLE:
+            self.values[param.name] = param.from_wire(wire)
+
+    def _any_value(self, param: Param) -> float:
+        """A value within its range; of those that stop most of what follows, one that does not."""
+        r = self.random
         low, high = param.minimum, param.maximum
         value = r.choice(
             (low, high, param.default, r.uniform(low, high), param.default * r.uniform(0.5, 2.0))
@@ -252,10 +272,7 @@ class Schedule:
             value = 1000.0 * r.choice((1, 2, 7))
         if param.name in ("piezo_max_v", "slew_limit_v_s", "retract_v_s", "sensor_fitted", "watchdog_s"):
             value = max(value, param.default)
-        wire = param.to_wire(value)
-        self._send(m.SetParam(param.id, wire))
-        if self.twins.lead.controller.state is m.State.IDLE:
-            self.values[param.name] = param.from_wire(wire)
+        return value
 
     def _generator(self) -> m.PulseConfig:
         r = self.random
@@ -458,6 +475,42 @@ class Schedule:
         for bench in self.twins.benches:
             bench.controller.link.driven = False
         self._send(m.Advance(1000))
+
+
+class WideSchedule(Schedule):
+    """Parameters from the whole of their range, slow lines, hosts of another time, readings that cannot be."""
+
+    def __init__(self, seed: int, first: str = "python", second: str = "firmware") -> None:
+        super().__init__(seed, first, second)
+        baud = self.random.choice((0, 115_200, 230_400, 500_000))
+        scale = self.random.choice((1.0, 1.0, 3.0, 0.25))
+        for bench in self.twins.benches:
+            bench.controller.baud, bench.controller.host_time_scale = baud, scale
+        unit = self.twins.lead.plant.unit
+        self._sound = {name: getattr(unit, name) for name, _ in FAILED}
+
+    def _any_value(self, param: Param) -> float:
+        r = self.random
+        low, high = param.minimum, param.maximum
+        if param.name == "servo_period_us":
+            return 1000.0 * r.choice((1, 2, 7, 200))
+        near, far = param.default * r.uniform(0.05, 2.0), low + (high - low) * r.random() ** 4
+        return min(high, max(low, r.choice((low, high, param.default, r.uniform(low, high), near, far))))
+
+    def _spoil(self) -> None:
+        if self.random.random() < 0.6:
+            super()._spoil()
+            return
+        name, value = self.random.choice(FAILED)
+        for bench in self.twins.benches:
+            setattr(bench.plant.unit, name, value)
+        self.twins.check(f"{name} {value}")
+
+    def _repair(self) -> None:
+        for bench in self.twins.benches:
+            for name, value in self._sound.items():
+                setattr(bench.plant.unit, name, value)
+        super()._repair()
 
 
 def _size_of(kind: type[Message]) -> int:

@@ -9,6 +9,8 @@ import pytest
 
 from edmctl.errors import RunFileError
 from edmctl.link import messages as m
+from edmctl.link.frame import encode_frame
+from edmctl.simulator import BenchConfig, firmware_controller, open_bench
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.firmware.cuts import cut
 from tests.tiers import tiers
@@ -66,8 +68,20 @@ def test_a_latched_fault_and_its_records_are_kept(core: Build) -> None:
     assert np.array_equal(frozen.rows.view(np.float64), kept.rows.view(np.float64))
 
 
+def test_frames_that_do_not_fit_are_not_lost_in_silence(core: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Given more bytes at once than it ever is, the core answers more than its memory of the line holds."""
+    controller = open_bench(BenchConfig(controller="firmware"), 1).controller
+    asked = encode_frame(m.GetSchema.ID, 1, 9, 0, m.GetSchema(0).pack()) * 2000
+    controller.receive(asked)
+    assert len(controller.link.take_output()) > 2000 * 243  # of each page
+    monkeypatch.setattr(firmware_controller, "MOST_AT_ONCE", len(asked))
+    with pytest.raises(RuntimeError, match="frames of the core did not fit"):
+        controller.receive(asked)
+
+
 def test_a_bench_of_another_firmware_is_refused(core: Build) -> None:
     state = dict(bench_state(cut("firmware", 0.1)))
     state["controller"] = {**state["controller"], "sources": "another"}  # type: ignore[dict-item]
-    with pytest.raises(RunFileError, match="another version"):
+    with pytest.raises(RunFileError, match="another build of the firmware's core") as caught:
         restored_bench(state)
+    assert caught.value.code == "E9021"

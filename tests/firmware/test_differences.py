@@ -8,7 +8,7 @@ import pytest
 
 from edmctl.link import messages as m
 from edmctl.simulator.firmware_controller import FirmwareController
-from tests.firmware.schedules import Difference, Schedule
+from tests.firmware.schedules import Difference, Schedule, WideSchedule
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -20,6 +20,13 @@ def test_a_random_schedule_makes_no_difference(core: Build, seed: int) -> None:
     schedule = Schedule(seed)
     schedule.run(150)
     assert isinstance(schedule.twins.benches[1].controller, FirmwareController)
+    assert schedule.commands > 150
+
+
+@pytest.mark.parametrize("seed", tiers(2, slow=(5, 9), full=tuple(range(10, 30))))
+def test_parameters_of_any_value_and_failed_readings_make_no_difference(core: Build, seed: int) -> None:
+    schedule = WideSchedule(seed)
+    schedule.run(150)
     assert schedule.commands > 150
 
 

@@ -4,27 +4,41 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import re
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.firmware.build import REALS, source_folder
+from edmctl.firmware.build import REALS
 from edmctl.link import messages as m
-from edmctl.simulator.controller_state import FAULT_NO_SPARK, NOTHING, LoopState, Settings
-from edmctl.simulator.gap_monitor import wait_for_pulse
+from edmctl.link.frame import FrameDecoder, encode_frame
+from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator.controller_state import (
+    DISPLACEMENT_FAILED_UM,
+    FAULT_GENERATOR,
+    FAULT_NO_SPARK,
+    NORMAL,
+    NOTHING,
+    PACK,
+    LoopState,
+    Settings,
+)
+from edmctl.simulator.gap_monitor import measure_gap, rest_gap, wait_for_pulse
+from edmctl.simulator.plant_interface import Readings
+from edmctl.simulator.servo import hold_at_limit
 from tests.firmware.cuts import cut
-from tests.firmware.test_garbage import PROGRAMS, SANITIZERS, program
+from tests.firmware.test_garbage import SANITIZERS, program
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from edmctl.firmware.build import Build
     from edmctl.simulator import VirtualBench
 
-CORTEX_M4F = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp")
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("real", tiers("float", slow=("double",)))
@@ -53,24 +67,93 @@ def _fails(bench: VirtualBench, part: str, name: str, value: float) -> None:
 
 @pytest.mark.parametrize("controller", ["python", "firmware"])
 @pytest.mark.parametrize(
-    ("part", "name", "state", "fault"),
+    ("part", "name", "value", "state", "fault"),
     [
-        ("unit", "sensor_gain", m.State.ARMED, 0),
-        ("unit", "monitor_gain", m.State.FAULT, 2003),
-        ("unit", "off_time_a", m.State.FAULT, 3004),
-        ("plant", "dielectric_flow_lpm", m.State.FAULT, 4003),
-        ("plant", "dielectric_temperature_c", m.State.FAULT, 4003),
+        ("unit", "sensor_gain", math.nan, m.State.FAULT, 2001),
+        ("unit", "sensor_gain", -math.inf, m.State.FAULT, 2001),
+        ("unit", "sensor_drift_um_s", -1e9, m.State.FAULT, 2001),
+        ("unit", "monitor_gain", math.nan, m.State.FAULT, 2003),
+        ("unit", "monitor_gain", -math.inf, m.State.FAULT, 2003),
+        ("unit", "off_time_a", math.nan, m.State.FAULT, 3004),
+        ("unit", "off_time_a", -math.inf, m.State.FAULT, 3004),
+        ("plant", "dielectric_flow_lpm", math.nan, m.State.FAULT, 4003),
+        ("plant", "dielectric_flow_lpm", -math.inf, m.State.FAULT, 4003),
+        ("plant", "dielectric_temperature_c", math.nan, m.State.FAULT, 4003),
+        ("plant", "dielectric_temperature_c", -math.inf, m.State.FAULT, 4003),
     ],
 )
-def test_a_reading_that_is_no_number_ends_the_cut(
-    core: Build, controller: str, part: str, name: str, state: m.State, fault: int
+def test_a_reading_that_cannot_be_ends_the_cut(
+    core: Build, controller: str, part: str, name: str, value: float, state: m.State, fault: int
 ) -> None:
     bench = cut(controller, 0.1)
     assert bench.plant.drive.pulses_on
-    _fails(bench, part, name, math.nan)
+    _fails(bench, part, name, value)
     bench.controller.advance(2)
     assert not bench.plant.drive.pulses_on
     assert (bench.controller.state, bench.controller.fault) == (state, fault)
+
+
+@pytest.mark.parametrize("beyond_um", [-100.0, 0.0, 10.0, 100.0, DISPLACEMENT_FAILED_UM])
+def test_a_short_beyond_the_limit_of_a_scan_goes_back_as_fast_as_any(beyond_um: float) -> None:
+    """Of the virtual controller; hostile.c tries the core."""
+    loop, settings = LoopState(), Settings()
+    settings.back_um_s, settings.v_per_um = 5.0, 1.0
+    loop.slow_displacement_um = beyond_um
+    hold = hold_at_limit.py_func  # type: ignore[attr-defined]
+    loop.rate_v_s = -50.0
+    hold(settings, loop)
+    assert loop.rate_v_s == -50.0
+    loop.rate_v_s = 5.0
+    hold(settings, loop)
+    assert loop.rate_v_s == max(-5.0, min(5.0, -4.0 * beyond_um))
+
+
+def test_what_counts_as_a_spark_and_as_its_place() -> None:
+    """Of the virtual controller; hostile.c tries the core."""
+    loop, settings, readings = LoopState(), Settings(), Readings()
+    settings.duty_v, settings.misreads_max, settings.arc_run_max = 12.0, 50, 60
+    readings.gap_v, readings.pulses = 10.0, 2
+    measure = measure_gap.py_func  # type: ignore[attr-defined]
+    places = []
+    for displacement_um in (7.0, DISPLACEMENT_FAILED_UM, 8.0):
+        loop.displacement_um = displacement_um
+        loop.tick_counts = 2 << PACK * NORMAL
+        assert measure(settings, loop, readings, 0) == NOTHING
+        places.append(loop.last_spark_um)
+    assert places == [7.0, 7.0, 8.0]
+    for open_pulses, gap_v, open_ticks in ((2, 11.5, 1), (2, 12.0, 2), (1, 11.999, 0)):
+        loop.tick_counts = open_pulses + (2 - open_pulses << PACK * NORMAL)
+        readings.gap_v, loop.slow_displacement_um = gap_v, 9.0
+        assert measure(settings, loop, readings, 0) == NOTHING
+        assert loop.open_ticks == open_ticks
+
+
+@pytest.mark.parametrize("controller", ["python", "firmware"])
+def test_what_no_count_can_tell_is_told_by_a_limit(core: Build, controller: str) -> None:
+    bench = cut(controller, 0.1)
+    bench.plant.unit.gap_stuck_v = 900.0
+    bench.controller.advance(100)
+    bench.plant.unit.monitor_gain = math.nan
+    bench.controller.advance(1)
+    bench.controller.link.take_output()
+    hello = m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 77, m.SCHEMA_HASH)
+    for at, request in enumerate((hello, m.GetStatus())):
+        bench.controller.receive(encode_frame(request.ID, at, 5, 0, request.pack()))
+    told = FrameDecoder(watch_for_abort=False).feed(bench.controller.link.take_output())
+    status = m.GetStatusReply.unpack(told[-1].payload)
+    assert bench.controller.loop.gap_v > 400.0
+    assert (status.gap_v, status.monitor_v) == (327.675, -327.68)
+
+
+@pytest.mark.parametrize("controller", ["python", "firmware"])
+def test_damaged_frames_count_from_the_reset_on(core: Build, controller: str) -> None:
+    bench = open_bench(BenchConfig(controller=controller), 1)
+    bench.controller.receive(b"\0damaged\0" * 12)
+    bench.controller.reset(m.ResetCause.EXTERNAL)
+    hello = m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 1, m.SCHEMA_HASH)
+    frames = [encode_frame(r.ID, at, 5, 0, r.pack()) for at, r in enumerate((hello, m.Arm(m.param_crc({}))))]
+    bench.controller.receive(b"".join(frames) + b"\0damaged\0" * 10)
+    assert bench.controller.fault == 1003
 
 
 def test_a_reset_beyond_the_default_range_makes_no_jump() -> None:
@@ -98,11 +181,46 @@ def test_the_core_builds_for_a_board_without_headers_or_doubles(core: Build, tmp
     """docs/firmware.md: zig alone is enough, and the core does no arithmetic in double."""
     if importlib.util.find_spec("ziglang") is None:
         pytest.skip("the package ziglang is not installed")
-    zig = [sys.executable, "-m", "ziglang", "cc", *CORTEX_M4F]
-    flags = ["-std=c11", "-O2", "-ffreestanding", "-ffp-contract=off", "-fno-math-errno"]
-    flags += ["-Wdouble-promotion", "-Werror"]
-    folder = source_folder()
-    sources = [*(folder / "core").glob("*.c"), *(folder / "gen").glob("*.c"), PROGRAMS / "board.c"]
-    command = [*zig, *flags, *map(str, sources), "-o", str(tmp_path / "board.elf")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    page = (ROOT / "docs/firmware.md").read_text(encoding="utf-8")
+    (typed,) = re.findall(r"^ +python (-m ziglang cc .*?) -o board.elf$", page, re.DOTALL | re.MULTILINE)
+    made = tmp_path / "board.elf"
+    more = f"-Wdouble-promotion -Werror -s -o {shlex.quote(str(made))}"
+    command = f"{shlex.quote(sys.executable)} {typed} {more}"
+    done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+    assert made.stat().st_size < 48 * 1024  # with the compiler's own checks it is more than ten times that
+
+
+def test_pulses_of_a_generator_that_does_not_switch_off_are_found() -> None:
+    """Of the virtual controller; hostile.c tries the core."""
+    loop, readings = LoopState(), Readings()
+    loop.watched, readings.gap_v = 1, math.nan
+    rest = rest_gap.py_func  # type: ignore[attr-defined]
+    found = []
+    for readings.pulses in (1, 0, 3, 3):
+        found.append(rest(loop, readings))
+    assert found == [NOTHING, NOTHING, NOTHING, FAULT_GENERATOR]
+
+
+@pytest.mark.parametrize("value", [math.nan, 700.0, -700.0, 1e9])
+@pytest.mark.parametrize("part", ["gap", "flow", "temperature", "monitor", "sensor"])
+def test_both_controllers_tell_readings_beyond_the_wire_alike(core: Build, part: str, value: float) -> None:
+    said = []
+    for controller in ("python", "firmware"):
+        heard = bytearray()
+        bench = cut(controller, 0.05, heard=heard)
+        replies = [f for f in FrameDecoder(watch_for_abort=False).feed(bytes(heard)) if f.type_id & 0x40]
+        plant, unit = bench.plant, bench.plant.unit
+        owner, name = {
+            "gap": (unit, "gap_stuck_v"),
+            "flow": (plant, "dielectric_flow_lpm"),
+            "temperature": (plant, "dielectric_temperature_c"),
+            "monitor": (unit, "monitor_zero_v"),
+            "sensor": (unit, "sensor_bend_um"),
+        }[part]
+        setattr(owner, name, value)
+        bench.controller.advance(60)
+        ask = encode_frame(m.GetStatus.ID, replies[-1].seq + 100 & 255, replies[-1].session, 0, b"")
+        bench.controller.receive(ask)
+        said.append((bench.controller.link.take_output(), bench.controller.fault))
+    assert said[0] == said[1]

@@ -24,7 +24,7 @@ from edmctl.link.messages import (
     param_crc,
 )
 from edmctl.link.schema import Field, Layout, load_schema
-from edmctl.link.wire import Message
+from edmctl.link.wire import Message, saturated
 from tests.link.frame_text import TYPES
 
 SCHEMA = load_schema()
@@ -99,6 +99,15 @@ def test_the_edges_of_a_wire_type_pass() -> None:
     assert PiezoSet(163.8375, 4294967.295).pack() == b"\xff" * 6
     low = GetStatusReply(0, 0, 0, -2147483.648, 0.0, 0.0, 0.0, 0.0, 0.0, -3276.8, 0.0, -327.68, 0)
     assert GetStatusReply.unpack(low.pack()) == low
+
+
+def test_what_is_measured_saturates() -> None:
+    told = GetStatusReply(3, 7, 1, 1e30, -inf, 12.5, nan, 163.9, -0.1, inf, nan, 3.0, 5)
+    wire = GetStatusReply.unpack(saturated(told).pack())
+    assert (wire.displacement_um, wire.x_um, wire.y_um) == (2147483.647, -2147483.648, 12.5)
+    assert (wire.theta_deg, wire.actuator_v, wire.gap_v) == (-2147483.648, 163.8375, 0.0)
+    assert (wire.temperature_c, wire.flow_lpm, wire.monitor_v) == (3276.7, 0.0, 3.0)
+    assert (wire.state, wire.fault, wire.interlocks, wire.flags) == (3, 7, 1, 5)
 
 
 def test_records_must_be_as_many_as_announced_and_fit_a_frame() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from typing import TYPE_CHECKING
 
+from edmctl.link.frame import MAX_PAYLOAD
 from edmctl.link.schema import TEXT_TYPE
 
 if TYPE_CHECKING:
@@ -170,7 +171,7 @@ def _structure(name: str, layout: Layout, note: str, *, wire: bool = False) -> s
     size = f"\n#define {name}_SIZE {layout.size}\n"
     if layout.record:
         size += f"#define {name}_RECORD_SIZE {layout.record_size}\n"
-        size += f"#define {name}_MOST {(246 - layout.size) // layout.record_size}\n"
+        size += f"#define {name}_MOST {(MAX_PAYLOAD - layout.size) // layout.record_size}\n"
     return f"\n/* {_wrapped(note)} */{size}struct {name.lower()} {{\n{lines}}};\n"
 
 

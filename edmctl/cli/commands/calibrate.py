@@ -101,7 +101,7 @@ def calibrate(
     displacement sensor. The errors told are on data that the model did not see.
     """
     from edmctl.jobs.calibration.request import CalibrationRequest, check
-    from edmctl.jobs.connect import seed_warning
+    from edmctl.jobs.connect import controller_warning, seed_warning
 
     used_seed = seed_to_use(seed)
     checked = check(
@@ -121,7 +121,8 @@ def calibrate(
         shell(),
     )
     outcome.simulated = checked.simulated
-    outcome.warn([*checked.doubts, *seed_warning(checked.where, seed)])
+    useless = [*seed_warning(checked.where, seed), *controller_warning(checked.where, controller)]
+    outcome.warn([*checked.doubts, *useless])
     if dry_run:
         _tell_plan(outcome, checked)
     elif checked.plan is None and not checked.sources:

@@ -45,6 +45,7 @@ _KEPT_ALREADY = {
     "overrides": "--set",
     "setup": "--setup",
     "seed": "--seed",
+    "controller": "--controller",
     "calibration": "--calibration",
     "allow_model": "--allow-model",
     "new_tool": "--new-tool",

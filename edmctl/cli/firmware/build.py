@@ -17,8 +17,9 @@ RealOption = Annotated[
 def build(outcome: Outcome, real: RealOption = None) -> None:
     """Build the firmware's core as a library for virtual machines, unless that was done before.
 
-    It takes a C compiler: CC names one, else one of the system is taken, else that of the package ziglang. Jobs with
-    --controller firmware build by themselves what they need.
+    It takes a C compiler: CC names one, else one of the system is taken, else that of the package ziglang. The
+    library is kept in the user's cache folder, or in EDMCTL_FIRMWARE_CACHE. Jobs with --controller firmware build by
+    themselves what they need.
     """
     from dataclasses import asdict
 
@@ -30,7 +31,7 @@ def build(outcome: Outcome, real: RealOption = None) -> None:
     builds = [built(kind) for kind in REALS if real in (None, kind)]
     outcome.result = {"builds": [{**asdict(made), "path": str(made.path)} for made in builds]}
     lines = [
-        f"{made.real}: {'built now' if made.is_new else 'was there'} by {made.compiler}: {made.path}"
+        f"{made.real}: {made.path}, {'built now' if made.is_new else 'built before'} by {made.compiler}"
         for made in builds
     ]
     outcome.text = "\n".join(lines)

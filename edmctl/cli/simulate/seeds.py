@@ -12,12 +12,14 @@ from edmctl.cli.options import (
     PROGRESS,
     AllowModelOption,
     CalibrationOption,
+    ControllerOption,
     DryRunOption,
     ProfileOption,
     SeedOption,
     SetOption,
     SetupOption,
     command,
+    controlled_by,
     with_options_of,
 )
 from edmctl.cli.outcome import Outcome, stream_style, watching
@@ -89,6 +91,7 @@ def simulate(
     runs: RunsOption = None,
     sweep: SweepOption = None,
     seed: SeedOption = None,
+    controller: ControllerOption = None,
     calibration: CalibrationOption = None,
     allow_model: AllowModelOption = False,
     out: OutOption = None,
@@ -110,7 +113,7 @@ def simulate(
     outcome.simulated = True
     _check_files(table, figure)
     if resume is not None:
-        asked = (profile, overrides, setup, runs, sweep, seed, calibration, out)
+        asked = (profile, overrides, setup, runs, sweep, seed, controller, calibration, out)
         if any(value is not None for value in asked) or allow_model or dry_run:
             raise UsageError(
                 "--resume goes on with the series as it was asked for.",
@@ -121,7 +124,8 @@ def simulate(
             series = rows.series(resume)
         out = resume
     else:
-        request = JobRequest(profile, tuple(overrides or ()), setup, SIMULATOR, calibration, allow_model)
+        changes = (*(overrides or ()), *controlled_by(controller))
+        request = JobRequest(profile, changes, setup, SIMULATOR, calibration, allow_model)
         many = USUAL_RUNS if runs is None else runs
         series = Series(request, tuple(sweep or ()), many, seed_to_use(seed, many))
     first_seed = series.first_seed

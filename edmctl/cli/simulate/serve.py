@@ -124,7 +124,7 @@ def serve(
     It is the machine of `sim:`, and lives on between the programs that use it one after the other. What --fault
     breaks stays broken until SIGUSR1 mends it.
     """
-    from edmctl.jobs.connect import bench_config, known_controller
+    from edmctl.jobs.connect import bench_config
     from edmctl.profile.setup import load_setup
     from edmctl.rules.load import load_profile
 
@@ -142,7 +142,7 @@ def serve(
     loaded = load_profile(profile, changes, setup=settings) if profile else None
     config = bench_config(loaded, settings)
     if controller is not None and loaded is None:
-        config = replace(config, controller=known_controller(controller))
+        config = replace(config, controller=controller)
     used_seed = seed_to_use(seed)
     # A bench that was kept is the machine that it is, whatever seed would make another.
     outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
@@ -220,8 +220,10 @@ def _endpoint(link: Path | None, place: _Place | None, output: Output) -> "Endpo
 
 
 def _ready(bench: "VirtualBench", endpoint: "Endpoint", speed: float | None) -> str:
+    from edmctl.jobs.connect import driver
+
     pace = "as fast as its clients" if speed is None else f"at {speed:g}x"
-    return f"serving {bench.plant.serial} on {endpoint.name} {pace}; Ctrl-C ends it"
+    return f"serving {bench.plant.serial}{driver(bench)} on {endpoint.name} {pace}; Ctrl-C ends it"
 
 
 def _summary(

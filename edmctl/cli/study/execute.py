@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmctl.cli.options import PROGRESS, command
+from edmctl.cli.options import PROGRESS, ControllerOption, command, controlled_by
 from edmctl.cli.outcome import Outcome, stream_style, tell, watching
 from edmctl.cli.signals import begin_worker, shell
 from edmctl.cli.study.options import FolderArgument, Making, StudyArgument, checks_told, opened
@@ -40,6 +40,7 @@ def run(
     file: StudyArgument,
     making: Making,
     out: OutOption,
+    controller: ControllerOption = None,
 ) -> None:
     """Plan a study into a new folder, and make its runs.
 
@@ -54,7 +55,8 @@ def run(
     source = read_study(find_study(file))
     making.refuse(base_request(source).setup, has_machine=source.file.machine is not None)
     with watching(outcome.output) as reporter:
-        planned = plan_study(source, shell(), checks_told(reporter.note))
+        changes = controlled_by(controller)
+        planned = plan_study(source, shell(), checks_told(reporter.note), changes)
         reporter.note(f"planned {plural(len(planned.plan.runs), 'run')} of {planned.plan.name}")
     outcome.warn(planned.warnings)
     study = create_folder(out, planned, or_same=making.shard is not None)

@@ -66,6 +66,8 @@ class StudyFolder:
     version: str
     identity: str
     """Hash of all that the study is, without the version that planned it."""
+    changes: tuple[str, ...] = ()
+    """What holds for every run beside what the file says."""
 
     @property
     def rows(self) -> Path:
@@ -82,7 +84,7 @@ class StudyFolder:
         """The job that all runs begin with, from the folder's own files."""
         folder = self.path.resolve()  # for workers that stand in another one
         setup = folder / SETUP
-        request = base_request(self.source)
+        request = base_request(self.source, self.changes)
         return replace(request, profile=str(folder / PROFILE), setup=setup if setup.is_file() else None)
 
     def command(self, name: str, *words: str) -> str:
@@ -209,9 +211,14 @@ def create_folder(path: Path, planned: PlannedStudy, *, or_same: bool = False) -
 
 def _same(path: Path, planned: PlannedStudy) -> StudyFolder:
     there = open_folder(path)
-    if there.plan != planned.plan or there.source.text != planned.source.text:
+    if not _is_same(there, planned):
         raise _taken(path, planned)
     return there
+
+
+def _is_same(there: StudyFolder, planned: PlannedStudy) -> bool:
+    said = (planned.plan, planned.source.text, planned.changes)
+    return (there.plan, there.source.text, there.changes) == said
 
 
 def _taken(path: Path, planned: PlannedStudy) -> RunFileError:
@@ -226,12 +233,14 @@ def _taken(path: Path, planned: PlannedStudy) -> RunFileError:
             hint="Choose another folder with --out.",
             code="E9101",
         )
-    if there.source.text == planned.source.text and there.plan == planned.plan:
+    if _is_same(there, planned):
         hint = f"Go on with it as `{there.command('status')}` says, or choose another folder with --out."
         return RunFileError(f"{path} has this study already.", hint=hint, code="E9101")
     what = f"another study, {there.plan.name}"
     if there.source.text == planned.source.text:
         what = "a study of the same file with another plan: its profile or setup was changed since"
+    if there.changes != planned.changes:
+        what = f"a study with {' '.join(there.changes) or 'nothing changed'}"
     return RunFileError(
         f"{path} has {what}.",
         hint=f"Choose another folder with --out; `{there.command('status')}` shows what is there.",
@@ -251,6 +260,8 @@ def _files(planned: PlannedStudy) -> dict[str, bytes]:
         "recipes": {str(point): list(one) for point, one in planned.recipes.items()},
         "plan": planned.plan.as_mapping(),
     }
+    if planned.changes:
+        document["changes"] = list(planned.changes)
     body = json.dumps(document, ensure_ascii=False, allow_nan=False)
     digest = hashlib.sha256(body.encode()).hexdigest()
     written = json.dumps({"sha256": digest, "study": document}, ensure_ascii=False, indent=1, allow_nan=False)
@@ -322,9 +333,11 @@ def open_folder(path: Path) -> StudyFolder:
             raise _changed(path, name)
     source = study_of(texts[STUDY].decode(), path / STUDY)
     recipes = {int(point): (one[0], one[1]) for point, one in study["recipes"].items()}
-    own = json.dumps([study["sha256"], study["plan"]], ensure_ascii=False)
+    changes = tuple(study.get("changes", ()))
+    own = json.dumps([study["sha256"], study["plan"], *changes], ensure_ascii=False)
     identity = hashlib.sha256(own.encode()).hexdigest()[:16]
-    return StudyFolder(path, source, _plan_of(study["plan"]), recipes, str(study["edmctl"]), identity)
+    plan = _plan_of(study["plan"])
+    return StudyFolder(path, source, plan, recipes, str(study["edmctl"]), identity, changes)
 
 
 def _changed(path: Path, name: str) -> PreconditionError:

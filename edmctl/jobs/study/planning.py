@@ -70,6 +70,8 @@ class PlannedStudy:
     recipes: Mapping[int, tuple[str, str]]
     """By point: hashes of the recipe and of the `[sim]` table in effect."""
     warnings: tuple[Diagnostic, ...]
+    changes: tuple[str, ...] = ()
+    """What holds for every run beside what the file says, as `--set` takes it."""
 
 
 def request_of(base: JobRequest, settings: Mapping[str, Value]) -> JobRequest:
@@ -82,12 +84,12 @@ def overrides_of(settings: Mapping[str, Value]) -> tuple[str, ...]:
     return tuple(f"{key}={toml_value(value)}" for key, value in settings.items())
 
 
-def base_request(source: StudySource) -> JobRequest:
-    """Return the job that all runs of a study file begin with; files are beside the study file."""
+def base_request(source: StudySource, changes: Sequence[str] = ()) -> JobRequest:
+    """Return the job that all runs of a study file begin with, and `changes`; files are beside the study file."""
     study, folder = source.file.study, source.path.parent
     return JobRequest(
         profile=find_in(folder, study.profile),
-        overrides=tuple(study.set),
+        overrides=(*study.set, *changes),
         setup=folder / study.setup if study.setup else None,
         port="sim:",
     )
@@ -97,14 +99,17 @@ def plan_study(
     source: StudySource,
     surroundings: Surroundings = NONE,
     observe: Callable[[int, int], None] = lambda done, total: None,
+    changes: tuple[str, ...] = (),
 ) -> PlannedStudy:
     """Check a study file and every run of it; `observe` is told how many settings of how many are checked.
+
+    `changes` hold for every run, after what the file sets.
 
     Raises ProfileError with every diagnostic, and what `check` of a job raises.
     """
     factors, wrong = factors_of(source)
     wrong += [*source.wrong, *_foreign_keys(source), *_wrong_names(source)]
-    base = base_request(source)
+    base = base_request(source, changes)
     points = Points("", (), ())
     try:
         if len(factors) == len(source.file.factors) and ("design",) not in source.damaged:
@@ -119,7 +124,7 @@ def plan_study(
     refuse_undoable(source, runs, checked)
     plan = _plan(source, factors, points, runs, checked)
     recipes = {point: (one.loaded.sha256, one.loaded.sim_sha256) for point, one in checked.items()}
-    return PlannedStudy(source, plan, base, recipes, _warnings(source, runs, checked, factors))
+    return PlannedStudy(source, plan, base, recipes, _warnings(source, runs, checked, factors), changes)
 
 
 def _line(one: Diagnostic) -> int:
