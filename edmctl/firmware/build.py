@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -25,6 +26,8 @@ CACHE_VARIABLE = "EDMCTL_FIRMWARE_CACHE"
 REALS = ("double", "float")
 """Arithmetic of a build: double gives what the virtual controller gives bit for bit, float is that of a board."""
 
+ZIG = (sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline")
+"""Without the last word it builds for this very processor; another one may share the folder of the library."""
 _COMPILERS = ("cc", "gcc", "clang")
 _FLAGS = (
     "-std=c11",
@@ -66,13 +69,22 @@ def source_folder() -> Path:
     return installed if installed.is_dir() else package.parent.parent / "firmware"
 
 
+def source_version() -> tuple[int, int, int]:
+    """Return the version of the firmware that this program builds. Raises OSError, ValueError without sources."""
+    text = (source_folder() / "core" / "version.h").read_text(encoding="utf-8")
+    numbers = dict(re.findall(r"^#define FW_(MAJOR|MINOR|PATCH) (\d+)$", text, flags=re.MULTILINE))
+    if len(numbers) < 3:
+        raise ValueError("version.h names no version")
+    return int(numbers["MAJOR"]), int(numbers["MINOR"]), int(numbers["PATCH"])
+
+
 def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Build:
     """Return the library of that arithmetic, built now unless that was done before.
 
     Raises PreconditionError: E8093 without a C compiler, E8094 where it cannot build the library.
     """
     command = compiler(environ.get("CC", ""))
-    version = _version(command)
+    version = version_of(command)
     folder = source_folder()
     sources = [path for part in ("core", "gen", "host") for path in sorted((folder / part).glob("*.c"))]
     arguments = [*_FLAGS, *_defines(real), f"-I{folder / 'core'}", f"-I{folder / 'gen'}"]
@@ -125,8 +137,7 @@ def compiler(named: str = "") -> tuple[str, ...]:
         if path := shutil.which(name):
             return (path,)
     if importlib.util.find_spec("ziglang") is not None:
-        # Else zig builds for this very processor, and the folder of the library may be shared with another.
-        return (sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline")
+        return ZIG
     raise PreconditionError(
         "There is no C compiler to build the firmware with.",
         hint="`pip install edmctl[firmware]` brings one; CC names another.",
@@ -135,7 +146,7 @@ def compiler(named: str = "") -> tuple[str, ...]:
 
 
 @cache
-def _version(command: tuple[str, ...]) -> str:
+def version_of(command: tuple[str, ...]) -> str:
     try:
         done = subprocess.run(
             [*command, "--version"], capture_output=True, text=True, timeout=_SECONDS, check=True

@@ -68,7 +68,7 @@ def test_what_differs_is_named() -> None:
     with pytest.raises(ProtocolMismatch, match="the controller is older") as caught:
         check_hello(hello(PROTO_MINOR - 1), "port", Controller(packed(theirs)))
     assert f"They differ in {', '.join(names)}." in caught.value.message
-    assert caught.value.hint == "Update the controller's firmware."
+    assert caught.value.hint.startswith("Update the controller's firmware: `edmctl firmware build")
 
 
 def test_many_differences_are_counted() -> None:
