@@ -51,7 +51,7 @@ HOST = "host"
 
 STM32F4 = Board(
     name="stm32f4",
-    number=1,
+    number=0x0429,
     title="NUCLEO-F429ZI",
     chip="STM32F42x/43x",
     folders=("core", "gen", "board", "board/stm32f4"),

@@ -38,7 +38,7 @@ OFF = "--yes-high-voltage-is-off"
 def bench() -> VirtualBench:
     """Return a controller that says that it is the board of the images."""
     bench = open_bench(BenchConfig(), 1)
-    bench.python_controller.board = 1
+    bench.python_controller.board = 0x0429
     return bench
 
 

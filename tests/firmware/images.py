@@ -7,7 +7,7 @@ import zlib
 
 from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH
 
-STM32F4 = 1
+STM32F4 = 0x0429
 RECORD_AT = 0x200
 FLASH_AT = 0x0800_0000
 

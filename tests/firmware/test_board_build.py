@@ -42,7 +42,7 @@ struct image {
   char magic[4]; uint8_t major, minor; uint16_t board; uint32_t schema; uint8_t fw[4]; uint32_t size, crc;
 };
 __attribute__((used, section(".edm_image"))) const volatile struct image edm_image = {
-  {'E', 'D', 'M', 'I'}, 1, 5, 1, %du, {1, 2, 3, 0}, 0, 0};
+  {'E', 'D', 'M', 'I'}, 1, 5, 0x0429, %du, {1, 2, 3, 0}, 0, 0};
 volatile uint32_t initial[5] = {1, 2, 3, 4, 5};
 volatile uint32_t zero[100];
 __attribute__((used, section(".ccm"))) volatile uint8_t large[3000];
@@ -84,7 +84,7 @@ def test_three_files_hold_one_image_that_knows_its_size_and_check(
     images = [read_image(file, SCHEMA_HASH) for file in (made.elf, made.bin, made.hex)]
     assert images[0].data == images[1].data == images[2].data == made.bin.read_bytes()
     facts = images[0].facts
-    assert (facts.firmware, facts.board, facts.has_same_schema) == ((1, 2, 3), 1, True)
+    assert (facts.firmware, facts.board, facts.has_same_schema) == ((1, 2, 3), 0x0429, True)
     assert facts.size_bytes == made.bin.stat().st_size
     used = facts.used_bytes()
     assert (used["CCM"], used["RAM"]) == (3000, 420)

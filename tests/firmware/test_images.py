@@ -86,7 +86,7 @@ def test_bytes_that_look_like_a_record_are_passed_over(tmp_path: Path) -> None:
     data[RECORD_AT + 20 : RECORD_AT + 24] = struct.pack("<I", zlib.crc32(data))
     file = tmp_path / "image.bin"
     file.write_bytes(data)
-    assert read_image(file, SCHEMA_HASH).facts.board == 1
+    assert read_image(file, SCHEMA_HASH).facts.board == 0x0429
 
 
 def test_what_is_no_image_of_this_firmware(tmp_path: Path) -> None:
