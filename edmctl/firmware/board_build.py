@@ -33,7 +33,6 @@ _FLAGS = (
     "-fno-math-errno",
     "-ffunction-sections",
     "-fdata-sections",
-    "-nostdlib",
     "-Wl,--gc-sections",
 )
 _GCC_LIBRARIES = ("libm.a", "libc.a", "libgcc.a")

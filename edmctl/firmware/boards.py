@@ -23,6 +23,7 @@ class Board:
     """A board, by its name on the command line and by the number that HELLO and the record of an image tell.
 
     folders : of sources below firmware/. script : of the linker. device_ids : DBGMCU_IDCODE 11:0 (RM0090 38.6.1).
+    zig, gcc : flags for the chip; zig needs its own library for divisions of 64 bits, so it takes no -nostdlib.
     flash_layout : what the chip's USB loader says of its flash. pyocd_target, openocd_config : names in these tools.
     """
 
@@ -57,7 +58,7 @@ STM32F4 = Board(
     folders=("core", "gen", "board", "board/stm32f4"),
     script="board/stm32f4/f429.ld",
     zig=("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp"),
-    gcc=("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"),
+    gcc=("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-nostdlib"),
     flash=Memory("flash", 0x0800_0000, 2 << 20),
     memories=(Memory("RAM", 0x2000_0000, 192 << 10), Memory("CCM", 0x1000_0000, 64 << 10)),
     device_ids=frozenset({0x419}),
