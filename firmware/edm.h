@@ -8,6 +8,10 @@
  * the words that outlasted the supply or the reset, NULL for none. edm_start follows. */
 void edm_create(struct edm_controller *c, void *board, const struct edm_identity *identity,
                 const struct edm_persistent *keeps);
+/* The same in memory that has outlasted the reset, with the clock, the black box and the waveforms in it: the black box as far
+ * as its checks are right, `waveforms` if the board says that what it has kept of them is whole. */
+void edm_create_again(struct edm_controller *c, void *board, const struct edm_identity *identity,
+                      const struct edm_persistent *keeps, bool waveforms);
 /* Starts it, as a reset of that cause does: no session, pulses off, tool back, BOOT sent (docs/protocol.md, Session). */
 void edm_start(struct edm_controller *c, uint8_t cause);
 

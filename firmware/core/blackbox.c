@@ -4,6 +4,27 @@
 
 #define PER_REPLY 14
 
+/* Check of a sample with its millisecond and the start of its controller: memory that has outlasted a reset is right where
+ * they agree, and what stands beside the ring with it. */
+static uint16_t check_of(const struct edm_sample *sample, int64_t tick, int64_t boot_tick) {
+    struct {
+        struct edm_sample sample;
+        int64_t tick, boot_tick;
+    } of;
+    uint32_t words[sizeof of / sizeof(uint32_t)], hash = 0x811C9DC5u;
+    memset(&of, 0, sizeof of);
+    of.sample = *sample;
+    of.sample.check = 0;
+    of.tick = tick;
+    of.boot_tick = boot_tick;
+    memcpy(words, &of, sizeof words);
+    for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
+        hash = (hash ^ words[i]) * 0x01000193u;
+        hash ^= hash >> 15;
+    }
+    return (uint16_t)(hash ^ hash >> 16);
+}
+
 /* Records the millisecond. */
 void blackbox_record(struct edm_controller *c, uint8_t flags) {
     struct edm_black_box *box = &c->box;
@@ -21,6 +42,7 @@ void blackbox_record(struct edm_controller *c, uint8_t flags) {
     }
     sample->state = c->state;
     sample->flags = flags;
+    sample->check = check_of(sample, c->tick, c->boot_tick);
 }
 
 void blackbox_freeze(struct edm_controller *c) {
@@ -37,6 +59,32 @@ void blackbox_thaw(struct edm_controller *c) {
     struct edm_black_box *box = &c->box;
     box->frozen = false;
     box->since_tick = c->tick;
+}
+
+/* After a reset, in memory that has outlasted it: keeps the samples that are right, from the newest one back, and the clock
+ * that counts them. False where none is, or where the latched fault does not agree with them. */
+bool blackbox_recover(struct edm_controller *c) {
+    struct edm_black_box *box = &c->box;
+    int64_t end = box->frozen ? box->frozen_tick : c->tick;
+    int64_t boot = box->frozen ? box->frozen_boot_tick : c->boot_tick;
+    if (box->frozen != (c->keeps.fault != 0) || end <= 0 || boot < 0 || boot > end || box->since_tick > end) {
+        return false;
+    }
+    int64_t first = end > EDM_BOX_SAMPLES ? end - EDM_BOX_SAMPLES : 0;
+    first = first < boot ? boot : first;
+    first = first < box->since_tick ? box->since_tick : first;
+    int64_t tick = end;
+    while (tick > first) {
+        const struct edm_sample *sample = &box->ring[(size_t)(tick - 1) % EDM_BOX_SAMPLES];
+        if (sample->check != check_of(sample, tick, boot)) {
+            break;
+        }
+        tick--;
+    }
+    box->since_tick = tick;
+    c->tick = end;
+    c->boot_tick = boot;
+    return tick < end;
 }
 
 /* BLACKBOX_READ: up to 14 samples from sample `offset` on, the oldest being sample 0. */

@@ -256,6 +256,7 @@ struct edm_sample {
     real displacement_um, actuator_v, gap_v, charge_uc;
     uint8_t counts[4];   /* pulses by class, 255 at most */
     uint8_t state, flags;
+    uint16_t check;      /* blackbox.c; it takes no room that was not there */
 };
 
 /* blackbox.c: a ring that a fault freezes; the samples are written when they are read. */

@@ -109,6 +109,7 @@ void telemetry_log_pulse(struct edm_controller *c, int i, uint8_t pulse_class);
 void blackbox_record(struct edm_controller *c, uint8_t flags);
 void blackbox_freeze(struct edm_controller *c);
 void blackbox_thaw(struct edm_controller *c);
+bool blackbox_recover(struct edm_controller *c);
 void blackbox_read(struct edm_controller *c, uint16_t offset, struct edm_reply *reply);
 
 /* waveforms.c */

@@ -129,12 +129,11 @@ static real command_left(const struct edm_controller *c, real monitor_v) {
     return most(0, least(monitor_v, R(150.0)));
 }
 
-void edm_create(struct edm_controller *c, void *board, const struct edm_identity *identity,
-                const struct edm_persistent *keeps) {
+static void create(struct edm_controller *c, void *board, const struct edm_identity *identity,
+                   const struct edm_persistent *keeps) {
     static const struct edm_generator usual = {.on_time_us = R(130.435), .off_time_us = R(304.348), .open_v = 40,
                                                .peak_a = R(0.12)};
     struct edm_inputs inputs;
-    memset(c, 0, sizeof *c);
     c->board = board;
     c->identity = *identity;
     if (keeps != NULL) {
@@ -153,6 +152,36 @@ void edm_create(struct edm_controller *c, void *board, const struct edm_identity
     c->motion.command_v = command_left(c, inputs.monitor_v);
     states_enter(c, STATE_IDLE);
 }
+
+void edm_create(struct edm_controller *c, void *board, const struct edm_identity *identity,
+                const struct edm_persistent *keeps) {
+    memset(c, 0, sizeof *c);
+    create(c, board, identity, keeps);
+}
+
+void edm_create_again(struct edm_controller *c, void *board, const struct edm_identity *identity,
+                      const struct edm_persistent *keeps, bool waveforms) {
+    const int64_t tick = c->tick, boot_tick = c->boot_tick;
+    memset(c, 0, offsetof(struct edm_controller, box));
+    c->tick = tick;
+    c->boot_tick = boot_tick;
+    c->keeps.fault = keeps != NULL ? keeps->fault : 0;
+    if (!blackbox_recover(c)) {
+        c->tick = c->boot_tick = 0;
+        memset(&c->box, 0, sizeof c->box);
+    }
+    if (waveforms && c->box.frozen && c->waveforms.frozen) {
+        int64_t end_tick = (c->waveforms.end_ns + TICK_NS - 1) / TICK_NS;
+        c->tick = end_tick > c->tick ? end_tick : c->tick;
+    } else {
+        memset(&c->waveforms, 0, sizeof c->waveforms);
+        hal_wave_forget(board, true);
+    }
+    create(c, board, identity, keeps);
+}
+
+_Static_assert(offsetof(struct edm_controller, waveforms) > offsetof(struct edm_controller, box),
+               "what outlasts a reset stands at the end");
 
 void edm_start(struct edm_controller *c, uint8_t cause) {
     struct edm_persistent *keeps = &c->keeps;

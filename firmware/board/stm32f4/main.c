@@ -1,0 +1,128 @@
+/* The millisecond: its tick, and what the main loop does in it (docs/firmware.md, Porting to a board). */
+#include "board.h"
+
+#define REBOOT_TICKS_MOST 100 /* for the reply to go out */
+
+IN_CCM struct edm_controller controller;
+
+static struct measure measure;
+static volatile uint32_t begun;    /* milliseconds that the tick has begun */
+static volatile uint32_t finished; /* and that the main loop has done with */
+
+/* TIM7, every millisecond. A main loop that is late gets no other chance: gate off, and the watchdogs are not fed. */
+void main_tick(void) {
+    TIM7->SR = ~TIM_SR_UIF;
+    static bool late;
+    late = late || finished != begun;
+    if (late) {
+        gate_lock();
+        return;
+    }
+    stages_put();
+    sampling_latch();
+    watch_feed();
+    begun = begun + 1u;
+}
+
+static void wait_for_tick(void) {
+    interrupts_off(); /* a tick between look and sleep would be slept over; a masked one wakes as well */
+    while (begun == finished) {
+        wait_for_interrupt();
+        interrupts_on();
+        interrupts_off();
+    }
+    interrupts_on();
+}
+
+/* Twelve digits of the chip's number. */
+static void tell_serial(char serial[12]) {
+    static const char digits[] = "0123456789ABCDEF";
+    uint64_t number = ((uint64_t)CHIP_ID[2] << 16 ^ CHIP_ID[1]) * 0x9E3779B97F4A7C15u ^ CHIP_ID[0];
+    number ^= number >> 32;
+    for (int i = 0; i < 12; i++) {
+        serial[i] = digits[number >> 4 * i & 15u];
+    }
+}
+
+/* The first fault of the board's own: the break input. Where a contact of the chain is open still, the interlock is told. */
+static void tell_break(struct edm_controller *c) {
+    if (gate_broken() && pins_high(PIN_ESTOP) && pins_high(PIN_DOOR)) {
+        edm_fault(c, FAULT_GEN_FAULT, 0);
+    }
+}
+
+/* What the core says for the millisecond that begins. */
+static void put_out(const struct edm_controller *c) {
+    actuator_put(c->drive.actuator_v);
+    stages_plan(c);
+    inputs_put_mode(c->drive.pulses_on || c->state == STATE_APPROACH || c->state == STATE_MACHINING ||
+                    c->state == STATE_JUMP);
+}
+
+static void do_millisecond(struct edm_controller *c) {
+    struct records records;
+    sampling_look(&records, (c->tick + 1) * TICK_NS);
+    measure_millisecond(&measure, &records, gate_state(), &c->readings);
+    c->readings.contact = inputs_contact();
+    sampling_tend(c);
+    edm_conclude(c, edm_tick_end(c));
+    tell_break(c);
+    edm_watch(c);
+    if (line_is_held_low()) {
+        edm_abort(c);
+    }
+    if (!c->link.reboot_asked) {
+        line_read(c);
+    }
+    edm_line_read(c);
+    edm_tick_begin(c);
+    put_out(c);
+    inputs_toggle_alive();
+    line_send();
+}
+
+/* Restarts once the reply is out; a line that does not take it does not hold it up. */
+static void reboot_when_told(const struct edm_controller *c) {
+    static uint32_t ticks;
+    if (c->link.reboot_asked && (line_is_sent() || ticks++ == REBOOT_TICKS_MOST)) {
+        startup_restart();
+    }
+}
+
+static void start_core(struct edm_controller *c) {
+    struct edm_identity identity = {.board = BOARD_NUMBER, .baud = EDM_BAUD, .host_time_scale = 1};
+    uint8_t cause = keep_cause();
+    tell_serial(identity.serial);
+    bool waves = cause != RESET_CAUSE_POWER_ON && sampling_kept(c);
+    sampling_start();
+    if (cause == RESET_CAUSE_POWER_ON) {
+        edm_create(c, NULL, &identity, keep_words());
+    } else {
+        edm_create_again(c, NULL, &identity, keep_words(), waves);
+    }
+    edm_start(c, cause);
+    edm_tick_begin(c);
+}
+
+_Noreturn void main_run(void) {
+    watch_start();
+    clock_start();
+    RCC->AHB1ENR |= RCC_AHB1_CCM | 0x7Fu; /* ports A to G */
+    barrier();
+    gate_start();
+    pins_start();
+    actuator_start();
+    stages_begin();
+    line_start();
+    start_core(&controller);
+    put_out(&controller);
+    line_send();
+    watch_run();
+    sampling_run();
+    for (;;) {
+        wait_for_tick();
+        do_millisecond(&controller);
+        reboot_when_told(&controller);
+        finished = begun;
+    }
+}

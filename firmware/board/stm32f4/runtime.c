@@ -1,0 +1,190 @@
+/* What the compilers ask of a C library and of their own: memory, a float and 64 bits, the exponential. Here and not theirs, so
+ * that every image has the same bits, and none any double (libgcc converts to 64 bits by way of it). */
+#include <stddef.h>
+#include <stdint.h>
+
+#define NOT_BY_ITSELF __asm__ volatile("") /* a compiler makes no call of memcpy of the loop in memcpy */
+
+void *memcpy(void *restrict to, const void *restrict from, size_t size);
+void *memmove(void *to, const void *from, size_t size);
+void *memset(void *to, int byte, size_t size);
+int memcmp(const void *a, const void *b, size_t size);
+float expf(float x);
+
+void *memcpy(void *restrict to, const void *restrict from, size_t size) {
+    uint8_t *t = to;
+    const uint8_t *f = from;
+    if ((((uintptr_t)t | (uintptr_t)f) & 3u) == 0) {
+        for (; size >= 4; size -= 4, t += 4, f += 4) {
+            *(uint32_t *)(void *)t = *(const uint32_t *)(const void *)f;
+            NOT_BY_ITSELF;
+        }
+    }
+    for (; size > 0; size--) {
+        *t++ = *f++;
+        NOT_BY_ITSELF;
+    }
+    return to;
+}
+
+void *memmove(void *to, const void *from, size_t size) {
+    uint8_t *t = to;
+    const uint8_t *f = from;
+    if ((uintptr_t)t <= (uintptr_t)f || (uintptr_t)t >= (uintptr_t)f + size) {
+        return memcpy(to, from, size);
+    }
+    while (size > 0) {
+        size--;
+        t[size] = f[size];
+        NOT_BY_ITSELF;
+    }
+    return to;
+}
+
+void *memset(void *to, int byte, size_t size) {
+    uint8_t *t = to;
+    uint32_t word = (uint8_t)byte * 0x01010101u;
+    for (; size > 0 && ((uintptr_t)t & 3u) != 0; size--) {
+        *t++ = (uint8_t)byte;
+        NOT_BY_ITSELF;
+    }
+    for (; size >= 4; size -= 4, t += 4) {
+        *(uint32_t *)(void *)t = word;
+        NOT_BY_ITSELF;
+    }
+    for (; size > 0; size--) {
+        *t++ = (uint8_t)byte;
+        NOT_BY_ITSELF;
+    }
+    return to;
+}
+
+int memcmp(const void *a, const void *b, size_t size) {
+    const uint8_t *x = a, *y = b;
+    for (; size > 0; size--, x++, y++) {
+        if (*x != *y) {
+            return *x - *y;
+        }
+    }
+    return 0;
+}
+
+static uint32_t bits_of(float x) {
+    union {
+        float x;
+        uint32_t bits;
+    } as = {.x = x};
+    return as.bits;
+}
+
+static float float_of(uint32_t bits) {
+    union {
+        uint32_t bits;
+        float x;
+    } as = {.bits = bits};
+    return as.x;
+}
+
+/* m x 2^e, the nearest float, the even one of two; bit 63 of m is set. Below the normal ones in steps of the least. */
+static float rounded(uint64_t m, int e) {
+    int exponent = e + 63 + 127; /* biased */
+    int shift = 40;
+    if (exponent <= 0) {
+        shift += 1 - exponent;
+        exponent = 0;
+    }
+    if (shift > 63) {
+        return 0;
+    }
+    uint64_t kept = m >> shift, lost = m << (64 - shift);
+    if (lost > (uint64_t)1 << 63 || (lost == (uint64_t)1 << 63 && (kept & 1u) != 0)) {
+        kept++;
+    }
+    uint32_t bits = (uint32_t)kept;
+    if (exponent > 0) {
+        bits += (uint32_t)(exponent - 1) << 23; /* the leading bit adds one, a carry of the rounding another one */
+    }
+    return float_of(bits < 0x7F800000u ? bits : 0x7F800000u);
+}
+
+/* Upper half of a product. */
+static uint64_t upper(uint64_t a, uint64_t b) {
+    uint64_t a0 = (uint32_t)a, a1 = a >> 32, b0 = (uint32_t)b, b1 = b >> 32;
+    uint64_t middle = a1 * b0 + (a0 * b0 >> 32);
+    return a1 * b1 + (middle >> 32) + ((a0 * b1 + (uint32_t)middle) >> 32);
+}
+
+/* The exponential, in whole numbers: right to the last bit but for one case of 10^7 that lies halfway. x = k ln 2 + r, and
+ * the series of e^r. */
+float expf(float x) {
+    const int64_t ln2 = 0x58B90BFBE8E7BC; /* ln 2 x 2^55 */
+    uint32_t bits = bits_of(x);
+    if ((bits & 0x7FFFFFFFu) > 0x7F800000u) {
+        return x;
+    }
+    if (x > 89.0f) {
+        return float_of(0x7F800000u);
+    }
+    if (x < -104.0f) {
+        return 0;
+    }
+    int exponent = (int)(bits >> 23 & 255u) - 150; /* of the mantissa as a whole number */
+    if (exponent < -55) {
+        return 1.0f; /* |x| < 2^-31 */
+    }
+    uint64_t mantissa = (bits & 0x7FFFFFu) | 0x800000u;
+    int shift = exponent + 55;
+    int64_t whole = (int64_t)(mantissa << shift); /* x 2^55: below 2^62 */
+    whole = bits >> 31 != 0 ? -whole : whole;
+    int64_t k = whole / ln2;
+    if (whole % ln2 < 0) {
+        k--;
+    }
+    uint64_t r = (uint64_t)(whole - k * ln2) << 9; /* x 2^64 */
+    uint64_t sum = (uint64_t)1 << 62;
+    for (uint32_t n = 22; n > 0; n--) {
+        sum = ((uint64_t)1 << 62) + upper(sum, r) / n;
+    }
+    return rounded(sum << 1, (int)k - 63);
+}
+
+/* Conversions that the processor has no instruction for (run-time ABI of the ARM architecture, 4.1.2). */
+#if defined(__arm__)
+int64_t __aeabi_f2lz(float x);
+uint64_t __aeabi_f2ulz(float x);
+float __aeabi_l2f(int64_t x);
+float __aeabi_ul2f(uint64_t x);
+
+uint64_t __aeabi_f2ulz(float x) {
+    uint32_t bits = bits_of(x);
+    int exponent = (int)(bits >> 23) - 150;
+    uint64_t mantissa = (bits & 0x7FFFFFu) | 0x800000u;
+    if (bits >> 31 != 0 || exponent < -23) {
+        return 0;
+    }
+    if (exponent > 40) {
+        return bits > 0x7F800000u ? 0 : UINT64_MAX;
+    }
+    return exponent < 0 ? mantissa >> -exponent : mantissa << exponent;
+}
+
+int64_t __aeabi_f2lz(float x) {
+    uint64_t whole = __aeabi_f2ulz(float_of(bits_of(x) & 0x7FFFFFFFu));
+    if (bits_of(x) >> 31 != 0) {
+        return whole > INT64_MAX ? INT64_MIN : -(int64_t)whole;
+    }
+    return whole > INT64_MAX ? INT64_MAX : (int64_t)whole;
+}
+
+float __aeabi_ul2f(uint64_t x) {
+    if (x == 0) {
+        return 0;
+    }
+    int zeros = __builtin_clzll(x);
+    return rounded(x << zeros, -zeros);
+}
+
+float __aeabi_l2f(int64_t x) {
+    return x < 0 ? -__aeabi_ul2f(0u - (uint64_t)x) : __aeabi_ul2f((uint64_t)x);
+}
+#endif

@@ -1,0 +1,147 @@
+/* Steps of the stages: each timer makes n pulses in a millisecond by PWM (TIM10, TIM11, TIM13: RM0090 19.3.9). What the
+ * program plans acts from the next tick on. A change of direction waits for one millisecond without steps. */
+#include "board.h"
+
+#define AXES 3
+#define STEP_KHZ 42000u    /* counts of the timers in a millisecond, behind their dividers */
+#define MOST_STEPS EDM_MOST_STEPS_PER_MS
+
+_Static_assert(MOST_STEPS <= 140, "the last pulse of a millisecond has ended when the next one begins");
+
+struct axis {
+    int32_t at, target;    /* steps */
+    real per_ms;           /* steps of a travel */
+    real rest;             /* of a step, not made yet */
+    int32_t planned;       /* steps of the next millisecond */
+    bool plus;             /* where it goes now */
+    bool travels;
+};
+static struct axis axes[AXES];
+static bool follows;       /* X and Y go where the core says */
+
+static struct timer *timer_of(int axis) {
+    return axis == AXIS_X ? TIM10 : axis == AXIS_Y ? TIM11 : TIM13;
+}
+
+static enum pin direction_of(int axis) {
+    return axis == AXIS_X ? PIN_DIRECTION_X : axis == AXIS_Y ? PIN_DIRECTION_Y : PIN_DIRECTION_THETA;
+}
+
+static real step_of(int axis) {
+    return axis == AXIS_THETA ? EDM_STEP_DEGREES : EDM_STEP_UM;
+}
+
+/* Steps from the zero; a place that 31 bits cannot count is held at their end. */
+static int32_t steps_of(int axis, real place) {
+    const real most_steps = R(2.0e9);
+    return (int32_t)nearest(within(place / step_of(axis), most_steps));
+}
+
+void stages_begin(void) {
+    RCC->APB2ENR |= RCC_APB2_TIM10 | RCC_APB2_TIM11;
+    RCC->APB1ENR |= RCC_APB1_TIM13;
+    TIM10->PSC = TIM11->PSC = CPU_HZ / 1000u / STEP_KHZ - 1u;
+    TIM13->PSC = CPU_HZ / 2000u / STEP_KHZ - 1u;
+    for (int axis = 0; axis < AXES; axis++) {
+        struct timer *timer = timer_of(axis);
+        timer->CCMR1 = TIM_CCMR1_OC1_PWM1;
+        timer->CCER = TIM_CCER_CC1E;
+        timer->ARR = STEP_KHZ - 1u;
+        timer->EGR = TIM_EGR_UG;
+        timer->CR1 = TIM_CR1_ARPE | TIM_CR1_CEN;
+    }
+}
+
+/* In the tick: puts out the planned steps. Periods are rounded up, so that the last pulse ends and no other one begins. */
+void stages_put(void) {
+    for (int axis = 0; axis < AXES; axis++) {
+        struct timer *timer = timer_of(axis);
+        uint32_t n = (uint32_t)axes[axis].planned;
+        uint32_t period = n > 0 ? (STEP_KHZ + n - 1u) / n : STEP_KHZ;
+        pins_put(direction_of(axis), axes[axis].plus);
+        timer->ARR = period - 1u;
+        timer->CCR[0] = n > 0 ? period / 2u : 0;
+        timer->EGR = TIM_EGR_UG;
+    }
+}
+
+/* Steps of an axis in the next millisecond: towards its target, `most` at most. */
+static void plan_axis(struct axis *axis, int32_t most_steps) {
+    int32_t way = axis->target - axis->at;
+    int32_t n = way < 0 ? -way : way;
+    bool plus = way > 0;
+    if (n == 0) {
+        axis->planned = 0;
+        return;
+    }
+    if (plus != axis->plus) {
+        axis->plus = plus;
+        axis->planned = 0;
+        return;
+    }
+    n = n < most_steps ? n : most_steps;
+    axis->planned = n;
+    axis->at += plus ? n : -n;
+}
+
+static void plan_travel(struct axis *axis) {
+    real steps = axis->per_ms + axis->rest;
+    int32_t whole = floor_of(steps);
+    plan_axis(axis, whole);
+    axis->rest = steps - (real)whole;
+    axis->travels = axis->at != axis->target;
+}
+
+/* Plans the next millisecond by the drive of the core. */
+void stages_plan(const struct edm_controller *c) {
+    interrupts_off(); /* all axes at one tick */
+    for (int axis = 0; axis < AXES; axis++) {
+        if (follows && axis != AXIS_THETA) {
+            axes[axis].target = steps_of(axis, c->drive.stage_um[axis]);
+            plan_axis(&axes[axis], MOST_STEPS);
+        } else if (axes[axis].travels) {
+            plan_travel(&axes[axis]);
+        } else {
+            axes[axis].planned = 0;
+        }
+    }
+    interrupts_on();
+}
+
+/* Whether a travel is under way still. */
+bool stages_move(void) {
+    return axes[AXIS_X].travels || axes[AXIS_Y].travels || axes[AXIS_THETA].travels;
+}
+
+void hal_stage_start(void *board, uint8_t axis, real target, real speed) {
+    (void)board;
+    struct axis *a = &axes[axis];
+    a->target = steps_of(axis, target);
+    a->per_ms = most(0, least(speed * TICK_S / step_of(axis), R(MOST_STEPS)));
+    a->rest = 0;
+    a->travels = a->at != a->target;
+}
+
+/* Stops at once: nothing is planned any more; what runs are the steps of this millisecond. The axis knows where it stands. */
+void hal_stage_stop(void *board, uint8_t axis, real at) {
+    (void)board;
+    (void)at;
+    axes[axis].travels = false;
+    axes[axis].target = axes[axis].at;
+}
+
+void hal_path_begin(void *board) {
+    (void)board;
+    axes[AXIS_X].travels = axes[AXIS_Y].travels = false;
+    follows = true;
+}
+
+void hal_path_line(void *board, uint8_t row) {
+    (void)board;
+    (void)row;
+}
+
+void hal_path_end(void *board) {
+    (void)board;
+    follows = false;
+}
