@@ -12,11 +12,14 @@ import select
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
+from shutil import which
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from edmctl.firmware.build import source_version
 from edmctl.link.messages import SCHEMA_HASH, State
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from tests.cli.commands import command, environment
@@ -425,3 +428,30 @@ def test_doctor_says_that_a_board_speaks_another_schema_and_how_to_flash_it(
 def test_options_of_build_that_do_not_fit_are_refused(here: Here, options: tuple[str, ...]) -> None:
     said = here("firmware", "build", *options, "--json")
     assert (said.exit_code, said.document["error"]["code"]) == (2, "E2090")
+
+
+@pytest.mark.parametrize(
+    "compiler",
+    [
+        pytest.param("zig", marks=pytest.mark.skipif(find_spec("ziglang") is None, reason="no zig")),
+        pytest.param(
+            "gcc", marks=pytest.mark.skipif(which("arm-none-eabi-gcc") is None, reason="no GCC for ARM")
+        ),
+    ],
+)
+def test_the_board_is_built_as_an_image_of_this_edmctl(here: Here, compiler: str) -> None:
+    said = here("firmware", "build", "--board", "stm32f4", "--compiler", compiler, "--json")
+    assert said.exit_code == 0, said.err
+    built = said.document["result"]
+    assert (built["board_name"], built["has_same_schema"]) == ("NUCLEO-F429ZI", True)
+    assert built["firmware"] == ".".join(map(str, source_version()))
+    assert 30_000 < built["used_bytes"]["flash"] <= built["size_bytes"] <= 96 * 1024
+    assert built["used_bytes"]["RAM"] + built["used_bytes"]["CCM"] <= 220 * 1024
+    assert "elsewhere" not in built["used_bytes"]
+    for name in built["files"].values():
+        found = here("firmware", "info", name, "--json").document["result"]["image"]
+        assert (found["crc32"], found["size_bytes"]) == (built["crc32"], built["size_bytes"])
+    binary = Path(built["files"]["bin"])
+    reset = int.from_bytes(binary.read_bytes()[4:8], "little")
+    assert 0x0800_0000 < reset < 0x0800_0000 + binary.stat().st_size
+    assert reset & 1, "the reset vector leads to Thumb code"
