@@ -23,7 +23,7 @@ from edmctl.firmware.build import source_version
 from edmctl.link.messages import SCHEMA_HASH, State
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from tests.cli.commands import command, environment
-from tests.firmware.images import image_bytes
+from tests.firmware.image_bytes import image_bytes
 from tests.serving import serving
 
 if TYPE_CHECKING:

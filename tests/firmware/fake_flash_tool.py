@@ -202,8 +202,8 @@ def dfu_util(arguments: list[str]) -> int:
     flash = "@Internal Flash  /0x08000000/" + ",".join(["04*016Kg,01*064Kg,07*128Kg"] * banks)
     if asked.l:
         for alt, name in enumerate((flash, "@Option Bytes  /0x1FFFC000/01*016 e") if banks else ()):
-            place = f'ver=2200, devnum=8, cfg=1, intf=0, path="1-2", alt={alt}'
-            print(f'Found DFU: [0483:df11] {place}, name="{name}", serial="337233573236"')
+            device = f'ver=2200, devnum=8, cfg=1, intf=0, path="1-2", alt={alt}'
+            print(f'Found DFU: [0483:df11] {device}, name="{name}", serial="337233573236"')
         return 0
     if chip() is None:
         print("dfu-util: No DFU capable USB device available", file=sys.stderr)

@@ -10,7 +10,7 @@ from edmctl.errors import RecordError
 from edmctl.firmware.hex_file import hex_of, parse_hex
 from edmctl.firmware.image import read_image
 from edmctl.link.messages import SCHEMA_HASH
-from tests.firmware.images import FLASH_AT, RECORD_AT, image_bytes
+from tests.firmware.image_bytes import FLASH_AT, RECORD_AT, image_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path
