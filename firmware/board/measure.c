@@ -138,13 +138,14 @@ static real open_voltage(const struct records *r, const struct pulse *pulse, rea
     return magnitude(seen_v - set_v) <= SAME_OPEN * set_v ? set_v : seen_v;
 }
 
-/* Adds the samples of a discharge: from its middle, or else the first one behind ignition. */
+/* Adds the samples of a discharge: from its middle, or else the first one behind ignition, which may be after its end. */
 static void add_discharge(struct sum *sum, const struct records *r, const struct pulse *pulse) {
     uint32_t from = pulse->start + pulse->ignition, to = pulse->start + pulse->end;
     if (pulse->end - pulse->ignition > 2u * STRIKE_COUNTS) {
         add_samples(sum, r, from + STRIKE_COUNTS, to, SAMPLES_MOST);
     }
     if (sum->count == 0) {
+        from += STRIKE_COUNTS / 2u;
         add_samples(sum, r, from, from + COUNTS_PER_US, 1);
     }
 }

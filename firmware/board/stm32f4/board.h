@@ -15,6 +15,7 @@
 #define EDM_BAUD 921600
 #endif
 
+/* Not cleared by the start. No static variables: of those a compiler knows that they begin with 0. */
 #define NO_INIT __attribute__((section(".noinit")))
 #define IN_CCM __attribute__((section(".ccm")))
 

@@ -9,10 +9,10 @@ enum { BACKUP_BOOTS, BACKUP_FAULT_AND_EVENT, BACKUP_CHECK };
 extern uint32_t crash_word; /* startup.c */
 uint32_t crash_before;      /* enum crash of the run before, for whoever looks with a debugger */
 
-static NO_INIT struct {
+NO_INIT struct {
     struct edm_persistent words; /* of which the nonces count */
     uint32_t check;
-} memory;
+} kept_words;
 
 static uint32_t check_of(const void *bytes, size_t size) {
     return ~frame_crc(0x45444D43u, bytes, size); /* neither all zeros nor all ones have their own check */
@@ -29,8 +29,8 @@ void hal_persist(void *board, const struct edm_persistent *words) {
     RTC_BKP[BACKUP_FAULT_AND_EVENT] = fault_and_event;
     RTC_BKP[BACKUP_BOOTS] = words->boot_count;
     RTC_BKP[BACKUP_CHECK] = backup_check(words->boot_count, fault_and_event);
-    memory.words = *words;
-    memory.check = check_of(&memory.words, sizeof memory.words);
+    kept_words.words = *words;
+    kept_words.check = check_of(&kept_words.words, sizeof kept_words.words);
 }
 
 /* The words of before. Registers that are wrong but not empty may have held a fault: then the latched one is 5001. */
@@ -41,8 +41,8 @@ const struct edm_persistent *keep_words(void) {
     barrier();
     uint32_t boots = RTC_BKP[BACKUP_BOOTS], fault_and_event = RTC_BKP[BACKUP_FAULT_AND_EVENT];
     uint32_t check = RTC_BKP[BACKUP_CHECK];
-    if (memory.check == check_of(&memory.words, sizeof memory.words)) {
-        words = memory.words;
+    if (kept_words.check == check_of(&kept_words.words, sizeof kept_words.words)) {
+        words = kept_words.words;
     }
     words.boot_count = boots;
     words.fault = (uint16_t)(fault_and_event >> 16);

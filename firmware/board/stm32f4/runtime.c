@@ -93,10 +93,10 @@ static float rounded(uint64_t m, int e) {
         shift += 1 - exponent;
         exponent = 0;
     }
-    if (shift > 63) {
+    if (shift > 64) {
         return 0;
     }
-    uint64_t kept = m >> shift, lost = m << (64 - shift);
+    uint64_t kept = shift < 64 ? m >> shift : 0, lost = m << (64 - shift);
     if (lost > (uint64_t)1 << 63 || (lost == (uint64_t)1 << 63 && (kept & 1u) != 0)) {
         kept++;
     }

@@ -27,7 +27,7 @@
 #define ALL_FLAGS 0x3Du
 #define WAIT_MOST 1000u
 
-static NO_INIT volatile uint32_t wave_ring[WAVE_RING];
+NO_INIT volatile uint32_t wave_ring[WAVE_RING];
 static volatile uint32_t rest_ring[REST_RING];
 static volatile uint32_t gate_edges[EDGES], ignition_edges[EDGES], end_edges[EDGES];
 static volatile uint16_t slow_ring[SLOW_HALFWORDS];
@@ -46,11 +46,11 @@ static uint32_t anew_timer;
 static struct scans scans = {.ring = slow_ring, .size = SLOW_HALFWORDS};
 
 /* What a fault keeps of the ring. It outlasts a reset: its check is right then. */
-static NO_INIT struct {
+NO_INIT struct {
     uint32_t magic, begin, total;
     uint32_t sums[2];
     uint32_t times;        /* check of when the core says that it was */
-} kept;
+} wave_kept;
 static struct {
     bool pending, stopped, summed, lost;
     int64_t end_ns;
@@ -278,20 +278,20 @@ static uint32_t times_of(const struct edm_controller *c) {
 }
 
 static uint32_t word_of(uint32_t offset) {
-    return wave_ring[(kept.begin + offset) % WAVE_RING];
+    return wave_ring[(wave_kept.begin + offset) % WAVE_RING];
 }
 
 /* Sums up the next words of the record, until it is done. */
 static void sum_up(uint32_t most) {
-    for (uint32_t i = 0; i < most && keep.at < kept.total; i++) {
+    for (uint32_t i = 0; i < most && keep.at < wave_kept.total; i++) {
         add_to(keep.sums, word_of(keep.at++));
     }
 }
 
 static void begin_sum(void) {
     keep.at = 0;
-    keep.sums[0] = kept.begin;
-    keep.sums[1] = kept.total;
+    keep.sums[0] = wave_kept.begin;
+    keep.sums[1] = wave_kept.total;
 }
 
 /* Once a millisecond, when it has been measured: stops the ring where it has to, and makes its check bit by bit. */
@@ -304,11 +304,11 @@ void sampling_tend(const struct edm_controller *c) {
         begin_sum();
     } else if (keep.stopped && !keep.summed) {
         sum_up(SUM_WORDS);
-        if (keep.at == kept.total) {
-            kept.sums[0] = keep.sums[0];
-            kept.sums[1] = keep.sums[1];
-            kept.times = times_of(c);
-            kept.magic = KEPT_MAGIC;
+        if (keep.at == wave_kept.total) {
+            wave_kept.sums[0] = keep.sums[0];
+            wave_kept.sums[1] = keep.sums[1];
+            wave_kept.times = times_of(c);
+            wave_kept.magic = KEPT_MAGIC;
             keep.summed = true;
         }
     }
@@ -316,15 +316,15 @@ void sampling_tend(const struct edm_controller *c) {
 
 /* After a reset, before sampling starts: whether the record of a fault is still right. */
 bool sampling_kept(const struct edm_controller *c) {
-    bool whole = kept.magic == KEPT_MAGIC && kept.begin < WAVE_RING && kept.total <= WAVE_RING &&
-                 kept.times == times_of(c);
+    bool whole = wave_kept.magic == KEPT_MAGIC && wave_kept.begin < WAVE_RING && wave_kept.total <= WAVE_RING &&
+                 wave_kept.times == times_of(c);
     if (whole) {
         begin_sum();
         sum_up(WAVE_RING);
-        whole = keep.sums[0] == kept.sums[0] && keep.sums[1] == kept.sums[1];
+        whole = keep.sums[0] == wave_kept.sums[0] && keep.sums[1] == wave_kept.sums[1];
     }
     if (!whole) {
-        kept.magic = 0;
+        wave_kept.magic = 0;
     }
     keep.stopped = keep.summed = whole;
     return whole;
@@ -341,9 +341,9 @@ void hal_wave_keep(void *board, int64_t begin_ns, int64_t end_ns) {
         return;
     }
     uint32_t back = (uint32_t)((uint64_t)(now_ns - begin_ns) / 1000u) % WAVE_RING;
-    kept.magic = 0;
-    kept.begin = (samples.at + WAVE_RING - back) % WAVE_RING;
-    kept.total = (uint32_t)((uint64_t)(end_ns - begin_ns) / 1000u);
+    wave_kept.magic = 0;
+    wave_kept.begin = (samples.at + WAVE_RING - back) % WAVE_RING;
+    wave_kept.total = (uint32_t)((uint64_t)(end_ns - begin_ns) / 1000u);
     keep.end_ns = end_ns;
     keep.lost = false;
     keep.pending = true;
@@ -369,7 +369,7 @@ void hal_wave_forget(void *board, bool was_kept) {
     if (!was_kept) {
         return; /* the core knows since when the samples are of one setting */
     }
-    kept.magic = 0;
+    wave_kept.magic = 0;
     if (keep.stopped) {
         restart_samples(wave_ring, WAVE_RING);
     }
