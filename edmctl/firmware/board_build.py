@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from edmctl.firmware.boards import Board
     from edmctl.firmware.image import Image
 
+ENTRY = "reset_handler"
 COMPILERS = ("zig", "gcc")
 SUFFIXES = (".elf", ".bin", ".hex")
 """Of the files that a build leaves."""
@@ -33,11 +34,23 @@ _FLAGS = (
     "-fno-math-errno",
     "-ffunction-sections",
     "-fdata-sections",
-    "-Wl,--gc-sections",
+    "-fno-unwind-tables",
+    "-fno-asynchronous-unwind-tables",
 )
-_GCC_LIBRARIES = ("libm.a", "libc.a", "libgcc.a")
-"""Divisions of 64 bits, and what a board does not bring itself; many a GCC comes without the first two."""
 _SECONDS = 600
+
+
+@dataclass(frozen=True, slots=True)
+class Toolchain:
+    """A compiler for a board: its command, how each file is compiled, and what is linked last."""
+
+    command: tuple[str, ...]
+    flags: tuple[str, ...]
+    libraries: tuple[str, ...]
+
+    def linking(self, script: Path) -> tuple[str, ...]:
+        """Return what an image is linked by; zig takes its entry from here alone."""
+        return ("-Wl,--gc-sections", f"-Wl,-e,{ENTRY}", "-T", str(script))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,21 +75,29 @@ def build_board(
     Raises PreconditionError: E8093 without that compiler, E8094 where no image comes of it or can be written.
     """
     folder = sources or source_folder()
-    command, flags, libraries = _toolchain(board, named)
-    said = f"{' '.join(command)} ({version_of(command)})"
-    files = [file for part in board.folders for file in sorted((folder / part).glob("*.[cS]"))]
+    tools = toolchain(board, named)
+    said = f"{' '.join(tools.command)} ({version_of(tools.command)})"
     script = folder / board.script
     if not script.is_file():
         raise _not_built(f"the sources of {board.title} are not there ({script}).")
-    places = [f"-I{folder / part}" for part in board.folders]
     stem = output.with_suffix("") if output.suffix in SUFFIXES else output
     elf, binary, text = (Path(f"{stem}{suffix}") for suffix in SUFFIXES)
     try:
         stem.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix="edmctl-firmware-") as work:
             linked = Path(work) / "image.elf"
-            arguments = [*flags, *_FLAGS, *places, "-T", str(script), *map(str, files), *libraries]
-            _run([*command, *arguments, "-o", str(linked)])
+            files = map(str, sources_of(board, folder))
+            _run(
+                [
+                    *tools.command,
+                    *tools.flags,
+                    *tools.linking(script),
+                    *files,
+                    *tools.libraries,
+                    "-o",
+                    str(linked),
+                ]
+            )
             sealed = Path(work) / "sealed.elf"
             try:
                 sealed.write_bytes(seal(linked.read_bytes()))
@@ -91,12 +112,15 @@ def build_board(
     return BoardBuild(image, elf, binary, text, said)
 
 
-def _toolchain(board: Board, named: str | None) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """Command, flags for the chip and libraries of a compiler."""
+def toolchain(board: Board, named: str | None) -> Toolchain:
+    """Return a compiler of COMPILERS for a board, without a name the first that is installed.
+
+    Raises PreconditionError E8093.
+    """
     if named in (None, "zig") and importlib.util.find_spec("ziglang") is not None:
-        return (sys.executable, "-m", "ziglang", "cc"), board.zig, ()
+        return Toolchain((sys.executable, "-m", "ziglang", "cc"), (*board.zig, *_FLAGS), ())
     if named in (None, "gcc") and (path := shutil.which(_GCC)):
-        return (path,), board.gcc, _libraries(path, board.gcc)
+        return Toolchain((path,), (*board.gcc, *_FLAGS), ("-lgcc",))
     missing = {"zig": "The package ziglang is not installed", "gcc": f"{_GCC} is not installed"}
     raise PreconditionError(
         f"{missing[named] if named else f'Neither the package ziglang nor {_GCC} is installed'}.",
@@ -105,16 +129,9 @@ def _toolchain(board: Board, named: str | None) -> tuple[tuple[str, ...], tuple[
     )
 
 
-def _libraries(gcc: str, flags: tuple[str, ...]) -> tuple[str, ...]:
-    """The libraries that this GCC has for the chip."""
-    places = []
-    for name in _GCC_LIBRARIES:
-        done = subprocess.run(
-            [gcc, *flags, f"-print-file-name={name}"], capture_output=True, text=True, check=False
-        )
-        if Path(place := done.stdout.strip()).is_absolute():
-            places.append(place)
-    return ("-Wl,--start-group", *places, "-Wl,--end-group")
+def sources_of(board: Board, folder: Path) -> list[Path]:
+    """Return the files that an image is made of, in the folder of the firmware."""
+    return [file for part in board.folders for file in sorted((folder / part).glob("*.c"))]
 
 
 def _run(command: list[str]) -> None:

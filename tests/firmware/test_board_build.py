@@ -25,7 +25,7 @@ MEMORY {
   RAM (rwx)  : ORIGIN = 0x20000000, LENGTH = 192K
   CCM (rw)   : ORIGIN = 0x10000000, LENGTH = 64K
 }
-ENTRY(reset)
+ENTRY(reset_handler)
 SECTIONS {
   .vectors : { KEEP(*(.vectors)) KEEP(*(.edm_image)) } >FLASH
   .text : { *(.text*) *(.rodata*) } >FLASH
@@ -46,8 +46,8 @@ __attribute__((used, section(".edm_image"))) const volatile struct image edm_ima
 volatile uint32_t initial[5] = {1, 2, 3, 4, 5};
 volatile uint32_t zero[100];
 __attribute__((used, section(".ccm"))) volatile uint8_t large[3000];
-void reset(void) { for (;;) zero[0] += initial[zero[1]] + edm_image.crc; }
-__attribute__((used, section(".vectors"))) const uintptr_t vectors[2] = {0x20000400u, (uintptr_t)reset};
+void reset_handler(void) { for (;;) zero[0] += initial[zero[1]] + edm_image.crc; }
+__attribute__((used, section(".vectors"))) const uintptr_t vectors[2] = {0x20000400u, (uintptr_t)reset_handler};
 """.replace("%d", str(SCHEMA_HASH))
 
 COMPILERS = [

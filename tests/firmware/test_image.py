@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.firmware.build import compiler, source_folder
+from edmctl.firmware.build import compiler, source_folder, source_version
 from edmctl.link import messages as m
 from tests.firmware.images import COMPILERS, Elf, built, compile_command, sources
 
@@ -44,7 +44,9 @@ def test_the_vectors_are_at_the_begin_of_the_flash(image: Elf) -> None:
     vectors = image.words(FLASH, VECTORS)
     assert vectors[0] == image.symbols["main_stack_top"]
     handlers = ["reset", "nmi", "hard_fault", "memory_fault", "bus_fault", "usage_fault"]
-    assert [word & ~1 for word in vectors[1:7]] == [image.symbols[f"{name}_handler"] & ~1 for name in handlers]
+    assert [word & ~1 for word in vectors[1:7]] == [
+        image.symbols[f"{name}_handler"] & ~1 for name in handlers
+    ]
     assert vectors[TIM7] & ~1 == image.symbols["main_tick"] & ~1
     others = [word for i, word in enumerate(vectors) if i > 6 and i != TIM7]
     assert {word & ~1 for word in others} == {image.symbols["other_handler"] & ~1}
@@ -54,7 +56,9 @@ def test_the_vectors_are_at_the_begin_of_the_flash(image: Elf) -> None:
 
 def test_stacks_and_guard(image: Elf) -> None:
     """The guard is below the stack of the main loop, at a multiple of its size."""
-    at = {name: image.symbols[name] for name in ("guard_begin", "guard_end", "loop_stack_top", "main_stack_top")}
+    at = {
+        name: image.symbols[name] for name in ("guard_begin", "guard_end", "loop_stack_top", "main_stack_top")
+    }
     assert at["guard_begin"] % KB == 0
     assert (at["guard_end"] - at["guard_begin"], at["loop_stack_top"] - at["guard_end"]) == (KB, 3 * KB)
     assert at["main_stack_top"] - at["loop_stack_top"] == KB
@@ -65,7 +69,16 @@ def test_memory_is_where_dma_and_resets_need_it(image: Elf) -> None:
     kept = image.sections[".noinit"]
     assert not kept.loaded
     assert image.symbols["controller"] == CCM
-    for name in ("wave_ring", "rest_ring", "gate_edges", "ignition_edges", "end_edges", "slow_ring", "rx", "tx"):
+    for name in (
+        "wave_ring",
+        "rest_ring",
+        "gate_edges",
+        "ignition_edges",
+        "end_edges",
+        "slow_ring",
+        "rx",
+        "tx",
+    ):
         assert SRAM <= image.symbols[name] < SRAM + 192 * KB
         assert image.symbols[name] % 2 == 0 or name in ("rx", "tx")
     for name in ("wave_ring", "wave_kept", "kept_words", "crash_word"):
@@ -74,11 +87,13 @@ def test_memory_is_where_dma_and_resets_need_it(image: Elf) -> None:
 
 
 def test_the_image_describes_itself(image: Elf) -> None:
-    magic, version, schema, size, crc = image.words(image.symbols["edm_image"], 5)
+    magic, version, schema, firmware, size, crc = image.words(image.symbols["edm_image"], 6)
     assert image.symbols["edm_image"] == FLASH + 0x200
     assert magic == int.from_bytes(b"EDMI", "little")
     assert version == m.PROTO_MAJOR | m.PROTO_MINOR << 8 | 0x0429 << 16
-    assert (schema, size, crc) == (m.SCHEMA_HASH, image.symbols["image_size"], 0)
+    assert (schema, size) == (m.SCHEMA_HASH, image.symbols["image_size"])
+    assert tuple(firmware.to_bytes(4, "little")) == (*source_version(), 0)
+    assert crc != 0
 
 
 def test_tests_find_the_controller_by_its_layout(image: Elf) -> None:
@@ -106,7 +121,9 @@ def _call_graph(folder: Path) -> tuple[dict[str, int], dict[str, set[str]]]:
         def name(title: str, unit: str = path.stem) -> str:
             return title.split(":")[-1] if ":" not in title else f"{unit}:{title.split(':')[-1]}"
 
-        for title, size in re.findall(r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes \(static\)', text):
+        for title, size in re.findall(
+            r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes \(static\)', text
+        ):
             frames[name(title)] = int(size)
         for source, target in re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', text):
             calls.setdefault(name(source), set()).add(name(target))
@@ -114,11 +131,15 @@ def _call_graph(folder: Path) -> tuple[dict[str, int], dict[str, set[str]]]:
     return frames, calls
 
 
-def _deepest(frames: dict[str, int], calls: dict[str, set[str]], name: str, above: tuple[str, ...] = ()) -> int:
+def _deepest(
+    frames: dict[str, int], calls: dict[str, set[str]], name: str, above: tuple[str, ...] = ()
+) -> int:
     assert name not in above, f"recursion: {' > '.join([*above, name])}"
     assert name != "__indirect_call"
     called = calls.get(name, set())
-    return frames.get(name, 32) + max((_deepest(frames, calls, one, (*above, name)) for one in called), default=0)
+    return frames.get(name, 32) + max(
+        (_deepest(frames, calls, one, (*above, name)) for one in called), default=0
+    )
 
 
 def test_the_stack_suffices(tmp_path: Path) -> None:

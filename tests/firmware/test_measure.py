@@ -89,7 +89,10 @@ class Readings(ct.Structure):
         ("stray_pulses", ct.c_uint8),
         ("pulses", ct.c_uint8),
         ("first_pulse_ns", ct.c_int64),
-        *((name, ct.c_float * MOST_PULSES) for name in ("delay_us", "discharge_us", "plateau_v", "energy_uj")),
+        *(
+            (name, ct.c_float * MOST_PULSES)
+            for name in ("delay_us", "discharge_us", "plateau_v", "energy_uj")
+        ),
     ]
 
 
@@ -199,7 +202,9 @@ class Machine:
             v[at] = np.where(t >= end, v[at] * np.exp(-np.maximum(t - end, 0) / 2.0), v[at])
             if lit < self.on_us:
                 grown = current * (1 - np.exp(-np.maximum(t - lit, 0) / 0.3))
-                a[at] += np.where(t < lit, 0, np.where(t < end, grown, current * np.exp(-np.maximum(t - end, 0) / 0.3)))
+                a[at] += np.where(
+                    t < lit, 0, np.where(t < end, grown, current * np.exp(-np.maximum(t - end, 0) / 0.3))
+                )
         return v, a
 
     def _sample(self, until_us: int) -> None:
@@ -256,7 +261,9 @@ def pulses_of(readings: Sequence[Readings]) -> list[tuple[float, float, float, f
     ]
 
 
-def check_pulse(seen: tuple[float, float, float, float], pulse: Pulse, on_us: float, gain_a: float = 1.0) -> None:
+def check_pulse(
+    seen: tuple[float, float, float, float], pulse: Pulse, on_us: float, gain_a: float = 1.0
+) -> None:
     """Times to 0.1 µs, voltage to an ADC step, energy to an ADC step of current, 3 % and the rise of the current."""
     delay, discharge, plateau, energy = seen
     if pulse.delay_us >= on_us:
@@ -291,7 +298,12 @@ def test_a_train_of_one_kind(code: ct.CDLL, pulse: Pulse) -> None:
         assert readings.gap_v == pytest.approx(mean_v(pulse, machine.on_us, machine.period_us), abs=0.1)
         assert readings.generator_siemens == pytest.approx(SIEMENS if lit else 0, rel=0.03)
         assert readings.off_time_a == 0
-        true_uc = readings.pulses * (OPEN_V - pulse.plateau_v) * SIEMENS * (machine.on_us - min(pulse.delay_us, machine.on_us))
+        true_uc = (
+            readings.pulses
+            * (OPEN_V - pulse.plateau_v)
+            * SIEMENS
+            * (machine.on_us - min(pulse.delay_us, machine.on_us))
+        )
         assert readings.charge_uc == pytest.approx(true_uc, rel=0.03)
 
 
@@ -450,7 +462,9 @@ def test_an_adc_at_its_rail_is_no_reading(code: ct.CDLL, v: float | None, a: flo
     assert math.isnan(seen.charge_uc) == (a is not None)
 
 
-@pytest.mark.parametrize(("rest_v", "seen_v"), [(0.0, math.nan), (0.9, math.nan), (12.0, 12.0), (400.0, math.nan)])
+@pytest.mark.parametrize(
+    ("rest_v", "seen_v"), [(0.0, math.nan), (0.9, math.nan), (12.0, 12.0), (400.0, math.nan)]
+)
 def test_a_gap_without_pulses(code: ct.CDLL, rest_v: float, seen_v: float) -> None:
     machine = Machine(code, gate_on=False, waves=lambda v, a: (np.full_like(v, rest_v), a))
     seen = machine.ticks(2)[-1]
