@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import shutil
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, installing
-from edmctl.firmware.build import source_folder, version_of
+from edmctl.firmware.build import compiler_environment, source_folder, version_of
 from edmctl.firmware.image import read_image, seal
 
 if TYPE_CHECKING:
@@ -138,6 +139,7 @@ def _run(command: list[str]) -> None:
     try:
         done = subprocess.run(
             command,
+            env=compiler_environment(os.environ),
             stdin=subprocess.DEVNULL,
             capture_output=True,
             encoding="utf-8",

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 CACHE_VARIABLE = "EDMCTL_FIRMWARE_CACHE"
+ZIG_CACHE_VARIABLE = "ZIG_GLOBAL_CACHE_DIR"
 REALS = ("double", "float")
 """Arithmetic of a build: double gives what the virtual controller gives bit for bit, float is that of a board."""
 
@@ -123,6 +124,12 @@ def _cache_folder(environ: Mapping[str, str]) -> Path:
     return platformdirs.user_cache_path("edmctl", appauthor=False) / "firmware"
 
 
+def compiler_environment(environ: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment of a compiler: zig keeps its own library beside ours, and needs no home."""
+    kept = environ.get(ZIG_CACHE_VARIABLE) or str(_cache_folder(environ) / "zig")
+    return {**environ, ZIG_CACHE_VARIABLE: kept}
+
+
 @cache
 def compiler(named: str = "") -> tuple[str, ...]:
     """Command of a C compiler: $CC, else one of the system's, else that of the package ziglang."""
@@ -149,7 +156,12 @@ def compiler(named: str = "") -> tuple[str, ...]:
 def version_of(command: tuple[str, ...]) -> str:
     try:
         done = subprocess.run(
-            [*command, "--version"], capture_output=True, text=True, timeout=_SECONDS, check=True
+            [*command, "--version"],
+            env=compiler_environment(os.environ),
+            capture_output=True,
+            text=True,
+            timeout=_SECONDS,
+            check=True,
         )
     except (OSError, subprocess.SubprocessError) as error:
         raise PreconditionError(
@@ -167,7 +179,12 @@ def _compile(command: list[str], library: Path) -> None:
         with tempfile.TemporaryDirectory(dir=library.parent, prefix="building-") as folder:
             made = Path(folder) / library.name
             done = subprocess.run(
-                [*command, "-o", str(made)], capture_output=True, text=True, timeout=_SECONDS, check=False
+                [*command, "-o", str(made)],
+                env=compiler_environment(os.environ),
+                capture_output=True,
+                text=True,
+                timeout=_SECONDS,
+                check=False,
             )
             if done.returncode:
                 raise failed("\n".join(done.stderr.splitlines()[:10]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
+import subprocess
 from typing import TYPE_CHECKING
 
 import pytest
@@ -11,8 +12,10 @@ import pytest
 from edmctl.errors import PreconditionError
 from edmctl.firmware.board_build import build_board
 from edmctl.firmware.boards import STM32F4
+from edmctl.firmware.build import CACHE_VARIABLE
 from edmctl.firmware.image import read_image
 from edmctl.link.messages import SCHEMA_HASH
+from tests.cli.commands import ROOT, command
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -115,6 +118,25 @@ def test_a_program_without_a_record_is_no_image(sources: Path, tmp_path: Path, c
     with pytest.raises(PreconditionError, match="no symbol edm_image") as caught:
         built(sources, tmp_path / "image", compiler)
     assert caught.value.code == "E8094"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="no zig")
+def test_the_board_is_built_with_nothing_but_python(tmp_path: Path) -> None:
+    """No path, no home, and nothing built before; the bar is 2 min."""
+    environ = {"PATH": str(tmp_path), CACHE_VARIABLE: str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        command("firmware", "build", "--board", "stm32f4"),
+        cwd=tmp_path,
+        env=environ,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"cache", "edmctl-stm32f4.elf", "edmctl-stm32f4.bin", "edmctl-stm32f4.hex"}
 
 
 def test_a_missing_compiler_is_told_with_the_remedy(
