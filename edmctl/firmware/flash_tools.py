@@ -138,6 +138,8 @@ class PyOcd(Tool):
 
     name, programs = "pyocd", ("pyocd",)
     install = installing("pyocd")
+    _HALTED = ("-O", "resume_on_disconnect=false")
+    """What was written does not run before it has been read back."""
 
     @classmethod
     def found(cls) -> tuple[str, ...] | None:
@@ -153,12 +155,12 @@ class PyOcd(Tool):
         return _id_in(said, rf"^{_IDCODE:08x}:\s+([0-9a-f]{{8}})", self.name)
 
     def write(self, board: Board) -> None:
-        place = f"0x{board.flash.address:08x}"
-        self.run("load", *self._at(board), "--no-reset", "--format", "bin", "--base-address", place, _IMAGE)
+        place = ("--format", "bin", "--base-address", f"0x{board.flash.address:08x}")
+        self.run("load", *self._at(board), *self._HALTED, "--no-reset", *place, _IMAGE)
 
     def read_back(self, board: Board, size: int) -> None:
         command = f"savemem 0x{board.flash.address:08x} {size} {_BACK}"
-        self.run("commander", *self._at(board), "--connect", "attach", "-c", command)
+        self.run("commander", *self._at(board), *self._HALTED, "--connect", "halt", "-c", command)
 
     def start(self, board: Board) -> None:
         self.run("reset", *self._at(board))
@@ -316,7 +318,7 @@ def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> 
             first = next(_differences(read, data), min(len(read), len(data)))
             raise PreconditionError(
                 f"{len(read)} bytes were read back, and they differ from the image at "
-                f"0x{board.flash.address + first:08X}. The board was not started.",
+                f"0x{board.flash.address + first:08X}. The board was not reset.",
                 hint="Flash it again, with another tool or cable; a flash that stays wrong is worn.",
                 code="E8126",
             )

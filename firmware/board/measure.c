@@ -3,7 +3,12 @@
 
 #include "scale.h"
 
-#define SAMPLES_MOST 8u    /* that a mean is made of */
+#define SAMPLES_MOST 8u    /* that a mean is made of; fewer where pulses follow each other fast */
+#define SAMPLES_LEAST 2u
+#define COUNTS_PER_SAMPLE (10u * COUNTS_PER_US) /* of the period: at 50 kHz there are two */
+#define TWO_TOPS 0x10001u  /* added to a word at full scale it carries into bits 12 and 28 */
+#define TOP_VOLTS (1u << 12)
+#define TOP_AMPS (1u << 28)
 #define SETTLE_COUNTS (3u * COUNTS_PER_US) /* of the voltage after the gate opens, of the current after it closes */
 #define STRIKE_COUNTS (COUNTS_PER_US / 2u) /* of voltage and current after ignition */
 #define MARGIN_COUNTS (2u * COUNTS_PER_US) /* an edge of the gate itself may come so late */
@@ -12,18 +17,20 @@
 #define LEAST_DROP R(0.05) /* of the open voltage: with less no conductance can be told */
 #define SAME_OPEN R(0.02)  /* of the open voltage: a divider that agrees so well with the supply says nothing new */
 #define NOT_A_NUMBER R(__builtin_nanf(""))
+#define OFF_TIMES_MOST 8u  /* that are looked at in a millisecond: a generator that does not switch off does so in each */
 #define SCANS_MEANT 16u
 #define REST_STRIDE 4u     /* without pulses, each so many samples are looked at */
 
 /* Sums of samples. */
 struct sum {
     uint32_t volts, amps, count;
-    bool volts_railed, amps_railed;
+    uint32_t tops;       /* TOP_VOLTS, TOP_AMPS: one was at full scale */
 };
 
 /* One pulse: times are counts since its begin. */
 struct pulse {
     uint32_t start;
+    uint32_t samples;    /* for each mean */
     uint32_t ignition, end; /* of the current */
     bool ignited;
 };
@@ -50,22 +57,22 @@ static void add_samples(struct sum *sum, const struct records *r, uint32_t from,
         from_us -= (count - most) / 2u;
         count = most;
     }
-    uint32_t at = (s->at + s->size - from_us) % s->size;
+    uint32_t at = s->at >= from_us ? s->at - from_us : s->at + s->size - from_us;
+    uint32_t both = 0; /* halves do not run over: 12 bits, and at most SAMPLES_MOST of them */
     for (uint32_t i = 0; i < count; i++) {
         uint32_t word = s->ring[at];
-        uint32_t volts = word & 0xFFFu, amps = word >> 16 & 0xFFFu;
-        sum->volts += volts;
-        sum->amps += amps;
-        sum->volts_railed = sum->volts_railed || volts == ADC_TOP;
-        sum->amps_railed = sum->amps_railed || amps == ADC_TOP;
-        sum->count++;
+        both += word;
+        sum->tops |= word + TWO_TOPS;
         at = at + 1u == s->size ? 0 : at + 1u;
     }
+    sum->volts += both & 0xFFFFu;
+    sum->amps += both >> 16;
+    sum->count += count;
 }
 
 /* Mean voltage of samples, V; NaN without any, or with one at full scale. */
 static real mean_volts(const struct sum *sum) {
-    if (sum->count == 0 || sum->volts_railed) {
+    if (sum->count == 0 || (sum->tops & TOP_VOLTS) != 0) {
         return NOT_A_NUMBER;
     }
     return (real)sum->volts / (real)(sum->count * ADC_TOP) * EDM_GAP_FULL_V;
@@ -73,7 +80,7 @@ static real mean_volts(const struct sum *sum) {
 
 /* Mean current of samples, A; NaN as for the voltage. */
 static real mean_amps(const struct sum *sum) {
-    if (sum->count == 0 || sum->amps_railed) {
+    if (sum->count == 0 || (sum->tops & TOP_AMPS) != 0) {
         return NOT_A_NUMBER;
     }
     return (real)sum->amps / (real)(sum->count * ADC_TOP) * EDM_GAP_FULL_A;
@@ -85,7 +92,7 @@ static bool next_edge(const struct edges *edges, uint32_t *at, uint32_t until, u
         return false;
     }
     *time = edges->ring[*at];
-    *at = (*at + 1u) % edges->size;
+    *at = *at + 1u == edges->size ? 0 : *at + 1u;
     return true;
 }
 
@@ -127,9 +134,9 @@ static void find_current(struct measure *m, const struct records *r, struct puls
 static real open_voltage(const struct records *r, const struct pulse *pulse, real set_v) {
     struct sum sum = {0};
     if (pulse->ignition > SETTLE_COUNTS) {
-        uint32_t most = SAMPLES_MOST * COUNTS_PER_US;
+        uint32_t most = pulse->samples * COUNTS_PER_US;
         uint32_t begin = pulse->ignition - SETTLE_COUNTS > most ? pulse->ignition - most : SETTLE_COUNTS;
-        add_samples(&sum, r, pulse->start + begin, pulse->start + pulse->ignition, SAMPLES_MOST);
+        add_samples(&sum, r, pulse->start + begin, pulse->start + pulse->ignition, pulse->samples);
     }
     if (sum.count == 0) {
         return set_v;
@@ -142,7 +149,7 @@ static real open_voltage(const struct records *r, const struct pulse *pulse, rea
 static void add_discharge(struct sum *sum, const struct records *r, const struct pulse *pulse) {
     uint32_t from = pulse->start + pulse->ignition, to = pulse->start + pulse->end;
     if (pulse->end - pulse->ignition > 2u * STRIKE_COUNTS) {
-        add_samples(sum, r, from + STRIKE_COUNTS, to, SAMPLES_MOST);
+        add_samples(sum, r, from + STRIKE_COUNTS, to, pulse->samples);
     }
     if (sum->count == 0) {
         from += STRIKE_COUNTS / 2u;
@@ -160,7 +167,7 @@ static real read_pulse(struct edm_readings *out, const struct records *r, struct
     uint8_t i = out->pulses++;
     struct sum sum = {0};
     if (!pulse->ignited) { /* a comparator that does not speak: the samples do */
-        add_samples(&sum, r, pulse->start + gate->on_counts / 2u, pulse->start + gate->on_counts, SAMPLES_MOST);
+        add_samples(&sum, r, pulse->start + gate->on_counts / 2u, pulse->start + gate->on_counts, pulse->samples);
         real amps = mean_amps(&sum);
         pulse->ignited = sum.count > 0 && !(amps < LEAST_A);
         pulse->ignition = pulse->ignited ? 0 : gate->on_counts;
@@ -194,17 +201,19 @@ static real read_pulse(struct edm_readings *out, const struct records *r, struct
 /* Samples before a pulse, when the one before it should have gone out. */
 static void add_off_time(struct sum *sum, const struct records *r, const struct pulse *pulse, const struct gate *gate) {
     uint32_t off = gate->period_counts - gate->on_counts;
-    uint32_t most = SAMPLES_MOST * COUNTS_PER_US;
+    uint32_t most = pulse->samples * COUNTS_PER_US;
     if (off <= SETTLE_COUNTS + COUNTS_PER_US) {
         return;
     }
     uint32_t back = off - SETTLE_COUNTS < most ? off - SETTLE_COUNTS : most;
-    add_samples(sum, r, pulse->start - back, pulse->start - COUNTS_PER_US / 2u, SAMPLES_MOST);
+    add_samples(sum, r, pulse->start - back, pulse->start - COUNTS_PER_US / 2u, pulse->samples);
 }
 
 /* Pulses whose gate time has ended. */
 static void read_pulses(struct measure *m, const struct records *r, const struct gate *gate, struct edm_readings *out) {
     uint32_t time;
+    uint32_t samples = gate->period_counts / COUNTS_PER_SAMPLE;
+    samples = samples < SAMPLES_LEAST ? SAMPLES_LEAST : samples < SAMPLES_MOST ? samples : SAMPLES_MOST;
     struct sum off = {0};
     real volt_us = 0;
     if (m->changes != gate->changes) {
@@ -215,13 +224,13 @@ static void read_pulses(struct measure *m, const struct records *r, const struct
         if (out->pulses == EDM_MOST_PULSES) {
             continue;
         }
-        struct pulse pulse = {.start = time};
+        struct pulse pulse = {.start = time, .samples = samples};
         if (out->pulses == 0) {
             int64_t age = (int32_t)(r->now - time);
             out->first_pulse_ns = r->now_ns - age * 1000 / (int64_t)COUNTS_PER_US;
         }
         find_current(m, r, &pulse, gate->on_counts);
-        if (!m->first) {
+        if (!m->first && out->pulses < OFF_TIMES_MOST) {
             add_off_time(&off, r, &pulse, gate);
         }
         m->first = false;
@@ -295,7 +304,7 @@ real measure_slow(const struct scans *scans, enum slow channel) {
     uint32_t sum = 0, railed = 0;
     uint32_t at = scans->at / SLOW_CHANNELS * SLOW_CHANNELS + (uint32_t)channel; /* of the scan under way */
     for (uint32_t i = 0; i < SCANS_MEANT; i++) {
-        at = (at + scans->size - SLOW_CHANNELS) % scans->size;
+        at = at >= SLOW_CHANNELS ? at - SLOW_CHANNELS : at + scans->size - SLOW_CHANNELS;
         uint32_t count = scans->ring[at] & 0xFFFu;
         sum += count;
         railed += count == ADC_TOP || (ranges[channel].live_zero && count == 0);

@@ -55,6 +55,7 @@ def pyocd(arguments: list[str]) -> int:
         one = commands.add_parser(name)
         one.add_argument("-u", "--uid", "--probe")
         one.add_argument("-t", "--target")
+        one.add_argument("-O", action="append", choices=("resume_on_disconnect=false",))
         one.add_argument("-W", "--no-wait", action="store_true")
         one.add_argument("-M", "--connect", choices=("halt", "pre-reset", "under-reset", "attach"))
         if name == "commander":

@@ -155,8 +155,9 @@ static void start(uint8_t cause) {
     greet();
 }
 
+static const struct edm_identity identity = {.serial = "HOSTILE", .host_time_scale = 1};
+
 static void set_up(const struct edm_persistent *words, real monitor_v) {
-    static const struct edm_identity identity = {.serial = "HOSTILE", .host_time_scale = 1};
     gate = true; /* as a reset may have left it */
     inputs = (struct edm_inputs){.hv_supply_ok = true, .level_ok = true, .flow_lpm = 1, .temperature_c = 20,
                                  .monitor_v = monitor_v};
@@ -283,6 +284,83 @@ static void cases(void) {
     HOLDS(c.state == STATE_ARMED);
 }
 
+/* What BLACKBOX_READ and WAVEFORM_READ tell: their totals, and a check of all samples of the black box. */
+static void records(uint16_t *box, uint32_t *waves, uint32_t *check) {
+    struct edm_reply reply;
+    blackbox_read(&c, 0, &reply);
+    *box = get_u16(reply.payload);
+    *check = 0;
+    for (uint16_t at = 0; at < *box; at = (uint16_t)(at + reply.payload[6])) {
+        blackbox_read(&c, at, &reply);
+        *check = frame_crc(*check, reply.payload, reply.size);
+    }
+    *waves = waveforms_read(&c, 0, &reply) == STATUS_OK ? get_u32(reply.payload) : 0;
+}
+
+static void again(uint8_t cause, bool waves) {
+    const struct edm_persistent words = kept;
+    edm_create_again(&c, NULL, &identity, &words, waves);
+    start(cause);
+}
+
+/* Resets that memory outlasts: the records of a fault are as they were, up to what is damaged of them. */
+static void resets(void) {
+    uint16_t box, box_before;
+    uint32_t waves, waves_before, check, check_before;
+    cut_with(&c.readings.off_time_a, R(1.0), 1, FAULT_GEN_FAULT);
+    records(&box_before, &waves_before, &check_before);
+    HOLDS(box_before > 50 && waves_before > 1000);
+    for (int i = 0; i < 3; i++) {
+        again(i == 0 ? RESET_CAUSE_WATCHDOG : RESET_CAUSE_COMMANDED, i < 2);
+        records(&box, &waves, &check);
+        HOLDS(c.keeps.fault == FAULT_GEN_FAULT && c.state == STATE_FAULT);
+        HOLDS(box == box_before && check == check_before && waves == (i < 2 ? waves_before : 0));
+    }
+    run(600, 0);
+    records(&box, &waves, &check);
+    HOLDS(box == box_before && check == check_before);
+    c.box.ring[(size_t)(c.box.frozen_tick - 1 - 20) % EDM_BOX_SAMPLES].actuator_v += R(1.0);
+    again(RESET_CAUSE_EXTERNAL, true);
+    records(&box, &waves, &check);
+    HOLDS(box == 20);
+    uint8_t p[2];
+    put_u16(p, FAULT_GEN_FAULT);
+    send(MSG_CLEAR_FAULT, p, 2);
+    run(30, 0);
+    records(&box, &waves, &check);
+    HOLDS(c.state == STATE_IDLE && box == 30 && waves == 0);
+
+    set_up(NULL, 0); /* a program that hangs: what was before it is frozen when it starts again */
+    arm();
+    cut();
+    run(300, 3);
+    int64_t tick = c.tick;
+    again(RESET_CAUSE_WATCHDOG, true);
+    records(&box, &waves, &check);
+    HOLDS(c.keeps.fault == FAULT_RESET && box == 300 && waves == 0 && c.tick == tick && time_us(&c) == 0);
+    HOLDS(c.box.ring[(size_t)(tick - 1) % EDM_BOX_SAMPLES].state == STATE_MACHINING);
+
+    set_up(NULL, 0); /* one that was asked for */
+    run(300, 0);
+    again(RESET_CAUSE_COMMANDED, true);
+    records(&box, &waves, &check);
+    HOLDS(box == 0 && waves == 0 && c.state == STATE_IDLE);
+
+    for (int i = 0; i < 200; i++) { /* words that never were a controller's */
+        for (size_t k = 0; k < sizeof c; k++) {
+            ((uint8_t *)&c)[k] = (uint8_t)draw(256);
+        }
+        memset(&kept, 0, sizeof kept);
+        c.box.frozen = draw(2) != 0;
+        c.waveforms.frozen = draw(2) != 0;
+        kept.fault = draw(2) ? FAULT_ABORT_RUN : 0;
+        again(RESET_CAUSE_WATCHDOG, draw(2) != 0);
+        records(&box, &waves, &check);
+        HOLDS(box <= 1 && c.tick >= 0);
+        run(5, 0);
+    }
+}
+
 /* A slow path far from the stages' zero, where a step is less than float can add. */
 static void slow_path(void) {
     const struct edm_line line = {.x_um = 101000, .y_um = 0, .speed_um_s = 1, .z_um = 60, .last = true};
@@ -335,6 +413,7 @@ int main(int argc, char **argv) {
     unsigned states = 0;
     if (steps == 0) {
         cases();
+        resets();
         slow_path();
         printf("%d broken\n", broken);
         return broken != 0;

@@ -119,7 +119,8 @@ def _call_graph(folder: Path) -> tuple[dict[str, int], dict[str, set[str]]]:
         text = path.read_text(encoding="utf-8")
 
         def name(title: str, unit: str = path.stem) -> str:
-            return title.split(":")[-1] if ":" not in title else f"{unit}:{title.split(':')[-1]}"
+            """Static functions, which are told with their path, get the name of their file."""
+            return f"{unit}:{title.split(':')[-1]}" if ":" in title else title
 
         for title, size in re.findall(
             r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes \(static\)', text

@@ -4,7 +4,7 @@
 #define WAIT_MOST 400u /* looks at a flag; 16 bits take 1.5 us */
 
 void actuator_start(void) {
-    RCC->APB2ENR |= RCC_APB2_SPI4;
+    clocks_on(&RCC->APB2ENR, RCC_APB2_SPI4);
     SPI4->CR1 = SPI_CR1_MSTR | SPI_CR1_BR_8 | SPI_CR1_SSM | SPI_CR1_SSI | SPI_CR1_DFF;
     SPI4->CR1 |= SPI_CR1_SPE;
 }

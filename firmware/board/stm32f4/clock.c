@@ -8,7 +8,7 @@
 #define PLL_Q 7u
 
 void clock_start(void) {
-    RCC->APB1ENR |= RCC_APB1_PWR;
+    clocks_on(&RCC->APB1ENR, RCC_APB1_PWR);
     PWR->CR |= PWR_CR_VOS_1;
     RCC->CR |= RCC_CR_HSEBYP;
     RCC->CR |= RCC_CR_HSEON;

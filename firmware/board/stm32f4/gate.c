@@ -13,8 +13,8 @@ static bool refused;       /* the core has asked for pulses, the break chain was
 
 /* TIM1 holds the pin low before the pin is handed over to it. Break: low level, no automatic restart; locked until reset. */
 void gate_start(void) {
-    RCC->APB2ENR |= RCC_APB2_TIM1;
-    RCC->APB1ENR |= RCC_APB1_TIM3 | RCC_APB1_DAC;
+    clocks_on(&RCC->APB2ENR, RCC_APB2_TIM1);
+    clocks_on(&RCC->APB1ENR, RCC_APB1_TIM3 | RCC_APB1_DAC);
     TIM1->CR1 = TIM_CR1_ARPE;
     TIM1->SMCR = TIM_SMCR_ETF_4;
     TIM1->CCMR1 = TIM_CCMR1_OC1_PWM1;

@@ -36,7 +36,7 @@ void hal_persist(void *board, const struct edm_persistent *words) {
 /* The words of before. Registers that are wrong but not empty may have held a fault: then the latched one is 5001. */
 const struct edm_persistent *keep_words(void) {
     static struct edm_persistent words;
-    RCC->APB1ENR |= RCC_APB1_PWR;
+    clocks_on(&RCC->APB1ENR, RCC_APB1_PWR);
     PWR->CR |= PWR_CR_DBP;
     barrier();
     uint32_t boots = RTC_BKP[BACKUP_BOOTS], fault_and_event = RTC_BKP[BACKUP_FAULT_AND_EVENT];

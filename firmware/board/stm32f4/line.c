@@ -20,8 +20,8 @@ static struct {
 #define TX_FLAGS 0x3Du          /* of stream 4, in IFCR[1] */
 
 void line_start(void) {
-    RCC->AHB1ENR |= RCC_AHB1_DMA1;
-    RCC->APB1ENR |= RCC_APB1_USART3;
+    clocks_on(&RCC->AHB1ENR, RCC_AHB1_DMA1);
+    clocks_on(&RCC->APB1ENR, RCC_APB1_USART3);
     rx_at = tx_in = tx_out = tx_piece = 0;
     RX_STREAM->PAR = (uint32_t)(uintptr_t)&USART3->DR;
     RX_STREAM->M0AR = (uint32_t)(uintptr_t)rx;

@@ -266,4 +266,11 @@ static inline void barrier(void) {
     __asm__ volatile("dsb\n\tisb" ::: "memory");
 }
 
+/* Switches clocks of peripherals on; what follows finds them running (errata sheet ES0206, 2.1.13). */
+static inline void clocks_on(reg32 *enable, uint32_t bits) {
+    *enable |= bits;
+    (void)*enable;
+    barrier();
+}
+
 #endif

@@ -148,12 +148,14 @@ float expf(float x) {
     return rounded(sum << 1, (int)k - 63);
 }
 
-/* Conversions that the processor has no instruction for (run-time ABI of the ARM architecture, 4.1.2). */
+/* Conversions that the processor has no instruction for (run-time ABI of the ARM architecture, 4.1.2): they are called with
+ * floats in core registers, also where others have them in those of the FPU. */
 #if defined(__arm__)
-int64_t __aeabi_f2lz(float x);
-uint64_t __aeabi_f2ulz(float x);
-float __aeabi_l2f(int64_t x);
-float __aeabi_ul2f(uint64_t x);
+#define BY_CORE_REGISTERS __attribute__((pcs("aapcs")))
+BY_CORE_REGISTERS int64_t __aeabi_f2lz(float x);
+BY_CORE_REGISTERS uint64_t __aeabi_f2ulz(float x);
+BY_CORE_REGISTERS float __aeabi_l2f(int64_t x);
+BY_CORE_REGISTERS float __aeabi_ul2f(uint64_t x);
 
 uint64_t __aeabi_f2ulz(float x) {
     uint32_t bits = bits_of(x);

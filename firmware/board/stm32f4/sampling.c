@@ -16,7 +16,7 @@
 #define WAVE_MEMORY 34785u
 #define WAVE_RING (WAVE_MEMORY + SAMPLES_PER_MS + 90u)
 #define REST_RING 400u     /* goes on while the other one is kept; no divisor of a millisecond, so that a stop shows */
-#define SUM_WORDS 2000u    /* of the check, a millisecond */
+#define SUM_WORDS 1000u    /* of the check, a millisecond */
 #define KEPT_MAGIC 0x57415645u
 
 #define GATES (&DMA1->S[3])
@@ -43,6 +43,7 @@ static bool running;
 static struct samples samples;
 static bool anew;          /* the stream was started anew: where it stands has to be seen */
 static uint32_t anew_timer;
+static bool scans_anew;
 static struct scans scans = {.ring = slow_ring, .size = SLOW_HALFWORDS};
 
 /* What a fault keeps of the ring. It outlasts a reset: its check is right then. */
@@ -106,7 +107,7 @@ static void restart_slow(void) {
 
 /* Sampling times: 3 cycles for the gap, 15 of 21 a sample; 84 for slow channels. ADC clock: 21 MHz (36 at most). */
 static void start_adcs(void) {
-    RCC->APB2ENR |= RCC_APB2_ADC1 | RCC_APB2_ADC2 | RCC_APB2_ADC3;
+    clocks_on(&RCC->APB2ENR, RCC_APB2_ADC1 | RCC_APB2_ADC2 | RCC_APB2_ADC3);
     ADC_COMMON->CCR = ADC_CCR_ADCPRE_4 | ADC_CCR_DUAL_REGULAR | ADC_CCR_DDS;
     ADC1->SQR1 = ADC2->SQR1 = ADC_SQR1_L(1);
     ADC1->SQR3 = 10u;
@@ -141,9 +142,9 @@ static void start_edges(void) {
 
 /* Sets everything up, and brings the first scans of the slow channels: edm_create asks for the monitor. */
 void sampling_start(void) {
-    RCC->AHB1ENR |= RCC_AHB1_DMA1 | RCC_AHB1_DMA2;
-    RCC->APB1ENR |= RCC_APB1_TIM2 | RCC_APB1_TIM4 | RCC_APB1_TIM5 | RCC_APB1_TIM7;
-    RCC->APB2ENR |= RCC_APB2_TIM8;
+    clocks_on(&RCC->AHB1ENR, RCC_AHB1_DMA1 | RCC_AHB1_DMA2);
+    clocks_on(&RCC->APB1ENR, RCC_APB1_TIM2 | RCC_APB1_TIM4 | RCC_APB1_TIM5 | RCC_APB1_TIM7);
+    clocks_on(&RCC->APB2ENR, RCC_APB2_TIM8);
     bool holds = keep.stopped;
     samples = holds ? (struct samples){.ring = rest_ring, .size = REST_RING}
                     : (struct samples){.ring = wave_ring, .size = WAVE_RING};
@@ -206,37 +207,38 @@ static void look_at_samples(void) {
     int32_t size = (int32_t)samples.size;
     int32_t since = (int32_t)(latched.timer - now) / (int32_t)COUNTS_PER_US;
     int32_t seen = (int32_t)place(latched.samples, samples.size) - since; /* where the end of the millisecond is */
+    uint32_t passed = anew ? (now - anew_timer) / COUNTS_PER_US : SAMPLES_PER_MS;
     uint32_t most = samples.size > 2u * LAST_LOOK ? samples.size - LAST_LOOK : samples.size - REST_RING / 4u;
-    if (anew) {
+    samples.at = (samples.at + passed) % samples.size;
+    samples.held += passed;
+    int32_t lag = ((int32_t)samples.at - seen) % size;
+    lag = lag > size / 2 ? lag - size : lag < -size / 2 ? lag + size : lag;
+    samples.good = lag <= LAG_MOST && lag >= -LAG_MOST;
+    if (!samples.good) {
+        keep.lost = keep.lost || keep.pending;
+        restart_samples(samples.ring, samples.size);
+        return;
+    }
+    if (anew) { /* it began in the middle of a microsecond */
         anew = false;
         samples.at = (uint32_t)((seen % size + size) % size);
-        samples.held = (now - anew_timer) / COUNTS_PER_US;
-        samples.held = samples.held > 4u ? samples.held - 4u : 0;
-    } else {
-        samples.at = (samples.at + SAMPLES_PER_MS) % samples.size;
-        samples.held += SAMPLES_PER_MS;
-        int32_t lag = ((int32_t)samples.at - seen) % size;
-        lag = lag > size / 2 ? lag - size : lag < -size / 2 ? lag + size : lag;
-        samples.good = lag <= LAG_MOST && lag >= -LAG_MOST;
-        if (!samples.good) {
-            keep.lost = keep.lost || keep.pending;
-            restart_samples(samples.ring, samples.size);
-            return;
-        }
+        samples.held -= LAG_MOST;
     }
     samples.held = samples.held < most ? samples.held : most;
-    samples.good = true;
 }
 
 static void look_at_scans(void) {
     uint32_t at = place(latched.slow, SLOW_HALFWORDS);
     uint32_t moved = (at + SLOW_HALFWORDS - scans.at) % SLOW_HALFWORDS;
-    scans.good = moved >= SLOW_PER_MS - SLOW_SLACK && moved <= SLOW_PER_MS + SLOW_SLACK;
+    scans.good = !scans_anew && moved >= SLOW_PER_MS - SLOW_SLACK && moved <= SLOW_PER_MS + SLOW_SLACK;
     scans.at = at;
-    if (!scans.good) {
-        restart_slow();
-        scans.at = 0;
+    if (scans.good || scans_anew) { /* what a stream began in the middle of a millisecond is no mean of one */
+        scans_anew = false;
+        return;
     }
+    restart_slow();
+    scans.at = 0;
+    scans_anew = true;
 }
 
 /* Follows the tick: what the streams hold at the end of the millisecond, whose time the controller knows. */
@@ -345,7 +347,7 @@ void hal_wave_keep(void *board, int64_t begin_ns, int64_t end_ns) {
     wave_kept.begin = (samples.at + WAVE_RING - back) % WAVE_RING;
     wave_kept.total = (uint32_t)((uint64_t)(end_ns - begin_ns) / 1000u);
     keep.end_ns = end_ns;
-    keep.lost = false;
+    keep.lost = !samples.good;
     keep.pending = true;
 }
 

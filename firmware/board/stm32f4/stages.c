@@ -18,6 +18,7 @@ struct axis {
 };
 static struct axis axes[AXES];
 static bool follows;       /* X and Y go where the core says */
+static bool leaves;        /* and this was the last place of it */
 
 static struct timer *timer_of(int axis) {
     return axis == AXIS_X ? TIM10 : axis == AXIS_Y ? TIM11 : TIM13;
@@ -38,8 +39,8 @@ static int32_t steps_of(int axis, real place) {
 }
 
 void stages_begin(void) {
-    RCC->APB2ENR |= RCC_APB2_TIM10 | RCC_APB2_TIM11;
-    RCC->APB1ENR |= RCC_APB1_TIM13;
+    clocks_on(&RCC->APB2ENR, RCC_APB2_TIM10 | RCC_APB2_TIM11);
+    clocks_on(&RCC->APB1ENR, RCC_APB1_TIM13);
     TIM10->PSC = TIM11->PSC = CPU_HZ / 1000u / STEP_KHZ - 1u;
     TIM13->PSC = CPU_HZ / 2000u / STEP_KHZ - 1u;
     for (int axis = 0; axis < AXES; axis++) {
@@ -96,15 +97,18 @@ static void plan_travel(struct axis *axis) {
 void stages_plan(const struct edm_controller *c) {
     interrupts_off(); /* all axes at one tick */
     for (int axis = 0; axis < AXES; axis++) {
-        if (follows && axis != AXIS_THETA) {
+        if ((follows || leaves) && axis != AXIS_THETA) {
             axes[axis].target = steps_of(axis, c->drive.stage_um[axis]);
             plan_axis(&axes[axis], MOST_STEPS);
+            axes[axis].per_ms = R(MOST_STEPS); /* for what is left at the end, after a change of direction */
+            axes[axis].travels = leaves && axes[axis].at != axes[axis].target;
         } else if (axes[axis].travels) {
             plan_travel(&axes[axis]);
         } else {
             axes[axis].planned = 0;
         }
     }
+    leaves = false;
     interrupts_on();
 }
 
@@ -143,5 +147,6 @@ void hal_path_line(void *board, uint8_t row) {
 
 void hal_path_end(void *board) {
     (void)board;
+    leaves = follows;
     follows = false;
 }

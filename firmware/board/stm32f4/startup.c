@@ -19,9 +19,17 @@ void bus_fault_handler(void);
 void usage_fault_handler(void);
 void other_handler(void);
 
+typedef void (*vector)(void);
+struct vectors {
+    const void *stack;
+    vector system[15];
+    vector interrupts[INTERRUPTS];
+};
+extern const struct vectors vectors;
+
 /* The pin of the gate low whatever the timer does, and no more alternation for the charge pump (RM0090 8.4). */
 static void pins_safe(void) {
-    RCC->AHB1ENR |= RCC_AHB1_GPIO(PORT_E) | RCC_AHB1_GPIO(PORT_F);
+    clocks_on(&RCC->AHB1ENR, RCC_AHB1_GPIO(PORT_E) | RCC_AHB1_GPIO(PORT_F));
     GPIO_PORT(PORT_E)->BSRR = 1u << (9u + 16u);
     GPIO_PORT(PORT_E)->MODER = (GPIO_PORT(PORT_E)->MODER & ~(3u << 18)) | 1u << 18;
     GPIO_PORT(PORT_F)->BSRR = 1u << (15u + 16u);
@@ -37,7 +45,7 @@ _Noreturn void startup_restart(void) {
 
 /* The end of every fault. */
 __attribute__((used, noreturn)) void startup_crash(uint32_t which) {
-    RCC->APB2ENR |= RCC_APB2_TIM1;
+    clocks_on(&RCC->APB2ENR, RCC_APB2_TIM1);
     TIM1->BDTR &= ~TIM_BDTR_MOE;
     pins_safe();
     crash_word = which;
@@ -59,6 +67,7 @@ HANDLER(other_handler, CRASH_IRQ)
 /* Memory, as C asks for it; then the main loop on its own stack. */
 __attribute__((used)) void startup_begin(void) {
     pins_safe();
+    *SCB_VTOR = (uint32_t)(uintptr_t)&vectors;
     *SCB_CPACR |= SCB_CPACR_FPU;
     barrier();
     for (uint32_t *to = data_begin, *from = data_from; to < data_end;) {
@@ -84,13 +93,7 @@ __attribute__((naked)) void reset_handler(void) {
                      "b .");
 }
 
-typedef void (*vector)(void);
-
-__attribute__((section(".vectors"), used)) const struct {
-    const void *stack;
-    vector system[15];
-    vector interrupts[INTERRUPTS];
-} vectors = {
+__attribute__((section(".vectors"), used)) const struct vectors vectors = {
     .stack = main_stack_top,
     .system = {reset_handler, nmi_handler, hard_fault_handler, memory_fault_handler, bus_fault_handler,
                usage_fault_handler, other_handler, other_handler, other_handler, other_handler, other_handler,

@@ -37,7 +37,7 @@ void watch_start(void) {
 /* For the main loop, from now on. */
 void watch_run(void) {
     set_reload(RUN_RELOAD);
-    RCC->APB1ENR |= RCC_APB1_WWDG;
+    clocks_on(&RCC->APB1ENR, RCC_APB1_WWDG);
     WWDG->CFR = WINDOW_OFF;
     WWDG->CR = WWDG_CR_WDGA | WINDOW_COUNT;
 }
