@@ -1,7 +1,10 @@
 """Programs that flash a board, each as the commands that are run: which chip is there, write, read back, start.
 
 None of them is part of edmctl. They are run in a folder of their own, where the image is `image.bin`, and nobody
-answers their questions. Commands and messages are those of pyOCD 0.46, OpenOCD 0.12, stlink 1.7 and dfu-util 0.11.
+answers their questions. They write and read a chip that was reset and halted: one that was only halted is reset by its
+own watchdog, and what was just written shall not run before it has been compared.
+
+Commands and messages are those of pyOCD 0.46, OpenOCD 0.12, stlink 1.7 and dfu-util 0.11.
 """
 
 from __future__ import annotations
@@ -138,8 +141,7 @@ class PyOcd(Tool):
 
     name, programs = "pyocd", ("pyocd",)
     install = installing("pyocd")
-    _HALTED = ("-O", "resume_on_disconnect=false")
-    """What was written does not run before it has been read back."""
+    _HALTED = ("--connect", "under-reset", "-O", "resume_on_disconnect=false")
 
     @classmethod
     def found(cls) -> tuple[str, ...] | None:
@@ -160,7 +162,7 @@ class PyOcd(Tool):
 
     def read_back(self, board: Board, size: int) -> None:
         command = f"savemem 0x{board.flash.address:08x} {size} {_BACK}"
-        self.run("commander", *self._at(board), *self._HALTED, "--connect", "halt", "-c", command)
+        self.run("commander", *self._at(board), *self._HALTED, "-c", command)
 
     def start(self, board: Board) -> None:
         self.run("reset", *self._at(board))
@@ -186,7 +188,7 @@ class OpenOcd(Tool):
         self._do(board, f"program {_IMAGE} 0x{board.flash.address:08x} verify")
 
     def read_back(self, board: Board, size: int) -> None:
-        self._do(board, f"dump_image {_BACK} 0x{board.flash.address:08x} {size}")
+        self._do(board, "reset halt", f"dump_image {_BACK} 0x{board.flash.address:08x} {size}")
 
     def start(self, board: Board) -> None:
         self._do(board, "reset run")
@@ -197,6 +199,7 @@ class StFlash(Tool):
 
     name, programs = "st-flash", ("st-flash", "st-info")
     install = "`apt install stlink-tools`"
+    _HALTED = ("--connect-under-reset",)
 
     def _at(self) -> tuple[str, ...]:
         return ("--serial", self.probe) if self.probe else ()
@@ -215,10 +218,10 @@ class StFlash(Tool):
         return _id_in(programmers[0], r"chipid:\s+(0x[0-9a-f]+)", self.name)
 
     def write(self, board: Board) -> None:
-        self.run(*self._at(), "write", _IMAGE, f"0x{board.flash.address:08x}")
+        self.run(*self._HALTED, *self._at(), "write", _IMAGE, f"0x{board.flash.address:08x}")
 
     def read_back(self, board: Board, size: int) -> None:
-        self.run(*self._at(), "read", _BACK, f"0x{board.flash.address:08x}", str(size))
+        self.run(*self._HALTED, *self._at(), "read", _BACK, f"0x{board.flash.address:08x}", str(size))
 
     def start(self, board: Board) -> None:
         self.run(*self._at(), "reset")

@@ -75,6 +75,7 @@ def pyocd(arguments: list[str]) -> int:
         print("0000610 C STLink error (9): Get IDCODE error [__main__]", file=sys.stderr)
         return 1
     if asked.command == "load":
+        assert asked.connect == "under-reset", "its watchdog resets a chip that is only halted"
         if trouble() == "write":
             print(
                 "0001532 C flash erase sector failure (address 0x08000000; result code 0x1) [__main__]",
@@ -135,6 +136,8 @@ def openocd(arguments: list[str]) -> int:
             print("** Programming Finished **\n** Verified OK **", file=sys.stderr)
         elif words[0] == "dump_image":
             read(*words[1:])
+        elif words == ["reset", "halt"]:
+            pass
         elif words == ["reset", "run"]:
             start()
         elif words == ["shutdown"]:
@@ -165,6 +168,7 @@ def st_info(arguments: list[str]) -> int:
 def st_flash(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--serial")
+    parser.add_argument("--connect-under-reset", action="store_true")
     parser.add_argument("command", choices=("write", "read", "reset"))
     parser.add_argument("rest", nargs="*")
     asked = parser.parse_args(arguments)
@@ -173,6 +177,7 @@ def st_flash(arguments: list[str]) -> int:
         print("2026-01-01T00:00:00 WARN usb.c: Couldn't find any ST-Link devices", file=sys.stderr)
         return 255
     if asked.command == "write":
+        assert asked.connect_under_reset, "its watchdog resets a chip that is only halted"
         if trouble() == "write":
             print(
                 "2026-01-01T00:00:00 ERROR common.c: stlink_flash_loader_run(0x8000000) failed! == -1",
@@ -182,6 +187,7 @@ def st_flash(arguments: list[str]) -> int:
         write(*asked.rest)
         print("2026-01-01T00:00:00 INFO common.c: Flash written and verified! jolly good!", file=sys.stderr)
     elif asked.command == "read":
+        assert asked.connect_under_reset
         read(*asked.rest)
     else:
         start()
