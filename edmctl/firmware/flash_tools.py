@@ -1,8 +1,8 @@
 """Programs that flash a board, each as the commands that are run: which chip is there, write, read back, start.
 
 None of them is part of edmctl. They are run in a folder of their own, where the image is `image.bin`, and nobody
-answers their questions. They write and read a chip that was reset and halted: one that was only halted is reset by its
-own watchdog, and what was just written shall not run before it has been compared.
+answers their questions. They write and read a chip that was reset and halted: one that was only halted is reset by
+its own watchdog, and what was just written shall not run before it has been compared.
 
 Commands and messages are those of pyOCD 0.46, OpenOCD 0.12, stlink 1.7 and dfu-util 0.11.
 """
