@@ -43,8 +43,8 @@ static bool is_before(uint32_t a, uint32_t b) {
     return (int32_t)(a - b) < 0;
 }
 
-/* Adds samples that lie in [from, to), counts of the timer; `most` at most, from their middle. */
-static void add_samples(struct sum *sum, const struct records *r, uint32_t from, uint32_t to, uint32_t most) {
+/* Adds samples that lie in [from, to), counts of the timer; `limit` at most, from their middle. */
+static void add_samples(struct sum *sum, const struct records *r, uint32_t from, uint32_t to, uint32_t limit) {
     const struct samples *s = &r->samples;
     uint32_t from_us = (r->now - from) / COUNTS_PER_US; /* whole microseconds back from now, rounded towards now */
     uint32_t to_us = is_before(to, r->now) ? (r->now - to) / COUNTS_PER_US : 0;
@@ -53,9 +53,9 @@ static void add_samples(struct sum *sum, const struct records *r, uint32_t from,
         return;
     }
     uint32_t count = from_us - to_us;
-    if (count > most) {
-        from_us -= (count - most) / 2u;
-        count = most;
+    if (count > limit) {
+        from_us -= (count - limit) / 2u;
+        count = limit;
     }
     uint32_t at = s->at >= from_us ? s->at - from_us : s->at + s->size - from_us;
     uint32_t both = 0; /* halves do not run over: 12 bits, and at most SAMPLES_MOST of them */
@@ -108,7 +108,7 @@ static void skip_edges(const struct edges *edges, uint32_t *at, uint32_t before)
  * the pulse before. */
 static void find_current(struct measure *m, const struct records *r, struct pulse *pulse, uint32_t on_counts) {
     uint32_t gate_end = pulse->start + on_counts;
-    uint32_t rise = gate_end, last_rise = pulse->start, fall = pulse->start, time;
+    uint32_t rise = gate_end, last_rise = pulse->start, fall = 0, time;
     bool rose = false, fell = false;
     skip_edges(&r->ignitions, &m->ignitions_at, pulse->start);
     skip_edges(&r->ends, &m->ends_at, pulse->start);
@@ -134,8 +134,8 @@ static void find_current(struct measure *m, const struct records *r, struct puls
 static real open_voltage(const struct records *r, const struct pulse *pulse, real set_v) {
     struct sum sum = {0};
     if (pulse->ignition > SETTLE_COUNTS) {
-        uint32_t most = pulse->samples * COUNTS_PER_US;
-        uint32_t begin = pulse->ignition - SETTLE_COUNTS > most ? pulse->ignition - most : SETTLE_COUNTS;
+        uint32_t span = pulse->samples * COUNTS_PER_US;
+        uint32_t begin = pulse->ignition - SETTLE_COUNTS > span ? pulse->ignition - span : SETTLE_COUNTS;
         add_samples(&sum, r, pulse->start + begin, pulse->start + pulse->ignition, pulse->samples);
     }
     if (sum.count == 0) {
@@ -201,11 +201,11 @@ static real read_pulse(struct edm_readings *out, const struct records *r, struct
 /* Samples before a pulse, when the one before it should have gone out. */
 static void add_off_time(struct sum *sum, const struct records *r, const struct pulse *pulse, const struct gate *gate) {
     uint32_t off = gate->period_counts - gate->on_counts;
-    uint32_t most = pulse->samples * COUNTS_PER_US;
+    uint32_t span = pulse->samples * COUNTS_PER_US;
     if (off <= SETTLE_COUNTS + COUNTS_PER_US) {
         return;
     }
-    uint32_t back = off - SETTLE_COUNTS < most ? off - SETTLE_COUNTS : most;
+    uint32_t back = off - SETTLE_COUNTS < span ? off - SETTLE_COUNTS : span;
     add_samples(sum, r, pulse->start - back, pulse->start - COUNTS_PER_US / 2u, pulse->samples);
 }
 

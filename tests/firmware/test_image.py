@@ -15,6 +15,7 @@ from edmctl.link import messages as m
 from tests.firmware.images import COMPILERS, Elf, built, compile_command, sources
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from edmctl.firmware.build import Build
@@ -178,3 +179,70 @@ def test_the_exponential_is_that_of_a_math_library(core: Build, tmp_path: Path) 
     assert library.own_expf(200.0) == np.inf
     assert library.own_expf(-200.0) == 0.0
     assert np.isnan(library.own_expf(np.nan))
+
+
+def test_every_pin_has_one_net() -> None:
+    """The rows of pins.h, as the script reads them that makes the table of the guide."""
+    text = (source_folder() / "board" / "stm32f4" / "pins.h").read_text(encoding="utf-8")
+    rows = re.findall(
+        r'^ {4}PIN\((\w+), +([A-G]), +(\d+), (\w+), +(\d+), (\w+), +([01]), "([^"]+)"\)', text, re.M
+    )
+    assert len(rows) == text.count("    PIN(") == 34
+    nets, pins = {row[0] for row in rows}, {(row[1], int(row[2])) for row in rows}
+    assert len(nets) == len(pins) == len(rows)
+    modes = {net: (mode, pull, level) for net, _, _, mode, _, pull, level, _ in rows}
+    assert {mode for mode, _, _ in modes.values()} == {"INPUT", "OUTPUT", "ALTERNATE", "ANALOG"}
+    # What is safe without a wire: the chain broken, contacts open, no ignition, gate and enable low.
+    assert {modes[net] for net in ("ESTOP", "DOOR", "HV_SUPPLY", "LEVEL", "LIMITS")} == {
+        ("INPUT", "DOWN", "0")
+    }
+    assert {modes[net][1] for net in ("BREAK_CHAIN", "IGNITION", "GATE_SENSE")} == {"DOWN"}
+    assert [net for net, (mode, _, level) in modes.items() if mode == "OUTPUT" and level == "1"] == [
+        "DAC_SELECT"
+    ]
+
+
+def _called(elf: Elf) -> Callable[..., tuple[int, int, int]]:
+    """A function of the image called on an emulated processor: (r0, r1, s0) after it."""
+    unicorn = pytest.importorskip("unicorn")
+    arm = pytest.importorskip("unicorn.arm_const")
+    machine = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
+    machine.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
+    machine.mem_map(FLASH, 1 << 20)
+    machine.mem_map(SRAM, 192 * KB)
+    for section in elf.sections.values():
+        if section.loaded and FLASH <= section.address < FLASH + FLASH_MOST:
+            machine.mem_write(section.address, section.content)
+    back = FLASH + (1 << 20) - 16
+
+    def call(name: str, *words: int, s0: int = 0) -> tuple[int, int, int]:
+        for register, word in zip((arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1), words, strict=False):
+            machine.reg_write(register, word)
+        machine.reg_write(arm.UC_ARM_REG_S0, s0)
+        machine.reg_write(arm.UC_ARM_REG_SP, elf.symbols["main_stack_top"])
+        machine.reg_write(arm.UC_ARM_REG_LR, back | 1)
+        machine.emu_start(elf.symbols[name] | 1, back)
+        registers = (arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1, arm.UC_ARM_REG_S0)
+        return tuple(machine.reg_read(register) & 0xFFFFFFFF for register in registers)
+
+    return call
+
+
+def _bits(x: float) -> int:
+    return int(np.float32(x).view(np.uint32))
+
+
+def test_the_run_time_has_the_bits_of_the_standard(image: Elf) -> None:
+    """Conversions to and from 64 bits come in core registers, the exponential in one of the FPU."""
+    call = _called(image)
+    for x in (0.0, 0.4, -0.6, 1.0, -1.5, 60000.4, -3e9, 8.1e12, 9.2e18, -9.2e18, 1e30, -1e30):
+        low, high, _ = call("__aeabi_f2lz", _bits(x))
+        whole = min(max(int(np.float32(x)), -(1 << 63)), (1 << 63) - 1)
+        assert (high << 32 | low) == whole & (1 << 64) - 1
+    for whole in (0, 1, -1, 16777217, 16777219, -16777217, 1 << 40, (1 << 62) + 1, -(1 << 63), (1 << 63) - 1):
+        word = whole & (1 << 64) - 1
+        assert call("__aeabi_l2f", word & 0xFFFFFFFF, word >> 32)[0] == _bits(
+            float(np.float32(np.int64(whole)))
+        )
+    for x in (-0.02, -0.125663706, -6.2831855, 0.0, 1.0, -87.0, 42.5):
+        assert call("expf", s0=_bits(x))[2] == _bits(np.exp(np.float64(np.float32(x))))

@@ -13,7 +13,7 @@ static uint32_t tx_in, tx_out, tx_piece; /* next to be written, next to be sent,
 static struct {
     bool suspected, told;
     uint32_t at;                /* of the receiving ring */
-} low;
+} held;
 
 #define RX_STREAM (&DMA1->S[1])
 #define TX_STREAM (&DMA1->S[4])
@@ -57,20 +57,20 @@ void line_read(struct edm_controller *c) {
 bool line_is_held_low(void) {
     bool is_low = !pins_high(PIN_LINE_IN);
     uint32_t at = received();
-    bool held = low.suspected && is_low && at == low.at;
+    bool is_held = held.suspected && is_low && at == held.at;
     if (!is_low) {
-        low.suspected = low.told = false;
+        held.suspected = held.told = false;
     } else if ((USART3->SR & USART_SR_FE) != 0) {
         (void)USART3->DR; /* with the status read before, this clears the flag */
-        low.suspected = true;
-        low.at = received();
-    } else if (at != low.at) {
-        low.suspected = false;
+        held.suspected = true;
+        held.at = received();
+    } else if (at != held.at) {
+        held.suspected = false;
     }
-    if (!held || low.told) {
+    if (!is_held || held.told) {
         return false;
     }
-    low.told = true;
+    held.told = true;
     return true;
 }
 

@@ -208,7 +208,7 @@ static void look_at_samples(void) {
     int32_t since = (int32_t)(latched.timer - now) / (int32_t)COUNTS_PER_US;
     int32_t seen = (int32_t)place(latched.samples, samples.size) - since; /* where the end of the millisecond is */
     uint32_t passed = anew ? (now - anew_timer) / COUNTS_PER_US : SAMPLES_PER_MS;
-    uint32_t most = samples.size > 2u * LAST_LOOK ? samples.size - LAST_LOOK : samples.size - REST_RING / 4u;
+    uint32_t room = samples.size > 2u * LAST_LOOK ? samples.size - LAST_LOOK : samples.size - REST_RING / 4u;
     samples.at = (samples.at + passed) % samples.size;
     samples.held += passed;
     int32_t lag = ((int32_t)samples.at - seen) % size;
@@ -224,7 +224,7 @@ static void look_at_samples(void) {
         samples.at = (uint32_t)((seen % size + size) % size);
         samples.held -= LAG_MOST;
     }
-    samples.held = samples.held < most ? samples.held : most;
+    samples.held = samples.held < room ? samples.held : room;
 }
 
 static void look_at_scans(void) {
@@ -284,8 +284,8 @@ static uint32_t word_of(uint32_t offset) {
 }
 
 /* Sums up the next words of the record, until it is done. */
-static void sum_up(uint32_t most) {
-    for (uint32_t i = 0; i < most && keep.at < wave_kept.total; i++) {
+static void sum_up(uint32_t limit) {
+    for (uint32_t i = 0; i < limit && keep.at < wave_kept.total; i++) {
         add_to(keep.sums, word_of(keep.at++));
     }
 }
