@@ -3,7 +3,7 @@
     EdmError
     ├── UsageError            exit 2    the command line asks for something that is not there
     ├── ProfileError          exit 3    profile or setup invalid (carries every diagnostic)
-    ├── RecordError           exit 3    measured data, or a calibration made of it, invalid
+    ├── RecordError           exit 3    measured data, a calibration made of it, or a firmware image, invalid
     ├── LinkLost              exit 4    no port, no answer, or the line went dead
     ├── ProtocolMismatch      exit 5    the controller speaks another version
     ├── MachineFault          exit 6    the controller latched a fault; the safe state is reached
@@ -106,7 +106,7 @@ class ProfileError(EdmError):
 
 
 class RecordError(EdmError):
-    """A record of voltage and displacement, or a calibration file, that cannot be used."""
+    """A record of voltage and displacement, a calibration file or a firmware image that cannot be used."""
 
     exit_code = 3
     default_code = "E3600"

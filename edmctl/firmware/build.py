@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -22,9 +23,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 CACHE_VARIABLE = "EDMCTL_FIRMWARE_CACHE"
+ZIG_CACHE_VARIABLE = "ZIG_GLOBAL_CACHE_DIR"
 REALS = ("double", "float")
 """Arithmetic of a build: double gives what the virtual controller gives bit for bit, float is that of a board."""
 
+ZIG = (sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline")
+"""Without the last word it builds for this very processor; another one may share the folder of the library."""
 _COMPILERS = ("cc", "gcc", "clang")
 _FLAGS = (
     "-std=c11",
@@ -69,13 +73,22 @@ def source_folder() -> Path:
     return installed if installed.is_dir() else package.parent.parent / "firmware"
 
 
+def source_version() -> tuple[int, int, int]:
+    """Return the version of the firmware that this program builds. Raises OSError, ValueError without sources."""
+    text = (source_folder() / "core" / "version.h").read_text(encoding="utf-8")
+    numbers = dict(re.findall(r"^#define FW_(MAJOR|MINOR|PATCH) (\d+)$", text, flags=re.MULTILINE))
+    if len(numbers) < 3:
+        raise ValueError("version.h names no version")
+    return int(numbers["MAJOR"]), int(numbers["MINOR"]), int(numbers["PATCH"])
+
+
 def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Build:
     """Return the library of that arithmetic, built now unless that was done before.
 
     Raises PreconditionError: E8093 without a C compiler, E8094 where it cannot build the library.
     """
     command = compiler(environ.get("CC", ""))
-    version = _version(command)
+    version = version_of(command)
     folder = source_folder()
     sources = [path for part in ("core", "gen", "host") for path in sorted((folder / part).glob("*.c"))]
     arguments = [*_FLAGS, *_defines(real), f"-I{folder / 'core'}", f"-I{folder / 'gen'}"]
@@ -114,6 +127,12 @@ def _cache_folder(environ: Mapping[str, str]) -> Path:
     return platformdirs.user_cache_path("edmctl", appauthor=False) / "firmware"
 
 
+def compiler_environment(environ: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment of a compiler: zig keeps its own library beside ours, and needs no home."""
+    kept = environ.get(ZIG_CACHE_VARIABLE) or str(_cache_folder(environ) / "zig")
+    return {**environ, ZIG_CACHE_VARIABLE: kept}
+
+
 @cache
 def compiler(named: str = "") -> tuple[str, ...]:
     """Command of a C compiler: $CC, else one of the system's, else that of the package ziglang."""
@@ -128,8 +147,7 @@ def compiler(named: str = "") -> tuple[str, ...]:
         if path := shutil.which(name):
             return (path,)
     if importlib.util.find_spec("ziglang") is not None:
-        # Else zig builds for this very processor, and the folder of the library may be shared with another.
-        return (sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline")
+        return ZIG
     raise PreconditionError(
         "There is no C compiler to build the firmware with.",
         hint=f"{installing('ziglang')} brings one; CC names another.",
@@ -138,10 +156,15 @@ def compiler(named: str = "") -> tuple[str, ...]:
 
 
 @cache
-def _version(command: tuple[str, ...]) -> str:
+def version_of(command: tuple[str, ...]) -> str:
     try:
         done = subprocess.run(
-            [*command, "--version"], capture_output=True, text=True, timeout=_SECONDS, check=True
+            [*command, "--version"],
+            env=compiler_environment(os.environ),
+            capture_output=True,
+            text=True,
+            timeout=_SECONDS,
+            check=True,
         )
     except (OSError, subprocess.SubprocessError) as error:
         raise PreconditionError(
@@ -167,7 +190,12 @@ def _compile(command: list[str], library: Path) -> None:
         with folder_made as folder:
             made = Path(folder) / library.name
             done = subprocess.run(
-                [*command, "-o", str(made)], capture_output=True, text=True, timeout=_SECONDS, check=False
+                [*command, "-o", str(made)],
+                env=compiler_environment(os.environ),
+                capture_output=True,
+                text=True,
+                timeout=_SECONDS,
+                check=False,
             )
             if done.returncode:
                 raise failed("\n".join(done.stderr.splitlines()[:10]))

@@ -84,7 +84,7 @@ def connected(
             held.enter_context(compiling_told(say))
             line, on = held.enter_context(_virtual(loaded, setup, seed, say, where))
         else:
-            line = _line(where, setup, say, surroundings.environ)
+            line = line_to(where, setup, say, surroundings.environ)
         session = Session(line, heartbeat_s=VIRTUAL_BEAT_SHARE * setup.controller.watchdog_s)
         held.callback(session.close)
         stop = surroundings.stop(say)
@@ -198,9 +198,10 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
     )
 
 
-def _line(
+def line_to(
     where: MachineAddress, setup: Setup, say: Callable[[str], None], environ: Mapping[str, str]
 ) -> Transport:
+    """Open the line to a controller that is not in this process. Raises LinkLost, UsageError E2047."""
     from edmctl.link.probing import open_selector
 
     link = setup.link

@@ -11,6 +11,7 @@ from edmctl.wording import decimal
 
 if TYPE_CHECKING:
     from edmctl.jobs.doctor_host import Checks
+    from edmctl.link.messages import HelloReply
     from edmctl.machine.controller import LinkMachine
     from edmctl.machine.interface import (
         MachineEvent,
@@ -95,6 +96,8 @@ def _identity(machine: LinkMachine) -> list[Check]:
         f"{clock} clock{rate}"
     )
     checks = [ok("controller", told), ok("schema", f"0x{SCHEMA_HASH:08X} on both sides")]
+    if not identity.simulated:
+        checks.append(_firmware(hello, identity.transport))
     cause = f"boot {hello.boot_count}, {_name(hello.reset_cause)}"
     if hello.reset_cause in (ResetCause.WATCHDOG, ResetCause.BROWN_OUT):
         fix = "Look for a weak 5 V supply, a loose plug or a relay on the same supply."
@@ -102,6 +105,31 @@ def _identity(machine: LinkMachine) -> list[Check]:
     else:
         checks.append(ok("start", cause))
     return checks
+
+
+def _firmware(hello: HelloReply, port: str) -> Check:
+    """Whether the board runs what this edmctl builds; of another schema there would be no session."""
+    from edmctl.firmware.boards import board_of
+    from edmctl.firmware.build import source_version
+    from edmctl.results.firmware import dotted
+
+    runs = (hello.fw_major, hello.fw_minor, hello.fw_patch)
+    board = board_of(hello.board)
+    if board is None:
+        return ok("firmware", f"{dotted(runs)} of board {hello.board}, which this edmctl builds nothing for")
+    try:
+        builds = source_version()
+    except (OSError, ValueError):
+        return ok("firmware", f"{dotted(runs)} of {board.title}")
+    if runs == builds:
+        return ok("firmware", f"{dotted(runs)} of {board.title}, that of this edmctl")
+    if runs > builds:
+        return warn(
+            "firmware", f"{dotted(runs)}, newer than the {dotted(builds)} of this edmctl.", "Update edmctl."
+        )
+    fix = f"`edmctl firmware build --board {board.name}`, `edmctl firmware flash edmctl-{board.name}.bin"
+    fix += f" --port {port}`."
+    return warn("firmware", f"{dotted(runs)}, older than the {dotted(builds)} of this edmctl.", fix)
 
 
 def _name(reset_cause: int) -> str:

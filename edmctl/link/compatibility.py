@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import struct
 import zlib
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from edmctl.errors import EdmError, ProtocolMismatch
-from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH, GetSchema
+from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH, GetSchema, Hello
 
 if TYPE_CHECKING:
     from edmctl.link.wire import Request
@@ -18,6 +19,13 @@ _FIXED_PART = struct.Struct("<BBII")
 _MOST_NAMED = 8
 _MOST_BYTES = 1 << 20
 """Of a compressed schema; this program's own has some thousand."""
+
+_CODES = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i", "u64": "Q", "i64": "q"}
+
+_BUILD_AND_FLASH = "`edmctl firmware build --board stm32f4`, `edmctl firmware flash edmctl-stm32f4.bin`"
+UPDATE = (
+    f"Update the controller's firmware: {_BUILD_AND_FLASH}. A virtual controller is served by this edmctl."
+)
 
 ReplyT = TypeVar("ReplyT")
 
@@ -35,12 +43,7 @@ def check_hello(payload: bytes, name: str, ask: Ask) -> None:
 
     Of another schema the error names what differs, as far as the controller tells when it is asked.
     """
-    if len(payload) < _FIXED_PART.size:
-        raise ProtocolMismatch(
-            f"What answers at {name} does not speak EDM Link.",
-            hint="Check that this is the controller's port.",
-        )
-    major, minor, _, schema_hash = _FIXED_PART.unpack_from(payload)
+    major, minor, schema_hash = _fixed_part(payload, name)
     if major == PROTO_MAJOR and schema_hash == SCHEMA_HASH:
         return
     verdict, hint = _verdict((major, minor))
@@ -49,6 +52,72 @@ def check_hello(payload: bytes, name: str, ask: Ask) -> None:
         f"this program {PROTO_MAJOR}.{PROTO_MINOR} (schema {SCHEMA_HASH:08X}): {verdict}.{_difference(ask)}",
         hint=hint,
     )
+
+
+def _fixed_part(payload: bytes, name: str) -> tuple[int, int, int]:
+    if len(payload) < _FIXED_PART.size:
+        raise ProtocolMismatch(
+            f"What answers at {name} does not speak EDM Link.",
+            hint="Check that this is the controller's port.",
+        )
+    major, minor, _, schema_hash = _FIXED_PART.unpack_from(payload)
+    return major, minor, schema_hash
+
+
+@dataclass(frozen=True, slots=True)
+class Introduction:
+    """What a controller says of itself, of whatever version.
+
+    fields : of its reply to HELLO, by name; none where its schema is another one and cannot be had.
+    state : its name, "" where that is not known. differing : names that its schema and this program's do not share.
+    """
+
+    protocol: tuple[int, int]
+    schema_hash: int
+    fields: dict[str, Any]
+    state: str
+    differing: tuple[str, ...]
+
+    @property
+    def has_same_schema(self) -> bool:
+        """Whether it speaks what this program speaks."""
+        return self.protocol[0] == PROTO_MAJOR and self.schema_hash == SCHEMA_HASH
+
+
+def introduction(payload: bytes, name: str, ask: Ask) -> Introduction:
+    """Read the reply to HELLO of any version, with the controller's own schema where that is another one.
+
+    Raises ProtocolMismatch for what does not speak EDM Link.
+    """
+    from edmctl.link.schema import load_schema
+
+    major, minor, schema_hash = _fixed_part(payload, name)
+    ours: dict[str, Any] = json.loads(load_schema().canonical_json())
+    theirs, names = ours, []
+    if (major, schema_hash) != (PROTO_MAJOR, SCHEMA_HASH):
+        try:
+            theirs = fetch_schema(ask)
+            names = differing(theirs, ours)
+        except (EdmError, ValueError, TypeError, KeyError, IndexError):
+            theirs = {}
+    try:
+        fields = _hello_fields(payload, theirs)
+        states = {
+            number: state for enum in theirs["enums"] if enum[0] == "State" for state, number in enum[2]
+        }
+        state = states.get(fields["state"], f"state {fields['state']}")
+    except (ValueError, TypeError, KeyError, IndexError, struct.error):
+        fields, state = {}, ""
+    return Introduction((major, minor), schema_hash, fields, state, tuple(names))
+
+
+def _hello_fields(payload: bytes, schema: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a reply to HELLO by a schema; numbers and padded text are all that it may hold."""
+    layout = next(message["reply"] for message in schema["messages"] if message["name"] == Hello.NAME)
+    codes = [f"{kind[1:]}s" if kind[0] == "s" else _CODES[kind] for _, kind, *_ in layout]
+    values = struct.unpack_from("<" + "".join(codes), payload)
+    texts = (v.rstrip(b"\0").decode("ascii", "replace") if isinstance(v, bytes) else v for v in values)
+    return dict(zip((name for name, *_ in layout), texts, strict=True))
 
 
 def fetch_schema(ask: Ask) -> dict[str, Any]:
@@ -98,10 +167,10 @@ def _difference(ask: Ask) -> str:
 def _verdict(controller: tuple[int, int]) -> tuple[str, str]:
     host = (PROTO_MAJOR, PROTO_MINOR)
     if controller < host:
-        return "the controller is older", "Update the controller's firmware."
+        return "the controller is older", UPDATE
     if controller > host:
         return "this program is older", "Update edmctl."
     return (
         "both claim the same version but their messages differ, so one is an unreleased build",
-        "Install a released edmctl and the firmware released with it.",
+        f"Install a released edmctl and the firmware released with it, or bring both to one: {_BUILD_AND_FLASH}.",
     )

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from edmctl.errors import LinkLost, ProtocolMismatch
 from edmctl.link.clock import ClockFit, ControllerClock
-from edmctl.link.compatibility import check_hello
+from edmctl.link.compatibility import UPDATE, Introduction, check_hello, introduction
 from edmctl.link.frame import ABORT, encode_frame
 from edmctl.link.heartbeat import HeartbeatThread
 from edmctl.link.link_errors import (
@@ -67,6 +67,8 @@ _LOOK_S, _LAST_LOOK_S = 0.25, 0.05
 # Waits shorter than this are over; a clock need not be able to move by less.
 _CLOCK_TICK_S = 1e-6
 _NEVER_US = -1
+_NO_SCHEMA = 0xFFFF_FFFF
+"""What makes of this program's schema hash one that nobody has."""
 
 ReplyT = TypeVar("ReplyT")
 MessageT = TypeVar("MessageT")
@@ -136,6 +138,20 @@ class Session:
         self._is_open = True
         self._first_heartbeats()
         return reply
+
+    def introduction(self, patience_s: float = DEADLINE_S) -> Introduction:
+        """Return what the controller says of itself to a host of another schema: that opens and ends no session.
+
+        A controller that is armed stays so, and its host goes on (docs/protocol.md, Session).
+
+        Raises ProtocolMismatch for what does not speak EDM Link, LinkLost where nothing answers.
+        """
+        self._end_heartbeats()
+        self.transport = self._line
+        self._begin(self._random.randrange(1, 256))
+        stranger = Hello(PROTO_MAJOR, PROTO_MINOR, self._random.getrandbits(32), SCHEMA_HASH ^ _NO_SCHEMA)
+        frame = self._exchange(stranger, patience_s)
+        return introduction(frame.payload, self.transport.name, self.request)
 
     @property
     def hello(self) -> HelloReply:
@@ -395,5 +411,5 @@ def _unpack_reply(message: Request[ReplyT], frame: Frame) -> ReplyT:
     except ValueError as error:
         raise ProtocolMismatch(
             f"The controller's reply to {message.NAME} cannot be read: {error}.",
-            hint="Update the controller's firmware.",
+            hint=UPDATE,
         ) from error

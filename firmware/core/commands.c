@@ -1,10 +1,8 @@
 /* Commands but for motions: session, arming, faults, parameters, status, telemetry (docs/protocol.md, Messages). Each has
  * a function, which returns the status of the reply and leaves its payload in c->link. */
 #include "core.h"
+#include "version.h"
 
-#define FW_MAJOR 1
-#define FW_MINOR 0
-#define FW_PATCH 0
 #define TLM_MAX_HZ 1000
 #define REBOOT_MAGIC 0x0B007EDBu
 

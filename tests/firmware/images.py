@@ -2,80 +2,55 @@
 
 from __future__ import annotations
 
-import importlib.util
-import shutil
 import struct
 import subprocess
-import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.errors import PreconditionError
+from edmctl.firmware.board_build import COMPILERS, Toolchain, sources_of, toolchain
+from edmctl.firmware.boards import STM32F4
 from edmctl.firmware.build import source_folder
+from edmctl.firmware.image import seal
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-COMPILERS = ("zig", "gcc")
+__all__ = ["COMPILERS", "Elf", "built", "compile_command", "sources"]
+
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror")
-_FLAGS = (
-    "-std=c11",
-    "-O2",
-    "-ffreestanding",
-    "-fno-builtin",
-    "-ffp-contract=off",
-    "-fno-math-errno",
-    "-ffunction-sections",
-    "-fdata-sections",
-    "-fno-unwind-tables",
-    "-fno-asynchronous-unwind-tables",
-)
-_GCC = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-nostdlib")
-_ZIG = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp")
 _SECONDS = 300
 
 
 def compile_command(name: str) -> list[str]:
-    """Command of a compiler with all its flags; the test is skipped where it is missing."""
-    if name == "gcc":
-        path = shutil.which("arm-none-eabi-gcc")
-        if path is None:
-            pytest.skip("no arm-none-eabi-gcc")
-        return [path, *_GCC, *_FLAGS]
-    if importlib.util.find_spec("ziglang") is None:
-        pytest.skip("the package ziglang is not installed")
-    return [sys.executable, "-m", "ziglang", "cc", *_ZIG, *_FLAGS]
+    """Command of a compiler with all its flags, as `edmctl firmware build` has it; skipped where it is missing."""
+    tools = _tools(name)
+    return [*tools.command, *tools.flags]
 
 
 def sources() -> list[Path]:
-    folder = source_folder()
-    return [
-        path
-        for part in ("core", "gen", "board", "board/stm32f4")
-        for path in sorted((folder / part).glob("*.c"))
-    ]
+    return sources_of(STM32F4, source_folder())
 
 
 def built(name: str, folder: Path, *flags: str) -> Path:
     """Build the image and return the path of its ELF file. A warning is an error."""
-    script = source_folder() / "board" / "stm32f4" / "f429.ld"
-    link = [f"-Wl,-T,{script}", "-Wl,--gc-sections", "-Wl,-e,reset_handler"]
-    libraries = ["-lgcc"] if name == "gcc" else []
+    tools, script = _tools(name), source_folder() / STM32F4.script
     path = folder / f"f429-{name}.elf"
-    command = [
-        *compile_command(name),
-        *WARNINGS,
-        *flags,
-        *map(str, sources()),
-        *link,
-        *libraries,
-        "-o",
-        str(path),
-    ]
+    end = [*map(str, sources()), *tools.linking(script), *tools.libraries, "-o", str(path)]
+    command = [*compile_command(name), *WARNINGS, *flags, *end]
     done = subprocess.run(command, capture_output=True, text=True, timeout=_SECONDS, check=False, cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
+    path.write_bytes(seal(path.read_bytes()))
     return path
+
+
+def _tools(name: str) -> Toolchain:
+    try:
+        return toolchain(STM32F4, name)
+    except PreconditionError as error:
+        pytest.skip(error.message)
 
 
 @dataclass(frozen=True)

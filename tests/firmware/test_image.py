@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.firmware.build import compiler, source_folder
+from edmctl.firmware.build import compiler, source_folder, source_version
 from edmctl.link import messages as m
 from tests.firmware.images import COMPILERS, Elf, built, compile_command, sources
 
@@ -88,11 +88,13 @@ def test_memory_is_where_dma_and_resets_need_it(image: Elf) -> None:
 
 
 def test_the_image_describes_itself(image: Elf) -> None:
-    magic, version, schema, size, crc = image.words(image.symbols["edm_image"], 5)
+    magic, version, schema, firmware, size, crc = image.words(image.symbols["edm_image"], 6)
     assert image.symbols["edm_image"] == FLASH + 0x200
     assert magic == int.from_bytes(b"EDMI", "little")
     assert version == m.PROTO_MAJOR | m.PROTO_MINOR << 8 | 0x0429 << 16
-    assert (schema, size, crc) == (m.SCHEMA_HASH, image.symbols["image_size"], 0)
+    assert (schema, size) == (m.SCHEMA_HASH, image.symbols["image_size"])
+    assert tuple(firmware.to_bytes(4, "little")) == (*source_version(), 0)
+    assert crc != 0
 
 
 def test_tests_find_the_controller_by_its_layout(image: Elf) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from edmctl.errors import ProtocolMismatch
-from edmctl.link.compatibility import check_hello, differing, fetch_schema
+from edmctl.link.compatibility import check_hello, differing, fetch_schema, introduction
 from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import (
     PROTO_MAJOR,
@@ -68,7 +68,7 @@ def test_what_differs_is_named() -> None:
     with pytest.raises(ProtocolMismatch, match="the controller is older") as caught:
         check_hello(hello(PROTO_MINOR - 1), "port", Controller(packed(theirs)))
     assert f"They differ in {', '.join(names)}." in caught.value.message
-    assert caught.value.hint == "Update the controller's firmware."
+    assert caught.value.hint.startswith("Update the controller's firmware: `edmctl firmware build")
 
 
 def test_many_differences_are_counted() -> None:
@@ -96,3 +96,47 @@ def test_a_controller_without_a_schema_is_refused_all_the_same() -> None:
     with pytest.raises(ProtocolMismatch) as refusal:
         check_hello(hello(PROTO_MINOR + 1), "port", refuse)
     assert str(refusal.value).endswith("this program is older.")
+
+
+def told_by_another_version() -> tuple[dict[str, Any], bytes]:
+    """A schema whose reply to HELLO has a field more and other states, and such a reply."""
+    theirs = copy.deepcopy(OURS)
+    layout = next(m for m in theirs["messages"] if m["name"] == "HELLO")["reply"]
+    layout.insert(4, ["branch", "u64", "", 1])
+    states = next(e for e in theirs["enums"] if e[0] == "State")[2]
+    states[2][0] = "READY"
+    values = {
+        "proto_major": PROTO_MAJOR,
+        "proto_minor": 1,
+        "host_nonce": 1,
+        "schema_hash": 7,
+        "branch": 1 << 63,
+    }
+    values |= {"fw_major": 3, "fw_minor": 4, "fw_patch": 5, "board": 0x0429, "state": 2, "fault": 1001}
+    sizes = {"u8": 1, "u16": 2, "u32": 4, "u64": 8}
+    parts = [
+        b"NUMBER 7\0\0\0\0" if kind == "s12" else values.get(name, 0).to_bytes(sizes[kind], "little")
+        for name, kind, *_ in layout
+    ]
+    return theirs, b"".join(parts)
+
+
+def test_a_controller_of_another_version_is_read_by_its_own_schema() -> None:
+    theirs, payload = told_by_another_version()
+    told = introduction(payload, "port", Controller(packed(theirs)))
+    assert (told.protocol, told.schema_hash, told.has_same_schema) == ((PROTO_MAJOR, 1), 7, False)
+    assert (told.state, told.fields["serial"], told.fields["fw_patch"]) == ("READY", "NUMBER 7", 5)
+    assert (told.fields["board"], told.fields["fault"]) == (0x0429, 1001)
+    assert told.differing == ("HELLO", "State")
+
+
+@pytest.mark.parametrize("data", [b"", b"no zlib", packed([1, 2]), packed({"messages": 5}), packed(OURS)])
+def test_a_controller_that_cannot_tell_its_schema_tells_its_version_alone(data: bytes) -> None:
+    _, payload = told_by_another_version()
+    told = introduction(payload[:20], "port", Controller(data))
+    assert (told.protocol, told.schema_hash, told.state, told.fields) == ((PROTO_MAJOR, 1), 7, "", {})
+
+
+def test_what_does_not_speak_the_protocol_is_told() -> None:
+    with pytest.raises(ProtocolMismatch, match="does not speak EDM Link"):
+        introduction(bytes(9), "port", Controller(b""))

@@ -1,17 +1,20 @@
-"""`edmctl firmware`: the core of the firmware as a library for virtual machines."""
+"""`edmctl firmware`: build it for virtual machines and boards, look at images and boards, flash."""
 
 import typer
 
-from edmctl.cli.firmware import build
+from edmctl.cli.firmware import build, flash, info, verify
 
 app = typer.Typer(
-    help="Build the core of the firmware for virtual machines.", rich_markup_mode=None, add_completion=False
+    help="Build the firmware, look at it and flash it.", rich_markup_mode=None, add_completion=False
 )
 
 
 @app.callback()
 def firmware() -> None:
-    """Build the core of the firmware for virtual machines."""
+    """Build the firmware, look at it and flash it."""
 
 
 app.command("build")(build.build)
+app.command("info")(info.info)
+app.command("verify")(verify.verify)
+app.command("flash")(flash.flash)

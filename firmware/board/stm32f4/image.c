@@ -1,4 +1,5 @@
 /* What others find in the image: its description for who flashes it, places in the controller's memory for tests. */
+#include "../../core/version.h"
 #include "board.h"
 
 #define CONTROLLER(member) offsetof(struct edm_controller, member)
@@ -11,9 +12,12 @@ __attribute__((section(".image"), used)) const struct {
     uint8_t proto_major, proto_minor;
     uint16_t board;
     uint32_t schema_hash;
+    uint8_t firmware[4]; /* major, minor, patch, 0 */
     const uint8_t *size;
     uint32_t crc;
-} edm_image = {{'E', 'D', 'M', 'I'}, PROTO_MAJOR, PROTO_MINOR, BOARD_NUMBER, SCHEMA_HASH, image_size, 0};
+} edm_image = {
+    {'E', 'D', 'M', 'I'}, PROTO_MAJOR, PROTO_MINOR, BOARD_NUMBER, SCHEMA_HASH, {FW_MAJOR, FW_MINOR, FW_PATCH, 0}, image_size, 0,
+};
 
 __attribute__((section(".image.layout"), used)) const uint32_t edm_layout[] = {
     CONTROLLER(tick),

@@ -1,0 +1,61 @@
+"""`edmctl firmware info`: what an image is, or what runs on a board."""
+
+import stat
+import sys
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from edmctl.cli import completion
+from edmctl.cli.options import NOTES, SetupOption, WaitOption, command
+from edmctl.cli.outcome import Outcome, stream_style, tell
+from edmctl.cli.signals import shell
+
+WhatArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="FILE|PORT",
+        help="An image (ELF, BIN or HEX), or the port of a board.",
+        autocompletion=completion.ports,
+        show_default=False,
+    ),
+]
+IMAGE_SUFFIXES = (".elf", ".bin", ".hex")
+
+
+@command("firmware info", NOTES)
+def info(outcome: Outcome, what: WhatArgument, setup: SetupOption = None, wait: WaitOption = 0.0) -> None:
+    """Say what an image is, or what runs on a board.
+
+    A board is asked without opening a session: what runs there goes on.
+    """
+    from edmctl.console.firmware_tables import render_board, render_image
+    from edmctl.firmware.image import read_image
+    from edmctl.jobs.board_firmware import board_at, image_doubts
+    from edmctl.link.messages import SCHEMA_HASH
+    from edmctl.profile.setup import load_setup
+
+    if _is_file(what):
+        image = read_image(Path(what), SCHEMA_HASH)
+        outcome.warn(image_doubts(image.facts))
+        outcome.result = {"image": image.facts.as_mapping(), "board": None}
+        outcome.text = render_image(image.facts, stream_style(sys.stdout))
+        return
+    say = partial(tell, outcome.output)
+    with board_at(what, load_setup(setup), wait, say, shell().environ) as asked:
+        assert asked.board is not None
+        outcome.simulated = asked.board.board == 0 if asked.board.board is not None else None
+        outcome.result = {"image": None, "board": asked.board.as_mapping()}
+        outcome.text = render_board(asked.board)
+
+
+def _is_file(what: str) -> bool:
+    """Whether an image is meant: what is there decides, else the name."""
+    if "://" in what:
+        return False
+    with suppress(OSError, ValueError):
+        return not stat.S_ISCHR(Path(what).stat().st_mode)
+    return Path(what).suffix.lower() in IMAGE_SUFFIXES

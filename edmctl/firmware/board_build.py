@@ -1,0 +1,161 @@
+"""Builds the image of a board with zig, which `pip install edmctl[firmware]` brings, or with a GCC for ARM."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmctl.errors import PreconditionError, installing
+from edmctl.firmware.build import compiler_environment, source_folder, version_of
+from edmctl.firmware.image import read_image, seal
+
+if TYPE_CHECKING:
+    from edmctl.firmware.boards import Board
+    from edmctl.firmware.image import Image
+
+ENTRY = "reset_handler"
+COMPILERS = ("zig", "gcc")
+SUFFIXES = (".elf", ".bin", ".hex")
+"""Of the files that a build leaves."""
+_GCC = "arm-none-eabi-gcc"
+_FLAGS = (
+    "-std=c11",
+    "-O2",
+    "-g",
+    "-ffreestanding",
+    "-fno-builtin",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-ffunction-sections",
+    "-fdata-sections",
+    "-fno-unwind-tables",
+    "-fno-asynchronous-unwind-tables",
+)
+_SECONDS = 600
+
+
+@dataclass(frozen=True, slots=True)
+class Toolchain:
+    """A compiler for a board: its command, how each file is compiled, and what is linked last."""
+
+    command: tuple[str, ...]
+    flags: tuple[str, ...]
+    libraries: tuple[str, ...]
+
+    def linking(self, script: Path) -> tuple[str, ...]:
+        """Return what an image is linked by; zig takes its entry from here alone."""
+        return ("-Wl,--gc-sections", f"-Wl,-e,{ENTRY}", "-T", str(script))
+
+
+@dataclass(frozen=True, slots=True)
+class BoardBuild:
+    """An image that was built: its files, and what by."""
+
+    image: Image
+    elf: Path
+    bin: Path
+    hex: Path
+    compiler: str
+
+
+def build_board(
+    board: Board, output: Path, schema_hash: int, named: str | None = None, sources: Path | None = None
+) -> BoardBuild:
+    """Build the image of a board as ELF, BIN and HEX, whichever of the three `output` names.
+
+    schema_hash : of this program. named : one of COMPILERS; without, zig where it is installed, else GCC.
+    sources : folder of the firmware, if not that of this program.
+
+    Raises PreconditionError: E8093 without that compiler, E8094 where no image comes of it or can be written.
+    """
+    folder = sources or source_folder()
+    tools = toolchain(board, named)
+    said = f"{' '.join(tools.command)} ({version_of(tools.command)})"
+    script = folder / board.script
+    if not script.is_file():
+        raise _not_built(f"the sources of {board.title} are not there ({script}).")
+    stem = output.with_suffix("") if output.suffix in SUFFIXES else output
+    elf, binary, text = (Path(f"{stem}{suffix}") for suffix in SUFFIXES)
+    try:
+        stem.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix="edmctl-firmware-") as work:
+            linked = Path(work) / "image.elf"
+            files = map(str, sources_of(board, folder))
+            _run(
+                [
+                    *tools.command,
+                    *tools.flags,
+                    *tools.linking(script),
+                    *files,
+                    *tools.libraries,
+                    "-o",
+                    str(linked),
+                ]
+            )
+            sealed = Path(work) / "sealed.elf"
+            try:
+                sealed.write_bytes(seal(linked.read_bytes()))
+            except ValueError as error:
+                raise _not_built(f"what was linked is no image: {error}.") from error
+            shutil.copyfile(sealed, elf)
+        image = read_image(elf, schema_hash)
+        binary.write_bytes(image.data)
+        text.write_text(image.as_hex(), encoding="ascii")
+    except OSError as error:
+        raise _not_built(f"{error}.") from error
+    return BoardBuild(image, elf, binary, text, said)
+
+
+def toolchain(board: Board, named: str | None) -> Toolchain:
+    """Return a compiler of COMPILERS for a board, without a name the first that is installed.
+
+    Raises PreconditionError E8093.
+    """
+    if named in (None, "zig") and importlib.util.find_spec("ziglang") is not None:
+        return Toolchain((sys.executable, "-m", "ziglang", "cc"), (*board.zig, *_FLAGS), ())
+    if named in (None, "gcc") and (path := shutil.which(_GCC)):
+        return Toolchain((path,), (*board.gcc, *_FLAGS), ("-lgcc",))
+    missing = {"zig": "The package ziglang is not installed", "gcc": f"{_GCC} is not installed"}
+    raise PreconditionError(
+        f"{missing[named] if named else f'Neither the package ziglang nor {_GCC} is installed'}.",
+        hint=f"Install ziglang: {installing('edmctl[firmware]')}.",
+        code="E8093",
+    )
+
+
+def sources_of(board: Board, folder: Path) -> list[Path]:
+    """Return the files that an image is made of, in the folder of the firmware."""
+    return [file for part in board.folders for file in sorted((folder / part).glob("*.c"))]
+
+
+def _run(command: list[str]) -> None:
+    try:
+        done = subprocess.run(
+            command,
+            env=compiler_environment(os.environ),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=_SECONDS,
+            check=False,
+        )
+    except (OSError, subprocess.SubprocessError) as error:
+        raise _not_built(f"{error}.") from error
+    if done.returncode:
+        raise _not_built("\n".join(done.stderr.splitlines()[:10]))
+
+
+def _not_built(reason: str) -> PreconditionError:
+    return PreconditionError(
+        f"The image could not be built: {reason}",
+        hint="Name another compiler with --compiler, or a folder that can be written with --output.",
+        code="E8094",
+    )

@@ -1,0 +1,119 @@
+"""What is read of an ELF of 32 bits, little endian: sections, what is loaded where, and symbols.
+
+`struct` does it in a page; a library would be one more package to install for those who build.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+_HEADER = struct.Struct("<16sHHIIIIIHHHHHH")
+_SECTION, _SEGMENT, _SYMBOL = struct.Struct("<10I"), struct.Struct("<8I"), struct.Struct("<IIIBBH")
+_MAGIC, _CLASS_32, _LITTLE_ENDIAN = b"\x7fELF", 1, 1
+_SYMTAB, _NOBITS, _ALLOCATED, _LOADED = 2, 8, 2, 1
+ARM = 40
+ERASED = 0xFF
+
+
+@dataclass(frozen=True, slots=True)
+class ElfSection:
+    """A section: where it is when the program runs, and how much the file holds of it."""
+
+    name: str
+    kind: int
+    address: int
+    offset: int
+    size: int
+    link: int
+    is_allocated: bool
+
+    @property
+    def has_content(self) -> bool:
+        """Whether the file holds its bytes."""
+        return self.kind != _NOBITS
+
+
+@dataclass(frozen=True, slots=True)
+class ElfSegment:
+    """Bytes of the file that go to an address, of those in flash `load_address`."""
+
+    offset: int
+    address: int
+    load_address: int
+    size: int
+
+
+class Elf:
+    """An ELF file in memory. Raises ValueError for what is none."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        try:
+            self._read()
+        except (struct.error, IndexError, UnicodeDecodeError) as error:
+            raise ValueError(f"it is cut off or damaged: {error}") from error
+
+    def _read(self) -> None:
+        fields = _HEADER.unpack_from(self.data)
+        identity, machine, segments_at, sections_at = fields[0], fields[2], fields[5], fields[6]
+        segment_size, segments, section_size, sections, names = fields[9:14]
+        if identity[:6] != _MAGIC + bytes((_CLASS_32, _LITTLE_ENDIAN)) or machine != ARM:
+            raise ValueError("it is no ELF for a 32-bit ARM")
+        headers = [_SECTION.unpack_from(self.data, sections_at + n * section_size) for n in range(sections)]
+        texts = headers[names]
+        self.sections = [
+            ElfSection(self._text(texts[4] + h[0]), h[1], h[3], h[4], h[5], h[6], bool(h[2] & _ALLOCATED))
+            for h in headers
+        ]
+        programs = [_SEGMENT.unpack_from(self.data, segments_at + n * segment_size) for n in range(segments)]
+        self.segments = [ElfSegment(p[1], p[2], p[3], p[4]) for p in programs if p[0] == _LOADED and p[4]]
+        if any(s.offset + s.size > len(self.data) for s in self.segments):
+            raise ValueError("it is cut off")
+        self.symbols = self._symbols()
+
+    def _symbols(self) -> dict[str, tuple[int, int]]:
+        """Address and size of each symbol by its name."""
+        found: dict[str, tuple[int, int]] = {}
+        for table in (s for s in self.sections if s.kind == _SYMTAB):
+            texts = self.sections[table.link].offset
+            for at in range(table.offset, table.offset + table.size, _SYMBOL.size):
+                name, address, size, *_ = _SYMBOL.unpack_from(self.data, at)
+                if name:
+                    found[self._text(texts + name)] = (address, size)
+        return found
+
+    def _text(self, at: int) -> str:
+        end = self.data.find(b"\0", at)
+        if end < 0:
+            raise ValueError("it is cut off")
+        return self.data[at:end].decode()
+
+    def load_address_of(self, section: ElfSection) -> int:
+        """Where the bytes of a section lie before the program runs: its own address, or that of initial values."""
+        for segment in self.segments:
+            if section.has_content and 0 <= section.offset - segment.offset < segment.size:
+                return segment.load_address + section.offset - segment.offset
+        return section.address
+
+    def image(self) -> tuple[int, bytes]:
+        """Return the lowest load address, and all that is loaded from there on, with gaps as erased flash."""
+        if not self.segments:
+            raise ValueError("nothing of it is loaded")
+        base = min(s.load_address for s in self.segments)
+        end = max(s.load_address + s.size for s in self.segments)
+        if end - base > 1 << 26:
+            raise ValueError("what is loaded of it lies too far apart")
+        image = bytearray([ERASED]) * (end - base)
+        for s in self.segments:
+            image[s.load_address - base : s.load_address - base + s.size] = self.data[
+                s.offset : s.offset + s.size
+            ]
+        return base, bytes(image)
+
+    def offset_of(self, load_address: int) -> int:
+        """Where in the file the byte of a load address is."""
+        for s in self.segments:
+            if 0 <= load_address - s.load_address < s.size:
+                return s.offset + load_address - s.load_address
+        raise ValueError(f"nothing of it is loaded to 0x{load_address:08X}")

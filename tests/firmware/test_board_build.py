@@ -1,0 +1,156 @@
+"""Building an image: a small board here, whose sources are written down by the test."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import subprocess
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.errors import PreconditionError
+from edmctl.firmware.board_build import build_board
+from edmctl.firmware.boards import STM32F4
+from edmctl.firmware.build import CACHE_VARIABLE
+from edmctl.firmware.image import read_image
+from edmctl.link.messages import SCHEMA_HASH
+from tests.cli.commands import ROOT, command
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from edmctl.firmware.board_build import BoardBuild
+
+SCRIPT = """
+MEMORY {
+  FLASH (rx) : ORIGIN = 0x08000000, LENGTH = 2M
+  RAM (rwx)  : ORIGIN = 0x20000000, LENGTH = 192K
+  CCM (rw)   : ORIGIN = 0x10000000, LENGTH = 64K
+}
+ENTRY(reset_handler)
+SECTIONS {
+  .vectors : { KEEP(*(.vectors)) KEEP(*(.edm_image)) } >FLASH
+  .text : { *(.text*) *(.rodata*) } >FLASH
+  .ARM.exidx : { *(.ARM.exidx*) } >FLASH
+  .data : { *(.data*) } >RAM AT>FLASH
+  .bss (NOLOAD) : { *(.bss*) } >RAM
+  .ccm (NOLOAD) : { KEEP(*(.ccm*)) } >CCM
+  /DISCARD/ : { *(.ARM.attributes) }
+}
+"""
+PROGRAM = """
+#include <stdint.h>
+struct image {
+  char magic[4]; uint8_t major, minor; uint16_t board; uint32_t schema; uint8_t fw[4]; uint32_t size, crc;
+};
+__attribute__((used, section(".edm_image"))) const volatile struct image edm_image = {
+  {'E', 'D', 'M', 'I'}, 1, 5, 0x0429, %du, {1, 2, 3, 0}, 0, 0};
+volatile uint32_t initial[5] = {1, 2, 3, 4, 5};
+volatile uint32_t zero[100];
+__attribute__((used, section(".ccm"))) volatile uint8_t large[3000];
+void reset_handler(void) { for (;;) zero[0] += initial[zero[1]] + edm_image.crc; }
+__attribute__((used, section(".vectors"))) const uintptr_t vectors[2] = {0x20000400u, (uintptr_t)reset_handler};
+""".replace("%d", str(SCHEMA_HASH))
+
+COMPILERS = [
+    pytest.param(
+        "zig", marks=pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="no zig")
+    ),
+    pytest.param(
+        "gcc", marks=pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="no GCC for ARM")
+    ),
+]
+
+
+@pytest.fixture
+def sources(tmp_path: Path) -> Path:
+    """Return a folder of sources with one small board."""
+    folder = tmp_path / "firmware"
+    for part in STM32F4.folders:
+        (folder / part).mkdir(parents=True)
+    (folder / STM32F4.script).write_text(SCRIPT)
+    (folder / "board" / "stm32f4" / "main.c").write_text(PROGRAM)
+    return folder
+
+
+def built(sources: Path, output: Path, compiler: str) -> BoardBuild:
+    return build_board(STM32F4, output, SCHEMA_HASH, compiler, sources)
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_three_files_hold_one_image_that_knows_its_size_and_check(
+    sources: Path, tmp_path: Path, compiler: str
+) -> None:
+    made = built(sources, tmp_path / "out" / "image.bin", compiler)
+    assert [file.name for file in (made.elf, made.bin, made.hex)] == ["image.elf", "image.bin", "image.hex"]
+    images = [read_image(file, SCHEMA_HASH) for file in (made.elf, made.bin, made.hex)]
+    assert images[0].data == images[1].data == images[2].data == made.bin.read_bytes()
+    facts = images[0].facts
+    assert (facts.firmware, facts.board, facts.has_same_schema) == ((1, 2, 3), 0x0429, True)
+    assert facts.size_bytes == made.bin.stat().st_size
+    used = facts.used_bytes()
+    assert (used["CCM"], used["RAM"]) == (3000, 420)
+    assert used["flash"] <= facts.size_bytes < used["flash"] + 16
+    initial = next(section for section in facts.sections if section.name == ".data")
+    assert (initial.memories, initial.size_bytes) == (("RAM", "flash"), 20)
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_the_same_sources_give_the_same_image(sources: Path, tmp_path: Path, compiler: str) -> None:
+    first, second = (built(sources, tmp_path / name, compiler) for name in ("one", "two"))
+    assert first.bin.read_bytes() == second.bin.read_bytes()
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_what_the_compiler_says_is_told(sources: Path, tmp_path: Path, compiler: str) -> None:
+    (sources / "board" / "stm32f4" / "main.c").write_text("int main(void) { return wrong; }")
+    with pytest.raises(PreconditionError, match="wrong") as caught:
+        built(sources, tmp_path / "image", compiler)
+    assert caught.value.code == "E8094"
+    assert not (tmp_path / "image.elf").exists()
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_a_program_without_a_record_is_no_image(sources: Path, tmp_path: Path, compiler: str) -> None:
+    main = sources / "board" / "stm32f4" / "main.c"
+    main.write_text(main.read_text().replace("edm_image", "other"))
+    with pytest.raises(PreconditionError, match="no symbol edm_image") as caught:
+        built(sources, tmp_path / "image", compiler)
+    assert caught.value.code == "E8094"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="no zig")
+def test_the_board_is_built_with_nothing_but_python(tmp_path: Path) -> None:
+    """No path, no home, and nothing built before; the bar is 2 min."""
+    environ = {"PATH": str(tmp_path), CACHE_VARIABLE: str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        command("firmware", "build", "--board", "stm32f4"),
+        cwd=tmp_path,
+        env=environ,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"cache", "edmctl-stm32f4.elf", "edmctl-stm32f4.bin", "edmctl-stm32f4.hex"}
+
+
+def test_a_missing_compiler_is_told_with_the_remedy(
+    sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(PreconditionError, match="arm-none-eabi-gcc is not installed") as caught:
+        built(sources, tmp_path / "image", "gcc")
+    assert (caught.value.code, "edmctl[firmware]" in caught.value.hint) == ("E8093", True)
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_a_place_that_cannot_be_written_is_told(sources: Path, tmp_path: Path, compiler: str) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PreconditionError) as caught:
+        built(sources, tmp_path / "file" / "image", compiler)
+    assert caught.value.code == "E8094"
