@@ -27,6 +27,7 @@ PAGES = [
     "README.md",
     "docs/actuator.md",
     "docs/firmware.md",
+    "docs/first-start.md",
     "docs/how-to.md",
     "docs/profile.md",
     "docs/serial-port.md",
