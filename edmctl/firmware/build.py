@@ -97,7 +97,7 @@ def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Buil
         content.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
     digest = content.hexdigest()[:16]
     maker = hashlib.sha256(repr((command, version)).encode()).hexdigest()[:8]
-    library = _cache_folder(environ) / f"edmlink-{real}-{digest}-{maker}{_suffix()}"
+    library = cache_folder(environ) / f"edmlink-{real}-{digest}-{maker}{_suffix()}"
     said = f"{shlex.join(command)} ({version})"
     if library.is_file():
         return Build(library, real, digest, said, is_new=False)
@@ -119,7 +119,7 @@ def _suffix() -> str:
     return {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
-def _cache_folder(environ: Mapping[str, str]) -> Path:
+def cache_folder(environ: Mapping[str, str]) -> Path:
     if named := environ.get(CACHE_VARIABLE):
         return Path(named)
     import platformdirs
@@ -129,7 +129,7 @@ def _cache_folder(environ: Mapping[str, str]) -> Path:
 
 def compiler_environment(environ: Mapping[str, str]) -> dict[str, str]:
     """Return the environment of a compiler: zig keeps its own library beside ours, and needs no home."""
-    kept = environ.get(ZIG_CACHE_VARIABLE) or str(_cache_folder(environ) / "zig")
+    kept = environ.get(ZIG_CACHE_VARIABLE) or str(cache_folder(environ) / "zig")
     return {**environ, ZIG_CACHE_VARIABLE: kept}
 
 

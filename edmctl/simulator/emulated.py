@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
+import os
 import sys
+import tempfile
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import PreconditionError
-from edmctl.firmware.build import source_folder
+from edmctl.firmware.board_build import build_board, toolchain
+from edmctl.firmware.boards import BOARDS
+from edmctl.firmware.build import cache_folder, source_folder
+from edmctl.firmware.elf import Elf
+from edmctl.link.messages import SCHEMA_HASH
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -22,12 +31,26 @@ def emulated_controller(plant: Plant) -> Any:
 
     Raises PreconditionError: E8093, E8094 where it cannot be built, E8095 where there is no emulator.
     """
-    import os
-    from pathlib import Path
-
     _emulator()
-    image = importlib.import_module(f"{_PACKAGE}.image").Image(Path(os.environ.get("EDM_ELF", "/tmp/u/board.elf")))
-    return importlib.import_module(f"{_PACKAGE}.controller").Stm32Controller(plant, image)
+    controller: Any = importlib.import_module(f"{_PACKAGE}.controller")
+    return controller.Stm32Controller(plant, image())
+
+
+@cache
+def image(compiler: str | None = None) -> Elf:
+    """Return the board's image, built unless that was done before: in the folder where libraries are kept."""
+    board = BOARDS["stm32f4"]
+    digest = hashlib.sha256(repr(toolchain(board, compiler)).encode())
+    for path in sorted(source_folder().rglob("*.[chl]*")):
+        if path.suffix in (".c", ".h", ".ld"):
+            digest.update(path.as_posix().encode() + path.read_bytes())
+    kept = cache_folder(os.environ) / f"edmctl-{board.name}-{digest.hexdigest()[:16]}.elf"
+    if not kept.is_file():
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=kept.parent, prefix="building-") as folder:
+            built = build_board(board, Path(folder) / "image.elf", SCHEMA_HASH, compiler)
+            built.elf.replace(kept)
+    return Elf(kept.read_bytes())
 
 
 def _emulator() -> ModuleType:

@@ -18,7 +18,7 @@ from edmctl.actuator.compiling import compiled
 from firmware_sim import registers as reg
 
 if TYPE_CHECKING:
-    from firmware_sim.image import Image
+    from edmctl.firmware.elf import Elf
 
 FLASH_AT, FLASH_BYTES = 0x08000000, 0x200000
 SRAM_AT, SRAM_BYTES = 0x20000000, 0x30000
@@ -143,15 +143,15 @@ class Chip:
     so far.
     """
 
-    def __init__(self, image: Image, number: bytes) -> None:
+    def __init__(self, image: Elf, number: bytes) -> None:
         self.image = image
         self.r = np.zeros(reg.WORDS, np.int64)
         self.sram, self.ccm = np.zeros(SRAM_BYTES, np.uint8), np.zeros(CCM_BYTES, np.uint8)
         self.flash = np.full(FLASH_BYTES, 0xFF, np.uint8)
-        for at, data in image.segments:
-            if not FLASH_AT <= at <= FLASH_AT + FLASH_BYTES - len(data):
-                raise ValueError(f"the image has something at {at:#x}, which is no flash")
-            self.flash[at - FLASH_AT : at - FLASH_AT + len(data)] = np.frombuffer(data, np.uint8)
+        at, data = image.image()
+        if not FLASH_AT <= at <= FLASH_AT + FLASH_BYTES - len(data):
+            raise ValueError(f"the image has something at {at:#x}, which is no flash")
+        self.flash[at - FLASH_AT : at - FLASH_AT + len(data)] = np.frombuffer(data, np.uint8)
         self.core = np.zeros(SETS + 6, np.int64)
         self.system_memory = np.full(SYSTEM_MEMORY_BYTES, 0xFF, np.uint8)
         self.system_memory[_NUMBER] = np.frombuffer(number.ljust(12, b"\0")[:12], np.uint8)

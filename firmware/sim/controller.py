@@ -28,7 +28,7 @@ from edmctl.simulator.injection import Trigger
 from edmctl.simulator.injector import Injector
 from edmctl.simulator.plant_interface import TICK_NS, TICK_S
 from firmware_sim import registers as reg
-from firmware_sim.chip import CCM_AT, PC, Chip, ChipFailed, Reset
+from firmware_sim.chip import CCM_AT, FLASH_AT, PC, Chip, ChipFailed, Reset
 from firmware_sim.loop import BITTEN_BY_IWDG, BITTEN_BY_WWDG, CHANGED, FAILED, LOOK, Watch, run
 from firmware_sim.wiring import (
     LINE_BYTES,
@@ -42,8 +42,8 @@ from firmware_sim.wiring import (
 
 if TYPE_CHECKING:
     from edmctl.link.faults import FaultCode
+    from edmctl.firmware.elf import Elf
     from edmctl.simulator.plant import Plant
-    from firmware_sim.image import Image
 
 REPLY_BIT = 0x40
 BAUD = 921_600
@@ -215,12 +215,12 @@ class Stm32Controller:
     watch : what the loop keeps, the load of the chip among it. The image has its controller in CCM.
     """
 
-    def __init__(self, plant: Plant, image: Image, baud: int = BAUD) -> None:
+    def __init__(self, plant: Plant, image: Elf, baud: int = BAUD) -> None:
         self.plant = plant
         self.chip = Chip(image, plant.serial.encode())
         self.bench = Bench()
-        self._layout = dict(zip(MEMBERS, image.words("edm_layout", len(MEMBERS)), strict=True))
-        self._at = image.symbols["controller"]
+        self._layout = dict(zip(MEMBERS, self._words("edm_layout"), strict=True))
+        self._at = image.symbols["controller"][0]
         self._rx = np.zeros(LINE_BYTES, np.uint8)
         self._tx = np.zeros(4096, np.uint8)
         self._hiss = np.random.default_rng([*plant.serial.encode(), 17]).standard_normal(NOISE)
@@ -255,6 +255,12 @@ class Stm32Controller:
             return np.zeros(size, np.uint8)  # what stands there is of before the start
         at = self._at + self._layout[name] - CCM_AT
         return self.chip.ccm[at : at + size]
+
+    def _words(self, name: str) -> list[int]:
+        """Words of a constant of the image."""
+        at, size = self.chip.image.symbols[name]
+        words: list[int] = self.chip.flash[at - FLASH_AT :][:size].view("<u4").tolist()
+        return words
 
     @property
     def ticks_before(self) -> int:
@@ -461,10 +467,10 @@ class Stm32Controller:
             self.injector.note(Trigger.TOUCH)
 
     def _read_inputs(self) -> None:
-        plant, bench = self.plant, self.bench
-        bench.estop, bench.door, bench.hv_ok = plant.estop, plant.door_open, plant.hv_supply_ok
-        bench.level_ok, bench.limit = plant.dielectric_level_ok, plant.limit_switch
-        bench.flow_lpm, bench.temperature_c = plant.dielectric_flow_lpm, plant.dielectric_temperature_c
+        inputs, bench = self.plant.inputs(), self.bench
+        bench.estop, bench.door, bench.hv_ok = inputs.estop, inputs.door_open, inputs.hv_supply_ok
+        bench.level_ok, bench.limit = inputs.level_ok, inputs.limit_switch
+        bench.flow_lpm, bench.temperature_c = inputs.flow_lpm, inputs.temperature_c
 
     def _set_generator(self) -> None:
         setting = generator_of(self.chip.r)

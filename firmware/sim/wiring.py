@@ -187,7 +187,9 @@ def put(
 
 @compiled
 def count(value: float, low: float, high: float, noise: float) -> int:
-    """Count of a 12-bit converter."""
+    """Count of a 12-bit converter; what is no number stands at its rail."""
+    if math.isnan(value):
+        return 0
     return int(min(4095.0, max(0.0, (value - low) / (high - low) * FULL + noise + 0.5)))
 
 
@@ -336,10 +338,11 @@ def sample_gap(
                     v = last_v * math.exp(-since / DECAY_US)
                 if burns > 0.0 and scope.leak_a[place] > 0.0 and not start < bench.off_ns:
                     a += scope.leak_a[place]
+            v *= unit.gap_wire
             if scope.stuck_v[place] >= 0.0:
                 v = scope.stuck_v[place]
-        elif unit.gap_stuck_v >= 0.0:
-            v = unit.gap_stuck_v
+        elif not bench.was_on and readings.gap_v > 0.0:  # a gap at rest, with a voltage from elsewhere
+            v = readings.gap_v
         volts = count(v + lively * noise[n & (NOISE - 1)], 0.0, GAP_V, 0.0)
         amperes = count(a + CURRENT_NOISE_A * noise[n + 1 & (NOISE - 1)], 0.0, GAP_A, 0.0)
         n += 2
