@@ -44,6 +44,7 @@ IS_BROKEN = AUX + 16  # the break input of TIM1 is active
 RESET_ASKED, MPU_SET = AUX + 17, AUX + 18
 ENGINE, STOP_FUNCTION = AUX + 19, AUX + 20  # of Unicorn
 SHIFTS = AUX + 21  # words since the converter was selected
+SAMPLES_FROM = AUX + 22  # halfwords of this millisecond before the stream of the fast converters was enabled
 PINS = AUX + 32  # levels from outside, a word a port
 RELOAD = AUX + 48  # of the 16 DMA streams: NDTR when they were enabled
 
@@ -229,6 +230,8 @@ def write_dma(r: np.ndarray, page: int, offset: int, at: int, value: int) -> Non
     if register == 0:
         if value & 1 and not r[control] & 1:
             r[RELOAD + stream + (8 if page == DMA2 else 0)] = r[control + 1] & 0xFFFF
+            if page == DMA2 and stream == 4:
+                r[SAMPLES_FROM] = r[HALFWORDS]
             flags = r[word(page, 0 if stream < 4 else 4)]
             if flags >> FLAGS_AT[stream & 3] & 0x3D:
                 note_error(r, PERIPHERALS + page * 0x400 + offset)  # flags must be cleared before (§10.3.17)
@@ -287,6 +290,8 @@ def write_register(r: np.ndarray, offset: int, size: int, value: int) -> None:
             r[at] = value
         else:
             note_error(r, PERIPHERALS + offset)
+    elif page == ADC and here in (0, 0x100, 0x200):
+        r[at] &= value  # flags are cleared by writing 0 (§13.13.1)
     elif page == DAC and here == 0x20:  # both channels at once (§14.5.11)
         r[word(DAC, 0x08)], r[word(DAC, 0x14)] = value & 0xFFF, value >> 16 & 0xFFF
     elif page == RTC and here >= 0x50:

@@ -42,6 +42,7 @@ from firmware_sim.registers import (
     PORT_F,
     PORT_G,
     RELOAD,
+    SAMPLES_FROM,
     TIM1,
     TIM2,
     TIM3,
@@ -300,7 +301,8 @@ def sample_gap(
         at += 1
     open_v, on_us = unit.open_v, unit.on_time_us
     n = bench.noise_at
-    k = 0
+    k = r[SAMPLES_FROM] // 168
+    r[SAMPLES_FROM] = 0
     while k < 1000:
         t_ns = begin_ns + k * 1000.0
         while at + 1 < newest and scope.start_ns[(at + 1) & (SCOPE_PULSES - 1)] <= t_ns:
