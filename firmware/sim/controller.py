@@ -375,7 +375,7 @@ class Stm32Controller:
         self.link.advanced = True
         if asked.timeout_us:
             self.host_wait.wait(asked.timeout_us * 1e-6)
-        reply = AdvanceReply(t_dev_us=self.time_us & 0xFFFFFFFF)
+        reply = AdvanceReply(t_dev_us=self.time_us)
         self.link.answer(
             encode_frame(frame.type_id | REPLY_BIT, frame.seq, frame.session, Status.OK, reply.pack())
         )
