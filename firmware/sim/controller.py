@@ -54,7 +54,7 @@ _CAUSES = {
     ResetCause.BROWN_OUT: Reset.BROWN_OUT,
     ResetCause.EXTERNAL: Reset.PIN,
 }
-_GREETING_MS = 8
+_GREETING_MS = 100
 START_MS = 200
 MOST_AT_ONCE = 50
 """Milliseconds for which random numbers are drawn at once."""
@@ -102,6 +102,7 @@ class Stm32Link:
         self.driven = False
         self.urgent = self.due = False
         self.advanced = False
+        self.replied = False  # to a command, since this was last looked at
 
     @property
     def greeting(self) -> bool:
@@ -134,6 +135,7 @@ class Stm32Link:
         frame = next(iter(self._decoder.feed(data)), None)
         if frame is not None:
             self.urgent = self.urgent or frame.type_id not in UNHURRIED
+            self.replied = self.replied or bool(frame.type_id & REPLY_BIT)
             if frame.type_id == Hello.ID | REPLY_BIT:
                 self.advanced = False
                 if self.driven and frame.flags == Status.OK:
@@ -350,11 +352,17 @@ class Stm32Controller:
                     self.link.advanced = False  # whoever asks does not drive the clock yet
                 self._put_on_line(piece + b"\0")
         if self.bench.rx_tail > self.bench.rx_head and not self.link.advanced:
-            for _ in range(_GREETING_MS):
-                self.advance(1)
-                if self.link.urgent:
-                    self.link.due = True
-                    break
+            self._answer_without_advance()
+
+    def _answer_without_advance(self) -> None:
+        """Let the time pass that an answer takes, to whoever does not drive the clock yet."""
+        link = self.link
+        link.replied = False
+        for _ in range(_GREETING_MS):
+            self.advance(1)
+            if link.replied:
+                break
+        link.due = True
 
     def _put_on_line(self, data: bytes) -> None:
         bench = self.bench
