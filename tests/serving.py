@@ -10,16 +10,19 @@ from edmctl.simulator.endpoints import PtyEndpoint
 from edmctl.simulator.serve import Server
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from edmctl.simulator import VirtualBench
 
 
 @contextmanager
-def serving(bench: VirtualBench, speed: float | None = None) -> Iterator[str]:
+def serving(
+    bench: VirtualBench, speed: float | None = None, acts: Callable[[], None] = lambda: None
+) -> Iterator[str]:
     """Serve `bench` in a thread while the block runs, by default with a driven clock; yields the path of the pty."""
     endpoint, over = PtyEndpoint(), threading.Event()
-    thread = threading.Thread(target=Server(bench, endpoint, speed).run, args=(over.is_set,), name="server")
+    server = Server(bench, endpoint, speed, acts=acts)
+    thread = threading.Thread(target=server.run, args=(over.is_set,), name="server")
     thread.start()
     try:
         yield endpoint.name

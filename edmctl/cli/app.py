@@ -16,6 +16,7 @@ from edmctl.cli.commands import (
     approach,
     calibrate,
     doctor,
+    first_start,
     jump_flush,
     machine,
     measure_drift,
@@ -52,6 +53,7 @@ app.command("measure-drift")(measure_drift.measure_drift)
 app.command("jump-flush")(jump_flush.jump_flush)
 app.command("reset")(reset.reset)
 app.command("doctor")(doctor.doctor)
+app.command("first-start")(first_start.first_start)
 app.command("ports")(ports.ports)
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(firmware, name="firmware")

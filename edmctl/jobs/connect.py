@@ -55,11 +55,14 @@ def connected(
     say: Callable[[str], None],
     where: MachineAddress = FRESH,
     surroundings: Surroundings = NONE,
+    *,
+    wires_known: bool = True,
 ) -> Iterator[ConnectedMachine]:
     """Open the machine and say hello. From then on `surroundings` may stop it in order, with a word to `say`.
 
     loaded : what stands on a virtual bench in this process; None where neither tool nor work matters. In a bench
     that a file keeps the tool is changed by `Bench.begin`.
+    wires_known : what the machine tells is believed, and a tool that is out is waited for.
 
     Raises LinkLost and ProtocolMismatch.
     """
@@ -82,7 +85,8 @@ def connected(
         session.open(setup.link.hello_s)
         with surroundings.guard(stop, session.abort):
             machine = LinkMachine(session, stop)
-            machine.wait_for_rest()
+            if wires_known:
+                machine.wait_for_rest()
             yield on(machine)
 
 

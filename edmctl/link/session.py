@@ -187,6 +187,17 @@ class Session:
         """Call `callback` with every message of one type that the controller sends by itself."""
         self._subscriptions.subscribe(message_type, callback)
 
+    def fall_silent(self, duration_s: float) -> None:
+        """Read for `duration_s` and send nothing, as a host that is gone: the controller's watchdog is to notice."""
+        self._end_heartbeats()
+        self._next_beat_s, end_s = inf, self.transport.now_s() + duration_s / self._rate
+        try:
+            while end_s - (now_s := self.transport.now_s()) >= _CLOCK_TICK_S:
+                self._step(now_s, min(end_s, now_s + _LOOK_S))
+        finally:
+            self._next_beat_s = inf if self.transport.live else self.transport.now_s()
+            self._start_heartbeats()
+
     def catch_up(self) -> None:
         """Read and dispatch what waits on a live line; where time is virtual nothing can."""
         if self.transport.live:
@@ -266,12 +277,16 @@ class Session:
             self._next_beat_s = self.transport.now_s()
         if not self.pump_until(lambda: self.last_heartbeat is not None, DEADLINE_S):
             raise self._lose(no_answer(self.transport.name, "HEARTBEAT", DEADLINE_S))
-        if self.transport.live:
-            now_s = self.transport.now_s
-            self._pulse = HeartbeatThread(
-                lambda: self._beat(now_s()), lambda: now_s() - self._moved_s, HEARTBEAT_S
-            )
-            self._pulse.start()
+        self._start_heartbeats()
+
+    def _start_heartbeats(self) -> None:
+        if not self.transport.live:
+            return
+        now_s = self.transport.now_s
+        self._pulse = HeartbeatThread(
+            lambda: self._beat(now_s()), lambda: now_s() - self._moved_s, HEARTBEAT_S
+        )
+        self._pulse.start()
 
     def _end_heartbeats(self) -> None:
         pulse, self._pulse = self._pulse, None

@@ -38,7 +38,13 @@ from edmctl.machine.interface import (
     WaveformBatch,
 )
 from edmctl.machine.plausibility import impossible, wrong_touch
-from edmctl.machine.queries import identity_of, read_black_box, read_status, read_waveforms
+from edmctl.machine.queries import (
+    identity_of,
+    read_black_box,
+    read_status,
+    read_unbelieved,
+    read_waveforms,
+)
 from edmctl.machine.recovery import clear_fault, wait_for_rest
 from edmctl.machine.requests import (
     ControllerSettings,
@@ -333,6 +339,30 @@ class LinkMachine:
         What comes meanwhile is heard, and raised by the next wait. Only on a live line: virtual time would pass.
         """
         return self._session.pump_until(is_done, ATTEND_S)
+
+    def readings(self) -> MachineStatus:
+        """Ask what the controller sees now, unbelieved: for a machine whose wires are looked at."""
+        return read_unbelieved(self._session)
+
+    def pass_time(self, duration_s: float) -> None:
+        """Let time pass while nothing is armed: faults that are told meanwhile are for `readings` to show."""
+        self._session.pump(duration_s)
+        self._waits.check_stop()
+
+    def wait_for(self, is_done: Callable[[], bool]) -> None:
+        """Wait for something that is not the machine's, as long as it takes; `is_done` waits a moment by itself.
+
+        The machine is not armed. Raises Interrupted.
+        """
+        while not is_done():
+            self._waits.check_stop()
+            if self.is_live:
+                self._session.catch_up()
+
+    def fall_silent(self, duration_s: float) -> None:
+        """Send nothing for so long. What the controller does about it is for `readings` and listeners to show."""
+        self._session.fall_silent(duration_s)
+        self._waits.hand_over(everything=True)
 
     @property
     def is_live(self) -> bool:

@@ -68,6 +68,10 @@ class Waits:
         self._session.request(command)
         self._begun_s = self._inbox.time_s
 
+    def check_stop(self) -> None:
+        """Raise Interrupted where a stop was asked for."""
+        self._stop.check()
+
     def look(self) -> None:
         """Read what waits on the line, and raise what must be raised before the tool or a stage moves."""
         self._session.catch_up()

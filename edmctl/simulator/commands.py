@@ -179,6 +179,7 @@ class ServiceCommands:
 
     def _get_status(self, _: m.GetStatus) -> Outcome:
         plant = self._c.plant
+        inputs = plant.inputs()
         reply = m.GetStatusReply(
             state=self._c.state,
             fault=self._c.fault,
@@ -189,9 +190,9 @@ class ServiceCommands:
             theta_deg=plant.reported[m.Axis.THETA],
             actuator_v=self._c.plant.drive.actuator_v,
             gap_v=self._c.loop.gap_v,
-            temperature_c=plant.dielectric_temperature_c,
-            flow_lpm=plant.dielectric_flow_lpm,
-            monitor_v=plant.monitor_v(),
+            temperature_c=inputs.temperature_c,
+            flow_lpm=inputs.flow_lpm,
+            monitor_v=inputs.monitor_v,
             flags=self._c.black_box.newest_flags(self._c.tick),
         )
         return Status.OK, reply.pack()

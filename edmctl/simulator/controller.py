@@ -191,7 +191,7 @@ class VirtualController:
         self.injector.apply_due(now)
         self.plant.chips.look()
         stage = self.motion.stage
-        if self.plant.limit_switch and (stage or self.motion.stages_follow):
+        if self.plant.inputs().limit_switch and (stage or self.motion.stages_follow):
             self.raise_fault(FaultCode.STAGE_LIMIT, stage.axis if stage else m.Axis.X)
         elif stage and now >= stage.arrival_tick:
             self.motion.stop_stage()

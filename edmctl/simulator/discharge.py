@@ -87,6 +87,7 @@ def strike_pulses(
     voltage_sum, charge, count = 0.0, 0.0, 0
     wall, arcs, craters, craters_squared = state.wall_um, state.arc_um3, state.crater_um3, state.crater_um6
     stuck, leak_a = unit.gap_stuck_v, unit.off_time_a
+    read = max(0.0, unit.gap_wire)  # a converter has no negative voltage
     readings.first_pulse_ns = next_pulse
 
     while next_pulse < tick_end:
@@ -199,7 +200,7 @@ def strike_pulses(
         voltage_sum += (delay * open_v + discharge * plateau) * per_period
         readings.delay_us[count] = delay
         readings.discharge_us[count] = discharge
-        readings.plateau_v[count] = plateau if stuck < 0.0 else stuck
+        readings.plateau_v[count] = read * (plateau if stuck < 0.0 else stuck)
         readings.energy_uj[count] = energy
         newest = place & (SCOPE_PULSES - 1)
         scope.start_ns[newest] = next_pulse
@@ -224,5 +225,5 @@ def strike_pulses(
     if stuck >= 0.0:
         voltage_sum = stuck * count
     readings.pulses, readings.charge_uc = count, charge
-    readings.gap_v = voltage_sum / count if count > 0 else math.nan
+    readings.gap_v = read * voltage_sum / count if count > 0 else math.nan
     readings.generator_siemens, readings.off_time_a = per_ohm, leak_a

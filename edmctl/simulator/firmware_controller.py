@@ -392,11 +392,8 @@ class FirmwareController:
         self._after_call()
 
     def _read_inputs(self) -> None:
-        plant, inputs = self.plant, self._inputs
-        inputs.estop, inputs.door_open, inputs.hv_supply_ok = plant.estop, plant.door_open, plant.hv_supply_ok
-        inputs.level_ok, inputs.limit_switch = plant.dielectric_level_ok, plant.limit_switch
-        inputs.flow_lpm, inputs.temperature_c = plant.dielectric_flow_lpm, plant.dielectric_temperature_c
-        inputs.monitor_v = plant.monitor_v()
+        for name, value in self.plant.inputs()._asdict().items():
+            setattr(self._inputs, name, value)
 
     def _after_call(self) -> None:
         """What follows a call of the core: its bytes are lined up, what it has begun is told to the injector."""

@@ -48,20 +48,20 @@ class Guards:
 
     def open_interlocks(self) -> int:
         """Interlocks bits of the inputs that forbid machining now. What is no number forbids it."""
-        plant, parameters = self._plant, self._parameters
+        inputs, parameters = self._plant.inputs(), self._parameters
         bits = 0
-        if plant.estop:
+        if inputs.estop:
             bits |= Interlocks.ESTOP
-        if plant.door_open:
+        if inputs.door_open:
             bits |= Interlocks.DOOR
-        if not plant.hv_supply_ok:
+        if not inputs.hv_supply_ok:
             bits |= Interlocks.HV_SUPPLY
         if parameters.dielectric_required:
-            if not plant.dielectric_level_ok:
+            if not inputs.level_ok:
                 bits |= Interlocks.DIELECTRIC_LEVEL
-            if not plant.dielectric_flow_lpm >= parameters.flow_min_lpm:
+            if not inputs.flow_lpm >= parameters.flow_min_lpm:
                 bits |= Interlocks.DIELECTRIC_FLOW
-            if not plant.dielectric_temperature_c <= parameters.temperature_max_c:
+            if not inputs.temperature_c <= parameters.temperature_max_c:
                 bits |= Interlocks.DIELECTRIC_HOT
         return int(bits)
 

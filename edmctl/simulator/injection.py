@@ -58,6 +58,33 @@ class LineState:
     noise: float = 0.0
 
 
+WIRING_MISTAKES = (
+    "ESTOP_DOOR_SWAPPED",
+    "ESTOP_OPEN",
+    "DOOR_BRIDGED",
+    "LEVEL_INVERTED",
+    "FLOW_OPEN",
+    "SUPPLY_BRIDGED",
+    "CONTACT_INVERTED",
+    "CONTACT_OPEN",
+    "MONITOR_OPEN",
+    "MONITOR_HALF",
+    "MONITOR_REVERSED",
+    "SENSOR_REVERSED",
+    "SENSOR_OPEN",
+    "GAP_OPEN",
+    "GAP_REVERSED",
+    "GAP_HALF",
+    "GATE_STUCK",
+    "GATE_OPEN",
+    "MODE_STUCK",
+    "DAC_OPEN",
+    "X_REVERSED",
+    "X_OPEN",
+    "XY_SWAPPED",
+)
+"""Between plant and controller: wires that are off, reversed, exchanged or bridged, from the start."""
+
 INJECTIONS: dict[str, str] = {
     "SILENCE": "sparks+1",
     "UNPLUG": "sparks+1",
@@ -93,6 +120,10 @@ INJECTIONS: dict[str, str] = {
     "WEAR_FAST": "arm+0",
     "CHIP": "touch+0",
     "LOOSE_CHIP": "touch+0",
+    "BATTERY": "0",
+    "LOW_BATTERY": "0",
+    "BATTERY_TURNED": "0",
+    **dict.fromkeys(WIRING_MISTAKES, "0"),
 }
 """Every injection, with its usual time."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -25,6 +26,7 @@ HOT_C = 60.0
 NOISE_SHARE = 0.5
 DRIFT_UM_S = 5.0
 WEAR_FACTOR = 5.0
+BATTERY_V, LOW_BATTERY_V = 9.0, 4.5
 ABORT_ZEROS = 32
 
 _Change = tuple[str, str, float]
@@ -57,6 +59,32 @@ _PARTS: dict[str, tuple[_Change, ...]] = {
     "SAMPLES_LOST": (("telemetry", "lost", True),),
     "SAMPLES_FROZEN": (("telemetry", "frozen", True),),
     "STALL": (("unit", "threshold_uj", 1e9),),
+    "BATTERY": (("unit", "battery_v", BATTERY_V),),
+    "LOW_BATTERY": (("unit", "battery_v", LOW_BATTERY_V),),
+    "BATTERY_TURNED": (("unit", "battery_v", -BATTERY_V),),
+    "ESTOP_DOOR_SWAPPED": (("wiring", "estop_door_swapped", True),),
+    "ESTOP_OPEN": (("wiring", "estop_open", True),),
+    "DOOR_BRIDGED": (("wiring", "door_bridged", True),),
+    "LEVEL_INVERTED": (("wiring", "level_inverted", True),),
+    "FLOW_OPEN": (("wiring", "flow_open", True),),
+    "SUPPLY_BRIDGED": (("wiring", "supply_bridged", True),),
+    "CONTACT_INVERTED": (("unit", "contact_inverted", 1),),
+    "CONTACT_OPEN": (("unit", "contact_open", 1),),
+    "MONITOR_OPEN": (("unit", "monitor_gain", 0.0),),
+    "MONITOR_HALF": (("unit", "monitor_gain", 0.5),),
+    "MONITOR_REVERSED": (("unit", "monitor_gain", -1.0),),
+    "SENSOR_REVERSED": (("unit", "sensor_wire", -1.0),),
+    "SENSOR_OPEN": (("unit", "sensor_wire", math.nan),),
+    "GAP_OPEN": (("unit", "gap_wire", 0.0),),
+    "GAP_REVERSED": (("unit", "gap_wire", -1.0),),
+    "GAP_HALF": (("unit", "gap_wire", 0.5),),
+    "GATE_STUCK": (("unit", "gate_stuck", 1),),
+    "GATE_OPEN": (("unit", "gate_open", 1),),
+    "MODE_STUCK": (("unit", "stray_pulses", 1),),
+    "DAC_OPEN": (("unit", "dac_open", 1),),
+    "X_REVERSED": (("wiring", "x_share", -1.0),),
+    "X_OPEN": (("wiring", "x_share", 0.0),),
+    "XY_SWAPPED": (("wiring", "xy_swapped", True),),
 }
 _RESETS = {
     "WATCHDOG": ResetCause.WATCHDOG,
@@ -122,7 +150,7 @@ class Injector:
         self.line = LineState()
         self.applied: list[tuple[Injection, int]] = []
         self._pending: list[_Pending] = []
-        self._broken: list[_Change] = []
+        self._broken: list[tuple[str, _Change]] = []
 
     def add(self, injection: Injection) -> None:
         """Let an injection happen."""
@@ -135,8 +163,19 @@ class Injector:
         """Forget what is to come and repair what is broken."""
         self._pending.clear()
         while self._broken:
-            self._write(*self._broken.pop())
+            self._write(*self._broken.pop()[1])
         self._c.plant.chips.clear()
+
+    def mend(self, name: str) -> None:
+        """Repair what the injections of one name have broken, and forget those that are still to come."""
+        self._pending = [p for p in self._pending if p.injection.name != name]
+        for at in reversed([i for i, (of, _) in enumerate(self._broken) if of == name]):
+            _, (where, part, value) = self._broken.pop(at)
+            later = [i for i in range(at, len(self._broken)) if self._broken[i][1][:2] == (where, part)]
+            if later:  # broken anew by another one since: that is mended to what was before this
+                self._broken[later[0]] = (self._broken[later[0]][0], (where, part, value))
+            else:
+                self._write(where, part, value)
 
     def note(self, trigger: Trigger) -> None:
         """Tell that a trigger has come; the seconds of whoever waits for it run from now."""
@@ -183,18 +222,18 @@ class Injector:
         elif name in CHIPS:
             self._c.plant.chips.drop(injection.size_um, loose=name == "LOOSE_CHIP")
         elif name == "GAP_SENSOR_HIGH":
-            self._break("unit", "gap_stuck_v", unit.open_v)
+            self._break(name, "unit", "gap_stuck_v", unit.open_v)
         elif name == "WEAR_FAST":
-            self._break("unit", "tool_factor", WEAR_FACTOR * unit.tool_factor)
+            self._break(name, "unit", "tool_factor", WEAR_FACTOR * unit.tool_factor)
         elif name == "SENSOR_DRIFT":
             # The drift counts from tick 0; what it would be by now is taken off.
-            self._break("state", "walk_um", self._c.plant.state.walk_um - DRIFT_UM_S * now * TICK_S)
-            self._break("unit", "sensor_drift_um_s", unit.sensor_drift_um_s + DRIFT_UM_S)
+            self._break(name, "state", "walk_um", self._c.plant.state.walk_um - DRIFT_UM_S * now * TICK_S)
+            self._break(name, "unit", "sensor_drift_um_s", unit.sensor_drift_um_s + DRIFT_UM_S)
         for change in _PARTS.get(name, ()):
-            self._break(*change)
+            self._break(name, *change)
 
-    def _break(self, where: str, name: str, value: float) -> None:
-        self._broken.append((where, name, getattr(self._owner(where), name)))
+    def _break(self, injection: str, where: str, name: str, value: float) -> None:
+        self._broken.append((injection, (where, name, getattr(self._owner(where), name))))
         self._write(where, name, value)
 
     def _owner(self, where: str) -> object:
@@ -205,6 +244,7 @@ class Injector:
             "plant": plant,
             "unit": plant.unit,
             "state": plant.state,
+            "wiring": plant.wiring,
         }
         return owners[where]
 

@@ -26,6 +26,7 @@ from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
 from edmctl.simulator.plant_kernel import run_plant
 from edmctl.simulator.plant_state import BURNING, PlantState, Scope, Unit
 from edmctl.simulator.unit import RandomBlocks, draw_actuator, set_actuator
+from edmctl.simulator.wiring import Inputs, Wiring
 from edmctl.simulator.work_under_tool import Chips, WorkUnderTool
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ class Plant:
         self.dielectric_flow_lpm = config.dielectric_flow_lpm
         self.dielectric_temperature_c = config.dielectric_temperature_c
         self.estop = self.door_open = self.limit_switch = False
-        self.hv_supply_ok = True
+        self.wiring = Wiring()
         self.tool_lost_um = 0.0  # broken off; not wear
         self.obstacle_um = math.inf  # something that the tool meets there, wherever the stage stands
         self.chips = Chips(self.serial, self.position_um, self.state, self.drive, self.set_surface)
@@ -147,12 +148,16 @@ class Plant:
     def stage_lands(self, axis: int, target: float) -> None:
         """Put an axis (0 x, 1 y in µm; 2 theta in degrees) where the stage really stops; it reports `target`."""
         self.leave()
+        way = target - self.reported[axis]
         self.reported[axis] = target
         s = self.config.sensors
+        driven, share = self.wiring.drives(axis)
         if axis == 2:
             self.theta_deg = target + s.rotary_sd_deg * self._stage_noise.standard_normal()
-        else:
+        elif (driven, share) == (axis, 1.0):
             self.position_um[axis] = target + s.stage_sd_um * self._stage_noise.standard_normal()
+        else:
+            self.position_um[driven] += share * way
         self.arrive()
 
     def draw_line_error(self, row: int) -> None:
@@ -247,6 +252,30 @@ class Plant:
         self.current_factor = factor
         self.unit.siemens = factor * self.unit.nominal_siemens
 
+    @property
+    def hv_supply_ok(self) -> bool:
+        """Whether the high-voltage supply is on."""
+        return not self.unit.supply_off
+
+    @hv_supply_ok.setter
+    def hv_supply_ok(self, on: bool) -> None:
+        self.unit.supply_off = int(not on)
+
+    def inputs(self) -> Inputs:
+        """What the controller sees of switches and slow sensors now, as they are wired."""
+        return self.wiring.seen(
+            Inputs(
+                self.estop,
+                self.door_open,
+                self.hv_supply_ok,
+                self.dielectric_level_ok,
+                self.limit_switch,
+                self.dielectric_flow_lpm,
+                self.dielectric_temperature_c,
+                self.monitor_v(),
+            )
+        )
+
     def monitor_v(self) -> float:
         """What the voltage monitor of the actuator's amplifier reads now."""
         return self.unit.monitor_gain * self.state.amplifier_v + self.unit.monitor_zero_v
@@ -305,6 +334,7 @@ class Plant:
         unit.contact_compliance = CONTACT_COMPLIANCE
         unit.amplifier_gain = unit.stroke_share = unit.monitor_gain = 1.0
         unit.gap_stuck_v = -1.0
+        unit.sensor_wire = unit.gap_wire = 1.0
 
 
 def serial_number(seed: int) -> str:

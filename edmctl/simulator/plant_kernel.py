@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 FLUSH_THROUGH_S = 0.02  # debris clearance of a gap that is all open below [assumed]
 BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lies
+LEAST_GAP_V = 1.0  # a gap sensor tells no voltage below this from none
 STAGE_STEP_UM = 2.5  # way of the stages after which the work under the tool is another
 
 
@@ -46,7 +47,8 @@ def plant_tick(
     # The work stops the tool, all but its own compliance.
     true_z = state.free_z_um if excess <= 0.0 else reach + unit.contact_compliance * excess
     state.true_z_um = true_z
-    readings.contact = 1 if excess >= -state.asperity_um else 0
+    closed = excess >= -state.asperity_um and unit.contact_open == 0
+    readings.contact = 1 if closed != (unit.contact_inverted == 1) else 0
     opening = reach - true_z - unit.free_gap_um
     if opening > 0.0 or state.opening_um != 0.0:
         pump(unit, state, opening)
@@ -54,12 +56,12 @@ def plant_tick(
         drift_apart(unit, state)
         renew_clearing(unit, state)
         forget_craters(state)
-    if drive.pulses_on == 1:
+    if drive.pulses_on == 1 and unit.gate_open == 0:
         strike_pulses(unit, state, scope, drive, readings, random, tables)
     else:
         rest(unit, state, readings)
     gives_way = state.depth_um >= state.next_level_um and sink_levels(unit, state, levels)
-    readings.sensor_um = sensor(unit, state, tick, noise)
+    readings.sensor_um = unit.sensor_wire * sensor(unit, state, tick, noise)
     readings.monitor_v = unit.monitor_gain * state.amplifier_v + unit.monitor_zero_v
     readings.tick = tick + 1
     return bool(gives_way)
@@ -90,7 +92,7 @@ def actuator_tick(unit: Unit, state: PlantState, applied_v: float) -> None:
 
     The free displacement follows the sum of the plays, bent by a tanh envelope, plus its creep.
     """
-    driven_v = applied_v * unit.amplifier_gain
+    driven_v = 0.0 if unit.dac_open == 1 else applied_v * unit.amplifier_gain
     u = driven_v + unit.amplifier_decay * (state.amplifier_v - driven_v)
     state.amplifier_v = u
     # Thresholds ascend, so the plays that a move drags along are always the first ones.
@@ -181,8 +183,11 @@ def rest(unit: Unit, state: PlantState, readings: Readings) -> None:
     state.previous_burning = -1.0
     readings.pulses = 0
     readings.charge_uc = 0.0
-    readings.stray_pulses = unit.stray_pulses
-    readings.gap_v = unit.gap_stuck_v if unit.gap_stuck_v >= 0.0 else math.nan
+    stuck = unit.gate_stuck == 1 and unit.supply_off == 0
+    readings.stray_pulses = 1 if stuck else unit.stray_pulses
+    applied_v = unit.gap_wire * (unit.open_v if stuck else unit.battery_v)
+    at_rest_v = applied_v if applied_v > LEAST_GAP_V else math.nan
+    readings.gap_v = unit.gap_stuck_v if unit.gap_stuck_v >= 0.0 else at_rest_v
 
 
 @compiled

@@ -101,6 +101,16 @@ class Unit(Record):
     gap_closed_um: float  # by what lies across the gap
     off_time_a: float  # current that goes on into the off-time
     stray_pulses: int  # seen in measure mode
+    # how it is wired (wiring.py), and what somebody has put across the gap
+    dac_open: int
+    contact_inverted: int
+    contact_open: int
+    sensor_wire: float  # 1, reversed -1, NaN where its wire is off
+    gap_wire: float  # share of the gap voltage that is read; reversed -1, 0 where its wire is off
+    gate_stuck: int  # the generator is on whatever the gate says
+    gate_open: int  # and this one never
+    supply_off: int  # of the high voltage
+    battery_v: float
 
 
 @record

@@ -63,6 +63,7 @@ class Server:
     speed : controller seconds per second, None for a driven clock
     each_turn : called after every turn of the loop, a few milliseconds apart
     say : told once when the computer is too slow for the speed
+    acts : called before what has come from a client is carried out
     """
 
     def __init__(
@@ -72,9 +73,10 @@ class Server:
         speed: float | None = 1.0,
         each_turn: Callable[[], None] = lambda: None,
         say: Callable[[str], None] = lambda _: None,
+        acts: Callable[[], None] = lambda: None,
     ) -> None:
         self._bench = bench
-        self._each_turn, self._say = each_turn, say
+        self._each_turn, self._say, self._acts = each_turn, say, acts
         self._in_frame = self._is_late = False
         self._controller = bench.controller
         self._line = bench.line
@@ -100,6 +102,7 @@ class Server:
         """Look at the line, let time pass, execute what came, send what there is to send."""
         self._wait()
         data = self._endpoint.receive()
+        self._acts()
         if self._speed is not None:
             # Bytes that piled up while nobody looked must not pass for a host that was watched all the time.
             self._look_after_stall()

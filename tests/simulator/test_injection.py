@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 
 from edmctl.link.faults import FAULTS, FaultRow
-from edmctl.simulator.injection import INJECTIONS, parse_injection
+from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator.injection import INJECTIONS, WIRING_MISTAKES, parse_injection
+from edmctl.simulator.wiring import Wiring
 
 
 @pytest.mark.parametrize("row", FAULTS.values(), ids=lambda row: row.name)
@@ -16,6 +18,36 @@ def test_every_row_can_be_brought_about(row: FaultRow) -> None:
     else:
         assert parse_injection(inject).name in INJECTIONS
         assert parse_injection(row.name).name in INJECTIONS
+
+
+def test_one_of_several_is_mended_and_then_all() -> None:
+    bench = open_bench(BenchConfig(), 1)
+    sound, inputs = bench.plant.unit.numbers(), bench.plant.inputs()
+    bench.inject(parse_injection("ESTOP@5"))
+    for name in (*WIRING_MISTAKES, "DOOR", "HV_SUPPLY"):
+        bench.inject(parse_injection(f"{name}@0"))
+    bench.controller.advance(2)
+    changed = bench.plant.unit.numbers()
+    assert changed != sound
+    assert bench.plant.inputs() != inputs
+    for name in ("HV_SUPPLY", "ESTOP", "X_REVERSED"):
+        bench.controller.injector.mend(name)
+    bench.controller.advance(6000)
+    assert (bench.plant.hv_supply_ok, bench.plant.estop, bench.plant.door_open) == (True, False, True)
+    for name in WIRING_MISTAKES:
+        bench.controller.injector.mend(name)
+    assert bench.plant.wiring == Wiring()
+    bench.clear_injections()
+    assert (bench.plant.unit.numbers(), bench.plant.inputs()) == (sound, inputs)
+
+
+@pytest.mark.parametrize("name", WIRING_MISTAKES)
+def test_every_wiring_mistake_changes_what_is_read_or_driven(name: str) -> None:
+    bench = open_bench(BenchConfig(), 1)
+    sound, wiring = bench.plant.unit.numbers(), repr(bench.plant.wiring)
+    bench.inject(parse_injection(name))
+    bench.controller.advance(2)
+    assert (bench.plant.unit.numbers() != sound) != (repr(bench.plant.wiring) != wiring)
 
 
 def test_injections_are_read_and_refused_in_words() -> None:

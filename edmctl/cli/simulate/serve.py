@@ -73,6 +73,12 @@ FaultOption = Annotated[
     list[str] | None,
     typer.Option("--fault", metavar="NAME[@WHEN]", help="Inject a fault, e.g. ESTOP@sparks+2. Repeatable."),
 ]
+ActsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--acts", metavar="FILE", help="Do what is appended to this file: +ESTOP breaks, -ESTOP mends."
+    ),
+]
 ForOption = Annotated[
     float | None,
     typer.Option("--for", metavar="SECONDS", min=0.0, help="End after this much of the controller's time."),
@@ -90,6 +96,7 @@ class ServeRequest:
     injections: tuple["Injection", ...]
     bench_file: Path | None
     seconds: float | None
+    acts: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +124,7 @@ def serve(
     baud: BaudOption = 500_000,
     bench: BenchOption = None,
     fault: FaultOption = None,
+    acts: ActsOption = None,
     seconds: ForOption = None,
 ) -> None:
     """Serve a virtual controller on a pty or a socket until Ctrl-C.
@@ -146,7 +154,7 @@ def serve(
     used_seed = seed_to_use(seed)
     # A bench that was kept is the machine that it is, whatever seed would make another.
     outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
-    request = ServeRequest(config, used_seed, factor, baud, injections, bench, seconds)
+    request = ServeRequest(config, used_seed, factor, baud, injections, bench, seconds, acts)
     _serve(outcome, request, link, place)
 
 
@@ -188,7 +196,7 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
                         say("repaired: nothing is broken any more")
                     news()
 
-                server = Server(bench, endpoint, request.speed, look_around, say)
+                server = Server(bench, endpoint, request.speed, look_around, say, _acts(request, bench, say))
                 server.run(_is_over(bench, stop, request.seconds))
         finally:
             endpoint.close()
@@ -199,6 +207,21 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
     if bench.line.unplugged:
         say("the line is unplugged; nothing more to serve")
     stop.check()
+
+
+def _acts(request: ServeRequest, bench: "VirtualBench", say: "Callable[[str], None]") -> "Callable[[], None]":
+    from edmctl.simulator.acts import ActsFile
+
+    if request.acts is None:
+        return lambda: None
+    try:
+        return ActsFile(request.acts, bench, say)
+    except OSError as refused:
+        raise UsageError(
+            f"--acts {request.acts} cannot be used: {refused.strerror}.",
+            hint="Name another file.",
+            code="E2069",
+        ) from refused
 
 
 def _is_over(bench: "VirtualBench", stop: "StopRequest", seconds: float | None) -> "Callable[[], bool]":

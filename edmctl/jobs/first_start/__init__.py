@@ -1,0 +1,1 @@
+"""The checklist of a machine that was just wired, with a board that was just flashed."""

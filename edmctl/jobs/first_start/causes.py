@@ -1,0 +1,62 @@
+"""The likely mistakes behind an error that the machine, or the host, raises in an item."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.errors import EdmError, LinkLost, MachineFault
+from edmctl.jobs.first_start import nets
+from edmctl.jobs.first_start.nets import cause
+from edmctl.link.faults import FaultCode
+
+if TYPE_CHECKING:
+    from edmctl.results.first_start import Cause
+
+MEASURE_MODE = "measure-mode"
+"""The item in which the generator is disconnected: pulses are another mistake there."""
+
+
+def cause_of(key: str, error: EdmError) -> tuple[Cause, ...]:
+    """Return the likely mistakes behind an error that the machine, or the host, has raised in an item."""
+    if isinstance(error, LinkLost):
+        return (
+            cause("the line broke, or the board restarted: its supply, its plug, or noise", nets.LINE, "5 V"),
+        )
+    code = error.fault if isinstance(error, MachineFault) else 0
+    touching = key == MEASURE_MODE
+    by_fault = {
+        FaultCode.ESTOP: cause("e-stop came while nobody pressed it: a loose contact, or noise", nets.ESTOP),
+        FaultCode.DOOR: cause("door came while nobody opened it: a loose contact, or noise", nets.DOOR),
+        FaultCode.HV_SUPPLY: cause("the supply does not hold, or its input is loose", nets.SUPPLY_OK),
+        FaultCode.DIELECTRIC: cause("the dielectric does not hold", nets.LEVEL, nets.FLOW, nets.TEMPERATURE),
+        FaultCode.PIEZO_TRACK: cause("actuator monitor does not follow the command", nets.MONITOR, nets.DAC),
+        FaultCode.PIEZO_OV: cause("actuator monitor is out of its range", nets.MONITOR),
+        FaultCode.COLLISION: cause("the contact closed while the tool moved in the air", nets.CONTACT),
+        FaultCode.STUCK_CONTACT: cause("the contact is closed in the air", nets.CONTACT),
+        FaultCode.GAP_SENSOR: cause(
+            "gap voltage and generator do not agree, and the sensor reads a battery right: gate, mode switch or "
+            "enable of the high voltage",
+            nets.GATE,
+            nets.MODE,
+            nets.ALIVE,
+        ),
+        FaultCode.NO_SPARK: cause(
+            "no pulse comes: the wire from gate to driver is off, or the driver has no supply", nets.GATE
+        ),
+        FaultCode.GEN_FAULT: cause(
+            "current where there is none: the current sensor's offset or sign, or the break chain",
+            nets.CURRENT,
+            nets.BREAK,
+        ),
+        FaultCode.MODE_SWITCH: cause(
+            "the generator's pulses come through in measure mode: mode switch stuck or inverted", nets.MODE
+        )
+        if touching
+        else cause("pulses come while the gate is off", nets.GATE),
+        FaultCode.STAGE_LIMIT: cause("a limit switch is closed: on the way, or wired wrongly", nets.LIMITS),
+        FaultCode.SHORT_STUCK: cause("tool and work are connected", nets.GAP),
+        FaultCode.HOST_SILENT: cause("this program was not heard: the line, or a busy computer", nets.LINE),
+    }
+    if code in by_fault:
+        return (by_fault[FaultCode(code)],)
+    return (cause(f"not one of the usual mistakes: {error.hint or error.message}"),)

@@ -1,0 +1,171 @@
+"""Who stands at the machine: does what the program cannot do, and says what it cannot see."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Protocol
+
+from edmctl.errors import UsageError
+from edmctl.files import read_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+
+class Done(StrEnum):
+    """What became of an act."""
+
+    DONE = "done"
+    SKIP = "skip"
+    ABSENT = "absent"
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """Something to do by hand."""
+
+    key: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Something to see or to allow: `options` are the answers, none for a number. `danger`: it energises."""
+
+    key: str
+    text: str
+    options: tuple[str, ...] = ("yes", "no")
+    danger: bool = False
+
+
+class Person(Protocol):
+    """Does and answers. What nobody answers is skipped: nothing is taken for granted."""
+
+    def act(self, act: Act) -> Done:
+        """Do it, and say so."""
+
+    def answer(self, question: Question) -> str:
+        """One of the options or a number; empty where there is no answer."""
+
+
+ACTS = {
+    act.key: act
+    for act in (
+        Act("estop-press", "Press the emergency stop."),
+        Act("estop-release", "Release the emergency stop."),
+        Act("door-open", "Open the door."),
+        Act("door-close", "Close the door."),
+        Act("level-low", "Bring the level switch of the dielectric to 'too low' (lift the float, or drain)."),
+        Act("level-ok", "Bring the level switch back to 'ok'."),
+        Act("pump-off", "Switch the pump of the dielectric off."),
+        Act("pump-on", "Switch the pump on again."),
+        Act("contact-close", "Connect tool and work with a wire."),
+        Act("contact-open", "Take the wire off."),
+        Act("battery-on", "Connect the battery over 1 kΩ to the gap, plus where the generator's plus is."),
+        Act(
+            "low-battery-on",
+            "Connect the battery of lower voltage over 1 kΩ to the gap, plus to the generator's plus.",
+        ),
+        Act("battery-turn", "Turn the battery round: plus and minus exchanged."),
+        Act("battery-off", "Take the battery off."),
+        Act("supply-on", "Switch the high-voltage supply on, the amplifier of the actuator stays off."),
+        Act("limit-close", "Hold a limit switch of the stages closed by hand."),
+        Act("limit-open", "Let go of the limit switch."),
+        Act("amplifier-on", "Switch the amplifier of the actuator on."),
+    )
+}
+"""Everything that may be asked to be done, by its key."""
+
+DIRECTIONS = ("plus", "minus", "none", "other", "absent")
+QUESTIONS = {
+    question.key: question
+    for question in (
+        Question(
+            "ready",
+            "High-voltage supply and amplifier off, tool at least 2 mm from work and holder, e-stop released, door "
+            "closed, dielectric flowing, nobody's hand at the stages?",
+        ),
+        Question("battery-volts", "Voltage of a 9 V block by a meter, V:", ()),
+        Question("low-battery-volts", "Voltage of a battery of 3 to 6 V by a meter, V:", ()),
+        Question(
+            "break-chain",
+            "A meter at the break chain: about 3.3 V as it is, below 0.8 V with the e-stop pressed, and again with "
+            "the door open?",
+        ),
+        Question(
+            "high-voltage", "May the high-voltage supply be switched on? Nothing sparks yet.", danger=True
+        ),
+        Question("stages", "May the stages move by 1 mm (theta by 5 degrees)?", danger=True),
+        Question("x-direction", "Which way did X go? Plus was commanded.", DIRECTIONS),
+        Question("y-direction", "Which way did Y go? Plus was commanded.", DIRECTIONS),
+        Question("theta-direction", "Which way did theta turn? Plus was commanded.", DIRECTIONS),
+        Question("actuator", "May the actuator be driven, in small steps up to 40 V?", danger=True),
+        Question(
+            "generator", "May the generator make pulses, 40 V and 0.1 A, tool far from the work?", danger=True
+        ),
+    )
+}
+"""Everything that may be asked, by its key."""
+
+
+class Answers:
+    """Answers that were written down before. What is not among them is skipped, and no dangerous step is allowed."""
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        self._given = given
+
+    def act(self, act: Act) -> Done:
+        """What the answers say of it."""
+        return Done(self._given.get(act.key, Done.SKIP))
+
+    def answer(self, question: Question) -> str:
+        """What the answers say."""
+        return self._given.get(question.key, "")
+
+
+ALL_ALLOWED = Answers(
+    {key: "yes" for key, question in QUESTIONS.items() if question.options == ("yes", "no")}
+)
+"""Every step is allowed: for a virtual machine alone."""
+
+
+def read_answers(path: Path) -> Answers:
+    """Read a TOML file of answers by their keys.
+
+    Raises UsageError E2065 where it cannot be read, or says what nobody asks or cannot be answered so.
+    """
+    try:
+        table = tomllib.loads(read_bytes(path).decode("utf-8"))
+    except OSError as refused:
+        raise _unfit(f"Cannot read {path}: {refused.strerror}.") from refused
+    except ValueError as wrong:
+        raise _unfit(f"{path} is no TOML: {wrong}.") from wrong
+    given = {}
+    for key, value in table.items():
+        if key not in ACTS and key not in QUESTIONS:
+            raise _unfit(f"{path}: nobody asks for {key}.")
+        given[key] = word = str(value)
+        allowed = [str(one) for one in Done] if key in ACTS else [*QUESTIONS[key].options]
+        if not (word in allowed or word == "" or (not allowed and is_number(word))):
+            raise _unfit(f"{path}: {key} = {word!r} is none of {', '.join(allowed) or 'the numbers'}.")
+    return Answers(given)
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number."""
+    try:
+        return abs(float(text)) < float("inf")
+    except ValueError:
+        return False
+
+
+def _unfit(message: str) -> UsageError:
+    return UsageError(
+        message,
+        hint='Lines as `estop-press = "done"`, `high-voltage = "yes"`, `battery-volts = 9.1`; docs/first-start.md '
+        "lists all.",
+        code="E2065",
+    )

@@ -1,0 +1,103 @@
+"""The checklist from connecting to the report: what `edmctl first-start` does."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+from edmctl.errors import EdmError, ObjectiveNotReached, PreconditionError, UsageError
+from edmctl.jobs.connect import connected
+from edmctl.jobs.first_start import actuator, cold, generator, stages
+from edmctl.jobs.first_start.causes import cause_of
+from edmctl.jobs.first_start.checklist import Checklist
+from edmctl.jobs.first_start.hands import VirtualHands, WrittenHands
+from edmctl.results.first_start import FirstStartReport, ItemStatus
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from edmctl.jobs.first_start.person import Person
+    from edmctl.jobs.plan import MachineAddress
+    from edmctl.jobs.surroundings import Surroundings
+    from edmctl.machine.controller import LinkMachine
+    from edmctl.profile.setup import Setup
+    from edmctl.results.first_start import Item
+
+
+def first_start(
+    setup: Setup,
+    where: MachineAddress,
+    seed: int,
+    person: Callable[[LinkMachine], Person],
+    acts: Path | None,
+    tell: Callable[[Item], None],
+    say: Callable[[str], None],
+    surroundings: Surroundings,
+) -> tuple[FirstStartReport, EdmError | None]:
+    """Go through the checklist on a machine; the report, and the error that ended it early.
+
+    person : who does and answers, of a machine that is connected; at a virtual machine its hands and eyes are the
+    program's. acts : the file by which those of a served virtual machine act.
+
+    Raises what connecting raises. Whatever happens later, the machine is left with everything off.
+    """
+    started = datetime.now(UTC).isoformat(timespec="seconds")
+    error: EdmError | None = None
+    with ExitStack() as held:
+        bench = held.enter_context(connected(None, setup, seed, say, where, surroundings, wires_known=False))
+        bench.begin()
+        machine, asked = bench.machine, person(bench.machine)
+        if bench.virtual is not None:
+            say("first-start: hands and eyes at the virtual machine are this program's")
+            asked = VirtualHands(bench.virtual, asked)
+        elif acts is not None:
+            asked = _written_hands(machine, acts, asked)
+        checklist = Checklist(machine, setup, asked, tell, cause_of)
+        try:
+            if cold.look(checklist):
+                stages.look(checklist)
+                actuator.look(checklist)
+                generator.look(checklist)
+        except EdmError as ended:
+            error = ended
+        finally:
+            machine.safe_stop()
+        name = (
+            f"{machine.identity.serial} at {machine.identity.transport}, firmware {machine.identity.firmware}"
+        )
+        items = tuple(checklist.items)
+        complete = error is None and all(item.is_right for item in items)
+        return FirstStartReport(
+            name, machine.identity.simulated, started, items, complete, error.message if error else ""
+        ), error
+
+
+def _written_hands(machine: LinkMachine, acts: Path, asked: Person) -> WrittenHands:
+    if not machine.identity.simulated and "SIM-" not in machine.identity.serial:
+        raise UsageError(
+            "--acts is about a virtual machine, and a real one answers.",
+            hint="Leave it out: people act at a real machine.",
+            code="E2066",
+        )
+    return WrittenHands(acts, asked)
+
+
+def verdict(report: FirstStartReport) -> EdmError | None:
+    """Return the error of a checklist that came to its end: what failed, else what was skipped, else none."""
+    failed = [item.title for item in report.items if item.status is ItemStatus.FAIL]
+    if failed:
+        return PreconditionError(
+            f"{len(failed)} of {len(report.items)} items failed: {', '.join(failed)}.",
+            hint="The likely mistakes stand beside each; the machine is not to be used before all pass.",
+            code="E8049",
+        )
+    skipped = [item.title for item in report.items if item.status is ItemStatus.SKIPPED]
+    if skipped:
+        return ObjectiveNotReached(
+            f"{len(skipped)} of {len(report.items)} items were skipped: {', '.join(skipped)}.",
+            hint="Do the checklist again, with all of them, before the machine is used.",
+            code="E7050",
+        )
+    return None

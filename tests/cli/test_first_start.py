@@ -1,0 +1,342 @@
+"""`edmctl first-start`: a sound machine passes; a wiring mistake is named by its net, and nothing else is blamed."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from edmctl.jobs.first_start import actuator, generator
+from edmctl.jobs.first_start.hands import VirtualHands
+from edmctl.jobs.first_start.person import ACTS, QUESTIONS
+from edmctl.machine.controller import LinkMachine
+from edmctl.simulator import BenchConfig, VirtualBench
+from edmctl.simulator.acts import ActsFile
+from edmctl.simulator.bench import MemoryTransport
+from edmctl.simulator.injection import WIRING_MISTAKES, parse_injection
+from tests.cli.commands import ROOT
+from tests.serving import serving
+
+if TYPE_CHECKING:
+    from tests.cli.commands import Here, Said
+
+NAMED = {
+    "ESTOP_DOOR_SWAPPED": ("estop", {"e-stop (PG0)", "door (PG1)"}, "exchanged"),
+    "ESTOP_OPEN": ("estop", {"e-stop (PG0)"}, "wire off"),
+    "DOOR_BRIDGED": ("door", {"door (PG1)"}, "bridged"),
+    "LEVEL_INVERTED": ("level", {"dielectric level (PG3)"}, "inverted"),
+    "FLOW_OPEN": ("flow", {"flow (PF4)"}, "wire off"),
+    "SUPPLY_BRIDGED": ("supply-off", {"high voltage ok (PG2)"}, "bridged"),
+    "CONTACT_INVERTED": ("contact", {"contact (PF13)"}, "inverted"),
+    "CONTACT_OPEN": ("contact", {"contact (PF13)"}, "wire off"),
+    "MONITOR_OPEN": ("monitor", {"actuator monitor (PF3)"}, "wire off"),
+    "MONITOR_HALF": ("monitor", {"actuator monitor (PF3)"}, "reads 0.50 of the voltage"),
+    "MONITOR_REVERSED": ("monitor", {"actuator monitor (PF3)"}, "reversed"),
+    "SENSOR_REVERSED": ("displacement", {"displacement (PF5)"}, "reversed"),
+    "SENSOR_OPEN": ("displacement-rest", {"displacement (PF5)"}, "wire off"),
+    "GAP_OPEN": ("gap-battery", {"gap voltage (PC0)"}, "not connected"),
+    "GAP_REVERSED": ("gap-battery", {"gap voltage (PC0)"}, "reversed"),
+    "GAP_HALF": ("gap-battery", {"gap voltage (PC0)"}, "reads 0.50 of the voltage"),
+    "GATE_STUCK": ("supply-on", {"gate (PE9)"}, "stuck on"),
+    "GATE_OPEN": ("self-test", {"gate (PE9)"}, "wire from gate to driver is off"),
+    "MODE_STUCK": ("measure-mode", {"mode switch (PF14)"}, "mode switch"),
+    "DAC_OPEN": ("drive", {"actuator DAC (PE2, PE6, PE4)"}, "nothing follows"),
+    "X_REVERSED": ("x-direction", {"X direction (PF0)"}, "inverted"),
+    "X_OPEN": ("x-direction", {"X step (PF6)"}, "no steps"),
+    "XY_SWAPPED": ("x-direction", {"X step (PF6)", "Y step (PF7)"}, "exchanged"),
+}
+"""Of each mistake the item that fails, the nets that are blamed, and what is said."""
+PARTS = (actuator.PART, generator.PART)
+DANGEROUS = [key for key, question in QUESTIONS.items() if question.danger]
+
+
+class Bench:
+    """Stands in for `open_bench`: a machine that is wired wrongly, and that can be looked at afterwards."""
+
+    def __init__(self, *mistakes: str) -> None:
+        self._mistakes = mistakes
+        self.made: list[VirtualBench] = []
+
+    def __call__(self, config: BenchConfig, seed: int) -> VirtualBench:
+        bench = VirtualBench(config, seed)
+        for mistake in self._mistakes:
+            bench.inject(parse_injection(f"{mistake}@0"))
+        self.made.append(bench)
+        return bench
+
+    def is_off(self) -> bool:
+        bench = self.made[-1]
+        return bench.is_safe and not bench.plant.drive.pulses_on
+
+
+@pytest.fixture
+def wired(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Return a maker of machines."""
+
+    def make(*mistakes: str) -> Bench:
+        bench = Bench(*mistakes)
+        monkeypatch.setattr("edmctl.simulator.open_bench", bench)
+        return bench
+
+    return make
+
+
+def items(said: Said) -> dict[str, dict[str, Any]]:
+    return {item["key"]: item for item in said.document["result"]["first_start"]["items"]}
+
+
+def statuses(said: Said, status: str) -> list[str]:
+    return [key for key, item in items(said).items() if item["status"] == status]
+
+
+def write_answers(path: Path, **changes: str) -> str:
+    """All that a person with a virtual machine would say, with changes."""
+    given = dict.fromkeys(ACTS, "done") | {k: "yes" for k, q in QUESTIONS.items() if "yes" in q.options}
+    given |= {key: "plus" for key in QUESTIONS if key.endswith("-direction")} | {"battery-volts": "9"}
+    given |= {key.replace("_", "-"): value for key, value in changes.items()}
+    path.write_text("".join(f"{key} = {json.dumps(value)}\n" for key, value in given.items() if value))
+    return str(path)
+
+
+def test_every_mistake_is_in_the_table() -> None:
+    assert set(NAMED) == set(WIRING_MISTAKES)
+
+
+@pytest.mark.parametrize("controller", ["python", "firmware", "firmware-float"])
+def test_a_sound_machine_passes_under_every_controller(here: Here, wired: Any, controller: str) -> None:
+    bench = wired()
+    said = here("first-start", "--yes", "--json", "--seed", "3", "--controller", controller)
+    assert said.exit_code == 0, said.err
+    assert statuses(said, "fail") == statuses(said, "skipped") == []
+    assert statuses(said, "absent") == ["break-chain"]
+    assert said.document["result"]["first_start"]["complete"]
+    assert bench.is_off()
+
+
+@pytest.mark.parametrize("mistake", NAMED)
+def test_it_is_the_same_under_the_firmware(here: Here, wired: Any, mistake: str) -> None:
+    wired(mistake)
+    said = here("first-start", "--yes", "--json", "--quiet", "--seed", "4", "--controller", "firmware-float")
+    assert statuses(said, "fail") == [NAMED[mistake][0]], said.err
+
+
+@pytest.mark.parametrize("mistake", NAMED)
+def test_a_mistake_is_named_and_nothing_else_is_blamed(here: Here, wired: Any, mistake: str) -> None:
+    key, nets, words = NAMED[mistake]
+    for seed in ("1", "2", "7"):
+        bench = wired(mistake)
+        said = here("first-start", "--yes", "--json", "--quiet", "--seed", seed)
+        assert (said.exit_code, said.document["error"]["code"]) == (8, "E8049"), said.err
+        assert statuses(said, "fail") == [key]
+        found = items(said)[key]
+        assert {net for cause in found["causes"] for net in cause["nets"]} == nets
+        assert words in " ".join(cause["text"] for cause in found["causes"])
+        assert bench.is_off()
+
+
+class Kept(Bench):
+    """A machine that stays the same from one command to the next."""
+
+    def __call__(self, config: BenchConfig, seed: int) -> VirtualBench:
+        if not self.made:
+            return super().__call__(config, seed)
+        (bench,) = self.made
+        bench.transport = MemoryTransport(bench.controller)
+        return bench
+
+
+def test_five_mistakes_at_once_are_all_named(here: Here, wired: Any) -> None:
+    five = ("ESTOP_DOOR_SWAPPED", "LEVEL_INVERTED", "CONTACT_INVERTED", "GAP_REVERSED", "SENSOR_OPEN")
+    for controller in ("python", "firmware"):
+        bench = wired(*five)
+        said = here("first-start", "--yes", "--json", "--seed", "1", "--controller", controller)
+        assert sorted(statuses(said, "fail")) == sorted(NAMED[name][0] for name in five), said.err
+        for name in five:
+            causes = items(said)[NAMED[name][0]]["causes"]
+            assert {net for cause in causes for net in cause["nets"]} == NAMED[name][1]
+        assert bench.made[-1].plant.drive.pulse_starts == 0
+
+
+def test_a_machine_is_repaired_by_what_is_named(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    wrong = ["DOOR_BRIDGED", "GAP_HALF", "X_REVERSED", "MONITOR_REVERSED", "GATE_OPEN"]
+    kept = Kept(*wrong)
+    monkeypatch.setattr("edmctl.simulator.open_bench", kept)
+    for _ in range(len(wrong)):
+        said = here("first-start", "--yes", "--json", "--seed", "6")
+        failed = statuses(said, "fail")
+        assert failed, said.err
+        named = [name for name in wrong if NAMED[name][0] in failed]
+        assert len(named) == len(failed)
+        for name in named:
+            kept.made[0].controller.injector.mend(name)
+            wrong.remove(name)
+        if not wrong:
+            break
+    assert here("first-start", "--yes", "--json", "--seed", "6").exit_code == 0
+
+
+@pytest.mark.parametrize("call", ["ramp", "start_cut"])
+def test_an_emergency_stop_ends_it(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    bench, real = wired(), getattr(LinkMachine, call)
+
+    def pressed(*arguments: Any) -> Any:
+        bench.made[-1].inject(parse_injection("ESTOP@0"))
+        return real(*arguments)
+
+    monkeypatch.setattr(LinkMachine, call, pressed)
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    assert (said.exit_code, said.document["error"]["code"]) == (6, "E64001")
+    assert list(items(said))[-1] == ("drive" if call == "ramp" else "open-voltage")
+    assert bench.is_off()
+
+
+def test_the_report_is_left_as_text_and_as_json(here: Here, wired: Any) -> None:
+    wired("CONTACT_INVERTED")
+    said = here("first-start", "--yes", "--seed", "1", "--out", "reports")
+    text, document = (Path(name) for name in sorted(Path("reports").iterdir(), reverse=True))
+    assert "likely    contact input reads closed with nothing connected" in text.read_text()
+    assert "net contact (PF13)" in text.read_text()
+    assert text.read_text().strip() in said.out
+    report = json.loads(document.read_text())["first_start"]
+    assert (report["machine"].split()[0], report["complete"]) == ("SIM-1", False)
+    again = here("first-start", "--yes", "--seed", "1", "--out", "reports")
+    assert again.exit_code == 8
+    assert len(list(Path("reports").iterdir())) == 4
+
+
+@pytest.mark.parametrize("missing", DANGEROUS)
+def test_a_dangerous_step_is_never_taken_for_granted(here: Here, wired: Any, missing: str) -> None:
+    bench = wired()
+    for answer in ("", "no"):
+        answers = write_answers(Path("answers.toml"), **{missing: answer})
+        said = here("first-start", "--answers", answers, "--json", "--seed", "1")
+        assert (said.exit_code, said.document["error"]["code"]) == (7, "E7050"), said.err
+        assert statuses(said, "fail") == []
+        skipped = {part: [i for i in items(said).values() if i["part"] == part] for part in PARTS}
+        plant = bench.made[-1].plant
+        if missing == "stages":  # nothing builds on how they move
+            continue
+        assert plant.drive.pulse_starts == 0
+        if missing in ("high-voltage", "actuator"):
+            assert {item["status"] for item in skipped["generator"]} == {"skipped"}
+            assert {item["status"] for item in skipped["actuator"]} == {"skipped"}
+            assert plant.state.amplifier_v == pytest.approx(0.0, abs=0.01)
+        assert plant.hv_supply_ok == (missing != "high-voltage")
+        assert bench.is_off()
+
+
+def test_what_is_skipped_keeps_everything_that_builds_on_it_off(here: Here, wired: Any) -> None:
+    bench = wired()
+    answers = write_answers(Path("answers.toml"), ready="no")
+    said = here("first-start", "--answers", answers, "--json", "--seed", "1")
+    assert (said.exit_code, list(items(said))) == (7, ["ready"])
+    assert bench.is_off()
+
+
+def test_nobody_at_a_terminal_is_refused_before_anything_is_opened(here: Here, wired: Any) -> None:
+    bench = wired()
+    said = here("first-start", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2068")
+    said = here("first-start", "--yes", "--json", "--port", "/dev/nothing")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2067")
+    for line in ('estop-press = "perhaps"', 'sing = "yes"', "battery-volts = 'much'", "x-direction = 3", "?"):
+        Path("wrong.toml").write_text(line)
+        said = here("first-start", "--answers", "wrong.toml", "--json")
+        assert (said.exit_code, said.document["error"]["code"]) == (2, "E2065"), line
+    assert here("first-start", "--answers", "none.toml").exit_code == 2
+    assert bench.made == []
+
+
+STOPPED_AT = ["act", "answer", "ramp", "move_stage", "arm", "self_test", "start_cut", "fall_silent", "touch"]
+
+
+@pytest.mark.parametrize("call", STOPPED_AT)
+def test_ctrl_c_at_any_point_leaves_everything_off(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    bench, owner = wired(), VirtualHands if call in ("act", "answer") else LinkMachine
+    real = getattr(owner, call)
+
+    def interrupted(*arguments: Any, **options: Any) -> Any:
+        os.kill(os.getpid(), signal.SIGINT)
+        return real(*arguments, **options)
+
+    monkeypatch.setattr(owner, call, interrupted)
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    assert said.exit_code == 130, said.err
+    assert said.document["result"]["first_start"]["ended"] == "Stopped by SIGINT."
+    assert statuses(said, "fail") == []
+    assert bench.is_off()
+    assert len(list(Path("runs").iterdir())) == 2
+
+
+class Typed(io.StringIO):
+    """A terminal at which somebody has typed ahead."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_person_at_a_terminal_is_asked(here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = wired()
+    typed = ["ja", "y", "y", "yes", "y", "yes", "yes", "no"]  # a dangerous step takes the whole word
+    monkeypatch.setattr(sys, "stdin", Typed("".join(f"{line}\n" for line in typed)))
+    said = here("first-start", "--json", "--seed", "1")
+    assert said.exit_code == 7, said.err
+    assert statuses(said, "fail") == []
+    assert said.err.count("DANGER") == 6
+    assert items(said)["range"]["status"] == "pass"
+    assert items(said)["self-test"]["reason"] == "generator: not allowed"
+    assert bench.is_off()
+
+
+def test_a_terminal_that_is_closed_ends_it(here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = wired()
+    monkeypatch.setattr(sys, "stdin", Typed("y\n"))
+    said = here("first-start", "--json", "--seed", "1")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2068")
+    assert bench.is_off()
+
+
+@pytest.mark.parametrize(("mistake", "failed"), [("", []), ("MONITOR_HALF", ["monitor"])])
+def test_a_served_machine_is_acted_on_by_a_file(here: Here, mistake: str, failed: list[str]) -> None:
+    bench = VirtualBench(BenchConfig(), 2)
+    if mistake:
+        bench.inject(parse_injection(mistake))
+    acts, told = Path("hands"), list[str]()
+    acts.write_text("+DOOR\n")  # of another day
+    answers = write_answers(Path("answers.toml"))
+    with serving(bench, acts=ActsFile(acts, bench, told.append)) as port:
+        for _ in range(2):  # again, with a controller that still shows the gap voltage of before
+            said = here("first-start", "--port", port, "--answers", answers, "--acts", str(acts), "--json")
+            assert statuses(said, "fail") == failed, said.err
+            assert said.exit_code == (8 if failed else 0)
+    assert told == []
+    assert bench.is_safe
+
+
+def test_acts_that_are_none_are_told(tmp_path: Path) -> None:
+    bench, told = VirtualBench(BenchConfig(), 2), list[str]()
+    hands = ActsFile(tmp_path / "hands", bench, told.append)
+    (tmp_path / "hands").write_text("ESTOP\n+FIRE\n+DOOR\n+EST")
+    hands()
+    bench.controller.advance(2)
+    assert [line.split(";")[0] for line in told] == [
+        "acts: 'ESTOP' begins with neither + nor -",
+        "acts: no such fault: FIRE",
+    ]
+    assert (bench.plant.door_open, bench.plant.estop) == (True, False)
+
+
+def test_the_page_has_every_key_and_every_mistake() -> None:
+    page = (ROOT / "docs/first-start.md").read_text(encoding="utf-8")
+    assert [key for key in (*ACTS, *QUESTIONS) if f"`{key}`" not in page] == []
+    assert [name for name in WIRING_MISTAKES if name not in page] == []
