@@ -22,7 +22,7 @@ from tools.generate.circuits import (
     gap_voltage,
     generator,
 )
-from tools.generate.circuits.common import SAFE_V, Needs, corner_hz
+from tools.generate.circuits.common import SAFE_V, STRAY_F, Needs, corner_hz
 from tools.generate.nucleo import MORPHO, ON_THE_BOARD, ZIO
 
 PAGE = Path(__file__).parents[2] / "docs" / "build-the-machine.md"
@@ -110,6 +110,7 @@ def test_every_circuit_does_what_the_firmware_needs() -> None:
         ("scale", "EDM_GAP_FULL_A", 10.0, "current"),
         ("limits", "EDM_CURRENT_A_MAX", 11.0, "current"),
         ("measure", "LEAST_A", 0.01, "current"),
+        ("measure", "LEAST_A", 0.005, "divider"),
         ("limits", "EDM_OPEN_V_MAX", 400.0, "gate"),
         ("scale", "EDM_OPEN_FULL_V", 400.0, "generator"),
         ("limits", "EDM_OPEN_V_MAX", 320.0, "setpoints"),
@@ -184,8 +185,7 @@ def test_the_blanking_is_long_enough_for_any_resistor() -> None:
 
     for open_v, threshold_a in ((300.0, 0.05), (100.0, 0.015)):
         times = [
-            ohm * gap_current.STRAY_F * log(open_v / (ohm * threshold_a))
-            for ohm in range(10, int(open_v / threshold_a))
+            ohm * STRAY_F * log(open_v / (ohm * threshold_a)) for ohm in range(10, int(open_v / threshold_a))
         ]
         assert max(times) == pytest.approx(gap_current.blank_s(open_v, threshold_a), rel=1e-3)
         assert max(times) < gap_current.BLANK_S

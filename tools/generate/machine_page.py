@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 from tools.generate.board_source import Pin, numbers, pins, wired_together
 from tools.generate.circuits import circuits
 from tools.generate.circuits.common import Circuit, Needs
 from tools.generate.circuits.generator import settings
 from tools.generate.nucleo import MORPHO, ON_THE_BOARD, ZIO
 from tools.generate.text import table
+
+_NEGATIVE = re.compile(r"(?<= )-(?=\d)")
 
 RANGES = {
     "GAP_VOLTAGE": (None, "EDM_GAP_FULL_V", "V"),
@@ -32,12 +36,13 @@ def tables() -> dict[str, str]:
         "lasting short, A",
         "and at a duty of 0.5, W",
     )
-    return {
+    made = {
         "pins": _pins(),
         "ranges": _ranges(),
         "resistors": table(head, settings(Needs())),
         **parts,
     }
+    return {name: _NEGATIVE.sub("−", text) for name, text in made.items()}
 
 
 def ends(net: str, scale: dict[str, float]) -> tuple[float, float, str]:

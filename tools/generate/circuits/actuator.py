@@ -124,6 +124,7 @@ def monitor(n: Needs) -> Circuit:
     middle = monitor_ends(MONITOR_OHM)
     track_v = 150.0 * n.params["track_error"]
     supply_v = PIEZO_MOST_V * VDDA_SPREAD
+    off_v = middle[0] + (middle[1] - middle[0]) * MONITOR_OHM[2] / (MONITOR_OHM[1] + MONITOR_OHM[2])
     lag_ms = 1e3 * parallel(*MONITOR_OHM) * MONITOR_F
     margin_v = n.params["monitor_max_v"] - PIEZO_MOST_V
     return Circuit(
@@ -152,6 +153,12 @@ def monitor(n: Needs) -> Circuit:
                 f"to be calibrated: above {margin_v:g} V fault 2003 comes at 150 V",
                 f"{supply_v:.1f} V",
                 supply_v > margin_v,
+            ),
+            Check(
+                "with its wire off it reads",
+                f"seen by fault 2002 beyond {track_v:g} V, not at rest",
+                f"{off_v:.1f} V",
+                abs(off_v) < track_v,
             ),
             Check("lag", "< 1 ms", f"{lag_ms:.2f} ms", lag_ms < 1.0),
         ),

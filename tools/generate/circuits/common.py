@@ -21,6 +21,8 @@ LEAKAGE_A = 1e-6
 INNER_PULL_OHM = (30 * KOHM, 50 * KOHM)
 COMPARATOR_V = 5e-3
 """Offset of a comparator, without trimming."""
+STRAY_F = 200 * PF
+"""Of the gap and the wires to it."""
 SAFE_V, SAFE_S = 60.0, 5.0
 """Touchable, and how long that may take after switching off (IEC 60204-1, 6.2.4)."""
 

@@ -9,6 +9,7 @@ from tools.generate.circuits.common import (
     COMPARATOR_V,
     KOHM,
     PF,
+    STRAY_F,
     VDDA_V,
     Check,
     Circuit,
@@ -32,7 +33,7 @@ AMPLIFIER_V, AMPLIFIER_HZ = 0.25e-3, 50e6
 ADC_OFFSET_COUNTS = 2.5
 OVER_SHARE = 11.0 / 12.0
 SHUNT_SPREAD, REFERENCE_SPREAD = 0.01, 0.01
-STRAY_F, BLANK_S = 200 * PF, 0.5e-6
+BLANK_S = 0.5e-6
 
 
 def blank_s(open_v: float, threshold_a: float) -> float:

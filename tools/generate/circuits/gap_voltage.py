@@ -7,6 +7,7 @@ from math import exp
 from tools.generate.circuits.common import (
     KOHM,
     PF,
+    STRAY_F,
     VDDA_SPREAD,
     VDDA_V,
     Check,
@@ -41,6 +42,8 @@ def gap_divider(n: Needs) -> Circuit:
     offset_v = ratio * (BUFFER_V + CLAMP_LEAK_A * source)
     schottky_v = ratio * SCHOTTKY_LEAK_A * source
     test_v = n.params["test_error"] * 0.3 * 40.0
+    stray_s = STRAY_F * (top + BOTTOM_OHM)
+    stray_a = STRAY_F * open_v / (n.measure["SAMPLES_MOST"] * 1e-6)
     clamp_ma = 1e3 * PULSES_SPIKE_V / top
     return Circuit(
         "divider",
@@ -98,6 +101,13 @@ def gap_divider(n: Needs) -> Circuit:
                 "< 5 mA",
                 f"{clamp_ma:.1f} mA",
                 clamp_ma < 5.0,
+            ),
+            Check(
+                f"gap of {STRAY_F / PF:g} pF after the gate has closed",
+                f"off-time current < {1e3 * n.measure['LEAST_A']:g} mA if it breaks down",
+                f"falls in {1e6 * stray_s:.0f} µs; {1e6 * 0.5 * STRAY_F * open_v**2:.0f} µJ at {open_v:g} V, "
+                f"{1e3 * stray_a:.1f} mA over {n.measure['SAMPLES_MOST']:g} samples",
+                stray_a < n.measure["LEAST_A"],
             ),
             Check("one count", "–", f"{1e3 * full_v / n.top:.0f} mV", True),
         ),

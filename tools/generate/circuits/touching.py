@@ -30,15 +30,16 @@ def contact(n: Needs) -> Circuit:
         for volt in (CONTACT_THRESHOLD_V - COMPARATOR_V, CONTACT_THRESHOLD_V + COMPARATOR_V)
     ]
     battery_v = BATTERY_V - (BATTERY_V - source_v) * BATTERY_OHM / (BATTERY_OHM + source_ohm)
-    fault_ma = 1e3 * n.limits["EDM_OPEN_V_MAX"] / source_ohm
+    fault_ma = 1e3 * n.limits["EDM_OPEN_V_MAX"] / CONTACT_SERIES_OHM
+    fault_w = n.limits["EDM_OPEN_V_MAX"] ** 2 / CONTACT_SERIES_OHM
     return Circuit(
         "contact",
         (
             (
                 "source",
                 f"3.3 V through {CONTACT_DIVIDER_OHM[0] / KOHM:g} kΩ, {CONTACT_DIVIDER_OHM[1] / KOHM:g} "
-                f"kΩ to ground; then {CONTACT_SERIES_OHM / KOHM:g} kΩ, 1 W, pulse-proof, to the mode "
-                "switch",
+                f"kΩ to ground; then {CONTACT_SERIES_OHM / KOHM:g} kΩ, 5 W, to the mode switch; clamp "
+                "behind the 10 kΩ",
             ),
             (
                 "comparator",
@@ -72,10 +73,10 @@ def contact(n: Needs) -> Circuit:
                 battery_v > 0.9 * BATTERY_V - 0.3,
             ),
             Check(
-                "current into the clamp if the mode switch hangs",
-                "< 10 mA",
-                f"{fault_ma:.1f} mA",
-                fault_ma < 10.0,
+                "current into the source's clamp if the mode switch bridges",
+                "< 20 mA and 5 W",
+                f"{fault_ma:.1f} mA, {fault_w:.1f} W in the resistor",
+                fault_ma < 20.0 and fault_w < 5.0,
             ),
         ),
     )
