@@ -26,7 +26,7 @@
 #define EDM_SENSOR_LEAST_UM R(-50.0)
 #endif
 #ifndef EDM_SENSOR_MOST_UM
-#define EDM_SENSOR_MOST_UM R(500.0)
+#define EDM_SENSOR_MOST_UM R(450.0)
 #endif
 
 /* Dielectric: 0 to this at full scale. */

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 PAGES = [
     "README.md",
     "docs/actuator.md",
+    "docs/build-the-machine.md",
     "docs/firmware.md",
     "docs/first-start.md",
     "docs/how-to.md",

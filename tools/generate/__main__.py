@@ -1,7 +1,7 @@
 """Writes what is made from data files and models: `python -m tools.generate [--check]`, from the project's folder.
 
-Made are edmctl/link/messages.py, firmware/gen/ and the marked parts of pages in docs/. With --check nothing is
-written; the exit code is 1 where a file is out of date.
+Made are edmctl/link/messages.py, firmware/gen/, the marked parts of pages in docs/ and the block diagram of one.
+With --check nothing is written; the exit code is 1 where a file is out of date.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from tools.generate import (
     actuator_page,
     faults_page,
     firmware,
+    machine_diagram,
+    machine_page,
     profile_page,
     protocol_page,
     run_file_page,
@@ -37,12 +39,14 @@ def wanted_files() -> dict[Path, str]:
         "run-file.md": {"layout": run_file_page.layout_tables()},
         "actuator.md": actuator_page.tables(),
         "study.md": study_page.tables(),
+        "build-the-machine.md": machine_page.tables(),
     }
     link, docs = _ROOT / "edmctl" / "link", _ROOT / "docs"
     made = {
         link / "messages.py": formatted(messages_source(schema)),
         _ROOT / "firmware" / "gen" / "edmlink.h": firmware.header(schema, faults),
         _ROOT / "firmware" / "gen" / "edmlink.c": firmware.tables(schema),
+        docs / "images" / "build-the-machine.svg": machine_diagram.picture(),
     }
     return made | {
         docs / name: filled((docs / name).read_text(encoding="utf-8"), made_parts)

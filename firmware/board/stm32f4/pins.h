@@ -18,7 +18,7 @@
     PIN(GAP_CURRENT,    C,  3, ANALOG,    0, NONE, 0, "ADC2_IN13; 0 to 3.3 V = 0 to 12 A") \
     PIN(MONITOR,        F,  3, ANALOG,    0, NONE, 0, "ADC3_IN9; actuator voltage: 0 to 3.3 V = -5 to 165 V") \
     PIN(FLOW,           F,  4, ANALOG,    0, NONE, 0, "ADC3_IN14; dielectric: 0 to 3.3 V = 0 to 5 l/min") \
-    PIN(DISPLACEMENT,   F,  5, ANALOG,    0, NONE, 0, "ADC3_IN15; 0 to 3.3 V = -50 to 500 um") \
+    PIN(DISPLACEMENT,   F,  5, ANALOG,    0, NONE, 0, "ADC3_IN15; 0 to 3.3 V = -50 to 450 um") \
     PIN(TEMPERATURE,    F, 10, ANALOG,    0, NONE, 0, "ADC3_IN8; dielectric: 0 to 3.3 V = 0 to 100 C") \
     PIN(OPEN_VOLTAGE,   A,  4, ANALOG,    0, NONE, 0, "DAC_OUT1; open voltage: 0 to 3.3 V = 0 to 330 V") \
     PIN(PEAK_CURRENT,   A,  5, ANALOG,    0, NONE, 0, "DAC_OUT2; peak current: 0 to 3.3 V = 0 to 12 A") \

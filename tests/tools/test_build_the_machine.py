@@ -1,0 +1,259 @@
+"""docs/build-the-machine.md: pins, circuits and diagram follow the firmware's sources, and the sums are right."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from math import exp, isclose
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from edmctl.jobs.first_start import nets
+from tools.generate import machine_diagram, machine_page
+from tools.generate.board_source import FIRMWARE, numbers, pins, wired_together
+from tools.generate.circuits import (
+    CIRCUITS,
+    actuator,
+    charge_pump,
+    circuits,
+    gap_current,
+    gap_voltage,
+    generator,
+)
+from tools.generate.circuits.common import SAFE_V, STRAY_F, Needs, corner_hz
+from tools.generate.nucleo import MORPHO, ON_THE_BOARD, ZIO
+
+PAGE = Path(__file__).parents[2] / "docs" / "build-the-machine.md"
+NEEDS = Needs()
+
+
+def failing(needs: Needs) -> set[str]:
+    return {circuit.name for circuit in circuits(needs) if not all(check.ok for check in circuit.checks)}
+
+
+# Pins
+
+
+def test_every_row_of_the_board_is_read() -> None:
+    text = (FIRMWARE / "board" / "stm32f4" / "pins.h").read_text(encoding="utf-8")
+    rows = pins()
+    assert len(rows) == len(re.findall(r"^    PIN\(", text, re.MULTILINE))
+    assert len({pin.name for pin in rows}) == len({pin.net for pin in rows}) == len(rows)
+
+
+def test_every_pin_has_its_place_on_the_connectors() -> None:
+    used = {pin.name for pin in pins()}
+    assert set(MORPHO) == used
+    assert set(ZIO) | {"PF6", "PG4", *ON_THE_BOARD} == used
+    assert len(set(MORPHO.values())) == len(MORPHO)
+    assert len(set(ZIO.values())) == len(ZIO)
+    assert all(re.fullmatch(r"CN1[12]-([1-9]|[1-6]\d|70)", place) for place in MORPHO.values())
+    assert all(re.fullmatch(r"CN(7|8|9|10)-([1-9]|[12]\d|3[0-4])", place) for place in ZIO.values())
+
+
+def test_pins_that_share_a_wire_name_each_other() -> None:
+    assert wired_together(pins()) == {
+        "DISCHARGE_END": ["PC7"],
+        "DISCHARGE_TIMER": ["PE7"],
+        "IGNITION": ["PC6"],
+        "IGNITION_TIMER": ["PA0"],
+    }
+
+
+def test_ranges_in_the_notes_of_the_board_are_those_of_the_scale() -> None:
+    analogue = {pin.net: pin for pin in pins() if pin.mode == "ANALOG"}
+    assert set(analogue) == set(machine_page.RANGES)
+    for net, pin in analogue.items():
+        low, high, _ = machine_page.ends(net, NEEDS.scale)
+        noted = re.search(r"0 to 3\.3 V = (-?[\d.]+) to (-?[\d.]+)", pin.note)
+        assert noted is not None
+        assert (float(noted[1]), float(noted[2])) == (low, high), net
+
+
+def test_the_checklist_names_the_same_pins() -> None:
+    by_pin = {pin.name for pin in pins()}
+    told = {
+        name
+        for value in vars(nets).values()
+        for text in (value if isinstance(value, tuple) else (value,))
+        if isinstance(text, str)
+        for name in re.findall(r"\bP[A-G]\d+\b", text)
+    }
+    assert len(told) > 20
+    assert told <= by_pin
+
+
+def test_the_first_definition_of_a_name_counts() -> None:
+    assert NEEDS.scale["EDM_MONITOR_LEAST_V"] == -5.0
+    assert NEEDS.limits["EDM_PERIOD_NS_MIN"] == 20000.0
+    assert numbers("board", "measure.c")["LEAST_A"] == 0.02
+
+
+# Circuits
+
+
+def test_every_circuit_does_what_the_firmware_needs() -> None:
+    assert failing(NEEDS) == set()
+    assert len({circuit.name for circuit in circuits()}) == len(CIRCUITS)
+
+
+@pytest.mark.parametrize(
+    ("where", "name", "value", "circuit"),
+    [
+        ("scale", "EDM_GAP_FULL_V", 300.0, "divider"),
+        ("limits", "EDM_OPEN_V_MAX", 325.0, "divider"),
+        ("measure", "SETTLE_COUNTS", 2.0, "divider"),
+        ("measure", "SAME_OPEN", 0.005, "divider"),
+        ("params", "test_error", 0.005, "divider"),
+        ("scale", "EDM_GAP_FULL_A", 10.0, "current"),
+        ("limits", "EDM_CURRENT_A_MAX", 11.0, "current"),
+        ("measure", "LEAST_A", 0.01, "current"),
+        ("measure", "LEAST_A", 0.005, "divider"),
+        ("limits", "EDM_OPEN_V_MAX", 400.0, "gate"),
+        ("scale", "EDM_OPEN_FULL_V", 400.0, "generator"),
+        ("limits", "EDM_OPEN_V_MAX", 320.0, "setpoints"),
+        ("limits", "DAC_V", 0.002, "actuator"),
+        ("params", "slew_limit_v_s", 5000.0, "actuator"),
+        ("scale", "EDM_MONITOR_LEAST_V", -10.0, "monitor"),
+        ("scale", "EDM_MONITOR_MOST_V", 170.0, "monitor"),
+        ("params", "track_error", 0.002, "monitor"),
+        ("scale", "EDM_SENSOR_MOST_UM", 200.0, "displacement"),
+        ("measure", "LEAST_GAP_V", 0.5, "contact"),
+        ("params", "misread_pulses", 5.0, "mode"),
+        ("scale", "EDM_STEP_UM", 0.005, "stages"),
+    ],
+)
+def test_a_figure_that_changes_fails_the_circuit_that_goes_by_it(
+    where: str, name: str, value: float, circuit: str
+) -> None:
+    before = getattr(NEEDS, where)
+    assert name in before
+    assert circuit in failing(replace(NEEDS, **{where: {**before, name: value}}))
+
+
+def test_a_circuit_that_does_not_do_stops_the_generator(monkeypatch: pytest.MonkeyPatch) -> None:
+    needs = replace(NEEDS, scale={**NEEDS.scale, "EDM_GAP_FULL_V": 300.0})
+    monkeypatch.setattr(machine_page, "circuits", lambda: circuits(needs))
+    with pytest.raises(ValueError, match="divider"):
+        machine_page.tables()
+
+
+def test_the_corner_by_hand() -> None:
+    # 990 kΩ beside 10 kΩ is 9.9 kΩ; with 39 pF 0.386 µs.
+    assert isclose(corner_hz(9.9e3, 39e-12), 1.0 / (2 * 3.14159265 * 0.3861e-6), rel_tol=1e-6)
+
+
+def test_the_monitor_by_currents_into_its_node() -> None:
+    low_v, high_v = actuator.monitor_ends(actuator.MONITOR_OHM)
+    signal, offset, ground = actuator.MONITOR_OHM
+    for volt, node_v in ((low_v, 0.0), (high_v, 3.3)):
+        into = (volt - node_v) / signal + (3.3 - node_v) / offset - node_v / ground
+        assert abs(into) < 1e-12
+
+
+def test_the_charge_pump_step_by_step() -> None:
+    """Ideal switches and diodes, edge by edge, the charge of the coupling capacitor followed for itself."""
+    swing, drop, c1, c2, ohm = 5.0, 0.3, 220e-9, 470e-9, 47e3
+    coupling_v, store_v = -drop, 0.0  # of the capacitor: driver less the far side; the lower diode holds it
+    rises = []
+    for _ in range(60):
+        far_v = swing - coupling_v
+        if far_v > store_v + drop:
+            moved = (far_v - drop - store_v) / (1 / c1 + 1 / c2)
+            coupling_v += moved / c1
+            store_v += moved / c2
+        rises.append(store_v)
+        store_v *= exp(-1e-3 / (c2 * ohm))
+        coupling_v = min(coupling_v, drop)  # falling edge: the far side is held at a drop below ground
+        store_v *= exp(-1e-3 / (c2 * ohm))
+    model = charge_pump.pump(swing, drop, c1, c2, ohm)
+    coupled = [volt for _, volt in zip(rises, model, strict=False)]
+    assert rises[-1] == pytest.approx(coupled[-1], rel=0.02)
+    assert sum(volt < 2.5 for volt in rises) == sum(volt < 2.5 for volt in coupled)
+
+
+def test_an_alive_pin_that_stands_or_toggles_slowly_enables_nothing() -> None:
+    first = next(charge_pump.pump(5.25, 0.2, 242e-9, 423e-9, 47470.0))
+    assert first < 0.98 * charge_pump.PUMP_THRESHOLD_V
+
+
+def test_the_blanking_is_long_enough_for_any_resistor() -> None:
+    """The longest time over all resistors is what the page says."""
+    from math import log
+
+    for open_v, threshold_a in ((300.0, 0.05), (100.0, 0.015)):
+        times = [
+            ohm * STRAY_F * log(open_v / (ohm * threshold_a)) for ohm in range(10, int(open_v / threshold_a))
+        ]
+        assert max(times) == pytest.approx(gap_current.blank_s(open_v, threshold_a), rel=1e-3)
+        assert max(times) < gap_current.BLANK_S
+
+
+def test_resistors_give_their_current_at_the_normal_plateau() -> None:
+    plateau_v = NEEDS.scale["EDM_NORMAL_PLATEAU_V"]
+    for open_v, peak_a in generator.SETTINGS:
+        assert (open_v - plateau_v) / generator.series_ohm(NEEDS, open_v, peak_a) == pytest.approx(peak_a)
+
+
+# The page
+
+
+def test_figures_in_the_text_are_those_of_the_sums() -> None:
+    text = " ".join(PAGE.read_text(encoding="utf-8").split())
+    tau_us = 9.9e3 * gap_voltage.TAP_F * 1e6
+    full_v = NEEDS.scale["EDM_OPEN_FULL_V"]
+    safe_s = generator.discharge_s(full_v, generator.RESERVOIR_F * 1.1, generator.BLEEDER_OHM * 1.05)
+    corners = charge_pump.pump_corners()
+    for sentence in (
+        f"Of a step by 18 V, from 40 V to a plateau, {18.0 * exp(-0.5 / tau_us):.1f} V are left",
+        f"reservoir of the generator, {0.5 * generator.RESERVOIR_F * full_v**2:.1f} J at {full_v:g} V",
+        f"below {SAFE_V:g} V after {safe_s:.0f} s",
+        f"holds {1e3 * 0.5 * actuator.PIEZO_F * 150.0**2:.0f} mJ",
+        f"converter would be {actuator.drive_v(65535):.0f} V",
+        f"at 40 V with every plateau above {generator.plateau_limit_v(NEEDS, 40.0):.0f} V",
+        f"drops {1e3 * min(h for h, _ in corners):.0f} to {1e3 * max(h for h, _ in corners):.0f} ms after",
+        f"enables after {min(n for _, n in corners)} to {max(n for _, n in corners)} rises",
+        f"(open voltage − {NEEDS.scale['EDM_NORMAL_PLATEAU_V']:g} V) / resistance",
+        f"`misread_pulses` ({NEEDS.params['misread_pulses']:g})",
+        f"`over_current` ({NEEDS.params['over_current']:g})",
+        f"below {NEEDS.params['monitor_min_v']:g} V and above {NEEDS.params['monitor_max_v']:g} V".replace(
+            "-", "−"
+        ),
+        f"a peak current below {0.2 / 3.3 * NEEDS.scale['EDM_PEAK_FULL_A']:.2f} A",
+        f"0.275 V/A ({10 * 5.5 * 0.05:.2f} in the finer range)",
+    ):
+        assert sentence in text, sentence
+
+
+def test_the_page_says_in_bold_that_nothing_was_built() -> None:
+    bold = re.findall(r"\*\*(.+?)\*\*", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert any("under emulation only" in words and "ever built" in words for words in bold)
+
+
+def test_the_settings_of_the_owner_are_names_of_the_sources() -> None:
+    defined = {*NEEDS.scale, *NEEDS.limits, *numbers("board", "stm32f4", "board.h")}
+    named = set(re.findall(r"\bEDM_[A-Z_]+[A-Z]\b", PAGE.read_text(encoding="utf-8")))
+    assert named
+    assert named <= defined
+
+
+# The diagram
+
+
+def test_every_net_is_on_the_diagram_with_its_pin() -> None:
+    text = machine_diagram.picture()
+    assert machine_diagram.nets_shown() == {pin.net for pin in pins()}
+    assert all(re.search(rf"\b{pin.name}\b", text) for pin in pins())
+
+
+def test_the_diagram_is_sound_and_its_text_fits() -> None:
+    root = ElementTree.fromstring(machine_diagram.picture())
+    assert root.get("viewBox") == f"0 0 {machine_diagram.WIDTH} {machine_diagram.HEIGHT}"
+    for block in machine_diagram.BLOCKS:
+        room = block.column[1] - block.column[0] - 8
+        assert 6.8 * len(block.title) < room, block.title
+        assert 6.1 * len(block.small) < room, block.small
+    taken = {(block.column, block.row + i) for block in machine_diagram.BLOCKS for i in range(block.rows)}
+    assert len(taken) == sum(block.rows for block in machine_diagram.BLOCKS)

@@ -1,0 +1,95 @@
+"""The tables of docs/build-the-machine.md: pins of the board, parts and checks of the reference circuits."""
+
+from __future__ import annotations
+
+import re
+
+from tools.generate.board_source import Pin, numbers, pins, wired_together
+from tools.generate.circuits import circuits
+from tools.generate.circuits.common import Circuit, Needs
+from tools.generate.circuits.generator import settings
+from tools.generate.nucleo import MORPHO, ON_THE_BOARD, ZIO
+from tools.generate.text import table
+
+_NEGATIVE = re.compile(r"(?<= )-(?=\d)")
+
+RANGES = {
+    "GAP_VOLTAGE": (None, "EDM_GAP_FULL_V", "V"),
+    "GAP_CURRENT": (None, "EDM_GAP_FULL_A", "A"),
+    "MONITOR": ("EDM_MONITOR_LEAST_V", "EDM_MONITOR_MOST_V", "V"),
+    "DISPLACEMENT": ("EDM_SENSOR_LEAST_UM", "EDM_SENSOR_MOST_UM", "µm"),
+    "FLOW": (None, "EDM_FLOW_FULL_LPM", "l/min"),
+    "TEMPERATURE": (None, "EDM_TEMPERATURE_FULL_C", "°C"),
+    "OPEN_VOLTAGE": (None, "EDM_OPEN_FULL_V", "V"),
+    "PEAK_CURRENT": (None, "EDM_PEAK_FULL_A", "A"),
+}
+"""Names in `scale.h` of the ends of each analogue range, and its unit."""
+
+
+def tables() -> dict[str, str]:
+    """Return the marked parts of the page."""
+    parts = {circuit.name: _circuit(circuit) for circuit in circuits()}
+    head = (
+        "open voltage, V",
+        "peak current, A",
+        "all in a row, Ω",
+        "lasting short, A",
+        "and at a duty of 0.5, W",
+    )
+    made = {
+        "pins": _pins(),
+        "ranges": _ranges(),
+        "resistors": table(head, settings(Needs())),
+        **parts,
+    }
+    return {name: _NEGATIVE.sub("−", text) for name, text in made.items()}
+
+
+def ends(net: str, scale: dict[str, float]) -> tuple[float, float, str]:
+    """Return both ends of an analogue range, and its unit."""
+    low, high, unit = RANGES[net]
+    return scale[low] if low else 0.0, scale[high], unit
+
+
+def _pins() -> str:
+    rows = pins()
+    together = wired_together(rows)
+    head = ("net", "pin", "Zio", "morpho", "function", "pull", "what it is, and its sense", "wired to")
+    return table(head, [_pin(pin, together) for pin in rows])
+
+
+def _pin(pin: Pin, together: dict[str, list[str]]) -> tuple[str, ...]:
+    scale = numbers("board", "scale.h")
+    meaning = pin.meaning
+    if pin.net in RANGES:
+        low, high, unit = ends(pin.net, scale)
+        what = meaning.partition(": ")[0] if ": " in meaning else pin.net.replace("_", " ").lower()
+        meaning = f"{what}: 0 to 3.3 V = {low:g} to {high:g} {unit}"
+    joined = "the ST-LINK, on the board" if pin.name in ON_THE_BOARD else ", ".join(together.get(pin.net, ()))
+    pull = {"NONE": "", "UP": "up", "DOWN": "down"}[pin.pull]
+    return pin.net, pin.name, ZIO.get(pin.name, "–"), MORPHO[pin.name], pin.function, pull, meaning, joined
+
+
+def _ranges() -> str:
+    scale, limits = numbers("board", "scale.h"), numbers("core", "limits.h")
+    rows = [
+        *(
+            (name, f"{value:g}", "scale.h")
+            for name, value in reversed(scale.items())
+            if name.startswith("EDM_")
+        ),
+        *((name, f"{limits[name]:g}", "limits.h") for name in ("EDM_OPEN_V_MAX", "EDM_CURRENT_A_MAX")),
+    ]
+    return table(
+        ("name", "as it is", "in"), [(f"`{name}`", value, f"`{file}`") for name, value, file in rows]
+    )
+
+
+def _circuit(circuit: Circuit) -> str:
+    wrong = [check.what for check in circuit.checks if not check.ok]
+    if wrong:
+        raise ValueError(
+            f"the circuit {circuit.name} does not do what the firmware needs: {', '.join(wrong)}"
+        )
+    checks = [(check.what, check.need, check.reached) for check in circuit.checks]
+    return table(("part", "value"), circuit.parts) + "\n" + table(("what", "needed", "reached"), checks)
