@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.firmware.build import compiler
 from edmctl.jobs.study.folder import open_folder
 from edmctl.results.study import RunState
 from edmctl.simulator.config import CONTROLLERS, FIRMWARE, FIRMWARE_FLOAT, PYTHON
 from tests.cli.commands import SHALLOW
+from tests.firmware_tools import built_here, need_package
 from tests.jobs.studies import FULL, HEAD, RESPONSES, outcome, written
 
 if TYPE_CHECKING:
@@ -25,9 +26,10 @@ key = "servo.reference"
 levels = [0.7, 0.8]
 """
 
-pytestmark = pytest.mark.skipif(
-    not any(shutil.which(name) for name in ("cc", "gcc", "clang")), reason="there is no C compiler"
-)
+
+@pytest.fixture(autouse=True)
+def _with_a_compiler() -> None:
+    built_here(compiler)
 
 
 def test_build_says_what_it_used_and_where_the_library_is(here: Here) -> None:
@@ -54,6 +56,7 @@ def test_the_main_job_comes_out_the_same_under_the_core(here: Here) -> None:
 
 
 def test_runs_of_a_series_come_out_the_same_under_the_core(here: Here) -> None:
+    need_package("unicorn")
     rows = {}
     for controller in CONTROLLERS:
         said = here("simulate", *SHALLOW, "--runs", "1", "--seed", "1", "--controller", controller, "--json")

@@ -12,18 +12,18 @@ import select
 import subprocess
 import sys
 import time
-from importlib.util import find_spec
 from pathlib import Path
-from shutil import which
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from edmctl.firmware.board_build import COMPILERS
 from edmctl.firmware.build import source_version
 from edmctl.link.messages import SCHEMA_HASH, State
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from tests.cli.commands import command, environment
 from tests.firmware.image_bytes import image_bytes
+from tests.firmware_tools import need_board_compiler
 from tests.serving import serving
 
 if TYPE_CHECKING:
@@ -430,16 +430,9 @@ def test_options_of_build_that_do_not_fit_are_refused(here: Here, options: tuple
     assert (said.exit_code, said.document["error"]["code"]) == (2, "E2090")
 
 
-@pytest.mark.parametrize(
-    "compiler",
-    [
-        pytest.param("zig", marks=pytest.mark.skipif(find_spec("ziglang") is None, reason="no zig")),
-        pytest.param(
-            "gcc", marks=pytest.mark.skipif(which("arm-none-eabi-gcc") is None, reason="no GCC for ARM")
-        ),
-    ],
-)
+@pytest.mark.parametrize("compiler", COMPILERS)
 def test_the_board_is_built_as_an_image_of_this_edmctl(here: Here, compiler: str) -> None:
+    need_board_compiler(compiler)
     said = here("firmware", "build", "--board", "stm32f4", "--compiler", compiler, "--json")
     assert said.exit_code == 0, said.err
     built = said.document["result"]

@@ -7,13 +7,11 @@ import subprocess
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import pytest
-
-from edmctl.errors import PreconditionError
 from edmctl.firmware.board_build import COMPILERS, Toolchain, sources_of, toolchain
 from edmctl.firmware.boards import STM32F4
 from edmctl.firmware.build import source_folder
 from edmctl.firmware.image import seal
+from tests.firmware_tools import need_board_compiler
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,10 +45,8 @@ def built(name: str, folder: Path, *flags: str) -> Path:
 
 
 def _tools(name: str) -> Toolchain:
-    try:
-        return toolchain(STM32F4, name)
-    except PreconditionError as error:
-        pytest.skip(error.message)
+    need_board_compiler(name)
+    return toolchain(STM32F4, name)
 
 
 @dataclass(frozen=True)

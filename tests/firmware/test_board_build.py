@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
-import shutil
 import subprocess
 from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.errors import PreconditionError
-from edmctl.firmware.board_build import build_board
+from edmctl.firmware.board_build import COMPILERS, build_board
 from edmctl.firmware.boards import STM32F4
 from edmctl.firmware.build import CACHE_VARIABLE
 from edmctl.firmware.image import read_image
 from edmctl.link.messages import SCHEMA_HASH
 from tests.cli.commands import ROOT, command
+from tests.firmware_tools import need_board_compiler
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,14 +52,11 @@ void reset_handler(void) { for (;;) zero[0] += initial[zero[1]] + edm_image.crc;
 __attribute__((used, section(".vectors"))) const uintptr_t vectors[2] = {0x20000400u, (uintptr_t)reset_handler};
 """.replace("%d", str(SCHEMA_HASH))
 
-COMPILERS = [
-    pytest.param(
-        "zig", marks=pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="no zig")
-    ),
-    pytest.param(
-        "gcc", marks=pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="no GCC for ARM")
-    ),
-]
+
+@pytest.fixture(params=COMPILERS)
+def compiler(request: pytest.FixtureRequest) -> str:
+    need_board_compiler(request.param)
+    return str(request.param)
 
 
 @pytest.fixture
@@ -78,7 +74,6 @@ def built(sources: Path, output: Path, compiler: str) -> BoardBuild:
     return build_board(STM32F4, output, SCHEMA_HASH, compiler, sources)
 
 
-@pytest.mark.parametrize("compiler", COMPILERS)
 def test_three_files_hold_one_image_that_knows_its_size_and_check(
     sources: Path, tmp_path: Path, compiler: str
 ) -> None:
@@ -96,13 +91,11 @@ def test_three_files_hold_one_image_that_knows_its_size_and_check(
     assert (initial.memories, initial.size_bytes) == (("RAM", "flash"), 20)
 
 
-@pytest.mark.parametrize("compiler", COMPILERS)
 def test_the_same_sources_give_the_same_image(sources: Path, tmp_path: Path, compiler: str) -> None:
     first, second = (built(sources, tmp_path / name, compiler) for name in ("one", "two"))
     assert first.bin.read_bytes() == second.bin.read_bytes()
 
 
-@pytest.mark.parametrize("compiler", COMPILERS)
 def test_what_the_compiler_says_is_told(sources: Path, tmp_path: Path, compiler: str) -> None:
     (sources / "board" / "stm32f4" / "main.c").write_text("int main(void) { return wrong; }")
     with pytest.raises(PreconditionError, match="wrong") as caught:
@@ -111,7 +104,6 @@ def test_what_the_compiler_says_is_told(sources: Path, tmp_path: Path, compiler:
     assert not (tmp_path / "image.elf").exists()
 
 
-@pytest.mark.parametrize("compiler", COMPILERS)
 def test_a_program_without_a_record_is_no_image(sources: Path, tmp_path: Path, compiler: str) -> None:
     main = sources / "board" / "stm32f4" / "main.c"
     main.write_text(main.read_text().replace("edm_image", "other"))
@@ -121,9 +113,9 @@ def test_a_program_without_a_record_is_no_image(sources: Path, tmp_path: Path, c
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="no zig")
 def test_the_board_is_built_with_nothing_but_python(tmp_path: Path) -> None:
     """No path, no home, and nothing built before; the bar is 2 min."""
+    need_board_compiler("zig")
     environ = {"PATH": str(tmp_path), CACHE_VARIABLE: str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         command("firmware", "build", "--board", "stm32f4"),
@@ -148,7 +140,6 @@ def test_a_missing_compiler_is_told_with_the_remedy(
     assert (caught.value.code, "edmctl[firmware]" in caught.value.hint) == ("E8093", True)
 
 
-@pytest.mark.parametrize("compiler", COMPILERS)
 def test_a_place_that_cannot_be_written_is_told(sources: Path, tmp_path: Path, compiler: str) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(PreconditionError) as caught:

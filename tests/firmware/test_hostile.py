@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import re
 import shlex
@@ -32,6 +31,7 @@ from edmctl.simulator.plant_interface import Readings
 from edmctl.simulator.servo import hold_at_limit
 from tests.firmware.cuts import cut
 from tests.firmware.test_garbage import SANITIZERS, program
+from tests.firmware_tools import build_with_sanitizers, need_package
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -54,8 +54,7 @@ def test_failed_readings_and_words_end_safe(core: Build, real: str, tmp_path: Pa
 @pytest.mark.parametrize("odds", tiers(slow=(50, 2000), full=(10, 10**9)))
 def test_random_work_on_a_failing_board_stays_safe(core: Build, real: str, odds: int, tmp_path: Path) -> None:
     command = program("hostile", real, tmp_path, SANITIZERS, "-fno-sanitize-recover=all")
-    if subprocess.run(command, capture_output=True, check=False).returncode:
-        pytest.skip("the C compiler has no sanitizers")
+    build_with_sanitizers(command)
     done = subprocess.run([command[-1], "7", "60000", str(odds)], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
 
@@ -179,8 +178,7 @@ def test_a_dead_generator_is_no_open_gap() -> None:
 @pytest.mark.slow
 def test_the_core_builds_for_a_board_without_headers_or_doubles(core: Build, tmp_path: Path) -> None:
     """docs/firmware.md: zig alone is enough, and the core does no arithmetic in double."""
-    if importlib.util.find_spec("ziglang") is None:
-        pytest.skip("the package ziglang is not installed")
+    need_package("ziglang")
     page = (ROOT / "docs/firmware.md").read_text(encoding="utf-8")
     (typed,) = re.findall(r"^ +python (-m ziglang cc .*?) -o board.elf$", page, re.DOTALL | re.MULTILINE)
     made = tmp_path / "board.elf"

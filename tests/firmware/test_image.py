@@ -13,6 +13,7 @@ import pytest
 from edmctl.firmware.build import compiler, source_folder, source_version
 from edmctl.link import messages as m
 from tests.firmware.images import COMPILERS, Elf, built, compile_command, sources
+from tests.firmware_tools import need_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -216,8 +217,10 @@ def test_every_pin_has_one_net() -> None:
 
 def _called(elf: Elf) -> Callable[..., tuple[int, int, int]]:
     """A function of the image called on an emulated processor: (r0, r1, s0) after it."""
-    unicorn = pytest.importorskip("unicorn")
-    arm = pytest.importorskip("unicorn.arm_const")
+    need_package("unicorn")
+    import unicorn
+    from unicorn import arm_const as arm
+
     machine = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
     machine.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
     machine.mem_map(FLASH, 1 << 20)

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.firmware_tools import program
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 SOURCES = sorted(str(path) for part in ("core", "board") for path in FIRMWARE.glob(f"{part}/*.c"))
 REALS = ("-DEDM_REAL_DOUBLE", "-UEDM_REAL_DOUBLE")
 
 pytestmark = pytest.mark.slow
-
-
-def tool(name: str) -> str:
-    """Where a program is: beside Python, or else on the path."""
-    found = shutil.which(name, path=str(Path(sys.executable).parent)) or shutil.which(name)
-    if found is None:
-        pytest.skip(f"no {name} (pip install -e .[test])")
-    return found
 
 
 def said_by(*command: str) -> str:
@@ -33,14 +25,14 @@ def test_clang_tidy_finds_nothing() -> None:
     """In a board's arithmetic; the other differs in a type."""
     assert SOURCES
     options = ("-std=c11", f"-I{FIRMWARE}", f"-I{FIRMWARE / 'core'}")
-    assert said_by(tool("clang-tidy"), "--quiet", *SOURCES, "--", *options) == ""
+    assert said_by(program("clang-tidy"), "--quiet", *SOURCES, "--", *options) == ""
 
 
 @pytest.mark.parametrize("real", REALS)
 def test_cppcheck_finds_nothing(real: str) -> None:
     rules = "--enable=warning,style,performance,portability"
     said = said_by(
-        tool("cppcheck"),
+        program("cppcheck"),
         "--quiet",
         "--std=c11",
         rules,
@@ -61,6 +53,6 @@ def test_the_rules_are_not_empty(tmp_path: Path) -> None:
         "int f(int i) { int a[2] = {0}; if (i == 1) { a[2] = i; } return a[0]; }\n", encoding="utf-8"
     )
     config = f"--config-file={FIRMWARE / '.clang-tidy'}"
-    assert "clang-analyzer" in said_by(tool("clang-tidy"), "--quiet", config, str(wrong), "--", "-std=c11")
+    assert "clang-analyzer" in said_by(program("clang-tidy"), "--quiet", config, str(wrong), "--", "-std=c11")
     cppcheck = ("--quiet", "--error-exitcode=1", str(wrong))
-    assert "arrayIndexOutOfBounds" in said_by(tool("cppcheck"), *cppcheck)
+    assert "arrayIndexOutOfBounds" in said_by(program("cppcheck"), *cppcheck)
