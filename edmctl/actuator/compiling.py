@@ -11,8 +11,9 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numba
-from numba.core import event
+from numba.core import event, sigutils
 from numba.core.caching import FunctionCache
+from numba.core.ccallback import CFunc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -94,6 +95,22 @@ def cached(function: _F) -> _F:
     except RuntimeError:  # numba found no folder that can be written
         _unkept.append("no folder of the program or the user can be written")
     return cast("_F", dispatcher)
+
+
+def callback(signature: object) -> Callable[[Callable[..., Any]], CFunc]:
+    """Compile at once a function that C calls, at its `address`, and keep the code on disk."""
+    given = sigutils.normalize_signature(signature)  # type: ignore[no-untyped-call]
+
+    def compile_it(function: Callable[..., Any]) -> CFunc:
+        made = CFunc(function, given, {}, {})
+        try:
+            made._cache = _Kept(function)  # type: ignore[attr-defined]
+        except RuntimeError:  # numba found no folder that can be written
+            _unkept.append("no folder of the program or the user can be written")
+        made.compile()
+        return made
+
+    return compile_it
 
 
 @contextmanager

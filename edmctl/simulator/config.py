@@ -62,8 +62,8 @@ class SensorConstants:
 
 
 PYTHON, FIRMWARE, FIRMWARE_FLOAT, STM32 = CONTROLLERS = ("python", "firmware", "firmware-float", "stm32")
-"""What can drive a bench: the virtual controller, the firmware's core with its bits, and that with a board's; the image of
-a board on an emulated chip."""
+"""What can drive a bench: the virtual controller; the firmware's core with its bits, and that with a board's; the
+image of a board on an emulated chip."""
 
 
 @dataclass(frozen=True, slots=True)

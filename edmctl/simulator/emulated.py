@@ -1,4 +1,4 @@
-"""The image of a board on an emulated chip, in the place of the virtual controller. For trials from a source tree only."""
+"""The image of a board on an emulated chip, in the place of the virtual controller: from a source tree only."""
 
 from __future__ import annotations
 

@@ -101,9 +101,11 @@ class _Pending:
 
 
 class Counting(Protocol):
-    """Pulses of the last millisecond, packed by class (controller_state.PACK)."""
+    """Counts of the last millisecond."""
 
-    tick_counts: int
+    @property
+    def tick_counts(self) -> int:
+        """Pulses, packed by class (controller_state.PACK)."""
 
 
 class Injected(Protocol):

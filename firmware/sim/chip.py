@@ -1,7 +1,8 @@
 """The processor: memory, exceptions, sleep, reset. One call a millisecond runs its interrupt and its main loop.
 
-Unicorn executes; exceptions are entered and left here, for Unicorn leaves that to whoever uses it: eight words on the stack
-of who was interrupted, room for the registers of the floating-point unit as lazy stacking leaves it (PM0214 §2.3.7).
+Unicorn executes; exceptions are entered and left here, for Unicorn leaves that to whoever uses it: eight words on
+the stack of who was interrupted, room for the registers of the floating-point unit as lazy stacking leaves it
+(PM0214 §2.3.7).
 """
 
 from __future__ import annotations
@@ -15,23 +16,46 @@ from unicorn import Uc, arm_const, unicorn_const
 from unicorn.unicorn_py3.unicorn import uclib
 
 from edmctl.actuator.compiling import compiled
-from firmware_sim import registers as reg
+
+from . import callbacks
+from . import registers as reg
+from .addresses import (
+    MPU_CTRL,
+    NVIC_ISER,
+    PAGE_BYTES,
+    PERIPHERAL_BYTES,
+    PERIPHERALS,
+    RCC,
+    RCC_CSR,
+    RESET_FLAGS,
+    SCB_CFSR,
+    SCB_HFSR,
+    SRAM_AT,
+    SRAM_BYTES,
+    SYSTEM,
+    TIM7,
+    TIM_DIER,
+    TIM_SR,
+    TRACE,
+    register,
+    word,
+)
+from .calling import call
 
 if TYPE_CHECKING:
     from edmctl.firmware.elf import Elf
 
 FLASH_AT, FLASH_BYTES = 0x08000000, 0x200000
-SRAM_AT, SRAM_BYTES = 0x20000000, 0x30000
 CCM_AT, CCM_BYTES = 0x10000000, 0x10000
 SYSTEM_MEMORY_AT, SYSTEM_MEMORY_BYTES = 0x1FFF7000, 0x1000
 _NUMBER = slice(0xA10, 0xA1C)  # of the chip (RM0090 §39.1)
 TICK_HALFWORDS = 168_000
 LOCKED_UP = 0xFFFFFFFE
-_UNMAPPED, _GUARDED = (6, 7, 8), (12, 13, 14)  # Unicorn's words for it
+_UNMAPPED, _GUARDED = (6, 7, 8), (12, 13, 14)  # Unicorn's status: nothing is there, access is not allowed
 _UNTIL = 0xFFFFFFF0  # nothing is there; the end of an exception has an address of its own
 _TIM7 = 55
 _FRAME, _FRAME_WITH_FLOATS = 0x20, 0x68
-_VTOR, _SHCSR, _CFSR, _HFSR, _CPACR, _ISER = 0xD08, 0xD24, 0xD28, 0xD2C, 0xD88, 0x100
+_VTOR, _SHCSR = 0xD08, 0xD24
 _HARD, _MEMORY, _BUS, _USAGE = 3, 4, 5, 6
 
 
@@ -69,15 +93,15 @@ PC_ID = arm_const.UC_ARM_REG_PC
 
 @compiled
 def _transfer(core: np.ndarray, function: int, registers: int, count: int) -> None:
-    reg.call(core[function], (core[ENGINE], core[registers], core[registers + 1], count))  # type: ignore[call-arg]
+    call(core[function], (core[ENGINE], core[registers], core[registers + 1], count))
 
 
 @compiled
 def _go(core: np.ndarray, r: np.ndarray, at: int) -> int:
     """Run to the next sleep, the end of the exception or a stop; Unicorn's status."""
     r[reg.STOP] = 0
-    status = reg.call(core[START], (core[ENGINE], at | 1, _UNTIL, 0, 0))  # type: ignore[call-arg]
-    reg.call(core[READ], (core[ENGINE], PC_ID, core[PC_PLACE]))  # type: ignore[call-arg]
+    status: int = call(core[START], (core[ENGINE], at | 1, _UNTIL, 0, 0))
+    call(core[READ], (core[ENGINE], PC_ID, core[PC_PLACE]))
     core[PC] &= 0xFFFFFFFF
     return status
 
@@ -109,14 +133,14 @@ def run_tick(
     core[SLEEPS] = 0
     if core[PC] == LOCKED_UP:
         return 0
-    if r[reg.SYSTEM_AT + ((_ISER + 4) >> 2)] >> (_TIM7 - 32) & 1 and r[reg.word(reg.TIM7, 0x0C)] & 1:
-        r[reg.word(reg.TIM7, 0x10)] |= 1
+    if r[reg.SYSTEM_AT + ((NVIC_ISER + 4) >> 2)] >> (_TIM7 - 32) & 1 and r[word(TIM7, TIM_DIER)] & 1:
+        r[word(TIM7, TIM_SR)] |= 1
         _transfer(core, READ_SET, _FRAME_SET, 11)
         sp, control = np.int64(frame[8]), np.int64(frame[9])
         floats = control & 4
         new = (sp - (_FRAME_WITH_FLOATS if floats else _FRAME)) & ~7
         frame[6] = core[PC]
-        _push(sram, ccm, new, frame)
+        _push(sram, ccm, int(new), frame)
         entry[0] = control & ~6
         entry[1] = 0xFFFFFFF9 if not control & 2 else 0xFFFFFFED if floats else 0xFFFFFFFD
         entry[2] = frame[10] if control & 2 else new
@@ -139,8 +163,8 @@ def run_tick(
 class Chip:
     """An STM32F429 with an image in its flash.
 
-    number : 12 bytes, the chip's own. r : registers (registers.py). sram, ccm : memory, bytes. resets : causes of the resets
-    so far.
+    number : 12 bytes, the chip's own. r : registers and words of the model (registers.py). sram, ccm : memory,
+    bytes. resets : causes of the resets so far.
     """
 
     def __init__(self, image: Elf, number: bytes) -> None:
@@ -175,9 +199,9 @@ class Chip:
             self._call("uc_mem_map_ptr", at, len(memory), rights, ctypes.c_void_p(memory.ctypes.data))
         words = ctypes.c_void_p(self.r.ctypes.data)
         for at, size, read, write in (
-            (reg.PERIPHERALS, reg.PERIPHERAL_BYTES, reg.on_read, reg.on_write),
-            (reg.SYSTEM, reg.PAGE_BYTES, reg.on_system_read, reg.on_system_write),
-            (reg.TRACE, reg.PAGE_BYTES, reg.on_trace_read, reg.on_trace_write),
+            (PERIPHERALS, PERIPHERAL_BYTES, callbacks.on_read, callbacks.on_write),
+            (SYSTEM, PAGE_BYTES, callbacks.on_system_read, callbacks.on_system_write),
+            (TRACE, PAGE_BYTES, callbacks.on_trace_read, callbacks.on_trace_write),
         ):
             self._call(
                 "uc_mmio_map",
@@ -195,7 +219,7 @@ class Chip:
             "uc_hook_add",
             ctypes.byref(hook),
             unicorn_const.UC_HOOK_BLOCK,
-            ctypes.c_void_p(reg.on_block.address),
+            ctypes.c_void_p(callbacks.on_block.address),
             words,
             ctypes.c_uint64(1),
             ctypes.c_uint64(0),
@@ -222,18 +246,18 @@ class Chip:
 
     # ---------------------------------------------------------------------------------------------- reset
     def reset(self, cause: Reset) -> None:
-        """Start anew: the next ticks run the image from its reset vector. A loss of supply leaves anything in memory."""
+        """Start anew: the next tick begins at the reset vector. A loss of supply leaves anything in memory."""
         self.resets.append(cause)
         r = self.r
         loses_all = cause is Reset.POWER_ON
-        flags = int(r[reg.register(reg.RCC, 0x74)]) & 0xFE000000
+        flags = int(r[register(RCC, RCC_CSR)]) & RESET_FLAGS
         reg.reset_registers(r, keeps_backup=True)
         if loses_all:
             r[reg.DAC_CODE] = 0
             noise = np.random.default_rng(len(self.resets))
             self.sram[:] = noise.integers(0, 256, SRAM_BYTES, np.uint8)
             self.ccm[:] = noise.integers(0, 256, CCM_BYTES, np.uint8)
-        r[reg.register(reg.RCC, 0x74)] = (0 if loses_all else flags) | cause.value
+        r[register(RCC, RCC_CSR)] = (0 if loses_all else flags) | cause.value
         self._open_guard()
         uc = self._engine
         for name in ("CONTROL", "PRIMASK", "BASEPRI", "FAULTMASK"):
@@ -248,6 +272,21 @@ class Chip:
         self.core[HANDLER] = int(self.flash[self._vector(16 + _TIM7)].view("<u4")[0]) & ~1
         self._faulting = False
 
+    @property
+    def program_counter(self) -> int:
+        """Address of the instruction that comes next."""
+        return int(self.core[PC])
+
+    @property
+    def has_set_guard(self) -> bool:
+        """Whether the program has written to the MPU since `close_guard`."""
+        return bool(self.r[reg.MPU_SET])
+
+    def take_gate_changes(self) -> bool:
+        """Whether the timers of the gate were written since this was last asked."""
+        changes, self.r[reg.GATE_CHANGES] = self.r[reg.GATE_CHANGES], 0
+        return bool(changes)
+
     # ------------------------------------------------------------------------------------------ exceptions
     def conclude(self, status: int) -> bool:
         """See to what stopped the processor: the handler of a fault goes on at the next tick. False for a reset."""
@@ -259,7 +298,7 @@ class Chip:
         """Take from the memory what a region of the MPU without access covers (PM0214 §4.2)."""
         r = self.r
         r[reg.MPU_SET] = 0
-        if not reg.system(r, 0xD94) & 1:
+        if not reg.system(r, MPU_CTRL) & 1:
             return
         for region in range(8):
             base, attributes = reg.mpu_region(r, region)
@@ -278,7 +317,7 @@ class Chip:
         return slice(at, at + 4)
 
     def _fault(self, status: int) -> None:
-        """Enter the handler of what could not be executed, on the main stack; a fault in a handler locks the core up.
+        """Enter the handler of what could not be executed, on the main stack. A fault in it locks the core up.
 
         PM0214 §2.4: memory, bus and usage faults where they are enabled (SHCSR), else the hard fault.
         """
@@ -295,9 +334,9 @@ class Chip:
             number, bits = _BUS, 0x0200
         elif status not in (*_GUARDED, *_UNMAPPED) and enabled >> 18 & 1:
             number, bits = _USAGE, 0x00010000
-        reg.set_system(r, _CFSR, reg.system(r, _CFSR) | bits)
+        reg.set_system(r, SCB_CFSR, reg.system(r, SCB_CFSR) | bits)
         if number == _HARD:
-            reg.set_system(r, _HFSR, 0x40000000)
+            reg.set_system(r, SCB_HFSR, 0x40000000)
         engine = self._engine
         control = engine.reg_read(arm_const.UC_ARM_REG_CONTROL)
         engine.reg_write(arm_const.UC_ARM_REG_CONTROL, control & ~6)

@@ -1,12 +1,11 @@
 """The emulated board as a controller of the simulator: the interface of `FirmwareController`, behind a real line.
 
-Bytes take their time, answers come with the millisecond, and the clock runs: the image knows nothing of a driven one. Where
-the host drives the clock, its ADVANCE is answered here, and HELLO's answer is told so.
+Bytes take their time, answers come with the millisecond, and the clock runs: the image knows nothing of a driven
+one. Where the host drives the clock, its ADVANCE is answered here, and HELLO's answer is told so.
 """
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,37 +14,30 @@ from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import (
     Advance,
     AdvanceReply,
-    Clock,
     GetSchema,
     Hello,
-    HelloReply,
     ResetCause,
     State,
     Status,
-    Tlm,
 )
 from edmctl.simulator.injection import Trigger
 from edmctl.simulator.injector import Injector
-from edmctl.simulator.plant_interface import TICK_NS, TICK_S
-from firmware_sim import registers as reg
-from firmware_sim.chip import CCM_AT, FLASH_AT, PC, Chip, ChipFailed, Reset
-from firmware_sim.loop import BITTEN_BY_IWDG, BITTEN_BY_WWDG, CHANGED, FAILED, LOOK, Watch, run
-from firmware_sim.wiring import (
-    LINE_BYTES,
-    NOISE,
-    STEP_DEG,
-    STEP_UM,
-    UNHURRIED,
-    Bench,
-    generator_of,
-)
+from edmctl.simulator.plant_interface import TICK_NS
+
+from .chip import CCM_AT, FLASH_AT, Chip, ChipFailed, Reset
+from .circuit import STEP_DEG, STEP_UM, Bench
+from .converters import NOISE
+from .host_side import REPLY_BIT, Samples, Stm32Link, Waiting
+from .image_memory import MEMBERS, Seen
+from .line import LINE_BYTES
+from .loop import BITTEN_BY_IWDG, BITTEN_BY_WWDG, CHANGED, FAILED, LOOK, Watch, run
+from .pins import generator_of
 
 if TYPE_CHECKING:
-    from edmctl.link.faults import FaultCode
     from edmctl.firmware.elf import Elf
+    from edmctl.link.faults import FaultCode
     from edmctl.simulator.plant import Plant
 
-REPLY_BIT = 0x40
 BAUD = 921_600
 _CAUSES = {
     ResetCause.POWER_ON: Reset.POWER_ON,
@@ -58,156 +50,6 @@ _GREETING_MS = 100
 START_MS = 200
 MOST_AT_ONCE = 50
 """Milliseconds for which random numbers are drawn at once."""
-
-
-MEMBERS = (
-    "tick",
-    "boot_tick",
-    "state",
-    "armed",
-    "keeps.fault",
-    "keeps.boot_count",
-    "box.frozen",
-    "box.frozen_tick",
-    "settings.watchdog_ticks",
-    "parameters.crc",
-    "motion.mode",
-    "gap.tick",
-    "gap.pulse_no",
-    "motion.command_v",
-    "gap.displacement_um",
-    "gap.gap_v",
-    "receiver.bad",
-    "link.drop",
-    "link.frames",
-    "arms",
-    "touch_offs",
-    "readings",
-    "size",
-    "keeps.event_no",
-    "telemetry.counter",
-    "telemetry.pulse_counter",
-)
-"""What the image tells of its controller, `edm_layout` (board/stm32f4/image.c), in its order."""
-
-
-class Stm32Link:
-    """The board's end of the line, with what only a simulator's line does."""
-
-    def __init__(self, controller: Stm32Controller) -> None:
-        self._c = controller
-        self._decoder = FrameDecoder(watch_for_abort=False)
-        self._partial = b""
-        self._out: list[bytes] = []
-        self.driven = False
-        self.urgent = self.due = False
-        self.advanced = False
-        self.replied = False  # to a command, since this was last looked at
-
-    @property
-    def greeting(self) -> bool:
-        """Whether somebody waits for an answer on a driven clock that nobody drives yet."""
-        return self.driven and self.urgent and not self.advanced
-
-    @property
-    def rx_frames(self) -> int:
-        """Commands that came whole, whoever sent them."""
-        return self._c.word("link.frames")
-
-    @property
-    def rx_bad(self) -> int:
-        """Frames dropped for a bad check."""
-        return self._c.word("receiver.bad")
-
-    @property
-    def rx_drop(self) -> int:
-        """Frames dropped for another reason."""
-        return self._c.word("link.drop")
-
-    def sent(self, data: bytes) -> None:
-        """Take bytes that the board has sent; frames are lined up whole."""
-        *whole, self._partial = (self._partial + data).split(b"\0")
-        for piece in whole:
-            if piece:
-                self._line_up(b"\0" + piece + b"\0")
-
-    def _line_up(self, data: bytes) -> None:
-        frame = next(iter(self._decoder.feed(data)), None)
-        if frame is not None:
-            self.urgent = self.urgent or frame.type_id not in UNHURRIED
-            self.replied = self.replied or bool(frame.type_id & REPLY_BIT)
-            if frame.type_id == Hello.ID | REPLY_BIT:
-                self.advanced = False
-                if self.driven and frame.flags == Status.OK:
-                    told = HelloReply.unpack(frame.payload)
-                    told.clock = Clock.DRIVEN
-                    data = encode_frame(*frame[:4], told.pack())
-            data = self._c.telemetry.passes(frame.type_id, data)
-        if data:
-            self._out.append(data)
-
-    def answer(self, data: bytes) -> None:
-        """Send an answer that the board did not give."""
-        self._out.append(data)
-        self.due = True
-
-    def take_output(self) -> bytes:
-        """Hand over everything to be sent."""
-        out = b"".join(self._out)
-        self._out.clear()
-        self.urgent = self.due = False
-        return out
-
-
-class Samples:
-    """What can be wrong with a controller's samples, on their way."""
-
-    lost = frozen = False
-
-    def passes(self, type_id: int, data: bytes) -> bytes:
-        """Return what is sent of a frame."""
-        return b"" if self.lost and type_id == Tlm.ID else data
-
-
-class Seen:
-    """Words of the image's memory by their names, for whoever looks in from outside."""
-
-    def __init__(self, controller: Stm32Controller) -> None:
-        self._c = controller
-
-    @property
-    def tick_counts(self) -> int:
-        """Pulses of the last millisecond, packed by class."""
-        four = self._c.bytes_of("gap.tick", 8).view("<u2").tolist()
-        return sum(n << (12 * k) for k, n in enumerate(four))
-
-    @property
-    def command_v(self) -> float:
-        """Voltage commanded of the actuator."""
-        return float(self._c.bytes_of("motion.command_v", 4).view("<f4")[0])
-
-    @property
-    def watchdog_ticks(self) -> int:
-        """Milliseconds of the host's silence that the board bears."""
-        return self._c.word("settings.watchdog_ticks")
-
-    @property
-    def frozen_tick(self) -> int | None:
-        """When a fault froze the black box; None while it goes on."""
-        if not self._c.bytes_of("box.frozen", 1)[0]:
-            return None
-        return int(self._c.bytes_of("box.frozen_tick", 8).view("<i8")[0]) + self._c.ticks_before
-
-
-class Waiting:
-    """Lets time pass for a host that waits: until an answer is there, at most as long as it would."""
-
-    def __init__(self, controller: Stm32Controller) -> None:
-        self._c = controller
-
-    def wait(self, timeout_s: float) -> None:
-        """Let up to `timeout_s` pass, in whole milliseconds, at least one."""
-        self._c.run(max(1, math.floor(timeout_s / TICK_S + 0.5)), stops_when_sent=True)
 
 
 class Stm32Controller:
@@ -415,6 +257,7 @@ class Stm32Controller:
     def _loop(self, ticks: int, stops_when_sent: bool) -> int:
         plant, chip = self.plant, self.chip
         plant.random.provide(plant.state, ticks * (TICK_NS // plant.unit.pulse_period_ns + 2), 4 * ticks)
+        frame, entry, leave = chip.buffers
         reason: int = run(
             ticks,
             stops_when_sent,
@@ -423,7 +266,9 @@ class Stm32Controller:
             chip.r,
             chip.sram,
             chip.ccm,
-            *chip.buffers,
+            frame,
+            entry,
+            leave,
             self.bench.shared,
             self._rx,
             self._tx,
@@ -448,7 +293,7 @@ class Stm32Controller:
         if reason == LOOK:
             self.plant.look()
         elif reason == FAILED:
-            if self.chip.r[reg.MPU_SET]:
+            if self.chip.has_set_guard:
                 self.chip.close_guard()
             if not self.chip.conclude(self.watch.status):
                 self._start(Reset.SOFTWARE)
@@ -461,8 +306,7 @@ class Stm32Controller:
 
     def _follow(self) -> None:
         """Carry what the image has set on to the machine, and tell whoever waits for a trigger."""
-        if self.chip.r[reg.GATE_CHANGES]:
-            self.chip.r[reg.GATE_CHANGES] = 0
+        if self.chip.take_gate_changes():
             self._set_generator()
         if self.bench.moved:
             self._move_stages()
@@ -488,7 +332,10 @@ class Stm32Controller:
         self.plant.set_generator(*setting)
 
     def _move_stages(self) -> None:
-        """Carry step pulses to the stages: along a path while there are sparks or a scan goes on, else to a place at the end."""
+        """Carry step pulses to the stages.
+
+        While there are sparks or a scan goes on the tool follows them; otherwise the stages land where they end.
+        """
         plant, bench = self.plant, self.bench
         steps = bench.array("steps")
         way = steps * (STEP_UM, STEP_UM, STEP_DEG)
@@ -532,11 +379,11 @@ class Stm32Controller:
             if self.bench.ticks > 1:
                 return
         raise ChipFailed(
-            f"the image does not come to its main loop; it stands at {int(self.chip.core[PC]):#x}"
+            f"the image does not come to its main loop; it stands at {self.chip.program_counter:#x}"
         )
 
     def raise_fault(self, code: FaultCode, detail: int = 0) -> None:
-        """Let as much of the board's time pass as it takes to find out that the host is silent: nothing else is asked for."""
+        """Let the time pass in which the board finds out that the host is silent: no other fault is asked for."""
         self.advance(self.loop.watchdog_ticks + 1)
 
     def reset(self, cause: ResetCause) -> None:

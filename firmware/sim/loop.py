@@ -4,37 +4,39 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from edmctl.actuator.compiling import cached, compiled
 from edmctl.simulator.records import Record, record
-from firmware_sim import registers as reg
-from firmware_sim.chip import run_tick
-from firmware_sim.wiring import run_millisecond
+
+from . import registers as reg
+from .addresses import IWDG, IWDG_PR, IWDG_RLR, WWDG, WWDG_CFR, WWDG_CR, word
+from .chip import run_tick
+from .wiring import run_millisecond
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy as np
+
     from edmctl.simulator.plant_interface import Drive, Readings
     from edmctl.simulator.plant_state import PlantState, Scope, Unit
     from edmctl.simulator.records import Floats
-    from firmware_sim.wiring import Bench
+
+    from .circuit import Bench
 
 DONE, LOOK, CHANGED, FAILED, BITTEN_BY_WWDG, BITTEN_BY_IWDG, SENT = range(7)
-"""Why the loop came back: time over; look under the tool; generator, stages or triggers changed; the processor stopped or asks
-for a reset; a watchdog; a frame that somebody waits for."""
-WWDG_HZ = 42e6 / 4096
-MOST_SENT = 3000
+"""Why the loop came back: time over; look under the tool; generator, stages or triggers changed; the processor
+stopped or asks for a reset; a watchdog; a frame that somebody waits for."""
+_WWDG_HZ = 42e6 / 4096  # PCLK1 over 4096, before the divider of WWDG_CFR (RM0090 §22.4)
+_LSI_KHZ = 32  # the independent watchdog's clock (§21.3)
+_MOST_SENT = 3000
+"""Bytes of the line that wait for Python at most."""
 
 
 @record
 class Watch(Record):
-    """What the loop watches.
+    """What the loop watches."""
 
-    is_due : the chip's interrupt of the last millisecond is still to come.
-    """
-
-    is_due: int
+    is_due: int  # 1: the chip's interrupt of the last millisecond is still to come
     status: int  # of the processor, where it failed
     wwdg_silent: int  # milliseconds since they were fed
     iwdg_silent: int
@@ -50,7 +52,7 @@ class Watch(Record):
 @compiled
 def word_of(memory: np.ndarray, at: int) -> int:
     """A word of memory."""
-    return memory[at] | memory[at + 1] << 8 | memory[at + 2] << 16 | memory[at + 3] << 24
+    return int(memory[at] | memory[at + 1] << 8 | memory[at + 2] << 16 | memory[at + 3] << 24)
 
 
 @cached
@@ -96,13 +98,12 @@ def run(
                 return FAILED
             watch.wwdg_silent = 0 if r[reg.WWDG_FED] else watch.wwdg_silent + 1
             watch.iwdg_silent = 0 if r[reg.IWDG_FED] else watch.iwdg_silent + 1
-            control, setting = r[reg.word(reg.WWDG, 0)], r[reg.word(reg.WWDG, 4)]
+            control, setting = r[word(WWDG, WWDG_CR)], r[word(WWDG, WWDG_CFR)]
             counts = ((control & 0x7F) - 0x3F) << (setting >> 7 & 3)
-            if control & 0x80 and watch.wwdg_silent * WWDG_HZ >= counts * 1000.0:
+            if control & 0x80 and watch.wwdg_silent * _WWDG_HZ >= counts * 1000.0:
                 return BITTEN_BY_WWDG
-            # LSI of 32 kHz (RM0090 §21.3).
-            period = ((r[reg.word(reg.IWDG, 8)] & 0xFFF) + 1) * (4 << min(r[reg.word(reg.IWDG, 4)] & 7, 6))
-            if r[reg.IWDG_RUNS] and watch.iwdg_silent * 32 >= period:
+            period = ((r[word(IWDG, IWDG_RLR)] & 0xFFF) + 1) * (4 << min(r[word(IWDG, IWDG_PR)] & 7, 6))
+            if r[reg.IWDG_RUNS] and watch.iwdg_silent * _LSI_KHZ >= period:
                 return BITTEN_BY_IWDG
             counted = bench.ticks > 0 and (
                 word_of(ccm, watch.arms_at) != watch.arms or word_of(ccm, watch.touches_at) != watch.touches
@@ -117,6 +118,6 @@ def run(
             return LOOK
         if bench.moved:
             return CHANGED
-        if bench.tx_size > MOST_SENT or (stops_when_sent and bench.urgent):
+        if bench.tx_size > _MOST_SENT or (stops_when_sent and bench.urgent):
             return SENT
     return DONE

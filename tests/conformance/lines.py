@@ -63,7 +63,10 @@ def count_to_the_wrap(bench: Any) -> None:
 
 
 def shorten_waveforms(bench: Any, samples: int) -> int:
-    """Give the virtual controller a memory for so many samples of a waveform; returns what it has: a chip has its own."""
+    """Give the virtual controller a memory for so many samples of a waveform, and return what it has.
+
+    That of a board is as large as it is.
+    """
     if bench.plant.config.controller == STM32:
         return STM32_WAVEFORMS
     bench.controller.waveforms.memory = samples

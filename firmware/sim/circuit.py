@@ -1,0 +1,75 @@
+"""What lies between chip and plant: the scales of the circuit, and what it keeps from one millisecond to the next.
+
+The scales are those of firmware/board/scale.h, written here once more from the circuit's side.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.simulator.records import Record, record, series
+
+if TYPE_CHECKING:
+    from edmctl.simulator.records import Floats
+
+QUEUE = 256
+"""Pulses whose edges are kept; a power of two."""
+
+# Volts, amperes, micrometres, degrees Celsius and litres a minute at 3.3 V; pairs begin with what is meant by 0 V.
+GAP_V, GAP_A = 330.0, 12.0
+MONITOR_V = (-5.0, 165.0)
+DISPLACEMENT_UM = (-50.0, 450.0)
+TEMPERATURE_C, FLOW_LPM = 100.0, 5.0
+SET_V, SET_A = 330.0, 12.0
+DAC_V = 0.0025  # a count of the actuator's converter
+STEP_UM, STEP_DEG = 0.1, 0.001
+STAGE_TICKS = 10  # the work under a moving tool is looked up so often
+REST_TICKS = 3  # without a step: the stages have arrived
+PUMP_TICKS = 3  # the charge pump of the high voltage holds so long [assumed]
+SWITCH_OFF_NS = 5000.0  # from MOE to the open switch; the protocol asks for 10 µs
+
+
+@record
+class Bench(Record):
+    """What lies between chip and plant."""
+
+    ticks: int  # since the chip's timers were started
+    rate: int  # bytes of the line in 1000 s
+    receives: int  # share of a byte that the line has left, of 1000 s
+    sends: int
+    rx_head: int  # bytes of `rx` before it are in the chip's ring
+    rx_tail: int
+    tx_size: int  # bytes in `tx`
+    frame_bytes: int  # of the frame that is being sent, and its type
+    frame_type: int
+    urgent: int  # 1: a frame has gone out that somebody waits for
+    line_low: int  # 1: something holds the line low
+    alive_ticks: int  # since the pump last saw an edge
+    alive_edges: int
+    gate_starts: int
+    was_on: int
+    off_ns: float  # when the switch opened last, and pulses in flight ended
+    noise_at: int
+    queue_head: int  # of the pulses, in the order of their begin
+    starts_at: int  # next pulse whose edge is to come, channel by channel
+    ignitions_at: int
+    ends_at: int
+    had_contact: int
+    estop: int
+    door: int
+    hv_ok: int
+    level_ok: int
+    limit: int
+    over_current: int
+    flow_lpm: float
+    temperature_c: float
+    adc_stuck: int  # the fast converters say what they said
+    dac_dead: int  # the actuator's converter says nothing
+    actuator_code: int
+    moved: int  # 0: the stages rest; 1: steps have come; 2: and are over
+    travels: int
+    rest_ticks: int  # since the last step
+    steps: Floats = series(3)  # of the stages, signed, since they were last taken
+    start_ns: Floats = series(QUEUE)
+    ignition_ns: Floats = series(QUEUE)  # no discharge: -1
+    end_ns: Floats = series(QUEUE)

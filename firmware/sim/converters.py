@@ -1,0 +1,189 @@
+"""The analog side: what ADC1 and ADC2 sample of the gap at 1 MHz, and ADC3 of everything slow at 16 kHz."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from edmctl.actuator.compiling import compiled
+from edmctl.simulator.plant_state import SCOPE_PULSES
+
+from .addresses import (
+    ADC,
+    ADC2,
+    ADC3,
+    ADC_CCR,
+    ADC_CDR,
+    ADC_CR1,
+    ADC_CR2,
+    ADC_DR,
+    ADC_SMPR2,
+    ADC_SQR1,
+    ADC_SQR3,
+    DMA2,
+    PORT_C,
+    TIM4,
+    TIM8,
+    TIM_ARR,
+    TIM_CCER,
+    TIM_CR1,
+    TIM_CR2,
+    TIM_PSC,
+    address,
+    word,
+)
+from .circuit import DISPLACEMENT_UM, FLOW_LPM, GAP_A, GAP_V, MONITOR_V, TEMPERATURE_C
+from .dma import put
+from .pins import pin_is
+from .registers import SAMPLES_FROM
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from edmctl.simulator.plant_interface import Readings
+    from edmctl.simulator.plant_state import Scope, Unit
+    from edmctl.simulator.records import Floats
+
+    from .circuit import Bench
+
+NOISE = 8192
+"""Random numbers of the converters, used in a ring; a power of two."""
+_FAST_AT, _SLOW_AT = address(ADC, ADC_CDR), address(ADC, ADC3 + ADC_DR)
+_CC4E = 1 << 12
+_FULL = 4096.0  # counts at 3.3 V
+CONVERTER_NOISE = 1.0  # counts, rms, of the slow converter [assumed]
+RISE_US, BREAKDOWN_US, CURRENT_US, DECAY_US = 0.5, 0.1, 0.3, 2.0  # as simulator/fault_recorder.py has them
+PLATEAU_NOISE, VOLTAGE_NOISE_V, CURRENT_NOISE_A = 0.025, 0.05, 0.0005
+
+
+@compiled
+def count(value: float, low: float, high: float, noise: float) -> int:
+    """Count of a 12-bit converter; what is no number stands at its rail."""
+    if math.isnan(value):
+        return 0
+    return int(min(4095.0, max(0.0, (value - low) / (high - low) * _FULL + noise + 0.5)))
+
+
+@compiled
+def converts(r: np.ndarray) -> bool:
+    """Whether ADC1 and ADC2 convert gap voltage and current at 1 MHz (RM0090 §13.9.2, 13.13)."""
+    timer = r[word(TIM8, TIM_CR1)] & 1 and r[word(TIM8, TIM_CR2)] & 0x70 == 0x20
+    if not timer or (r[word(TIM8, TIM_PSC)] + 1) * (r[word(TIM8, TIM_ARR)] + 1) != 168:
+        return False
+    first, second, common = r[word(ADC, ADC_CR2)], r[word(ADC, ADC2 + ADC_CR2)], r[word(ADC, ADC_CCR)]
+    triggered = first >> 28 & 3 == 1 and first >> 24 & 15 == 14
+    dual = common & 0x1F == 6 and common >> 14 & 3 == 2 and common >> 13 & 1
+    # 84 MHz over 2, 4, 6 or 8: at most 36 MHz, and 12 + 3 clocks in less than 1 µs.
+    quick = common >> 16 & 3 == 1 and r[word(ADC, ADC_SMPR2)] == 0 and r[word(ADC, ADC2 + ADC_SMPR2)] == 0
+    inputs = r[word(ADC, ADC_SQR3)] & 31 == 10 and r[word(ADC, ADC2 + ADC_SQR3)] & 31 == 13
+    pins = pin_is(r, PORT_C, 0, 3, 0) and pin_is(r, PORT_C, 3, 3, 0)
+    return bool(first & 1 and second & 1 and triggered and dual and quick and inputs and pins)
+
+
+@compiled
+def sample_gap(
+    r: np.ndarray,
+    memory: np.ndarray,
+    bench: Bench,
+    unit: Unit,
+    scope: Scope,
+    readings: Readings,
+    noise: Floats,
+    begin_ns: float,
+) -> None:
+    """A thousand samples of gap voltage and current: what an oscilloscope would show of the newest pulses."""
+    if not converts(r) or bench.adc_stuck:
+        return
+    newest = scope.at
+    oldest = max(0, newest - SCOPE_PULSES)
+    at = newest - readings.pulses
+    # The pulse that was under way when the millisecond began, if there is one.
+    if at > oldest and scope.start_ns[(at - 1) & (SCOPE_PULSES - 1)] < begin_ns:
+        at -= 1
+    while at < newest and scope.start_ns[at & (SCOPE_PULSES - 1)] < begin_ns - 2e9:
+        at += 1
+    open_v, on_us = unit.open_v, unit.on_time_us
+    n = bench.noise_at
+    k = r[SAMPLES_FROM] // 168
+    r[SAMPLES_FROM] = 0
+    while k < 1000:
+        t_ns = begin_ns + k * 1000.0
+        while at + 1 < newest and scope.start_ns[(at + 1) & (SCOPE_PULSES - 1)] <= t_ns:
+            at += 1
+        v, a, lively = 0.0, 0.0, VOLTAGE_NOISE_V
+        place = at & (SCOPE_PULSES - 1)
+        start = scope.start_ns[place]
+        if at < newest and at >= 0 and 0.0 <= t_ns - start < 1e9:
+            t = (t_ns - start) * 1e-3
+            delay, burns, plateau = scope.delay_us[place], scope.discharge_us[place], scope.plateau_v[place]
+            opens = min(on_us, delay + burns)
+            if start < bench.off_ns:
+                opens = min(opens, (bench.off_ns - start) * 1e-3)
+            delay = min(delay, opens)
+            current = (open_v - plateau) * scope.siemens[place]
+            if t < delay:
+                v = open_v if t > 5.0 else open_v * (1.0 - math.exp(-t / RISE_US))
+            elif t < opens:
+                lit = open_v if delay > 5.0 else open_v * (1.0 - math.exp(-delay / RISE_US))
+                since = t - delay
+                v = plateau if since > 2.0 else plateau + (lit - plateau) * math.exp(-since / BREAKDOWN_US)
+                a = current if since > 3.0 else current * (1.0 - math.exp(-since / CURRENT_US))
+                lively += PLATEAU_NOISE * plateau
+            else:
+                since = t - opens
+                if since < 20.0:
+                    last_v = open_v if delay > 5.0 else open_v * (1.0 - math.exp(-delay / RISE_US))
+                    if opens > delay:
+                        last_v = plateau + (last_v - plateau) * math.exp(-(opens - delay) / BREAKDOWN_US)
+                        a = (
+                            current
+                            * (1.0 - math.exp(-(opens - delay) / CURRENT_US))
+                            * math.exp(-since / CURRENT_US)
+                        )
+                    v = last_v * math.exp(-since / DECAY_US)
+                if burns > 0.0 and scope.leak_a[place] > 0.0 and not start < bench.off_ns:
+                    a += scope.leak_a[place]
+            v *= unit.gap_wire
+            if scope.stuck_v[place] >= 0.0:
+                v = scope.stuck_v[place]
+        elif not bench.was_on and readings.gap_v > 0.0:  # a gap at rest, with a voltage from elsewhere
+            v = readings.gap_v
+        volts = count(v + lively * noise[n & (NOISE - 1)], 0.0, GAP_V, 0.0)
+        amperes = count(a + CURRENT_NOISE_A * noise[n + 1 & (NOISE - 1)], 0.0, GAP_A, 0.0)
+        n += 2
+        put(r, memory, DMA2, 4, 0, _FAST_AT, 4, volts | amperes << 16)
+        k += 1
+    bench.noise_at = n
+
+
+@compiled
+def sample_slow(r: np.ndarray, memory: np.ndarray, bench: Bench, readings: Readings, noise: Floats) -> None:
+    """Sixteen scans of ADC3: monitor, displacement, temperature, flow (RM0090 §13.3.6, 13.8.1)."""
+    rate = (r[word(TIM4, TIM_PSC)] + 1) * (r[word(TIM4, TIM_ARR)] + 1)
+    timer = r[word(TIM4, TIM_CR1)] & 1 and r[word(TIM4, TIM_CCER)] & _CC4E and rate == 84_000_000 // 16_000
+    control = r[word(ADC, ADC3 + ADC_CR2)]
+    set_up = (
+        control & 0x301 == 0x301
+        and control >> 28 & 3 != 0
+        and control >> 24 & 15 == 9
+        and r[word(ADC, ADC3 + ADC_CR1)] & 0x100
+        and r[word(ADC, ADC3 + ADC_SQR1)] >> 20 & 15 == 3
+        and r[word(ADC, ADC3 + ADC_SQR3)] & 0xFFFFF == 9 | 15 << 5 | 8 << 10 | 14 << 15
+    )
+    if not (timer and set_up):
+        return
+    n = bench.noise_at
+    for _ in range(16):
+        for i in range(4):
+            x = CONVERTER_NOISE * noise[n & (NOISE - 1)]
+            n += 1
+            if i == 0:
+                value = count(readings.monitor_v, MONITOR_V[0], MONITOR_V[1], x)
+            elif i == 1:
+                value = count(readings.sensor_um, DISPLACEMENT_UM[0], DISPLACEMENT_UM[1], x)
+            elif i == 2:
+                value = count(bench.temperature_c, 0.0, TEMPERATURE_C, x)
+            else:
+                value = count(bench.flow_lpm, 0.0, FLOW_LPM, x)
+            put(r, memory, DMA2, 0, 2, _SLOW_AT, 2, value)
+    bench.noise_at = n

@@ -1,0 +1,155 @@
+"""What the pins tell the machine, and what the machine shows them. Which pin is what: firmware/board/stm32f4/pins.h.
+
+A peripheral that the image has not set up rightly does not work here either.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.actuator.compiling import cached, compiled
+
+from .addresses import (
+    BIF,
+    BKE,
+    BKP,
+    DAC,
+    DAC_CR,
+    DAC_DHR12R1,
+    DAC_DHR12R2,
+    GPIO_AFRH,
+    GPIO_AFRL,
+    GPIO_MODER,
+    GPIO_ODR,
+    MOE,
+    PORT_C,
+    PORT_E,
+    PORT_F,
+    TIM1,
+    TIM3,
+    TIM10,
+    TIM11,
+    TIM13,
+    TIM_ARR,
+    TIM_BDTR,
+    TIM_CCER,
+    TIM_CCMR1,
+    TIM_CCR1,
+    TIM_CCR2,
+    TIM_CR1,
+    TIM_PSC,
+    TIM_SMCR,
+    TIM_SR,
+    word,
+)
+from .circuit import DAC_V, PUMP_TICKS, REST_TICKS, SET_A, SET_V, STAGE_TICKS
+from .registers import ALIVE_EDGES, DAC_CODE, GATE_STARTS, IS_BROKEN, PINS, gate_off
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from edmctl.simulator.plant_interface import Drive, Readings
+
+    from .circuit import Bench
+
+
+@compiled
+def pin_is(r: np.ndarray, port: int, pin: int, mode: int, function: int) -> bool:
+    """Whether a pin has a mode (RM0090 §8.4.1) and, for mode 2, an alternate function."""
+    if r[word(port, GPIO_MODER)] >> 2 * pin & 3 != mode:
+        return False
+    return mode != 2 or r[word(port, GPIO_AFRL if pin < 8 else GPIO_AFRH)] >> 4 * (pin & 7) & 15 == function
+
+
+@compiled
+def gate_is_on(r: np.ndarray) -> bool:
+    """Whether TIM1 drives the gate: PWM mode 1, counter, output and main output on (RM0090 §17.3.9, 17.4)."""
+    runs = (
+        r[word(TIM1, TIM_CR1)] & 1
+        and r[word(TIM1, TIM_CCER)] & 3 == 1
+        and r[word(TIM1, TIM_CCMR1)] & 0x73 == 0x60
+    )
+    return bool(runs and r[word(TIM1, TIM_BDTR)] & MOE and pin_is(r, PORT_E, 9, 2, 1))
+
+
+@compiled
+def steps_of(r: np.ndarray, page: int, clock_khz: int, port_pin: int, function: int) -> int:
+    """Step pulses of a millisecond: the timer's overflows since its last update event."""
+    if not r[word(page, TIM_CR1)] & 1 or r[word(page, TIM_CCER)] & 3 != 1 or r[word(page, TIM_CCR1)] == 0:
+        return 0
+    if not pin_is(r, PORT_F, port_pin, 2, function) or r[word(page, TIM_CCMR1)] & 0x70 != 0x60:
+        return 0
+    ticks = (r[word(page, TIM_PSC)] + 1) * (r[word(page, TIM_ARR)] + 1)
+    return int((clock_khz + ticks // 2) // ticks)
+
+
+@compiled
+def lead(r: np.ndarray, bench: Bench, drive: Drive) -> None:
+    """What the pins tell the machine for the millisecond that begins."""
+    if r[ALIVE_EDGES] != bench.alive_edges:
+        bench.alive_edges = r[ALIVE_EDGES]
+        bench.alive_ticks = 0
+    else:
+        bench.alive_ticks += 1
+    chain_open = bench.estop or bench.door or bench.over_current
+    r[IS_BROKEN] = 1 if chain_open else 0
+    if chain_open and r[word(TIM1, TIM_BDTR)] & BKE and not r[word(TIM1, TIM_BDTR)] & BKP:
+        r[word(TIM1, TIM_SR)] |= BIF
+        gate_off(r)
+    if not bench.dac_dead:
+        bench.actuator_code = r[DAC_CODE]
+    drive.actuator_v = bench.actuator_code * DAC_V
+    enabled = bench.alive_ticks <= PUMP_TICKS and bench.hv_ok
+    machines = pin_is(r, PORT_F, 14, 1, 0) and r[word(PORT_F, GPIO_ODR)] >> 14 & 1
+    on = gate_is_on(r) and enabled and machines
+    if on and (not bench.was_on or r[GATE_STARTS] != bench.gate_starts):
+        drive.pulse_starts += 1
+    bench.gate_starts = r[GATE_STARTS]
+    bench.was_on = 1 if on else 0
+    drive.pulses_on = bench.was_on
+    moves = False
+    for axis in range(3):
+        page, clock, function = (
+            (TIM10, 168_000, 3) if axis == 0 else (TIM11, 168_000, 3) if axis == 1 else (TIM13, 84_000, 9)
+        )
+        n = steps_of(r, page, clock, 6 + axis, function)
+        bench.steps[axis] += n if r[word(PORT_F, GPIO_ODR)] >> axis & 1 else -n
+        moves = moves or n != 0
+    if moves:
+        bench.rest_ticks = 0
+        bench.travels += 1
+        if bench.travels % STAGE_TICKS == 0:
+            bench.moved = 1
+    elif bench.travels:
+        bench.rest_ticks += 1
+        if bench.rest_ticks >= REST_TICKS:
+            bench.travels, bench.moved = 0, 2
+
+
+@compiled
+def show(r: np.ndarray, bench: Bench, readings: Readings) -> None:
+    """Levels of the input pins at the end of the millisecond."""
+    r[PINS + 6] = (
+        (0 if bench.estop else 1) | (0 if bench.door else 2) | (bench.hv_ok << 2) | (bench.level_ok << 3)
+    )
+    r[PINS + 6] |= 0 if bench.limit else 16
+    r[PINS + 5] = readings.contact << 13
+    r[PINS + 3] = 0 if bench.line_low else 1 << 9
+    r[PINS + 4] = 0 if r[IS_BROKEN] else 1 << 15
+
+
+@cached
+def generator_of(r: np.ndarray) -> tuple[float, float, float, float, float]:
+    """What TIM1, TIM3 and the DAC set the generator to: on-time and off-time, µs, V, A, discharge time, µs, or 0."""
+    scale = (r[word(TIM1, TIM_PSC)] + 1) / 168.0
+    on_us = r[word(TIM1, TIM_CCR1)] * scale
+    period_us = (r[word(TIM1, TIM_ARR)] + 1) * scale
+    control = r[word(DAC, DAC_CR)]
+    open_v = r[word(DAC, DAC_DHR12R1)] / 4095.0 * SET_V if control & 1 else 0.0
+    peak_a = r[word(DAC, DAC_DHR12R2)] / 4095.0 * SET_A if control >> 16 & 1 else 0.0
+    set_us = 0.0
+    ends = r[word(TIM1, TIM_CCMR1)] & 0x80 and pin_is(r, PORT_E, 7, 2, 1)
+    timed = r[word(TIM3, TIM_CR1)] & 8 and pin_is(r, PORT_C, 6, 2, 2) and pin_is(r, PORT_C, 7, 2, 2)
+    if ends and timed and r[word(TIM3, TIM_SMCR)] & 7 == 6:
+        set_us = r[word(TIM3, TIM_CCR2)] * (r[word(TIM3, TIM_PSC)] + 1) / 84.0
+    return on_us, period_us - on_us, open_v, peak_a, set_us
