@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
     from edmctl.simulator.plant import Plant
 
-_PACKAGE = "firmware_sim"
+PACKAGE = "firmware_sim"
+"""Name under which firmware/sim is loaded."""
 
 
 def emulated_controller(plant: Plant) -> Any:
@@ -32,7 +33,7 @@ def emulated_controller(plant: Plant) -> Any:
     Raises PreconditionError: E8093, E8094 where it cannot be built, E8095 where there is no emulator.
     """
     _emulator()
-    controller: Any = importlib.import_module(f"{_PACKAGE}.controller")
+    controller: Any = importlib.import_module(f"{PACKAGE}.controller")
     return controller.Stm32Controller(plant, image())
 
 
@@ -55,20 +56,29 @@ def image(compiler: str | None = None) -> Elf:
 
 def _emulator() -> ModuleType:
     """Load firmware/sim, which no package carries."""
-    if _PACKAGE in sys.modules:
-        return sys.modules[_PACKAGE]
+    if PACKAGE in sys.modules:
+        return sys.modules[PACKAGE]
     folder = source_folder() / "sim"
     start = folder / "__init__.py"
-    if not start.is_file() or importlib.util.find_spec("unicorn") is None:
+    if not start.is_file() or not _has_unicorn():
         raise PreconditionError(
             "There is no emulator of the board here.",
             hint='It runs from a source tree with `pip install -e ".[test]"`.',
             code="E8095",
         )
-    spec = importlib.util.spec_from_file_location(_PACKAGE, start, submodule_search_locations=[str(folder)])
+    spec = importlib.util.spec_from_file_location(PACKAGE, start, submodule_search_locations=[str(folder)])
     assert spec is not None
     assert spec.loader is not None
     package = importlib.util.module_from_spec(spec)
-    sys.modules[_PACKAGE] = package
+    sys.modules[PACKAGE] = package
     spec.loader.exec_module(package)
     return package
+
+
+def _has_unicorn() -> bool:
+    """Whether the package that executes the instructions is installed, with its library."""
+    try:
+        importlib.import_module("unicorn")
+    except ImportError:
+        return False
+    return True

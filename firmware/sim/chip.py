@@ -60,7 +60,7 @@ _HARD, _MEMORY, _BUS, _USAGE = 3, 4, 5, 6
 
 
 class Reset(Enum):
-    """Why the chip starts, as the flags of RCC_CSR tell it (RM0090 §7.3.21)."""
+    """Why the chip starts, as the flags of RCC_CSR tell it (RM0090 §6.3.21)."""
 
     POWER_ON = 0x0E000000
     BROWN_OUT = 0x06000000

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 def put(
     r: np.ndarray, memory: np.ndarray, dma: int, stream: int, channel: int, source: int, size: int, value: int
 ) -> None:
-    """One request of a peripheral: its stream carries a value of `size` bytes from the address `source` to the
-    memory.
+    """One request of the register at the address `source`: the stream carries `size` bytes of a value to the memory.
 
     A stream that is off, or set up for another request, does nothing; with other widths it is an error of the image.
     """

@@ -22,9 +22,12 @@ from .addresses import (
     GPIO_MODER,
     GPIO_ODR,
     MOE,
+    PORT_A,
     PORT_C,
+    PORT_D,
     PORT_E,
     PORT_F,
+    PORT_G,
     TIM1,
     TIM3,
     TIM10,
@@ -129,13 +132,11 @@ def lead(r: np.ndarray, bench: Bench, drive: Drive) -> None:
 @compiled
 def show(r: np.ndarray, bench: Bench, readings: Readings) -> None:
     """Levels of the input pins at the end of the millisecond."""
-    r[PINS + 6] = (
-        (0 if bench.estop else 1) | (0 if bench.door else 2) | (bench.hv_ok << 2) | (bench.level_ok << 3)
-    )
-    r[PINS + 6] |= 0 if bench.limit else 16
-    r[PINS + 5] = readings.contact << 13
-    r[PINS + 3] = 0 if bench.line_low else 1 << 9
-    r[PINS + 4] = 0 if r[IS_BROKEN] else 1 << 15
+    closed = (0 if bench.estop else 1) | (0 if bench.door else 2) | (0 if bench.limit else 16)
+    r[PINS + PORT_G - PORT_A] = closed | (bench.hv_ok << 2) | (bench.level_ok << 3)
+    r[PINS + PORT_F - PORT_A] = readings.contact << 13
+    r[PINS + PORT_D - PORT_A] = 0 if bench.line_low else 1 << 9
+    r[PINS + PORT_E - PORT_A] = 0 if r[IS_BROKEN] else 1 << 15
 
 
 @cached
