@@ -29,7 +29,7 @@ class SimSettings(Table):
         le=100.0,
         description="wear of the tool over that of copper; else by its material",
     )
-    controller: Literal["python", "firmware", "firmware-float"] = Field(
+    controller: Literal["python", "firmware", "firmware-float", "stm32"] = Field(
         "python",
         description="what drives it: the virtual controller, the firmware's core, or that in a board's arithmetic",
     )
