@@ -68,7 +68,7 @@ ControllerOption: TypeAlias = Annotated[
     str | None,
     typer.Option(
         "--controller",
-        metavar="python|firmware|firmware-float",
+        metavar="python|firmware|firmware-float|stm32",
         help="What drives a new virtual machine, as sim.controller says. Default: python.",
     ),
 ]

@@ -31,7 +31,8 @@ class SimSettings(Table):
     )
     controller: Literal["python", "firmware", "firmware-float", "stm32"] = Field(
         "python",
-        description="what drives it: the virtual controller, the firmware's core, or that in a board's arithmetic",
+        description="what drives it: the virtual controller, the firmware's core, that in a board's arithmetic, "
+        "or the image of a board",
     )
     spread: float = Field(
         0.03, ge=0.0, le=0.5, description="relative sd by which every machine differs from the figures below"
