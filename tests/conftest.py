@@ -6,15 +6,12 @@ import os
 import signal
 import sys
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
+import pytest
 from hypothesis import settings
 
 from edmctl.cli.start_up import spare_start_up
 from edmctl.firmware.build import CACHE_VARIABLE
-
-if TYPE_CHECKING:
-    import pytest
 
 # A busy machine is no failure, the same tree gives the same examples, and nothing is left in the tree.
 settings.register_profile("edmctl", deadline=None, derandomize=True, database=None)
@@ -54,6 +51,12 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile once before the workers begin, who would all do it otherwise, and the servers that they wait for."""
     if getattr(session.config.option, "numprocesses", None):
+        from edmctl.errors import PreconditionError
         from edmctl.simulator import BenchConfig, open_bench
 
         open_bench(BenchConfig(), 0).warm_up()
+        controller = session.config.getoption("--controller", default="python")
+        try:
+            open_bench(BenchConfig(controller=controller), 0).warm_up()
+        except PreconditionError as error:
+            pytest.exit(f"{error.message} {error.hint}", returncode=pytest.ExitCode.USAGE_ERROR)

@@ -39,6 +39,9 @@ MOST_AT_ONCE = 4096
 class FirmwareLink:
     """The core's end of the line, as `LinkEndpoint` is the virtual controller's."""
 
+    answer_ticks = 0
+    """Milliseconds within which a command is answered."""
+
     def __init__(self, controller: FirmwareController) -> None:
         self._c = controller
         self._out: list[bytes] = []

@@ -50,6 +50,9 @@ class LinkEndpoint:
     and to whoever has no session, and with every answer before the first ADVANCE.
     """
 
+    answer_ticks = 0
+    """Milliseconds within which a command is answered."""
+
     def __init__(
         self, execute: Callable[[Message], Outcome], heard: Callable[[], None], opened: Callable[[], None]
     ) -> None:

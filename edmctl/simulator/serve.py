@@ -88,7 +88,7 @@ class Server:
         self._controller.link.driven = speed is None
         self._controller.host_time_scale = speed or 1.0
         bench.warm_up()  # a stall of seconds in the middle of a job would trip the watchdog
-        self._heard_s = self._base_s = self._looked_s = monotonic()
+        self._heard_s = self._base_s = self._looked_s = self._answer_by_s = monotonic()
         self._base_tick = self._controller.tick
 
     def run(self, is_over: Callable[[], bool]) -> None:
@@ -115,7 +115,12 @@ class Server:
 
     def _wait(self) -> None:
         writers = self._endpoint.descriptors()[-1:] if self._waiting else []
-        patience_s = _IDLE_S if self._speed is None else 0.0 if self._is_late else SLICE_S
+        if self._speed is None:
+            patience_s = _IDLE_S
+        elif self._is_late:
+            patience_s = 0.0
+        else:  # an answer on its way is not to wait for the end of a slice
+            patience_s = TICK_S if monotonic() < self._answer_by_s else SLICE_S
         select.select(self._endpoint.descriptors(), writers, [], patience_s)
 
     def _look_after_stall(self) -> None:
@@ -149,6 +154,7 @@ class Server:
         if not data:
             return
         self._heard_s = monotonic()
+        self._answer_by_s = self._heard_s + self._controller.link.answer_ticks * TICK_S
         self._count_frames(data)
         # One by one: what a frame or a run of zeros brings about comes before the frame behind it, however the
         # bytes were read.

@@ -278,6 +278,12 @@ class Chip:
         return int(self.core[PC])
 
     @property
+    def errors(self) -> tuple[int, int | None]:
+        """How often the image did what no image may do, and the address at which it did so first."""
+        count = int(self.r[reg.ERRORS])
+        return count, int(self.r[reg.ERROR_AT]) if count else None
+
+    @property
     def has_set_guard(self) -> bool:
         """Whether the program has written to the MPU since `close_guard`."""
         return bool(self.r[reg.MPU_SET])

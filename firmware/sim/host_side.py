@@ -20,6 +20,9 @@ REPLY_BIT = 0x40
 class Stm32Link:
     """The board's end of the line, with what only a simulator's line does."""
 
+    answer_ticks = 4
+    """Milliseconds within which a command is answered."""
+
     def __init__(self, controller: Stm32Controller) -> None:
         self._c = controller
         self._decoder = FrameDecoder(watch_for_abort=False)

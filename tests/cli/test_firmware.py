@@ -10,7 +10,7 @@ import pytest
 from edmctl.firmware.build import compiler
 from edmctl.jobs.study.folder import open_folder
 from edmctl.results.study import RunState
-from edmctl.simulator.config import CONTROLLERS, FIRMWARE, FIRMWARE_FLOAT, PYTHON
+from edmctl.simulator.config import CONTROLLERS, FIRMWARE, FIRMWARE_FLOAT, PYTHON, STM32
 from tests.cli.commands import SHALLOW
 from tests.firmware_tools import built_here, need_package
 from tests.jobs.studies import FULL, HEAD, RESPONSES, outcome, written
@@ -55,17 +55,25 @@ def test_the_main_job_comes_out_the_same_under_the_core(here: Here) -> None:
     assert results[0] == results[1]
 
 
+def _series(here: Here, controller: str) -> object:
+    """One run of a series under a controller."""
+    said = here("simulate", *SHALLOW, "--runs", "1", "--seed", "1", "--controller", controller, "--json")
+    assert said.exit_code == 0, said.err
+    (case,) = said.document["result"]["cases"]
+    assert case["overrides"][-1] == f"sim.controller={controller}"
+    return case["runs"]
+
+
 def test_runs_of_a_series_come_out_the_same_under_the_core(here: Here) -> None:
-    need_package("unicorn")
-    rows = {}
-    for controller in CONTROLLERS:
-        said = here("simulate", *SHALLOW, "--runs", "1", "--seed", "1", "--controller", controller, "--json")
-        assert said.exit_code == 0, said.err
-        (case,) = said.document["result"]["cases"]
-        assert case["overrides"][-1] == f"sim.controller={controller}"
-        rows[controller] = case["runs"]
+    rows = {name: _series(here, name) for name in (PYTHON, FIRMWARE, FIRMWARE_FLOAT)}
     assert rows[PYTHON] == rows[FIRMWARE]
     assert rows[FIRMWARE_FLOAT] != rows[FIRMWARE]
+
+
+@pytest.mark.slow
+def test_runs_of_a_series_go_under_the_image_of_a_board(here: Here) -> None:
+    need_package("unicorn")
+    assert _series(here, STM32)
 
 
 def test_a_study_keeps_what_drives_its_machines(here: Here, tmp_path: Path) -> None:

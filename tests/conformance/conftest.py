@@ -1,6 +1,7 @@
 """Which controller the suite runs against: `--controller-port URL` names a board, without it a virtual machine.
 
-`--controller firmware` puts the firmware's core in the place of the virtual controller.
+`--controller firmware` puts the firmware's core in the place of the virtual controller, `--controller stm32` the image of a
+board on an emulated chip.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--controller",
         choices=["python", "firmware", "firmware-float", "stm32"],
         default="python",
-        help="what drives the virtual machine: the virtual controller, or the firmware's core",
+        help="what drives the virtual machine: the virtual controller, the firmware's core, or a board's image",
     )
     group.addoption("--controller-baud", type=int, default=500_000, help="baud of that port")
 

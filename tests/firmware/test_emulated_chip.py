@@ -1,0 +1,58 @@
+"""The emulated chip: what the image does is without error to it, and what no image may do is counted."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import pytest
+
+from edmctl.simulator import BenchConfig, VirtualBench, open_bench
+from edmctl.simulator.config import STM32
+from edmctl.simulator.emulated import PACKAGE
+from tests.firmware_tools import built_here, need_package
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def bench() -> VirtualBench:
+    need_package("unicorn")
+    return built_here(lambda: open_bench(BenchConfig(controller=STM32), 3))
+
+
+@pytest.fixture
+def chip(bench: VirtualBench) -> Any:
+    controller: Any = bench.controller
+    return controller.chip
+
+
+def _module(name: str) -> Any:
+    return importlib.import_module(f"{PACKAGE}.{name}")
+
+
+def test_the_image_starts_and_runs_without_an_error_of_its_own(bench: VirtualBench, chip: Any) -> None:
+    bench.controller.advance(200)
+    assert [reset.name for reset in chip.resets] == ["POWER_ON"]
+    assert chip.errors == (0, None)
+    assert 0 < chip.program_counter - 0x0800_0000 < chip.flash.size
+
+
+def test_a_register_without_its_clock_is_not_written_and_that_is_told(chip: Any) -> None:
+    at, registers = _module("addresses"), _module("registers")
+    place = at.register(at.TIM14, at.TIM_ARR)
+    before = chip.r[place]
+    registers.write_register(chip.r, at.address(at.TIM14, at.TIM_ARR) - at.PERIPHERALS, 4, 1)
+    assert chip.r[place] == before
+    assert chip.errors == (1, 0x4000_202C)
+
+
+def test_a_stream_that_runs_takes_no_new_settings(chip: Any) -> None:
+    at, registers = _module("addresses"), _module("registers")
+    stream = at.DMA_STREAMS + 4 * at.DMA_STREAM_BYTES
+    control = at.register(at.DMA2, stream)
+    assert chip.r[control] & at.EN, "the fast converters sample"
+    memory = chip.r[control + at.M0AR]
+    registers.write_register(chip.r, at.address(at.DMA2, stream + 4 * at.M0AR) - at.PERIPHERALS, 4, 0)
+    assert chip.r[control + at.M0AR] == memory
+    assert chip.errors == (1, at.address(at.DMA2, stream + 4 * at.M0AR))
