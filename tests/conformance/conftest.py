@@ -1,7 +1,7 @@
 """Which controller the suite runs against: `--controller-port URL` names a board, without it a virtual machine.
 
-`--controller firmware` puts the firmware's core in the place of the virtual controller, `--controller stm32` a board's
-image on an emulated chip.
+`--controller firmware` puts the firmware's core in the place of the virtual controller, `--controller stm32` the
+image of a board on an emulated chip.
 """
 
 from __future__ import annotations
