@@ -32,9 +32,13 @@ def emulated_controller(plant: Plant) -> Any:
 
     Raises PreconditionError: E8093, E8094 where it cannot be built, E8095 where there is no emulator.
     """
+    return controller_class()(plant, image())
+
+
+def controller_class() -> Any:
+    """Return the emulator's controller, a class that takes a plant and an image. Raises PreconditionError E8095."""
     _emulator()
-    controller: Any = importlib.import_module(f"{PACKAGE}.controller")
-    return controller.Stm32Controller(plant, image())
+    return importlib.import_module(f"{PACKAGE}.controller").Stm32Controller
 
 
 @cache

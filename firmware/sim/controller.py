@@ -46,7 +46,7 @@ _CAUSES = {
     ResetCause.BROWN_OUT: Reset.BROWN_OUT,
     ResetCause.EXTERNAL: Reset.PIN,
 }
-_GREETING_MS = 100
+_GREETING_MS = 25
 START_MS = 200
 MOST_AT_ONCE = 50
 """Milliseconds for which random numbers are drawn at once."""
@@ -181,6 +181,7 @@ class Stm32Controller:
             self._put_on_line(data)
             return
         *whole, self._pending = (self._pending + data).split(b"\0")
+        asks = False
         for piece in whole:
             frames = self._commands.feed(b"\0" + piece + b"\0") if piece else []
             if frames and frames[0].type_id == Advance.ID:
@@ -190,10 +191,11 @@ class Stm32Controller:
                 self._has_zero = False
             else:
                 self._has_zero = False
+                asks = asks or bool(frames)
                 if frames and frames[0].type_id in (Hello.ID, GetSchema.ID):
                     self.link.advanced = False  # whoever asks does not drive the clock yet
                 self._put_on_line(piece + b"\0")
-        if self.bench.rx_tail > self.bench.rx_head and not self.link.advanced:
+        if asks and not self.link.advanced:
             self._answer_without_advance()
 
     def _answer_without_advance(self) -> None:

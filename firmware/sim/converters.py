@@ -103,8 +103,8 @@ def sample_gap(
     while at < newest and scope.start_ns[at & (SCOPE_PULSES - 1)] < begin_ns - 2e9:
         at += 1
     open_v, on_us = unit.open_v, unit.on_time_us
-    n = bench.noise_at
     k = r[SAMPLES_FROM] // 168
+    n = bench.noise_at + 2 * k  # noise is of the time, not of how long the image took
     r[SAMPLES_FROM] = 0
     while k < 1000:
         t_ns = begin_ns + k * 1000.0

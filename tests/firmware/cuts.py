@@ -10,9 +10,12 @@ from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, open_bench
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from edmctl.simulator import VirtualBench
 
 DUTY_V = 12.0
+OFFSET_UM = 3.0
 
 
 def cut(
@@ -24,8 +27,22 @@ def cut(
     *,
     told: bool = True,
 ) -> VirtualBench:
+    """Set up a bench, approach, then cut for so long; as `cut_on` does."""
+    bench = open_bench(BenchConfig(offset_um=OFFSET_UM, controller=controller), seed)
+    cut_on(bench, seconds, frequency_hz, heard, told=told)
+    return bench
+
+
+def cut_on(
+    bench: VirtualBench,
+    seconds: float,
+    frequency_hz: float = 2300.0,
+    heard: bytearray | None = None,
+    *,
+    told: bool = True,
+    settings: Mapping[str, float] | None = None,
+) -> Session:
     """Approach, then cut for so long; what came over the line is added to `heard`, with telemetry if `told`."""
-    bench = open_bench(BenchConfig(offset_um=3.0, controller=controller), seed)
     read = bench.transport.read
 
     def listen(timeout_s: float) -> bytes:
@@ -35,8 +52,11 @@ def cut(
         return data
 
     bench.transport.read = listen  # type: ignore[method-assign]
-    session, crc = Session(bench.transport, Random(1)), m.param_crc({})
+    session = Session(bench.transport, Random(1))
     session.open()
+    for name, value in (settings or {}).items():
+        session.request(m.SetParam(m.PARAMS[name].id, m.PARAMS[name].to_wire(value)))
+    crc = m.param_crc(settings or {})
     period_us = 1e6 / frequency_hz
     on_us = round(0.3 * period_us, 3)
     generator = m.PulseConfig(
@@ -46,6 +66,10 @@ def cut(
         session.request(request)
     session.request(m.StageMove(m.Axis.X, 0, 50_000_000))
     session.pump(0.3)
+    for _ in range(20):  # a board's stages take their time
+        if session.request(m.GetStatus()).state != m.State.MOVING:
+            break
+        session.pump(0.1)
     if told:
         session.request(m.TlmStart(1000, 14, m.PulseLog.BLOCKS))
     session.request(m.Approach(5.0, 100.0, 0.9 * DUTY_V))
@@ -55,4 +79,4 @@ def cut(
             break
     session.request(m.ServoStart(0.8 * DUTY_V, 500.0, 1e5))
     session.pump(seconds)
-    return bench
+    return session

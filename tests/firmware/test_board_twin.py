@@ -1,0 +1,71 @@
+"""A cut under the image is that of the core on the host, byte for byte, whichever compiler has made the image."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from edmctl.errors import PreconditionError
+from edmctl.firmware.board_build import COMPILERS
+from edmctl.link import messages as m
+from edmctl.simulator.emulated import image
+from tests.firmware import board_twin
+
+if TYPE_CHECKING:
+    import ctypes as ct
+
+    from edmctl.firmware.build import Build
+    from tests.firmware.board_twin import Cut
+
+SECONDS, SEED = 2.0, 2
+
+
+@pytest.fixture(scope="module")
+def library(core: Build, tmp_path_factory: pytest.TempPathFactory) -> ct.CDLL:
+    pytest.importorskip("unicorn")
+    return board_twin.built(tmp_path_factory.mktemp("twin"))
+
+
+@pytest.fixture(scope="module")
+def cuts(library: ct.CDLL) -> dict[str, Cut]:
+    made = {}
+    for name in COMPILERS:
+        try:
+            image(name)
+        except PreconditionError as error:
+            pytest.skip(error.message)
+        made[name] = board_twin.cut(SECONDS, SEED, name, library)
+    return made
+
+
+@pytest.mark.parametrize("name", COMPILERS)
+def test_the_core_on_the_host_sends_the_same_bytes(cuts: dict[str, Cut], name: str) -> None:
+    cut = cuts[name]
+    assert cut.bench.controller.state is m.State.MACHINING
+    assert cut.twin_ticks > 1000 * SECONDS
+    assert cut.pulses > 2000 * SECONDS
+    assert len(cut.uart) > 15_000 * SECONDS
+    assert cut.uart == cut.twin_sent
+
+
+def test_both_compilers_make_the_same_bytes(cuts: dict[str, Cut]) -> None:
+    one, other = (cuts[name] for name in COMPILERS)
+    assert one.line == other.line
+    assert one.uart == other.uart
+
+
+def test_a_reading_that_differs_shows(library: ct.CDLL, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is compared is the arithmetic: the twin differs where the gap voltage of one millisecond does."""
+    millisecond = board_twin.Twin.millisecond
+
+    def changed(self: Any, readings: bytes, line: bytes) -> None:
+        data = bytearray(readings)
+        if self.ticks == 1500:
+            data[10] ^= 0x40  # of the mantissa of gap_v
+        millisecond(self, bytes(data), line)
+
+    monkeypatch.setattr(board_twin.Twin, "millisecond", changed)
+    cut = board_twin.cut(SECONDS / 2, SEED, None, library)
+    assert cut.uart != cut.twin_sent
+    assert cut.uart[:1000] == cut.twin_sent[:1000]
