@@ -113,15 +113,18 @@ class Bench(Record):
     ignitions_at: int
     ends_at: int
     had_contact: int
+    chatters: int  # the contact's wire: 1: a closed contact bounces, 2: it does with an open one too
     estop: int
     door: int
     hv_ok: int
     level_ok: int
     limit: int
     over_current: int
+    breaks: int  # 1: the chain opens and closes again before the program has looked
     flow_lpm: float
     temperature_c: float
     adc_stuck: int  # the fast converters say what they said
+    slow_stuck: int  # and the slow one
     dac_dead: int  # the actuator's converter says nothing
     actuator_code: int
     moved: int  # 0: the stages rest; 1: steps have come; 2: and are over
@@ -367,7 +370,7 @@ def sample_slow(r: np.ndarray, memory: np.ndarray, bench: Bench, readings: Readi
         and r[word(ADC, 0x22C)] >> 20 & 15 == 3
         and r[word(ADC, 0x234)] & 0xFFFFF == 9 | 15 << 5 | 8 << 10 | 14 << 15
     )
-    if not (timer and set_up):
+    if not (timer and set_up) or bench.slow_stuck:
         return
     n = bench.noise_at
     for _ in range(16):
@@ -490,9 +493,10 @@ def lead(r: np.ndarray, bench: Bench, drive: Drive) -> None:
         bench.alive_ticks += 1
     chain_open = bench.estop or bench.door or bench.over_current
     r[IS_BROKEN] = 1 if chain_open else 0
-    if chain_open and r[word(TIM1, 0x44)] & BKE and not r[word(TIM1, 0x44)] & BKP:
+    if (chain_open or bench.breaks) and r[word(TIM1, 0x44)] & BKE and not r[word(TIM1, 0x44)] & BKP:
         r[word(TIM1, 0x10)] |= BIF
         reg.gate_off(r)
+    bench.breaks = 0
     if not bench.dac_dead:
         bench.actuator_code = r[DAC_CODE]
     drive.actuator_v = bench.actuator_code * DAC_V
@@ -530,7 +534,10 @@ def show(r: np.ndarray, bench: Bench, readings: Readings) -> None:
         (0 if bench.estop else 1) | (0 if bench.door else 2) | (bench.hv_ok << 2) | (bench.level_ok << 3)
     )
     r[PINS + 6] |= 0 if bench.limit else 16
-    r[PINS + 5] = readings.contact << 13
+    closed = readings.contact if bench.chatters < 2 else 1
+    if bench.chatters and bench.ticks * 2654435761 >> 31 & 1:
+        closed = 0
+    r[PINS + 5] = closed << 13
     r[PINS + 3] = 0 if bench.line_low else 1 << 9
     r[PINS + 4] = 0 if r[IS_BROKEN] else 1 << 15
 
@@ -558,9 +565,10 @@ def run_millisecond(
     if r[OFF_AT]:  # after the millisecond before had begun
         bench.off_ns = begin_ns - 0.0 + (r[OFF_AT] - 1) / 168.0 * 1e3 + SWITCH_OFF_NS
     lead(r, bench, drive)
-    if bench.had_contact and not readings.contact and not drive.pulses_on:
+    touches = 1 if (readings.contact == 1) != (unit.contact_inverted == 1) else 0
+    if bench.had_contact and not touches and not drive.pulses_on:
         drive.contact_tests += 1
-    bench.had_contact = readings.contact
+    bench.had_contact = touches
     look = follow_drive(unit, plant, drive, noise)
     gives_way = plant_tick(unit, plant, scope, drive, readings, random, tables, noise, levels)
     if drive.pulses_on:
