@@ -52,6 +52,7 @@ LIMIT_TICKS_MAX = 500
 HELD_WITHIN_UM = 1.0
 LOST_TICKS = 100  # all open, before the way since the last spark counts
 BACK_OFF_TICKS = 200  # for the contact to open after a back-off
+OPEN_TICKS = 50  # of these it has to be open: one that comes and goes tells no place
 TEST_OFF_TICKS, TEST_ON_TICKS = 100, 200
 TEST_MEAN_TICKS = 100  # the last ones of each half speak
 
@@ -231,9 +232,11 @@ def touch_tick(settings: Settings, loop: LoopState, drive: Drive, readings: Read
             loop.touches_left -= 1
             back_off(loop)
             return TOUCHED
-    elif loop.command_v == loop.target_v and loop.phase >= BACK_OFF_TICKS:
-        if readings.contact == 1:
+    elif loop.command_v == loop.target_v:
+        if readings.contact == 1 and loop.phase > BACK_OFF_TICKS - OPEN_TICKS:
             return FAULT_STUCK_CONTACT
+        if loop.phase < BACK_OFF_TICKS:
+            return NOTHING
         if loop.touches_left <= 0:
             return end_motion(loop, drive, TOUCHES_DONE)
         drive.contact_tests += 1

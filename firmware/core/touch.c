@@ -2,6 +2,7 @@
 #include "core.h"
 
 #define BACK_OFF_TICKS 200 /* for the contact to open after a back-off */
+#define OPEN_TICKS 50      /* of these it has to be open: one that comes and goes tells no place */
 
 /* Lets the tool go back by back_off_um, not below 0 V. */
 static void back_off(struct edm_controller *c) {
@@ -25,10 +26,13 @@ static int hunt(struct edm_controller *c) {
     return TOUCHED;
 }
 
-/* The contact must be open now; then the next touch, or the end. */
+/* The tool rests after a back-off: contact must be open at the end of the wait; then the next touch, or the end. */
 static int end_of_back_off(struct edm_controller *c) {
-    if (c->readings.contact) {
+    if (c->readings.contact && c->motion.phase > BACK_OFF_TICKS - OPEN_TICKS) {
         return FAULT_STUCK_CONTACT;
+    }
+    if (c->motion.phase < BACK_OFF_TICKS) {
+        return NOTHING;
     }
     if (c->touch.left <= 0) {
         return motion_end(c, TOUCHES_DONE);
@@ -66,7 +70,7 @@ int touch_tick(struct edm_controller *c) {
         }
     } else if (m->mode == TOUCH_HUNT) {
         return hunt(c);
-    } else if (!(m->command_v > m->target_v || m->command_v < m->target_v) && m->phase >= BACK_OFF_TICKS) {
+    } else if (!(m->command_v > m->target_v || m->command_v < m->target_v)) {
         return end_of_back_off(c);
     }
     return NOTHING;

@@ -85,8 +85,8 @@ class _Registers:
 
 
 # Words of `core`: addresses of Unicorn's functions, where the processor stands, and of the sets of registers.
-ENGINE, START, READ, READ_SET, WRITE_SET, PC, PC_PLACE, HANDLER, SLEEPS = range(9)
-SETS = 10
+ENGINE, START, READ, READ_SET, WRITE_SET, PC, PC_PLACE, HANDLER, SLEEPS, INTERRUPTED, FAULTING = range(11)
+SETS = 11
 _FRAME_SET, _ENTRY_SET, _LEAVE_SET = SETS, SETS + 2, SETS + 4
 PC_ID = arm_const.UC_ARM_REG_PC
 
@@ -127,33 +127,44 @@ def run_tick(
 ) -> int:
     """The interrupt of TIM7, if it is on, then the main loop until it sleeps or its time is over.
 
+    Where the handler of a fault is to run, it alone does: no interrupt comes before it. One that has not come to its
+    end goes on, and so does a program that works on with interrupts off; the next one waits.
+
     Returns 0, or Unicorn's status where the processor met what it could not execute; `core[PC]` is where it stands.
     """
-    r[reg.HALFWORDS], r[reg.LIMIT], r[reg.OFF_AT] = 0, TICK_HALFWORDS, 0
+    slept = core[SLEEPS]
     core[SLEEPS] = 0
-    if core[PC] == LOCKED_UP:
-        return 0
-    if r[reg.SYSTEM_AT + ((NVIC_ISER + 4) >> 2)] >> (_TIM7 - 32) & 1 and r[word(TIM7, TIM_DIER)] & 1:
-        r[word(TIM7, TIM_SR)] |= 1
-        _transfer(core, READ_SET, _FRAME_SET, 11)
-        sp, control = np.int64(frame[8]), np.int64(frame[9])
-        floats = control & 4
-        new = (sp - (_FRAME_WITH_FLOATS if floats else _FRAME)) & ~7
-        frame[6] = core[PC]
-        _push(sram, ccm, int(new), frame)
-        entry[0] = control & ~6
-        entry[1] = 0xFFFFFFF9 if not control & 2 else 0xFFFFFFED if floats else 0xFFFFFFFD
-        entry[2] = frame[10] if control & 2 else new
-        _transfer(core, WRITE_SET, _ENTRY_SET, 3)
-        before = core[PC]
-        status = _go(core, r, core[HANDLER])
+    if core[FAULTING]:
+        r[reg.LIMIT] = r[reg.HALFWORDS] + TICK_HALFWORDS
+        return _go(core, r, core[PC]) if core[PC] != LOCKED_UP else 0
+    r[reg.HALFWORDS], r[reg.LIMIT], r[reg.OFF_AT] = 0, TICK_HALFWORDS, 0
+    enabled = r[reg.SYSTEM_AT + ((NVIC_ISER + 4) >> 2)] >> (_TIM7 - 32) & 1 and r[word(TIM7, TIM_DIER)] & 1
+    if core[INTERRUPTED] or enabled:
+        at = core[PC]
+        if not core[INTERRUPTED]:
+            r[word(TIM7, TIM_SR)] |= 1
+            _transfer(core, READ_SET, _FRAME_SET, 12)
+            if frame[11] & 1 and not slept:
+                return _go(core, r, at)
+            sp, control = np.int64(frame[8]), np.int64(frame[9])
+            floats = control & 4
+            new = (sp - (_FRAME_WITH_FLOATS if floats else _FRAME)) & ~7
+            frame[6] = at
+            _push(sram, ccm, int(new), frame)
+            entry[0] = control & ~6
+            entry[1] = 0xFFFFFFF9 if not control & 2 else 0xFFFFFFED if floats else 0xFFFFFFFD
+            entry[2] = frame[10] if control & 2 else new
+            leave[0], leave[1] = control, sp
+            _transfer(core, WRITE_SET, _ENTRY_SET, 3)
+            core[INTERRUPTED], at = 1, core[HANDLER]
+        status = _go(core, r, at)
         if core[PC] < 0xFFFFFF00:
             return status
-        leave[0], leave[1] = control, sp
+        core[INTERRUPTED] = 0
         _transfer(core, WRITE_SET, _LEAVE_SET, 2)
-        frame[6] = before | 1
+        core[PC] = frame[6]
+        frame[6] |= 1
         _transfer(core, WRITE_SET, _FRAME_SET, 10)
-        core[PC] = before
     status = _go(core, r, core[PC])
     if status == 0 and not r[reg.STOP]:
         core[SLEEPS] = 1
@@ -179,7 +190,6 @@ class Chip:
         self.core = np.zeros(SETS + 6, np.int64)
         self.system_memory = np.full(SYSTEM_MEMORY_BYTES, 0xFF, np.uint8)
         self.system_memory[_NUMBER] = np.frombuffer(number.ljust(12, b"\0")[:12], np.uint8)
-        self._faulting = False
         self.resets: list[Reset] = []
         self._closed = (0, 0)
         self._start_unicorn()
@@ -226,7 +236,7 @@ class Chip:
         )
         names = ("R0", "R1", "R2", "R3", "R12", "LR", "PC", "XPSR")
         self._sets = [
-            _Registers(*names, "SP", "CONTROL", "MSP"),
+            _Registers(*names, "SP", "CONTROL", "MSP", "PRIMASK"),
             _Registers("CONTROL", "LR", "SP"),
             _Registers("CONTROL", "SP"),
         ]
@@ -270,7 +280,7 @@ class Chip:
         uc.reg_write(arm_const.UC_ARM_REG_FPEXC, 0x40000000)
         self.core[PC] = start & ~1
         self.core[HANDLER] = int(self.flash[self._vector(16 + _TIM7)].view("<u4")[0]) & ~1
-        self._faulting = False
+        self.core[[SLEEPS, INTERRUPTED, FAULTING]] = 0
 
     @property
     def program_counter(self) -> int:
@@ -295,7 +305,7 @@ class Chip:
 
     # ------------------------------------------------------------------------------------------ exceptions
     def conclude(self, status: int) -> bool:
-        """See to what stopped the processor: the handler of a fault goes on at the next tick. False for a reset."""
+        """See to what stopped the processor: the handler of a fault is to run at once then. False for a reset."""
         if status and not self.r[reg.RESET_ASKED]:
             self._fault(status)
         return not self.r[reg.RESET_ASKED]
@@ -328,10 +338,10 @@ class Chip:
         PM0214 §2.4: memory, bus and usage faults where they are enabled (SHCSR), else the hard fault.
         """
         r = self.r
-        if self._faulting:
+        if self.core[FAULTING]:
             self.core[PC] = LOCKED_UP
             return
-        self._faulting = True
+        self.core[FAULTING] = 1
         enabled = reg.system(r, _SHCSR)
         number, bits = _HARD, 0
         if status in _GUARDED and enabled >> 16 & 1:

@@ -55,15 +55,18 @@ class Bench(Record):
     ignitions_at: int
     ends_at: int
     had_contact: int
+    chatters: int  # the contact's wire: 1: a closed contact bounces, 2: it does with an open one too
     estop: int
     door: int
     hv_ok: int
     level_ok: int
     limit: int
     over_current: int
+    breaks: int  # 1: the chain opens and closes again before the program has looked
     flow_lpm: float
     temperature_c: float
     adc_stuck: int  # the fast converters say what they said
+    slow_stuck: int  # and the slow one
     dac_dead: int  # the actuator's converter says nothing
     actuator_code: int
     moved: int  # 0: the stages rest; 1: steps have come; 2: and are over

@@ -24,7 +24,7 @@ from edmctl.simulator.injection import Trigger
 from edmctl.simulator.injector import Injector
 from edmctl.simulator.plant_interface import TICK_NS
 
-from .chip import CCM_AT, FLASH_AT, Chip, ChipFailed, Reset
+from .chip import CCM_AT, FLASH_AT, LOCKED_UP, PC, Chip, ChipFailed, Reset
 from .circuit import STEP_DEG, STEP_UM, Bench
 from .converters import NOISE
 from .host_side import REPLY_BIT, Samples, Stm32Link, Waiting
@@ -81,7 +81,7 @@ class Stm32Controller:
         self._pending = b""
         self._has_zero = False
         self._generator: tuple[float, ...] = ()
-        self._moved = [False] * 3
+        self._steps = np.zeros(3)  # of the stages since they last rested
         self._scans = False
         self.watch = Watch()
         self.watch.arms_at, self.watch.touches_at = (
@@ -299,6 +299,8 @@ class Stm32Controller:
                 self.chip.close_guard()
             if not self.chip.conclude(self.watch.status):
                 self._start(Reset.SOFTWARE)
+            elif self.watch.status and self.chip.core[PC] != LOCKED_UP:
+                self.watch.is_due = 1  # for the handler of the fault
         elif reason == BITTEN_BY_WWDG:
             self._start(Reset.WINDOW_WATCHDOG)
         elif reason == BITTEN_BY_IWDG:
@@ -340,28 +342,27 @@ class Stm32Controller:
         """
         plant, bench = self.plant, self.bench
         steps = bench.array("steps")
-        way = steps * (STEP_UM, STEP_UM, STEP_DEG)
+        self._steps += steps
         steps[:] = 0.0
-        for axis in range(3):
-            if way[axis]:
-                self._moved[axis] = True
-                plant.reported[axis] += float(way[axis])
+        way = self._steps * (STEP_UM, STEP_UM, STEP_DEG)
         is_over, bench.moved = bench.moved > 1, 0
         if plant.drive.pulses_on or self._scans:
             if not self._scans:
                 plant.begin_scan()
                 self._scans = True
+            for axis in range(2):
+                plant.reported[axis] += float(way[axis])
+            self._steps[:2] = 0.0
             plant.drive.stage_x_um, plant.drive.stage_y_um = plant.reported[:2]
             plant.look()
             if is_over:
                 plant.follow_stages(scan_goes_on=False)
                 self._scans = False
-        elif is_over:
-            for axis in range(3):
-                if self._moved[axis]:
-                    plant.stage_lands(axis, plant.reported[axis])
         if is_over:
-            self._moved[:] = [False] * 3
+            for axis in range(3):
+                if self._steps[axis]:
+                    plant.stage_lands(axis, plant.reported[axis] + float(way[axis]))
+            self._steps[:] = 0.0
 
     # --------------------------------------------------------------------------------------------------- resets
     def _start(self, cause: Reset) -> None:

@@ -170,7 +170,7 @@ def sample_slow(r: np.ndarray, memory: np.ndarray, bench: Bench, readings: Readi
         and r[word(ADC, ADC3 + ADC_SQR1)] >> 20 & 15 == 3
         and r[word(ADC, ADC3 + ADC_SQR3)] & 0xFFFFF == 9 | 15 << 5 | 8 << 10 | 14 << 15
     )
-    if not (timer and set_up):
+    if not (timer and set_up) or bench.slow_stuck:
         return
     n = bench.noise_at
     for _ in range(16):

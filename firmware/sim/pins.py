@@ -96,9 +96,10 @@ def lead(r: np.ndarray, bench: Bench, drive: Drive) -> None:
         bench.alive_ticks += 1
     chain_open = bench.estop or bench.door or bench.over_current
     r[IS_BROKEN] = 1 if chain_open else 0
-    if chain_open and r[word(TIM1, TIM_BDTR)] & BKE and not r[word(TIM1, TIM_BDTR)] & BKP:
+    if (chain_open or bench.breaks) and r[word(TIM1, TIM_BDTR)] & BKE and not r[word(TIM1, TIM_BDTR)] & BKP:
         r[word(TIM1, TIM_SR)] |= BIF
         gate_off(r)
+    bench.breaks = 0
     if not bench.dac_dead:
         bench.actuator_code = r[DAC_CODE]
     drive.actuator_v = bench.actuator_code * DAC_V
@@ -134,7 +135,10 @@ def show(r: np.ndarray, bench: Bench, readings: Readings) -> None:
     """Levels of the input pins at the end of the millisecond."""
     closed = (0 if bench.estop else 1) | (0 if bench.door else 2) | (0 if bench.limit else 16)
     r[PINS + PORT_G - PORT_A] = closed | (bench.hv_ok << 2) | (bench.level_ok << 3)
-    r[PINS + PORT_F - PORT_A] = readings.contact << 13
+    contact = readings.contact if bench.chatters < 2 else 1
+    if bench.chatters and bench.ticks * 2654435761 >> 31 & 1:
+        contact = 0
+    r[PINS + PORT_F - PORT_A] = contact << 13
     r[PINS + PORT_D - PORT_A] = 0 if bench.line_low else 1 << 9
     r[PINS + PORT_E - PORT_A] = 0 if r[IS_BROKEN] else 1 << 15
 

@@ -50,9 +50,10 @@ def run_millisecond(
     if r[OFF_AT]:  # after the millisecond before had begun
         bench.off_ns = begin_ns + (r[OFF_AT] - 1) / 168.0 * 1e3 + SWITCH_OFF_NS
     lead(r, bench, drive)
-    if bench.had_contact and not readings.contact and not drive.pulses_on:
+    touches = 1 if (readings.contact == 1) != (unit.contact_inverted == 1) else 0
+    if bench.had_contact and not touches and not drive.pulses_on:
         drive.contact_tests += 1
-    bench.had_contact = readings.contact
+    bench.had_contact = touches
     look = follow_drive(unit, plant, drive, noise)
     gives_way = plant_tick(unit, plant, scope, drive, readings, random, tables, noise, levels)
     if drive.pulses_on:

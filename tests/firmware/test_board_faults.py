@@ -1,0 +1,439 @@
+"""The image on the emulated board in a running cut, and what breaks: pulses off, cause told, latched, tool back."""
+
+from __future__ import annotations
+
+import sys
+from random import Random
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from edmctl.link.messages import ResetCause
+from tests.conformance import acts, layouts
+from tests.conformance.lines import STM32, InProcess
+from tests.conformance.peer import STATE, STATUS, Peer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+CAUSE = layouts.enum("ResetCause")
+CRASH_MEMORY, CRASH_BUS, CRASH_USAGE = 3, 4, 5  # enum crash of board.h
+ABORT_RUN, PIEZO_TRACK, PIEZO_OV, STUCK_CONTACT = 1002, 2002, 2003, 2006
+GAP_SENSOR, GEN_FAULT, NO_SPARK, ESTOP, DOOR, RESET = 3003, 3004, 3005, 4001, 4002, 5001
+SPARE_FLASH_AT = 0x08100000
+FLASH_AT, SRAM_AT, CCM_AT = 0x08000000, 0x20000000, 0x10000000
+HANGS = bytes.fromhex("62b6 fee7")  # cpsie i; b .
+HANGS_WITH_INTERRUPTS_OFF = bytes.fromhex("72b6 fee7")
+RECURSES = bytes.fromhex("62b6 ffb5 fde7")  # push {r0-r7, lr} for ever
+READS_NOWHERE = bytes.fromhex("4ff0c040 0068")  # mov.w r0, #0x60000000; ldr r0, [r0]
+UNDEFINED = bytes.fromhex("00de")
+RETURNS = bytes.fromhex("7047")
+BACKUP_REGISTERS = slice(
+    10 * 0x100 + (0x50 >> 2), 10 * 0x100 + (0x5C >> 2)
+)  # of the RTC, in the emulator's words
+WWDG_TICKS = 3  # 1.56 ms after the last feed, in whole ticks from the one that was fed last
+
+
+def emulator_of(part: object) -> Any:
+    """The module of the emulator that a part of it comes from."""
+    return sys.modules[type(part).__module__]
+
+
+class Rig:
+    """A board in a cut, its host, and the hands that break it."""
+
+    def __init__(self) -> None:
+        self.line = InProcess(STM32)
+        self.peer = Peer(self.line)
+        self.controller = self.line.bench.controller
+        self.bench, self.chip, self.plant = (
+            self.controller.bench,
+            self.controller.chip,
+            self.controller.plant,
+        )
+        self.flash = self.chip.flash.copy()
+
+    def mend(self) -> None:
+        """Everything as it was built."""
+        self.chip.flash[:] = self.flash
+        self.chip._engine.ctl_flush_tb()
+        bench = self.bench
+        bench.over_current = bench.line_low = bench.adc_stuck = bench.slow_stuck = bench.dac_dead = 0
+        bench.chatters = 0
+        self.plant.estop = self.plant.door_open = False
+
+    def cut(self) -> None:
+        """Lead into a cut whose pulses strike."""
+        self.mend()
+        acts.settle(self.peer)
+        acts.start_sparks(self.peer)
+        assert self.peer.wait(lambda: self.plant.readings.charge_uc > 0.0, 2.0, 0.001)
+        self.peer.boots.clear()
+        assert self.controller.state == STATE["MACHINING"]
+        assert self.pulses_on
+
+    @property
+    def pulses_on(self) -> bool:
+        return bool(self.plant.drive.pulses_on)
+
+    def memory(self, name: str) -> Any:
+        """Bytes of a variable of the image."""
+        at, size = self.chip.image.symbols[name]
+        if at >= SRAM_AT:
+            return self.chip.sram[at - SRAM_AT :][:size]
+        return self.chip.ccm[at - CCM_AT :][:size]
+
+    def patch(self, at: int | str, code: bytes) -> None:
+        """Put other instructions into the flash."""
+        place = (self.chip.image.symbols[at][0] & ~1 if isinstance(at, str) else at) - FLASH_AT
+        self.chip.flash[place : place + len(code)] = list(code)
+        self.chip._engine.ctl_flush_tb()
+
+    def derail(self, code: bytes) -> None:
+        """Let the main loop go on with other instructions from the next tick on."""
+        self.patch(SPARE_FLASH_AT, code)
+        self.chip.core[emulator_of(self.chip).PC] = SPARE_FLASH_AT
+
+    def ticks_until_off(self, most: int) -> int:
+        """Whole milliseconds in which pulses could still begin; each is looked at."""
+        for n in range(most + 1):
+            self.controller.advance(1)
+            if not self.pulses_on:
+                return n
+        raise AssertionError(f"pulses after {most} ms")
+
+    def reset_within(self, ticks: int) -> str:
+        """Let time pass until the chip has been reset; its cause."""
+        before = len(self.chip.resets)
+        for _ in range(ticks):
+            self.controller.advance(1)
+            if len(self.chip.resets) > before:
+                assert len(self.chip.resets) == before + 1
+                return str(self.chip.resets[-1].name)
+        raise AssertionError(f"no reset within {ticks} ms")
+
+    def boot_tells(self, cause: str) -> None:
+        """Nothing but one BOOT, of that cause."""
+        assert self.peer.wait(lambda: self.peer.boots, 0.5, 0.001)
+        assert [boot["reset_cause"] for boot in self.peer.boots] == [CAUSE[cause]]
+
+    def latched(self, code: int, *, moves: bool = True) -> None:
+        """A fault holds, and nothing but CLEAR_FAULT with its number ends it, once the tool is back."""
+        peer, starts = self.peer, self.plant.drive.pulse_starts
+        status = peer.ok("GET_STATUS")
+        assert status.fault == code
+        assert status.state == STATE["ESTOP" if code == ESTOP else "FAULT"]
+        peer.refused("ARM", "BAD_STATE", param_crc=layouts.profile_crc())
+        peer.refused("PULSE_ENABLE", "BAD_STATE", on=1)
+        assert (
+            peer.command("SERVO_START", gap_ref_v=20.0, z_limit_um=10.0, max_time_s=1.0).status
+            != STATUS["OK"]
+        )
+        peer.refused("CLEAR_FAULT", "OUT_OF_RANGE", fault=code + 1)
+        if moves:
+            assert peer.wait(lambda: self.plant.state.amplifier_v < 0.5, 3.0)
+        assert peer.ok("GET_STATUS").fault == code
+        self.mend()
+        peer.pump(0.1)  # with everything mended, it holds still
+        assert peer.ok("GET_STATUS").fault == code
+        acts.clear(peer)
+        assert peer.state() == "IDLE"
+        peer.pump(0.1)
+        assert self.plant.drive.pulse_starts == starts
+        assert not self.pulses_on
+
+
+@pytest.fixture(scope="module")
+def shared_rig() -> Rig:
+    return Rig()
+
+
+@pytest.fixture
+def rig(shared_rig: Rig) -> Iterator[Rig]:
+    """A board in a running cut."""
+    shared_rig.cut()
+    yield shared_rig
+    shared_rig.mend()
+
+
+# ------------------------------------------------------------------------------------------ faults of the program
+def test_a_main_loop_that_hangs_loses_the_gate_with_the_next_tick(rig: Rig) -> None:
+    rig.derail(HANGS)
+    assert rig.ticks_until_off(3) == 1
+    assert rig.reset_within(WWDG_TICKS) == "WINDOW_WATCHDOG"
+    rig.boot_tells("WATCHDOG")
+    rig.peer.hello()
+    rig.latched(RESET)
+
+
+def test_a_main_loop_that_hangs_with_interrupts_off_is_ended_by_the_watchdog(rig: Rig) -> None:
+    rig.derail(HANGS_WITH_INTERRUPTS_OFF)
+    assert rig.ticks_until_off(3) == 2
+    assert rig.chip.resets[-1].name == "WINDOW_WATCHDOG"
+    rig.boot_tells("WATCHDOG")
+    rig.peer.hello()
+    rig.latched(RESET)
+
+
+def test_a_tick_that_hangs_is_ended_by_the_watchdog(rig: Rig) -> None:
+    rig.patch("main_tick", HANGS[2:])
+    assert rig.ticks_until_off(3) == 1
+    assert rig.chip.resets[-1].name == "WINDOW_WATCHDOG"
+    rig.mend()
+    rig.boot_tells("WATCHDOG")
+    rig.peer.hello()
+    rig.latched(RESET)
+
+
+@pytest.mark.parametrize(
+    ("code", "crash"),
+    [(RECURSES, CRASH_MEMORY), (READS_NOWHERE, CRASH_BUS), (UNDEFINED, CRASH_USAGE)],
+    ids=["stack", "address", "instruction"],
+)
+def test_a_program_that_faults_is_off_at_once_and_started_anew(rig: Rig, code: bytes, crash: int) -> None:
+    guard = rig.chip.sram[:1024].copy()
+    rig.derail(code)
+    assert rig.ticks_until_off(1) == 0
+    assert rig.chip.resets[-1].name == "SOFTWARE"
+    assert (rig.chip.sram[:1024] == guard).all()
+    rig.boot_tells("WATCHDOG")
+    assert rig.memory("crash_before").view("<u4")[0] == crash
+    rig.peer.hello()
+    rig.latched(RESET)
+
+
+def test_a_program_that_faults_again_and_again_never_switches_on(rig: Rig) -> None:
+    rig.patch("edm_tick_begin", UNDEFINED)
+    assert rig.ticks_until_off(1) == 0
+    starts, resets = rig.plant.drive.pulse_starts, len(rig.chip.resets)
+    for _ in range(40):
+        rig.controller.advance(1)
+        assert not rig.pulses_on
+    assert len(rig.chip.resets) > resets + 5
+    assert rig.plant.drive.pulse_starts == starts
+    rig.mend()
+    rig.controller.advance(20)
+    rig.peer.hello()
+    rig.latched(RESET, moves=False)
+
+
+def test_a_fault_in_the_handler_of_a_fault_is_ended_by_a_watchdog(rig: Rig) -> None:
+    rig.patch("startup_crash", UNDEFINED)
+    rig.derail(UNDEFINED)
+    assert rig.ticks_until_off(3) == 2
+    assert rig.chip.resets[-1].name == "WINDOW_WATCHDOG"
+    rig.mend()
+    rig.boot_tells("WATCHDOG")
+    rig.peer.hello()
+    rig.latched(RESET)
+
+
+# ------------------------------------------------------------------------------------------------ memory and supply
+NO_INIT = ("kept_words", "stands_before", "wave_kept", "wave_ring", "crash_word", "controller")
+
+
+def spoil(rig: Rig, names: tuple[str, ...], random: Random, share: float) -> None:
+    """Random bits into what outlasts a reset."""
+    for name in names:
+        if name == "backup":
+            rig.chip.r[BACKUP_REGISTERS] = [random.getrandbits(32) for _ in range(3)]
+            continue
+        memory = rig.memory(name)
+        for at in range(len(memory)):
+            if random.random() < share:
+                memory[at] = random.getrandbits(8)
+
+
+@pytest.mark.parametrize(
+    "names", [*((name,) for name in (*NO_INIT, "backup")), (*NO_INIT, "backup")], ids="-".join
+)
+def test_memory_that_a_reset_finds_spoilt_starts_no_pulse(rig: Rig, names: tuple[str, ...]) -> None:
+    rig.derail(HANGS)
+    assert rig.ticks_until_off(3) == 1
+    spoil(rig, names, Random(1), 1.0)
+    assert rig.reset_within(WWDG_TICKS) == "WINDOW_WATCHDOG"
+    rig.boot_tells("WATCHDOG")
+    boots = rig.controller.boot_count
+    assert boots < 1000
+    rig.peer.hello()
+    read = rig.peer.command("BLACKBOX_READ", offset=0)
+    assert read.status == STATUS["OK"]
+    assert read.total <= 2048
+    rig.latched(RESET)
+
+
+def test_memory_spoilt_in_any_way_starts_no_pulse(rig: Rig) -> None:
+    starts, random = rig.plant.drive.pulse_starts, Random(7)
+    for cause in (ResetCause.WATCHDOG, ResetCause.EXTERNAL, ResetCause.BROWN_OUT, ResetCause.COMMANDED) * 6:
+        names = tuple(random.sample((*NO_INIT[:3], *NO_INIT[4:], "backup"), random.randrange(1, 6)))
+        spoil(rig, names, random, random.choice((0.001, 0.02, 0.5)))
+        rig.controller.reset(cause)
+        for _ in range(12):
+            rig.controller.advance(1)
+            assert not rig.pulses_on
+        assert rig.controller.state in (STATE["BOOT"], STATE["IDLE"], STATE["FAULT"], STATE["ESTOP"])
+    assert rig.plant.drive.pulse_starts == starts
+    rig.peer.hello()
+    acts.settle(rig.peer)
+
+
+def test_a_brown_out_is_told_and_latched(rig: Rig) -> None:
+    rig.controller.reset(ResetCause.BROWN_OUT)
+    assert rig.ticks_until_off(1) == 0
+    rig.boot_tells("BROWN_OUT")
+    rig.peer.hello()
+    rig.latched(RESET)
+
+
+def test_a_supply_that_goes_is_told_and_leaves_the_machine_at_rest(rig: Rig) -> None:
+    starts = rig.plant.drive.pulse_starts
+    rig.controller.reset(ResetCause.POWER_ON)
+    assert rig.ticks_until_off(1) == 0
+    rig.boot_tells("POWER_ON")
+    rig.peer.hello()
+    assert rig.peer.state() == "IDLE"
+    assert rig.peer.wait(lambda: rig.plant.state.amplifier_v < 0.5, 0.5)
+    assert rig.plant.drive.pulse_starts == starts
+
+
+# ---------------------------------------------------------------------------------------------------- break input
+def press_estop(rig: Rig) -> None:
+    rig.plant.estop = True
+
+
+def open_door(rig: Rig) -> None:
+    rig.plant.door_open = True
+
+
+def trip_over_current(rig: Rig) -> None:
+    rig.bench.over_current = 1
+
+
+def break_for_a_moment(rig: Rig) -> None:
+    rig.bench.breaks = 1
+
+
+BREAKS: dict[str, tuple[Callable[[Rig], None], int, int]] = {
+    "over-current": (trip_over_current, GEN_FAULT, 0),
+    "moment": (break_for_a_moment, GEN_FAULT, 0),
+    "estop": (press_estop, ESTOP, layouts.enum("Interlocks")["ESTOP"]),
+    "door": (open_door, DOOR, layouts.enum("Interlocks")["DOOR"]),
+}
+
+
+@pytest.mark.parametrize("name", BREAKS)
+def test_the_break_chain_is_off_at_once_and_told(rig: Rig, name: str) -> None:
+    acts_on, code, detail = BREAKS[name]
+    acts_on(rig)
+    at_us = rig.controller.time_us
+    assert rig.ticks_until_off(1) == 0
+    fault = rig.peer.fault(0.5)
+    assert (fault["code"], fault["detail"]) == (code, detail)
+    assert (fault["t_us"] - at_us) % 2**32 <= 2000
+    rig.latched(code)
+
+
+def test_the_break_chain_needs_no_program(rig: Rig) -> None:
+    rig.derail(HANGS_WITH_INTERRUPTS_OFF)
+    rig.bench.over_current = 1
+    assert rig.ticks_until_off(1) == 0
+    assert rig.reset_within(WWDG_TICKS) == "WINDOW_WATCHDOG"
+    starts = rig.plant.drive.pulse_starts
+    rig.bench.over_current = 0
+    rig.boot_tells("WATCHDOG")
+    rig.peer.hello()
+    rig.latched(RESET)
+    assert rig.plant.drive.pulse_starts == starts
+
+
+# ------------------------------------------------------------------------------------------- converters and lines
+def test_fast_converters_that_stop_are_a_gap_sensor_that_failed(rig: Rig) -> None:
+    rig.bench.adc_stuck = 1
+    assert rig.ticks_until_off(5) == 1  # with the end of the millisecond that they did not measure
+    assert rig.peer.fault(0.5)["code"] == GAP_SENSOR
+    rig.latched(GAP_SENSOR)
+
+
+def test_a_slow_converter_that_stops_is_an_amplifier_that_failed(rig: Rig) -> None:
+    rig.bench.slow_stuck = 1
+    assert rig.ticks_until_off(5) == 1
+    assert rig.peer.fault(0.5)["code"] == PIEZO_OV
+    rig.latched(PIEZO_OV)
+
+
+def test_an_actuator_that_does_not_follow_is_told(rig: Rig) -> None:
+    rig.bench.dac_dead = 1
+    parameters = layouts.PARAMETERS
+    apart_v = parameters["track_error"].default * parameters["track_error"].scale * 150.0
+    most_ticks = round(parameters["track_s"].default * parameters["track_s"].scale * 1000.0)
+    apart_ticks = 0
+    for _ in range(8000):
+        rig.peer.step(0.001)
+        if not rig.pulses_on:
+            break
+        apart = abs(rig.controller.loop.command_v - rig.plant.readings.monitor_v) > apart_v
+        apart_ticks = apart_ticks + 1 if apart else 0
+    assert not rig.pulses_on
+    assert most_ticks <= apart_ticks <= 2 * most_ticks  # it creeps past the edge, and the monitor has noise
+    assert rig.peer.fault(0.5)["code"] == PIEZO_TRACK
+    rig.latched(PIEZO_TRACK, moves=False)
+
+
+def test_a_line_held_low_is_an_abort(rig: Rig) -> None:
+    rig.bench.line_low = 1
+    assert rig.ticks_until_off(5) <= 2
+    rig.bench.line_low = 0
+    assert rig.peer.fault(0.5)["code"] == ABORT_RUN
+    rig.latched(ABORT_RUN)
+
+
+def test_an_alive_pin_that_stands_still_takes_the_high_voltage(rig: Rig) -> None:
+    holds = emulator_of(rig.bench).PUMP_TICKS
+    rig.patch("inputs_toggle_alive", RETURNS)
+    assert rig.ticks_until_off(holds + 2) == holds
+    assert rig.peer.fault(0.5)["code"] == NO_SPARK
+    rig.latched(NO_SPARK)
+
+
+# -------------------------------------------------------------------------------------------------------- contact
+def touch(rig: Rig) -> None:
+    """Begin to touch the work five times."""
+    rig.mend()
+    acts.settle(rig.peer)
+    acts.arm(rig.peer)
+    acts.move_x(rig.peer, acts.WORK_X_UM)
+    values = {"fast_um_s": 20.0, "fast_to_um": 10.0, "speed_um_s": 10.0, "z_max_um": 100.0}
+    rig.peer.ok("TOUCH_OFF", **values, back_off_um=5.0, dwell_s=0.1, touches=5)
+
+
+def places(rig: Rig) -> list[float]:
+    code = layouts.enum("EventCode")["TOUCH"]
+    return [event["displacement_um"] for event in rig.peer.events if event["code"] == code]
+
+
+def test_a_contact_that_bounces_is_a_touch_at_the_same_place(shared_rig: Rig) -> None:
+    rig = shared_rig
+    starts = rig.plant.drive.pulse_starts
+    touch(rig)
+    rig.peer.event("TOUCH_DONE", 20.0)
+    sound = places(rig)
+    acts.disarm(rig.peer)
+    touch(rig)
+    rig.bench.chatters = 1
+    rig.peer.event("TOUCH_DONE", 20.0)
+    bounced = places(rig)
+    assert len(sound) == len(bounced) == 5
+    assert abs(sum(sound) - sum(bounced)) / 5 < 1.0
+    assert rig.plant.drive.pulse_starts == starts
+    rig.mend()
+    acts.rest(rig.peer)
+
+
+def test_a_contact_that_comes_and_goes_by_itself_is_told(shared_rig: Rig) -> None:
+    rig = shared_rig
+    starts = rig.plant.drive.pulse_starts
+    touch(rig)
+    rig.bench.chatters = 2
+    assert rig.peer.fault(20.0)["code"] == STUCK_CONTACT
+    assert rig.plant.drive.pulse_starts == starts
+    rig.latched(STUCK_CONTACT)
