@@ -6,11 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from edmctl.simulator import BenchConfig, VirtualBench
+from edmctl.simulator.acts import ActsFile
+from edmctl.simulator.injection import parse_injection
 from tests.cli.conftest import here
-from tests.cli.test_first_start import NAMED, items, statuses, wired
+from tests.cli.test_first_start import NAMED, items, statuses, wired, write_answers
+from tests.serving import serving
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from tests.cli.commands import Here
 
 __all__ = ["here", "wired"]
@@ -51,3 +57,15 @@ def test_a_mistake_is_named_and_nothing_else_is_blamed(here: Here, wired: Any, m
     assert {net for cause in found["causes"] for net in cause["nets"]} == nets
     assert words in " ".join(cause["text"] for cause in found["causes"])
     assert bench.is_off()
+
+
+def test_a_served_board_is_acted_on_by_a_file(here: Here, tmp_path: Path) -> None:
+    bench = VirtualBench(BenchConfig(controller="stm32"), 2)
+    bench.inject(parse_injection("LEVEL_INVERTED"))
+    acts, told = tmp_path / "hands", list[str]()
+    answers = write_answers(tmp_path / "answers.toml")
+    with serving(bench, acts=ActsFile(acts, bench, told.append)) as port:
+        said = here("first-start", "--port", port, "--answers", answers, "--acts", str(acts), "--json")
+    assert statuses(said, "fail") == ["level"], said.err
+    assert (said.exit_code, told) == (8, [])
+    assert bench.is_safe
