@@ -12,6 +12,7 @@ from edmctl.jobs.first_start import actuator, cold, generator, stages
 from edmctl.jobs.first_start.causes import cause_of
 from edmctl.jobs.first_start.checklist import Checklist
 from edmctl.jobs.first_start.hands import VirtualHands, WrittenHands
+from edmctl.link.messages import Clock
 from edmctl.results.first_start import FirstStartReport, ItemStatus
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def first_start(
 
 
 def _written_hands(machine: LinkMachine, acts: Path, asked: Person) -> WrittenHands:
-    if not machine.identity.simulated and "SIM-" not in machine.identity.serial:
+    if not machine.identity.simulated and machine.hello.clock != Clock.DRIVEN:
         raise UsageError(
             "--acts is about a virtual machine, and a real one answers.",
             hint="Leave it out: people act at a real machine.",
