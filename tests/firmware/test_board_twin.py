@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.errors import PreconditionError
 from edmctl.firmware.board_build import COMPILERS
 from edmctl.link import messages as m
 from edmctl.simulator.emulated import image
 from tests.firmware import board_twin
+from tests.firmware_tools import need_board_compiler, need_package
 
 if TYPE_CHECKING:
     import ctypes as ct
@@ -23,7 +23,7 @@ SECONDS, SEED = 2.0, 2
 
 @pytest.fixture(scope="module")
 def library(core: Build, tmp_path_factory: pytest.TempPathFactory) -> ct.CDLL:
-    pytest.importorskip("unicorn")
+    need_package("unicorn")
     return board_twin.built(tmp_path_factory.mktemp("twin"))
 
 
@@ -31,10 +31,8 @@ def library(core: Build, tmp_path_factory: pytest.TempPathFactory) -> ct.CDLL:
 def cuts(library: ct.CDLL) -> dict[str, Cut]:
     made = {}
     for name in COMPILERS:
-        try:
-            image(name)
-        except PreconditionError as error:
-            pytest.skip(error.message)
+        need_board_compiler(name)
+        image(name)
         made[name] = board_twin.cut(SECONDS, SEED, name, library)
     return made
 
