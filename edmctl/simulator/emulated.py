@@ -1,4 +1,4 @@
-"""The image of a board on an emulated chip, in the place of the virtual controller. For trials from a source tree only."""
+"""The image of a board on an emulated chip, in place of the virtual controller. For trials in a source tree."""
 
 from __future__ import annotations
 

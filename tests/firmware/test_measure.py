@@ -507,7 +507,7 @@ def test_a_gate_that_opens_again_begins_with_its_own_pulses(code: ct.CDLL) -> No
         (0, 4095, math.nan),
         (0, 120, -5.0 + 120 * 170.0 / 4095),
         (1, 0, math.nan),
-        (1, 819, 0.0),
+        (1, 819, 50.0),
         (2, 0, 0.0),
         (2, 1024, 25.0),
         (3, 2048, 2.5),
