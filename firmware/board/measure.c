@@ -88,10 +88,13 @@ static real mean_amps(const struct sum *sum) {
 
 /* Takes the next edge that is before `until`; `*at` then stands behind it. */
 static bool next_edge(const struct edges *edges, uint32_t *at, uint32_t until, uint32_t *time) {
-    if (*at == edges->at || !is_before(edges->ring[*at], until)) {
+    if (*at == edges->at) {
         return false;
     }
     *time = edges->ring[*at];
+    if (!is_before(*time, until)) {
+        return false;
+    }
     *at = *at + 1u == edges->size ? 0 : *at + 1u;
     return true;
 }

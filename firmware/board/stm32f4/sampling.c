@@ -142,10 +142,11 @@ static void start_edges(void) {
     TIM2->ARR = TIM5->ARR = UINT32_MAX;
 }
 
+/* All but the displacement, which is a reading of the millisecond. */
 static void read_scans(void) {
-    for (int i = 0; i < SLOW_CHANNELS; i++) {
-        slow[i] = measure_slow(&scans, (enum slow)i);
-    }
+    slow[SLOW_MONITOR] = measure_slow(&scans, SLOW_MONITOR);
+    slow[SLOW_TEMPERATURE] = measure_slow(&scans, SLOW_TEMPERATURE);
+    slow[SLOW_FLOW] = measure_slow(&scans, SLOW_FLOW);
 }
 
 /* Sets everything up, and brings the first scans of the slow channels: edm_create asks for the monitor. */
