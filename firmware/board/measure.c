@@ -17,7 +17,7 @@
 #define LEAST_DROP R(0.05) /* of the open voltage: with less no conductance can be told */
 #define SAME_OPEN R(0.02)  /* of the open voltage: a divider that agrees so well with the supply says nothing new */
 #define NOT_A_NUMBER R(__builtin_nanf(""))
-#define OFF_TIMES_MOST 8u  /* that are looked at in a millisecond: a generator that does not switch off does so in each */
+#define LOOKS_MOST 8u      /* pulses of a millisecond whose open voltage and off-time are looked at */
 #define SCANS_MEANT 16u
 #define REST_STRIDE 4u     /* without pulses, each so many samples are looked at */
 
@@ -88,10 +88,13 @@ static real mean_amps(const struct sum *sum) {
 
 /* Takes the next edge that is before `until`; `*at` then stands behind it. */
 static bool next_edge(const struct edges *edges, uint32_t *at, uint32_t until, uint32_t *time) {
-    if (*at == edges->at || !is_before(edges->ring[*at], until)) {
+    if (*at == edges->at) {
         return false;
     }
     *time = edges->ring[*at];
+    if (!is_before(*time, until)) {
+        return false;
+    }
     *at = *at + 1u == edges->size ? 0 : *at + 1u;
     return true;
 }
@@ -110,15 +113,16 @@ static void find_current(struct measure *m, const struct records *r, struct puls
     uint32_t gate_end = pulse->start + on_counts;
     uint32_t rise = gate_end, last_rise = pulse->start, fall = 0, time;
     bool rose = false, fell = false;
-    skip_edges(&r->ignitions, &m->ignitions_at, pulse->start);
-    skip_edges(&r->ends, &m->ends_at, pulse->start);
     while (next_edge(&r->ignitions, &m->ignitions_at, gate_end, &time)) {
+        if (is_before(time, pulse->start)) {
+            continue;
+        }
         rise = rose ? rise : time;
         last_rise = time;
         rose = true;
     }
     while (next_edge(&r->ends, &m->ends_at, gate_end, &time)) {
-        if (time - pulse->start < MARGIN_COUNTS && is_before(time, rise)) {
+        if (is_before(time, pulse->start + MARGIN_COUNTS) && is_before(time, rise)) {
             continue;
         }
         rise = !fell && is_before(time, rise) ? pulse->start : rise;
@@ -162,8 +166,10 @@ static real most_or_nan(real a, real b) {
     return a >= b || a != a ? a : b;
 }
 
-/* Takes what one pulse says into the readings; returns its share of the mean gap voltage, V us. */
-static real read_pulse(struct edm_readings *out, const struct records *r, struct pulse *pulse, const struct gate *gate) {
+/* Takes what one pulse says into the readings; returns its share of the mean gap voltage, V us. `open_v` is that of the
+ * pulse before, and then its own. */
+static real read_pulse(struct edm_readings *out, const struct records *r, struct pulse *pulse, const struct gate *gate,
+                       real *open_v) {
     uint8_t i = out->pulses++;
     struct sum sum = {0};
     if (!pulse->ignited) { /* a comparator that does not speak: the samples do */
@@ -178,24 +184,26 @@ static real read_pulse(struct edm_readings *out, const struct records *r, struct
     } else {
         add_discharge(&sum, r, pulse);
     }
-    real open_v = open_voltage(r, pulse, gate->open_v);
+    if (i < LOOKS_MOST) {
+        *open_v = open_voltage(r, pulse, gate->open_v);
+    }
     real delay_us = us_of(pulse->ignition), discharge_us = us_of(pulse->end - pulse->ignition);
     real plateau_v = mean_volts(&sum), amps = mean_amps(&sum);
     out->delay_us[i] = delay_us;
     out->plateau_v[i] = plateau_v;
     out->discharge_us[i] = out->energy_uj[i] = 0;
     if (!pulse->ignited) {
-        return delay_us * open_v;
+        return delay_us * *open_v;
     }
     /* An edge on the grid of the timer is a discharge, however short. */
     out->discharge_us[i] = discharge_us > 0 ? discharge_us : us_of(1);
     out->energy_uj[i] = plateau_v * amps * discharge_us;
     out->charge_uc += amps * discharge_us;
-    real drop_v = open_v - plateau_v;
+    real drop_v = *open_v - plateau_v;
     if (!(drop_v < LEAST_DROP * gate->open_v)) {
         out->generator_siemens = most_or_nan(amps / drop_v, out->generator_siemens);
     }
-    return delay_us * open_v + discharge_us * plateau_v;
+    return delay_us * *open_v + discharge_us * plateau_v;
 }
 
 /* Samples before a pulse, when the one before it should have gone out. */
@@ -215,7 +223,7 @@ static void read_pulses(struct measure *m, const struct records *r, const struct
     uint32_t samples = gate->period_counts / COUNTS_PER_SAMPLE;
     samples = samples < SAMPLES_LEAST ? SAMPLES_LEAST : samples < SAMPLES_MOST ? samples : SAMPLES_MOST;
     struct sum off = {0};
-    real volt_us = 0;
+    real volt_us = 0, open_v = gate->open_v;
     if (m->changes != gate->changes) {
         skip_edges(&r->gates, &m->gates_at, gate->on_since - MARGIN_COUNTS);
         m->first = true;
@@ -230,11 +238,11 @@ static void read_pulses(struct measure *m, const struct records *r, const struct
             out->first_pulse_ns = r->now_ns - age * 1000 / (int64_t)COUNTS_PER_US;
         }
         find_current(m, r, &pulse, gate->on_counts);
-        if (!m->first && out->pulses < OFF_TIMES_MOST) {
+        if (!m->first && out->pulses < LOOKS_MOST) {
             add_off_time(&off, r, &pulse, gate);
         }
         m->first = false;
-        volt_us += read_pulse(out, r, &pulse, gate);
+        volt_us += read_pulse(out, r, &pulse, gate, &open_v);
     }
     if (out->pulses > 0) {
         real mean_v = volt_us / (us_of(gate->period_counts) * (real)out->pulses);

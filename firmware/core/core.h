@@ -8,8 +8,9 @@
 uint32_t frame_crc(uint32_t crc, const uint8_t *bytes, size_t size);
 size_t frame_encode(uint8_t *out, uint8_t type, uint8_t seq, uint8_t session, uint8_t flags, const uint8_t *payload,
                     size_t size);
-bool frame_take(struct edm_receiver *r, uint8_t byte, struct edm_frame *frame);
-bool frame_aborts(const struct edm_receiver *r, uint8_t byte);
+size_t frame_fill(struct edm_receiver *r, const uint8_t *bytes, size_t size);
+bool frame_aborts(const struct edm_receiver *r);
+bool frame_end(struct edm_receiver *r, struct edm_frame *frame);
 
 /* delivery.c */
 void delivery_handle(struct edm_controller *c, const struct edm_frame *frame);
@@ -109,7 +110,7 @@ void telemetry_flush(struct edm_controller *c);
 void telemetry_send_full(struct edm_controller *c);
 void telemetry_sample(struct edm_controller *c, uint8_t flags);
 void telemetry_write(uint8_t *p, const struct edm_sample *sample, int32_t ticks);
-void telemetry_log_pulse(struct edm_controller *c, int i, uint8_t pulse_class);
+void telemetry_log_pulses(struct edm_controller *c, const uint8_t *classes);
 
 /* blackbox.c */
 void blackbox_record(struct edm_controller *c, uint8_t flags);

@@ -156,9 +156,13 @@ size_t edm_receive(struct edm_controller *c, const uint8_t *bytes, size_t size) 
     c->link.advance_came = false;
     while (taken < size && !c->link.advance_came) {
         struct edm_frame frame;
-        uint8_t byte = bytes[taken++];
-        bool aborts = frame_aborts(&c->receiver, byte);
-        if (frame_take(&c->receiver, byte, &frame)) {
+        taken += frame_fill(&c->receiver, bytes + taken, size - taken);
+        if (taken == size) {
+            break;
+        }
+        taken++; /* a zero */
+        bool aborts = frame_aborts(&c->receiver);
+        if (frame_end(&c->receiver, &frame)) {
             delivery_handle(c, &frame);
         }
         if (aborts) {

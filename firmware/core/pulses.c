@@ -33,13 +33,14 @@ static uint8_t class_of(struct edm_controller *c, int i) {
 /* Counts and logs every pulse of the tick; returns how many were shorts. */
 int pulses_judge(struct edm_controller *c) {
     struct edm_gap *gap = &c->gap;
+    uint8_t classes[EDM_MOST_PULSES];
     memset(&gap->tick, 0, sizeof gap->tick);
     for (int i = 0; i < c->readings.pulses; i++) {
-        uint8_t pulse_class = class_of(c, i);
-        gap->tick.of[pulse_class]++;
-        if (c->telemetry.log != PULSE_LOG_OFF) {
-            telemetry_log_pulse(c, i, pulse_class);
-        }
+        classes[i] = class_of(c, i);
+        gap->tick.of[classes[i]]++;
+    }
+    if (c->telemetry.log != PULSE_LOG_OFF) {
+        telemetry_log_pulses(c, classes);
     }
     waveforms_note_pulses(c);
     for (int k = 0; k < 4; k++) {

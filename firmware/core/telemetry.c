@@ -162,7 +162,7 @@ static void log_one(struct edm_telemetry *t, const struct edm_readings *readings
 }
 
 /* Adds pulse i of the tick to what TLM_START asked for: a record each, or sums over block_pulses of them. */
-void telemetry_log_pulse(struct edm_controller *c, int i, uint8_t pulse_class) {
+static void log_pulse(struct edm_controller *c, int i, uint8_t pulse_class) {
     struct edm_telemetry *t = &c->telemetry;
     if (t->log_pending == EDM_PENDING_PULSES) {
         begin_log(t); /* nobody has sent them: the counter of the frames tells */
@@ -182,6 +182,13 @@ void telemetry_log_pulse(struct edm_controller *c, int i, uint8_t pulse_class) {
     t->block_pulses++;
     if (t->block_pulses == c->settings.block_size) {
         close_block(t);
+    }
+}
+
+/* Adds all pulses of the tick. */
+void telemetry_log_pulses(struct edm_controller *c, const uint8_t *classes) {
+    for (int i = 0; i < c->readings.pulses; i++) {
+        log_pulse(c, i, classes[i]);
     }
 }
 

@@ -12,11 +12,13 @@
 /* Notes when the pulses of the tick began. */
 void waveforms_note_pulses(struct edm_controller *c) {
     struct edm_waveforms *w = &c->waveforms;
-    for (int i = 0; i < c->readings.pulses; i++) {
-        w->start_ns[w->at] = c->readings.first_pulse_ns + (int64_t)i * c->settings.pulse_period_ns;
+    int pulses = c->readings.pulses;
+    int64_t start_ns = c->readings.first_pulse_ns;
+    for (int i = 0; i < pulses; i++, start_ns += c->settings.pulse_period_ns) {
+        w->start_ns[w->at] = start_ns;
         w->at = (uint8_t)((w->at + 1) % SCOPE_PULSES);
-        w->count = (uint8_t)(w->count < SCOPE_PULSES ? w->count + 1 : SCOPE_PULSES);
     }
+    w->count = (uint8_t)(w->count + pulses < SCOPE_PULSES ? w->count + pulses : SCOPE_PULSES);
 }
 
 /* Begins a new record, as after a reset or with another setting of the generator; what is kept stays. */

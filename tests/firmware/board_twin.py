@@ -65,6 +65,12 @@ class Memory:
     def word(self, name: str) -> int:
         return int(self.at(name, 4).view("<u4")[0])
 
+    def received(self) -> int:
+        """Bytes of the line that wait in the ring."""
+        dma = _registers()
+        left = int(self._c.chip.r[dma.register(dma.DMA1, 0x10 + 0x18 + 4)])
+        return (RX_BYTES - left - self.word("rx_at")) % RX_BYTES
+
 
 def built(folder: Path) -> ct.CDLL:
     """Build the twin: core, what measures, and twin.c, in float."""

@@ -80,7 +80,9 @@ def reading(name: str, layout: Layout, golden: dict[str, Any]) -> str:
     return (
         f"    {{ const uint8_t bytes[] = {{{data}}}; size_t n = sizeof bytes, found = 0;\n"
         f"      struct edm_receiver r = {{0}}; struct edm_frame f;\n"
-        f"      for (size_t i = 0; i < n; i++) if (frame_take(&r, bytes[i], &f)) found = i + 1 == n;\n"
+        f"      for (size_t i = 0; i < n; i++) {{\n"
+        f"        i += frame_fill(&r, bytes + i, n - i);\n"
+        f"        if (i < n && frame_end(&r, &f)) found = i + 1 == n; }}\n"
         f'      if (!found) {{ printf("none\\n"); }} else {{ {read} printf("%d\\n", {" && ".join(header)}); }} }}\n'
     )
 

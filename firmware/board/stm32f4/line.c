@@ -6,7 +6,7 @@
 #define TX_BYTES 4096u
 #define READ_MOST 256u /* bytes a millisecond; the line brings 92 */
 
-static volatile uint8_t rx[RX_BYTES];
+static uint8_t rx[RX_BYTES];     /* what stands before the place of the stream does not change for ten milliseconds */
 static uint8_t tx[TX_BYTES];
 static uint32_t rx_at;          /* next to be read */
 static uint32_t tx_in, tx_out, tx_piece; /* next to be written, next to be sent, bytes under way */
@@ -38,17 +38,14 @@ static uint32_t received(void) {
     return (RX_BYTES - RX_STREAM->NDTR) % RX_BYTES;
 }
 
-/* Hands what has come to the core. */
+/* Hands what has come to the core, up to the end of the ring and from its begin on. */
 void line_read(struct edm_controller *c) {
-    uint8_t bytes[64];
     uint32_t end = received();
     for (uint32_t left = READ_MOST; left > 0 && rx_at != end;) {
-        uint32_t n = 0;
-        while (n < sizeof bytes && rx_at != end) {
-            bytes[n++] = rx[rx_at];
-            rx_at = (rx_at + 1u) % RX_BYTES;
-        }
-        edm_receive(c, bytes, n);
+        uint32_t n = (end > rx_at ? end : RX_BYTES) - rx_at;
+        n = n < left ? n : left;
+        edm_receive(c, rx + rx_at, n);
+        rx_at = (rx_at + n) % RX_BYTES;
         left -= n;
     }
 }
@@ -81,10 +78,10 @@ void hal_send(void *board, const uint8_t *frame, size_t size) {
     if (size > room) {
         return;
     }
-    for (size_t i = 0; i < size; i++) {
-        tx[tx_in] = frame[i];
-        tx_in = (tx_in + 1u) % TX_BYTES;
-    }
+    size_t whole = size < TX_BYTES - tx_in ? size : TX_BYTES - tx_in; /* before the end of the ring */
+    memcpy(tx + tx_in, frame, whole);
+    memcpy(tx, frame + whole, size - whole);
+    tx_in = (tx_in + size) % TX_BYTES;
 }
 
 /* Sends the next piece once the one before is out. */

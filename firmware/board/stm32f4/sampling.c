@@ -45,6 +45,7 @@ static bool anew;          /* the stream was started anew: where it stands has t
 static uint32_t anew_timer;
 static bool scans_anew;
 static struct scans scans = {.ring = slow_ring, .size = SLOW_HALFWORDS};
+static real slow[SLOW_CHANNELS]; /* in their units, however often they are asked for */
 
 /* What a fault keeps of the ring. It outlasts a reset: its check is right then. */
 NO_INIT struct {
@@ -141,6 +142,13 @@ static void start_edges(void) {
     TIM2->ARR = TIM5->ARR = UINT32_MAX;
 }
 
+/* All but the displacement, which is a reading of the millisecond. */
+static void read_scans(void) {
+    slow[SLOW_MONITOR] = measure_slow(&scans, SLOW_MONITOR);
+    slow[SLOW_TEMPERATURE] = measure_slow(&scans, SLOW_TEMPERATURE);
+    slow[SLOW_FLOW] = measure_slow(&scans, SLOW_FLOW);
+}
+
 /* Sets everything up, and brings the first scans of the slow channels: edm_create asks for the monitor. */
 void sampling_start(void) {
     clocks_on(&RCC->AHB1ENR, RCC_AHB1_DMA1 | RCC_AHB1_DMA2);
@@ -166,6 +174,7 @@ void sampling_start(void) {
         scans.good = SLOW_HALFWORDS - SLOW->NDTR >= SLOW_PER_MS;
     }
     scans.at = SLOW_PER_MS;
+    read_scans();
     TIM4->CR1 = 0;
 }
 
@@ -248,6 +257,7 @@ void sampling_look(struct records *records, int64_t time_ns) {
     now_ns = time_ns;
     look_at_samples();
     look_at_scans();
+    read_scans();
     records->now = now;
     records->now_ns = time_ns;
     records->gates = (struct edges){gate_edges, EDGES, place(latched.gates, EDGES)};
@@ -258,7 +268,7 @@ void sampling_look(struct records *records, int64_t time_ns) {
 }
 
 real sampling_slow(enum slow channel) {
-    return measure_slow(&scans, channel);
+    return slow[channel];
 }
 
 /* Waveforms: the ring goes on to the end that was asked for, then stands. */
