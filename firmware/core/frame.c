@@ -48,7 +48,7 @@ static void stuff(struct stuffing *s, const uint8_t *bytes, size_t size) {
         uint8_t byte = bytes[i];
         crc = crc_with(crc, byte);
         out[at] = byte;
-        if (byte == 0) {
+        if (__builtin_expect(byte == 0, 0)) { /* else a compiler may calculate the code for every byte */
             out[code_at] = (uint8_t)(at - code_at);
             code_at = at;
         }

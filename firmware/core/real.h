@@ -48,8 +48,9 @@ static inline int64_t ceiling_of(real x) {
 
 /* The nearest whole number, the even one of two; |x| below 2^62. */
 static inline int64_t nearest(real x) {
-    int64_t whole = (int64_t)x;
-    real rest = x - (real)whole;
+    bool is_small = magnitude(x) < R(2e9); /* 32 bits are converted by one instruction, 64 by a function */
+    int64_t whole = is_small ? (int32_t)x : (int64_t)x;
+    real rest = x - (is_small ? (real)(int32_t)whole : (real)whole);
     if (rest > R(0.5) || (rest == R(0.5) && (whole & 1) != 0)) {
         return whole + 1;
     }
