@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from edmctl.link.frame import FrameDecoder, encode_frame
+from edmctl.link.frame import Frame, FrameDecoder, encode_frame
 from edmctl.link.messages import (
     Advance,
     AdvanceReply,
@@ -181,7 +181,9 @@ class Stm32Controller:
             self._put_on_line(data)
             return
         *whole, self._pending = (self._pending + data).split(b"\0")
-        asks = False
+        asked = None
+        if whole and not self.bench.ticks:
+            self._await_start()
         for piece in whole:
             frames = self._commands.feed(b"\0" + piece + b"\0") if piece else []
             if frames and frames[0].type_id == Advance.ID:
@@ -191,20 +193,36 @@ class Stm32Controller:
                 self._has_zero = False
             else:
                 self._has_zero = False
-                asks = asks or bool(frames)
+                asked = frames[0] if frames else asked
                 if frames and frames[0].type_id in (Hello.ID, GetSchema.ID):
                     self.link.advanced = False  # whoever asks does not drive the clock yet
                 self._put_on_line(piece + b"\0")
-        if asks and not self.link.advanced:
-            self._answer_without_advance()
+        if asked is not None and not self.link.advanced:
+            self._answer_without_advance(asked)
 
-    def _answer_without_advance(self) -> None:
+    def _restart(self) -> None:
+        """Let a board that has said so restart, before a host that drives its clock asks it anything."""
+        self.link.reboots = False
+        before = len(self.chip.resets)
+        for _ in range(START_MS):
+            if len(self.chip.resets) > before and self.bench.ticks > 1:
+                return
+            self.advance(1)
+
+    def _await_start(self) -> None:
+        """Let an image start that hears nothing yet."""
+        for _ in range(START_MS):
+            self.advance(1)
+            if self.bench.ticks > 1:
+                return
+
+    def _answer_without_advance(self, asked: Frame) -> None:
         """Let the time pass that an answer takes, to whoever does not drive the clock yet."""
         link = self.link
-        link.replied = False
+        link.awaited = (asked.type_id | REPLY_BIT, asked.seq)
         for _ in range(_GREETING_MS):
             self.advance(1)
-            if link.replied:
+            if link.awaited is None:
                 break
         link.due = True
 
@@ -227,6 +245,8 @@ class Stm32Controller:
         self.link.advanced = True
         if asked.timeout_us:
             self.host_wait.wait(asked.timeout_us * 1e-6)
+        if self.link.reboots:
+            self._restart()
         reply = AdvanceReply(t_dev_us=self.time_us)
         self.link.answer(
             encode_frame(frame.type_id | REPLY_BIT, frame.seq, frame.session, Status.OK, reply.pack())

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.link.frame import FrameDecoder, encode_frame
-from edmctl.link.messages import Clock, Hello, HelloReply, Status, Tlm
+from edmctl.link.messages import Clock, Hello, HelloReply, Reboot, Status, Tlm
 from edmctl.simulator.plant_interface import TICK_S
 
 from .line import UNHURRIED
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from .controller import Stm32Controller
 
 REPLY_BIT = 0x40
+SIMULATED = 0
+"""Board that HELLO tells, whatever the image says."""
 
 
 class Stm32Link:
@@ -31,7 +33,8 @@ class Stm32Link:
         self.driven = False
         self.urgent = self.due = False
         self.advanced = False
-        self.replied = False  # to a command, since this was last looked at
+        self.reboots = False  # it has said that it will restart
+        self.awaited: tuple[int, int] | None = None  # type and seq of a reply
 
     @property
     def greeting(self) -> bool:
@@ -64,12 +67,15 @@ class Stm32Link:
         frame = next(iter(self._decoder.feed(data)), None)
         if frame is not None:
             self.urgent = self.urgent or frame.type_id not in UNHURRIED
-            self.replied = self.replied or bool(frame.type_id & REPLY_BIT)
+            if frame[:2] == self.awaited:
+                self.awaited = None
+            self.reboots = self.reboots or (frame.type_id, frame.flags) == (Reboot.ID | REPLY_BIT, Status.OK)
             if frame.type_id == Hello.ID | REPLY_BIT:
                 self.advanced = False
-                if self.driven and frame.flags == Status.OK:
+                if frame.flags in (Status.OK, Status.VERSION):
                     told = HelloReply.unpack(frame.payload)
-                    told.clock = Clock.DRIVEN
+                    told.board = SIMULATED  # no result of it may pass for one of a machine
+                    told.clock = Clock.DRIVEN if self.driven else told.clock
                     data = encode_frame(*frame[:4], told.pack())
             data = self._c.telemetry.passes(frame.type_id, data)
         if data:
