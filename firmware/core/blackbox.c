@@ -40,7 +40,9 @@ void blackbox_record(struct edm_controller *c, uint8_t flags) {
     }
     sample->state = c->state;
     sample->flags = flags;
-    sample->check = check_of(sample, c->tick, c->boot_tick);
+    if (EDM_BOX_LASTS) {
+        sample->check = check_of(sample, c->tick, c->boot_tick);
+    }
 }
 
 void blackbox_freeze(struct edm_controller *c) {

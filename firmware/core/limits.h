@@ -11,6 +11,9 @@
 #ifndef EDM_BOX_SAMPLES
 #define EDM_BOX_SAMPLES 2048 /* milliseconds in the black box: 512, 1024 or 2048 */
 #endif
+#ifndef EDM_BOX_LASTS
+#define EDM_BOX_LASTS 1 /* 0: no reset keeps memory here, and samples get no check */
+#endif
 #define EDM_EVENTS 32     /* events kept until they are acknowledged; these figures are the protocol's */
 #define EDM_REPLIES 8     /* kept replies (Delivery) */
 #define EDM_NONCES 8      /* nonces of former sessions (Session) */
