@@ -89,7 +89,9 @@ class Stm32Controller:
         )
         self._read_inputs()
         self._start(Reset.POWER_ON)
-        self._boot()
+        if not self._await_start():
+            at = self.chip.program_counter
+            raise ChipFailed(f"the image does not come to its main loop; it stands at {at:#x}")
         self.link.take_output()  # nobody listens when a machine is switched on
 
     # --------------------------------------------------------------------------------------- what stands in memory
@@ -209,12 +211,13 @@ class Stm32Controller:
                 return
             self.advance(1)
 
-    def _await_start(self) -> None:
-        """Let an image start that hears nothing yet."""
+    def _await_start(self) -> bool:
+        """Let the image come to its main loop, before which it hears nothing; False where it does not."""
         for _ in range(START_MS):
             self.advance(1)
             if self.bench.ticks > 1:
-                return
+                return True
+        return False
 
     def _answer_without_advance(self, asked: Frame) -> None:
         """Let the time pass that an answer takes, to whoever does not drive the clock yet."""
@@ -394,16 +397,6 @@ class Stm32Controller:
         watch.is_due = 1
         watch.wwdg_silent = watch.iwdg_silent = 0
         watch.arms = watch.touches = 0
-
-    def _boot(self) -> None:
-        """Let the image come to its main loop."""
-        for _ in range(START_MS):
-            self.run(1, stops_when_sent=False)
-            if self.bench.ticks > 1:
-                return
-        raise ChipFailed(
-            f"the image does not come to its main loop; it stands at {self.chip.program_counter:#x}"
-        )
 
     def raise_fault(self, code: FaultCode, detail: int = 0) -> None:
         """Let the time pass in which the board finds out that the host is silent: no other fault is asked for."""

@@ -6,6 +6,15 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import compiled
+from edmctl.simulator.fault_recorder import (
+    BREAKDOWN_US,
+    CURRENT_NOISE_A,
+    CURRENT_US,
+    DECAY_US,
+    PLATEAU_NOISE,
+    RISE_US,
+    VOLTAGE_NOISE_V,
+)
 from edmctl.simulator.plant_state import SCOPE_PULSES
 
 from .addresses import (
@@ -52,8 +61,6 @@ _FAST_AT, _SLOW_AT = address(ADC, ADC_CDR), address(ADC, ADC3 + ADC_DR)
 _CC4E = 1 << 12
 _FULL = 4096.0  # counts at 3.3 V
 CONVERTER_NOISE = 1.0  # counts, rms, of the slow converter [assumed]
-RISE_US, BREAKDOWN_US, CURRENT_US, DECAY_US = 0.5, 0.1, 0.3, 2.0  # as simulator/fault_recorder.py has them
-PLATEAU_NOISE, VOLTAGE_NOISE_V, CURRENT_NOISE_A = 0.025, 0.05, 0.0005
 
 
 @compiled
