@@ -1,9 +1,7 @@
 """What a fault freezes: every millisecond of the last two seconds, and the waveforms of the gap about the fault.
 
 The black box holds the milliseconds as telemetry would have told them. The plant knows a pulse by its ignition
-delay, discharge time and plateau; what an oscilloscope would show of it is put together here: the open voltage comes
-up through the series resistor, breaks down to the plateau, and falls when the generator's switch opens. All time
-constants are assumed; docs/virtual-machine.md lists them.
+delay, discharge time and plateau; `pulse_shape` makes of it what an oscilloscope would show.
 """
 
 from __future__ import annotations
@@ -18,6 +16,7 @@ from edmctl.link.messages import BlackboxReadReply, Tlm, WaveformReadReply
 from edmctl.simulator.controller_kernel import BOX_COLUMNS, BOX_TICKS
 from edmctl.simulator.controller_state import ARC, NORMAL, OPEN, PACK, SHORT
 from edmctl.simulator.plant_interface import STEPS_PER_V, TICK_NS
+from edmctl.simulator.pulse_shape import CURRENT_NOISE_A, PLATEAU_NOISE, VOLTAGE_NOISE_V, pulse_signals
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -43,13 +42,7 @@ PULSE = np.dtype([(name, np.float64) for name in PULSE_COLUMNS])
 """A pulse of `Scope`."""
 
 SAMPLE_NS = 1000
-RISE_US = 0.5  # of the open voltage: series resistor and capacitance of gap and leads [assumed]
-BREAKDOWN_US = 0.1  # of the voltage at ignition [assumed]
-CURRENT_US = 0.3  # of the current, both ways: inductance of the leads [assumed]
-DECAY_US = 2.0  # of the voltage once the switch is open [assumed]
 SWITCH_OFF_US = 5.0  # from a fault until the switch is open; the protocol asks for 10
-PLATEAU_NOISE = 0.025  # rms over plateau voltage [assumed]
-VOLTAGE_NOISE_V, CURRENT_NOISE_A = 0.05, 0.0005  # rms of the converters [assumed]
 
 
 class BlackBox:
@@ -134,7 +127,10 @@ def gap_signals(
         safe_us = (pulses.fault_ns - row["start_ns"]) * 1e-3 + SWITCH_OFF_US
         opens_us = min(pulses.on_time_us, row["delay_us"] + row["discharge_us"], safe_us)
         here = slice(first, end)
-        v[here], a[here] = _one_pulse(row, t_us, pulses.open_v, opens_us)
+        delay_us, plateau_v, siemens = (float(row[name]) for name in ("delay_us", "plateau_v", "siemens"))
+        v[here], a[here] = pulse_signals(
+            t_us, pulses.open_v, min(delay_us, opens_us), opens_us, plateau_v, siemens
+        )
         burns = (t_us >= row["delay_us"]) & (t_us < opens_us)
         lively[here][burns] += PLATEAU_NOISE * row["plateau_v"]
         if row["discharge_us"] > 0.0:
@@ -154,35 +150,6 @@ def _stretches(pulses: RecentPulses, begin_ns: int, samples: int) -> Iterator[tu
     for row, first, end in zip(pulses.rows, firsts.tolist(), ends.tolist(), strict=True):
         if end > max(first, 0):
             yield row, max(first, 0), end
-
-
-def _one_pulse(row: np.void, t_us: Floats, open_v: float, opens_us: float) -> tuple[Floats, Floats]:
-    """Voltage and current of a pulse at times since its begin; its switch is open from `opens_us` on."""
-    delay_us = min(float(row["delay_us"]), opens_us)
-    burning_us = opens_us - delay_us
-    plateau_v = row["plateau_v"]
-    current_a = (open_v - plateau_v) * row["siemens"]
-    lit_v = open_v * -np.expm1(-delay_us / RISE_US)
-    last_v, last_a = lit_v, 0.0
-    if burning_us > 0.0:
-        last_v = plateau_v + (lit_v - plateau_v) * np.exp(-burning_us / BREAKDOWN_US)
-        last_a = current_a * -np.expm1(-burning_us / CURRENT_US)
-    lit_t_us, off_t_us = np.maximum(t_us - delay_us, 0.0), np.maximum(t_us - opens_us, 0.0)
-    parts = [t_us < delay_us, t_us < opens_us]
-    v = np.select(
-        parts,
-        [
-            open_v * -np.expm1(-t_us / RISE_US),
-            plateau_v + (lit_v - plateau_v) * np.exp(-lit_t_us / BREAKDOWN_US),
-        ],
-        last_v * np.exp(-off_t_us / DECAY_US),
-    )
-    a = np.select(
-        parts,
-        [np.zeros(len(t_us)), current_a * -np.expm1(-lit_t_us / CURRENT_US)],
-        last_a * np.exp(-off_t_us / CURRENT_US),
-    )
-    return v, a
 
 
 class Waveforms:

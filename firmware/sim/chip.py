@@ -202,7 +202,7 @@ class Chip:
         self._uc = self._engine._uch
         for at, memory, rights in (
             (FLASH_AT, self.flash, 5),
-            (SRAM_AT, self.sram, 7),
+            (SRAM_AT, self.sram, 3),
             (CCM_AT, self.ccm, 3),
             (SYSTEM_MEMORY_AT, self.system_memory, 1),
         ):
@@ -362,5 +362,5 @@ class Chip:
     def _open_guard(self) -> None:
         base, size = self._closed
         if size:
-            self._call("uc_mem_protect", base, size, 7)
+            self._call("uc_mem_protect", base, size, 3)
             self._closed = (0, 0)

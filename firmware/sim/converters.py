@@ -6,16 +6,14 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import compiled
-from edmctl.simulator.fault_recorder import (
-    BREAKDOWN_US,
-    CURRENT_NOISE_A,
-    CURRENT_US,
-    DECAY_US,
-    PLATEAU_NOISE,
-    RISE_US,
-    VOLTAGE_NOISE_V,
-)
 from edmctl.simulator.plant_state import SCOPE_PULSES
+from edmctl.simulator.pulse_shape import (
+    CURRENT_NOISE_A,
+    PLATEAU_NOISE,
+    VOLTAGE_NOISE_V,
+    pulse_at,
+    pulse_ends,
+)
 
 from .addresses import (
     ADC,
@@ -42,7 +40,7 @@ from .addresses import (
     word,
 )
 from .circuit import DISPLACEMENT_UM, FLOW_LPM, GAP_A, GAP_V, MONITOR_V, TEMPERATURE_C
-from .dma import put
+from .dma import carry, put, takes
 from .pins import pin_is
 from .registers import SAMPLES_FROM
 
@@ -55,6 +53,7 @@ if TYPE_CHECKING:
 
     from .circuit import Bench
 
+SAMPLES_PER_MS = 1000
 NOISE = 8192
 """Random numbers of the converters, used in a ring; a power of two."""
 _FAST_AT, _SLOW_AT = address(ADC, ADC_CDR), address(ADC, ADC3 + ADC_DR)
@@ -109,58 +108,44 @@ def sample_gap(
         at -= 1
     while at < newest and scope.start_ns[at & (SCOPE_PULSES - 1)] < begin_ns - 2e9:
         at += 1
-    open_v, on_us = unit.open_v, unit.on_time_us
     k = r[SAMPLES_FROM] // 168
     n = bench.noise_at + 2 * k  # noise is of the time, not of how long the image took
+    bench.noise_at += 2 * SAMPLES_PER_MS
     r[SAMPLES_FROM] = 0
-    while k < 1000:
+    carries = takes(r, DMA2, 4, 0, _FAST_AT, 4)
+    has_rest_v = not bench.was_on and readings.gap_v > 0.0  # from elsewhere
+    rest_v = readings.gap_v if has_rest_v else 0.0
+    open_v, seen = unit.open_v, -1
+    start, delay, opens, plateau, current, leak, stuck = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0
+    ends = (0.0, 0.0, 0.0)
+    while carries and k < SAMPLES_PER_MS:
         t_ns = begin_ns + k * 1000.0
         while at + 1 < newest and scope.start_ns[(at + 1) & (SCOPE_PULSES - 1)] <= t_ns:
             at += 1
-        v, a, lively = 0.0, 0.0, VOLTAGE_NOISE_V
-        place = at & (SCOPE_PULSES - 1)
-        start = scope.start_ns[place]
-        if at < newest and at >= 0 and 0.0 <= t_ns - start < 1e9:
-            t = (t_ns - start) * 1e-3
-            delay, burns, plateau = scope.delay_us[place], scope.discharge_us[place], scope.plateau_v[place]
-            opens = min(on_us, delay + burns)
+        if at != seen and 0 <= at < newest:
+            seen, place = at, at & (SCOPE_PULSES - 1)
+            start, plateau, stuck = scope.start_ns[place], scope.plateau_v[place], scope.stuck_v[place]
+            opens = min(unit.on_time_us, scope.delay_us[place] + scope.discharge_us[place])
+            leak = scope.leak_a[place] if scope.discharge_us[place] > 0.0 else 0.0
             if start < bench.off_ns:
-                opens = min(opens, (bench.off_ns - start) * 1e-3)
-            delay = min(delay, opens)
+                opens, leak = min(opens, (bench.off_ns - start) * 1e-3), 0.0
+            delay = min(scope.delay_us[place], opens)
             current = (open_v - plateau) * scope.siemens[place]
-            if t < delay:
-                v = open_v if t > 5.0 else open_v * (1.0 - math.exp(-t / RISE_US))
-            elif t < opens:
-                lit = open_v if delay > 5.0 else open_v * (1.0 - math.exp(-delay / RISE_US))
-                since = t - delay
-                v = plateau if since > 2.0 else plateau + (lit - plateau) * math.exp(-since / BREAKDOWN_US)
-                a = current if since > 3.0 else current * (1.0 - math.exp(-since / CURRENT_US))
+            ends = pulse_ends(open_v, delay, opens, plateau, current)
+        v, a, lively = rest_v, 0.0, VOLTAGE_NOISE_V
+        if seen >= 0 and 0.0 <= t_ns - start < 1e9:
+            t = (t_ns - start) * 1e-3
+            v, a = pulse_at(t, open_v, delay, opens, plateau, current, ends)
+            if t >= opens:
+                a += leak
+            elif t >= delay:
                 lively += PLATEAU_NOISE * plateau
-            else:
-                since = t - opens
-                if since < 20.0:
-                    last_v = open_v if delay > 5.0 else open_v * (1.0 - math.exp(-delay / RISE_US))
-                    if opens > delay:
-                        last_v = plateau + (last_v - plateau) * math.exp(-(opens - delay) / BREAKDOWN_US)
-                        a = (
-                            current
-                            * (1.0 - math.exp(-(opens - delay) / CURRENT_US))
-                            * math.exp(-since / CURRENT_US)
-                        )
-                    v = last_v * math.exp(-since / DECAY_US)
-                if burns > 0.0 and scope.leak_a[place] > 0.0 and not start < bench.off_ns:
-                    a += scope.leak_a[place]
-            v *= unit.gap_wire
-            if scope.stuck_v[place] >= 0.0:
-                v = scope.stuck_v[place]
-        elif not bench.was_on and readings.gap_v > 0.0:  # a gap at rest, with a voltage from elsewhere
-            v = readings.gap_v
+            v = stuck if stuck >= 0.0 else v * unit.gap_wire
         volts = count(v + lively * noise[n & (NOISE - 1)], 0.0, GAP_V, 0.0)
         amperes = count(a + CURRENT_NOISE_A * noise[n + 1 & (NOISE - 1)], 0.0, GAP_A, 0.0)
+        carries = carry(r, memory, DMA2, 4, 4, volts | amperes << 16)
         n += 2
-        put(r, memory, DMA2, 4, 0, _FAST_AT, 4, volts | amperes << 16)
         k += 1
-    bench.noise_at = n
 
 
 @compiled

@@ -29,41 +29,48 @@ if TYPE_CHECKING:
 
 
 @compiled
-def put(
-    r: np.ndarray, memory: np.ndarray, dma: int, stream: int, channel: int, source: int, size: int, value: int
-) -> None:
-    """One request of the register at the address `source`: the stream carries `size` bytes of a value to the memory.
+def takes(r: np.ndarray, dma: int, stream: int, channel: int, source: int, size: int) -> bool:
+    """Whether a stream carries the requests of the register at the address `source`, values of `size` bytes.
 
     A stream that is off, or set up for another request, does nothing; with other widths it is an error of the image.
     """
     control = stream_at(dma, stream)
     cr = r[control]
     if not cr & EN or cr >> 25 & 7 != channel or cr >> 6 & 3 != 0 or r[control + PAR] != source:
-        return
+        return False
     width = size >> 1  # 0, 1, 2: bytes, halfwords, words
     if cr >> 13 & 3 != width or cr >> 11 & 3 != width or not cr & MINC:
         note_error(r, source)
-        return
+        return False
+    return True
+
+
+@compiled
+def carry(r: np.ndarray, memory: np.ndarray, dma: int, stream: int, size: int, value: int) -> bool:
+    """One value into the memory, by a stream that takes it. False where it takes no more."""
+    control = stream_at(dma, stream)
     whole = r[RELOAD + stream + (8 if dma == DMA2 else 0)]
     left = r[control + NDTR]
     place = r[control + M0AR] + (whole - left) * size - SRAM_AT
     if place < 0 or place > SRAM_BYTES - size:
         note_error(r, r[control + M0AR])  # no DMA reaches other memory (§2.3.1)
-        return
-    if size == 4:
-        memory[place] = value & 255
-        memory[place + 1] = value >> 8 & 255
-        memory[place + 2] = value >> 16 & 255
-        memory[place + 3] = value >> 24
-    elif size == 2:
-        memory[place] = value & 255
-        memory[place + 1] = value >> 8 & 255
-    else:
-        memory[place] = value
+        return False
+    for i in range(size):
+        memory[place + i] = value >> 8 * i & 255
     r[control + NDTR] = left - 1
     if left == 1:
         r[word(dma, DMA_LISR if stream < 4 else DMA_HISR)] |= TCIF << FLAGS_AT[stream & 3]
-        if cr & CIRC:
-            r[control + NDTR] = whole
-        else:
-            r[control] = cr & ~EN
+        if not r[control] & CIRC:
+            r[control] &= ~EN
+            return False
+        r[control + NDTR] = whole
+    return True
+
+
+@compiled
+def put(
+    r: np.ndarray, memory: np.ndarray, dma: int, stream: int, channel: int, source: int, size: int, value: int
+) -> None:
+    """One request of the register at the address `source`: its stream, if it takes it, carries the value."""
+    if takes(r, dma, stream, channel, source, size):
+        carry(r, memory, dma, stream, size, value)

@@ -12,6 +12,8 @@ from edmctl.simulator.plant_interface import TICK_S
 from .line import UNHURRIED
 
 if TYPE_CHECKING:
+    from edmctl.link.frame import Frame
+
     from .controller import Stm32Controller
 
 REPLY_BIT = 0x40
@@ -77,7 +79,7 @@ class Stm32Link:
                     told.board = SIMULATED  # no result of it may pass for one of a machine
                     told.clock = Clock.DRIVEN if self.driven else told.clock
                     data = encode_frame(*frame[:4], told.pack())
-            data = self._c.telemetry.passes(frame.type_id, data)
+            data = self._c.telemetry.passes(frame, data)
         if data:
             self._out.append(data)
 
@@ -95,13 +97,24 @@ class Stm32Link:
 
 
 class Samples:
-    """What can be wrong with a controller's samples, on their way."""
+    """What can be wrong with a controller's samples: `lost` ones do not come, `frozen` ones tell an old time."""
 
-    lost = frozen = False
+    def __init__(self) -> None:
+        self.lost = self.frozen = False
+        self._t0_us = 0
 
-    def passes(self, type_id: int, data: bytes) -> bytes:
-        """Return what is sent of a frame."""
-        return b"" if self.lost and type_id == Tlm.ID else data
+    def passes(self, frame: Frame, data: bytes) -> bytes:
+        """Return what is sent of a frame, whose bytes are `data`."""
+        if frame.type_id != Tlm.ID:
+            return data
+        if self.lost:
+            return b""
+        samples = Tlm.unpack(frame.payload)
+        if not self.frozen:
+            self._t0_us = samples.t0_us
+            return data
+        samples.t0_us = self._t0_us
+        return encode_frame(*frame[:4], samples.pack())
 
 
 class Waiting:
