@@ -15,8 +15,11 @@ from typing import TYPE_CHECKING
 from edmctl.errors import PreconditionError, installing
 from edmctl.firmware.build import compiler_environment, source_folder, version_of
 from edmctl.firmware.image import read_image, seal
+from edmctl.firmware.settings import flags_of, parse_settings, settings_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from edmctl.firmware.boards import Board
     from edmctl.firmware.image import Image
 
@@ -66,14 +69,20 @@ class BoardBuild:
 
 
 def build_board(
-    board: Board, output: Path, schema_hash: int, named: str | None = None, sources: Path | None = None
+    board: Board,
+    output: Path,
+    schema_hash: int,
+    named: str | None = None,
+    sources: Path | None = None,
+    settings: Sequence[str] = (),
 ) -> BoardBuild:
     """Build the image of a board as ELF, BIN and HEX, whichever of the three `output` names.
 
     schema_hash : of this program. named : one of COMPILERS; without, zig where it is installed, else GCC.
-    sources : folder of the firmware, if not that of this program.
+    sources : folder of the firmware, if not that of this program. settings : NAME=VALUE of `settings.py`.
 
-    Raises PreconditionError: E8093 without that compiler, E8094 where no image comes of it or can be written.
+    Raises UsageError E2094 for a setting; PreconditionError: E8093 without that compiler, E8094 where no image comes
+    of it or can be written.
     """
     folder = sources or source_folder()
     tools = toolchain(board, named)
@@ -81,6 +90,8 @@ def build_board(
     script = folder / board.script
     if not script.is_file():
         raise _not_built(f"the sources of {board.title} are not there ({script}).")
+    known = settings_of(folder)
+    flags = flags_of(parse_settings(settings, known), known)
     stem = output.with_suffix("") if output.suffix in SUFFIXES else output
     elf, binary, text = (Path(f"{stem}{suffix}") for suffix in SUFFIXES)
     try:
@@ -92,6 +103,7 @@ def build_board(
                 [
                     *tools.command,
                     *tools.flags,
+                    *flags,
                     *tools.linking(script),
                     *files,
                     *tools.libraries,

@@ -16,6 +16,7 @@ from edmctl.files import read_bytes
 from edmctl.firmware.boards import Board, board_name, board_of
 from edmctl.firmware.elf import Elf
 from edmctl.firmware.hex_file import hex_of, parse_hex
+from edmctl.firmware.settings import told_settings
 from edmctl.results.firmware import ImageFacts, Section
 
 if TYPE_CHECKING:
@@ -109,6 +110,7 @@ def read_image(path: Path, schema_hash: int) -> Image:
         crc32=record.crc32,
         sections=_sections(elf, board) if elf is not None and board is not None else (),
         has_same_schema=record.schema_hash == schema_hash,
+        settings=told_settings(data[: record.size]),
     )
     return Image(facts, board, address, data[: record.size])
 

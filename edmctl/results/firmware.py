@@ -20,7 +20,8 @@ class Section:
 class ImageFacts:
     """What the record in an image says, and what its file holds.
 
-    sections : of an ELF; other files have none. has_same_schema : as this program.
+    sections : of an ELF; other files have none. has_same_schema : as this program. settings : of the machine's
+    owner, by their names in the sources, where they are other ones than there.
     """
 
     path: str
@@ -34,6 +35,7 @@ class ImageFacts:
     crc32: int
     sections: tuple[Section, ...]
     has_same_schema: bool
+    settings: dict[str, float]
 
     def used_bytes(self) -> dict[str, int]:
         """Bytes of each memory that sections take."""
@@ -56,6 +58,7 @@ class ImageFacts:
             "has_same_schema": self.has_same_schema,
             "size_bytes": self.size_bytes,
             "crc32": hexadecimal(self.crc32),
+            "settings": self.settings,
             "used_bytes": self.used_bytes(),
             "sections": [
                 {

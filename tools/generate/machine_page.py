@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
-from tools.generate.board_source import Pin, numbers, pins, wired_together
+from edmctl.firmware.settings import settings_of
+from tools.generate.board_source import FIRMWARE, Pin, numbers, pins, wired_together
 from tools.generate.circuits import circuits
 from tools.generate.circuits.common import Circuit, Needs
 from tools.generate.circuits.generator import settings
@@ -71,18 +73,11 @@ def _pin(pin: Pin, together: dict[str, list[str]]) -> tuple[str, ...]:
 
 
 def _ranges() -> str:
-    scale, limits = numbers("board", "scale.h"), numbers("core", "limits.h")
     rows = [
-        *(
-            (name, f"{value:g}", "scale.h")
-            for name, value in reversed(scale.items())
-            if name.startswith("EDM_")
-        ),
-        *((name, f"{limits[name]:g}", "limits.h") for name in ("EDM_OPEN_V_MAX", "EDM_CURRENT_A_MAX")),
+        (f"`{setting.name}`", f"{setting.value:g}", f"`{Path(setting.source).name}`")
+        for setting in settings_of(FIRMWARE).values()
     ]
-    return table(
-        ("name", "as it is", "in"), [(f"`{name}`", value, f"`{file}`") for name, value, file in rows]
-    )
+    return table(("name", "as it is", "in"), rows)
 
 
 def _circuit(circuit: Circuit) -> str:

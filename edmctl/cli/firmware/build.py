@@ -42,6 +42,14 @@ RealOption = Annotated[
         "--real", metavar="double|float", help="Arithmetic of the library of the host. Default: both."
     ),
 ]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Of a board: a range, step or limit of your machine. May be repeated.",
+    ),
+]
 
 
 @command("firmware build", RESULT)
@@ -51,11 +59,12 @@ def build(
     compiler: CompilerOption = None,
     output: OutputOption = None,
     real: RealOption = None,
+    settings: SetOption = None,
 ) -> None:
     """Build the image of a board, or the firmware's core as a library for virtual machines.
 
     The image is written as ELF, BIN and HEX, with its size and a check inside. `pip install edmctl[firmware]` brings
-    all that it takes.
+    all that it takes. --set gives the ranges of your circuits, as in --set gap_full_a=1.2; the image tells them.
 
     The library is built unless that was done before. It takes a C compiler: CC names one, else one of the system is
     taken, else that of the package ziglang, and kept in the user's cache folder or in EDMCTL_FIRMWARE_CACHE. Jobs
@@ -85,6 +94,12 @@ def build(
                 hint="Say --board stm32f4, or name a cache folder in EDMCTL_FIRMWARE_CACHE.",
                 code="E2090",
             )
+        if settings:
+            raise UsageError(
+                "--set is for the image of a board; virtual machines have a setup file.",
+                hint="Say --board stm32f4.",
+                code="E2090",
+            )
         _library(outcome, real, compiler)
         return
     if real is not None:
@@ -98,16 +113,16 @@ def build(
             hint=f"End it with {', '.join(SUFFIXES)}.",
             code="E2090",
         )
-    _image(outcome, str(board), place, compiler)
+    _image(outcome, str(board), place, compiler, settings or [])
 
 
-def _image(outcome: Outcome, board: str, place: Path, compiler: str | None) -> None:
+def _image(outcome: Outcome, board: str, place: Path, compiler: str | None, settings: list[str]) -> None:
     from edmctl.console.firmware_tables import render_image
     from edmctl.firmware.board_build import build_board
     from edmctl.firmware.boards import BOARDS
     from edmctl.link.messages import SCHEMA_HASH
 
-    made = build_board(BOARDS[board], place, SCHEMA_HASH, compiler)
+    made = build_board(BOARDS[board], place, SCHEMA_HASH, compiler, settings=settings)
     files = {"elf": str(made.elf), "bin": str(made.bin), "hex": str(made.hex)}
     outcome.result = {**made.image.facts.as_mapping(), "files": files, "compiler": made.compiler}
     table = render_image(made.image.facts, stream_style(sys.stdout))

@@ -19,6 +19,12 @@ __attribute__((section(".image"), used)) const struct {
     {'E', 'D', 'M', 'I'}, PROTO_MAJOR, PROTO_MINOR, BOARD_NUMBER, SCHEMA_HASH, {FW_MAJOR, FW_MINOR, FW_PATCH, 0}, image_size, 0,
 };
 
+/* What was set in the image by its owner: names and values, set by who builds it. */
+#ifndef EDM_SETTINGS
+#define EDM_SETTINGS ""
+#endif
+__attribute__((section(".image.settings"), used)) const char edm_settings[] = "EDMS" EDM_SETTINGS;
+
 __attribute__((section(".image.layout"), used)) const uint32_t edm_layout[] = {
     CONTROLLER(tick),
     CONTROLLER(boot_tick),

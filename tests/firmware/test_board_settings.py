@@ -1,0 +1,92 @@
+"""Settings of a machine's owner: an image is built with them, does as they say and tells them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.errors import UsageError
+from edmctl.firmware.board_build import build_board
+from edmctl.firmware.boards import STM32F4
+from edmctl.firmware.build import source_folder
+from edmctl.firmware.elf import Elf
+from edmctl.firmware.image import read_image
+from edmctl.firmware.settings import parse_settings, settings_of, told_settings
+from edmctl.link.messages import SCHEMA_HASH
+from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator.emulated import controller_class, image
+from tests.firmware_tools import need_board_compiler, need_package
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+KNOWN = settings_of(source_folder())
+WRONG = {
+    "gap_ful_v=3": "Did you mean EDM_GAP_FULL_V?",
+    "gap_full_v": "EDM_GAP_FULL_V=330",
+    "gap_full_v=": "EDM_GAP_FULL_V=330",
+    "gap_full_v=nan": "EDM_GAP_FULL_V=330",
+    "gap_full_v=0": "Settings of the owner",
+    "step_um=0,5": "EDM_STEP_UM=0.1",
+    "baud=1.5": "EDM_BAUD=2",
+    "monitor_least_v=200": "both ends",
+    "EDM_BOX_SAMPLES=512": "Settings of the owner",
+}
+
+
+def test_the_settings_are_those_of_the_sources() -> None:
+    assert {"EDM_GAP_FULL_V", "EDM_STEP_UM", "EDM_PARKED_X_UM", "EDM_OPEN_V_MAX", "EDM_BAUD"} <= set(KNOWN)
+    assert not {"EDM_BOX_SAMPLES", "EDM_BOX_LASTS", "EDM_LINGER_TICKS"} & set(KNOWN)
+    assert (KNOWN["EDM_GAP_FULL_V"].value, KNOWN["EDM_GAP_FULL_V"].is_whole) == (330.0, False)
+    assert KNOWN["EDM_MOST_STEPS_PER_MS"].is_whole
+
+
+def test_names_come_in_small_letters_and_the_last_one_counts() -> None:
+    chosen = parse_settings(["gap_full_a=12", "EDM_GAP_FULL_A=1.2", "Parked_X_um=-3"], KNOWN)
+    assert chosen == {"EDM_GAP_FULL_A": 1.2, "EDM_PARKED_X_UM": -3.0}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_what_is_wrong_is_refused_with_the_remedy(text: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        parse_settings([text], KNOWN)
+    assert caught.value.code == "E2094"
+    assert WRONG[text] in (caught.value.hint or "")
+
+
+def test_an_image_tells_what_was_set(tmp_path: Path) -> None:
+    """And bytes that look alike are passed over."""
+    need_board_compiler("zig")
+    made = build_board(
+        STM32F4, tmp_path / "x.elf", SCHEMA_HASH, "zig", settings=("gap_full_a=1.2", "baud=500000")
+    )
+    for file in (made.elf, made.bin, made.hex):
+        facts = read_image(file, SCHEMA_HASH).facts
+        assert (
+            facts.settings == facts.as_mapping()["settings"] == {"EDM_GAP_FULL_A": 1.2, "EDM_BAUD": 500000.0}
+        )
+    assert told_settings(b"xEDMS" + b"\xff" * 4 + b"\0EDMS\0" + made.image.data) == facts.settings
+    assert told_settings(b"EDMSEDM_X=1") == {}
+
+
+def test_as_in_the_sources_nothing_is_told() -> None:
+    need_board_compiler("zig")
+    _, data = image("zig").image()
+    assert b"EDMS\0" in data
+    assert told_settings(data) == {}
+
+
+@pytest.mark.slow
+def test_an_image_measures_by_what_was_set(tmp_path: Path) -> None:
+    """The same voltage of the displacement sensor, 3.3 V meaning twice as much from another zero."""
+    need_package("unicorn")
+    need_board_compiler("zig")
+    texts = ("sensor_least_um=0", "sensor_most_um=1000")
+    made = build_board(STM32F4, tmp_path / "x.elf", SCHEMA_HASH, "zig", settings=texts)
+    sensor_um = []
+    for elf in (image("zig"), Elf(made.elf.read_bytes())):
+        controller = controller_class()(open_bench(BenchConfig(), 1).plant, elf)
+        controller.advance(20)
+        sensor_um.append(float(controller.bytes_of("readings", 4).view("<f4")[0]))
+    assert sensor_um[1] == pytest.approx(2.0 * (sensor_um[0] + 50.0), abs=0.5)
