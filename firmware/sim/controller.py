@@ -26,7 +26,7 @@ from edmctl.simulator.plant_interface import TICK_NS
 
 from .chip import CCM_AT, FLASH_AT, LOCKED_UP, PC, Chip, ChipFailed, Reset
 from .circuit import STEP_DEG, STEP_UM, Bench
-from .converters import NOISE
+from .converters import NOISE, SAMPLES_PER_MS
 from .host_side import REPLY_BIT, Samples, Stm32Link, Waiting
 from .image_memory import MEMBERS, Seen
 from .line import LINE_BYTES
@@ -67,7 +67,8 @@ class Stm32Controller:
         self._at = image.symbols["controller"][0]
         self._rx = np.zeros(LINE_BYTES, np.uint8)
         self._tx = np.zeros(4096, np.uint8)
-        self._hiss = np.random.default_rng([*plant.serial.encode(), 17]).standard_normal(NOISE)
+        hiss = np.random.default_rng([*plant.serial.encode(), 17]).standard_normal(NOISE)
+        self._hiss = np.concatenate((hiss, hiss[: 2 * SAMPLES_PER_MS]))
         self.bench.rate = baud * 100
         self.baud_told = baud
         self.board = 0

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from edmctl.actuator.compiling import compiled
 from edmctl.simulator.plant_state import SCOPE_PULSES
 from edmctl.simulator.pulse_shape import (
@@ -40,13 +42,11 @@ from .addresses import (
     word,
 )
 from .circuit import DISPLACEMENT_UM, FLOW_LPM, GAP_A, GAP_V, MONITOR_V, TEMPERATURE_C
-from .dma import carry, put, takes
+from .dma import carry_words, put, takes
 from .pins import pin_is
 from .registers import SAMPLES_FROM
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from edmctl.simulator.plant_interface import Readings
     from edmctl.simulator.plant_state import Scope, Unit
     from edmctl.simulator.records import Floats
@@ -54,8 +54,9 @@ if TYPE_CHECKING:
     from .circuit import Bench
 
 SAMPLES_PER_MS = 1000
+LONGEST_NS = 1e9  # that a pulse is seen
 NOISE = 8192
-"""Random numbers of the converters, used in a ring; a power of two."""
+"""Random numbers of the converters, used in a ring, a power of two; those of a millisecond more repeat the first."""
 _FAST_AT, _SLOW_AT = address(ADC, ADC_CDR), address(ADC, ADC3 + ADC_DR)
 _CC4E = 1 << 12
 _FULL = 4096.0  # counts at 3.3 V
@@ -87,6 +88,12 @@ def converts(r: np.ndarray) -> bool:
 
 
 @compiled
+def sample_behind(ns: float) -> int:
+    """The first sample of the millisecond that is not before a time in it."""
+    return int(min(float(SAMPLES_PER_MS), max(0.0, math.ceil(ns * 1e-3))))
+
+
+@compiled
 def sample_gap(
     r: np.ndarray,
     memory: np.ndarray,
@@ -102,50 +109,46 @@ def sample_gap(
         return
     newest = scope.at
     oldest = max(0, newest - SCOPE_PULSES)
-    at = newest - readings.pulses
+    at = max(oldest, newest - readings.pulses)
     # The pulse that was under way when the millisecond began, if there is one.
     if at > oldest and scope.start_ns[(at - 1) & (SCOPE_PULSES - 1)] < begin_ns:
         at -= 1
-    while at < newest and scope.start_ns[at & (SCOPE_PULSES - 1)] < begin_ns - 2e9:
-        at += 1
-    k = r[SAMPLES_FROM] // 168
-    n = bench.noise_at + 2 * k  # noise is of the time, not of how long the image took
-    bench.noise_at += 2 * SAMPLES_PER_MS
-    r[SAMPLES_FROM] = 0
-    carries = takes(r, DMA2, 4, 0, _FAST_AT, 4)
+    n, bench.noise_at = bench.noise_at, (bench.noise_at + 2 * SAMPLES_PER_MS) & (NOISE - 1)
+    first, r[SAMPLES_FROM] = r[SAMPLES_FROM] // 168, 0
+    if not takes(r, DMA2, 4, 0, _FAST_AT, 4):
+        return
     has_rest_v = not bench.was_on and readings.gap_v > 0.0  # from elsewhere
     rest_v = readings.gap_v if has_rest_v else 0.0
-    open_v, seen = unit.open_v, -1
-    start, delay, opens, plateau, current, leak, stuck = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0
-    ends = (0.0, 0.0, 0.0)
-    while carries and k < SAMPLES_PER_MS:
-        t_ns = begin_ns + k * 1000.0
-        while at + 1 < newest and scope.start_ns[(at + 1) & (SCOPE_PULSES - 1)] <= t_ns:
-            at += 1
-        if at != seen and 0 <= at < newest:
-            seen, place = at, at & (SCOPE_PULSES - 1)
-            start, plateau, stuck = scope.start_ns[place], scope.plateau_v[place], scope.stuck_v[place]
-            opens = min(unit.on_time_us, scope.delay_us[place] + scope.discharge_us[place])
-            leak = scope.leak_a[place] if scope.discharge_us[place] > 0.0 else 0.0
-            if start < bench.off_ns:
-                opens, leak = min(opens, (bench.off_ns - start) * 1e-3), 0.0
-            delay = min(scope.delay_us[place], opens)
-            current = (open_v - plateau) * scope.siemens[place]
-            ends = pulse_ends(open_v, delay, opens, plateau, current)
-        v, a, lively = rest_v, 0.0, VOLTAGE_NOISE_V
-        if seen >= 0 and 0.0 <= t_ns - start < 1e9:
-            t = (t_ns - start) * 1e-3
-            v, a = pulse_at(t, open_v, delay, opens, plateau, current, ends)
-            if t >= opens:
-                a += leak
-            elif t >= delay:
-                lively += PLATEAU_NOISE * plateau
-            v = stuck if stuck >= 0.0 else v * unit.gap_wire
-        volts = count(v + lively * noise[n & (NOISE - 1)], 0.0, GAP_V, 0.0)
-        amperes = count(a + CURRENT_NOISE_A * noise[n + 1 & (NOISE - 1)], 0.0, GAP_A, 0.0)
-        carries = carry(r, memory, DMA2, 4, 4, volts | amperes << 16)
-        n += 2
-        k += 1
+    open_v = unit.open_v
+    volts, amperes = np.full(SAMPLES_PER_MS, rest_v), np.zeros(SAMPLES_PER_MS)
+    lively = np.full(SAMPLES_PER_MS, VOLTAGE_NOISE_V)
+    while 0 <= at < newest:
+        place = at & (SCOPE_PULSES - 1)
+        start, plateau, stuck = scope.start_ns[place], scope.plateau_v[place], scope.stuck_v[place]
+        begin, end = sample_behind(start - begin_ns), sample_behind(start + LONGEST_NS - begin_ns)
+        at += 1
+        if at < newest:
+            end = min(end, sample_behind(scope.start_ns[at & (SCOPE_PULSES - 1)] - begin_ns))
+        opens = min(unit.on_time_us, scope.delay_us[place] + scope.discharge_us[place])
+        leak = scope.leak_a[place] if scope.discharge_us[place] > 0.0 else 0.0
+        if start < bench.off_ns:
+            opens, leak = min(opens, (bench.off_ns - start) * 1e-3), 0.0
+        delay = min(scope.delay_us[place], opens)
+        current = (open_v - plateau) * scope.siemens[place]
+        ends = pulse_ends(open_v, delay, opens, plateau, current)
+        for i in range(max(begin, first), end):
+            t = i + (begin_ns - start) * 1e-3
+            v, amps = pulse_at(t, open_v, delay, opens, plateau, current, ends)
+            volts[i] = stuck if stuck >= 0.0 else v * unit.gap_wire
+            amperes[i] = amps + leak if t >= opens else amps
+            if delay <= t < opens:
+                lively[i] += PLATEAU_NOISE * plateau
+    words = np.empty(SAMPLES_PER_MS, np.uint32)
+    for i in range(SAMPLES_PER_MS):
+        v = (volts[i] + lively[i] * noise[n + 2 * i]) * (_FULL / GAP_V) + 0.5
+        amps = (amperes[i] + CURRENT_NOISE_A * noise[n + 2 * i + 1]) * (_FULL / GAP_A) + 0.5
+        words[i] = np.uint32(min(4095.0, max(0.0, v))) | np.uint32(min(4095.0, max(0.0, amps))) << 16
+    carry_words(r, memory, DMA2, 4, words[first:])
 
 
 @compiled
@@ -165,9 +168,10 @@ def sample_slow(r: np.ndarray, memory: np.ndarray, bench: Bench, readings: Readi
     if not (timer and set_up) or bench.slow_stuck:
         return
     n = bench.noise_at
+    bench.noise_at = (n + 64) & (NOISE - 1)
     for _ in range(16):
         for i in range(4):
-            x = CONVERTER_NOISE * noise[n & (NOISE - 1)]
+            x = CONVERTER_NOISE * noise[n]
             n += 1
             if i == 0:
                 value = count(readings.monitor_v, MONITOR_V[0], MONITOR_V[1], x)
@@ -178,4 +182,3 @@ def sample_slow(r: np.ndarray, memory: np.ndarray, bench: Bench, readings: Readi
             else:
                 value = count(bench.flow_lpm, 0.0, FLOW_LPM, x)
             put(r, memory, DMA2, 0, 2, _SLOW_AT, 2, value)
-    bench.noise_at = n

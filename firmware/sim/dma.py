@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import numpy as np
 
 from edmctl.actuator.compiling import compiled
 
@@ -23,9 +23,6 @@ from .addresses import (
     word,
 )
 from .registers import FLAGS_AT, RELOAD, note_error
-
-if TYPE_CHECKING:
-    import numpy as np
 
 
 @compiled
@@ -65,6 +62,24 @@ def carry(r: np.ndarray, memory: np.ndarray, dma: int, stream: int, size: int, v
             return False
         r[control + NDTR] = whole
     return True
+
+
+@compiled
+def carry_words(r: np.ndarray, memory: np.ndarray, dma: int, stream: int, words: np.ndarray) -> None:
+    """One word after the other into the memory, by a stream that takes them; from where it ends a copy each."""
+    control, at = stream_at(dma, stream), 0
+    while at < len(words) and carry(r, memory, dma, stream, 4, words[at]):
+        at += 1
+        left = min(r[control + NDTR] - 1, len(words) - at)
+        place = (
+            r[control + M0AR]
+            + (r[RELOAD + stream + (8 if dma == DMA2 else 0)] - r[control + NDTR]) * 4
+            - SRAM_AT
+        )
+        if left > 0 and place % 4 == 0 and 0 <= place <= SRAM_BYTES - 4 * left:
+            memory.view(np.uint32)[place >> 2 : (place >> 2) + left] = words[at : at + left]
+            r[control + NDTR] -= left
+            at += left
 
 
 @compiled
