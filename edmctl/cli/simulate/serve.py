@@ -1,6 +1,7 @@
 """`edmctl simulate serve`: a virtual controller that other programs reach as they reach a real one."""
 
 import math
+from collections import Counter
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -268,7 +269,8 @@ def _summary(
 
 def _closing(bench: "VirtualBench", server: "Server", news: "EventMonitor") -> str:
     traffic = server.traffic
-    faults = ", ".join(str(code) for code in news.faults) or "none"
+    counts = Counter(news.faults)
+    faults = ", ".join(f"{code}{f' ({n} times)' if n > 1 else ''}" for code, n in counts.items()) or "none"
     late = f"; its clock was set back by {traffic.paused_s:.1f} s in all" if traffic.paused_s else ""
     return (
         f"Served {bench.plant.serial}: {traffic.frames_in} frames in, {traffic.frames_out} out, "
