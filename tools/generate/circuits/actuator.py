@@ -59,15 +59,14 @@ def actuator_drive(n: Needs) -> Circuit:
             ),
             ("reference", f"{REFERENCE_V:g} V, 0.05 %, 5 ppm/K"),
             (
+                "supply of both",
+                "the board's 5 V (CN8-9), with at most 1 µF behind it: it goes and comes with the chip's",
+            ),
+            (
                 "buffer",
                 f"1 + {BUFFER_TOP_OHM / KOHM:g} kΩ / {BUFFER_BOTTOM_OHM / KOHM:g} kΩ = {buffer_gain:.4f}, "
                 f"0.1 %; {BUFFER_CORNER[0] / KOHM:g} kΩ and {BUFFER_CORNER[1] / NF:g} nF before it; "
                 f"output held to −0.3 to {AMPLIFIER_TOP_V:g} V by a clamp",
-            ),
-            (
-                "their supply",
-                "the board's 5 V (CN8-9), directly or by an isolated converter, with at most 1 µF behind it: it "
-                "goes and comes with the chip's",
             ),
             (
                 "amplifier",

@@ -22,6 +22,7 @@ def materials(n: Needs) -> list[tuple[str, str]]:
             "supply of 5 V",
             "0.5 A at least, 5 %, isolated from mains (reinforced), for board, converter and 5 V logic",
         ),
+        ("analogue supplies", "±5 V, 3.3 V; 12 to 15 V for the actuator's buffer; linear"),
         ("USB isolator", "full speed, 12 Mb/s"),
         (
             "pull resistors of the outputs",
