@@ -53,7 +53,7 @@ BLOCKS = (
     Block(LEFT, 4, "dielectric", "level, flow, temperature", PLAIN),
     Block(LEFT, 6, "limit switches", "24 V loop, optocoupler", PLAIN),
     Block(LEFT, 11, "e-stop, door, contactor", "24 V loops, optocouplers", PLAIN),
-    Block(MIDDLE, 0, "converter, buffer, clamp", "on the board's 5 V; 0–10 V"),
+    Block(MIDDLE, 0, "converter, buffer, clamp", "converter on the board's 5 V"),
     Block(MIDDLE, 1, "monitor divider", "of the actuator's voltage"),
     Block(MIDDLE, 2, "conditioning", "of the displacement sensor"),
     Block(MIDDLE, 3, "step drivers, 74HCT", "pull-downs at the inputs"),
