@@ -16,11 +16,14 @@ from tools.generate.board_source import FIRMWARE, numbers, pins, wired_together
 from tools.generate.circuits import (
     CIRCUITS,
     actuator,
+    break_chain,
     charge_pump,
     circuits,
     gap_current,
     gap_voltage,
     generator,
+    outputs,
+    touching,
 )
 from tools.generate.circuits.common import SAFE_V, STRAY_F, Needs, corner_hz
 from tools.generate.nucleo import MORPHO, ON_THE_BOARD, ZIO
@@ -72,6 +75,61 @@ def test_ranges_in_the_notes_of_the_board_are_those_of_the_scale() -> None:
         assert (float(noted[1]), float(noted[2])) == (low, high), net
 
 
+def test_outputs_are_told_from_inputs_by_their_rows() -> None:
+    assert [pin.net for pin in pins() if pin.drives] == [
+        "GATE",
+        "DISCHARGE_TIMER",
+        "OPEN_VOLTAGE",
+        "PEAK_CURRENT",
+        "DAC_CLOCK",
+        "DAC_DATA",
+        "DAC_SELECT",
+        "MODE",
+        "ALIVE",
+        *(f"{what}_{axis}" for what in ("STEP", "DIRECTION") for axis in ("X", "Y", "THETA")),
+        "LINE_OUT",
+    ]
+
+
+def test_what_must_not_float_has_its_resistor() -> None:
+    rows = pins()
+    down, up = outputs.pulled(rows, "down"), outputs.pulled(rows, "up")
+    stages = {f"{what}_{axis}" for what in ("STEP", "DIRECTION") for axis in ("X", "Y", "THETA")}
+    assert set(down) == {"GATE", "MODE", "ALIVE", "OPEN_VOLTAGE", "PEAK_CURRENT"} | stages
+    assert up == ["DAC_SELECT"]
+    assert outputs.unnamed(rows) == []
+    assert set(outputs.NO_PULL) <= {pin.net for pin in rows}
+    assert not set(outputs.NO_PULL) & {*down, *up}
+
+
+@pytest.mark.parametrize("net", [pin.net for pin in pins() if pin.external])
+def test_an_output_without_its_resistor_stops_the_generator(
+    net: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [
+        replace(pin, note=re.sub("external pull-(up|down)", "", pin.note)) if pin.net == net else pin
+        for pin in pins()
+    ]
+    assert outputs.unnamed(rows) == [net]
+    monkeypatch.setattr(outputs, "pins", lambda: rows)
+    assert failing(NEEDS) == {"outputs"}
+    with pytest.raises(ValueError, match="outputs"):
+        machine_page.tables()
+
+
+def test_the_table_of_pins_says_where_a_resistor_is() -> None:
+    cells = {
+        line.split(" | ")[0].strip("| "): line.split(" | ")[5]
+        for line in machine_page.tables()["pins"].splitlines()
+    }
+    assert {net for net, cell in cells.items() if cell == "down, external"} == set(
+        outputs.pulled(pins(), "down")
+    )
+    assert cells["DAC_SELECT"] == "up, external"
+    assert cells["ESTOP"] == "down"
+    assert cells["GAP_VOLTAGE"] == ""
+
+
 def test_the_checklist_names_the_same_pins() -> None:
     by_pin = {pin.name for pin in pins()}
     told = {
@@ -112,6 +170,7 @@ def test_every_circuit_does_what_the_firmware_needs() -> None:
         ("measure", "LEAST_A", 0.01, "current"),
         ("measure", "LEAST_A", 0.005, "divider"),
         ("limits", "EDM_OPEN_V_MAX", 400.0, "gate"),
+        ("limits", "EDM_OPEN_V_MAX", 390.0, "generator"),
         ("scale", "EDM_OPEN_FULL_V", 400.0, "generator"),
         ("limits", "EDM_OPEN_V_MAX", 320.0, "setpoints"),
         ("limits", "DAC_V", 0.002, "actuator"),
@@ -179,6 +238,39 @@ def test_an_alive_pin_that_stands_or_toggles_slowly_enables_nothing() -> None:
     assert first < 0.98 * charge_pump.PUMP_THRESHOLD_V
 
 
+def test_the_filter_of_the_break_chain_step_by_step() -> None:
+    """The node pulled to ground behind 680 Ω, the pin's capacitor discharged in steps of 0.1 ns."""
+    pin_v = 3.3 * 1.02
+    node_v, step_s, passed_s = pin_v * 10.0 / 690.0, 1e-10, 0.0
+    while pin_v > 0.8:
+        pin_v -= (pin_v - node_v) / 1010.0 * step_s / 1.1e-9
+        passed_s += step_s
+    assert passed_s == pytest.approx(break_chain.filter_s(), rel=1e-3)
+
+
+def test_a_filter_that_is_too_long_or_too_short_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    for farad in (2.2e-9, 0.47e-9):
+        monkeypatch.setattr(break_chain, "FILTER_F", farad)
+        assert "chain" in failing(NEEDS)
+
+
+def test_contacts_that_are_asked_for_are_those_that_are_used() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    estop, door = break_chain.contacts()
+    assert (estop, door) == (4, 3)
+    assert f"| e-stop | {estop} contacts" in text
+    assert f"| door switch | {door} contacts" in text
+    loops = {"break chain", "enable"} | {pin.net for pin in pins() if pin.mode == "INPUT"} - {"CONTACT"}
+    assert set(break_chain.LOOPS) == loops
+
+
+def test_a_switch_that_takes_too_long_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert touching.settled_s(NEEDS, 50e3) == pytest.approx(25 / 50e3)
+    for relay_s, fast_s in ((12e-3, 0.1e-3), (5e-3, 0.6e-3)):
+        monkeypatch.setattr(touching, "SWITCHES", (("relay", relay_s), ("semiconductors", fast_s)))
+        assert failing(NEEDS) == {"mode"}
+
+
 def test_the_blanking_is_long_enough_for_any_resistor() -> None:
     """The longest time over all resistors is what the page says."""
     from math import log
@@ -204,12 +296,21 @@ def test_figures_in_the_text_are_those_of_the_sums() -> None:
     text = " ".join(PAGE.read_text(encoding="utf-8").split())
     tau_us = 9.9e3 * gap_voltage.TAP_F * 1e6
     full_v = NEEDS.scale["EDM_OPEN_FULL_V"]
-    safe_s = generator.discharge_s(full_v, generator.RESERVOIR_F * 1.1, generator.BLEEDER_OHM * 1.05)
+    reservoir_f, bleeder_ohm = generator.RESERVOIR_F * 1.1, generator.BLEEDER_OHM * 1.05
+    safe_s = generator.discharge_s(full_v, reservoir_f, bleeder_ohm)
     corners = charge_pump.pump_corners()
     for sentence in (
         f"Of a step by 18 V, from 40 V to a plateau, {18.0 * exp(-0.5 / tau_us):.1f} V are left",
         f"reservoir of the generator, {0.5 * generator.RESERVOIR_F * full_v**2:.1f} J at {full_v:g} V",
         f"below {SAFE_V:g} V after {safe_s:.0f} s",
+        f"across it, always: below {SAFE_V:g} V after {actuator.piezo_discharge_s():.0f} s",
+        f"{actuator.PIEZO_BLEEDER_OHM / 1e3:g} kΩ across it, always",
+        f"short behind the transistor last {1e6 * break_chain.filter_s():.1f} µs longer",
+        f"from 300 to 40 V takes {generator.discharge_s(300.0, reservoir_f, bleeder_ohm, 40.0):.1f} s",
+        f"may ask for up to {generator.BUFFERED_DAC_V / 3.3 * full_v:.0f} V whatever is set below",
+        f"nor above {3.3 - generator.BUFFERED_DAC_V:.1f} V",
+        f"and up to {touching.settled_s(NEEDS, 1.0) / touching.SWITCHES[0][1] / 1e3:g} kHz",
+        f"{generator.CREEPAGE_MM:g} mm or more",
         f"holds {1e3 * 0.5 * actuator.PIEZO_F * 150.0**2:.0f} mJ",
         f"converter would be {actuator.drive_v(65535):.0f} V",
         f"at 40 V with every plateau above {generator.plateau_limit_v(NEEDS, 40.0):.0f} V",
@@ -225,6 +326,14 @@ def test_figures_in_the_text_are_those_of_the_sums() -> None:
         f"0.275 V/A ({10 * 5.5 * 0.05:.2f} in the finer range)",
     ):
         assert sentence in text, sentence
+
+
+def test_what_the_page_says_of_the_gate_is_so() -> None:
+    """MODE and the gate go high in one call; the DAC's buffer is on, and is what limits a set point."""
+    gate = (FIRMWARE / "board" / "stm32f4" / "gate.c").read_text(encoding="utf-8")
+    opening = gate[gate.index("void hal_gate(") : gate.index("/* The least divider")]
+    assert opening.index("inputs_put_mode(true)") < opening.index("|= TIM_BDTR_MOE")
+    assert "DAC->CR = DAC_CR_EN1 | DAC_CR_EN2;" in gate
 
 
 def test_the_page_says_in_bold_that_nothing_was_built() -> None:

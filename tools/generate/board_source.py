@@ -9,6 +9,7 @@ from pathlib import Path
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 
 _PIN = re.compile(r'PIN\((\w+), *(\w), *(\d+), (\w+), *(\d+), (\w+), *(\d), "([^"]*)"\)')
+_EXTERNAL = re.compile(r"(?:; )?external pull-(up|down)")
 _NUMBER = re.compile(r"^#define (\w+) +\(?(?:R\()?(-?\d+(?:\.\d+)?)u?\b", re.MULTILINE)
 
 
@@ -38,8 +39,22 @@ class Pin:
 
     @property
     def meaning(self) -> str:
-        """What the note says besides the peripheral."""
-        return self.note.partition("; ")[2] if self.function in self.note else self.note
+        """What the note says besides the peripheral and the external pull."""
+        note = _EXTERNAL.sub("", self.note)
+        return note.partition("; ")[2] if self.function in note else note
+
+    @property
+    def external(self) -> str:
+        """Where a resistor outside the chip pulls the net: `up`, `down`, or nowhere."""
+        found = _EXTERNAL.search(self.note)
+        return found[1] if found else ""
+
+    @property
+    def drives(self) -> bool:
+        """Whether the chip drives the pin: inputs of peripherals have a pull of the chip's own."""
+        if self.mode == "ANALOG":
+            return self.function.startswith("DAC_OUT")
+        return self.mode == "OUTPUT" or (self.mode == "ALTERNATE" and self.pull == "NONE")
 
 
 def pins() -> list[Pin]:

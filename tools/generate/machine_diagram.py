@@ -53,18 +53,18 @@ BLOCKS = (
     Block(LEFT, 4, "dielectric", "level, flow, temperature", PLAIN),
     Block(LEFT, 6, "limit switches", "24 V loop, optocoupler", PLAIN),
     Block(LEFT, 11, "e-stop, door, contactor", "24 V loops, optocouplers", PLAIN),
-    Block(MIDDLE, 0, "converter, buffer, clamp", "0–10 V"),
+    Block(MIDDLE, 0, "converter, buffer, clamp", "converter on the board's 5 V"),
     Block(MIDDLE, 1, "monitor divider", "of the actuator's voltage"),
     Block(MIDDLE, 2, "conditioning", "of the displacement sensor"),
-    Block(MIDDLE, 3, "step drivers", "optocouplers in the drives"),
-    Block(MIDDLE, 4, "charge pump", "enables the high voltage"),
-    Block(MIDDLE, 5, "set points", "scaling amplifier"),
+    Block(MIDDLE, 3, "step drivers, 74HCT", "pull-downs at the inputs"),
+    Block(MIDDLE, 4, "charge pump, e-stop", "enable the high voltage"),
+    Block(MIDDLE, 5, "set points", "pull-downs, scaling amplifier"),
     Block(MIDDLE, 6, "gate driver, read back", "isolated"),
     Block(MIDDLE, 7, "drive of the mode switch"),
     Block(MIDDLE, 8, "contact circuit", "below 1 V"),
     Block(MIDDLE, 9, "gap divider", "1 : 100, clamp, buffer"),
     Block(MIDDLE, 10, "amplifier, comparators", "ignition, over-current"),
-    Block(MIDDLE, 11, "break chain", "healthy = high"),
+    Block(MIDDLE, 11, "break chain", "healthy = high; 1 µs filter"),
     Block(RIGHT, 0, "amplifier, 0–150 V", "mains by the contactor", DEADLY),
     Block(RIGHT, 1, "piezo actuator", "carries the tool", DEADLY),
     Block(RIGHT, 2, "displacement sensor", "looks at the actuator"),
@@ -183,7 +183,7 @@ def _chip(where: dict[str, str]) -> list[str]:
         'stroke="#3f7d45" stroke-width="1.6"/>',
         f'<text class="c" x="{middle:g}" y="{_y(2):g}" text-anchor="middle">NUCLEO-</text>',
         f'<text class="c" x="{middle:g}" y="{_y(2) + 16:g}" text-anchor="middle">F429ZI</text>',
-        f'<text class="s" x="{middle:g}" y="{_y(2) + 34:g}" text-anchor="middle">supplied by USB</text>',
+        f'<text class="s" x="{middle:g}" y="{_y(2) + 34:g}" text-anchor="middle">5 V at E5V</text>',
         f'<text class="s" x="{middle:g}" y="{bridge_y - 20:g}" text-anchor="middle">bridge on it:</text>',
         *(
             f'<text class="n" x="{middle:g}" y="{bridge_y - 4 + 13 * i:g}" text-anchor="middle" '
@@ -248,8 +248,8 @@ def picture() -> str:
         *(_box(block) for block in BLOCKS),
         f'<text class="n" x="{(CHIP[1] + MIDDLE[0]) / 2:g}" y="{_y(11) - 14:g}" '
         f'text-anchor="middle">{CHAIN} {where[CHAIN]}</text>',
-        f'<text class="s" x="{(LEFT[1] + CHIP[1]) / 2:g}" y="{_y(11) + 24:g}" text-anchor="middle">both '
-        "contacts in series</text>",
+        f'<text class="s" x="{(LEFT[1] + CHIP[1]) / 2:g}" y="{_y(11) + 24:g}" text-anchor="middle">e-stop '
+        "and door in series</text>",
         f'<text class="s" x="{MIDDLE[1] - 8}" y="{_y(10.5) + 4:g}" text-anchor="end">over-current</text>',
     ]
     for x, (fill, edge), text in legend:

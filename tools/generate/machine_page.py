@@ -8,8 +8,10 @@ from pathlib import Path
 from edmctl.firmware.settings import settings_of
 from tools.generate.board_source import FIRMWARE, Pin, numbers, pins, wired_together
 from tools.generate.circuits import circuits
+from tools.generate.circuits.break_chain import contact_rows
 from tools.generate.circuits.common import Circuit, Needs
 from tools.generate.circuits.generator import settings
+from tools.generate.circuits.materials import materials
 from tools.generate.nucleo import MORPHO, ON_THE_BOARD, ZIO
 from tools.generate.text import table
 
@@ -42,6 +44,8 @@ def tables() -> dict[str, str]:
         "pins": _pins(),
         "ranges": _ranges(),
         "resistors": table(head, settings(Needs())),
+        "contacts": table(("contact in", "what it does", "e-stop", "door"), contact_rows()),
+        "materials": table(("part", "requirement"), materials(Needs())),
         **parts,
     }
     return {name: _NEGATIVE.sub("−", text) for name, text in made.items()}
@@ -69,6 +73,7 @@ def _pin(pin: Pin, together: dict[str, list[str]]) -> tuple[str, ...]:
         meaning = f"{what}: 0 to 3.3 V = {low:g} to {high:g} {unit}"
     joined = "the ST-LINK, on the board" if pin.name in ON_THE_BOARD else ", ".join(together.get(pin.net, ()))
     pull = {"NONE": "", "UP": "up", "DOWN": "down"}[pin.pull]
+    pull = f"{pin.external}, external" if pin.external else pull
     return pin.net, pin.name, ZIO.get(pin.name, "–"), MORPHO[pin.name], pin.function, pull, meaning, joined
 
 

@@ -1,7 +1,8 @@
 /* Every pin of the board: one row each, from which pins.c sets the ports and a script makes the table of the guide.
  * PIN(net, port, pin, mode, alternate function, pull, first level, note)
  * mode: INPUT, OUTPUT, ALTERNATE, ANALOG; pull: NONE, UP, DOWN; first level: what an output drives from the start.
- * Alternate functions: data sheet of the STM32F427/429, table 12. */
+ * "external pull-down" and "external pull-up" in a note: a resistor outside the chip holds the level while the pin floats,
+ * in a reset and until pins_start. Alternate functions: data sheet of the STM32F427/429, table 12. */
 #ifndef PINS_H
 #define PINS_H
 
@@ -20,25 +21,25 @@
     PIN(FLOW,           F,  4, ANALOG,    0, NONE, 0, "ADC3_IN14; dielectric: 0 to 3.3 V = 0 to 5 l/min") \
     PIN(DISPLACEMENT,   F,  5, ANALOG,    0, NONE, 0, "ADC3_IN15; 0 to 3.3 V = -50 to 450 um") \
     PIN(TEMPERATURE,    F, 10, ANALOG,    0, NONE, 0, "ADC3_IN8; dielectric: 0 to 3.3 V = 0 to 100 C") \
-    PIN(OPEN_VOLTAGE,   A,  4, ANALOG,    0, NONE, 0, "DAC_OUT1; open voltage: 0 to 3.3 V = 0 to 330 V") \
-    PIN(PEAK_CURRENT,   A,  5, ANALOG,    0, NONE, 0, "DAC_OUT2; peak current: 0 to 3.3 V = 0 to 12 A") \
+    PIN(OPEN_VOLTAGE,   A,  4, ANALOG,    0, NONE, 0, "DAC_OUT1; open voltage: 0 to 3.3 V = 0 to 330 V; external pull-down") \
+    PIN(PEAK_CURRENT,   A,  5, ANALOG,    0, NONE, 0, "DAC_OUT2; peak current: 0 to 3.3 V = 0 to 12 A; external pull-down") \
     PIN(DAC_CLOCK,      E,  2, ALTERNATE, 5, NONE, 0, "SPI4_SCK; converter of the actuator") \
     PIN(DAC_DATA,       E,  6, ALTERNATE, 5, NONE, 0, "SPI4_MOSI; 16 bits, most significant first, 2.5 mV each") \
     PIN(DAC_SELECT,     E,  4, OUTPUT,    0, NONE, 1, "low = selected; external pull-up") \
     PIN(CONTACT,        F, 13, INPUT,     0, DOWN, 0, "contact circuit: high = closed") \
     PIN(MODE,           F, 14, OUTPUT,    0, NONE, 0, "high = generator at the gap, low = contact circuit; external pull-down") \
-    PIN(ALIVE,          F, 15, OUTPUT,    0, NONE, 0, "toggles every millisecond; a charge pump makes the high-voltage enable of it") \
+    PIN(ALIVE,          F, 15, OUTPUT,    0, NONE, 0, "toggles every millisecond; a charge pump makes the high-voltage enable of it; external pull-down") \
     PIN(ESTOP,          G,  0, INPUT,     0, DOWN, 0, "emergency stop: high = released") \
     PIN(DOOR,           G,  1, INPUT,     0, DOWN, 0, "door: high = closed") \
     PIN(HV_SUPPLY,      G,  2, INPUT,     0, DOWN, 0, "high-voltage supply: high = good") \
     PIN(LEVEL,          G,  3, INPUT,     0, DOWN, 0, "dielectric level: high = good") \
     PIN(LIMITS,         G,  4, INPUT,     0, DOWN, 0, "limit switches of the stages in series: high = none closed") \
-    PIN(STEP_X,         F,  6, ALTERNATE, 3, NONE, 0, "TIM10_CH1; a step at each rising edge") \
-    PIN(STEP_Y,         F,  7, ALTERNATE, 3, NONE, 0, "TIM11_CH1; a step at each rising edge") \
-    PIN(STEP_THETA,     F,  8, ALTERNATE, 9, NONE, 0, "TIM13_CH1; a step at each rising edge") \
-    PIN(DIRECTION_X,    F,  0, OUTPUT,    0, NONE, 0, "high = towards plus") \
-    PIN(DIRECTION_Y,    F,  1, OUTPUT,    0, NONE, 0, "high = towards plus") \
-    PIN(DIRECTION_THETA, F, 2, OUTPUT,    0, NONE, 0, "high = towards plus") \
+    PIN(STEP_X,         F,  6, ALTERNATE, 3, NONE, 0, "TIM10_CH1; a step at each rising edge; external pull-down") \
+    PIN(STEP_Y,         F,  7, ALTERNATE, 3, NONE, 0, "TIM11_CH1; a step at each rising edge; external pull-down") \
+    PIN(STEP_THETA,     F,  8, ALTERNATE, 9, NONE, 0, "TIM13_CH1; a step at each rising edge; external pull-down") \
+    PIN(DIRECTION_X,    F,  0, OUTPUT,    0, NONE, 0, "high = towards plus; external pull-down") \
+    PIN(DIRECTION_Y,    F,  1, OUTPUT,    0, NONE, 0, "high = towards plus; external pull-down") \
+    PIN(DIRECTION_THETA, F, 2, OUTPUT,    0, NONE, 0, "high = towards plus; external pull-down") \
     PIN(LINE_OUT,       D,  8, ALTERNATE, 7, NONE, 0, "USART3_TX; serial port of the ST-LINK") \
     PIN(LINE_IN,        D,  9, ALTERNATE, 7, UP,   0, "USART3_RX; serial port of the ST-LINK")
 /* clang-format on */

@@ -5,6 +5,8 @@ from __future__ import annotations
 from tools.generate.circuits.common import (
     KOHM,
     NF,
+    SAFE_S,
+    SAFE_V,
     UF,
     VDDA_SPREAD,
     VDDA_V,
@@ -14,6 +16,7 @@ from tools.generate.circuits.common import (
     parallel,
     within,
 )
+from tools.generate.circuits.generator import CAPACITOR_SPREAD, discharge_s
 
 REFERENCE_V, BUFFER_TOP_OHM, BUFFER_BOTTOM_OHM, AMPLIFIER_GAIN, AMPLIFIER_TOP_V = (
     4.096,
@@ -24,6 +27,12 @@ REFERENCE_V, BUFFER_TOP_OHM, BUFFER_BOTTOM_OHM, AMPLIFIER_GAIN, AMPLIFIER_TOP_V 
 )
 BUFFER_CORNER = (1 * KOHM, 100 * NF)
 PIEZO_F, PIEZO_MOST_V = 8 * UF, 150.0
+PIEZO_BLEEDER_OHM, AMPLIFIER_A = 470 * KOHM, 20e-3
+
+
+def piezo_discharge_s() -> float:
+    """Longest time until an actuator without its amplifier may be touched."""
+    return discharge_s(PIEZO_MOST_V, PIEZO_F * (1 + CAPACITOR_SPREAD), PIEZO_BLEEDER_OHM * 1.05)
 
 
 def drive_v(count: float) -> float:
@@ -50,6 +59,10 @@ def actuator_drive(n: Needs) -> Circuit:
             ),
             ("reference", f"{REFERENCE_V:g} V, 0.05 %, 5 ppm/K"),
             (
+                "supply of both",
+                "the board's 5 V (CN8-9), with at most 1 µF behind it: it goes and comes with the chip's",
+            ),
+            (
                 "buffer",
                 f"1 + {BUFFER_TOP_OHM / KOHM:g} kΩ / {BUFFER_BOTTOM_OHM / KOHM:g} kΩ = {buffer_gain:.4f}, "
                 f"0.1 %; {BUFFER_CORNER[0] / KOHM:g} kΩ and {BUFFER_CORNER[1] / NF:g} nF before it; "
@@ -60,7 +73,10 @@ def actuator_drive(n: Needs) -> Circuit:
                 f"input 0 to {AMPLIFIER_TOP_V:g} V, gain {AMPLIFIER_GAIN:g}, output limited to 0 to "
                 f"{PIEZO_MOST_V:g} V by itself, 20 mA at least. One of gain 20 takes a buffer of gain 2",
             ),
-            ("at the actuator", "1 MΩ across it, always there"),
+            (
+                "at the actuator",
+                f"{PIEZO_BLEEDER_OHM / KOHM:g} kΩ, 5 %, 0.5 W, 250 V across it, on its own side of the plug",
+            ),
         ),
         (
             Check(
@@ -87,6 +103,18 @@ def actuator_drive(n: Needs) -> Circuit:
                 "< 20 mA",
                 f"{slew_ma:.0f} mA",
                 slew_ma < 20.0,
+            ),
+            Check(
+                f"step of the converter by 100 V: {1e3 * AMPLIFIER_A:g} mA into {PIEZO_F / UF:g} µF",
+                "–",
+                f"{AMPLIFIER_A / PIEZO_F:g} V/s, {1e3 * 100.0 * PIEZO_F / AMPLIFIER_A:g} ms",
+                True,
+            ),
+            Check(
+                f"from {PIEZO_MOST_V:g} V to {SAFE_V:g} V by the resistor alone",
+                f"< {SAFE_S:g} s",
+                f"{piezo_discharge_s():.1f} s",
+                piezo_discharge_s() < SAFE_S,
             ),
             Check(f"one count at {um_v:g} µm/V", "–", f"{1e3 * um_v * step_v:.1f} nm", True),
             Check(f"energy in {PIEZO_F / UF:g} µF at {PIEZO_MOST_V:g} V", "–", f"{energy_mj:.0f} mJ", True),

@@ -70,16 +70,15 @@ def high_voltage_enable(n: Needs) -> Circuit:
         (
             (
                 "driver",
-                "one gate that takes 3.3 V at an input and swings 0 to 5 V (74HCT); 10 kΩ from ALIVE to "
-                "ground",
+                "one gate that takes 3.3 V at an input and swings 0 to 5 V (74HCT)",
             ),
             ("pump", f"{PUMP_F / NF:g} nF, two Schottky diodes (BAT54S class)"),
             ("store", f"{STORE_F / NF:g} nF (film or X7R, 10 %), {STORE_OHM / KOHM:g} kΩ in parallel"),
             ("threshold", f"comparator against a reference of {PUMP_THRESHOLD_V:g} V"),
             (
                 "behind it",
-                "AND with the e-stop's own contact and the latch: remote enable of the supply, and enable of the "
-                "gate driver",
+                "AND with the e-stop's own contact (24 V loop, optocoupler) and the latch: remote enable of "
+                "the supply, and enable of the gate driver",
             ),
             (
                 "latch of a transistor that does not switch off",

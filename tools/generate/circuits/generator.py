@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import log
 
+from tools.generate.board_source import numbers
 from tools.generate.circuits.common import (
     KOHM,
     LEAKAGE_A,
@@ -18,6 +19,10 @@ from tools.generate.circuits.common import (
 )
 
 GATE_PULL_OHM, FET_V, GATE_CHARGE_C, DRIVER_A = 10 * KOHM, 650.0, 40e-9, 1.0
+SHORT_S = 5e-6
+"""What the transistor has to bear of a short behind it, at the full voltage."""
+CREEPAGE_MM = 6.5
+"""Between 300 V and the controller's side; 6.3 mm for 400 V, pollution degree 3 (IEC 60664-1) [assumed]."""
 
 
 def gate_driver(n: Needs) -> Circuit:
@@ -35,17 +40,18 @@ def gate_driver(n: Needs) -> Circuit:
             ),
             (
                 "driver",
-                "isolated, output low without supply on either side, 1 A at least, 100 V/ns (Si8271 or "
-                "UCC5350 class)",
+                "isolated, output low without supply on either side, 1 A at least, 100 V/ns, in a wide package "
+                f"of {CREEPAGE_MM:g} mm creepage or more (UCC5350 class)",
             ),
             (
                 "its supply",
-                "isolated converter 5 V to 12 V, below 10 pF across, under-voltage lock-out in the driver",
+                "isolated converter 5 V to 12 V, below 10 pF across; a driver whose under-voltage lock-out is "
+                "below 10 V",
             ),
             (
                 "transistor",
-                f"{FET_V:g} V, on the high side between reservoir and series resistor; a diode from its "
-                "source to ground",
+                f"{FET_V:g} V, bears a short at {n.scale['EDM_OPEN_FULL_V']:g} V for {1e6 * SHORT_S:g} µs; on the "
+                "high side between reservoir and series resistor; a diode from its source to ground",
             ),
             (
                 "GATE_SENSE",
@@ -74,6 +80,7 @@ SETTINGS = ((40.0, 0.12), (60.0, 0.2), (80.0, 0.5), (100.0, 1.0), (100.0, 0.1))
 MOST_DUTY = 0.5
 RESERVOIR_F, BLEEDER_OHM, CAPACITOR_SPREAD = 22 * UF, 47 * KOHM, 0.1
 LONGEST_US = 130.0
+SUPPLY_A = 0.1
 
 
 def series_ohm(n: Needs, open_v: float, peak_a: float) -> float:
@@ -104,9 +111,9 @@ def plateau_limit_v(n: Needs, open_v: float) -> float:
     return open_v - (open_v - n.scale["EDM_NORMAL_PLATEAU_V"]) / n.params["over_current"]
 
 
-def discharge_s(volt: float, farad: float, ohm: float) -> float:
-    """Time down to a voltage that may be touched."""
-    return farad * ohm * log(volt / SAFE_V)
+def discharge_s(volt: float, farad: float, ohm: float, down_to_v: float = SAFE_V) -> float:
+    """Time down to a voltage, that which may be touched unless another one is asked for."""
+    return farad * ohm * log(volt / down_to_v)
 
 
 def pulse_generator(n: Needs) -> Circuit:
@@ -114,6 +121,8 @@ def pulse_generator(n: Needs) -> Circuit:
     open_v, full_v = n.limits["EDM_OPEN_V_MAX"], n.scale["EDM_OPEN_FULL_V"]
     droop = 0.12 * LONGEST_US * 1e-6 / (RESERVOIR_F * (1 - CAPACITOR_SPREAD)) / 40.0
     safe_s = discharge_s(full_v, RESERVOIR_F * (1 + CAPACITOR_SPREAD), BLEEDER_OHM * 1.05)
+    settle_s = 1e-3 * numbers("core", "motion.c")["SETTLE_TICKS"]
+    charging_a = RESERVOIR_F * (1 + CAPACITOR_SPREAD) * open_v / settle_s + open_v / BLEEDER_OHM
     energy_j = 0.5 * RESERVOIR_F * full_v**2
     bleeder_w = full_v**2 / BLEEDER_OHM
     return Circuit(
@@ -121,8 +130,8 @@ def pulse_generator(n: Needs) -> Circuit:
         (
             (
                 "supply",
-                f"0 to {open_v:g} V, isolated, set by 0 to 3.3 V for 0 to {full_v:g} V, current limit, "
-                "remote enable, good signal",
+                f"0 to {open_v:g} V, isolated, set by 0 to 3.3 V for 0 to {full_v:g} V; current limit "
+                f"{SUPPLY_A:g} A or more, above the mean current of the profile; remote enable, good signal",
             ),
             ("reservoir", f"{RESERVOIR_F / UF:g} µF, film, {1.5 * open_v:g} V"),
             (
@@ -146,6 +155,12 @@ def pulse_generator(n: Needs) -> Circuit:
                 f"from {full_v:g} V to {SAFE_V:g} V", f"< {SAFE_S:g} s", f"{safe_s:.2f} s", safe_s < SAFE_S
             ),
             Check(
+                f"charging to {open_v:g} V while the tool waits at the begin of an approach, {1e3 * settle_s:g} ms",
+                f"< {SUPPLY_A:g} A",
+                f"{charging_a:.3f} A",
+                charging_a < SUPPLY_A,
+            ),
+            Check(
                 f"power of the bleeder at {full_v:g} V",
                 "< half of 5 W",
                 f"{bleeder_w:.2f} W",
@@ -157,6 +172,13 @@ def pulse_generator(n: Needs) -> Circuit:
 
 
 BUFFERED_DAC_V = 0.2
+DAC_OFFSET_V, DAC_GAIN = 10e-3, 0.005
+"""Errors of the chip's DAC (data sheet of the STM32F427/429, DAC characteristics)."""
+
+
+def dac_error_v(n: Needs, open_v: float) -> float:
+    """Error of an open voltage that is set, by the DAC alone, before trimming."""
+    return DAC_OFFSET_V / VDDA_V * n.scale["EDM_OPEN_FULL_V"] + DAC_GAIN * open_v
 
 
 def set_points(n: Needs) -> Circuit:
@@ -169,8 +191,9 @@ def set_points(n: Needs) -> Circuit:
         (
             (
                 "outputs",
-                "load of 5 kΩ or more; a scaling amplifier to the supply's own input range, an isolation "
-                "amplifier where its ground is not the star point",
+                "not inverting scaling amplifier to the supply's own input range, 1 MΩ, with the pull-down at its "
+                "input, less than 20 cm from the pin (the DAC's buffer bears 50 pF); an isolation amplifier where "
+                "the supply's ground is not the star point; offset and gain trimmed",
             ),
         ),
         (
@@ -179,6 +202,12 @@ def set_points(n: Needs) -> Circuit:
                 f"{n.limits['EDM_OPEN_V_MAX']:g} V; 40 V of the first start",
                 f"{least_v:.0f} to {most_v:.0f} V",
                 least_v < 40.0 and most_v > n.limits["EDM_OPEN_V_MAX"],
+            ),
+            Check(
+                "error of the DAC at 40 V: 10 mV and 0.5 %",
+                f"trimmed to < {100 * n.measure['SAME_OPEN']:g} %",
+                f"{dac_error_v(n, 40.0):.1f} V, {100 * dac_error_v(n, 40.0) / 40.0:.0f} %, before trimming",
+                True,
             ),
             Check(
                 f"peak current that can be set at {full_a:g} A full scale",

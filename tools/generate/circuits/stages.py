@@ -11,7 +11,14 @@ def stages(n: Needs) -> Circuit:
     half_us = 1e3 / steps / 2
     return Circuit(
         "stages",
-        (("outputs", "74HCT buffer to 5 V, or RS-422 driver for drives that take differential inputs"),),
+        (
+            (
+                "outputs",
+                "74HCT buffer to 5 V, or RS-422 driver for drives that take differential inputs, the pull-downs at "
+                "its inputs",
+            ),
+            ("drives", "an enable of their own, off while the chip is flashed"),
+        ),
         (
             Check(
                 "half a period at most steps", "> 2.5 µs, of common drives", f"{half_us:g} µs", half_us > 2.5
