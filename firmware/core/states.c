@@ -46,6 +46,17 @@ void edm_fault(struct edm_controller *c, uint16_t code, int32_t detail) {
     states_raise(c, code, detail);
 }
 
+void edm_pulses_broken(struct edm_controller *c) {
+    if (c->keeps.fault != 0) {
+        return;
+    }
+    waveforms_freeze(c); /* they are shorter than the fault may take to come */
+    if (c->drive.pulses_on) {
+        motion_gate(c, false);
+        motion_enter(c, HOLD);
+    }
+}
+
 /* Leaves FAULT or ESTOP for IDLE. */
 void states_clear_fault(struct edm_controller *c) {
     latch(c, 0);
