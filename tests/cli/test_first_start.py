@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import signal
 import sys
 from pathlib import Path
@@ -13,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from edmctl.jobs.first_start import actuator, generator
+from edmctl.jobs.first_start.cold import BREAK
 from edmctl.jobs.first_start.hands import VirtualHands
-from edmctl.jobs.first_start.person import ACTS, QUESTIONS
+from edmctl.jobs.first_start.person import ACTS, CHAIN_HIGH_V, CHAIN_LOW_V, QUESTIONS, Act, Done
 from edmctl.machine.controller import LinkMachine
 from edmctl.simulator import BenchConfig, VirtualBench
 from edmctl.simulator.acts import ActsFile
@@ -22,6 +24,8 @@ from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import WIRING_MISTAKES, parse_injection
 from tests.cli.commands import ROOT
 from tests.serving import serving
+from tools.generate.circuits import hardware_break
+from tools.generate.circuits.common import Needs
 
 if TYPE_CHECKING:
     from tests.cli.commands import Here, Said
@@ -231,6 +235,62 @@ def test_a_dangerous_step_is_never_taken_for_granted(here: Here, wired: Any, mis
             assert plant.state.amplifier_v == pytest.approx(0.0, abs=0.01)
         assert plant.hv_supply_ok == (missing != "high-voltage")
         assert bench.is_off()
+
+
+@pytest.mark.parametrize("is_done", [True, False])
+@pytest.mark.parametrize(
+    ("key", "item", "fault"),
+    [
+        ("estop-release", "armed-estop", 4001),
+        ("door-close", "armed-door", 4002),
+        ("limit-open", "limit", 2004),
+    ],
+)
+def test_a_provoked_fault_is_cleared_though_its_end_is_skipped(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch, key: str, item: str, fault: int, is_done: bool
+) -> None:
+    bench, asked, real = wired(), list[str](), VirtualHands.act
+
+    def act(hands: VirtualHands, what: Act) -> Done:
+        asked.append(what.key)
+        if asked.count(key) < (1 if key == "limit-open" else 2) or what.key != key:
+            return real(hands, what)
+        if is_done:
+            real(hands, what)
+        return Done.SKIP
+
+    monkeypatch.setattr(VirtualHands, "act", act)
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    found = items(said)[item]
+    assert found["status"] == "skipped"
+    controller = bench.made[-1].controller
+    if is_done:
+        assert found["reason"] == f"{key}: skip"
+        assert controller.fault == 0
+        assert "fail" not in {one["status"] for one in items(said).values()}
+    elif key == "limit-open":  # a limit switch forbids moves alone
+        assert statuses(said, "fail") == ["x-direction", "y-direction", "theta-direction"]
+    else:
+        assert f"Fault {fault} cannot be cleared" in found["reason"]
+        assert f"edmctl reset --ack {fault}" in found["reason"]
+        assert controller.fault == fault
+    told = [one["reason"] for one in items(said).values() if "still holds" in one["reason"]]
+    assert told == [] or not is_done
+    assert bench.is_off()
+
+
+def test_the_meter_at_the_chain_is_asked_for_what_the_circuit_gives() -> None:
+    checks = {check.what: check for check in hardware_break(Needs()).checks}
+    healthy = checks["healthy is high"]
+    (broken,) = (check for what, check in checks.items() if what.startswith("contacts open"))
+    needed_v, reached_v, broken_v = (
+        float(re.sub(r"[^0-9.]", "", text)) for text in (healthy.need, healthy.reached, broken.reached)
+    )
+    assert needed_v < CHAIN_HIGH_V < reached_v
+    assert broken_v < CHAIN_LOW_V
+    asked, expected = QUESTIONS["break-chain"].text, BREAK.expected
+    assert all(f"above {CHAIN_HIGH_V:g} V" in text for text in (asked, expected))
+    assert all(f"below {CHAIN_LOW_V:g} V" in text for text in (asked, expected))
 
 
 def test_what_is_skipped_keeps_everything_that_builds_on_it_off(here: Here, wired: Any) -> None:
