@@ -27,6 +27,8 @@ void edm_line_read(struct edm_controller *c);
 /* Answers the ADVANCE that edm_receive stopped at. */
 void edm_advanced(struct edm_controller *c);
 
+/* Where the mode switch belongs in the millisecond that begins: the generator at the gap, else the contact circuit. */
+bool edm_generator_at_gap(const struct edm_controller *c);
 /* Begins a millisecond: reads the contact of the last one, sets c->drive. No message is sent. */
 void edm_tick_begin(struct edm_controller *c);
 /* Ends a millisecond: judges c->readings, records them; returns what happened (enum edm_happened). */

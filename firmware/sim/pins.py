@@ -106,6 +106,7 @@ def lead(r: np.ndarray, bench: Bench, drive: Drive) -> None:
     drive.actuator_v = bench.actuator_code * DAC_V
     enabled = bench.alive_ticks <= PUMP_TICKS and bench.hv_ok
     machines = pin_is(r, PORT_F, 14, 1, 0) and r[word(PORT_F, GPIO_ODR)] >> 14 & 1
+    drive.generator = 1 if machines else 0
     on = gate_is_on(r) and enabled and machines
     if on and (not bench.was_on or r[GATE_STARTS] != bench.gate_starts):
         drive.pulse_starts += 1

@@ -38,7 +38,7 @@ NAMED = {
     "FLOW_OPEN": ("flow", {"flow (PF4)"}, "wire off"),
     "SUPPLY_BRIDGED": ("supply-off", {"high voltage ok (PG2)"}, "bridged"),
     "CONTACT_INVERTED": ("contact", {"contact (PF13)"}, "inverted"),
-    "CONTACT_OPEN": ("contact", {"contact (PF13)"}, "wire off"),
+    "CONTACT_OPEN": ("contact", {"contact (PF13)", "mode switch (PF14)"}, "wire off"),
     "MONITOR_OPEN": ("monitor", {"actuator monitor (PF3)"}, "wire off"),
     "MONITOR_HALF": ("monitor", {"actuator monitor (PF3)"}, "reads 0.50 of the voltage"),
     "MONITOR_REVERSED": ("monitor", {"actuator monitor (PF3)"}, "reversed"),
@@ -47,9 +47,14 @@ NAMED = {
     "GAP_OPEN": ("gap-battery", {"gap voltage (PC0)"}, "not connected"),
     "GAP_REVERSED": ("gap-battery", {"gap voltage (PC0)"}, "reversed"),
     "GAP_HALF": ("gap-battery", {"gap voltage (PC0)"}, "reads 0.50 of the voltage"),
-    "GATE_STUCK": ("supply-on", {"gate (PE9)"}, "stuck on"),
+    "GATE_STUCK": ("self-test", {"gate (PE9)"}, "stuck on"),
     "GATE_OPEN": ("self-test", {"gate (PE9)"}, "wire from gate to driver is off"),
-    "MODE_STUCK": ("measure-mode", {"mode switch (PF14)"}, "mode switch"),
+    "MODE_STUCK": ("contact", {"contact (PF13)", "mode switch (PF14)"}, "stands at the generator"),
+    "MODE_OPEN": (
+        "self-test",
+        {"mode switch (PF14)", "alive (PF15)", "open voltage set (PA4)"},
+        "stays at the contact circuit",
+    ),
     "DAC_OPEN": ("drive", {"actuator DAC (PE2, PE6, PE4)"}, "nothing follows"),
     "X_REVERSED": ("x-direction", {"X direction (PF0)"}, "inverted"),
     "X_OPEN": ("x-direction", {"X step (PF6)"}, "no steps"),
@@ -142,6 +147,31 @@ def test_a_mistake_is_named_and_nothing_else_is_blamed(here: Here, wired: Any, m
         assert {net for cause in found["causes"] for net in cause["nets"]} == nets
         assert words in " ".join(cause["text"] for cause in found["causes"])
         assert bench.is_off()
+
+
+def test_a_driver_that_switches_by_itself_is_found_in_measure_mode(here: Here, wired: Any) -> None:
+    wired("MODE_SWITCH")
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    assert statuses(said, "fail") == ["measure-mode"], said.err
+    (cause,) = items(said)["measure-mode"]["causes"]
+    assert set(cause["nets"]) == {"gate (PE9)", "gate sense (PA3)"}
+
+
+def test_the_guard_of_the_mode_switch_is_named(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It opens the loop of the supply's input, which is all that a controller sees of it."""
+    bench, real = wired(), LinkMachine.self_test
+
+    def guarded(machine: LinkMachine) -> float:
+        bench.made[-1].inject(parse_injection("HV_SUPPLY@0"))
+        return real(machine)
+
+    monkeypatch.setattr(LinkMachine, "self_test", guarded)
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    assert statuses(said, "fail") == ["self-test"], said.err
+    (cause,) = items(said)["self-test"]["causes"]
+    assert set(cause["nets"]) == {"high voltage ok (PG2)", "mode switch (PF14)"}
 
 
 class Kept(Bench):

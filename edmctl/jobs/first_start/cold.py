@@ -335,8 +335,10 @@ def _contact(c: Checklist) -> Found:
         text = "contact input reads closed with nothing connected: shorted to 3.3 V, or tool and work touch"
     elif not bridged:
         text = (
-            "contact input does not close: wire off, tool or work not connected, or the circuit has no supply"
+            "contact input does not close: wire off, tool or work not connected, the circuit has no supply, or the "
+            "mode switch stands at the generator (then a meter across the open gap shows 0 V, else 0.8 V)"
         )
+        return Found(read, (cause(text, nets.CONTACT, nets.MODE),))
     else:
         text = "contact input does not open again: something still connects tool and work"
     return Found(read, (cause(text, nets.CONTACT),))

@@ -93,13 +93,19 @@ def _supply_on(c: Checklist) -> Found:
     read = f"open inputs {open_now}; gap {decimal(before_v)} V before, {decimal(after_v)} V after"
     causes = []
     if Interlock.HV_SUPPLY in after:
-        text = "the input stays open with the supply on: wire off, or the supply reports a failure"
-        causes.append(cause(text, nets.SUPPLY_OK))
+        text = (
+            "the input stays open with the supply on: wire off, the supply reports a failure, or the guard of the "
+            "mode switch, which does not stand where it is told"
+        )
+        causes.append(cause(text, nets.SUPPLY_OK, nets.MODE))
     if others:
         causes.append(cause(f"{' and '.join(others)} changed with the supply", nets.SUPPLY_OK, *others))
     if abs(after_v - before_v) >= GAP_ZERO_V:
-        text = "voltage at the gap though nothing permits it: the gate is stuck on; switch the supply off"
-        causes.append(cause(text, nets.GATE))
+        text = (
+            "voltage at the gap though nothing permits it: the gate is stuck on, and the generator comes past the "
+            "mode switch; switch the supply off"
+        )
+        causes.append(cause(text, nets.GATE, nets.MODE))
     return Found(read, tuple(causes))
 
 

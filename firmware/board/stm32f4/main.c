@@ -70,8 +70,7 @@ static void tell_break(struct edm_controller *c) {
 static void put_out(const struct edm_controller *c) {
     actuator_put(c->drive.actuator_v);
     stages_plan(c);
-    inputs_put_mode(c->drive.pulses_on || c->state == STATE_APPROACH || c->state == STATE_MACHINING ||
-                    c->state == STATE_JUMP);
+    inputs_put_mode(edm_generator_at_gap(c));
 }
 
 static void do_millisecond(struct edm_controller *c) {
