@@ -123,7 +123,7 @@ class ProtocolMismatch(EdmError):
 
 
 class MachineFault(EdmError):
-    """The controller latched a fault: pulses are off and the tool is retracted."""
+    """The controller latched a fault: pulses are off and the tool is retracted. `detail` is what it told beside."""
 
     exit_code = 6
     default_code = "E6000"
@@ -131,6 +131,7 @@ class MachineFault(EdmError):
     def __init__(self, message: str, *, hint: str = "", code: str = "", fault: int = 0) -> None:
         super().__init__(message, hint=hint, code=code)
         self.fault = fault
+        self.detail = 0
 
 
 class ObjectiveNotReached(EdmError):

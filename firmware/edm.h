@@ -27,6 +27,8 @@ void edm_line_read(struct edm_controller *c);
 /* Answers the ADVANCE that edm_receive stopped at. */
 void edm_advanced(struct edm_controller *c);
 
+/* Where the mode switch belongs in the millisecond that begins: the generator at the gap, else the contact circuit. */
+bool edm_generator_at_gap(const struct edm_controller *c);
 /* Begins a millisecond: reads the contact of the last one, sets c->drive. No message is sent. */
 void edm_tick_begin(struct edm_controller *c);
 /* Ends a millisecond: judges c->readings, records them; returns what happened (enum edm_happened). */
@@ -41,6 +43,9 @@ void edm_watch(struct edm_controller *c);
 /* The tick at which edm_watch has something to do by the clock; NEVER for none. */
 int64_t edm_next_deadline(const struct edm_controller *c);
 
+/* The board's hardware has ended the pulses, and which fault it is does not show yet: no pulses, tool and stages held,
+ * waveforms kept. Call it every millisecond until a fault is latched, which has to follow. */
+void edm_pulses_broken(struct edm_controller *c);
 /* A fault that the board itself has found. */
 void edm_fault(struct edm_controller *c, uint16_t code, int32_t detail);
 

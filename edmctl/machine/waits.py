@@ -152,7 +152,10 @@ class Waits:
 
     def _fault_error(self, fault: Fault) -> EdmError:
         where = f" ({fault.displacement_um:.1f} µm, {fault.gap_v:.1f} V at {self._inbox.time_s:.1f} s)"
-        return fault_error(fault.code, self.settings, where, port=self._session.transport.name)
+        error = fault_error(fault.code, self.settings, where, port=self._session.transport.name)
+        if isinstance(error, MachineFault):
+            error.detail = fault.detail
+        return error
 
 
 def _not_reported(codes: tuple[EventCode, ...], when: str) -> MachineFault:

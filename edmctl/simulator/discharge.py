@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from edmctl.actuator.compiling import compiled
 from edmctl.process.gap_conditions import MOST_DEBRIS
 from edmctl.simulator.plant_interface import TICK_NS
-from edmctl.simulator.plant_state import BURNING, SCOPE_PULSES
+from edmctl.simulator.plant_state import BURNING, SCOPE_PULSES, STUCK_AT_CONTACT
 
 if TYPE_CHECKING:
     from edmctl.simulator.plant_interface import Drive, Readings
@@ -87,6 +87,9 @@ def strike_pulses(
     voltage_sum, charge, count = 0.0, 0.0, 0
     wall, arcs, craters, craters_squared = state.wall_um, state.arc_um3, state.crater_um3, state.crater_um6
     stuck, leak_a = unit.gap_stuck_v, unit.off_time_a
+    away = unit.mode_stuck == STUCK_AT_CONTACT  # the pulses end at the mode switch, the gap has no voltage
+    if away and stuck < 0.0:
+        stuck = 0.0
     read = max(0.0, unit.gap_wire)  # a converter has no negative voltage
     readings.first_pulse_ns = next_pulse
 
@@ -127,7 +130,9 @@ def strike_pulses(
 
         delay, plateau, discharge, energy = on_time, open_v, 0.0, 0.0
         burnt, burnt_arc = -1.0, 0.0
-        if gap <= 0.0 or bridge_until > 0.0 or local <= 0.0:
+        if away:
+            pass
+        elif gap <= 0.0 or bridge_until > 0.0 or local <= 0.0:
             delay, plateau, discharge = 0.0, unit.short_plateau_v, on_time
             charge += (open_v - plateau) * per_ohm * discharge
         else:

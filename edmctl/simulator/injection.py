@@ -78,6 +78,7 @@ WIRING_MISTAKES = (
     "GATE_STUCK",
     "GATE_OPEN",
     "MODE_STUCK",
+    "MODE_OPEN",
     "DAC_OPEN",
     "X_REVERSED",
     "X_OPEN",

@@ -10,6 +10,7 @@ from edmctl.link.messages import ResetCause, State
 from edmctl.simulator.controller_state import PACK
 from edmctl.simulator.injection import CHIPS, Injection, LineState, Trigger
 from edmctl.simulator.plant_interface import TICK_S
+from edmctl.simulator.plant_state import STUCK_AT_CONTACT, STUCK_AT_GENERATOR
 
 if TYPE_CHECKING:
     from edmctl.simulator.plant import Plant
@@ -80,7 +81,8 @@ _PARTS: dict[str, tuple[_Change, ...]] = {
     "GAP_HALF": (("unit", "gap_wire", 0.5),),
     "GATE_STUCK": (("unit", "gate_stuck", 1),),
     "GATE_OPEN": (("unit", "gate_open", 1),),
-    "MODE_STUCK": (("unit", "stray_pulses", 1),),
+    "MODE_STUCK": (("unit", "mode_stuck", STUCK_AT_GENERATOR),),
+    "MODE_OPEN": (("unit", "mode_stuck", STUCK_AT_CONTACT),),
     "DAC_OPEN": (("unit", "dac_open", 1),),
     "X_REVERSED": (("wiring", "x_share", -1.0),),
     "X_OPEN": (("wiring", "x_share", 0.0),),

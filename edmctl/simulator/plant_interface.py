@@ -29,6 +29,7 @@ class Drive(Record):
 
     actuator_v: float  # on the converter's grid
     pulses_on: int  # the gate of the generator
+    generator: int  # mode switch, 1: generator at the gap; 0: contact circuit there
     pulse_starts: int  # so often the gate was opened: with another one the period of the pulses begins anew
     contact_tests: (
         int  # so often the contact circuit was set for another touch after the first one of a touch-off

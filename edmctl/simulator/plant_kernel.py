@@ -13,6 +13,7 @@ from edmctl.process.erosion import SURFACE_UM
 from edmctl.process.gap_conditions import CLEARING
 from edmctl.simulator.discharge import strike_pulses
 from edmctl.simulator.plant_interface import PATH_LINES, TICK_S
+from edmctl.simulator.plant_state import STUCK_AT_GENERATOR
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,7 +48,8 @@ def plant_tick(
     # The work stops the tool, all but its own compliance.
     true_z = state.free_z_um if excess <= 0.0 else reach + unit.contact_compliance * excess
     state.true_z_um = true_z
-    closed = excess >= -state.asperity_um and unit.contact_open == 0
+    reached = unit.contact_open == 0 and unit.mode_stuck != STUCK_AT_GENERATOR
+    closed = excess >= -state.asperity_um and reached
     readings.contact = 1 if closed != (unit.contact_inverted == 1) else 0
     opening = reach - true_z - unit.free_gap_um
     if opening > 0.0 or state.opening_um != 0.0:
@@ -59,7 +61,7 @@ def plant_tick(
     if drive.pulses_on == 1 and unit.gate_open == 0:
         strike_pulses(unit, state, scope, drive, readings, random, tables)
     else:
-        rest(unit, state, readings)
+        rest(unit, state, drive, readings)
     gives_way = state.depth_um >= state.next_level_um and sink_levels(unit, state, levels)
     readings.sensor_um = unit.sensor_wire * sensor(unit, state, tick, noise)
     readings.monitor_v = unit.monitor_gain * state.amplifier_v + unit.monitor_zero_v
@@ -176,15 +178,23 @@ def forget_craters(state: PlantState) -> None:
 
 
 @compiled
-def rest(unit: Unit, state: PlantState, readings: Readings) -> None:
+def generator_at_gap(unit: Unit, drive: Drive) -> bool:
+    """Where the mode switch stands: one changeover, on whose gap side the gap sensor is."""
+    if unit.mode_stuck:
+        return bool(unit.mode_stuck == STUCK_AT_GENERATOR)
+    return bool(drive.generator or drive.pulses_on)
+
+
+@compiled
+def rest(unit: Unit, state: PlantState, drive: Drive, readings: Readings) -> None:
     """A millisecond without pulses: the gap clears itself, and a sound gap sensor has nothing to read."""
     state.debris_um3 *= state.tick_clearing
     state.bridge_until_um = 0.0
     state.previous_burning = -1.0
     readings.pulses = 0
     readings.charge_uc = 0.0
-    stuck = unit.gate_stuck == 1 and unit.supply_off == 0
-    readings.stray_pulses = 1 if stuck else unit.stray_pulses
+    readings.stray_pulses = unit.stray_pulses
+    stuck = unit.gate_stuck == 1 and unit.supply_off == 0 and generator_at_gap(unit, drive)
     applied_v = unit.gap_wire * (unit.open_v if stuck else unit.battery_v)
     at_rest_v = applied_v if applied_v > LEAST_GAP_V else math.nan
     readings.gap_v = unit.gap_stuck_v if unit.gap_stuck_v >= 0.0 else at_rest_v

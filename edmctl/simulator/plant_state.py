@@ -16,6 +16,9 @@ BURNING = 256  # steps of the burning time in tables of what a discharge does
 SCOPE_PULSES = 64  # newest pulses remembered, for waveforms; a power of two
 
 
+STUCK_AT_GENERATOR, STUCK_AT_CONTACT = 1, 2  # Unit.mode_stuck
+
+
 @record
 class Unit(Record):
     """What one unit is made of: constants as its seed drew them, tool, generator, and what is broken in it."""
@@ -109,6 +112,9 @@ class Unit(Record):
     gap_wire: float  # share of the gap voltage that is read; reversed -1, 0 where its wire is off
     gate_stuck: int  # the generator is on whatever the gate says
     gate_open: int  # and this one never
+    mode_stuck: (
+        int  # where the mode switch stands whatever it is told: STUCK_AT_GENERATOR or _AT_CONTACT, or 0
+    )
     supply_off: int  # of the high voltage
     battery_v: float
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import compiled
+from edmctl.link.messages import State
 from edmctl.simulator.controller_state import (
     APPROACH,
     HISTORY,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 SETTLE_TICKS = 100  # generator on before the approach judges the gap voltage
 SHORT_HURRY_TICKS = 500  # a short this long retracts four times as fast
 BLEND_TICKS = 8  # of a jump's ramp, at each end
+IN_APPROACH, IN_MACHINING, IN_JUMP = int(State.APPROACH), int(State.MACHINING), int(State.JUMP)
 HOLD_PER_S = 4.0  # of the way to a scan's limit; well below the bandwidth of the displacement's low-pass
 
 
@@ -71,6 +73,8 @@ def command_tick(settings: Settings, loop: LoopState, drive: Drive, readings: Re
     v = min(top, max(0.0, v))
     loop.command_v = v
     drive.actuator_v = on_grid(v)
+    sparks = loop.link_state == IN_APPROACH or loop.link_state == IN_MACHINING or loop.link_state == IN_JUMP
+    drive.generator = 1 if drive.pulses_on or sparks else 0
 
 
 @compiled

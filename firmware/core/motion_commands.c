@@ -156,7 +156,7 @@ static uint8_t servo_stop(struct edm_controller *c) {
 static uint8_t jump(struct edm_controller *c, const struct edm_frame *frame) {
     struct jump request;
     jump_read(&request, frame->payload);
-    bool resumes = c->motion.mode == SERVO;
+    bool resumes = c->state == STATE_MACHINING;
     if (!resumes && c->state != STATE_ARMED) {
         return STATUS_BAD_STATE;
     }

@@ -9,6 +9,11 @@ static bool is_armed_state(uint8_t state) {
     return state >= STATE_ARMED && state <= STATE_MOVING;
 }
 
+/* In APPROACH both halves of SELF_TEST: with the gate off the generator is to give nothing. */
+bool edm_generator_at_gap(const struct edm_controller *c) {
+    return c->drive.pulses_on || c->state == STATE_APPROACH || c->state == STATE_MACHINING || c->state == STATE_JUMP;
+}
+
 /* Enters a state. The watchdog runs, inputs and monitors count while it is an armed one. */
 void states_enter(struct edm_controller *c, uint8_t state) {
     c->state = state;
@@ -44,6 +49,17 @@ void states_raise(struct edm_controller *c, uint16_t code, int32_t detail) {
 
 void edm_fault(struct edm_controller *c, uint16_t code, int32_t detail) {
     states_raise(c, code, detail);
+}
+
+void edm_pulses_broken(struct edm_controller *c) {
+    if (c->keeps.fault != 0) {
+        return;
+    }
+    waveforms_freeze(c); /* they are shorter than the fault may take to come */
+    if (c->drive.pulses_on) {
+        motion_gate(c, false);
+        motion_enter(c, HOLD);
+    }
 }
 
 /* Leaves FAULT or ESTOP for IDLE. */

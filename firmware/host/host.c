@@ -303,6 +303,7 @@ void edm_host_count_from(struct edm_host *h, int64_t since_us, uint16_t event_no
 void edm_host_begin(struct edm_host *h) {
     edm_tick_begin(&h->core);
     h->drive->actuator_v = (double)h->core.drive.actuator_v;
+    h->drive->generator = edm_generator_at_gap(&h->core);
     h->drive->stage_moves = 0; /* the rest stands there since the last call */
 }
 

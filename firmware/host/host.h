@@ -16,7 +16,7 @@
 /* plant_interface.Drive */
 struct host_drive {
     double actuator_v;
-    int64_t pulses_on, pulse_starts, contact_tests;
+    int64_t pulses_on, generator, pulse_starts, contact_tests;
     double stage_x_um, stage_y_um;
     int64_t stage_moves, stage_line, stage_lines_done;
     double stage_share, stage_way_um;

@@ -26,6 +26,8 @@ STEP_UM, STEP_DEG = 0.1, 0.001
 STAGE_TICKS = 10  # the work under a moving tool is looked up so often
 REST_TICKS = 3  # without a step: the stages have arrived
 PUMP_TICKS = 3  # the charge pump of the high voltage holds so long [assumed]
+INPUT_MS = 1.5  # an input behind its optocoupler follows a loop that opens so much later: 10 kΩ and 100 nF
+INPUTS = 5  # on pins 0 to 4 of port G: e-stop, door, high-voltage supply, level, limit switches
 SWITCH_OFF_NS = 5000.0  # from MOE to the open switch; the protocol asks for 10 µs
 
 
@@ -61,6 +63,10 @@ class Bench(Record):
     hv_ok: int
     level_ok: int
     limit: int
+    input_ms: float  # from a loop that opens to its input; one that closes is there at once
+    chain_ms: float  # from e-stop or door to the break chain, which has contacts of its own
+    chain_loop: int  # 1: these are open
+    chain_ticks: int  # since when
     over_current: int
     breaks: int  # 1: the chain opens and closes again before the program has looked
     flow_lpm: float
@@ -73,6 +79,7 @@ class Bench(Record):
     travels: int
     rest_ticks: int  # since the last step
     steps: Floats = series(3)  # of the stages, signed, since they were last taken
+    open_ticks: Floats = series(INPUTS)  # milliseconds since the loops of the inputs have opened
     start_ns: Floats = series(QUEUE)
     ignition_ns: Floats = series(QUEUE)  # no discharge: -1
     end_ns: Floats = series(QUEUE)

@@ -25,7 +25,7 @@ from edmctl.simulator.injector import Injector
 from edmctl.simulator.plant_interface import TICK_NS
 
 from .chip import CCM_AT, FLASH_AT, LOCKED_UP, PC, Chip, ChipFailed, Reset
-from .circuit import STEP_DEG, STEP_UM, Bench
+from .circuit import INPUT_MS, STEP_DEG, STEP_UM, Bench
 from .converters import NOISE, SAMPLES_PER_MS
 from .host_side import REPLY_BIT, Samples, Stm32Link, Waiting
 from .image_memory import MEMBERS, Seen
@@ -70,6 +70,7 @@ class Stm32Controller:
         hiss = np.random.default_rng([*plant.serial.encode(), 17]).standard_normal(NOISE)
         self._hiss = np.concatenate((hiss, hiss[: 2 * SAMPLES_PER_MS]))
         self.bench.rate = baud * 100
+        self.bench.input_ms = INPUT_MS
         self.baud_told = baud
         self.board = 0
         self.host_time_scale = 1.0
@@ -347,7 +348,9 @@ class Stm32Controller:
             self.injector.note(Trigger.TOUCH)
 
     def _read_inputs(self) -> None:
-        inputs, bench = self.plant.inputs(), self.bench
+        plant, bench = self.plant, self.bench
+        inputs = plant.inputs()
+        bench.chain_loop = plant.estop or plant.door_open  # by contacts of their own
         bench.estop, bench.door, bench.hv_ok = inputs.estop, inputs.door_open, inputs.hv_supply_ok
         bench.level_ok, bench.limit = inputs.level_ok, inputs.limit_switch
         bench.flow_lpm, bench.temperature_c = inputs.flow_lpm, inputs.temperature_c

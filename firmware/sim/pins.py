@@ -45,7 +45,7 @@ from .addresses import (
     TIM_SR,
     word,
 )
-from .circuit import DAC_V, PUMP_TICKS, REST_TICKS, SET_A, SET_V, STAGE_TICKS
+from .circuit import DAC_V, INPUTS, PUMP_TICKS, REST_TICKS, SET_A, SET_V, STAGE_TICKS
 from .registers import ALIVE_EDGES, DAC_CODE, GATE_STARTS, IS_BROKEN, PINS, gate_off
 
 if TYPE_CHECKING:
@@ -94,7 +94,8 @@ def lead(r: np.ndarray, bench: Bench, drive: Drive) -> None:
         bench.alive_ticks = 0
     else:
         bench.alive_ticks += 1
-    chain_open = bench.estop or bench.door or bench.over_current
+    bench.chain_ticks = bench.chain_ticks + 1 if bench.chain_loop else 0
+    chain_open = bench.over_current or bench.chain_ticks > bench.chain_ms
     r[IS_BROKEN] = 1 if chain_open else 0
     if (chain_open or bench.breaks) and r[word(TIM1, TIM_BDTR)] & BKE and not r[word(TIM1, TIM_BDTR)] & BKP:
         r[word(TIM1, TIM_SR)] |= BIF
@@ -105,6 +106,7 @@ def lead(r: np.ndarray, bench: Bench, drive: Drive) -> None:
     drive.actuator_v = bench.actuator_code * DAC_V
     enabled = bench.alive_ticks <= PUMP_TICKS and bench.hv_ok
     machines = pin_is(r, PORT_F, 14, 1, 0) and r[word(PORT_F, GPIO_ODR)] >> 14 & 1
+    drive.generator = 1 if machines else 0
     on = gate_is_on(r) and enabled and machines
     if on and (not bench.was_on or r[GATE_STARTS] != bench.gate_starts):
         drive.pulse_starts += 1
@@ -133,8 +135,13 @@ def lead(r: np.ndarray, bench: Bench, drive: Drive) -> None:
 @compiled
 def show(r: np.ndarray, bench: Bench, readings: Readings) -> None:
     """Levels of the input pins at the end of the millisecond."""
-    closed = (0 if bench.estop else 1) | (0 if bench.door else 2) | (0 if bench.limit else 16)
-    r[PINS + PORT_G - PORT_A] = closed | (bench.hv_ok << 2) | (bench.level_ok << 3)
+    loops = (1 - bench.estop, 1 - bench.door, bench.hv_ok, bench.level_ok, 1 - bench.limit)
+    levels = 0
+    for pin in range(INPUTS):
+        bench.open_ticks[pin] = 0.0 if loops[pin] else bench.open_ticks[pin] + 1.0
+        if bench.open_ticks[pin] == 0.0 or bench.open_ticks[pin] < bench.input_ms:
+            levels |= 1 << pin
+    r[PINS + PORT_G - PORT_A] = levels
     contact = readings.contact if bench.chatters < 2 else 1
     if bench.chatters and bench.ticks * 2654435761 >> 31 & 1:
         contact = 0

@@ -60,7 +60,7 @@ def run_millisecond(
         take_pulses(bench, scope, readings)
     r[BASE_84] = (bench.ticks * 84_000) & 0xFFFFFFFF
     send_edges(r, memory, bench, begin_ns)
-    if readings.stray_pulses and not drive.pulses_on:
+    if readings.stray_pulses and not drive.pulses_on:  # a driver that switches by itself
         for k in range(readings.stray_pulses):
             put(r, memory, DMA1, 3, 6, GATE_SENSE_AT, 4, (r[BASE_84] + 1000 * (k + 1)) & 0xFFFFFFFF)
     sample_gap(r, memory, bench, unit, scope, readings, hiss, begin_ns)

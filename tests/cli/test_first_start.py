@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import signal
 import sys
 from pathlib import Path
@@ -13,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from edmctl.jobs.first_start import actuator, generator
+from edmctl.jobs.first_start.cold import BREAK
 from edmctl.jobs.first_start.hands import VirtualHands
-from edmctl.jobs.first_start.person import ACTS, QUESTIONS
+from edmctl.jobs.first_start.person import ACTS, CHAIN_HIGH_V, CHAIN_LOW_V, QUESTIONS, Act, Done
 from edmctl.machine.controller import LinkMachine
 from edmctl.simulator import BenchConfig, VirtualBench
 from edmctl.simulator.acts import ActsFile
@@ -22,6 +24,8 @@ from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import WIRING_MISTAKES, parse_injection
 from tests.cli.commands import ROOT
 from tests.serving import serving
+from tools.generate.circuits import hardware_break
+from tools.generate.circuits.common import Needs
 
 if TYPE_CHECKING:
     from tests.cli.commands import Here, Said
@@ -34,7 +38,7 @@ NAMED = {
     "FLOW_OPEN": ("flow", {"flow (PF4)"}, "wire off"),
     "SUPPLY_BRIDGED": ("supply-off", {"high voltage ok (PG2)"}, "bridged"),
     "CONTACT_INVERTED": ("contact", {"contact (PF13)"}, "inverted"),
-    "CONTACT_OPEN": ("contact", {"contact (PF13)"}, "wire off"),
+    "CONTACT_OPEN": ("contact", {"contact (PF13)", "mode switch (PF14)"}, "wire off"),
     "MONITOR_OPEN": ("monitor", {"actuator monitor (PF3)"}, "wire off"),
     "MONITOR_HALF": ("monitor", {"actuator monitor (PF3)"}, "reads 0.50 of the voltage"),
     "MONITOR_REVERSED": ("monitor", {"actuator monitor (PF3)"}, "reversed"),
@@ -43,9 +47,14 @@ NAMED = {
     "GAP_OPEN": ("gap-battery", {"gap voltage (PC0)"}, "not connected"),
     "GAP_REVERSED": ("gap-battery", {"gap voltage (PC0)"}, "reversed"),
     "GAP_HALF": ("gap-battery", {"gap voltage (PC0)"}, "reads 0.50 of the voltage"),
-    "GATE_STUCK": ("supply-on", {"gate (PE9)"}, "stuck on"),
+    "GATE_STUCK": ("self-test", {"gate (PE9)"}, "stuck on"),
     "GATE_OPEN": ("self-test", {"gate (PE9)"}, "wire from gate to driver is off"),
-    "MODE_STUCK": ("measure-mode", {"mode switch (PF14)"}, "mode switch"),
+    "MODE_STUCK": ("contact", {"contact (PF13)", "mode switch (PF14)"}, "stands at the generator"),
+    "MODE_OPEN": (
+        "self-test",
+        {"mode switch (PF14)", "alive (PF15)", "open voltage set (PA4)"},
+        "stays at the contact circuit",
+    ),
     "DAC_OPEN": ("drive", {"actuator DAC (PE2, PE6, PE4)"}, "nothing follows"),
     "X_REVERSED": ("x-direction", {"X direction (PF0)"}, "inverted"),
     "X_OPEN": ("x-direction", {"X step (PF6)"}, "no steps"),
@@ -140,6 +149,31 @@ def test_a_mistake_is_named_and_nothing_else_is_blamed(here: Here, wired: Any, m
         assert bench.is_off()
 
 
+def test_a_driver_that_switches_by_itself_is_found_in_measure_mode(here: Here, wired: Any) -> None:
+    wired("MODE_SWITCH")
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    assert statuses(said, "fail") == ["measure-mode"], said.err
+    (cause,) = items(said)["measure-mode"]["causes"]
+    assert set(cause["nets"]) == {"gate (PE9)", "gate sense (PA3)"}
+
+
+def test_the_guard_of_the_mode_switch_is_named(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It opens the loop of the supply's input, which is all that a controller sees of it."""
+    bench, real = wired(), LinkMachine.self_test
+
+    def guarded(machine: LinkMachine) -> float:
+        bench.made[-1].inject(parse_injection("HV_SUPPLY@0"))
+        return real(machine)
+
+    monkeypatch.setattr(LinkMachine, "self_test", guarded)
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    assert statuses(said, "fail") == ["self-test"], said.err
+    (cause,) = items(said)["self-test"]["causes"]
+    assert set(cause["nets"]) == {"high voltage ok (PG2)", "mode switch (PF14)"}
+
+
 class Kept(Bench):
     """A machine that stays the same from one command to the next."""
 
@@ -231,6 +265,62 @@ def test_a_dangerous_step_is_never_taken_for_granted(here: Here, wired: Any, mis
             assert plant.state.amplifier_v == pytest.approx(0.0, abs=0.01)
         assert plant.hv_supply_ok == (missing != "high-voltage")
         assert bench.is_off()
+
+
+@pytest.mark.parametrize("is_done", [True, False])
+@pytest.mark.parametrize(
+    ("key", "item", "fault"),
+    [
+        ("estop-release", "armed-estop", 4001),
+        ("door-close", "armed-door", 4002),
+        ("limit-open", "limit", 2004),
+    ],
+)
+def test_a_provoked_fault_is_cleared_though_its_end_is_skipped(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch, key: str, item: str, fault: int, is_done: bool
+) -> None:
+    bench, asked, real = wired(), list[str](), VirtualHands.act
+
+    def act(hands: VirtualHands, what: Act) -> Done:
+        asked.append(what.key)
+        if asked.count(key) < (1 if key == "limit-open" else 2) or what.key != key:
+            return real(hands, what)
+        if is_done:
+            real(hands, what)
+        return Done.SKIP
+
+    monkeypatch.setattr(VirtualHands, "act", act)
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    found = items(said)[item]
+    assert found["status"] == "skipped"
+    controller = bench.made[-1].controller
+    if is_done:
+        assert found["reason"] == f"{key}: skip"
+        assert controller.fault == 0
+        assert "fail" not in {one["status"] for one in items(said).values()}
+    elif key == "limit-open":  # a limit switch forbids moves alone
+        assert statuses(said, "fail") == ["x-direction", "y-direction", "theta-direction"]
+    else:
+        assert f"Fault {fault} cannot be cleared" in found["reason"]
+        assert f"edmctl reset --ack {fault}" in found["reason"]
+        assert controller.fault == fault
+    told = [one["reason"] for one in items(said).values() if "still holds" in one["reason"]]
+    assert told == [] or not is_done
+    assert bench.is_off()
+
+
+def test_the_meter_at_the_chain_is_asked_for_what_the_circuit_gives() -> None:
+    checks = {check.what: check for check in hardware_break(Needs()).checks}
+    healthy = checks["healthy is high"]
+    (broken,) = (check for what, check in checks.items() if what.startswith("contacts open"))
+    needed_v, reached_v, broken_v = (
+        float(re.sub(r"[^0-9.]", "", text)) for text in (healthy.need, healthy.reached, broken.reached)
+    )
+    assert needed_v < CHAIN_HIGH_V < reached_v
+    assert broken_v < CHAIN_LOW_V
+    asked, expected = QUESTIONS["break-chain"].text, BREAK.expected
+    assert all(f"above {CHAIN_HIGH_V:g} V" in text for text in (asked, expected))
+    assert all(f"below {CHAIN_LOW_V:g} V" in text for text in (asked, expected))
 
 
 def test_what_is_skipped_keeps_everything_that_builds_on_it_off(here: Here, wired: Any) -> None:

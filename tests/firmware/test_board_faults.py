@@ -26,6 +26,7 @@ HANGS = bytes.fromhex("62b6 fee7")  # cpsie i; b .
 HANGS_WITH_INTERRUPTS_OFF = bytes.fromhex("72b6 fee7")
 RECURSES = bytes.fromhex("62b6 ffb5 fde7")  # push {r0-r7, lr} for ever
 READS_NOWHERE = bytes.fromhex("4ff0c040 0068")  # mov.w r0, #0x60000000; ldr r0, [r0]
+JUMP = {"height_um": 1.0, "speed_um_s": 50.0, "dwell_s": 0.1, "clearance_um": 0.0}
 UNDEFINED = bytes.fromhex("00de")
 RETURNS = bytes.fromhex("7047")
 BACKUP_REGISTERS = slice(
@@ -59,7 +60,8 @@ class Rig:
         self.chip._engine.ctl_flush_tb()
         bench = self.bench
         bench.over_current = bench.line_low = bench.adc_stuck = bench.slow_stuck = bench.dac_dead = 0
-        bench.chatters = 0
+        bench.chatters = bench.chain_ms = 0
+        bench.input_ms = emulator_of(bench).INPUT_MS
         self.plant.estop = self.plant.door_open = False
 
     def cut(self) -> None:
@@ -313,24 +315,119 @@ def break_for_a_moment(rig: Rig) -> None:
     rig.bench.breaks = 1
 
 
-BREAKS: dict[str, tuple[Callable[[Rig], None], int, int]] = {
-    "over-current": (trip_over_current, GEN_FAULT, 0),
-    "moment": (break_for_a_moment, GEN_FAULT, 0),
-    "estop": (press_estop, ESTOP, layouts.enum("Interlocks")["ESTOP"]),
-    "door": (open_door, DOOR, layouts.enum("Interlocks")["DOOR"]),
+BREAK_US = 10_000  # BREAK_TICKS of the image
+BREAKS: dict[str, tuple[Callable[[Rig], None], int, int, int]] = {
+    "over-current": (trip_over_current, GEN_FAULT, 0, BREAK_US),
+    "moment": (break_for_a_moment, GEN_FAULT, 0, BREAK_US),
+    "estop": (press_estop, ESTOP, layouts.enum("Interlocks")["ESTOP"], 0),
+    "door": (open_door, DOOR, layouts.enum("Interlocks")["DOOR"], 0),
 }
 
 
 @pytest.mark.parametrize("name", BREAKS)
 def test_the_break_chain_is_off_at_once_and_told(rig: Rig, name: str) -> None:
-    acts_on, code, detail = BREAKS[name]
+    acts_on, code, detail, later_us = BREAKS[name]
     acts_on(rig)
-    at_us = rig.controller.time_us
+    at_us, starts = rig.controller.time_us, rig.plant.drive.pulse_starts
     assert rig.ticks_until_off(1) == 0
     fault = rig.peer.fault(0.5)
     assert (fault["code"], fault["detail"]) == (code, detail)
-    assert (fault["t_us"] - at_us) % 2**32 <= 2000
+    told_us = (fault["t_us"] - at_us) % 2**32
+    assert later_us <= told_us <= later_us + (1000 if later_us else 3000)  # the inputs follow by 1.5 ms
+    assert rig.plant.drive.pulse_starts == starts
     rig.latched(code)
+
+
+@pytest.mark.parametrize("name", ["estop", "door"])
+@pytest.mark.parametrize("input_ms", range(9))
+def test_an_input_that_follows_its_break_is_what_is_told(rig: Rig, name: str, input_ms: int) -> None:
+    acts_on, code, detail, _ = BREAKS[name]
+    rig.bench.input_ms = input_ms
+    acts_on(rig)
+    drive, at_us = rig.plant.drive, rig.controller.time_us
+    starts, command_v = drive.pulse_starts, drive.actuator_v
+    assert rig.ticks_until_off(1) == 0
+    while rig.controller.fault == 0:
+        assert not rig.pulses_on
+        assert abs(drive.actuator_v - command_v) < 0.05  # nothing feeds meanwhile
+        rig.controller.advance(1)
+    fault = rig.peer.fault(0.5)
+    assert (fault["code"], fault["detail"]) == (code, detail)
+    assert 1000 * input_ms <= (fault["t_us"] - at_us) % 2**32 <= 1000 * (input_ms + 1)
+    assert drive.pulse_starts == starts
+    rig.latched(code)
+
+
+@pytest.mark.parametrize("name", ["estop", "door"])
+@pytest.mark.parametrize("chain_ms", [1, 3, 8])
+def test_an_input_that_is_there_before_its_break_is_told(rig: Rig, name: str, chain_ms: int) -> None:
+    acts_on, code, detail, _ = BREAKS[name]
+    rig.bench.input_ms, rig.bench.chain_ms = 0, chain_ms
+    acts_on(rig)
+    at_us = rig.controller.time_us
+    assert rig.ticks_until_off(2) == 1  # by the program
+    fault = rig.peer.fault(0.5)
+    assert (fault["code"], fault["detail"]) == (code, detail)
+    assert (fault["t_us"] - at_us) % 2**32 <= 1000
+    rig.latched(code)
+
+
+def test_an_emergency_stop_behind_an_over_current_is_told(rig: Rig) -> None:
+    trip_over_current(rig)
+    rig.controller.advance(4)
+    assert rig.controller.fault == 0
+    press_estop(rig)
+    assert rig.peer.fault(0.5)["code"] == ESTOP
+    rig.latched(ESTOP)
+
+
+def test_nothing_opens_the_gate_until_the_break_is_told(rig: Rig) -> None:
+    """An over-current that is over with its pulses, and a host that asks for the next ones at once."""
+    starts = rig.plant.drive.pulse_starts
+    break_for_a_moment(rig)
+    rig.controller.advance(1)
+    peer = rig.peer
+    assert peer.command("SERVO_STOP").status == STATUS["OK"]
+    start = peer.command("SERVO_START", gap_ref_v=20.0, z_limit_um=10.0, max_time_s=1.0)
+    assert start.status == STATUS["OK"]
+    assert rig.controller.fault == 0
+    assert rig.peer.fault(0.5)["code"] == GEN_FAULT
+    assert rig.plant.drive.pulse_starts == starts
+    rig.latched(GEN_FAULT)
+
+
+def test_a_jump_may_be_asked_for_until_the_break_is_told(rig: Rig) -> None:
+    rig.bench.input_ms = 8
+    open_door(rig)
+    rig.controller.advance(1)
+    assert rig.peer.command("JUMP", **JUMP).status == STATUS["OK"]
+    assert rig.controller.fault == 0
+    assert rig.peer.fault(0.5)["code"] == DOOR
+    rig.latched(DOOR)
+
+
+def test_a_door_that_opens_as_the_host_disarms_is_told_as_the_door(rig: Rig) -> None:
+    rig.bench.input_ms = 8
+    open_door(rig)
+    rig.controller.advance(1)
+    assert rig.peer.command("DISARM").status == STATUS["OK"]
+    assert rig.peer.fault(0.5)["code"] == DOOR
+    rig.latched(DOOR)
+
+
+def test_the_waveforms_of_an_over_current_are_those_about_its_break(rig: Rig) -> None:
+    peer = rig.peer
+    trip_over_current(rig)
+    rig.controller.advance(1)
+    break_us = rig.controller.time_us
+    assert peer.fault(0.5)["code"] == GEN_FAULT
+    peer.pump(0.1)
+    first = peer.ok("WAVEFORM_READ", offset=0)
+    before_us = (break_us - first.t0_us) % 2**32
+    period_us = rig.plant.unit.pulse_period_ns / 1000.0
+    assert 20.0 * period_us < before_us < 65.0 * period_us
+    assert before_us + 15.0 * period_us < first.total < before_us + 17.0 * period_us
+    rig.latched(GEN_FAULT)
 
 
 def test_the_break_chain_needs_no_program(rig: Rig) -> None:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["here", "wired"]
 
 AT_ONCE = ("ESTOP_DOOR_SWAPPED", "LEVEL_INVERTED", "CONTACT_INVERTED", "GAP_REVERSED", "SENSOR_OPEN")
-QUICK = ("GATE_STUCK",)
+QUICK = ("GATE_STUCK", "MODE_STUCK")
 
 
 @pytest.mark.slow

@@ -12,22 +12,23 @@ from edmctl.link.faults import FaultCode
 if TYPE_CHECKING:
     from edmctl.results.first_start import Cause
 
-MEASURE_MODE = "measure-mode"
-"""The item in which the generator is disconnected: pulses are another mistake there."""
 
-
-def cause_of(key: str, error: EdmError) -> tuple[Cause, ...]:
+def cause_of(error: EdmError) -> tuple[Cause, ...]:
     """Return the likely mistakes behind an error that the machine, or the host, has raised in an item."""
     if isinstance(error, LinkLost):
         return (
             cause("the line broke, or the board restarted: its supply, its plug, or noise", nets.LINE, "5 V"),
         )
     code = error.fault if isinstance(error, MachineFault) else 0
-    touching = key == MEASURE_MODE
     by_fault = {
         FaultCode.ESTOP: cause("e-stop came while nobody pressed it: a loose contact, or noise", nets.ESTOP),
         FaultCode.DOOR: cause("door came while nobody opened it: a loose contact, or noise", nets.DOOR),
-        FaultCode.HV_SUPPLY: cause("the supply does not hold, or its input is loose", nets.SUPPLY_OK),
+        FaultCode.HV_SUPPLY: cause(
+            "the supply does not hold, its input is loose, or the guard of the mode switch: it does not go where "
+            "it is told",
+            nets.SUPPLY_OK,
+            nets.MODE,
+        ),
         FaultCode.DIELECTRIC: cause("the dielectric does not hold", nets.LEVEL, nets.FLOW, nets.TEMPERATURE),
         FaultCode.PIEZO_TRACK: cause("actuator monitor does not follow the command", nets.MONITOR, nets.DAC),
         FaultCode.PIEZO_OV: cause("actuator monitor is out of its range", nets.MONITOR),
@@ -49,10 +50,11 @@ def cause_of(key: str, error: EdmError) -> tuple[Cause, ...]:
             nets.BREAK,
         ),
         FaultCode.MODE_SWITCH: cause(
-            "the generator's pulses come through in measure mode: mode switch stuck or inverted", nets.MODE
-        )
-        if touching
-        else cause("pulses come while the gate is off", nets.GATE),
+            "the driver switches though its gate is off: noise on the gate's wire, no pull-down, or edges that the "
+            "sense wire picks up",
+            nets.GATE,
+            nets.GATE_SENSE,
+        ),
         FaultCode.STAGE_LIMIT: cause("a limit switch is closed: on the way, or wired wrongly", nets.LIMITS),
         FaultCode.SHORT_STUCK: cause("tool and work are connected", nets.GAP),
         FaultCode.HOST_SILENT: cause("this program was not heard: the line, or a busy computer", nets.LINE),

@@ -65,7 +65,7 @@ class Checklist:
     setup: Setup
     person: Person
     told: Callable[[Item], None]
-    cause_of: Callable[[str, EdmError], tuple[Cause, ...]]
+    cause_of: Callable[[EdmError], tuple[Cause, ...]]
     part: str = ""
     items: list[Item] = field(default_factory=list)
     battery_v: float = 0.0
@@ -90,14 +90,14 @@ class Checklist:
             self._add(spec, "", ItemStatus.SKIPPED, stopped.message)
             raise
         except LinkLost as error:
-            self._add(spec, error.message, ItemStatus.FAIL, "", self.cause_of(spec.key, error))
+            self._add(spec, error.message, ItemStatus.FAIL, "", self.cause_of(error))
             raise
         except FaultLatched as latched:
             self.machine.safe_stop()
             return self._add(spec, "", ItemStatus.SKIPPED, latched.message)
         except EdmError as error:
             self.machine.safe_stop()
-            is_right = self._add(spec, error.message, ItemStatus.FAIL, "", self.cause_of(spec.key, error))
+            is_right = self._add(spec, error.message, ItemStatus.FAIL, "", self.cause_of(error))
             if isinstance(error, MachineFault):
                 if error.fault == FaultCode.ESTOP:
                     raise  # somebody wants it to end

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from edmctl.jobs.first_start import nets
 from edmctl.jobs.first_start.checklist import Checklist, Found, Skip, Spec, mean
 from edmctl.jobs.first_start.nets import cause
-from edmctl.jobs.first_start.person import ACTS
+from edmctl.jobs.first_start.person import ACTS, CHAIN_HIGH_V, CHAIN_LOW_V
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.messages import SCHEMA_HASH, ResetCause
 from edmctl.machine.faults import INTERLOCKS
@@ -45,7 +45,7 @@ BREAK = Spec(
     "break-chain",
     "break chain",
     "The voltage of the break chain was measured by hand.",
-    "about 3.3 V with e-stop released and door closed, below 0.8 V with either open",
+    f"above {CHAIN_HIGH_V:g} V with e-stop released and door closed, below {CHAIN_LOW_V:g} V with either open",
 )
 SUPPLY_OFF = Spec(
     "supply-off",
@@ -335,8 +335,10 @@ def _contact(c: Checklist) -> Found:
         text = "contact input reads closed with nothing connected: shorted to 3.3 V, or tool and work touch"
     elif not bridged:
         text = (
-            "contact input does not close: wire off, tool or work not connected, or the circuit has no supply"
+            "contact input does not close: wire off, tool or work not connected, the circuit has no supply, or the "
+            "mode switch stands at the generator (then a meter across the open gap shows 0 V, else 0.8 V)"
         )
+        return Found(read, (cause(text, nets.CONTACT, nets.MODE),))
     else:
         text = "contact input does not open again: something still connects tool and work"
     return Found(read, (cause(text, nets.CONTACT),))

@@ -14,6 +14,7 @@ FLOW, TEMPERATURE, LIMITS = "flow (PF4)", "temperature (PF10)", "limit switches 
 CONTACT, GAP, CURRENT = "contact (PF13)", "gap voltage (PC0)", "gap current (PC3)"
 MONITOR, DISPLACEMENT = "actuator monitor (PF3)", "displacement (PF5)"
 DAC = "actuator DAC (PE2, PE6, PE4)"
+GATE_SENSE = "gate sense (PA3)"
 GATE, BREAK, MODE, ALIVE = "gate (PE9)", "break chain (PE15)", "mode switch (PF14)", "alive (PF15)"
 OPEN_VOLTAGE, IGNITION = "open voltage set (PA4)", "ignition (PA0, PC6)"
 STEPS = ("X step (PF6)", "Y step (PF7)", "theta step (PF8)")

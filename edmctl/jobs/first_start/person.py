@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+CHAIN_HIGH_V, CHAIN_LOW_V = 2.3, 0.8
+"""Of the break chain, at the pin: what is high and what is low to the chip."""
+
+
 class Done(StrEnum):
     """What became of an act."""
 
@@ -92,8 +96,8 @@ QUESTIONS = {
         Question("low-battery-volts", "Voltage of a battery of 3 to 6 V by a meter, V:", ()),
         Question(
             "break-chain",
-            "A meter at the break chain: about 3.3 V as it is, below 0.8 V with the e-stop pressed, and again with "
-            "the door open?",
+            f"A meter at the break chain: above {CHAIN_HIGH_V:g} V as it is, below {CHAIN_LOW_V:g} V with the "
+            "e-stop pressed, and again with the door open?",
         ),
         Question(
             "high-voltage", "May the high-voltage supply be switched on? Nothing sparks yet.", danger=True

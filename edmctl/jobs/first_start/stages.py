@@ -10,7 +10,7 @@ from edmctl.jobs.first_start.checklist import Checklist, Found, Skip, Spec
 from edmctl.jobs.first_start.cold import COLD, GAP_ZERO_V, NETS_OF, gap_v
 from edmctl.jobs.first_start.nets import cause
 from edmctl.link.faults import FaultCode
-from edmctl.machine.faults import INTERLOCKS
+from edmctl.machine.faults import INTERLOCKS, InterlockOpen
 from edmctl.machine.interface import Axis, Interlock, MachineState
 from edmctl.procedures.settings import motion_settings
 from edmctl.wording import decimal
@@ -93,13 +93,19 @@ def _supply_on(c: Checklist) -> Found:
     read = f"open inputs {open_now}; gap {decimal(before_v)} V before, {decimal(after_v)} V after"
     causes = []
     if Interlock.HV_SUPPLY in after:
-        text = "the input stays open with the supply on: wire off, or the supply reports a failure"
-        causes.append(cause(text, nets.SUPPLY_OK))
+        text = (
+            "the input stays open with the supply on: wire off, the supply reports a failure, or the guard of the "
+            "mode switch, which does not stand where it is told"
+        )
+        causes.append(cause(text, nets.SUPPLY_OK, nets.MODE))
     if others:
         causes.append(cause(f"{' and '.join(others)} changed with the supply", nets.SUPPLY_OK, *others))
     if abs(after_v - before_v) >= GAP_ZERO_V:
-        text = "voltage at the gap though nothing permits it: the gate is stuck on; switch the supply off"
-        causes.append(cause(text, nets.GATE))
+        text = (
+            "voltage at the gap though nothing permits it: the gate is stuck on, and the generator comes past the "
+            "mode switch; switch the supply off"
+        )
+        causes.append(cause(text, nets.GATE, nets.MODE))
     return Found(read, tuple(causes))
 
 
@@ -129,13 +135,33 @@ def _armed(c: Checklist, open_by: str, close_by: str, code: FaultCode, net: str)
         status = c.machine.readings()
     finally:
         c.machine.safe_stop()
-    c.act(close_by)
+    _put_back(c, close_by, status.fault)
     read = f"state {status.state.name}, fault {status.fault or 'none'}"
-    if status.fault:
-        c.machine.clear_fault(status.fault)
     if status.fault == code:
         return Found(read)
     return Found(read, (cause("an armed machine does not stop for it", net),))
+
+
+def _put_back(c: Checklist, close_by: str, fault: int) -> None:
+    """Have that put back which has brought a fault about, and clear the fault, also where the act is skipped.
+
+    Raises Skip; with what is to be done where the fault is still latched.
+    """
+    skipped: Skip | None = None
+    try:
+        c.act(close_by)
+    except Skip as left_out:
+        skipped = left_out
+    if fault:
+        try:
+            c.machine.clear_fault(fault)
+        except InterlockOpen as still:
+            if skipped is None:
+                raise
+            reason = f"{skipped.reason}; {still.message} {still.hint}"
+            raise Skip(reason, absent=skipped.absent) from still
+    if skipped is not None:
+        raise skipped
 
 
 def _stages_allowed(c: Checklist) -> Found:
@@ -152,8 +178,7 @@ def _limit(c: Checklist) -> Found:
         if error.fault != FaultCode.STAGE_LIMIT:
             raise
         c.machine.safe_stop()
-        c.act("limit-open")
-        c.machine.clear_fault(error.fault)
+        _put_back(c, "limit-open", error.fault)
         return Found(error.message)
     c.machine.disarm()
     c.act("limit-open")

@@ -37,6 +37,7 @@ void gate_start(void);
 void gate_off(void);
 void gate_lock(void);
 bool gate_broken(void);
+void gate_release(void);
 const struct gate *gate_state(void);
 
 /* sampling.c */

@@ -9,7 +9,7 @@
 
 static struct gate state;
 static bool locked;        /* the main loop is late: nothing opens the gate before the reset */
-static bool refused;       /* the core has asked for pulses, the break chain was open */
+static bool broken;        /* the break input has closed it, or kept it closed, and the core has not latched why */
 
 /* TIM1 holds the pin low before the pin is handed over to it. Break: low level, no automatic restart; locked until reset. */
 void gate_start(void) {
@@ -30,6 +30,7 @@ void gate_start(void) {
 void gate_off(void) {
     TIM1->BDTR &= ~TIM_BDTR_MOE;
     if (state.on) {
+        broken = broken || (TIM1->SR & TIM_SR_BIF) != 0;
         state.on = false;
         state.off_since = TIM5->CNT;
         state.changes++;
@@ -46,25 +47,30 @@ const struct gate *gate_state(void) {
     return &state;
 }
 
-/* Whether the break input has switched the gate off, or kept it closed, since the last look. */
+/* Whether the break input has switched the gate off, or kept it closed; until gate_release nothing opens it. */
 bool gate_broken(void) {
-    bool broken = refused;
-    refused = false;
     if ((TIM1->SR & TIM_SR_BIF) != 0) {
-        broken = broken || state.on;
         gate_off();
         TIM1->SR = ~TIM_SR_BIF; /* has no effect while the chain is open */
     }
     return broken;
 }
 
+/* The core has latched a fault for the break. */
+void gate_release(void) {
+    broken = false;
+}
+
 /* Opens the gate with the begin of a pulse, or closes it. With an open break chain it stays closed: the input holds MOE at
- * 0 (RM0090 17.3.12), and a break that the core has not been told of forbids it here. */
+ * 0 (RM0090 17.3.12), and a break that the core has latched no fault of forbids it here. */
 void hal_gate(void *board, bool on) {
     (void)board;
     gate_off();
-    refused = on && (!pins_high(PIN_BREAK_CHAIN) || (TIM1->SR & TIM_SR_BIF) != 0);
-    if (!on || refused || locked) {
+    if (!on || locked) {
+        return;
+    }
+    broken = broken || !pins_high(PIN_BREAK_CHAIN) || (TIM1->SR & TIM_SR_BIF) != 0;
+    if (broken) {
         return;
     }
     inputs_put_mode(true);

@@ -2,6 +2,7 @@
 #include "board.h"
 
 #define REBOOT_TICKS_MOST 100 /* for the reply to go out */
+#define BREAK_TICKS 10u       /* for e-stop and door to follow their break: filter of the inputs, contacts of one switch */
 
 IN_CCM struct edm_controller controller;
 
@@ -44,19 +45,32 @@ static void tell_serial(char serial[12]) {
     }
 }
 
-/* The first fault of the board's own: the break input. Where a contact of the chain is open still, the interlock is told. */
+/* The fault of a break of the pulses: that of e-stop or door, which the core's guard tells once their inputs have followed,
+ * or else the over-current. Until then no pulses, and the tool is held. */
 static void tell_break(struct edm_controller *c) {
-    if (gate_broken() && pins_high(PIN_ESTOP) && pins_high(PIN_DOOR)) {
-        edm_fault(c, FAULT_GEN_FAULT, 0);
+    static uint32_t ticks;
+    if (!gate_broken()) {
+        return;
     }
+    edm_pulses_broken(c);
+    if (c->keeps.fault == 0) {
+        if (!pins_high(PIN_DOOR)) { /* disarmed in the meantime */
+            edm_fault(c, FAULT_DOOR, INTERLOCKS_DOOR);
+        } else if (ticks++ < BREAK_TICKS) {
+            return;
+        } else {
+            edm_fault(c, FAULT_GEN_FAULT, 0);
+        }
+    }
+    ticks = 0;
+    gate_release();
 }
 
 /* What the core says for the millisecond that begins. */
 static void put_out(const struct edm_controller *c) {
     actuator_put(c->drive.actuator_v);
     stages_plan(c);
-    inputs_put_mode(c->drive.pulses_on || c->state == STATE_APPROACH || c->state == STATE_MACHINING ||
-                    c->state == STATE_JUMP);
+    inputs_put_mode(edm_generator_at_gap(c));
 }
 
 static void do_millisecond(struct edm_controller *c) {
@@ -66,8 +80,8 @@ static void do_millisecond(struct edm_controller *c) {
     c->readings.contact = inputs_contact();
     sampling_tend(c);
     edm_conclude(c, edm_tick_end(c));
-    tell_break(c);
     edm_watch(c);
+    tell_break(c);
     if (line_is_held_low()) {
         edm_abort(c);
     }

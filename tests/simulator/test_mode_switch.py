@@ -1,0 +1,117 @@
+"""The mode switch of the plant: what stands at the gap, with a switch that is sound or stuck, and a gate that is."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.plant import Plant
+from edmctl.simulator.plant_state import STUCK_AT_CONTACT, STUCK_AT_GENERATOR
+from tests.conformance import acts
+from tests.conformance.lines import InProcess
+from tests.conformance.peer import Peer
+
+if TYPE_CHECKING:
+    from edmctl.simulator.plant_interface import Drive, Readings
+
+
+class Told:
+    """A controller that puts the mode switch and the gate somewhere and keeps them there."""
+
+    def __init__(self, *, generator: bool = False, pulses: bool = False) -> None:
+        self.generator, self.pulses = int(generator), int(pulses)
+
+    def __call__(self, readings: Readings, drive: Drive) -> None:
+        drive.generator, drive.pulses_on = self.generator, self.pulses
+
+
+@pytest.mark.parametrize("gate_stuck", [False, True])
+@pytest.mark.parametrize("told", [False, True])
+@pytest.mark.parametrize("stuck", [0, STUCK_AT_GENERATOR, STUCK_AT_CONTACT])
+def test_a_gate_that_is_stuck_on_shows_where_the_generator_is_at_the_gap(
+    stuck: int, told: bool, gate_stuck: bool
+) -> None:
+    plant = Plant(BenchConfig(), 1)
+    plant.unit.mode_stuck, plant.unit.gate_stuck = stuck, int(gate_stuck)
+    plant.advance(Told(generator=told), 2)
+    there = told if stuck == 0 else stuck == STUCK_AT_GENERATOR
+    if there and gate_stuck:
+        assert plant.readings.gap_v == plant.unit.open_v
+    else:
+        assert math.isnan(plant.readings.gap_v)
+    assert plant.readings.stray_pulses == plant.readings.pulses == 0  # the gate's driver makes no edges
+    plant.hv_supply_ok = False
+    plant.advance(Told(generator=told), 2)
+    assert math.isnan(plant.readings.gap_v)
+
+
+def test_a_switch_that_is_stuck_at_the_generator_hides_every_contact() -> None:
+    plant = Plant(BenchConfig(), 1)
+    plant.state.asperity_um = 1e12  # a wire from tool to work
+    for stuck, contact in ((0, 1), (STUCK_AT_CONTACT, 1), (STUCK_AT_GENERATOR, 0)):
+        plant.unit.mode_stuck = stuck
+        plant.advance(Told(), 2)
+        assert plant.readings.contact == contact
+
+
+def test_pulses_end_at_a_switch_that_is_stuck_at_the_contact_circuit() -> None:
+    plant = Plant(BenchConfig(offset_um=3.0), 1)  # near enough for sparks
+    plant.stage_lands(0, 0.0)
+    plant.advance(Told(pulses=True), 50)
+    assert plant.readings.gap_v > 0.0
+    depth_um, sparks = plant.state.depth_um, plant.scope.array("discharge_us").max()
+    assert depth_um > 0.0
+    assert sparks > 0.0
+    plant.unit.mode_stuck = STUCK_AT_CONTACT
+    for _ in range(50):
+        plant.advance(Told(pulses=True), 1)
+        r = plant.readings
+        assert r.pulses > 0
+        assert (r.gap_v, r.charge_uc) == (0.0, 0.0)
+        assert all(r.array("plateau_v")[: r.pulses] == 0.0)
+        assert not any(r.array("discharge_us")[: r.pulses])
+    assert plant.state.depth_um == depth_um
+
+
+@pytest.mark.parametrize("controller", ["python", "firmware"])
+def test_the_controllers_tell_the_switch_alike(controller: str) -> None:
+    """Generator at the gap in sparks, jumps and both halves of a self-test, the contact circuit otherwise."""
+    line = InProcess(controller)
+    peer, drive = Peer(line), line.bench.plant.drive
+    acts.settle(peer)
+    assert drive.generator == 0
+    acts.start_sparks(peer)
+    peer.pump(0.002)
+    assert (drive.generator, drive.pulses_on) == (1, 1)
+    peer.ok("JUMP", height_um=1.0, speed_um_s=50.0, dwell_s=0.2, clearance_um=0.0)
+    peer.pump(0.1)
+    assert (drive.generator, drive.pulses_on) == (1, 0)
+    peer.event("JUMP_DONE", 10.0)
+    acts.rest(peer)
+    assert (drive.generator, drive.pulses_on) == (0, 0)
+
+
+@pytest.mark.parametrize("controller", ["python", "firmware"])
+def test_the_self_test_finds_a_gate_that_is_stuck_on_by_its_first_half(controller: str) -> None:
+    line = InProcess(controller)
+    peer, bench = Peer(line), line.bench
+    acts.settle(peer)
+    acts.arm(peer)
+    peer.ok("PULSE_ENABLE", on=1)
+    peer.ok("SELF_TEST")
+    peer.event("TEST_DONE", 1.0)
+    bench.inject(parse_injection("GATE_STUCK"))
+    peer.pump(0.2)
+    assert bench.controller.fault == 0  # nothing of it is at the gap yet
+    peer.ok("SELF_TEST")
+    fault = peer.fault(1.0)
+    assert fault["code"] == 3003
+    assert fault["detail"] == pytest.approx(1000.0 * bench.plant.unit.open_v * 0.3, rel=0.05)
+
+
+def test_a_bench_begins_with_the_contact_circuit_at_the_gap() -> None:
+    assert open_bench(BenchConfig(), 1).plant.drive.generator == 0
