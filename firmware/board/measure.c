@@ -18,21 +18,44 @@
 #define SAME_OPEN R(0.02)  /* of the open voltage: a divider that agrees so well with the supply says nothing new */
 #define NOT_A_NUMBER R(__builtin_nanf(""))
 #define LOOKS_MOST 8u      /* pulses of a millisecond whose open voltage and off-time are looked at */
+#define PULSES_AT_ONCE 16u /* of so many first all edges, ring by ring, then all samples: registers are few */
+#define NOINLINE __attribute__((noinline))
 #define SCANS_MEANT 16u
 #define REST_STRIDE 4u     /* without pulses, each so many samples are looked at */
+#define EDGES_MOST (EDGES - 1u - EDGES / 4u) /* that wait in a ring; while they are read, others come */
+#define NEVER_COUNTS (1u << 30) /* from now: no pulse lasts so long */
 
-/* Sums of samples. */
+/* Samples of a millisecond, and how many of them make a mean. */
+struct view {
+    const volatile uint32_t *ring;
+    uint32_t size, at, held;
+    uint32_t now, most;
+};
+
+/* Sum of samples that follow each other, voltage and current as in a sample: the halves have room for SAMPLES_MOST. */
 struct sum {
-    uint32_t volts, amps, count;
+    uint32_t both, count;
     uint32_t tops;       /* TOP_VOLTS, TOP_AMPS: one was at full scale */
 };
 
-/* One pulse: times are counts since its begin. */
+/* Their means, V and A; NaN without any, or with one at full scale. */
+struct means {
+    real volts, amps;
+};
+
+/* Edges of a ring, one after the other. */
+struct walk {
+    const volatile uint32_t *ring;
+    uint32_t at, end;
+    uint32_t next;       /* time of the one at `at`, or never */
+    uint32_t never;
+};
+
+/* One pulse. Without current `ignition` and `end` are when its gate closes. */
 struct pulse {
     uint32_t start;
-    uint32_t samples;    /* for each mean */
-    uint32_t ignition, end; /* of the current */
-    bool ignited;
+    uint32_t rise, last_rise; /* of the comparator */
+    uint32_t ignition, end; /* of the current, counts since its begin */
 };
 
 static real us_of(uint32_t counts) {
@@ -43,122 +66,212 @@ static bool is_before(uint32_t a, uint32_t b) {
     return (int32_t)(a - b) < 0;
 }
 
-/* Adds samples that lie in [from, to), counts of the timer; `limit` at most, from their middle. */
-static void add_samples(struct sum *sum, const struct records *r, uint32_t from, uint32_t to, uint32_t limit) {
-    const struct samples *s = &r->samples;
-    uint32_t from_us = (r->now - from) / COUNTS_PER_US; /* whole microseconds back from now, rounded towards now */
-    uint32_t to_us = is_before(to, r->now) ? (r->now - to) / COUNTS_PER_US : 0;
-    from_us = from_us < s->held ? from_us : s->held;
-    if (!s->good || !is_before(from, r->now) || from_us <= to_us) {
-        return;
+/* Samples that lie in [from, to), counts of the timer; `limit` at most, from their middle. */
+static struct sum sum_of(const struct view *v, uint32_t from, uint32_t to, uint32_t limit) {
+    struct sum sum = {0};
+    int32_t from_back = (int32_t)(v->now - from), to_back = (int32_t)(v->now - to);
+    uint32_t from_us = (uint32_t)from_back / COUNTS_PER_US; /* whole microseconds back from now, rounded towards now */
+    uint32_t to_us = to_back > 0 ? (uint32_t)to_back / COUNTS_PER_US : 0;
+    from_us = from_us < v->held ? from_us : v->held;
+    if (from_back <= 0 || from_us <= to_us) {
+        return sum;
     }
     uint32_t count = from_us - to_us;
     if (count > limit) {
         from_us -= (count - limit) / 2u;
         count = limit;
     }
-    uint32_t at = s->at >= from_us ? s->at - from_us : s->at + s->size - from_us;
-    uint32_t both = 0; /* halves do not run over: 12 bits, and at most SAMPLES_MOST of them */
-    for (uint32_t i = 0; i < count; i++) {
-        uint32_t word = s->ring[at];
-        both += word;
-        sum->tops |= word + TWO_TOPS;
-        at = at + 1u == s->size ? 0 : at + 1u;
-    }
-    sum->volts += both & 0xFFFFu;
-    sum->amps += both >> 16;
-    sum->count += count;
+    uint32_t at = v->at >= from_us ? v->at - from_us : v->at + v->size - from_us;
+    sum.count = count;
+    do {
+        uint32_t word = v->ring[at];
+        sum.both += word;
+        sum.tops |= word + TWO_TOPS;
+        at = at + 1u == v->size ? 0 : at + 1u;
+    } while (--count > 0);
+    return sum;
 }
 
-/* Mean voltage of samples, V; NaN without any, or with one at full scale. */
-static real mean_volts(const struct sum *sum) {
-    if (sum->count == 0 || (sum->tops & TOP_VOLTS) != 0) {
-        return NOT_A_NUMBER;
+static inline struct means means_of(const struct sum *sum) {
+    struct means means = {NOT_A_NUMBER, NOT_A_NUMBER};
+    if (sum->count == 0) {
+        return means;
     }
-    return (real)sum->volts / (real)(sum->count * ADC_TOP) * EDM_GAP_FULL_V;
+    real full = (real)(sum->count * ADC_TOP);
+    if ((sum->tops & TOP_VOLTS) == 0) {
+        means.volts = (real)(sum->both & 0xFFFFu) / full * EDM_GAP_FULL_V;
+    }
+    if ((sum->tops & TOP_AMPS) == 0) {
+        means.amps = (real)(sum->both >> 16) / full * EDM_GAP_FULL_A;
+    }
+    return means;
 }
 
-/* Mean current of samples, A; NaN as for the voltage. */
-static real mean_amps(const struct sum *sum) {
-    if (sum->count == 0 || (sum->tops & TOP_AMPS) != 0) {
-        return NOT_A_NUMBER;
-    }
-    return (real)sum->amps / (real)(sum->count * ADC_TOP) * EDM_GAP_FULL_A;
+static void look_on(struct walk *walk) {
+    walk->next = walk->at == walk->end ? walk->never : walk->ring[walk->at];
 }
 
-/* Takes the next edge that is before `until`; `*at` then stands behind it. */
-static bool next_edge(const struct edges *edges, uint32_t *at, uint32_t until, uint32_t *time) {
-    if (*at == edges->at) {
-        return false;
-    }
-    *time = edges->ring[*at];
-    if (!is_before(*time, until)) {
-        return false;
-    }
-    *at = *at + 1u == edges->size ? 0 : *at + 1u;
-    return true;
+/* From where the reading has come to. */
+static struct walk begin_walk(const struct edges *edges, const struct follower *follower, uint32_t now) {
+    struct walk walk = {.ring = edges->ring, .at = follower->at, .end = edges->at, .never = now + NEVER_COUNTS};
+    look_on(&walk);
+    return walk;
 }
 
-/* Passes over edges before a time. */
-static void skip_edges(const struct edges *edges, uint32_t *at, uint32_t before) {
-    uint32_t time;
-    while (next_edge(edges, at, before, &time)) {
+/* Takes the next edge, of which there is one where `next` is before anything. */
+static uint32_t take_edge(struct walk *walk) {
+    uint32_t time = walk->next;
+    walk->at = (walk->at + 1u) % EDGES;
+    look_on(walk);
+    return time;
+}
+
+static void skip_edges(struct walk *walk, uint32_t before) {
+    while (is_before(walk->next, before)) {
+        take_edge(walk);
     }
 }
 
-/* Finds current in a pulse by the edges of the comparator: from the first rise to the last fall in the gate's time. Without
- * a rise the current was there before; without a fall it lasts as long as the gate. A fall just after the begin is that of
- * the pulse before. */
-static void find_current(struct measure *m, const struct records *r, struct pulse *pulse, uint32_t on_counts) {
-    uint32_t gate_end = pulse->start + on_counts;
-    uint32_t rise = gate_end, last_rise = pulse->start, fall = 0, time;
-    bool rose = false, fell = false;
-    while (next_edge(&r->ignitions, &m->ignitions_at, gate_end, &time)) {
-        if (is_before(time, pulse->start)) {
-            continue;
+/* What stands where the mark is: behind as many edges as may wait. */
+static uint32_t mark_of(const struct edges *edges, uint32_t at) {
+    return edges->ring[(at + EDGES_MOST) % EDGES];
+}
+
+/* Whether the ring holds every edge that has come since it was read, and will until it has been. Else it is passed over. */
+static bool has_all(const struct edges *edges, struct follower *follower) {
+    if (mark_of(edges, follower->at) == follower->mark && (edges->at - follower->at) % EDGES < EDGES_MOST) {
+        return true;
+    }
+    follower->at = edges->at;
+    return false;
+}
+
+static void set_mark(const struct edges *edges, struct follower *follower) {
+    follower->mark = mark_of(edges, follower->at);
+}
+
+/* Passes over edges before a time; returns how many. */
+static uint32_t pass_over(const struct edges *edges, struct follower *follower, uint32_t now, uint32_t before) {
+    struct walk walk = begin_walk(edges, follower, now);
+    skip_edges(&walk, before);
+    uint32_t count = (walk.at - follower->at) % EDGES;
+    follower->at = walk.at;
+    return count;
+}
+
+/* Begins of the next pulses whose gate time has ended, PULSES_AT_ONCE at most; returns their end. */
+static NOINLINE struct pulse *find_starts(const struct edges *edges, struct follower *follower, struct pulse *pulses,
+                                          uint32_t now, uint32_t on_counts) {
+    struct walk gates = begin_walk(edges, follower, now);
+    uint32_t closed = now - on_counts + 1u;
+    struct pulse *pulse = pulses;
+    while (pulse < pulses + PULSES_AT_ONCE && is_before(gates.next, closed)) {
+        pulse->start = take_edge(&gates);
+        pulse++;
+    }
+    follower->at = gates.at;
+    return pulse;
+}
+
+/* Finds current in pulses by the edges of the comparator: from the first rise to the last fall in the gate's time. Without a
+ * rise the current was there before; without a fall it lasts as long as the gate. A fall just after the begin is that of the
+ * pulse before. First the rises. */
+static NOINLINE void find_rises(const struct edges *edges, struct follower *follower, struct pulse *pulse,
+                                const struct pulse *end, uint32_t now, uint32_t on_counts) {
+    struct walk rises = begin_walk(edges, follower, now);
+    for (; pulse < end; pulse++) {
+        uint32_t start = pulse->start, gate_end = start + on_counts;
+        pulse->rise = gate_end;
+        pulse->last_rise = start;
+        skip_edges(&rises, start);
+        if (is_before(rises.next, gate_end)) {
+            pulse->rise = rises.next;
+            do {
+                pulse->last_rise = take_edge(&rises);
+            } while (is_before(rises.next, gate_end));
         }
-        rise = rose ? rise : time;
-        last_rise = time;
-        rose = true;
     }
-    while (next_edge(&r->ends, &m->ends_at, gate_end, &time)) {
-        if (is_before(time, pulse->start + MARGIN_COUNTS) && is_before(time, rise)) {
-            continue;
+    follower->at = rises.at;
+}
+
+/* Then the falls. */
+static NOINLINE void find_falls(const struct edges *edges, struct follower *follower, struct pulse *pulse,
+                                const struct pulse *end, uint32_t now, uint32_t on_counts) {
+    struct walk falls = begin_walk(edges, follower, now);
+    for (; pulse < end; pulse++) {
+        uint32_t start = pulse->start, gate_end = start + on_counts, rise = pulse->rise, fall = gate_end;
+        while (is_before(falls.next, rise) && is_before(falls.next, start + MARGIN_COUNTS)) {
+            take_edge(&falls);
         }
-        rise = !fell && is_before(time, rise) ? pulse->start : rise;
-        fall = time;
-        fell = true;
+        if (is_before(falls.next, gate_end)) {
+            rise = is_before(falls.next, rise) ? start : rise;
+            do {
+                fall = take_edge(&falls);
+            } while (is_before(falls.next, gate_end));
+            fall = is_before(fall, pulse->last_rise) ? gate_end : fall;
+        }
+        pulse->ignition = rise - start;
+        pulse->end = fall - start;
     }
-    pulse->ignited = rose || fell;
-    pulse->ignition = rise - pulse->start;
-    pulse->end = fell && !is_before(fall, last_rise) ? fall - pulse->start : on_counts;
+    follower->at = falls.at;
+}
+
+/* The next pulses and their current; returns their end. */
+static const struct pulse *find_pulses(struct measure *m, const struct records *r, uint32_t on_counts,
+                                       struct pulse *pulses) {
+    const struct pulse *end = find_starts(&r->gates, &m->gates, pulses, r->now, on_counts);
+    struct pulse *pulse = pulses;
+    for (; m->blind && pulse < end; pulse++) {
+        if (!is_before(pulse->start, m->blind_until)) {
+            m->blind = false;
+            break;
+        }
+        pulse->ignition = pulse->end = on_counts;
+    }
+    find_rises(&r->ignitions, &m->ignitions, pulse, end, r->now, on_counts);
+    find_falls(&r->ends, &m->ends, pulse, end, r->now, on_counts);
+    return end;
 }
 
 /* Open voltage by the samples before ignition; what is set where there are none, or where they agree with it. */
-static real open_voltage(const struct records *r, const struct pulse *pulse, real set_v) {
-    struct sum sum = {0};
-    if (pulse->ignition > SETTLE_COUNTS) {
-        uint32_t span = pulse->samples * COUNTS_PER_US;
-        uint32_t begin = pulse->ignition - SETTLE_COUNTS > span ? pulse->ignition - span : SETTLE_COUNTS;
-        add_samples(&sum, r, pulse->start + begin, pulse->start + pulse->ignition, pulse->samples);
+static real open_voltage(const struct view *v, const struct pulse *pulse, real set_v) {
+    if (pulse->ignition <= SETTLE_COUNTS) {
+        return set_v;
     }
+    uint32_t span = v->most * COUNTS_PER_US;
+    uint32_t begin = pulse->ignition - SETTLE_COUNTS > span ? pulse->ignition - span : SETTLE_COUNTS;
+    struct sum sum = sum_of(v, pulse->start + begin, pulse->start + pulse->ignition, v->most);
     if (sum.count == 0) {
         return set_v;
     }
-    real seen_v = mean_volts(&sum);
+    real seen_v = means_of(&sum).volts;
     return magnitude(seen_v - set_v) <= SAME_OPEN * set_v ? set_v : seen_v;
 }
 
-/* Adds the samples of a discharge: from its middle, or else the first one behind ignition, which may be after its end. */
-static void add_discharge(struct sum *sum, const struct records *r, const struct pulse *pulse) {
-    uint32_t from = pulse->start + pulse->ignition, to = pulse->start + pulse->end;
+/* Samples of a discharge: from its middle, or else the first one behind ignition, which may be after its end. */
+static struct sum discharge_of(const struct view *v, const struct pulse *pulse) {
+    uint32_t from = pulse->start + pulse->ignition;
     if (pulse->end - pulse->ignition > 2u * STRIKE_COUNTS) {
-        add_samples(sum, r, from + STRIKE_COUNTS, to, pulse->samples);
+        struct sum sum = sum_of(v, from + STRIKE_COUNTS, pulse->start + pulse->end, v->most);
+        if (sum.count > 0) {
+            return sum;
+        }
     }
-    if (sum->count == 0) {
-        from += STRIKE_COUNTS / 2u;
-        add_samples(sum, r, from, from + COUNTS_PER_US, 1);
+    from += STRIKE_COUNTS / 2u;
+    return sum_of(v, from, from + COUNTS_PER_US, 1);
+}
+
+/* Samples of a pulse that no comparator tells of: they say whether there was current, then from its begin on. */
+static struct sum find_by_samples(const struct view *v, struct pulse *pulse, uint32_t on_counts) {
+    uint32_t from = pulse->start, to = from + on_counts;
+    struct sum sum = sum_of(v, from + on_counts / 2u, to, v->most);
+    if (sum.count == 0) {
+        return sum_of(v, from, from + COUNTS_PER_US, 1);
     }
+    if (!(means_of(&sum).amps < LEAST_A)) {
+        pulse->ignition = 0;
+    }
+    return sum;
 }
 
 /* Greater of two; what is no number is the greatest. */
@@ -166,103 +279,134 @@ static real most_or_nan(real a, real b) {
     return a >= b || a != a ? a : b;
 }
 
-/* Takes what one pulse says into the readings; returns its share of the mean gap voltage, V us. `open_v` is that of the
- * pulse before, and then its own. */
-static real read_pulse(struct edm_readings *out, const struct records *r, struct pulse *pulse, const struct gate *gate,
-                       real *open_v) {
-    uint8_t i = out->pulses++;
-    struct sum sum = {0};
-    if (!pulse->ignited) { /* a comparator that does not speak: the samples do */
-        add_samples(&sum, r, pulse->start + gate->on_counts / 2u, pulse->start + gate->on_counts, pulse->samples);
-        real amps = mean_amps(&sum);
-        pulse->ignited = sum.count > 0 && !(amps < LEAST_A);
-        pulse->ignition = pulse->ignited ? 0 : gate->on_counts;
-        pulse->end = gate->on_counts;
-        if (sum.count == 0) {
-            add_samples(&sum, r, pulse->start, pulse->start + COUNTS_PER_US, 1);
-        }
-    } else {
-        add_discharge(&sum, r, pulse);
-    }
-    if (i < LOOKS_MOST) {
-        *open_v = open_voltage(r, pulse, gate->open_v);
-    }
-    real delay_us = us_of(pulse->ignition), discharge_us = us_of(pulse->end - pulse->ignition);
-    real plateau_v = mean_volts(&sum), amps = mean_amps(&sum);
-    out->delay_us[i] = delay_us;
-    out->plateau_v[i] = plateau_v;
-    out->discharge_us[i] = out->energy_uj[i] = 0;
-    if (!pulse->ignited) {
-        return delay_us * *open_v;
-    }
-    /* An edge on the grid of the timer is a discharge, however short. */
-    out->discharge_us[i] = discharge_us > 0 ? discharge_us : us_of(1);
-    out->energy_uj[i] = plateau_v * amps * discharge_us;
-    out->charge_uc += amps * discharge_us;
-    real drop_v = *open_v - plateau_v;
-    if (!(drop_v < LEAST_DROP * gate->open_v)) {
-        out->generator_siemens = most_or_nan(amps / drop_v, out->generator_siemens);
-    }
-    return delay_us * *open_v + discharge_us * plateau_v;
-}
+/* What the pulses of a millisecond make together. */
+struct total {
+    real volt_us, charge_uc, generator_siemens;
+    real open_v;         /* of the pulse before */
+    real least_drop_v;   /* of a conductance */
+    uint32_t off_amps, off_count, off_tops; /* samples before pulses, when the ones before should have gone out */
+};
 
 /* Samples before a pulse, when the one before it should have gone out. */
-static void add_off_time(struct sum *sum, const struct records *r, const struct pulse *pulse, const struct gate *gate) {
+static void add_off_time(struct total *total, const struct view *v, uint32_t start, const struct gate *gate) {
     uint32_t off = gate->period_counts - gate->on_counts;
-    uint32_t span = pulse->samples * COUNTS_PER_US;
+    uint32_t span = v->most * COUNTS_PER_US;
     if (off <= SETTLE_COUNTS + COUNTS_PER_US) {
         return;
     }
     uint32_t back = off - SETTLE_COUNTS < span ? off - SETTLE_COUNTS : span;
-    add_samples(sum, r, pulse->start - back, pulse->start - COUNTS_PER_US / 2u, pulse->samples);
+    struct sum sum = sum_of(v, start - back, start - COUNTS_PER_US / 2u, v->most);
+    total->off_amps += sum.both >> 16;
+    total->off_count += sum.count;
+    total->off_tops |= sum.tops;
+}
+
+/* Mean current of the off-times, A. */
+static real off_time_current(const struct total *total) {
+    if (total->off_count == 0) {
+        return 0;
+    }
+    if ((total->off_tops & TOP_AMPS) != 0) {
+        return NOT_A_NUMBER;
+    }
+    real amps = (real)total->off_amps / (real)(total->off_count * ADC_TOP) * EDM_GAP_FULL_A;
+    return amps < LEAST_A ? 0 : amps;
+}
+
+/* Takes what one pulse says into the readings, as pulse i; its open voltage is looked at, or that of the one before holds. */
+static void read_pulse(struct edm_readings *out, uint32_t i, const struct view *v, struct pulse *pulse,
+                       const struct gate *gate, struct total *total, bool looks) {
+    uint32_t on_counts = gate->on_counts;
+    struct sum sum = pulse->ignition < on_counts ? discharge_of(v, pulse) : find_by_samples(v, pulse, on_counts);
+    if (looks) {
+        total->open_v = open_voltage(v, pulse, gate->open_v);
+    }
+    struct means means = means_of(&sum);
+    real delay_us = us_of(pulse->ignition);
+    out->delay_us[i] = delay_us;
+    out->plateau_v[i] = means.volts;
+    if (pulse->ignition == on_counts) {
+        out->discharge_us[i] = out->energy_uj[i] = 0;
+        total->volt_us += delay_us * total->open_v;
+        return;
+    }
+    uint32_t discharge = pulse->end - pulse->ignition;
+    real discharge_us = us_of(discharge);
+    /* An edge on the grid of the timer is a discharge, however short. */
+    out->discharge_us[i] = discharge > 0 ? discharge_us : us_of(1);
+    out->energy_uj[i] = means.volts * means.amps * discharge_us;
+    total->charge_uc += means.amps * discharge_us;
+    real drop_v = total->open_v - means.volts;
+    if (!(drop_v < total->least_drop_v)) {
+        total->generator_siemens = most_or_nan(means.amps / drop_v, total->generator_siemens);
+    }
+    total->volt_us += delay_us * total->open_v + discharge_us * means.volts;
 }
 
 /* Pulses whose gate time has ended. */
 static void read_pulses(struct measure *m, const struct records *r, const struct gate *gate, struct edm_readings *out) {
-    uint32_t time;
-    uint32_t samples = gate->period_counts / COUNTS_PER_SAMPLE;
-    samples = samples < SAMPLES_LEAST ? SAMPLES_LEAST : samples < SAMPLES_MOST ? samples : SAMPLES_MOST;
-    struct sum off = {0};
-    real volt_us = 0, open_v = gate->open_v;
+    uint32_t most = gate->period_counts / COUNTS_PER_SAMPLE;
+    most = most < SAMPLES_LEAST ? SAMPLES_LEAST : most < SAMPLES_MOST ? most : SAMPLES_MOST;
+    const struct view view = {r->samples.ring, r->samples.size, r->samples.at, r->samples.good ? r->samples.held : 0,
+                              r->now, most};
+    struct total total = {.open_v = gate->open_v, .least_drop_v = LEAST_DROP * gate->open_v};
+    struct pulse pulses[PULSES_AT_ONCE];
+    const struct pulse *end;
+    uint32_t count = 0;
     if (m->changes != gate->changes) {
-        skip_edges(&r->gates, &m->gates_at, gate->on_since - MARGIN_COUNTS);
+        pass_over(&r->gates, &m->gates, r->now, gate->on_since - MARGIN_COUNTS);
         m->first = true;
     }
-    while (next_edge(&r->gates, &m->gates_at, r->now - gate->on_counts + 1u, &time)) {
-        if (out->pulses == EDM_MOST_PULSES) {
-            continue;
-        }
-        struct pulse pulse = {.start = time, .samples = samples};
-        if (out->pulses == 0) {
-            int64_t age = (int32_t)(r->now - time);
+    while ((end = find_pulses(m, r, gate->on_counts, pulses)) != pulses) {
+        if (count == 0) {
+            int64_t age = (int32_t)(r->now - pulses[0].start);
             out->first_pulse_ns = r->now_ns - age * 1000 / (int64_t)COUNTS_PER_US;
         }
-        find_current(m, r, &pulse, gate->on_counts);
-        if (!m->first && out->pulses < LOOKS_MOST) {
-            add_off_time(&off, r, &pulse, gate);
+        for (struct pulse *pulse = pulses; pulse < end && count < EDM_MOST_PULSES; pulse++, count++) {
+            bool looks = count < LOOKS_MOST;
+            if (looks && !m->first) {
+                add_off_time(&total, &view, pulse->start, gate);
+            }
+            m->first = false;
+            read_pulse(out, count, &view, pulse, gate, &total, looks);
         }
-        m->first = false;
-        volt_us += read_pulse(out, r, &pulse, gate, &open_v);
     }
-    if (out->pulses > 0) {
-        real mean_v = volt_us / (us_of(gate->period_counts) * (real)out->pulses);
+    out->pulses = (uint8_t)count;
+    if (count > 0) {
+        real mean_v = total.volt_us / (us_of(gate->period_counts) * (real)count);
         out->gap_v = r->samples.good ? mean_v : NOT_A_NUMBER;
-        real off_a = off.count > 0 ? mean_amps(&off) : 0;
-        out->off_time_a = off_a < LEAST_A ? 0 : off_a;
+        out->charge_uc = total.charge_uc;
+        out->generator_siemens = total.generator_siemens;
+        out->off_time_a = off_time_current(&total);
     }
 }
 
 /* Edges of the gate while it is off: something else opens it. */
 static void count_strays(struct measure *m, const struct records *r, const struct gate *gate, struct edm_readings *out) {
-    uint32_t time;
     if (m->changes != gate->changes) {
-        skip_edges(&r->gates, &m->gates_at, gate->off_since + MARGIN_COUNTS);
+        pass_over(&r->gates, &m->gates, r->now, gate->off_since + MARGIN_COUNTS);
     }
-    while (next_edge(&r->gates, &m->gates_at, r->now, &time)) {
-        out->stray_pulses = (uint8_t)(out->stray_pulses < UINT8_MAX ? out->stray_pulses + 1 : UINT8_MAX);
+    uint32_t strays = out->stray_pulses + pass_over(&r->gates, &m->gates, r->now, r->now);
+    out->stray_pulses = (uint8_t)(strays < UINT8_MAX ? strays : UINT8_MAX);
+    pass_over(&r->ignitions, &m->ignitions, r->now, r->now);
+    pass_over(&r->ends, &m->ends, r->now, r->now);
+    m->blind = false;
+}
+
+/* Looks whether edges were lost. Those of the comparator are absent then from both its rings, for every pulse that began before:
+ * the samples speak. Without those of the gate there are no pulses while it is on; while it is off, all of them are strays. */
+static void look_for_losses(struct measure *m, const struct records *r, const struct gate *gate, struct edm_readings *out) {
+    bool has_rises = has_all(&r->ignitions, &m->ignitions), has_falls = has_all(&r->ends, &m->ends);
+    if (!has_rises || !has_falls) {
+        m->ignitions.at = r->ignitions.at;
+        m->ends.at = r->ends.at;
+        m->blind = true;
+        m->blind_until = r->now;
     }
-    skip_edges(&r->ignitions, &m->ignitions_at, r->now);
-    skip_edges(&r->ends, &m->ends_at, r->now);
+    if (!has_all(&r->gates, &m->gates)) {
+        m->first = true;
+        out->stray_pulses = gate->on ? 0 : UINT8_MAX;
+    }
 }
 
 /* Voltage of a gap without pulses; NaN where there is none. */
@@ -290,6 +434,7 @@ void measure_millisecond(struct measure *m, const struct records *records, const
     readings->gap_v = NOT_A_NUMBER;
     readings->sensor_um = measure_slow(&records->scans, SLOW_DISPLACEMENT);
     readings->monitor_v = measure_slow(&records->scans, SLOW_MONITOR);
+    look_for_losses(m, records, gate, readings);
     if (gate->on) {
         read_pulses(m, records, gate, readings);
     } else {
@@ -297,6 +442,9 @@ void measure_millisecond(struct measure *m, const struct records *records, const
         readings->gap_v = resting_voltage(&records->samples);
     }
     m->changes = gate->changes;
+    set_mark(&records->gates, &m->gates);
+    set_mark(&records->ignitions, &m->ignitions);
+    set_mark(&records->ends, &m->ends);
 }
 
 real measure_slow(const struct scans *scans, enum slow channel) {
@@ -309,13 +457,14 @@ real measure_slow(const struct scans *scans, enum slow channel) {
         [SLOW_TEMPERATURE] = {0, EDM_TEMPERATURE_FULL_C, false},
         [SLOW_FLOW] = {0, EDM_FLOW_FULL_LPM, false},
     };
+    uint32_t lowest = ranges[channel].live_zero, in_range = ADC_TOP - lowest;
     uint32_t sum = 0, railed = 0;
     uint32_t at = scans->at / SLOW_CHANNELS * SLOW_CHANNELS + (uint32_t)channel; /* of the scan under way */
     for (uint32_t i = 0; i < SCANS_MEANT; i++) {
         at = at >= SLOW_CHANNELS ? at - SLOW_CHANNELS : at + scans->size - SLOW_CHANNELS;
         uint32_t count = scans->ring[at] & 0xFFFu;
         sum += count;
-        railed += count == ADC_TOP || (ranges[channel].live_zero && count == 0);
+        railed += count - lowest >= in_range;
     }
     if (!scans->good || railed > SCANS_MEANT / 2u) {
         return NOT_A_NUMBER;

@@ -13,9 +13,10 @@
 #define COUNTS_PER_MS 84000u
 
 /* A ring that DMA fills with times of edges; `at` is where the next one goes. */
+#define EDGES 256u
 struct edges {
     const volatile uint32_t *ring;
-    uint32_t size, at;
+    uint32_t at;
 };
 
 /* A ring of samples: gap voltage in the low half of a word, current in the high half. */
@@ -57,10 +58,18 @@ struct gate {
     real open_v;         /* as set */
 };
 
+/* Where the reading of a ring has come to. `mark` stands behind it in the ring, where an edge is written before one that has
+ * not been read: while it is there, no edge has been lost. */
+struct follower {
+    uint32_t at, mark;
+};
+
 /* Where the reading of the rings has come to. */
 struct measure {
-    uint32_t gates_at, ignitions_at, ends_at;
+    struct follower gates, ignitions, ends;
     uint32_t changes;    /* of the gate, seen so far */
+    uint32_t blind_until; /* of pulses that began before it, edges of the current may have been lost */
+    bool blind;
     bool first;          /* the next pulse is the first one since the gate went on */
 };
 

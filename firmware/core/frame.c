@@ -89,15 +89,15 @@ static bool unstuff(uint8_t *bytes, size_t size) {
 
 /* Takes the bytes before the next zero; returns how many. */
 size_t frame_fill(struct edm_receiver *r, const uint8_t *bytes, size_t size) {
-    size_t taken = 0;
+    size_t taken = 0, filled = r->filled;
     for (; taken < size && bytes[taken] != 0; taken++) {
-        if (r->filled < FRAME_ENCODED_MOST) {
-            r->buffer[r->filled] = bytes[taken];
-        }
-        if (r->filled <= FRAME_ENCODED_MOST) {
-            r->filled++;
+        if (filled < FRAME_ENCODED_MOST) {
+            r->buffer[filled++] = bytes[taken];
+        } else {
+            filled = FRAME_ENCODED_MOST + 1; /* it is too long */
         }
     }
+    r->filled = (uint16_t)filled;
     if (taken > 0) {
         r->zeros = 0;
     }

@@ -46,18 +46,22 @@ static inline int64_t ceiling_of(real x) {
     return (real)whole < x ? whole + 1 : whole;
 }
 
+/* What the rest behind a whole number adds to it: the nearest is meant, the even one of two. */
+static inline int32_t step_for(real rest, bool is_odd) {
+    if (rest > R(0.5) || (rest == R(0.5) && is_odd)) {
+        return 1;
+    }
+    return rest < R(-0.5) || (rest == R(-0.5) && is_odd) ? -1 : 0;
+}
+
 /* The nearest whole number, the even one of two; |x| below 2^62. */
 static inline int64_t nearest(real x) {
-    bool is_small = magnitude(x) < R(2e9); /* 32 bits are converted by one instruction, 64 by a function */
-    int64_t whole = is_small ? (int32_t)x : (int64_t)x;
-    real rest = x - (is_small ? (real)(int32_t)whole : (real)whole);
-    if (rest > R(0.5) || (rest == R(0.5) && (whole & 1) != 0)) {
-        return whole + 1;
+    if (magnitude(x) < R(2e9)) { /* 32 bits are converted by one instruction, 64 by a function that is not called for these */
+        int32_t whole = (int32_t)x;
+        return whole + step_for(x - (real)whole, (whole & 1) != 0);
     }
-    if (rest < R(-0.5) || (rest == R(-0.5) && (whole & 1) != 0)) {
-        return whole - 1;
-    }
-    return whole;
+    int64_t whole = (int64_t)x;
+    return whole + step_for(x - (real)whole, (whole & 1) != 0);
 }
 
 /* A sum with one step more. Of a step that is small beside the sum float loses much or all; that is kept for the next one.

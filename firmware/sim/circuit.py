@@ -57,6 +57,7 @@ class Bench(Record):
     ignitions_at: int
     ends_at: int
     had_contact: int
+    comparator_chatters: int  # so often the current's comparator falls and rises within a discharge
     chatters: int  # the contact's wire: 1: a closed contact bounces, 2: it does with an open one too
     estop: int
     door: int

@@ -63,6 +63,16 @@ def _stamp(r: np.ndarray, after_ns: float) -> int:
 
 
 @compiled
+def _put_chatter(
+    r: np.ndarray, memory: np.ndarray, bench: Bench, place: int, first_ns: float, stream: int, source: int
+) -> None:
+    """Edges of a comparator that chatters within the discharge of a pulse, evenly from `first_ns` on."""
+    step = (bench.end_ns[place] - bench.ignition_ns[place]) / (bench.comparator_chatters + 1)
+    for k in range(bench.comparator_chatters):
+        put(r, memory, DMA1, stream, 3, source, 4, _stamp(r, first_ns + k * step))
+
+
+@compiled
 def send_edges(r: np.ndarray, memory: np.ndarray, bench: Bench, begin_ns: float) -> None:
     """Captures of TIM2 and TIM5 that fall into the millisecond that begins at `begin_ns` (RM0090 §18.3.5).
 
@@ -97,6 +107,7 @@ def send_edges(r: np.ndarray, memory: np.ndarray, bench: Bench, begin_ns: float)
             break
         if t >= 0.0 and edges and requests & _CC1DE and not (bench.start_ns[place] < bench.off_ns <= t):
             put(r, memory, DMA1, 5, 3, _IGNITION_AT, 4, _stamp(r, t - begin_ns))
+            _put_chatter(r, memory, bench, place, t - begin_ns + 200.0, 5, _IGNITION_AT)
         bench.ignitions_at += 1
     while bench.ends_at < bench.queue_head:
         place = bench.ends_at & (QUEUE - 1)
@@ -111,5 +122,7 @@ def send_edges(r: np.ndarray, memory: np.ndarray, bench: Bench, begin_ns: float)
             and requests & _CC2DE
             and not (bench.start_ns[place] < bench.off_ns <= bench.ignition_ns[place])
         ):
+            first_ns = bench.ignition_ns[place] - begin_ns + 100.0
+            _put_chatter(r, memory, bench, place, first_ns, 6, _END_AT)
             put(r, memory, DMA1, 6, 3, _END_AT, 4, _stamp(r, t - begin_ns))
         bench.ends_at += 1

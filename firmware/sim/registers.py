@@ -94,8 +94,12 @@ from .addresses import (
     TIM14,
     TIM_ARR,
     TIM_BDTR,
+    TIM_CCER,
+    TIM_CCMR1,
+    TIM_CCMR2,
     TIM_CNT,
     TIM_CR1,
+    TIM_CR2,
     TIM_EGR,
     TIM_SR,
     UG,
@@ -135,6 +139,7 @@ ENGINE, STOP_FUNCTION = MODEL_AT + 19, MODEL_AT + 20  # of Unicorn
 SAMPLES_FROM = (
     MODEL_AT + 22
 )  # halfwords of this millisecond before the stream of the fast converters was enabled
+BDTR_WRITTEN = MODEL_AT + 23  # 1: the level of TIM1's lock stays
 MPU_REGIONS = SYSTEM_AT + (0xE00 >> 2)  # base and attributes of eight, where the core has nothing
 PINS = MODEL_AT + 32  # levels from outside, a word a port
 RELOAD = MODEL_AT + 48  # of the 16 DMA streams: NDTR when they were enabled
@@ -170,16 +175,18 @@ _CLOCKS = _clocks()
 def reset_registers(r: np.ndarray, *, keeps_backup: bool) -> None:
     """Values after a reset (the tables at the end of RM0090's chapters), backup registers and DAC kept if asked for.
 
-    What stands outside the chip stays: levels of pins, and Unicorn's addresses.
+    What stands outside the chip stays: levels of pins, Unicorn's addresses, and how often the image went wrong.
     """
     backup = r[register(RTC, RTC_BKP) : register(RTC, RTC_BKP_END)].copy()
     outside = r[PINS : PINS + 16].copy()
     engine = r[ENGINE : STOP_FUNCTION + 1].copy()
+    errors = r[ERRORS : ERROR_AT + 1].copy()
     dac = r[DAC_CODE]
     csr = r[register(RCC, RCC_CSR)]
     r[:] = 0
     r[PINS : PINS + 16] = outside
     r[ENGINE : STOP_FUNCTION + 1] = engine
+    r[ERRORS : ERROR_AT + 1] = errors
     if keeps_backup:
         r[register(RTC, RTC_BKP) : register(RTC, RTC_BKP_END)] = backup
         r[DAC_CODE] = dac
@@ -250,8 +257,30 @@ def write_port(r: np.ndarray, page: int, at: int, value: int) -> None:
 
 
 @compiled
+def _locked(r: np.ndarray, offset: int) -> int:
+    """Bits of a register of TIM1 that are not written any more (RM0090 §17.4.18, LOCK); its channels are outputs."""
+    level = r[word(TIM1, TIM_BDTR)] >> 8 & 3
+    if offset == TIM_BDTR:
+        return (
+            (0x0300 if r[BDTR_WRITTEN] else 0) | (0x70FF if level >= 1 else 0) | (0x0C00 if level >= 2 else 0)
+        )
+    if offset == TIM_CR2:
+        return 0x7F00 if level >= 1 else 0
+    if offset == TIM_CCER:
+        return 0x2AAA if level >= 2 else 0
+    return 0x7878 if level >= 3 and offset in (TIM_CCMR1, TIM_CCMR2) else 0
+
+
+@compiled
 def write_timer(r: np.ndarray, page: int, offset: int, at: int, value: int) -> None:
-    """Timers (RM0090 §17, 18, 20): flags are cleared by 0; UG begins a period anew; a break wins over MOE."""
+    """Timers (RM0090 §17, 18, 20): flags are cleared by 0; UG begins a period anew; a break wins over MOE.
+
+    Bits of TIM1 that are locked keep their value; to change them is an error of the image.
+    """
+    locked = _locked(r, offset) if page == TIM1 else 0
+    if (value ^ r[at]) & locked:
+        note_error(r, PERIPHERALS + page * 0x400 + offset)
+        value = (value & ~locked) | (r[at] & locked)
     if offset == TIM_SR:
         r[at] &= value
     elif offset == TIM_EGR:
@@ -267,6 +296,7 @@ def write_timer(r: np.ndarray, page: int, offset: int, at: int, value: int) -> N
         if not value & MOE:
             gate_off(r)
         r[at] = value
+        r[BDTR_WRITTEN] = 1
         r[GATE_CHANGES] += 1
     else:
         r[at] = value

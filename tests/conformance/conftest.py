@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.conformance.acts import settle
-from tests.conformance.lines import InProcess, Line, Serial, served
+from tests.conformance.lines import InProcess, Line, Serial, chip_errors, served
 from tests.conformance.peer import Peer
 
 if TYPE_CHECKING:
@@ -70,9 +70,11 @@ def _board(config: pytest.Config) -> Serial:
 
 
 @pytest.fixture
-def line(shared_line: Line | None, request: pytest.FixtureRequest) -> Line:
-    """The line to the controller under test."""
-    return shared_line or InProcess(request.config.getoption("--controller", default="python"))
+def line(shared_line: Line | None, request: pytest.FixtureRequest) -> Iterator[Line]:
+    """The line to the controller under test. Whatever is asked of an image, it is without error to its chip."""
+    line = shared_line or InProcess(request.config.getoption("--controller", default="python"))
+    yield line
+    assert chip_errors(line.bench) == (0, None)
 
 
 @pytest.fixture

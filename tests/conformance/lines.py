@@ -87,6 +87,12 @@ def press_reset(bench: Any) -> None:
     bench.controller.reset(ResetCause.EXTERNAL)
 
 
+def chip_errors(bench: Any) -> tuple[int, int | None]:
+    """How often an image did on its emulated chip what no image may do, and where first; (0, None) elsewhere."""
+    chip = getattr(getattr(bench, "controller", None), "chip", None)
+    return chip.errors if chip is not None else (0, None)
+
+
 class InProcess:
     """The virtual controller itself: bytes handed over, time let pass by the reader."""
 

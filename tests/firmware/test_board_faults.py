@@ -152,10 +152,11 @@ def shared_rig() -> Rig:
 
 @pytest.fixture
 def rig(shared_rig: Rig) -> Iterator[Rig]:
-    """A board in a running cut."""
+    """A board in a running cut. Whatever breaks, the image is without error to its chip."""
     shared_rig.cut()
     yield shared_rig
     shared_rig.mend()
+    assert shared_rig.chip.errors == (0, None)
 
 
 # ------------------------------------------------------------------------------------------ faults of the program

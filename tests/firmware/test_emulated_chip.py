@@ -56,3 +56,38 @@ def test_a_stream_that_runs_takes_no_new_settings(chip: Any) -> None:
     registers.write_register(chip.r, at.address(at.DMA2, stream + 4 * at.M0AR) - at.PERIPHERALS, 4, 0)
     assert chip.r[control + at.M0AR] == memory
     assert chip.errors == (1, at.address(at.DMA2, stream + 4 * at.M0AR))
+
+
+def test_what_the_lock_of_the_gates_timer_holds_is_not_written(chip: Any) -> None:
+    """RM0090 §17.4.18: level 3 holds all but the main output and the enable bits, and itself."""
+    at, registers = _module("addresses"), _module("registers")
+
+    def changed(offset: int, bits: int) -> bool:
+        place, errors = at.register(at.TIM1, offset), chip.errors[0]
+        before = int(chip.r[place])
+        registers.write_register(chip.r, at.address(at.TIM1, offset) - at.PERIPHERALS, 4, before ^ bits)
+        took = int(chip.r[place]) ^ before
+        assert took in (0, bits)
+        assert chip.errors[0] - errors == (not took)
+        return bool(took)
+
+    break_is_low = 1 << 13
+    for bits in (0x0100, 0x0200, 0x0001, 1 << 10, 1 << 11, at.BKE, break_is_low, 1 << 14):
+        assert not changed(at.TIM_BDTR, bits)
+    for offset, bits in (
+        (at.TIM_CR2, 1 << 8),
+        (at.TIM_CCER, 1 << 1),
+        (at.TIM_CCMR1, 1 << 4),
+        (at.TIM_CCMR1, 1 << 3),
+    ):
+        assert not changed(offset, bits)
+    assert changed(at.TIM_BDTR, at.MOE)
+    assert changed(at.TIM_CCER, 1 << 0)
+    assert changed(at.TIM_CCMR1, 1 << 7)  # the reference is cleared from outside, as an isopulse has it
+
+
+def test_a_reset_does_not_hide_what_the_image_did(chip: Any) -> None:
+    at, registers = _module("addresses"), _module("registers")
+    registers.write_register(chip.r, at.address(at.TIM14, at.TIM_ARR) - at.PERIPHERALS, 4, 1)
+    chip.reset(_module("chip").Reset.PIN)
+    assert chip.errors == (1, 0x4000_202C)

@@ -28,7 +28,7 @@ EDGES, SLOW = 256, 128
 
 
 class Edges(ct.Structure):
-    _fields_ = [("ring", ct.c_void_p), ("size", ct.c_uint32), ("at", ct.c_uint32)]
+    _fields_ = [("ring", ct.c_void_p), ("at", ct.c_uint32)]
 
 
 class Samples(ct.Structure):
@@ -70,12 +70,18 @@ class Gate(ct.Structure):
     ]
 
 
+class Follower(ct.Structure):
+    _fields_ = [("at", ct.c_uint32), ("mark", ct.c_uint32)]
+
+
 class Measure(ct.Structure):
     _fields_ = [
-        ("gates_at", ct.c_uint32),
-        ("ignitions_at", ct.c_uint32),
-        ("ends_at", ct.c_uint32),
+        ("gates", Follower),
+        ("ignitions", Follower),
+        ("ends", Follower),
         ("changes", ct.c_uint32),
+        ("blind_until", ct.c_uint32),
+        ("blind", ct.c_bool),
         ("first", ct.c_bool),
     ]
 
@@ -146,6 +152,8 @@ class Machine:
     good: bool = True
     waves: Callable[[Any, Any], tuple[Any, Any]] | None = None
     """Changes voltages and currents before they are converted."""
+    chatters: int = 0
+    """The comparator falls and rises so often within each discharge."""
     times: dict[str, list[int]] = field(default_factory=lambda: {"gates": [], "ignitions": [], "ends": []})
 
     def __post_init__(self) -> None:
@@ -182,6 +190,10 @@ class Machine:
                 end = min(pulse.delay_us + pulse.discharge_us, self.on_us + 0.2)
                 if pulse.rise:
                     self.times["ignitions"].append(self.counts(start + pulse.delay_us))
+                for i in range(self.chatters):
+                    at = start + pulse.delay_us + (i + 1) / (self.chatters + 1) * (end - pulse.delay_us)
+                    self.times["ends"].append(self.counts(at))
+                    self.times["ignitions"].append(self.counts(at + 0.1))
                 if pulse.fall:
                     self.times["ends"].append(self.counts(start + end))
 
@@ -225,7 +237,7 @@ class Machine:
             ring[self.written[name] % EDGES] = times[self.written[name]]
             self.written[name] += 1
         at = sum(1 for time in times if (time - now) & 0x80000000)
-        return Edges(ring.ctypes.data, EDGES, at % EDGES)
+        return Edges(ring.ctypes.data, at % EDGES)
 
     def tick(self, late_us: int = 200) -> Readings:
         """Readings of the next millisecond; DMA has written on until the program looks."""
@@ -380,6 +392,68 @@ def test_chatter_of_the_comparator_is_one_discharge(code: ct.CDLL) -> None:
     for name, at in (("ends", 40.3), ("ignitions", 40.6), ("ends", 41.0), ("ignitions", 41.2)):
         machine.times[name] = sorted([*machine.times[name], machine.counts(machine.first_us + at)])
     check_pulse(pulses_of([machine.tick()])[0], Pulse(40.0, 22.0, 60.0), machine.on_us)
+
+
+STRUCK = Pulse(3.0, 22.0)
+
+
+def times_of(readings: Sequence[Readings]) -> set[tuple[float, float]]:
+    """Delays and discharges of all pulses, to 0.1 µs."""
+    return {(round(delay, 1), round(discharge, 1)) for delay, discharge, *_ in pulses_of(readings)}
+
+
+@pytest.mark.parametrize("chatters", [4, 5, 9, 20])
+@pytest.mark.parametrize("late_us", [0, 200, 900])
+def test_a_comparator_that_chatters_more_than_its_ring_holds_says_nothing(
+    code: ct.CDLL, chatters: int, late_us: int
+) -> None:
+    """The samples do, for every pulse alike: what the ring holds still is of the last ones alone."""
+    machine = Machine(code, on_us=10.0, off_us=10.0, pulse=lambda _: STRUCK, chatters=chatters)
+    seen = [machine.tick(late_us) for _ in range(20)]
+    assert sum(r.pulses for r in seen) == pytest.approx(1000, abs=1)
+    assert times_of(seen) == {(0.0, 10.0)}
+    for readings in seen:
+        assert readings.plateau_v[0] == pytest.approx(22.0, abs=VOLT_STEP)
+        assert readings.generator_siemens == pytest.approx(SIEMENS, rel=0.03)
+
+
+@pytest.mark.parametrize("chatters", [1, 2])
+def test_chatter_that_a_ring_holds_changes_nothing(code: ct.CDLL, chatters: int) -> None:
+    machine = Machine(code, on_us=10.0, off_us=10.0, pulse=lambda _: STRUCK, chatters=chatters)
+    assert times_of(machine.ticks(20)) == {(3.0, 7.0)}
+
+
+def test_a_comparator_that_chatters_no_more_is_heard_again(code: ct.CDLL) -> None:
+    """But for the pulse in whose time edges were lost."""
+    machine = Machine(code, on_us=10.0, off_us=10.0, first_us=15.0, pulse=lambda _: STRUCK, chatters=8)
+    seen = [machine.tick(late_us=0) for _ in range(4)]
+    machine.chatters = 0
+    seen += [machine.tick(late_us=0) for _ in range(2)]
+    assert times_of(seen[:4]) == {(0.0, 10.0)}
+    assert pulses_of(seen[4:])[0][:2] == pytest.approx((0.0, 10.0), abs=0.1)
+    assert times_of([seen[5]]) == {(3.0, 7.0)}
+    assert all(one[:2] == pytest.approx((3.0, 7.0), abs=0.1) for one in pulses_of([seen[4]])[1:])
+
+
+def test_a_long_pulse_with_more_edges_than_a_ring_holds(code: ct.CDLL) -> None:
+    """None of its milliseconds has too many."""
+    machine = Machine(code, on_us=20_000.0, off_us=20_000.0, pulse=lambda _: NORMAL, chatters=300)
+    found = pulses_of(machine.ticks(70))
+    assert [one[:2] for one in found] == [pytest.approx((0.0, 20_000.0), abs=0.1)] * 2
+
+
+@pytest.mark.parametrize("count", [192, 250, 256, 300, 512])
+def test_more_edges_of_the_gate_than_a_ring_holds(code: ct.CDLL, count: int) -> None:
+    """With the gate off all of them are strays, with the gate on there is no pulse that could be told."""
+    for is_on in (False, True):
+        machine = Machine(code, on_us=2.0, gate_on=False)
+        machine.gate.on = is_on
+        machine.ticks(3)
+        machine.times["gates"] += [machine.counts(3001.0 + 990.0 * i / count) for i in range(count)]
+        seen, after = machine.ticks(2)
+        assert (seen.stray_pulses, seen.pulses) == (0 if is_on else 255, 0)
+        assert math.isnan(seen.gap_v)
+        assert (after.stray_pulses, after.pulses) == (0, 0)
 
 
 def test_current_of_the_pulse_before_is_none_of_this_one(code: ct.CDLL) -> None:

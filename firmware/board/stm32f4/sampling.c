@@ -3,7 +3,6 @@
  * DMA (RM0090 10.3, tables 42 and 43). The samples of the gap are the ring of waveforms as well. */
 #include "board.h"
 
-#define EDGES 256u
 #define SCANS 32u
 #define SLOW_HALFWORDS (SCANS * SLOW_CHANNELS)
 #define SLOW_PER_MS (16u * SLOW_CHANNELS)
@@ -260,9 +259,9 @@ void sampling_look(struct records *records, int64_t time_ns) {
     read_scans();
     records->now = now;
     records->now_ns = time_ns;
-    records->gates = (struct edges){gate_edges, EDGES, place(latched.gates, EDGES)};
-    records->ignitions = (struct edges){ignition_edges, EDGES, place(latched.ignitions, EDGES)};
-    records->ends = (struct edges){end_edges, EDGES, place(latched.ends, EDGES)};
+    records->gates = (struct edges){gate_edges, place(latched.gates, EDGES)};
+    records->ignitions = (struct edges){ignition_edges, place(latched.ignitions, EDGES)};
+    records->ends = (struct edges){end_edges, place(latched.ends, EDGES)};
     records->samples = samples;
     records->scans = scans;
 }
