@@ -11,6 +11,8 @@ from edmctl.actuator.compiling import compiled
 PERIPHERALS, SYSTEM, TRACE = 0x40000000, 0xE000E000, 0xE0001000
 PERIPHERAL_BYTES, PAGE_BYTES = 0x28000, 0x1000
 SRAM_AT, SRAM_BYTES = 0x20000000, 0x30000
+SYSTEM_AT, TRACE_AT, MODEL_AT = 0xA000, 0xA400, 0xA800
+"""Places of their words, and of those of the model, behind the peripherals."""
 
 # APB1, APB2, AHB1
 TIM2, TIM3, TIM4, TIM5, TIM6, TIM7, TIM12, TIM13, TIM14 = range(9)

@@ -9,7 +9,7 @@ from numba import carray, types  # type: ignore[attr-defined]
 
 from edmctl.actuator.compiling import callback
 
-from .addresses import DWT_CYCCNT
+from .addresses import DWT_CYCCNT, SYSTEM_AT, TRACE_AT
 from .calling import call
 from .registers import (
     ENGINE,
@@ -17,8 +17,6 @@ from .registers import (
     LIMIT,
     STOP,
     STOP_FUNCTION,
-    SYSTEM_AT,
-    TRACE_AT,
     WORDS,
     read_register,
     write_register,

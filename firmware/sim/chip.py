@@ -33,6 +33,7 @@ from .addresses import (
     SRAM_AT,
     SRAM_BYTES,
     SYSTEM,
+    SYSTEM_AT,
     TIM7,
     TIM_DIER,
     TIM_SR,
@@ -138,7 +139,7 @@ def run_tick(
         r[reg.LIMIT] = r[reg.HALFWORDS] + TICK_HALFWORDS
         return _go(core, r, core[PC]) if core[PC] != LOCKED_UP else 0
     r[reg.HALFWORDS], r[reg.LIMIT], r[reg.OFF_AT] = 0, TICK_HALFWORDS, 0
-    enabled = r[reg.SYSTEM_AT + ((NVIC_ISER + 4) >> 2)] >> (_TIM7 - 32) & 1 and r[word(TIM7, TIM_DIER)] & 1
+    enabled = r[SYSTEM_AT + ((NVIC_ISER + 4) >> 2)] >> (_TIM7 - 32) & 1 and r[word(TIM7, TIM_DIER)] & 1
     if core[INTERRUPTED] or enabled:
         at = core[PC]
         if not core[INTERRUPTED]:

@@ -70,6 +70,7 @@ class Bench(Record):
     dac_dead: int  # the actuator's converter says nothing
     actuator_code: int
     moved: int  # 0: the stages rest; 1: steps have come; 2: and are over
+    tick_jitter: int  # counts of a step timer, 24 ns, that an interrupt comes late at most
     travels: int
     rest_ticks: int  # since the last step
     steps: Floats = series(3)  # of the stages, signed, since they were last taken

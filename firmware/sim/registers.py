@@ -40,6 +40,7 @@ from .addresses import (
     IWDG,
     IWDG_KR,
     IWDG_RLR,
+    MODEL_AT,
     MOE,
     MPU_RASR,
     MPU_RBAR,
@@ -78,6 +79,7 @@ from .addresses import (
     SPI_DR,
     SPI_SR,
     SYSCFG,
+    SYSTEM_AT,
     TIM1,
     TIM2,
     TIM3,
@@ -112,8 +114,8 @@ from .addresses import (
     stream_at,
     word,
 )
+from .steps import TICK_LATE, axis_of, follow, write_step_timer
 
-SYSTEM_AT, TRACE_AT, MODEL_AT = 0xA000, 0xA400, 0xA800
 WORDS = MODEL_AT + 0x100
 
 # Words of the model.
@@ -252,6 +254,8 @@ def write_port(r: np.ndarray, page: int, at: int, value: int) -> None:
 @compiled
 def write_timer(r: np.ndarray, page: int, offset: int, at: int, value: int) -> None:
     """Timers (RM0090 §17, 18, 20): flags are cleared by 0; UG begins a period anew; a break wins over MOE."""
+    if axis_of(page) >= 0:
+        follow(r, page, r[HALFWORDS] + r[TICK_LATE])
     if offset == TIM_SR:
         r[at] &= value
     elif offset == TIM_EGR:
@@ -272,6 +276,8 @@ def write_timer(r: np.ndarray, page: int, offset: int, at: int, value: int) -> N
         r[at] = value
         if page in (TIM1, TIM3):
             r[GATE_CHANGES] += 1
+    if axis_of(page) >= 0:
+        write_step_timer(r, page, offset, value)
 
 
 @compiled

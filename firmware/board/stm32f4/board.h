@@ -68,6 +68,7 @@ void inputs_toggle_alive(void);
 void stages_begin(bool kept);
 void stages_tell(struct edm_controller *c);
 void stages_put(void);
+void stages_halt(void);
 void stages_plan(const struct edm_controller *c);
 bool stages_move(void);
 

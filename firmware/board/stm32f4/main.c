@@ -9,13 +9,15 @@ static struct measure measure;
 static volatile uint32_t begun;    /* milliseconds that the tick has begun */
 static volatile uint32_t finished; /* and that the main loop has done with */
 
-/* TIM7, every millisecond. A main loop that is late gets no other chance: gate off, and the watchdogs are not fed. */
+/* TIM7, every millisecond. A main loop that is late gets no other chance: gate off, stages stopped, and the watchdogs are
+ * not fed. */
 void main_tick(void) {
     TIM7->SR = ~TIM_SR_UIF;
     static bool late;
     late = late || finished != begun;
     if (late) {
         gate_lock();
+        stages_halt();
         return;
     }
     stages_put();

@@ -117,6 +117,7 @@ struct timer {
 #define TIM_CCMR1_CC1_TI1 (1u << 0)
 #define TIM_CCMR1_CC2_TI1 (2u << 8)
 #define TIM_CCMR1_OC1_PWM1 (6u << 4 | 1u << 3) /* with preload */
+#define TIM_CCMR1_OC1_PWM2_PRELOAD (7u << 4 | 1u << 3)
 #define TIM_CCMR1_OC1CE (1u << 7)
 #define TIM_CCMR1_OC2_PWM2 (7u << 12)
 #define TIM_CCMR2_CC4_TI4 (1u << 8)
