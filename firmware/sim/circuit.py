@@ -67,6 +67,7 @@ class Bench(Record):
     temperature_c: float
     adc_stuck: int  # the fast converters say what they said
     slow_stuck: int  # and the slow one
+    scan_phase: int  # clocks of 168 MHz between a scan of the slow one and the begin of a millisecond
     dac_dead: int  # the actuator's converter says nothing
     actuator_code: int
     moved: int  # 0: the stages rest; 1: steps have come; 2: and are over

@@ -16,6 +16,7 @@ from .addresses import (
     ADC,
     ADC2,
     ADC3,
+    ADC_CR2,
     ADC_SR,
     BKE,
     CRC,
@@ -137,6 +138,11 @@ ENGINE, STOP_FUNCTION = MODEL_AT + 19, MODEL_AT + 20  # of Unicorn
 SAMPLES_FROM = (
     MODEL_AT + 22
 )  # halfwords of this millisecond before the stream of the fast converters was enabled
+SCAN_PHASE = MODEL_AT + 23  # clocks of 168 MHz from the begin of a scan of ADC3 to that of the millisecond
+SCAN_FROM = MODEL_AT + 24  # conversion of the scan that ADC3's stream was started with
+SCANS_END = (
+    MODEL_AT + 25
+)  # clock of this millisecond at which the last scan ends, if TIM4 is off; 0: none is under way
 MPU_REGIONS = SYSTEM_AT + (0xE00 >> 2)  # base and attributes of eight, where the core has nothing
 PINS = MODEL_AT + 32  # levels from outside, a word a port
 RELOAD = MODEL_AT + 48  # of the 16 DMA streams: NDTR when they were enabled
@@ -144,6 +150,8 @@ RELOAD = MODEL_AT + 48  # of the 16 DMA streams: NDTR when they were enabled
 FLAGS_AT = np.array([0, 6, 16, 22])
 """Where the flags of a DMA stream are in its word, by the stream's number modulo 4 (RM0090 §10.5.1)."""
 _STREAM_FLAGS, _FCR = 0x3D, 5
+SCAN_CLOCKS, CONVERSION_CLOCKS = 10_500, 768
+"""Of 168 MHz: from scan to scan of ADC3, and of one conversion in it."""
 _TIMERS = (TIM1, TIM2, TIM3, TIM4, TIM5, TIM6, TIM7, TIM8, TIM12, TIM13, TIM14, TIM9, TIM10, TIM11)
 _VALID = 0x10  # MPU_RBAR names its region itself
 _CS_BIT, _ALIVE_BIT = 1 << 4, 1 << 15  # of PORT_E and PORT_F (firmware/board/stm32f4/pins.h)
@@ -273,6 +281,8 @@ def write_timer(r: np.ndarray, page: int, offset: int, at: int, value: int) -> N
         r[at] = value
         r[GATE_CHANGES] += 1
     else:
+        if page == TIM4 and offset == TIM_CR1 and r[at] & ~value & 1:
+            r[SCANS_END] = r[HALFWORDS] + 4 * CONVERSION_CLOCKS
         r[at] = value
         if page in (TIM1, TIM3):
             r[GATE_CHANGES] += 1
@@ -319,6 +329,27 @@ def write_dma(r: np.ndarray, page: int, offset: int, at: int, value: int) -> Non
         note_error(r, PERIPHERALS + page * 0x400 + offset)
         return
     r[at] = value
+
+
+@compiled
+def scan_place(r: np.ndarray) -> int:
+    """Conversion of a scan that ADC3 is at: four of 84 + 12 clocks of 21 MHz, each 62.5 µs (RM0090 §13.5)."""
+    if not r[word(TIM4, TIM_CR1)] & 1 and r[HALFWORDS] >= r[SCANS_END]:
+        return 0
+    place = (r[HALFWORDS] + r[SCAN_PHASE]) % SCAN_CLOCKS // CONVERSION_CLOCKS
+    return int(place) if place < 4 else 0
+
+
+@compiled
+def write_slow_converter(r: np.ndarray, at: int, value: int) -> None:
+    """CR2 of ADC3: requests begin in the middle of a scan, if one is under way; ADON forgets it (§13.3.1)."""
+    before = r[at]
+    r[at] = value
+    if not before & value & 1:
+        r[SCAN_FROM] = 0
+        r[SCANS_END] = 0
+    elif value & ~before & 0x100:
+        r[SCAN_FROM] = scan_place(r)
 
 
 @compiled
@@ -369,6 +400,8 @@ def write_register(r: np.ndarray, offset: int, size: int, value: int) -> None:
             note_error(r, PERIPHERALS + offset)
     elif page == ADC and here in (ADC_SR, ADC2 + ADC_SR, ADC3 + ADC_SR):
         r[at] &= value  # flags are cleared by writing 0 (§13.13.1)
+    elif page == ADC and here == ADC3 + ADC_CR2:
+        write_slow_converter(r, at, value)
     elif page == DAC and here == DAC_DHR12RD:  # both channels at once (§14.5.11)
         r[word(DAC, DAC_DHR12R1)], r[word(DAC, DAC_DHR12R2)] = value & 0xFFF, value >> 16 & 0xFFF
     elif page == RTC and here >= RTC_BKP:

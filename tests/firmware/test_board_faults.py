@@ -361,6 +361,25 @@ def test_a_slow_converter_that_stops_is_an_amplifier_that_failed(rig: Rig) -> No
     rig.latched(PIEZO_OV)
 
 
+@pytest.mark.parametrize("phase", range(0, 10_500, 700))
+def test_a_slow_converter_that_comes_back_has_every_channel_in_its_place(shared_rig: Rig, phase: int) -> None:
+    """Wherever a scan is when the program starts the stream anew: some of these are in the middle of one."""
+    rig = shared_rig
+    if phase == 0:
+        rig.mend()
+        acts.settle(rig.peer)
+    before = rig.peer.ok("GET_STATUS")
+    rig.bench.scan_phase, rig.bench.slow_stuck = phase, 1
+    rig.controller.advance(7)
+    assert rig.peer.ok("GET_STATUS").temperature_c != pytest.approx(before.temperature_c, abs=1.0)
+    rig.bench.slow_stuck = 0
+    rig.controller.advance(5)
+    status = rig.peer.ok("GET_STATUS")
+    rig.bench.scan_phase = 0
+    for name in ("monitor_v", "displacement_um", "temperature_c", "flow_lpm"):
+        assert status.fields[name] == pytest.approx(before.fields[name], abs=1.0), name
+
+
 def test_an_actuator_that_does_not_follow_is_told(rig: Rig) -> None:
     rig.bench.dac_dead = 1
     parameters = layouts.PARAMETERS
