@@ -20,11 +20,16 @@ from edmctl.actuator.compiling import compiled
 from . import callbacks
 from . import registers as reg
 from .addresses import (
+    EXTI,
+    EXTI_IMR,
+    EXTI_PR,
     MPU_CTRL,
+    NVIC_IPR,
     NVIC_ISER,
     PAGE_BYTES,
     PERIPHERAL_BYTES,
     PERIPHERALS,
+    PVD_LINE,
     RCC,
     RCC_CSR,
     RESET_FLAGS,
@@ -54,7 +59,7 @@ TICK_HALFWORDS = 168_000
 LOCKED_UP = 0xFFFFFFFE
 _UNMAPPED, _GUARDED = (6, 7, 8), (12, 13, 14)  # Unicorn's status: nothing is there, access is not allowed
 _UNTIL = 0xFFFFFFF0  # nothing is there; the end of an exception has an address of its own
-_TIM7 = 55
+_PVD, _TIM7 = 1, 55
 _FRAME, _FRAME_WITH_FLOATS = 0x20, 0x68
 _VTOR, _SHCSR = 0xD08, 0xD24
 _HARD, _MEMORY, _BUS, _USAGE = 3, 4, 5, 6
@@ -86,8 +91,21 @@ class _Registers:
 
 
 # Words of `core`: addresses of Unicorn's functions, where the processor stands, and of the sets of registers.
-ENGINE, START, READ, READ_SET, WRITE_SET, PC, PC_PLACE, HANDLER, SLEEPS, INTERRUPTED, FAULTING = range(11)
-SETS = 11
+(
+    ENGINE,
+    START,
+    READ,
+    READ_SET,
+    WRITE_SET,
+    PC,
+    PC_PLACE,
+    HANDLER,
+    SLEEPS,
+    INTERRUPTED,
+    FAULTING,
+    SUPPLY_HANDLER,
+) = range(12)
+SETS = 12
 _FRAME_SET, _ENTRY_SET, _LEAVE_SET = SETS, SETS + 2, SETS + 4
 PC_ID = arm_const.UC_ARM_REG_PC
 
@@ -117,6 +135,22 @@ def _push(sram: np.ndarray, ccm: np.ndarray, at: int, frame: np.ndarray) -> None
 
 
 @compiled
+def _supply_interrupts(core: np.ndarray, r: np.ndarray, frame: np.ndarray, slept: int) -> bool:
+    """Whether the voltage detector's interrupt comes now: pending, enabled, not masked, before the tick."""
+    if not r[word(EXTI, EXTI_PR)] & r[word(EXTI, EXTI_IMR)] & PVD_LINE:
+        return False
+    if not r[SYSTEM_AT + (NVIC_ISER >> 2)] >> _PVD & 1:
+        return False
+    priorities = SYSTEM_AT + (NVIC_IPR >> 2)
+    own = r[priorities + _PVD // 4] >> 8 * (_PVD % 4) + 4 & 15
+    if core[INTERRUPTED] and r[priorities + _TIM7 // 4] >> 8 * (_TIM7 % 4) + 4 & 15 <= own:
+        return False
+    _transfer(core, READ_SET, _FRAME_SET, 12)
+    # Who slept with interrupts off is woken, and has them on when the tick comes, which switches none off.
+    return bool(slept or core[INTERRUPTED] or not frame[11] & 1)
+
+
+@compiled
 def run_tick(
     core: np.ndarray,
     r: np.ndarray,
@@ -128,7 +162,8 @@ def run_tick(
 ) -> int:
     """The interrupt of TIM7, if it is on, then the main loop until it sleeps or its time is over.
 
-    Where the handler of a fault is to run, it alone does: no interrupt comes before it. One that has not come to its
+    Where the handler of a fault is to run, it alone does: no interrupt comes before it. That of the voltage
+    detector, looked for at the begin of the millisecond, is such a one. An interrupt that has not come to its
     end goes on, and so does a program that works on with interrupts off; the next one waits.
 
     Returns 0, or Unicorn's status where the processor met what it could not execute; `core[PC]` is where it stands.
@@ -139,6 +174,13 @@ def run_tick(
         r[reg.LIMIT] = r[reg.HALFWORDS] + TICK_HALFWORDS
         return _go(core, r, core[PC]) if core[PC] != LOCKED_UP else 0
     r[reg.HALFWORDS], r[reg.LIMIT], r[reg.OFF_AT] = 0, TICK_HALFWORDS, 0
+    if _supply_interrupts(core, r, frame, slept):
+        # What was interrupted is not kept: the handler is taken for one without an end.
+        entry[0], entry[1] = frame[9] & ~6, 0xFFFFFFF9
+        entry[2] = frame[10] if frame[9] & 2 else frame[8]
+        _transfer(core, WRITE_SET, _ENTRY_SET, 3)
+        core[FAULTING] = 1
+        return _go(core, r, core[SUPPLY_HANDLER])
     enabled = r[SYSTEM_AT + ((NVIC_ISER + 4) >> 2)] >> (_TIM7 - 32) & 1 and r[word(TIM7, TIM_DIER)] & 1
     if core[INTERRUPTED] or enabled:
         at = core[PC]
@@ -280,7 +322,8 @@ class Chip:
         uc.reg_write(arm_const.UC_ARM_REG_XPSR, 0x01000000)
         uc.reg_write(arm_const.UC_ARM_REG_FPEXC, 0x40000000)
         self.core[PC] = start & ~1
-        self.core[HANDLER] = int(self.flash[self._vector(16 + _TIM7)].view("<u4")[0]) & ~1
+        for place, interrupt in ((HANDLER, _TIM7), (SUPPLY_HANDLER, _PVD)):
+            self.core[place] = int(self.flash[self._vector(16 + interrupt)].view("<u4")[0]) & ~1
         self.core[[SLEEPS, INTERRUPTED, FAULTING]] = 0
 
     @property

@@ -88,6 +88,7 @@ def run(
         if watch.is_due:
             watch.is_due = 0
             r[reg.WWDG_FED] = r[reg.IWDG_FED] = 0
+            reg.put_supply(r, bench.supply_low)
             status = run_tick(core, r, sram, ccm, frame, entry, leave)
             load = r[reg.HALFWORDS]
             watch.most_load = max(watch.most_load, load)

@@ -34,6 +34,9 @@ from .addresses import (
     DMA_STREAM_BYTES,
     DMA_STREAMS,
     EN,
+    EXTI,
+    EXTI_PR,
+    EXTI_RTSR,
     GPIO_BSRR,
     GPIO_IDR,
     GPIO_MODER,
@@ -55,6 +58,9 @@ from .addresses import (
     PORT_E,
     PORT_F,
     PORT_I,
+    PVD_LINE,
+    PVDE,
+    PVDO,
     PWR,
     PWR_CR,
     PWR_CSR,
@@ -145,6 +151,7 @@ SCANS_END = (
 )  # clock of this millisecond at which the last scan ends, if TIM4 is off; 0: none is under way
 MPU_REGIONS = SYSTEM_AT + (0xE00 >> 2)  # base and attributes of eight, where the core has nothing
 PINS = MODEL_AT + 32  # levels from outside, a word a port
+SUPPLY_LOW = PINS + 15  # 1: the supply is below the voltage detector's threshold
 RELOAD = MODEL_AT + 48  # of the 16 DMA streams: NDTR when they were enabled
 
 FLAGS_AT = np.array([0, 6, 16, 22])
@@ -332,6 +339,21 @@ def write_dma(r: np.ndarray, page: int, offset: int, at: int, value: int) -> Non
 
 
 @compiled
+def note_supply(r: np.ndarray) -> None:
+    """The output of the voltage detector has risen: pending, if that edge is asked for (§12.3.3)."""
+    if r[word(EXTI, EXTI_RTSR)] & PVD_LINE:
+        r[word(EXTI, EXTI_PR)] |= PVD_LINE
+
+
+@compiled
+def put_supply(r: np.ndarray, low: int) -> None:
+    """The supply drops below the detector's threshold, or is above it again (§5.2.3)."""
+    if low and not r[SUPPLY_LOW] and r[word(PWR, PWR_CR)] & PVDE:
+        note_supply(r)
+    r[SUPPLY_LOW] = low
+
+
+@compiled
 def scan_place(r: np.ndarray) -> int:
     """Conversion of a scan that ADC3 is at: four of 84 + 12 clocks of 21 MHz, each 62.5 µs (RM0090 §13.5)."""
     if not r[word(TIM4, TIM_CR1)] & 1 and r[HALFWORDS] >= r[SCANS_END]:
@@ -398,6 +420,12 @@ def write_register(r: np.ndarray, offset: int, size: int, value: int) -> None:
             r[at] = value
         else:
             note_error(r, PERIPHERALS + offset)
+    elif page == EXTI and here == EXTI_PR:  # cleared by writing 1 (§12.3.6)
+        r[at] &= ~(value)
+    elif page == PWR and here == PWR_CR:
+        before, r[at] = r[at], value
+        if r[SUPPLY_LOW] and value & ~before & PVDE:
+            note_supply(r)
     elif page == ADC and here in (ADC_SR, ADC2 + ADC_SR, ADC3 + ADC_SR):
         r[at] &= value  # flags are cleared by writing 0 (§13.13.1)
     elif page == ADC and here == ADC3 + ADC_CR2:
@@ -432,7 +460,8 @@ def read_register(r: np.ndarray, offset: int) -> int:
     if page == USART3 and here == USART_DR:
         r[word(USART3, USART_SR)] &= ~(0x0F)  # PE, FE, NF, ORE: status, then data (§30.6.1)
     if page == PWR and here == PWR_CSR:
-        return int(r[at] | VOSRDY)
+        low = r[SUPPLY_LOW] and r[word(PWR, PWR_CR)] & PVDE
+        return int(r[at] | VOSRDY | (PVDO if low else 0))
     return int(r[at])
 
 

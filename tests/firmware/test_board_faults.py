@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 CAUSE = layouts.enum("ResetCause")
-CRASH_MEMORY, CRASH_BUS, CRASH_USAGE = 3, 4, 5  # enum crash of board.h
+CRASH_MEMORY, CRASH_BUS, CRASH_USAGE, CRASH_SUPPLY = 3, 4, 5, 7  # enum crash of board.h
 ABORT_RUN, PIEZO_TRACK, PIEZO_OV, STUCK_CONTACT = 1002, 2002, 2003, 2006
 GAP_SENSOR, GEN_FAULT, NO_SPARK, ESTOP, DOOR, RESET = 3003, 3004, 3005, 4001, 4002, 5001
 SPARE_FLASH_AT = 0x08100000
@@ -59,7 +59,7 @@ class Rig:
         self.chip._engine.ctl_flush_tb()
         bench = self.bench
         bench.over_current = bench.line_low = bench.adc_stuck = bench.slow_stuck = bench.dac_dead = 0
-        bench.chatters = 0
+        bench.chatters = bench.supply_low = 0
         self.plant.estop = self.plant.door_open = False
 
     def cut(self) -> None:
@@ -283,6 +283,74 @@ def test_a_brown_out_is_told_and_latched(rig: Rig) -> None:
     rig.boot_tells("BROWN_OUT")
     rig.peer.hello()
     rig.latched(RESET)
+
+
+def works(rig: Rig) -> None:
+    """The program is in its main loop."""
+
+
+def hangs(rig: Rig) -> None:
+    """The program is in its main loop for good."""
+    rig.derail(HANGS)
+
+
+def hangs_in_the_tick(rig: Rig) -> None:
+    """The program is in its tick, and stays there."""
+    rig.patch("main_tick", HANGS[2:])
+    rig.controller.advance(1)
+    assert rig.pulses_on
+
+
+@pytest.mark.parametrize("program", [works, hangs, hangs_in_the_tick])
+def test_a_supply_that_drops_takes_the_pulses_at_once(rig: Rig, program: Callable[[Rig], None]) -> None:
+    """Whatever the program does; nothing starts before the supply is there again, then cause and fault are told."""
+    program(rig)
+    starts = rig.plant.drive.pulse_starts
+    rig.bench.supply_low = 1
+    assert rig.ticks_until_off(1) == 0
+    assert rig.chip.resets[-1].name == "SOFTWARE"
+    rig.controller.advance(20)
+    assert rig.memory("crash_word").view("<u4")[0] == CRASH_SUPPLY
+    assert not rig.peer.boots
+    assert not rig.pulses_on
+    rig.mend()
+    rig.boot_tells("BROWN_OUT")
+    assert rig.memory("crash_before").view("<u4")[0] == CRASH_SUPPLY
+    rig.peer.hello()
+    rig.latched(RESET)
+    assert rig.plant.drive.pulse_starts == starts
+
+
+def test_a_supply_that_is_not_there_is_waited_for_until_the_watchdog_comes(rig: Rig) -> None:
+    rig.bench.supply_low = 1
+    assert rig.ticks_until_off(1) == 0
+    resets = len(rig.chip.resets)
+    rig.controller.advance(600)
+    assert {reset.name for reset in rig.chip.resets[resets:]} == {"INDEPENDENT_WATCHDOG"}
+    rig.mend()
+    rig.boot_tells("BROWN_OUT")
+    rig.peer.hello()
+    rig.latched(RESET)
+
+
+def test_a_supply_that_drops_in_the_start_lets_no_pulse_out(rig: Rig) -> None:
+    """Interrupts are off then; the detector's is pending, and comes before the first tick."""
+    rig.controller.reset(ResetCause.EXTERNAL)
+    starts, resets = rig.plant.drive.pulse_starts, len(rig.chip.resets)
+    rig.controller.advance(1)
+    rig.bench.supply_low = 1
+    for _ in range(20):
+        rig.controller.advance(1)
+        assert not rig.pulses_on
+    assert rig.chip.resets[-1].name == "SOFTWARE"
+    assert len(rig.chip.resets) == resets + 1
+    rig.peer.pump(0.002)  # the BOOT of the start that was ended
+    rig.peer.boots.clear()
+    rig.mend()
+    rig.boot_tells("BROWN_OUT")
+    rig.peer.hello()
+    rig.latched(RESET, moves=False)
+    assert rig.plant.drive.pulse_starts == starts
 
 
 def test_a_supply_that_goes_is_told_and_leaves_the_machine_at_rest(rig: Rig) -> None:

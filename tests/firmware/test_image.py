@@ -25,7 +25,7 @@ FLASH, SRAM, CCM = 0x08000000, 0x20000000, 0x10000000
 KB = 1024
 FLASH_MOST, RAM_MOST, STACK_MOST = 96 * KB, 220 * KB, 2 * KB
 FRAME = 108  # of an exception that finds floats in use (PM0214 2.3.7)
-VECTORS, TIM7 = 107, 16 + 55
+VECTORS, PVD, TIM7 = 107, 16 + 1, 16 + 55
 
 
 @pytest.fixture(scope="module", params=COMPILERS)
@@ -50,7 +50,8 @@ def test_the_vectors_are_at_the_begin_of_the_flash(image: Elf) -> None:
         image.symbols[f"{name}_handler"] & ~1 for name in handlers
     ]
     assert vectors[TIM7] & ~1 == image.symbols["main_tick"] & ~1
-    others = [word for i, word in enumerate(vectors) if i > 6 and i != TIM7]
+    assert vectors[PVD] & ~1 == image.symbols["supply_handler"] & ~1
+    others = [word for i, word in enumerate(vectors) if i > 6 and i not in (PVD, TIM7)]
     assert {word & ~1 for word in others} == {image.symbols["other_handler"] & ~1}
     assert all(word & 1 for word in vectors[1:])
     assert image.entry & ~1 == image.symbols["reset_handler"] & ~1

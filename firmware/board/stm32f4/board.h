@@ -19,12 +19,15 @@
 #define NO_INIT __attribute__((section(".noinit")))
 #define IN_CCM __attribute__((section(".ccm")))
 
-/* startup.c: why a fault handler ended the run before. */
-enum crash { CRASH_NONE, CRASH_NMI, CRASH_HARD, CRASH_MEMORY, CRASH_BUS, CRASH_USAGE, CRASH_IRQ };
+/* startup.c: why a fault handler, or the supply, ended the run before. */
+enum crash { CRASH_NONE, CRASH_NMI, CRASH_HARD, CRASH_MEMORY, CRASH_BUS, CRASH_USAGE, CRASH_IRQ, CRASH_SUPPLY };
 _Noreturn void startup_restart(void);
 
 /* clock.c */
 void clock_start(void);
+
+/* supply.c */
+void supply_start(void);
 
 /* pins.c */
 void pins_start(void);

@@ -110,6 +110,7 @@ static void start_core(struct edm_controller *c) {
 
 _Noreturn void main_run(void) {
     watch_start();
+    supply_start();
     clock_start();
     clocks_on(&RCC->AHB1ENR, RCC_AHB1_CCM | 0x7Fu); /* ports A to G */
     barrier();

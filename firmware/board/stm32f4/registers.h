@@ -73,8 +73,18 @@ struct pwr {
     reg32 CR, CSR;
 };
 #define PWR AT(struct pwr, 0x40007000u)
+#define PWR_CR_PVDE (1u << 4)
+#define PWR_CR_PLS_6 (6u << 5) /* 2.93 V falling, 3.03 V rising (data sheet of the STM32F427/429, 6.3.5) */
 #define PWR_CR_DBP (1u << 8)
 #define PWR_CR_VOS_1 (3u << 14)
+#define PWR_CSR_PVDO (1u << 2) /* the supply is below it */
+
+/* External interrupts: RM0090 12.3. Line 16 is the output of the voltage detector. */
+struct exti {
+    reg32 IMR, EMR, RTSR, FTSR, SWIER, PR;
+};
+#define EXTI AT(struct exti, 0x40013C00u)
+#define EXTI_PVD (1u << 16)
 
 /* Flash: RM0090 3.9. */
 struct flash {
@@ -234,6 +244,7 @@ struct wwdg {
 
 /* Cortex-M4: PM0214 4.3 (NVIC), 4.4 (system control block), 4.2 (MPU), 4.6 (FPU). */
 #define NVIC_ISER AT(reg32, 0xE000E100u)
+#define NVIC_IPR AT(volatile uint8_t, 0xE000E400u) /* the upper four bits; less comes first */
 #define SCB_VTOR AT(reg32, 0xE000ED08u)
 #define SCB_AIRCR AT(reg32, 0xE000ED0Cu)
 #define SCB_AIRCR_RESET (0x05FA0000u | 1u << 2)
@@ -248,7 +259,8 @@ struct wwdg {
 #define MPU_RASR AT(reg32, 0xE000EDA0u)
 #define MPU_RASR_CLOSED_1K (1u << 28 | 9u << 1 | 1u) /* no access, no execution, 2^(9+1) bytes */
 
-#define IRQ_TIM7 55 /* RM0090 12.2, table 62 */
+#define IRQ_PVD 1 /* RM0090 12.2, table 62 */
+#define IRQ_TIM7 55
 
 static inline void interrupts_off(void) {
     __asm__ volatile("cpsid i" ::: "memory");
