@@ -20,6 +20,7 @@ from edmctl.actuator.compiling import compiled
 from . import callbacks
 from . import registers as reg
 from .addresses import (
+    DEBUG,
     EXTI,
     EXTI_IMR,
     EXTI_PR,
@@ -234,7 +235,7 @@ class Chip:
         self.system_memory = np.full(SYSTEM_MEMORY_BYTES, 0xFF, np.uint8)
         self.system_memory[_NUMBER] = np.frombuffer(number.ljust(12, b"\0")[:12], np.uint8)
         self.resets: list[Reset] = []
-        self._closed = (0, 0)
+        self._closed: set[tuple[int, int]] = set()
         self._start_unicorn()
 
     def _start_unicorn(self) -> None:
@@ -255,6 +256,7 @@ class Chip:
             (PERIPHERALS, PERIPHERAL_BYTES, callbacks.on_read, callbacks.on_write),
             (SYSTEM, PAGE_BYTES, callbacks.on_system_read, callbacks.on_system_write),
             (TRACE, PAGE_BYTES, callbacks.on_trace_read, callbacks.on_trace_write),
+            (DEBUG, PAGE_BYTES, callbacks.on_debug_read, callbacks.on_debug_write),
         ):
             self._call(
                 "uc_mmio_map",
@@ -366,10 +368,12 @@ class Chip:
                 size = 2 << (attributes >> 1 & 0x1F)
                 if size % 0x400 or base % 0x400:
                     raise ChipFailed(f"a guard of {size} bytes at {base:#x}: the emulator closes whole KiB")
-                if (base, size) != self._closed:
-                    self._open_guard()
-                    self._closed = base, size
-                    self._call("uc_mem_protect", base, size, 0)
+                if (base, size) not in self._closed:
+                    self._closed.add((base, size))
+                    if _is_memory(base):
+                        self._call("uc_mem_protect", base, size, 0)
+                    else:  # so that the MPU says what it is, and no bus
+                        self._call("uc_mem_map", base, size, 0)
 
     def _vector(self, number: int) -> slice:
         at = reg.system(self.r, _VTOR)
@@ -404,7 +408,13 @@ class Chip:
         self.core[PC] = int(self.flash[self._vector(number)].view("<u4")[0]) & ~1
 
     def _open_guard(self) -> None:
-        base, size = self._closed
-        if size:
-            self._call("uc_mem_protect", base, size, 3)
-            self._closed = (0, 0)
+        for base, size in self._closed:
+            if _is_memory(base):
+                self._call("uc_mem_protect", base, size, 3)
+            else:
+                self._call("uc_mem_unmap", base, size)
+        self._closed.clear()
+
+
+def _is_memory(at: int) -> bool:
+    return SRAM_AT <= at < SRAM_AT + SRAM_BYTES or CCM_AT <= at < CCM_AT + CCM_BYTES

@@ -59,6 +59,7 @@ class Bench(Record):
     estop: int
     door: int
     hv_ok: int
+    halted: int  # 1: a debugger has halted the core
     supply_low: int  # of the chip: below what its voltage detector is set to
     level_ok: int
     limit: int

@@ -149,6 +149,7 @@ SCAN_FROM = MODEL_AT + 24  # conversion of the scan that ADC3's stream was start
 SCANS_END = (
     MODEL_AT + 25
 )  # clock of this millisecond at which the last scan ends, if TIM4 is off; 0: none is under way
+DEBUG_FREEZE = MODEL_AT + 26  # DBGMCU_APB1_FZ
 MPU_REGIONS = SYSTEM_AT + (0xE00 >> 2)  # base and attributes of eight, where the core has nothing
 PINS = MODEL_AT + 32  # levels from outside, a word a port
 SUPPLY_LOW = PINS + 15  # 1: the supply is below the voltage detector's threshold
@@ -193,11 +194,12 @@ def reset_registers(r: np.ndarray, *, keeps_backup: bool) -> None:
     outside = r[PINS : PINS + 16].copy()
     engine = r[ENGINE : STOP_FUNCTION + 1].copy()
     dac = r[DAC_CODE]
-    csr = r[register(RCC, RCC_CSR)]
+    csr, freeze = r[register(RCC, RCC_CSR)], r[DEBUG_FREEZE]
     r[:] = 0
     r[PINS : PINS + 16] = outside
     r[ENGINE : STOP_FUNCTION + 1] = engine
     if keeps_backup:
+        r[DEBUG_FREEZE] = freeze
         r[register(RTC, RTC_BKP) : register(RTC, RTC_BKP_END)] = backup
         r[DAC_CODE] = dac
         r[register(RCC, RCC_CSR)] = csr

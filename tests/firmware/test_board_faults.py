@@ -25,6 +25,7 @@ FLASH_AT, SRAM_AT, CCM_AT = 0x08000000, 0x20000000, 0x10000000
 HANGS = bytes.fromhex("62b6 fee7")  # cpsie i; b .
 HANGS_WITH_INTERRUPTS_OFF = bytes.fromhex("72b6 fee7")
 RECURSES = bytes.fromhex("62b6 ffb5 fde7")  # push {r0-r7, lr} for ever
+TAKES_1100_BYTES = bytes.fromhex("adf2 4c4d 0090 0df2 4c4d 7047")  # sub sp; str r0, [sp]; add sp; bx lr
 READS_NOWHERE = bytes.fromhex("4ff0c040 0068")  # mov.w r0, #0x60000000; ldr r0, [r0]
 UNDEFINED = bytes.fromhex("00de")
 RETURNS = bytes.fromhex("7047")
@@ -59,7 +60,7 @@ class Rig:
         self.chip._engine.ctl_flush_tb()
         bench = self.bench
         bench.over_current = bench.line_low = bench.adc_stuck = bench.slow_stuck = bench.dac_dead = 0
-        bench.chatters = bench.supply_low = 0
+        bench.chatters = bench.supply_low = bench.halted = 0
         self.plant.estop = self.plant.door_open = False
 
     def cut(self) -> None:
@@ -191,13 +192,45 @@ def test_a_tick_that_hangs_is_ended_by_the_watchdog(rig: Rig) -> None:
     ids=["stack", "address", "instruction"],
 )
 def test_a_program_that_faults_is_off_at_once_and_started_anew(rig: Rig, code: bytes, crash: int) -> None:
-    guard = rig.chip.sram[:1024].copy()
+    at, end = (rig.chip.image.symbols[name][0] - SRAM_AT for name in ("guard_begin", "guard_end"))
+    guard = rig.chip.sram[at:end].copy()
     rig.derail(code)
     assert rig.ticks_until_off(1) == 0
     assert rig.chip.resets[-1].name == "SOFTWARE"
-    assert (rig.chip.sram[:1024] == guard).all()
+    assert (rig.chip.sram[at:end] == guard).all()
     rig.boot_tells("WATCHDOG")
     assert rig.memory("crash_before").view("<u4")[0] == crash
+    rig.peer.hello()
+    rig.latched(RESET)
+
+
+@pytest.mark.parametrize("code", [RECURSES[2:], TAKES_1100_BYTES], ids=["for ever", "a little"])
+def test_a_tick_beyond_its_stack_is_off_at_once(rig: Rig, code: bytes) -> None:
+    """It does not write into the main loop's."""
+    at = rig.chip.image.symbols["guard_end"][0] - SRAM_AT  # nothing comes so deep
+    rig.chip.sram[at : at + 64] = 0xA5
+    rig.patch("main_tick", code)
+    assert rig.ticks_until_off(1) == 0
+    assert rig.chip.resets[-1].name == "SOFTWARE"
+    assert (rig.chip.sram[at : at + 64] == 0xA5).all()
+    rig.mend()
+    rig.boot_tells("WATCHDOG")
+    assert rig.memory("crash_before").view("<u4")[0] == CRASH_MEMORY
+    rig.peer.hello()
+    rig.latched(RESET)
+
+
+def test_a_debugger_cannot_stop_the_watchdogs_with_the_core(rig: Rig) -> None:
+    """OpenOCD sets both bits when it comes; halted, the core leaves the gate to its timer."""
+    registers = sys.modules[rig.controller._loop.__globals__["run"].__module__].reg
+    rig.chip.r[registers.DEBUG_FREEZE] = 1 << 11 | 1 << 12 | 1 << 5
+    rig.controller.advance(2)
+    assert rig.chip.r[registers.DEBUG_FREEZE] == 1 << 5
+    rig.bench.halted = 1
+    assert rig.ticks_until_off(3) == 1
+    assert rig.chip.resets[-1].name == "WINDOW_WATCHDOG"
+    rig.mend()
+    rig.boot_tells("WATCHDOG")
     rig.peer.hello()
     rig.latched(RESET)
 

@@ -80,7 +80,7 @@ const struct edm_persistent *keep_words(void);
 uint8_t keep_cause(void);
 
 /* watch.c */
-void watch_guard_stack(void);
+void watch_guard_stacks(void);
 void watch_start(void);
 void watch_run(void);
 void watch_feed(void);

@@ -236,6 +236,11 @@ struct wwdg {
 #define WWDG AT(struct wwdg, 0x40002C00u)
 #define WWDG_CR_WDGA (1u << 7)
 
+/* What stands still while a debugger halts the core: RM0090 38.16.4. Only the supply resets it. */
+#define DBGMCU_APB1_FZ AT(reg32, 0xE0042008u)
+#define DBGMCU_APB1_FZ_WWDG (1u << 11)
+#define DBGMCU_APB1_FZ_IWDG (1u << 12)
+
 /* Backup registers: RM0090 26.6.20. */
 #define RTC_BKP AT(reg32, 0x40002850u)
 
@@ -257,6 +262,7 @@ struct wwdg {
 #define MPU_RNR AT(reg32, 0xE000ED98u)
 #define MPU_RBAR AT(reg32, 0xE000ED9Cu)
 #define MPU_RASR AT(reg32, 0xE000EDA0u)
+#define SRAM_AT 0x20000000u /* RM0090 2.3.1; below it is nothing */
 #define MPU_RASR_CLOSED_1K (1u << 28 | 9u << 1 | 1u) /* no access, no execution, 2^(9+1) bytes */
 
 #define IRQ_PVD 1 /* RM0090 12.2, table 62 */

@@ -79,7 +79,7 @@ __attribute__((used)) void startup_begin(void) {
         *to++ = 0;
     }
     *SCB_SHCSR |= SCB_SHCSR_FAULTS;
-    watch_guard_stack();
+    watch_guard_stacks();
     main_run();
 }
 
