@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from edmctl.actuator.compiling import compiled
 
-PERIPHERALS, SYSTEM, TRACE = 0x40000000, 0xE000E000, 0xE0001000
+PERIPHERALS, SYSTEM, TRACE, DEBUG = 0x40000000, 0xE000E000, 0xE0001000, 0xE0042000
 PERIPHERAL_BYTES, PAGE_BYTES = 0x28000, 0x1000
 SRAM_AT, SRAM_BYTES = 0x20000000, 0x30000
+SYSTEM_AT, TRACE_AT, MODEL_AT = 0xA000, 0xA400, 0xA800
+"""Places of their words, and of those of the model, behind the peripherals."""
 
 # APB1, APB2, AHB1
 TIM2, TIM3, TIM4, TIM5, TIM6, TIM7, TIM12, TIM13, TIM14 = range(9)
 RTC, WWDG, IWDG, USART3, PWR, DAC = 10, 11, 12, 18, 28, 29
-TIM1, TIM8, ADC, SPI4, SYSCFG, TIM9, TIM10, TIM11 = 64, 65, 72, 77, 78, 80, 81, 82
+TIM1, TIM8, ADC, SPI4, SYSCFG, EXTI, TIM9, TIM10, TIM11 = 64, 65, 72, 77, 78, 79, 80, 81, 82
 PORT_A, PORT_B, PORT_C, PORT_D, PORT_E, PORT_F, PORT_G = range(128, 135)
 PORT_I = 136
 CRC, RCC, DMA1, DMA2 = 140, 142, 152, 153
@@ -50,11 +52,16 @@ SPI_CR1, SPI_SR, SPI_DR = 0x00, 0x08, 0x0C
 IWDG_KR, IWDG_PR, IWDG_RLR = 0x00, 0x04, 0x08
 WWDG_CR, WWDG_CFR = 0x00, 0x04
 PWR_CR, PWR_CSR, DBP, VOSRDY = 0x00, 0x04, 1 << 8, 1 << 14
+PVDE, PVDO = 1 << 4, 1 << 2
+# External interrupts (§12.3); line 16 is the voltage detector's
+EXTI_IMR, EXTI_RTSR, EXTI_PR, PVD_LINE = 0x00, 0x08, 0x14, 1 << 16
 RTC_BKP, RTC_BKP_END = 0x50, 0xA0
 # The core: interrupts, system control, memory protection (PM0214 §4.3 to 4.5, 4.2); its counter of clocks
-NVIC_ISER, SCB_AIRCR, SCB_CFSR, SCB_HFSR = 0x100, 0xD0C, 0xD28, 0xD2C
+NVIC_ISER, NVIC_IPR, SCB_AIRCR, SCB_CFSR, SCB_HFSR = 0x100, 0x400, 0xD0C, 0xD28, 0xD2C
 MPU_TYPE, MPU_CTRL, MPU_RNR, MPU_RBAR, MPU_RASR = range(0xD90, 0xDA4, 4)
 DWT_CYCCNT = 0x004
+# What stands still with a halted core (RM0090 §38.16.4)
+DBGMCU_APB1_FZ, WWDG_STOPS, IWDG_STOPS = 0x008, 1 << 11, 1 << 12
 
 
 def address(page: int, offset: int) -> int:

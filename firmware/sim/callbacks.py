@@ -9,16 +9,15 @@ from numba import carray, types  # type: ignore[attr-defined]
 
 from edmctl.actuator.compiling import callback
 
-from .addresses import DWT_CYCCNT
+from .addresses import DBGMCU_APB1_FZ, DWT_CYCCNT, SYSTEM_AT, TRACE_AT
 from .calling import call
 from .registers import (
+    DEBUG_FREEZE,
     ENGINE,
     HALFWORDS,
     LIMIT,
     STOP,
     STOP_FUNCTION,
-    SYSTEM_AT,
-    TRACE_AT,
     WORDS,
     read_register,
     write_register,
@@ -82,6 +81,20 @@ def on_trace_read(_: Any, offset: Any, size: Any, words: Any) -> Any:
 def on_trace_write(_: Any, offset: Any, size: Any, value: Any, words: Any) -> None:
     """Settings of the DWT."""
     carray(words, (WORDS,), np.int64)[TRACE_AT + (np.int64(offset) >> 2)] = value
+
+
+@callback(_READ)
+def on_debug_read(_: Any, offset: Any, size: Any, words: Any) -> Any:
+    """What stands still with a halted core."""
+    r = carray(words, (WORDS,), np.int64)
+    return r[DEBUG_FREEZE] if np.int64(offset) == DBGMCU_APB1_FZ else np.int64(0)
+
+
+@callback(_WRITE)
+def on_debug_write(_: Any, offset: Any, size: Any, value: Any, words: Any) -> None:
+    """The same, set."""
+    if np.int64(offset) == DBGMCU_APB1_FZ:
+        carray(words, (WORDS,), np.int64)[DEBUG_FREEZE] = np.int64(value)
 
 
 @callback(_BLOCK)

@@ -20,11 +20,17 @@ from edmctl.actuator.compiling import compiled
 from . import callbacks
 from . import registers as reg
 from .addresses import (
+    DEBUG,
+    EXTI,
+    EXTI_IMR,
+    EXTI_PR,
     MPU_CTRL,
+    NVIC_IPR,
     NVIC_ISER,
     PAGE_BYTES,
     PERIPHERAL_BYTES,
     PERIPHERALS,
+    PVD_LINE,
     RCC,
     RCC_CSR,
     RESET_FLAGS,
@@ -33,6 +39,7 @@ from .addresses import (
     SRAM_AT,
     SRAM_BYTES,
     SYSTEM,
+    SYSTEM_AT,
     TIM7,
     TIM_DIER,
     TIM_SR,
@@ -53,7 +60,7 @@ TICK_HALFWORDS = 168_000
 LOCKED_UP = 0xFFFFFFFE
 _UNMAPPED, _GUARDED = (6, 7, 8), (12, 13, 14)  # Unicorn's status: nothing is there, access is not allowed
 _UNTIL = 0xFFFFFFF0  # nothing is there; the end of an exception has an address of its own
-_TIM7 = 55
+_PVD, _TIM7 = 1, 55
 _FRAME, _FRAME_WITH_FLOATS = 0x20, 0x68
 _VTOR, _SHCSR = 0xD08, 0xD24
 _HARD, _MEMORY, _BUS, _USAGE = 3, 4, 5, 6
@@ -85,8 +92,21 @@ class _Registers:
 
 
 # Words of `core`: addresses of Unicorn's functions, where the processor stands, and of the sets of registers.
-ENGINE, START, READ, READ_SET, WRITE_SET, PC, PC_PLACE, HANDLER, SLEEPS, INTERRUPTED, FAULTING = range(11)
-SETS = 11
+(
+    ENGINE,
+    START,
+    READ,
+    READ_SET,
+    WRITE_SET,
+    PC,
+    PC_PLACE,
+    HANDLER,
+    SLEEPS,
+    INTERRUPTED,
+    FAULTING,
+    SUPPLY_HANDLER,
+) = range(12)
+SETS = 12
 _FRAME_SET, _ENTRY_SET, _LEAVE_SET = SETS, SETS + 2, SETS + 4
 PC_ID = arm_const.UC_ARM_REG_PC
 
@@ -116,6 +136,22 @@ def _push(sram: np.ndarray, ccm: np.ndarray, at: int, frame: np.ndarray) -> None
 
 
 @compiled
+def _supply_interrupts(core: np.ndarray, r: np.ndarray, frame: np.ndarray, slept: int) -> bool:
+    """Whether the voltage detector's interrupt comes now: pending, enabled, not masked, before the tick."""
+    if not r[word(EXTI, EXTI_PR)] & r[word(EXTI, EXTI_IMR)] & PVD_LINE:
+        return False
+    if not r[SYSTEM_AT + (NVIC_ISER >> 2)] >> _PVD & 1:
+        return False
+    priorities = SYSTEM_AT + (NVIC_IPR >> 2)
+    own = r[priorities + _PVD // 4] >> 8 * (_PVD % 4) + 4 & 15
+    if core[INTERRUPTED] and r[priorities + _TIM7 // 4] >> 8 * (_TIM7 % 4) + 4 & 15 <= own:
+        return False
+    _transfer(core, READ_SET, _FRAME_SET, 12)
+    # Who slept with interrupts off is woken, and has them on when the tick comes, which switches none off.
+    return bool(slept or core[INTERRUPTED] or not frame[11] & 1)
+
+
+@compiled
 def run_tick(
     core: np.ndarray,
     r: np.ndarray,
@@ -127,7 +163,8 @@ def run_tick(
 ) -> int:
     """The interrupt of TIM7, if it is on, then the main loop until it sleeps or its time is over.
 
-    Where the handler of a fault is to run, it alone does: no interrupt comes before it. One that has not come to its
+    Where the handler of a fault is to run, it alone does: no interrupt comes before it. That of the voltage
+    detector, looked for at the begin of the millisecond, is such a one. An interrupt that has not come to its
     end goes on, and so does a program that works on with interrupts off; the next one waits.
 
     Returns 0, or Unicorn's status where the processor met what it could not execute; `core[PC]` is where it stands.
@@ -138,7 +175,14 @@ def run_tick(
         r[reg.LIMIT] = r[reg.HALFWORDS] + TICK_HALFWORDS
         return _go(core, r, core[PC]) if core[PC] != LOCKED_UP else 0
     r[reg.HALFWORDS], r[reg.LIMIT], r[reg.OFF_AT] = 0, TICK_HALFWORDS, 0
-    enabled = r[reg.SYSTEM_AT + ((NVIC_ISER + 4) >> 2)] >> (_TIM7 - 32) & 1 and r[word(TIM7, TIM_DIER)] & 1
+    if _supply_interrupts(core, r, frame, slept):
+        # What was interrupted is not kept: the handler is taken for one without an end.
+        entry[0], entry[1] = frame[9] & ~6, 0xFFFFFFF9
+        entry[2] = frame[10] if frame[9] & 2 else frame[8]
+        _transfer(core, WRITE_SET, _ENTRY_SET, 3)
+        core[FAULTING] = 1
+        return _go(core, r, core[SUPPLY_HANDLER])
+    enabled = r[SYSTEM_AT + ((NVIC_ISER + 4) >> 2)] >> (_TIM7 - 32) & 1 and r[word(TIM7, TIM_DIER)] & 1
     if core[INTERRUPTED] or enabled:
         at = core[PC]
         if not core[INTERRUPTED]:
@@ -191,7 +235,7 @@ class Chip:
         self.system_memory = np.full(SYSTEM_MEMORY_BYTES, 0xFF, np.uint8)
         self.system_memory[_NUMBER] = np.frombuffer(number.ljust(12, b"\0")[:12], np.uint8)
         self.resets: list[Reset] = []
-        self._closed = (0, 0)
+        self._closed: set[tuple[int, int]] = set()
         self._start_unicorn()
 
     def _start_unicorn(self) -> None:
@@ -212,6 +256,7 @@ class Chip:
             (PERIPHERALS, PERIPHERAL_BYTES, callbacks.on_read, callbacks.on_write),
             (SYSTEM, PAGE_BYTES, callbacks.on_system_read, callbacks.on_system_write),
             (TRACE, PAGE_BYTES, callbacks.on_trace_read, callbacks.on_trace_write),
+            (DEBUG, PAGE_BYTES, callbacks.on_debug_read, callbacks.on_debug_write),
         ):
             self._call(
                 "uc_mmio_map",
@@ -279,7 +324,8 @@ class Chip:
         uc.reg_write(arm_const.UC_ARM_REG_XPSR, 0x01000000)
         uc.reg_write(arm_const.UC_ARM_REG_FPEXC, 0x40000000)
         self.core[PC] = start & ~1
-        self.core[HANDLER] = int(self.flash[self._vector(16 + _TIM7)].view("<u4")[0]) & ~1
+        for place, interrupt in ((HANDLER, _TIM7), (SUPPLY_HANDLER, _PVD)):
+            self.core[place] = int(self.flash[self._vector(16 + interrupt)].view("<u4")[0]) & ~1
         self.core[[SLEEPS, INTERRUPTED, FAULTING]] = 0
 
     @property
@@ -322,10 +368,12 @@ class Chip:
                 size = 2 << (attributes >> 1 & 0x1F)
                 if size % 0x400 or base % 0x400:
                     raise ChipFailed(f"a guard of {size} bytes at {base:#x}: the emulator closes whole KiB")
-                if (base, size) != self._closed:
-                    self._open_guard()
-                    self._closed = base, size
-                    self._call("uc_mem_protect", base, size, 0)
+                if (base, size) not in self._closed:
+                    self._closed.add((base, size))
+                    if _is_memory(base):
+                        self._call("uc_mem_protect", base, size, 0)
+                    else:  # so that the MPU says what it is, and no bus
+                        self._call("uc_mem_map", base, size, 0)
 
     def _vector(self, number: int) -> slice:
         at = reg.system(self.r, _VTOR)
@@ -360,7 +408,13 @@ class Chip:
         self.core[PC] = int(self.flash[self._vector(number)].view("<u4")[0]) & ~1
 
     def _open_guard(self) -> None:
-        base, size = self._closed
-        if size:
-            self._call("uc_mem_protect", base, size, 3)
-            self._closed = (0, 0)
+        for base, size in self._closed:
+            if _is_memory(base):
+                self._call("uc_mem_protect", base, size, 3)
+            else:
+                self._call("uc_mem_unmap", base, size)
+        self._closed.clear()
+
+
+def _is_memory(at: int) -> bool:
+    return SRAM_AT <= at < SRAM_AT + SRAM_BYTES or CCM_AT <= at < CCM_AT + CCM_BYTES

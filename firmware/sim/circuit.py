@@ -62,6 +62,8 @@ class Bench(Record):
     estop: int
     door: int
     hv_ok: int
+    halted: int  # 1: a debugger has halted the core
+    supply_low: int  # of the chip: below what its voltage detector is set to
     level_ok: int
     limit: int
     input_ms: float  # from a loop that opens to its input; one that closes is there at once
@@ -74,9 +76,11 @@ class Bench(Record):
     temperature_c: float
     adc_stuck: int  # the fast converters say what they said
     slow_stuck: int  # and the slow one
+    scan_phase: int  # clocks of 168 MHz between a scan of the slow one and the begin of a millisecond
     dac_dead: int  # the actuator's converter says nothing
     actuator_code: int
     moved: int  # 0: the stages rest; 1: steps have come; 2: and are over
+    tick_jitter: int  # counts of a step timer, 24 ns, that an interrupt comes late at most
     travels: int
     rest_ticks: int  # since the last step
     steps: Floats = series(3)  # of the stages, signed, since they were last taken

@@ -44,7 +44,7 @@ from .addresses import (
 from .circuit import DISPLACEMENT_UM, FLOW_LPM, GAP_A, GAP_V, MONITOR_V, TEMPERATURE_C
 from .dma import carry_words, put, takes
 from .pins import pin_is
-from .registers import SAMPLES_FROM
+from .registers import SAMPLES_FROM, SCAN_FROM, SCAN_PHASE, SCANS_END
 
 if TYPE_CHECKING:
     from edmctl.simulator.plant_interface import Readings
@@ -153,7 +153,11 @@ def sample_gap(
 
 @compiled
 def sample_slow(r: np.ndarray, memory: np.ndarray, bench: Bench, readings: Readings, noise: Floats) -> None:
-    """Sixteen scans of ADC3: monitor, displacement, temperature, flow (RM0090 §13.3.6, 13.8.1)."""
+    """Sixteen scans of ADC3: monitor, displacement, temperature, flow (RM0090 §13.3.6, 13.8.1).
+
+    Of the one in whose middle its stream was started, the rest comes.
+    """
+    r[SCAN_PHASE], r[SCANS_END] = bench.scan_phase, 0
     rate = (r[word(TIM4, TIM_PSC)] + 1) * (r[word(TIM4, TIM_ARR)] + 1)
     timer = r[word(TIM4, TIM_CR1)] & 1 and r[word(TIM4, TIM_CCER)] & _CC4E and rate == 84_000_000 // 16_000
     control = r[word(ADC, ADC3 + ADC_CR2)]
@@ -169,8 +173,9 @@ def sample_slow(r: np.ndarray, memory: np.ndarray, bench: Bench, readings: Readi
         return
     n = bench.noise_at
     bench.noise_at = (n + 64) & (NOISE - 1)
-    for _ in range(16):
-        for i in range(4):
+    first, r[SCAN_FROM] = r[SCAN_FROM], 0
+    for k in range(16):
+        for i in range(first if k == 0 else 0, 4):
             x = CONVERTER_NOISE * noise[n]
             n += 1
             if i == 0:

@@ -8,7 +8,7 @@ from edmctl.actuator.compiling import cached, compiled
 from edmctl.simulator.records import Record, record
 
 from . import registers as reg
-from .addresses import IWDG, IWDG_PR, IWDG_RLR, WWDG, WWDG_CFR, WWDG_CR, word
+from .addresses import IWDG, IWDG_PR, IWDG_RLR, IWDG_STOPS, WWDG, WWDG_CFR, WWDG_CR, WWDG_STOPS, word
 from .chip import run_tick
 from .wiring import run_millisecond
 
@@ -88,7 +88,8 @@ def run(
         if watch.is_due:
             watch.is_due = 0
             r[reg.WWDG_FED] = r[reg.IWDG_FED] = 0
-            status = run_tick(core, r, sram, ccm, frame, entry, leave)
+            reg.put_supply(r, bench.supply_low)
+            status = 0 if bench.halted else run_tick(core, r, sram, ccm, frame, entry, leave)
             load = r[reg.HALFWORDS]
             watch.most_load = max(watch.most_load, load)
             watch.loads += load
@@ -96,8 +97,9 @@ def run(
             if status or r[reg.RESET_ASKED] or r[reg.MPU_SET]:
                 watch.status = status
                 return FAILED
-            watch.wwdg_silent = 0 if r[reg.WWDG_FED] else watch.wwdg_silent + 1
-            watch.iwdg_silent = 0 if r[reg.IWDG_FED] else watch.iwdg_silent + 1
+            stops = r[reg.DEBUG_FREEZE] if bench.halted else 0
+            watch.wwdg_silent = 0 if r[reg.WWDG_FED] else watch.wwdg_silent + (0 if stops & WWDG_STOPS else 1)
+            watch.iwdg_silent = 0 if r[reg.IWDG_FED] else watch.iwdg_silent + (0 if stops & IWDG_STOPS else 1)
             control, setting = r[word(WWDG, WWDG_CR)], r[word(WWDG, WWDG_CFR)]
             counts = ((control & 0x7F) - 0x3F) << (setting >> 7 & 3)
             if control & 0x80 and watch.wwdg_silent * _WWDG_HZ >= counts * 1000.0:

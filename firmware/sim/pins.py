@@ -47,6 +47,7 @@ from .addresses import (
 )
 from .circuit import DAC_V, INPUTS, PUMP_TICKS, REST_TICKS, SET_A, SET_V, STAGE_TICKS
 from .registers import ALIVE_EDGES, DAC_CODE, GATE_STARTS, IS_BROKEN, PINS, gate_off
+from .steps import TICK_LATE, take_steps
 
 if TYPE_CHECKING:
     import numpy as np
@@ -73,17 +74,6 @@ def gate_is_on(r: np.ndarray) -> bool:
         and r[word(TIM1, TIM_CCMR1)] & 0x73 == 0x60
     )
     return bool(runs and r[word(TIM1, TIM_BDTR)] & MOE and pin_is(r, PORT_E, 9, 2, 1))
-
-
-@compiled
-def steps_of(r: np.ndarray, page: int, clock_khz: int, port_pin: int, function: int) -> int:
-    """Step pulses of a millisecond: the timer's overflows since its last update event."""
-    if not r[word(page, TIM_CR1)] & 1 or r[word(page, TIM_CCER)] & 3 != 1 or r[word(page, TIM_CCR1)] == 0:
-        return 0
-    if not pin_is(r, PORT_F, port_pin, 2, function) or r[word(page, TIM_CCMR1)] & 0x70 != 0x60:
-        return 0
-    ticks = (r[word(page, TIM_PSC)] + 1) * (r[word(page, TIM_ARR)] + 1)
-    return int((clock_khz + ticks // 2) // ticks)
 
 
 @compiled
@@ -114,11 +104,13 @@ def lead(r: np.ndarray, bench: Bench, drive: Drive) -> None:
     bench.was_on = 1 if on else 0
     drive.pulses_on = bench.was_on
     moves = False
+    late = bench.tick_jitter
+    r[TICK_LATE] = 4 * (bench.ticks * 2654435761 % 4294967296 * (late + 1) >> 32)
     for axis in range(3):
-        page, clock, function = (
-            (TIM10, 168_000, 3) if axis == 0 else (TIM11, 168_000, 3) if axis == 1 else (TIM13, 84_000, 9)
-        )
-        n = steps_of(r, page, clock, 6 + axis, function)
+        page, function = (TIM10, 3) if axis == 0 else (TIM11, 3) if axis == 1 else (TIM13, 9)
+        n = take_steps(r, page)
+        if not pin_is(r, PORT_F, 6 + axis, 2, function):
+            n = 0
         bench.steps[axis] += n if r[word(PORT_F, GPIO_ODR)] >> axis & 1 else -n
         moves = moves or n != 0
     if moves:

@@ -16,6 +16,7 @@ from .addresses import (
     ADC,
     ADC2,
     ADC3,
+    ADC_CR2,
     ADC_SR,
     BKE,
     CRC,
@@ -33,6 +34,9 @@ from .addresses import (
     DMA_STREAM_BYTES,
     DMA_STREAMS,
     EN,
+    EXTI,
+    EXTI_PR,
+    EXTI_RTSR,
     GPIO_BSRR,
     GPIO_IDR,
     GPIO_MODER,
@@ -40,6 +44,7 @@ from .addresses import (
     IWDG,
     IWDG_KR,
     IWDG_RLR,
+    MODEL_AT,
     MOE,
     MPU_RASR,
     MPU_RBAR,
@@ -53,6 +58,9 @@ from .addresses import (
     PORT_E,
     PORT_F,
     PORT_I,
+    PVD_LINE,
+    PVDE,
+    PVDO,
     PWR,
     PWR_CR,
     PWR_CSR,
@@ -78,6 +86,7 @@ from .addresses import (
     SPI_DR,
     SPI_SR,
     SYSCFG,
+    SYSTEM_AT,
     TIM1,
     TIM2,
     TIM3,
@@ -116,8 +125,8 @@ from .addresses import (
     stream_at,
     word,
 )
+from .steps import TICK_LATE, axis_of, follow, write_step_timer
 
-SYSTEM_AT, TRACE_AT, MODEL_AT = 0xA000, 0xA400, 0xA800
 WORDS = MODEL_AT + 0x100
 
 # Words of the model.
@@ -139,14 +148,23 @@ ENGINE, STOP_FUNCTION = MODEL_AT + 19, MODEL_AT + 20  # of Unicorn
 SAMPLES_FROM = (
     MODEL_AT + 22
 )  # halfwords of this millisecond before the stream of the fast converters was enabled
-BDTR_WRITTEN = MODEL_AT + 23  # 1: the level of TIM1's lock stays
+SCAN_PHASE = MODEL_AT + 23  # clocks of 168 MHz from the begin of a scan of ADC3 to that of the millisecond
+SCAN_FROM = MODEL_AT + 24  # conversion of the scan that ADC3's stream was started with
+SCANS_END = (
+    MODEL_AT + 25
+)  # clock of this millisecond at which the last scan ends, if TIM4 is off; 0: none is under way
+DEBUG_FREEZE = MODEL_AT + 26  # DBGMCU_APB1_FZ
+BDTR_WRITTEN = MODEL_AT + 27  # 1: the level of TIM1's lock stays
 MPU_REGIONS = SYSTEM_AT + (0xE00 >> 2)  # base and attributes of eight, where the core has nothing
 PINS = MODEL_AT + 32  # levels from outside, a word a port
+SUPPLY_LOW = PINS + 15  # 1: the supply is below the voltage detector's threshold
 RELOAD = MODEL_AT + 48  # of the 16 DMA streams: NDTR when they were enabled
 
 FLAGS_AT = np.array([0, 6, 16, 22])
 """Where the flags of a DMA stream are in its word, by the stream's number modulo 4 (RM0090 §10.5.1)."""
 _STREAM_FLAGS, _FCR = 0x3D, 5
+SCAN_CLOCKS, CONVERSION_CLOCKS = 10_500, 768
+"""Of 168 MHz: from scan to scan of ADC3, and of one conversion in it."""
 _TIMERS = (TIM1, TIM2, TIM3, TIM4, TIM5, TIM6, TIM7, TIM8, TIM12, TIM13, TIM14, TIM9, TIM10, TIM11)
 _VALID = 0x10  # MPU_RBAR names its region itself
 _CS_BIT, _ALIVE_BIT = 1 << 4, 1 << 15  # of PORT_E and PORT_F (firmware/board/stm32f4/pins.h)
@@ -182,12 +200,13 @@ def reset_registers(r: np.ndarray, *, keeps_backup: bool) -> None:
     engine = r[ENGINE : STOP_FUNCTION + 1].copy()
     errors = r[ERRORS : ERROR_AT + 1].copy()
     dac = r[DAC_CODE]
-    csr = r[register(RCC, RCC_CSR)]
+    csr, freeze = r[register(RCC, RCC_CSR)], r[DEBUG_FREEZE]
     r[:] = 0
     r[PINS : PINS + 16] = outside
     r[ENGINE : STOP_FUNCTION + 1] = engine
     r[ERRORS : ERROR_AT + 1] = errors
     if keeps_backup:
+        r[DEBUG_FREEZE] = freeze
         r[register(RTC, RTC_BKP) : register(RTC, RTC_BKP_END)] = backup
         r[DAC_CODE] = dac
         r[register(RCC, RCC_CSR)] = csr
@@ -281,6 +300,8 @@ def write_timer(r: np.ndarray, page: int, offset: int, at: int, value: int) -> N
     if (value ^ r[at]) & locked:
         note_error(r, PERIPHERALS + page * 0x400 + offset)
         value = (value & ~locked) | (r[at] & locked)
+    if axis_of(page) >= 0:
+        follow(r, page, r[HALFWORDS] + r[TICK_LATE])
     if offset == TIM_SR:
         r[at] &= value
     elif offset == TIM_EGR:
@@ -299,9 +320,13 @@ def write_timer(r: np.ndarray, page: int, offset: int, at: int, value: int) -> N
         r[BDTR_WRITTEN] = 1
         r[GATE_CHANGES] += 1
     else:
+        if page == TIM4 and offset == TIM_CR1 and r[at] & ~value & 1:
+            r[SCANS_END] = r[HALFWORDS] + 4 * CONVERSION_CLOCKS
         r[at] = value
         if page in (TIM1, TIM3):
             r[GATE_CHANGES] += 1
+    if axis_of(page) >= 0:
+        write_step_timer(r, page, offset, value)
 
 
 @compiled
@@ -343,6 +368,42 @@ def write_dma(r: np.ndarray, page: int, offset: int, at: int, value: int) -> Non
         note_error(r, PERIPHERALS + page * 0x400 + offset)
         return
     r[at] = value
+
+
+@compiled
+def note_supply(r: np.ndarray) -> None:
+    """The output of the voltage detector has risen: pending, if that edge is asked for (§12.3.3)."""
+    if r[word(EXTI, EXTI_RTSR)] & PVD_LINE:
+        r[word(EXTI, EXTI_PR)] |= PVD_LINE
+
+
+@compiled
+def put_supply(r: np.ndarray, low: int) -> None:
+    """The supply drops below the detector's threshold, or is above it again (§5.2.3)."""
+    if low and not r[SUPPLY_LOW] and r[word(PWR, PWR_CR)] & PVDE:
+        note_supply(r)
+    r[SUPPLY_LOW] = low
+
+
+@compiled
+def scan_place(r: np.ndarray) -> int:
+    """Conversion of a scan that ADC3 is at: four of 84 + 12 clocks of 21 MHz, each 62.5 µs (RM0090 §13.5)."""
+    if not r[word(TIM4, TIM_CR1)] & 1 and r[HALFWORDS] >= r[SCANS_END]:
+        return 0
+    place = (r[HALFWORDS] + r[SCAN_PHASE]) % SCAN_CLOCKS // CONVERSION_CLOCKS
+    return int(place) if place < 4 else 0
+
+
+@compiled
+def write_slow_converter(r: np.ndarray, at: int, value: int) -> None:
+    """CR2 of ADC3: requests begin in the middle of a scan, if one is under way; ADON forgets it (§13.3.1)."""
+    before = r[at]
+    r[at] = value
+    if not before & value & 1:
+        r[SCAN_FROM] = 0
+        r[SCANS_END] = 0
+    elif value & ~before & 0x100:
+        r[SCAN_FROM] = scan_place(r)
 
 
 @compiled
@@ -391,8 +452,16 @@ def write_register(r: np.ndarray, offset: int, size: int, value: int) -> None:
             r[at] = value
         else:
             note_error(r, PERIPHERALS + offset)
+    elif page == EXTI and here == EXTI_PR:  # cleared by writing 1 (§12.3.6)
+        r[at] &= ~(value)
+    elif page == PWR and here == PWR_CR:
+        before, r[at] = r[at], value
+        if r[SUPPLY_LOW] and value & ~before & PVDE:
+            note_supply(r)
     elif page == ADC and here in (ADC_SR, ADC2 + ADC_SR, ADC3 + ADC_SR):
         r[at] &= value  # flags are cleared by writing 0 (§13.13.1)
+    elif page == ADC and here == ADC3 + ADC_CR2:
+        write_slow_converter(r, at, value)
     elif page == DAC and here == DAC_DHR12RD:  # both channels at once (§14.5.11)
         r[word(DAC, DAC_DHR12R1)], r[word(DAC, DAC_DHR12R2)] = value & 0xFFF, value >> 16 & 0xFFF
     elif page == RTC and here >= RTC_BKP:
@@ -423,7 +492,8 @@ def read_register(r: np.ndarray, offset: int) -> int:
     if page == USART3 and here == USART_DR:
         r[word(USART3, USART_SR)] &= ~(0x0F)  # PE, FE, NF, ORE: status, then data (§30.6.1)
     if page == PWR and here == PWR_CSR:
-        return int(r[at] | VOSRDY)
+        low = r[SUPPLY_LOW] and r[word(PWR, PWR_CR)] & PVDE
+        return int(r[at] | VOSRDY | (PVDO if low else 0))
     return int(r[at])
 
 

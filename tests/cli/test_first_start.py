@@ -24,7 +24,7 @@ from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import WIRING_MISTAKES, parse_injection
 from tests.cli.commands import ROOT
 from tests.serving import serving
-from tools.generate.circuits import hardware_break
+from tools.generate.circuits.break_chain import hardware_break
 from tools.generate.circuits.common import Needs
 
 if TYPE_CHECKING:

@@ -40,19 +40,18 @@ def painted(kind: type[Any]) -> type[Any]:
     class Painted(watched(kind)):  # type: ignore[misc]
         def _start(self, cause: Any) -> None:
             super()._start(cause)
-            first, _, last = self.stacks()
-            self.chip.sram[first:last] = _PAINT
+            for stack in self.stacks():
+                self.chip.sram[stack] = _PAINT
 
-        def stacks(self) -> tuple[int, int, int]:
-            """End of the guard, top of the main loop's stack, top of the other one: places in SRAM."""
-            names = ("guard_end", "loop_stack_top", "main_stack_top")
-            first, middle, last = (self.chip.image.symbols[name][0] - SRAM for name in names)
-            return first, middle, last
+        def stacks(self) -> tuple[slice, slice]:
+            """The main loop's and the interrupt's: places in SRAM."""
+            names = ("guard_end", "loop_stack_top", "main_stack_end", "main_stack_top")
+            at = [self.chip.image.symbols[name][0] - SRAM for name in names]
+            return slice(*at[:2]), slice(*at[2:])
 
         def deepest(self) -> tuple[int, int]:
             """Bytes of the main loop's and of the interrupt's stack that were ever written."""
-            first, middle, last = self.stacks()
-            loop, tick = self.chip.sram[first:middle] != _PAINT, self.chip.sram[middle:last] != _PAINT
+            loop, tick = (self.chip.sram[stack] != _PAINT for stack in self.stacks())
             return len(loop) - int(np.argmax(loop)), len(tick) - int(np.argmax(tick))
 
     return Painted

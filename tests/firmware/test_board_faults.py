@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 CAUSE = layouts.enum("ResetCause")
-CRASH_MEMORY, CRASH_BUS, CRASH_USAGE = 3, 4, 5  # enum crash of board.h
+CRASH_MEMORY, CRASH_BUS, CRASH_USAGE, CRASH_SUPPLY = 3, 4, 5, 7  # enum crash of board.h
 ABORT_RUN, PIEZO_TRACK, PIEZO_OV, STUCK_CONTACT = 1002, 2002, 2003, 2006
 GAP_SENSOR, GEN_FAULT, NO_SPARK, ESTOP, DOOR, RESET = 3003, 3004, 3005, 4001, 4002, 5001
 SPARE_FLASH_AT = 0x08100000
@@ -25,6 +25,7 @@ FLASH_AT, SRAM_AT, CCM_AT = 0x08000000, 0x20000000, 0x10000000
 HANGS = bytes.fromhex("62b6 fee7")  # cpsie i; b .
 HANGS_WITH_INTERRUPTS_OFF = bytes.fromhex("72b6 fee7")
 RECURSES = bytes.fromhex("62b6 ffb5 fde7")  # push {r0-r7, lr} for ever
+TAKES_1100_BYTES = bytes.fromhex("adf2 4c4d 0090 0df2 4c4d 7047")  # sub sp; str r0, [sp]; add sp; bx lr
 READS_NOWHERE = bytes.fromhex("4ff0c040 0068")  # mov.w r0, #0x60000000; ldr r0, [r0]
 JUMP = {"height_um": 1.0, "speed_um_s": 50.0, "dwell_s": 0.1, "clearance_um": 0.0}
 UNDEFINED = bytes.fromhex("00de")
@@ -60,7 +61,7 @@ class Rig:
         self.chip._engine.ctl_flush_tb()
         bench = self.bench
         bench.over_current = bench.line_low = bench.adc_stuck = bench.slow_stuck = bench.dac_dead = 0
-        bench.chatters = bench.chain_ms = 0
+        bench.chatters = bench.chain_ms = bench.supply_low = bench.halted = 0
         bench.input_ms = emulator_of(bench).INPUT_MS
         self.plant.estop = self.plant.door_open = False
 
@@ -194,13 +195,45 @@ def test_a_tick_that_hangs_is_ended_by_the_watchdog(rig: Rig) -> None:
     ids=["stack", "address", "instruction"],
 )
 def test_a_program_that_faults_is_off_at_once_and_started_anew(rig: Rig, code: bytes, crash: int) -> None:
-    guard = rig.chip.sram[:1024].copy()
+    at, end = (rig.chip.image.symbols[name][0] - SRAM_AT for name in ("guard_begin", "guard_end"))
+    guard = rig.chip.sram[at:end].copy()
     rig.derail(code)
     assert rig.ticks_until_off(1) == 0
     assert rig.chip.resets[-1].name == "SOFTWARE"
-    assert (rig.chip.sram[:1024] == guard).all()
+    assert (rig.chip.sram[at:end] == guard).all()
     rig.boot_tells("WATCHDOG")
     assert rig.memory("crash_before").view("<u4")[0] == crash
+    rig.peer.hello()
+    rig.latched(RESET)
+
+
+@pytest.mark.parametrize("code", [RECURSES[2:], TAKES_1100_BYTES], ids=["for ever", "a little"])
+def test_a_tick_beyond_its_stack_is_off_at_once(rig: Rig, code: bytes) -> None:
+    """It does not write into the main loop's."""
+    at = rig.chip.image.symbols["guard_end"][0] - SRAM_AT  # nothing comes so deep
+    rig.chip.sram[at : at + 64] = 0xA5
+    rig.patch("main_tick", code)
+    assert rig.ticks_until_off(1) == 0
+    assert rig.chip.resets[-1].name == "SOFTWARE"
+    assert (rig.chip.sram[at : at + 64] == 0xA5).all()
+    rig.mend()
+    rig.boot_tells("WATCHDOG")
+    assert rig.memory("crash_before").view("<u4")[0] == CRASH_MEMORY
+    rig.peer.hello()
+    rig.latched(RESET)
+
+
+def test_a_debugger_cannot_stop_the_watchdogs_with_the_core(rig: Rig) -> None:
+    """OpenOCD sets both bits when it comes; halted, the core leaves the gate to its timer."""
+    registers = sys.modules[rig.controller._loop.__globals__["run"].__module__].reg
+    rig.chip.r[registers.DEBUG_FREEZE] = 1 << 11 | 1 << 12 | 1 << 5
+    rig.controller.advance(2)
+    assert rig.chip.r[registers.DEBUG_FREEZE] == 1 << 5
+    rig.bench.halted = 1
+    assert rig.ticks_until_off(3) == 1
+    assert rig.chip.resets[-1].name == "WINDOW_WATCHDOG"
+    rig.mend()
+    rig.boot_tells("WATCHDOG")
     rig.peer.hello()
     rig.latched(RESET)
 
@@ -286,6 +319,74 @@ def test_a_brown_out_is_told_and_latched(rig: Rig) -> None:
     rig.boot_tells("BROWN_OUT")
     rig.peer.hello()
     rig.latched(RESET)
+
+
+def works(rig: Rig) -> None:
+    """The program is in its main loop."""
+
+
+def hangs(rig: Rig) -> None:
+    """The program is in its main loop for good."""
+    rig.derail(HANGS)
+
+
+def hangs_in_the_tick(rig: Rig) -> None:
+    """The program is in its tick, and stays there."""
+    rig.patch("main_tick", HANGS[2:])
+    rig.controller.advance(1)
+    assert rig.pulses_on
+
+
+@pytest.mark.parametrize("program", [works, hangs, hangs_in_the_tick])
+def test_a_supply_that_drops_takes_the_pulses_at_once(rig: Rig, program: Callable[[Rig], None]) -> None:
+    """Whatever the program does; nothing starts before the supply is there again, then cause and fault are told."""
+    program(rig)
+    starts = rig.plant.drive.pulse_starts
+    rig.bench.supply_low = 1
+    assert rig.ticks_until_off(1) == 0
+    assert rig.chip.resets[-1].name == "SOFTWARE"
+    rig.controller.advance(20)
+    assert rig.memory("crash_word").view("<u4")[0] == CRASH_SUPPLY
+    assert not rig.peer.boots
+    assert not rig.pulses_on
+    rig.mend()
+    rig.boot_tells("BROWN_OUT")
+    assert rig.memory("crash_before").view("<u4")[0] == CRASH_SUPPLY
+    rig.peer.hello()
+    rig.latched(RESET)
+    assert rig.plant.drive.pulse_starts == starts
+
+
+def test_a_supply_that_is_not_there_is_waited_for_until_the_watchdog_comes(rig: Rig) -> None:
+    rig.bench.supply_low = 1
+    assert rig.ticks_until_off(1) == 0
+    resets = len(rig.chip.resets)
+    rig.controller.advance(600)
+    assert {reset.name for reset in rig.chip.resets[resets:]} == {"INDEPENDENT_WATCHDOG"}
+    rig.mend()
+    rig.boot_tells("BROWN_OUT")
+    rig.peer.hello()
+    rig.latched(RESET)
+
+
+def test_a_supply_that_drops_in_the_start_lets_no_pulse_out(rig: Rig) -> None:
+    """Interrupts are off then; the detector's is pending, and comes before the first tick."""
+    rig.controller.reset(ResetCause.EXTERNAL)
+    starts, resets = rig.plant.drive.pulse_starts, len(rig.chip.resets)
+    rig.controller.advance(1)
+    rig.bench.supply_low = 1
+    for _ in range(20):
+        rig.controller.advance(1)
+        assert not rig.pulses_on
+    assert rig.chip.resets[-1].name == "SOFTWARE"
+    assert len(rig.chip.resets) == resets + 1
+    rig.peer.pump(0.002)  # the BOOT of the start that was ended
+    rig.peer.boots.clear()
+    rig.mend()
+    rig.boot_tells("BROWN_OUT")
+    rig.peer.hello()
+    rig.latched(RESET, moves=False)
+    assert rig.plant.drive.pulse_starts == starts
 
 
 def test_a_supply_that_goes_is_told_and_leaves_the_machine_at_rest(rig: Rig) -> None:
@@ -457,6 +558,25 @@ def test_a_slow_converter_that_stops_is_an_amplifier_that_failed(rig: Rig) -> No
     assert rig.ticks_until_off(5) == 1
     assert rig.peer.fault(0.5)["code"] == PIEZO_OV
     rig.latched(PIEZO_OV)
+
+
+@pytest.mark.parametrize("phase", range(0, 10_500, 700))
+def test_a_slow_converter_that_comes_back_has_every_channel_in_its_place(shared_rig: Rig, phase: int) -> None:
+    """Wherever a scan is when the program starts the stream anew: some of these are in the middle of one."""
+    rig = shared_rig
+    if phase == 0:
+        rig.mend()
+        acts.settle(rig.peer)
+    before = rig.peer.ok("GET_STATUS")
+    rig.bench.scan_phase, rig.bench.slow_stuck = phase, 1
+    rig.controller.advance(7)
+    assert rig.peer.ok("GET_STATUS").temperature_c != pytest.approx(before.temperature_c, abs=1.0)
+    rig.bench.slow_stuck = 0
+    rig.controller.advance(5)
+    status = rig.peer.ok("GET_STATUS")
+    rig.bench.scan_phase = 0
+    for name in ("monitor_v", "displacement_um", "temperature_c", "flow_lpm"):
+        assert status.fields[name] == pytest.approx(before.fields[name], abs=1.0), name
 
 
 def test_an_actuator_that_does_not_follow_is_told(rig: Rig) -> None:

@@ -25,7 +25,7 @@ FLASH, SRAM, CCM = 0x08000000, 0x20000000, 0x10000000
 KB = 1024
 FLASH_MOST, RAM_MOST, STACK_MOST = 96 * KB, 220 * KB, 2 * KB
 FRAME = 108  # of an exception that finds floats in use (PM0214 2.3.7)
-VECTORS, TIM7 = 107, 16 + 55
+VECTORS, PVD, TIM7 = 107, 16 + 1, 16 + 55
 
 
 @pytest.fixture(scope="module", params=COMPILERS)
@@ -50,20 +50,17 @@ def test_the_vectors_are_at_the_begin_of_the_flash(image: Elf) -> None:
         image.symbols[f"{name}_handler"] & ~1 for name in handlers
     ]
     assert vectors[TIM7] & ~1 == image.symbols["main_tick"] & ~1
-    others = [word for i, word in enumerate(vectors) if i > 6 and i != TIM7]
+    assert vectors[PVD] & ~1 == image.symbols["supply_handler"] & ~1
+    others = [word for i, word in enumerate(vectors) if i > 6 and i not in (PVD, TIM7)]
     assert {word & ~1 for word in others} == {image.symbols["other_handler"] & ~1}
     assert all(word & 1 for word in vectors[1:])
     assert image.entry & ~1 == image.symbols["reset_handler"] & ~1
 
 
 def test_stacks_and_guard(image: Elf) -> None:
-    """The guard is below the stack of the main loop, at a multiple of its size."""
-    at = {
-        name: image.symbols[name] for name in ("guard_begin", "guard_end", "loop_stack_top", "main_stack_top")
-    }
-    assert at["guard_begin"] % KB == 0
-    assert (at["guard_end"] - at["guard_begin"], at["loop_stack_top"] - at["guard_end"]) == (KB, 3 * KB)
-    assert at["main_stack_top"] - at["loop_stack_top"] == KB
+    """The main stack is the lowest memory there is, the guard below the main loop's at a multiple of its size."""
+    names = ("main_stack_end", "main_stack_top", "guard_begin", "guard_end", "loop_stack_top")
+    assert [image.symbols[name] - SRAM for name in names] == [0, KB, KB, 2 * KB, 5 * KB]
 
 
 def test_memory_is_where_dma_and_resets_need_it(image: Elf) -> None:

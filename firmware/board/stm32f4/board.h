@@ -19,12 +19,15 @@
 #define NO_INIT __attribute__((section(".noinit")))
 #define IN_CCM __attribute__((section(".ccm")))
 
-/* startup.c: why a fault handler ended the run before. */
-enum crash { CRASH_NONE, CRASH_NMI, CRASH_HARD, CRASH_MEMORY, CRASH_BUS, CRASH_USAGE, CRASH_IRQ };
+/* startup.c: why a fault handler, or the supply, ended the run before. */
+enum crash { CRASH_NONE, CRASH_NMI, CRASH_HARD, CRASH_MEMORY, CRASH_BUS, CRASH_USAGE, CRASH_IRQ, CRASH_SUPPLY };
 _Noreturn void startup_restart(void);
 
 /* clock.c */
 void clock_start(void);
+
+/* supply.c */
+void supply_start(void);
 
 /* pins.c */
 void pins_start(void);
@@ -69,6 +72,7 @@ void inputs_toggle_alive(void);
 void stages_begin(bool kept);
 void stages_tell(struct edm_controller *c);
 void stages_put(void);
+void stages_halt(void);
 void stages_plan(const struct edm_controller *c);
 bool stages_move(void);
 
@@ -77,7 +81,7 @@ const struct edm_persistent *keep_words(void);
 uint8_t keep_cause(void);
 
 /* watch.c */
-void watch_guard_stack(void);
+void watch_guard_stacks(void);
 void watch_start(void);
 void watch_run(void);
 void watch_feed(void);

@@ -63,10 +63,11 @@ uint8_t keep_cause(void) {
     crash_before = crash_word;
     crash_word = CRASH_NONE;
     bool crashed = crash_before != CRASH_NONE && crash_before <= CRASH_IRQ;
+    bool starved = crash_before == CRASH_SUPPLY;
     if ((flags & RCC_CSR_PORRSTF) != 0) {
         return RESET_CAUSE_POWER_ON;
     }
-    if ((flags & RCC_CSR_BORRSTF) != 0) {
+    if (starved || (flags & RCC_CSR_BORRSTF) != 0) {
         return RESET_CAUSE_BROWN_OUT;
     }
     if (crashed || (flags & (RCC_CSR_IWDGRSTF | RCC_CSR_WWDGRSTF | RCC_CSR_LPWRRSTF)) != 0) {

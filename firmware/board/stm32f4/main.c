@@ -10,13 +10,15 @@ static struct measure measure;
 static volatile uint32_t begun;    /* milliseconds that the tick has begun */
 static volatile uint32_t finished; /* and that the main loop has done with */
 
-/* TIM7, every millisecond. A main loop that is late gets no other chance: gate off, and the watchdogs are not fed. */
+/* TIM7, every millisecond. A main loop that is late gets no other chance: gate off, stages stopped, and the watchdogs are
+ * not fed. */
 void main_tick(void) {
     TIM7->SR = ~TIM_SR_UIF;
     static bool late;
     late = late || finished != begun;
     if (late) {
         gate_lock();
+        stages_halt();
         return;
     }
     stages_put();
@@ -122,6 +124,7 @@ static void start_core(struct edm_controller *c) {
 
 _Noreturn void main_run(void) {
     watch_start();
+    supply_start();
     clock_start();
     clocks_on(&RCC->AHB1ENR, RCC_AHB1_CCM | 0x7Fu); /* ports A to G */
     barrier();

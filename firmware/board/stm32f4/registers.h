@@ -73,8 +73,18 @@ struct pwr {
     reg32 CR, CSR;
 };
 #define PWR AT(struct pwr, 0x40007000u)
+#define PWR_CR_PVDE (1u << 4)
+#define PWR_CR_PLS_6 (6u << 5) /* 2.93 V falling, 3.03 V rising (data sheet of the STM32F427/429, 6.3.5) */
 #define PWR_CR_DBP (1u << 8)
 #define PWR_CR_VOS_1 (3u << 14)
+#define PWR_CSR_PVDO (1u << 2) /* the supply is below it */
+
+/* External interrupts: RM0090 12.3. Line 16 is the output of the voltage detector. */
+struct exti {
+    reg32 IMR, EMR, RTSR, FTSR, SWIER, PR;
+};
+#define EXTI AT(struct exti, 0x40013C00u)
+#define EXTI_PVD (1u << 16)
 
 /* Flash: RM0090 3.9. */
 struct flash {
@@ -117,6 +127,7 @@ struct timer {
 #define TIM_CCMR1_CC1_TI1 (1u << 0)
 #define TIM_CCMR1_CC2_TI1 (2u << 8)
 #define TIM_CCMR1_OC1_PWM1 (6u << 4 | 1u << 3) /* with preload */
+#define TIM_CCMR1_OC1_PWM2_PRELOAD (7u << 4 | 1u << 3)
 #define TIM_CCMR1_OC1CE (1u << 7)
 #define TIM_CCMR1_OC2_PWM2 (7u << 12)
 #define TIM_CCMR2_CC4_TI4 (1u << 8)
@@ -225,6 +236,11 @@ struct wwdg {
 #define WWDG AT(struct wwdg, 0x40002C00u)
 #define WWDG_CR_WDGA (1u << 7)
 
+/* What stands still while a debugger halts the core: RM0090 38.16.4. Only the supply resets it. */
+#define DBGMCU_APB1_FZ AT(reg32, 0xE0042008u)
+#define DBGMCU_APB1_FZ_WWDG (1u << 11)
+#define DBGMCU_APB1_FZ_IWDG (1u << 12)
+
 /* Backup registers: RM0090 26.6.20. */
 #define RTC_BKP AT(reg32, 0x40002850u)
 
@@ -233,6 +249,7 @@ struct wwdg {
 
 /* Cortex-M4: PM0214 4.3 (NVIC), 4.4 (system control block), 4.2 (MPU), 4.6 (FPU). */
 #define NVIC_ISER AT(reg32, 0xE000E100u)
+#define NVIC_IPR AT(volatile uint8_t, 0xE000E400u) /* the upper four bits; less comes first */
 #define SCB_VTOR AT(reg32, 0xE000ED08u)
 #define SCB_AIRCR AT(reg32, 0xE000ED0Cu)
 #define SCB_AIRCR_RESET (0x05FA0000u | 1u << 2)
@@ -245,9 +262,11 @@ struct wwdg {
 #define MPU_RNR AT(reg32, 0xE000ED98u)
 #define MPU_RBAR AT(reg32, 0xE000ED9Cu)
 #define MPU_RASR AT(reg32, 0xE000EDA0u)
+#define SRAM_AT 0x20000000u /* RM0090 2.3.1; below it is nothing */
 #define MPU_RASR_CLOSED_1K (1u << 28 | 9u << 1 | 1u) /* no access, no execution, 2^(9+1) bytes */
 
-#define IRQ_TIM7 55 /* RM0090 12.2, table 62 */
+#define IRQ_PVD 1 /* RM0090 12.2, table 62 */
+#define IRQ_TIM7 55
 
 static inline void interrupts_off(void) {
     __asm__ volatile("cpsid i" ::: "memory");

@@ -7,6 +7,7 @@
 #define SLOW_HALFWORDS (SCANS * SLOW_CHANNELS)
 #define SLOW_PER_MS (16u * SLOW_CHANNELS)
 #define SLOW_SLACK 8u
+#define SCAN_COUNTS (84000u / 16u) /* of TIM4, between two scans */
 #define SAMPLES_PER_MS 1000u
 #define LAG_MOST 2         /* samples that a look may find more or less than time has passed */
 #define LAST_LOOK 1050u    /* samples that come until the program has looked at those of a millisecond */
@@ -99,11 +100,29 @@ static void start_slow(void) {
     ADC3->CR2 |= ADC_CR2_DMA;
 }
 
-static void restart_slow(void) {
-    ADC3->CR2 &= ~ADC_CR2_DMA;
+/* 3 us at least, until converters that were switched on are steady. */
+static void wait_until_steady(void) {
+    for (volatile uint32_t i = 0; i < 200u; i++) {
+    }
+}
+
+/* With TIM4 off: starts the stream anew, from the first channel on. A converter that is switched off forgets where in its
+ * sequence it was; else the rest of a scan under way would come first, and every channel stand in another's place. */
+static void reset_slow(void) {
+    ADC3->CR2 &= ~(ADC_CR2_DMA | ADC_CR2_ADON);
     stop_stream(SLOW);
     ADC3->SR = ~ADC_SR_OVR;
+    ADC3->CR2 |= ADC_CR2_ADON;
+    wait_until_steady();
     start_slow();
+}
+
+/* TIM4 goes on where it would be: its scans stand to the tick as before. */
+static void restart_slow(void) {
+    TIM4->CR1 = 0;
+    reset_slow();
+    TIM4->CNT = (TIM5->CNT - now) % SCAN_COUNTS;
+    TIM4->CR1 = TIM_CR1_CEN;
 }
 
 /* Sampling times: 3 cycles for the gap, 15 of 21 a sample; 84 for slow channels. ADC clock: 21 MHz (36 at most). */
@@ -119,8 +138,7 @@ static void start_adcs(void) {
     ADC3->SQR1 = ADC_SQR1_L(4);
     ADC3->SQR3 = 9u | 15u << 5 | 8u << 10 | 14u << 15; /* in the order of enum slow */
     ADC1->CR2 = ADC2->CR2 = ADC3->CR2 = ADC_CR2_ADON;
-    for (volatile uint32_t i = 0; i < 200u; i++) { /* 3 us at least, until they are steady */
-    }
+    wait_until_steady();
     start_slow();
     ADC3->CR2 |= ADC_CR2_DDS | ADC_CR2_EXTSEL_TIM4_CC4 | ADC_CR2_EXTEN_RISING;
     start_samples();
@@ -156,8 +174,8 @@ void sampling_start(void) {
     bool holds = keep.stopped;
     samples = holds ? (struct samples){.ring = rest_ring, .size = REST_RING}
                     : (struct samples){.ring = wave_ring, .size = WAVE_RING};
-    TIM4->ARR = 84000u / 16u - 1u;
-    TIM4->CCR[3] = 84000u / 32u;
+    TIM4->ARR = SCAN_COUNTS - 1u;
+    TIM4->CCR[3] = SCAN_COUNTS / 2u;
     TIM4->CCMR2 = TIM_CCMR2_OC4_PWM1;
     TIM4->CCER = TIM_CCER_CC4E;
     TIM8->ARR = CPU_HZ / 1000000u - 1u;
@@ -180,8 +198,7 @@ void sampling_start(void) {
 /* Starts the clock: timers and tick one behind the other. TIM8 begins at its end, so sample k is of k us. */
 void sampling_run(void) {
     interrupts_off();
-    stop_stream(SLOW);
-    restart_slow();
+    reset_slow();
     TIM2->CNT = TIM4->CNT = TIM5->CNT = TIM7->CNT = 0;
     TIM8->CNT = TIM8->ARR;
     scans.at = 0;

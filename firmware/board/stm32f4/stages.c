@@ -1,12 +1,17 @@
 /* Steps of the stages: each timer makes n pulses in a millisecond by PWM (TIM10, TIM11, TIM13: RM0090 19.3.9). What the
- * program plans acts from the next tick on. A change of direction waits for one millisecond without steps. */
+ * program plans acts from the next tick on. A change of direction waits for one millisecond without steps.
+ * PWM mode 2: a period begins low and its pin rises in the middle, so a tick that restarts the timer early or late, by up
+ * to a quarter of a period, finds the same n rising edges. With the compare value beyond the period there are none. */
 #include "board.h"
 
 #define AXES 3
 #define STEP_KHZ 42000u    /* counts of the timers in a millisecond, behind their dividers */
 #define MOST_STEPS EDM_MOST_STEPS_PER_MS
 
-_Static_assert(MOST_STEPS <= 140, "the last pulse of a millisecond has ended when the next one begins");
+#define NEVER_HIGH STEP_KHZ    /* compare value: beyond every period */
+
+/* Rounding of the period moves the last rising edge by MOST_STEPS / 2 counts at most. */
+_Static_assert(MOST_STEPS <= 140, "a restart by a quarter of a period early or late finds the same steps");
 
 struct axis {
     int32_t at, target;    /* steps */
@@ -17,18 +22,21 @@ struct axis {
     bool travels;
 };
 static struct axis axes[AXES];
+static int32_t made[AXES]; /* steps of this millisecond */
 static bool follows;       /* X and Y go where the core says */
 static bool leaves;        /* and this was the last place of it */
 
-/* Where the stages stand, steps: outlasts a reset of the chip, in which they do not move. */
+/* Where the stages stand, steps: outlasts a reset of the chip. Steps are counted before they are made, so a reset in motion
+ * leaves a place that nobody knows. */
 #define STANDS_MAGIC 0x53544147u
 NO_INIT struct {
     int32_t at[AXES];
+    uint32_t moves;        /* steps are being made, or will be with the next tick */
     uint32_t check;
 } stands_before;
 
 static uint32_t check_of_stands(void) {
-    uint32_t check = STANDS_MAGIC;
+    uint32_t check = STANDS_MAGIC + stands_before.moves;
     for (int axis = 0; axis < AXES; axis++) {
         check = (check << 7 | check >> 25) + (uint32_t)stands_before.at[axis];
     }
@@ -36,8 +44,10 @@ static uint32_t check_of_stands(void) {
 }
 
 static void note_stands(void) {
+    stands_before.moves = 0;
     for (int axis = 0; axis < AXES; axis++) {
         stands_before.at[axis] = axes[axis].at;
+        stands_before.moves |= (uint32_t)(axes[axis].planned | made[axis]);
     }
     stands_before.check = check_of_stands();
 }
@@ -60,9 +70,10 @@ static int32_t steps_of(int axis, real place) {
     return (int32_t)nearest(within(place / step_of(axis), most_steps));
 }
 
-/* Starts the timers. The stages stand where they stood before a reset; when the supply comes, where they are parked. */
+/* Starts the timers, all pins low. The stages stand where they stood before a reset; after one in motion, and when the
+ * supply comes, they are taken to be where they are parked. */
 void stages_begin(bool kept) {
-    bool known = kept && stands_before.check == check_of_stands();
+    bool known = kept && stands_before.check == check_of_stands() && stands_before.moves == 0;
     const int32_t parked[AXES] = {steps_of(AXIS_X, EDM_PARKED_X_UM), 0, 0};
     for (int axis = 0; axis < AXES; axis++) {
         axes[axis].at = axes[axis].target = known ? stands_before.at[axis] : parked[axis];
@@ -74,25 +85,32 @@ void stages_begin(bool kept) {
     TIM13->PSC = CPU_HZ / 2000u / STEP_KHZ - 1u;
     for (int axis = 0; axis < AXES; axis++) {
         struct timer *timer = timer_of(axis);
-        timer->CCMR1 = TIM_CCMR1_OC1_PWM1;
-        timer->CCER = TIM_CCER_CC1E;
+        timer->CCR[0] = NEVER_HIGH; /* before the mode: in this one, 0 is high all the time */
+        timer->CCMR1 = TIM_CCMR1_OC1_PWM2_PRELOAD;
         timer->ARR = STEP_KHZ - 1u;
         timer->EGR = TIM_EGR_UG;
+        timer->CCER = TIM_CCER_CC1E;
         timer->CR1 = TIM_CR1_ARPE | TIM_CR1_CEN;
     }
 }
 
-/* In the tick: puts out the planned steps. Periods are rounded up, so that the last pulse ends and no other one begins. */
+/* In the tick: puts out the planned steps. The nearest period: n of them end within n / 2 counts of a millisecond. */
 void stages_put(void) {
     for (int axis = 0; axis < AXES; axis++) {
         struct timer *timer = timer_of(axis);
         uint32_t n = (uint32_t)axes[axis].planned;
-        uint32_t period = n > 0 ? (STEP_KHZ + n - 1u) / n : STEP_KHZ;
+        uint32_t period = n > 0 ? (STEP_KHZ + n / 2u) / n : STEP_KHZ;
         pins_put(direction_of(axis), axes[axis].plus);
         timer->ARR = period - 1u;
-        timer->CCR[0] = n > 0 ? period / 2u : 0;
+        timer->CCR[0] = n > 0 ? period / 2u : NEVER_HIGH;
         timer->EGR = TIM_EGR_UG;
+        made[axis] = axes[axis].planned;
     }
+}
+
+/* In a tick that plans nothing: the timers would go on with the steps of the millisecond before. */
+void stages_halt(void) {
+    TIM10->CR1 = TIM11->CR1 = TIM13->CR1 = 0;
 }
 
 /* Steps of an axis in the next millisecond: towards its target, `most` at most. */
@@ -163,7 +181,7 @@ void hal_stage_start(void *board, uint8_t axis, real target, real speed) {
     a->travels = a->at != a->target;
 }
 
-/* Stops at once: nothing is planned any more; what runs are the steps of this millisecond. The axis knows where it stands_before. */
+/* Stops at once: nothing is planned any more; what runs are the steps of this millisecond. The axis knows where it stands. */
 void hal_stage_stop(void *board, uint8_t axis, real at) {
     (void)board;
     (void)at;

@@ -18,6 +18,7 @@ void memory_fault_handler(void);
 void bus_fault_handler(void);
 void usage_fault_handler(void);
 void other_handler(void);
+void supply_handler(void);
 
 typedef void (*vector)(void);
 struct vectors {
@@ -63,6 +64,7 @@ HANDLER(memory_fault_handler, CRASH_MEMORY)
 HANDLER(bus_fault_handler, CRASH_BUS)
 HANDLER(usage_fault_handler, CRASH_USAGE)
 HANDLER(other_handler, CRASH_IRQ)
+HANDLER(supply_handler, CRASH_SUPPLY)
 
 /* Memory, as C asks for it; then the main loop on its own stack. */
 __attribute__((used)) void startup_begin(void) {
@@ -77,7 +79,7 @@ __attribute__((used)) void startup_begin(void) {
         *to++ = 0;
     }
     *SCB_SHCSR |= SCB_SHCSR_FAULTS;
-    watch_guard_stack();
+    watch_guard_stacks();
     main_run();
 }
 
@@ -98,6 +100,7 @@ __attribute__((section(".vectors"), used)) const struct vectors vectors = {
     .system = {reset_handler, nmi_handler, hard_fault_handler, memory_fault_handler, bus_fault_handler,
                usage_fault_handler, other_handler, other_handler, other_handler, other_handler, other_handler,
                other_handler, other_handler, other_handler, other_handler},
-    .interrupts = {[0 ... IRQ_TIM7 - 1] = other_handler, [IRQ_TIM7] = main_tick,
+    .interrupts = {[0 ... IRQ_PVD - 1] = other_handler, [IRQ_PVD] = supply_handler,
+                   [IRQ_PVD + 1 ... IRQ_TIM7 - 1] = other_handler, [IRQ_TIM7] = main_tick,
                    [IRQ_TIM7 + 1 ... INTERRUPTS - 1] = other_handler},
 };

@@ -1,4 +1,4 @@
-/* What ends a program that hangs: two watchdogs (RM0090 21 and 22) and a guard below the stack (MPU, PM0214 4.2). */
+/* What ends a program that hangs: two watchdogs (RM0090 21 and 22) and a guard below each stack (MPU, PM0214 4.2). */
 #include "board.h"
 
 #define PRESCALER_4 0u      /* of 32 kHz */
@@ -10,11 +10,17 @@
 
 extern uint8_t guard_begin[];
 
-/* Closes the kilobyte below the stack of the main loop. */
-void watch_guard_stack(void) {
-    *MPU_RNR = 0;
-    *MPU_RBAR = (uint32_t)(uintptr_t)guard_begin;
+static void close_kilobyte(uint32_t region, uint32_t at) {
+    *MPU_RNR = region;
+    *MPU_RBAR = at;
     *MPU_RASR = MPU_RASR_CLOSED_1K;
+}
+
+/* Closes the kilobyte below each stack; that of the interrupts is the first thing in the SRAM, so what is below it is no
+ * memory, and costs none. */
+void watch_guard_stacks(void) {
+    close_kilobyte(0, (uint32_t)(uintptr_t)guard_begin);
+    close_kilobyte(1, SRAM_AT - 1024u);
     *MPU_CTRL = MPU_CTRL_ON;
     barrier();
 }
@@ -42,7 +48,9 @@ void watch_run(void) {
     WWDG->CR = WWDG_CR_WDGA | WINDOW_COUNT;
 }
 
+/* In the tick. A debugger that stops the watchdogs with the core would leave the gate to its timer: that is taken back. */
 void watch_feed(void) {
+    *DBGMCU_APB1_FZ &= ~(DBGMCU_APB1_FZ_WWDG | DBGMCU_APB1_FZ_IWDG);
     IWDG->KR = IWDG_KR_FEED;
     WWDG->CR = WWDG_CR_WDGA | WINDOW_COUNT;
 }
