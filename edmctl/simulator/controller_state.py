@@ -115,6 +115,7 @@ class LoopState(Record):
     command_v: float
     target_v: float
     ramp_v_s: float
+    feeds: int  # 1: a ramp towards the work
     rate_v_s: float  # of the servo
     slewed: int
     limit_ticks: int

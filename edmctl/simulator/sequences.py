@@ -65,7 +65,7 @@ def sequence_tick(settings: Settings, loop: LoopState, drive: Drive, readings: R
     if mode == HOLD:
         return NOTHING
     if mode == RAMP:
-        if readings.contact == 1 and loop.target_v > loop.command_v:
+        if readings.contact == 1 and loop.feeds == 1:
             return FAULT_COLLISION
         return end_motion(loop, drive, RAMP_DONE) if loop.command_v == loop.target_v else NOTHING
     if loop.limit_ticks > LIMIT_TICKS_MAX:

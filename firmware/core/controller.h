@@ -159,6 +159,7 @@ struct edm_motion {
     real start_z_um, z_max_um;
     int32_t limit_ticks; /* beyond piezo_max_v */
     bool slewed;
+    bool feeds;          /* a ramp towards the work */
     bool gate_open;      /* as hal_gate was told; drive.pulses_on may be ahead of it until the millisecond begins */
 };
 

@@ -46,6 +46,7 @@ void motion_ramp(struct edm_controller *c, real target_v, real slew_v_s) {
     scan_end(c);
     c->motion.target_v = target_v;
     c->motion.ramp_v_s = slew_v_s;
+    c->motion.feeds = target_v > c->drive.actuator_v;
     motion_enter(c, RAMP);
 }
 
@@ -145,7 +146,7 @@ int motion_tick(struct edm_controller *c) {
         return NOTHING;
     }
     if (m->mode == RAMP) {
-        if (c->readings.contact && m->target_v > m->command_v) {
+        if (c->readings.contact && m->feeds) {
             return FAULT_COLLISION;
         }
         bool there = !(m->command_v < m->target_v || m->command_v > m->target_v);

@@ -1,0 +1,72 @@
+"""L32: what a motion does that meets the work, or cannot tell where it is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tests.conformance import layouts
+from tests.conformance.acts import WORK_X_UM, arm, move_x
+from tests.conformance.peer import STATUS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tests.conformance.layouts import Fields
+    from tests.conformance.peer import Peer
+
+COLLISION = 2007
+CONTACT = layouts.enum("TlmFlags")["CONTACT"]
+TLM = layouts.ANSWERS[layouts.NAMES["TLM"]]
+
+
+def rows(peer: Peer) -> dict[int, Fields]:
+    """Samples of 1 ms by their time, µs."""
+    return {
+        frame["t0_us"] + 1000 * number: TLM.read_record(record)
+        for frame in peer.telemetry
+        for number, record in enumerate(frame["records"])
+    }
+
+
+def ramps_to(peer: Peer, actuator_v: float, slew_v_s: float = 1000.0) -> bool:
+    """PIEZO_SET to its end; False where a fault ends it."""
+    peer.ok("PIEZO_SET", actuator_v=actuator_v, slew_v_s=slew_v_s)
+    assert peer.wait(lambda: peer.ended("MOVE_DONE") or peer.faults, 5.0, 0.001), peer.story(
+        "PIEZO_SET does not end", "motions"
+    )
+    return not peer.faults
+
+
+def test_l32_small_ramps_end_at_the_work_as_large_ones_do(over_work: Peer) -> None:
+    """A ramp of one millisecond has no other than its last, which is judged too."""
+    peer = over_work
+    arm(peer)
+    move_x(peer, WORK_X_UM)
+    peer.ok("TLM_START", period_us=1000, batch=1)
+    for volts in range(1, 60):
+        if not ramps_to(peer, float(volts)):
+            break
+    fault = peer.fault(0.5)
+    peer.pump(0.05)
+    closed = [t_us for t_us, row in rows(peer).items() if row["flags"] & CONTACT]
+    assert fault["code"] == COLLISION
+    assert min(closed) == fault["t_us"], peer.story(
+        f"contact at {min(closed)} us, fault at {fault['t_us']} us", "motions"
+    )
+
+
+def test_l32_a_ramp_towards_the_work_does_not_begin_in_contact(
+    peer: Peer, inject: Callable[[str], None]
+) -> None:
+    arm(peer)
+    assert ramps_to(peer, 30.0)
+    inject("CONTACT_INVERTED@0")
+    peer.pump(0.01)
+    for volts in (10.0, 10.0):
+        assert ramps_to(peer, volts), peer.story("no way back out of contact", "motions")
+    reply = peer.command("PIEZO_SET", actuator_v=11.0, slew_v_s=1000.0)
+    assert reply.status == STATUS["OK"]
+    assert [f["code"] for f in peer.faults] == [COLLISION], peer.story(
+        "FAULT does not come before the reply", "events"
+    )
+    assert peer.ok("GET_STATUS").actuator_v <= 10.0, peer.story("the tool moved", "motions")
