@@ -210,6 +210,7 @@ struct edm_touch {
     real rest;           /* of the sum: what float has rounded away so far, as everything that is called so */
     int64_t count;
     int32_t number, left;
+    int32_t open_ticks;  /* at rest after a back-off, in a row without contact */
     real test_off_v;
 };
 
