@@ -96,7 +96,7 @@ class MotionCommands:
     def _approach(self, request: m.Approach) -> Outcome:
         if self._c.state is not State.ARMED or not self._c.pulses_allowed:
             return Status.BAD_STATE, b""
-        if request.speed_um_s <= 0.0:
+        if request.speed_um_s <= 0.0 or request.gap_ref_v <= 0.0:
             return Status.OUT_OF_RANGE, b""
         loop = self._c.loop
         loop.gap_ref_v = request.gap_ref_v

@@ -50,7 +50,7 @@ def command_tick(settings: Settings, loop: LoopState, drive: Drive, readings: Re
         step = loop.ramp_v_s * TICK_S
         v = min(loop.target_v, v + step) if loop.target_v > v else max(loop.target_v, v - step)
     elif mode == APPROACH:
-        if loop.phase >= SETTLE_TICKS:
+        if loop.phase >= SETTLE_TICKS and loop.shorted == 0:
             v += loop.slow_v_s * TICK_S
     elif mode == JUMP_UP:
         v = loop.start_v - loop.jump_v * s_curve(loop.phase + 1, loop.phase_ticks)

@@ -90,7 +90,7 @@ static real wanted_command(struct edm_controller *c) {
     case TOUCH_BACK:
         return ramp_command(m);
     case APPROACH:
-        return m->phase >= SETTLE_TICKS ? sloped(m, m->slow_v_s) : m->command_v;
+        return m->phase >= SETTLE_TICKS && !c->gap.shorted ? sloped(m, m->slow_v_s) : m->command_v;
     case JUMP_UP:
     case JUMP_DOWN:
         return jump_command(c);

@@ -86,7 +86,7 @@ static uint8_t approach(struct edm_controller *c, const struct edm_frame *frame)
     if (c->state != STATE_ARMED || !c->pulses_allowed) {
         return STATUS_BAD_STATE;
     }
-    if (request.speed_um_s <= 0) {
+    if (request.speed_um_s <= 0 || request.gap_ref_v <= 0) {
         return STATUS_OUT_OF_RANGE;
     }
     c->servo.gap_ref_v = request.gap_ref_v;

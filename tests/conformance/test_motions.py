@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from tests.conformance import layouts
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from tests.conformance.layouts import Fields
     from tests.conformance.peer import Peer
 
-COLLISION = 2007
+COLLISION, SHORT_STUCK = 2007, 3001
 CONTACT = layouts.enum("TlmFlags")["CONTACT"]
 TLM = layouts.ANSWERS[layouts.NAMES["TLM"]]
 
@@ -70,3 +71,25 @@ def test_l32_a_ramp_towards_the_work_does_not_begin_in_contact(
         "FAULT does not come before the reply", "events"
     )
     assert peer.ok("GET_STATUS").actuator_v <= 10.0, peer.story("the tool moved", "motions")
+
+
+def test_l32_an_approach_does_not_advance_into_a_short(over_work: Peer) -> None:
+    """With a reference that no short reaches it stands at the work, until that is a fault."""
+    peer = over_work
+    arm(peer)
+    peer.ok("PULSE_ENABLE", on=1)
+    peer.refused("APPROACH", "OUT_OF_RANGE", speed_um_s=10.0, max_travel_um=120.0, gap_ref_v=0.0)
+    move_x(peer, WORK_X_UM)
+    peer.ok("TLM_START", period_us=1000, batch=14)
+    peer.ok("APPROACH", speed_um_s=10.0, max_travel_um=120.0, gap_ref_v=0.005)
+    assert peer.fault(20.0)["code"] == SHORT_STUCK
+    peer.pump(0.05)
+    states, shorted = layouts.enum("State"), layouts.enum("TlmFlags")["SHORTED"]
+    volts = [
+        (row["flags"] & shorted, row["actuator_v"])
+        for _, row in sorted(rows(peer).items())
+        if row["state"] == states["APPROACH"]
+    ]
+    after = [b - a for (flag, a), (_, b) in pairwise(volts) if flag]
+    assert len(after) > 2000
+    assert max(after) == 0.0, peer.story(f"{sum(map(bool, after))} steps into a short", "motions")
