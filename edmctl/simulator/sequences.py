@@ -112,7 +112,8 @@ def approach_tick(loop: LoopState, drive: Drive) -> int:
         return NOTHING
     if loop.gap_v <= loop.gap_ref_v:
         return end_motion(loop, drive, SPARK_FOUND)
-    if loop.slow_displacement_um - loop.start_z_um > loop.z_max_um:
+    z_um = loop.slow_displacement_um
+    if z_um >= DISPLACEMENT_FAILED_UM or z_um - loop.start_z_um > loop.z_max_um:
         return FAULT_NO_SPARK
     return NOTHING
 
@@ -212,7 +213,7 @@ def touch_tick(settings: Settings, loop: LoopState, drive: Drive, readings: Read
         return FAULT_MODE_SWITCH
     if readings.contact == 1 and loop.tick_gap_v > settings.short_v:
         return FAULT_GAP_SENSOR
-    if loop.slow_displacement_um > loop.z_max_um:
+    if loop.slow_displacement_um >= DISPLACEMENT_FAILED_UM or loop.slow_displacement_um > loop.z_max_um:
         return FAULT_NO_CONTACT
     if mode == TOUCH_FAST:
         if readings.contact == 1:

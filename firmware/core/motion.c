@@ -132,7 +132,8 @@ static int approach_tick(struct edm_controller *c) {
     if (c->gap.gap_v <= c->servo.gap_ref_v) {
         return motion_end(c, SPARK_FOUND);
     }
-    if (c->gap.slow_displacement_um - c->motion.start_z_um > c->motion.z_max_um) {
+    real z_um = c->gap.slow_displacement_um;
+    if (z_um >= DISPLACEMENT_FAILED_UM || z_um - c->motion.start_z_um > c->motion.z_max_um) {
         return FAULT_NO_SPARK;
     }
     return NOTHING;

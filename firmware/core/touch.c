@@ -61,7 +61,7 @@ int touch_tick(struct edm_controller *c) {
     if (contact && c->gap.tick_gap_v > c->settings.short_v) {
         return FAULT_GAP_SENSOR;
     }
-    if (c->gap.slow_displacement_um > m->z_max_um) {
+    if (c->gap.slow_displacement_um >= DISPLACEMENT_FAILED_UM || c->gap.slow_displacement_um > m->z_max_um) {
         return FAULT_NO_CONTACT;
     }
     if (m->mode == TOUCH_FAST) {

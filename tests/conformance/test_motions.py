@@ -5,8 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+import pytest
+
 from tests.conformance import layouts
-from tests.conformance.acts import WORK_X_UM, arm, move_x
+from tests.conformance.acts import DUTY_V, WORK_X_UM, arm, move_x
 from tests.conformance.peer import STATUS
 
 if TYPE_CHECKING:
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
     from tests.conformance.layouts import Fields
     from tests.conformance.peer import Peer
 
-COLLISION, SHORT_STUCK = 2007, 3001
+NO_CONTACT, COLLISION, SHORT_STUCK, NO_SPARK = 2005, 2007, 3001, 3005
 CONTACT = layouts.enum("TlmFlags")["CONTACT"]
 TLM = layouts.ANSWERS[layouts.NAMES["TLM"]]
 
@@ -93,3 +95,29 @@ def test_l32_an_approach_does_not_advance_into_a_short(over_work: Peer) -> None:
     after = [b - a for (flag, a), (_, b) in pairwise(volts) if flag]
     assert len(after) > 2000
     assert max(after) == 0.0, peer.story(f"{sum(map(bool, after))} steps into a short", "motions")
+
+
+def _touches(peer: Peer) -> None:
+    values = {"fast_um_s": 5.0, "fast_to_um": 2_100_000.0, "speed_um_s": 5.0, "z_max_um": 2_147_000.0}
+    peer.ok("TOUCH_OFF", **values, back_off_um=5.0, dwell_s=0.3, touches=1)
+
+
+def _approaches(peer: Peer) -> None:
+    peer.ok("PULSE_ENABLE", on=1)
+    peer.ok("APPROACH", speed_um_s=5.0, max_travel_um=4_200_000.0, gap_ref_v=0.9 * DUTY_V)
+    peer.pump(0.2)
+
+
+@pytest.mark.parametrize(("begins", "code"), [(_touches, NO_CONTACT), (_approaches, NO_SPARK)])
+def test_l32_no_limit_is_beyond_a_displacement_that_has_failed(
+    peer: Peer, inject: Callable[[str], None], begins: Callable[[Peer], None], code: int
+) -> None:
+    arm(peer)
+    begins(peer)
+    peer.pump(0.1)
+    assert not peer.faults
+    before_us = peer.fresh_beat()["t_dev_us"]
+    inject("SENSOR_OPEN@0")
+    fault = peer.fault(0.5)
+    assert fault["code"] == code
+    assert (fault["t_us"] - before_us) % 2**32 <= 5000 or not peer.exact
