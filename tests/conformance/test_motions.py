@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.conformance import layouts
-from tests.conformance.acts import DUTY_V, WORK_X_UM, arm, move_x
-from tests.conformance.peer import STATUS
+from tests.conformance.acts import DUTY_V, WORK_X_UM, arm, move_x, set_parameters
+from tests.conformance.peer import STATE, STATUS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -121,3 +121,22 @@ def test_l32_no_limit_is_beyond_a_displacement_that_has_failed(
     fault = peer.fault(0.5)
     assert fault["code"] == code
     assert (fault["t_us"] - before_us) % 2**32 <= 5000 or not peer.exact
+
+
+@pytest.mark.parametrize("limit_v_s", [33.333, 337.25, 1000.0, 20_000.0])
+def test_l32_a_ramp_is_slew_limited_where_it_asks_for_more_alone(peer: Peer, limit_v_s: float) -> None:
+    """What rounding makes of a step of the sum is no more."""
+    more_v_s = limit_v_s + 0.001 + 1e-6 * limit_v_s  # a board may reckon with 24 bits
+    slew_limited = layouts.enum("TlmFlags")["SLEW_LIMITED"]
+    arm(peer, set_parameters(peer, slew_limit_v_s=round(1000 * limit_v_s)))
+    peer.ok("TLM_START", period_us=1000, batch=1)
+    for slew_v_s, limited in ((limit_v_s, 0), (limit_v_s - 0.001, 0), (more_v_s, slew_limited)):
+        for target_v in (100.0, 3.0):
+            peer.telemetry.clear()
+            assert ramps_to(peer, target_v, slew_v_s)
+            peer.pump(0.02)
+            moving = [row for row in rows(peer).values() if row["state"] == STATE["MOVING"]]
+            assert len(moving) >= 0.096 / (1e-3 * limit_v_s)
+            # In the last millisecond it asks for what is left.
+            flags = {row["flags"] & slew_limited for row in moving[:-1]}
+            assert flags == {limited}, peer.story(f"SLEW_LIMITED at {slew_v_s} V/s", "the-millisecond")
