@@ -24,8 +24,8 @@ from tests.firmware.schedules import Difference, Schedule
 FAULTS = {
     "sign of the ramp": (
         "motion.c",
-        ": most(m->target_v, sloped(m, -m->ramp_v_s))",
-        ": most(m->target_v, sloped(m, m->ramp_v_s))",
+        "sloped(c, is_up ? m->ramp_v_s : -m->ramp_v_s)",
+        "sloped(c, m->ramp_v_s)",
     ),
     "fault not latched": ("states.c", "    latch(c, code); /*", "    /*"),
     "window of seq off by one": ("delivery.c", "ahead < HALF", "ahead <= HALF"),

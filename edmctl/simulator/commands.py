@@ -172,7 +172,7 @@ class ServiceCommands:
     def _advance(self, request: m.Advance) -> Outcome:
         if not self._c.link.driven:
             return Status.UNKNOWN_TYPE, b""
-        if self._c.reset_asked:
+        if self._c.link.reboots:
             self._c.reset(m.ResetCause.COMMANDED)
         if request.timeout_us:
             self._c.host_wait.wait(request.timeout_us * 1e-6)
@@ -211,7 +211,7 @@ class ServiceCommands:
             return Status.BAD_STATE, b""
         if request.magic != REBOOT_MAGIC:
             return Status.OUT_OF_RANGE, b""
-        self._c.reset_asked = True  # the reply goes first
+        self._c.link.reboots = True  # the reply goes first
         return OK
 
     def _tlm_start(self, request: m.TlmStart) -> Outcome:

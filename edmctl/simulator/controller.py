@@ -70,7 +70,6 @@ class VirtualController:
         self.boot_count = 1
         self.boot_tick = 0
         self.reset_cause = m.ResetCause.POWER_ON
-        self.reset_asked = False
         self.baud = self.board = 0
         self.host_time_scale = 1.0
         self.fault = 0
@@ -120,7 +119,7 @@ class VirtualController:
                 self.raise_fault(FaultCode.ABORT_RUN)
         if self.guards.too_noisy(self.link.rx_bad, self.tick, self.armed, self.host_time_scale):
             self.raise_fault(FaultCode.LINE_NOISE, self.parameters.bad_frames)
-        if self.reset_asked:
+        if self.link.reboots:
             self.reset(m.ResetCause.COMMANDED)
 
     def host_heard(self) -> None:
@@ -336,7 +335,7 @@ class VirtualController:
             self.loop.command_v = self.plant.drive.actuator_v = 0.0
         self.motion.start_ramp(0.0, self.parameters.retract_v_s)
         self.motion.stop_stage()
-        self.reset_asked = self.disarming = self.pulses_allowed = False
+        self.disarming = self.pulses_allowed = False
         if not self.fault and cause in _BY_ITSELF:
             self._freeze()
             self.fault = int(FaultCode.RESET)

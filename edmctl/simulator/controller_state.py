@@ -115,6 +115,7 @@ class LoopState(Record):
     command_v: float
     target_v: float
     ramp_v_s: float
+    feeds: int  # 1: a ramp towards the work
     rate_v_s: float  # of the servo
     slewed: int
     limit_ticks: int
@@ -164,6 +165,7 @@ class LoopState(Record):
     touch_count: int
     touch_no: int
     touches_left: int
+    contact_open_ticks: int  # at rest after a back-off, in a row without contact
     test_off_v: float  # mean gap voltage of a self test, generator off
     # scan: the queue of lines is a ring
     scanning: int  # 1: the cut is held at its limit, and the stages follow the path

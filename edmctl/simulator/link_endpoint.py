@@ -47,7 +47,8 @@ class LinkEndpoint:
     executed for its reply alone. `urgent` tells that somebody waits for what is to be sent; answers to heartbeats
     may wait for company. With a `driven` clock ADVANCE needs no session, so that a host whose controller has
     restarted can wait for the news of it; what there is to send is then `due` with the answer to ADVANCE, to HELLO
-    and to whoever has no session, and with every answer before the first ADVANCE.
+    and to whoever has no session, and with every answer before the first ADVANCE. One that `reboots` takes no more
+    commands until it has.
     """
 
     answer_ticks = 0
@@ -59,6 +60,7 @@ class LinkEndpoint:
         self._execute = execute
         self._heard, self._opened = heard, opened
         self.driven = False
+        self.reboots = False
         self._decoder = FrameDecoder()
         self._out: list[bytes] = []
         self.urgent = self.due = False
@@ -76,6 +78,7 @@ class LinkEndpoint:
         """Forget, as a reset does, session, counters and the frame begun. Nonces of former HELLOs outlast it."""
         self._decoder = FrameDecoder()
         self.rx_drop = 0
+        self.reboots = False
         self.begin_session(0)
 
     def begin_session(self, session: int) -> None:
@@ -171,6 +174,9 @@ class LinkEndpoint:
             self._advanced = True
             self._out.append(self._run(frame))
             self.due = True
+            return
+        if self.reboots:
+            self.rx_drop += 1
             return
         if frame.session == 0 or frame.session != self._session:
             self._handle_stranger(frame)

@@ -57,6 +57,7 @@ class Motion:
         self._plant.drive.pulses_on = 0
         self._end_scan()
         self._loop.target_v, self._loop.ramp_v_s = target_v, slew_v_s
+        self._loop.feeds = int(target_v > self._plant.drive.actuator_v)
         self.begin(RAMP)
 
     def pulses_on(self) -> None:

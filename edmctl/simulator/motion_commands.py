@@ -55,6 +55,9 @@ class MotionCommands:
             return Status.BAD_STATE, b""
         if request.actuator_v > self._c.parameters["piezo_max_v"] or request.slew_v_s <= 0.0:
             return Status.OUT_OF_RANGE, b""
+        if self._c.plant.readings.contact and request.actuator_v > self._c.plant.drive.actuator_v:
+            self._c.raise_fault(FaultCode.COLLISION)
+            return OK
         self._c.set_state(State.MOVING)
         self._c.motion.start_ramp(request.actuator_v, request.slew_v_s)
         return OK
@@ -93,7 +96,7 @@ class MotionCommands:
     def _approach(self, request: m.Approach) -> Outcome:
         if self._c.state is not State.ARMED or not self._c.pulses_allowed:
             return Status.BAD_STATE, b""
-        if request.speed_um_s <= 0.0:
+        if request.speed_um_s <= 0.0 or request.gap_ref_v <= 0.0:
             return Status.OUT_OF_RANGE, b""
         loop = self._c.loop
         loop.gap_ref_v = request.gap_ref_v

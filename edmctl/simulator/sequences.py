@@ -52,7 +52,8 @@ LIMIT_TICKS_MAX = 500
 HELD_WITHIN_UM = 1.0
 LOST_TICKS = 100  # all open, before the way since the last spark counts
 BACK_OFF_TICKS = 200  # for the contact to open after a back-off
-OPEN_TICKS = 50  # of these it has to be open: one that comes and goes tells no place
+OPEN_TICKS = 50  # in a row it has to be open at rest: one that comes and goes tells no place
+PATIENCE_TICKS = 100  # more for that, so that a single disturbance is no fault
 TEST_OFF_TICKS, TEST_ON_TICKS = 100, 200
 TEST_MEAN_TICKS = 100  # the last ones of each half speak
 
@@ -65,7 +66,7 @@ def sequence_tick(settings: Settings, loop: LoopState, drive: Drive, readings: R
     if mode == HOLD:
         return NOTHING
     if mode == RAMP:
-        if readings.contact == 1 and loop.target_v > loop.command_v:
+        if readings.contact == 1 and loop.feeds == 1:
             return FAULT_COLLISION
         return end_motion(loop, drive, RAMP_DONE) if loop.command_v == loop.target_v else NOTHING
     if loop.limit_ticks > LIMIT_TICKS_MAX:
@@ -111,7 +112,8 @@ def approach_tick(loop: LoopState, drive: Drive) -> int:
         return NOTHING
     if loop.gap_v <= loop.gap_ref_v:
         return end_motion(loop, drive, SPARK_FOUND)
-    if loop.slow_displacement_um - loop.start_z_um > loop.z_max_um:
+    z_um = loop.slow_displacement_um
+    if z_um >= DISPLACEMENT_FAILED_UM or z_um - loop.start_z_um > loop.z_max_um:
         return FAULT_NO_SPARK
     return NOTHING
 
@@ -211,7 +213,7 @@ def touch_tick(settings: Settings, loop: LoopState, drive: Drive, readings: Read
         return FAULT_MODE_SWITCH
     if readings.contact == 1 and loop.tick_gap_v > settings.short_v:
         return FAULT_GAP_SENSOR
-    if loop.slow_displacement_um > loop.z_max_um:
+    if loop.slow_displacement_um >= DISPLACEMENT_FAILED_UM or loop.slow_displacement_um > loop.z_max_um:
         return FAULT_NO_CONTACT
     if mode == TOUCH_FAST:
         if readings.contact == 1:
@@ -233,14 +235,26 @@ def touch_tick(settings: Settings, loop: LoopState, drive: Drive, readings: Read
             back_off(loop)
             return TOUCHED
     elif loop.command_v == loop.target_v:
-        if readings.contact == 1 and loop.phase > BACK_OFF_TICKS - OPEN_TICKS:
-            return FAULT_STUCK_CONTACT
-        if loop.phase < BACK_OFF_TICKS:
-            return NOTHING
-        if loop.touches_left <= 0:
-            return end_motion(loop, drive, TOUCHES_DONE)
-        drive.contact_tests += 1
-        enter(loop, TOUCH_SLOW)
+        return end_of_back_off(loop, drive, readings)
+    return NOTHING
+
+
+@compiled
+def end_of_back_off(loop: LoopState, drive: Drive, readings: Readings) -> int:
+    """The tool rests after a back-off until contact has been open for a while; then the next touch, or the end."""
+    if loop.phase_ticks == 0:  # the ramp has just ended
+        loop.phase_ticks = max(BACK_OFF_TICKS, loop.phase + OPEN_TICKS)
+        loop.contact_open_ticks = 0
+        return NOTHING
+    loop.contact_open_ticks = 0 if readings.contact == 1 else loop.contact_open_ticks + 1
+    if loop.phase < loop.phase_ticks:
+        return NOTHING
+    if loop.contact_open_ticks < OPEN_TICKS:
+        return NOTHING if loop.phase < loop.phase_ticks + PATIENCE_TICKS else FAULT_STUCK_CONTACT
+    if loop.touches_left <= 0:
+        return end_motion(loop, drive, TOUCHES_DONE)
+    drive.contact_tests += 1
+    enter(loop, TOUCH_SLOW)
     return NOTHING
 
 
@@ -248,6 +262,7 @@ def touch_tick(settings: Settings, loop: LoopState, drive: Drive, readings: Read
 def back_off(loop: LoopState) -> None:
     loop.target_v = max(0.0, loop.command_v - loop.back_v)
     loop.ramp_v_s = loop.fast_v_s
+    loop.phase_ticks = 0  # known when the ramp has ended
     enter(loop, TOUCH_BACK)
 
 

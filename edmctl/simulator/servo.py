@@ -43,30 +43,37 @@ def command_tick(settings: Settings, loop: LoopState, drive: Drive, readings: Re
     drive.stage_moves = 0
     mode = loop.mode
     before = loop.command_v
+    most = settings.slew_limit_v_s * TICK_S
     v = before
+    slope_v_s = 0.0  # asked for; that of a jump is within the limit by its plan
     if mode == HOLD:
         pass
     elif mode == SERVO:
-        v += loop.rate_v_s * TICK_S
+        slope_v_s = loop.rate_v_s
     elif mode in (RAMP, TOUCH_BACK):
         step = loop.ramp_v_s * TICK_S
+        if abs(loop.target_v - v) > most:
+            slope_v_s = loop.ramp_v_s
         v = min(loop.target_v, v + step) if loop.target_v > v else max(loop.target_v, v - step)
     elif mode == APPROACH:
-        if loop.phase >= SETTLE_TICKS:
-            v += loop.slow_v_s * TICK_S
+        if loop.phase >= SETTLE_TICKS and loop.shorted == 0:
+            slope_v_s = loop.slow_v_s
     elif mode == JUMP_UP:
         v = loop.start_v - loop.jump_v * s_curve(loop.phase + 1, loop.phase_ticks)
     elif mode == JUMP_DOWN:
         back = loop.clearance_v - loop.jump_v
         v = (loop.start_v - loop.jump_v) - back * s_curve(loop.phase + 1, loop.phase_ticks)
     elif mode in (JUMP_RETURN, TOUCH_FAST):
-        v += loop.fast_v_s * TICK_S
+        slope_v_s = loop.fast_v_s
     elif mode == TOUCH_SLOW:
-        v += loop.slow_v_s * TICK_S
+        slope_v_s = loop.slow_v_s
     elif mode == TOUCH_HUNT:
-        v += (-1.0 if readings.contact == 1 else 1.0) * loop.slow_v_s * TICK_S
-    most = settings.slew_limit_v_s * TICK_S
-    loop.slewed = 1 if abs(v - before) > most else 0
+        slope_v_s = (-1.0 if readings.contact == 1 else 1.0) * loop.slow_v_s
+    if mode not in (RAMP, TOUCH_BACK):
+        v += slope_v_s * TICK_S
+    loop.slewed = (
+        1 if abs(slope_v_s) > settings.slew_limit_v_s else 0
+    )  # before it is summed: sums are rounded
     v = min(before + most, max(before - most, v))
     top = max(settings.piezo_max_v, before)  # what a reset has left beyond the range comes down by its ramp
     loop.limit_ticks = loop.limit_ticks + 1 if v > top else 0

@@ -159,6 +159,7 @@ struct edm_motion {
     real start_z_um, z_max_um;
     int32_t limit_ticks; /* beyond piezo_max_v */
     bool slewed;
+    bool feeds;          /* a ramp towards the work */
     bool gate_open;      /* as hal_gate was told; drive.pulses_on may be ahead of it until the millisecond begins */
 };
 
@@ -209,6 +210,7 @@ struct edm_touch {
     real rest;           /* of the sum: what float has rounded away so far, as everything that is called so */
     int64_t count;
     int32_t number, left;
+    int32_t open_ticks;  /* at rest after a back-off, in a row without contact */
     real test_off_v;
 };
 

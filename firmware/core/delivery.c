@@ -131,7 +131,7 @@ void delivery_handle(struct edm_controller *c, const struct edm_frame *frame) {
     link->frames++;
     if (c->identity.driven && frame->type == MSG_ADVANCE) {
         take_advance(c, frame);
-    } else if (frame->session == 0) {
+    } else if (frame->session == 0 || link->reboot_asked) { /* the session ends with REBOOT */
         link->drop++;
     } else if (frame->type == MSG_HELLO) {
         session_greet(c, frame);

@@ -46,6 +46,7 @@ void motion_ramp(struct edm_controller *c, real target_v, real slew_v_s) {
     scan_end(c);
     c->motion.target_v = target_v;
     c->motion.ramp_v_s = slew_v_s;
+    c->motion.feeds = target_v > c->drive.actuator_v;
     motion_enter(c, RAMP);
 }
 
@@ -68,38 +69,44 @@ int motion_end(struct edm_controller *c, int happened) {
     return happened;
 }
 
-/* The command a millisecond later at a slope. */
-static real sloped(struct edm_motion *m, real slope_v_s) {
+/* The command a millisecond later at a slope. What it asks for is compared as it was told: sums are rounded. */
+static real sloped(struct edm_controller *c, real slope_v_s) {
+    struct edm_motion *m = &c->motion;
+    m->slewed = magnitude(slope_v_s) > c->settings.slew_limit_v_s;
     return added(m->command_v, slope_v_s * TICK_S, &m->rest_v);
 }
 
 /* The command of a ramp after one more millisecond, V. */
-static real ramp_command(struct edm_motion *m) {
-    return m->target_v > m->command_v ? least(m->target_v, sloped(m, m->ramp_v_s))
-                                      : most(m->target_v, sloped(m, -m->ramp_v_s));
+static real ramp_command(struct edm_controller *c) {
+    struct edm_motion *m = &c->motion;
+    bool is_up = m->target_v > m->command_v;
+    real v = sloped(c, is_up ? m->ramp_v_s : -m->ramp_v_s);
+    m->slewed = m->slewed && magnitude(m->target_v - m->command_v) > c->settings.slew_limit_v_s * TICK_S;
+    return is_up ? least(m->target_v, v) : most(m->target_v, v);
 }
 
-/* Where the mode wants the command, before slew and range. */
+/* Where the mode wants the command, before slew and range. A jump asks for no more than the limit by its plan. */
 static real wanted_command(struct edm_controller *c) {
     struct edm_motion *m = &c->motion;
+    m->slewed = false;
     switch (m->mode) {
     case SERVO:
-        return sloped(m, c->servo.rate_v_s);
+        return sloped(c, c->servo.rate_v_s);
     case RAMP:
     case TOUCH_BACK:
-        return ramp_command(m);
+        return ramp_command(c);
     case APPROACH:
-        return m->phase >= SETTLE_TICKS ? sloped(m, m->slow_v_s) : m->command_v;
+        return m->phase >= SETTLE_TICKS && !c->gap.shorted ? sloped(c, m->slow_v_s) : m->command_v;
     case JUMP_UP:
     case JUMP_DOWN:
         return jump_command(c);
     case JUMP_RETURN:
     case TOUCH_FAST:
-        return sloped(m, m->fast_v_s);
+        return sloped(c, m->fast_v_s);
     case TOUCH_SLOW:
-        return sloped(m, m->slow_v_s);
+        return sloped(c, m->slow_v_s);
     case TOUCH_HUNT: /* the slope flips with the contact */
-        return sloped(m, (c->readings.contact ? R(-1.0) : R(1.0)) * m->slow_v_s);
+        return sloped(c, (c->readings.contact ? R(-1.0) : R(1.0)) * m->slow_v_s);
     case HOLD:
     case JUMP_DWELL:
     case TEST_OFF:
@@ -115,7 +122,6 @@ void motion_command(struct edm_controller *c) {
     real before = m->command_v;
     real v = wanted_command(c);
     real step = c->settings.slew_limit_v_s * TICK_S;
-    m->slewed = magnitude(v - before) > step;
     v = least(before + step, most(before - step, v));
     real top = most(c->settings.piezo_max_v, before); /* what a reset has left beyond the range comes down by its ramp */
     m->limit_ticks = v > top ? m->limit_ticks + 1 : 0;
@@ -131,7 +137,8 @@ static int approach_tick(struct edm_controller *c) {
     if (c->gap.gap_v <= c->servo.gap_ref_v) {
         return motion_end(c, SPARK_FOUND);
     }
-    if (c->gap.slow_displacement_um - c->motion.start_z_um > c->motion.z_max_um) {
+    real z_um = c->gap.slow_displacement_um;
+    if (z_um >= DISPLACEMENT_FAILED_UM || z_um - c->motion.start_z_um > c->motion.z_max_um) {
         return FAULT_NO_SPARK;
     }
     return NOTHING;
@@ -145,7 +152,7 @@ int motion_tick(struct edm_controller *c) {
         return NOTHING;
     }
     if (m->mode == RAMP) {
-        if (c->readings.contact && m->target_v > m->command_v) {
+        if (c->readings.contact && m->feeds) {
             return FAULT_COLLISION;
         }
         bool there = !(m->command_v < m->target_v || m->command_v > m->target_v);

@@ -31,6 +31,10 @@ static uint8_t piezo_set(struct edm_controller *c, const struct edm_frame *frame
     if (request.actuator_v > c->settings.piezo_max_v || request.slew_v_s <= 0) {
         return STATUS_OUT_OF_RANGE;
     }
+    if (c->readings.contact && request.actuator_v > c->drive.actuator_v) {
+        states_raise(c, FAULT_COLLISION, 0);
+        return STATUS_OK;
+    }
     states_enter(c, STATE_MOVING);
     motion_ramp(c, request.actuator_v, request.slew_v_s);
     return STATUS_OK;
@@ -82,7 +86,7 @@ static uint8_t approach(struct edm_controller *c, const struct edm_frame *frame)
     if (c->state != STATE_ARMED || !c->pulses_allowed) {
         return STATUS_BAD_STATE;
     }
-    if (request.speed_um_s <= 0) {
+    if (request.speed_um_s <= 0 || request.gap_ref_v <= 0) {
         return STATUS_OUT_OF_RANGE;
     }
     c->servo.gap_ref_v = request.gap_ref_v;

@@ -229,6 +229,10 @@ void edm_start(struct edm_controller *c, uint8_t cause) {
     keeps->boot_count++;
     hal_persist(c->board, keeps);
     c->boot_tick = c->tick;
+    if (keeps->fault != 0 && !c->box.frozen) { /* the samples of the fault did not last, and none that come are its */
+        blackbox_thaw(c);
+        blackbox_freeze(c);
+    }
     c->reset_cause = cause;
     c->events.repeat_tick = NEVER;
     bool at_rest = c->motion.command_v <= 0;

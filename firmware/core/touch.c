@@ -2,13 +2,15 @@
 #include "core.h"
 
 #define BACK_OFF_TICKS 200 /* for the contact to open after a back-off */
-#define OPEN_TICKS 50      /* of these it has to be open: one that comes and goes tells no place */
+#define OPEN_TICKS 50      /* in a row it has to be open at rest: one that comes and goes tells no place */
+#define PATIENCE_TICKS 100 /* more for that, so that a single disturbance is no fault */
 
 /* Lets the tool go back by back_off_um, not below 0 V. */
 static void back_off(struct edm_controller *c) {
     struct edm_motion *m = &c->motion;
     m->target_v = most(0, m->command_v - c->touch.back_v);
     m->ramp_v_s = m->fast_v_s;
+    m->phase_ticks = 0; /* known when the ramp has ended */
     motion_enter(c, TOUCH_BACK);
 }
 
@@ -26,13 +28,20 @@ static int hunt(struct edm_controller *c) {
     return TOUCHED;
 }
 
-/* The tool rests after a back-off: contact must be open at the end of the wait; then the next touch, or the end. */
+/* The tool rests after a back-off until contact has been open for a while; then the next touch, or the end. */
 static int end_of_back_off(struct edm_controller *c) {
-    if (c->readings.contact && c->motion.phase > BACK_OFF_TICKS - OPEN_TICKS) {
-        return FAULT_STUCK_CONTACT;
-    }
-    if (c->motion.phase < BACK_OFF_TICKS) {
+    struct edm_motion *m = &c->motion;
+    if (m->phase_ticks == 0) { /* the ramp has just ended */
+        m->phase_ticks = m->phase + OPEN_TICKS > BACK_OFF_TICKS ? m->phase + OPEN_TICKS : BACK_OFF_TICKS;
+        c->touch.open_ticks = 0;
         return NOTHING;
+    }
+    c->touch.open_ticks = c->readings.contact ? 0 : c->touch.open_ticks + 1;
+    if (m->phase < m->phase_ticks) {
+        return NOTHING;
+    }
+    if (c->touch.open_ticks < OPEN_TICKS) {
+        return m->phase < m->phase_ticks + PATIENCE_TICKS ? NOTHING : FAULT_STUCK_CONTACT;
     }
     if (c->touch.left <= 0) {
         return motion_end(c, TOUCHES_DONE);
@@ -52,7 +61,7 @@ int touch_tick(struct edm_controller *c) {
     if (contact && c->gap.tick_gap_v > c->settings.short_v) {
         return FAULT_GAP_SENSOR;
     }
-    if (c->gap.slow_displacement_um > m->z_max_um) {
+    if (c->gap.slow_displacement_um >= DISPLACEMENT_FAILED_UM || c->gap.slow_displacement_um > m->z_max_um) {
         return FAULT_NO_CONTACT;
     }
     if (m->mode == TOUCH_FAST) {

@@ -138,7 +138,7 @@ enum {
     FAULT_PIEZO_OV = 2003,  /* voltage monitor below monitor_min_v or above monitor_max_v */
     FAULT_STAGE_LIMIT = 2004,  /* limit switch closes while a stage moves */
     FAULT_NO_CONTACT = 2005,  /* touch: displacement beyond z_max_um without contact */
-    FAULT_STUCK_CONTACT = 2006,  /* touch: contact reads closed before the feed, or stays closed after the back-off */
+    FAULT_STUCK_CONTACT = 2006,  /* touch: contact reads closed before the feed, or is not open for 50 ms in a row after the back-off */
     FAULT_COLLISION = 2007,  /* contact while PIEZO_SET moves the tool towards the work */
     FAULT_SHORT_STUCK = 3001,  /* continuous short for short_stuck_s although the tool retracts */
     FAULT_ARC_BURN = 3002,  /* arc_run consecutive arcs */

@@ -177,6 +177,30 @@ def test_l13_reboot_is_answered_and_told(peer: Peer) -> None:
     assert peer.state() == "IDLE"
 
 
+def test_l13_commands_behind_a_reboot_are_lost(peer: Peer) -> None:
+    """In one piece with it too: no spark comes of them."""
+    commands = (
+        ("REBOOT", {"magic": REBOOT_MAGIC}),
+        ("ARM", {"param_crc": layouts.profile_crc()}),
+        ("PULSE_ENABLE", {"on": 1}),
+        ("SERVO_START", {"gap_ref_v": 0.8 * DUTY_V, "z_limit_um": 100.0, "max_time_s": 60.0}),
+    )
+    frames = b""
+    for name, values in commands:
+        number = layouts.NAMES[name]
+        frames += wire.encode(number, peer.seq, peer.session, layouts.REQUESTS[number].pack(values))
+        peer.seq = (peer.seq + 1) % 256
+    peer.frames.clear()
+    peer.write(frames)
+    assert peer.wait(lambda: peer.boots, 5.0), peer.story("no BOOT within 5 s of REBOOT", "session")
+    asked = {layouts.NAMES[name] | wire.REPLY for name, _ in commands}
+    replies = {frame.type_id for frame in peer.frames} & asked
+    assert replies == {layouts.NAMES["REBOOT"] | wire.REPLY}, peer.story("a command behind REBOOT", "session")
+    assert len(peer.boots) == 1
+    peer.hello()
+    assert peer.state() == "IDLE"
+
+
 def test_l13_an_armed_controller_does_not_reboot_on_command(peer: Peer) -> None:
     arm(peer)
     peer.refused("REBOOT", "BAD_STATE", magic=REBOOT_MAGIC)

@@ -10,9 +10,12 @@ import pytest
 
 from tests.conformance import layouts, wire
 from tests.conformance.acts import WORK_X_UM, arm, clear, move_x, start_pulses, start_sparks
+from tests.conformance.lines import cut_the_power, press_reset
 from tests.conformance.peer import EVENT, STATE, Peer, loses_nothing
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tests.conformance.layouts import Fields
 
 PULSE_LOG = layouts.enum("PulseLog")
@@ -198,6 +201,30 @@ def test_l23_a_cleared_fault_begins_the_black_box_anew(peer: Peer) -> None:
     oldest_us = (min(kept) - cleared_us + 2**31) % 2**32 - 2**31
     assert oldest_us >= 0, peer.story("the black box holds samples from before CLEAR_FAULT", "black-box")
     assert len(kept) > 30
+
+
+@pytest.mark.parametrize("reset", [press_reset, cut_the_power])
+def test_l23_a_latched_fault_holds_its_samples_or_none_through_a_reset(
+    over_work: Peer, reset: Callable[[Any], None]
+) -> None:
+    """What comes after it is never told as what was before it."""
+    peer = over_work
+    peer.pump(0.2)
+    peer.write(wire.ABORT)
+    peer.fault(0.5)
+    _, before = black_box(peer)
+    for _ in range(2):
+        peer.pump(0.2)
+        peer.boots.clear()
+        reset(peer.line.bench)
+        assert peer.wait(lambda: peer.boots, 3.0), peer.story("no BOOT", "session")
+        peer.hello()
+        peer.pump(0.2)
+        _, kept = black_box(peer)
+        assert kept in ({}, before), peer.story(f"{len(kept)} samples, not those of the fault", "black-box")
+    clear(peer)
+    peer.pump(0.1)
+    assert 50 <= black_box(peer)[0] <= 200 or not peer.exact
 
 
 def test_l17_the_first_sample_is_the_next_multiple_of_the_period(peer: Peer) -> None:

@@ -515,6 +515,32 @@ static void resets(void) {
     records(&box, &waves, &check);
     HOLDS(c.state == STATE_IDLE && box == 30 && waves == 0);
 
+    struct edm_persistent latched; /* a fault whose samples went with the supply, or are damaged, has none that come later */
+    memset(&latched, 0, sizeof latched);
+    latched.fault = FAULT_ABORT_RUN;
+    for (int i = 0; i < 3; i++) {
+        if (i == 0) {
+            set_up(&latched, 0);
+        } else {
+            again(RESET_CAUSE_EXTERNAL, false);
+        }
+        run(50, 0);
+        records(&box, &waves, &check);
+        HOLDS(c.state == STATE_FAULT && box == 0 && waves == 0);
+    }
+    put_u16(p, FAULT_ABORT_RUN);
+    send(MSG_CLEAR_FAULT, p, 2);
+    run(30, 0);
+    records(&box, &waves, &check);
+    HOLDS(c.state == STATE_IDLE && box == 30);
+    edm_abort(&c);
+    run(600, 0);
+    c.box.ring[(size_t)(c.box.frozen_tick - 1) % EDM_BOX_SAMPLES].actuator_v += R(1.0);
+    again(RESET_CAUSE_WATCHDOG, false);
+    run(50, 0);
+    records(&box, &waves, &check);
+    HOLDS(c.keeps.fault == FAULT_ABORT_RUN && box == 0);
+
     set_up(NULL, 0); /* a program that hangs: what was before it is frozen when it starts again */
     arm();
     cut();
@@ -542,7 +568,10 @@ static void resets(void) {
         again(RESET_CAUSE_WATCHDOG, draw(2) != 0);
         records(&box, &waves, &check);
         HOLDS(box <= 1 && c.tick >= 0);
+        uint16_t held = box;
         run(5, 0);
+        records(&box, &waves, &check);
+        HOLDS(box == held);
     }
 }
 

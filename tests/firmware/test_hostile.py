@@ -16,6 +16,7 @@ from edmctl.firmware.build import REALS
 from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator.commands import REBOOT_MAGIC
 from edmctl.simulator.controller_state import (
     DISPLACEMENT_FAILED_UM,
     FAULT_GENERATOR,
@@ -222,3 +223,19 @@ def test_both_controllers_tell_readings_beyond_the_wire_alike(core: Build, part:
         bench.controller.receive(ask)
         said.append((bench.controller.link.take_output(), bench.controller.fault))
     assert said[0] == said[1]
+
+
+@pytest.mark.parametrize("controller", ["python", "firmware"])
+def test_an_abort_run_behind_a_reboot_is_latched_and_no_command(core: Build, controller: str) -> None:
+    bench = open_bench(BenchConfig(controller=controller), 1)
+    requests = (
+        m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 1, m.SCHEMA_HASH),
+        m.Reboot(REBOOT_MAGIC),
+        m.Arm(m.param_crc({})),
+    )
+    frames = [encode_frame(r.ID, at, 5, 0, r.pack()) for at, r in enumerate(requests)]
+    bench.controller.receive(b"".join(frames) + bytes(8))
+    assert (bench.controller.fault, bench.controller.state) == (1002, m.State.FAULT)
+    told = FrameDecoder(watch_for_abort=False).feed(bench.controller.link.take_output())
+    types = [f.type_id for f in told]
+    assert types == [m.Hello.ID | 0x40, m.Reboot.ID | 0x40, m.Fault.ID, m.Boot.ID]

@@ -87,9 +87,7 @@ static void do_millisecond(struct edm_controller *c) {
     if (line_is_held_low()) {
         edm_abort(c);
     }
-    if (!c->link.reboot_asked) {
-        line_read(c);
-    }
+    line_read(c);
     edm_line_read(c);
     edm_tick_begin(c);
     put_out(c);
