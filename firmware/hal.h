@@ -37,7 +37,7 @@ struct edm_readings {
     real generator_siemens;  /* in a discharge, current over (open voltage - gap voltage); 0 without one */
     real off_time_a;         /* current that goes on into the off-time */
     uint8_t contact;         /* 1: the contact circuit is closed; counts in ARMED, MOVING and TOUCH */
-    uint8_t stray_pulses;    /* generator pulses in measure mode */
+    uint8_t stray_pulses;    /* that the gate lets through although it is shut: 3004, in a touch 3006 */
     uint8_t pulses;          /* entries of the series below; with the gate shut none, unless some come all the same */
     int64_t first_pulse_ns;  /* begin of the first one; the millisecond began at (tick of the controller) x 1 000 000 */
     real delay_us[EDM_MOST_PULSES];     /* ignition delay; the on-time when open */

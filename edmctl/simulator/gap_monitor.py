@@ -25,6 +25,8 @@ from edmctl.simulator.controller_state import (
     OPEN,
     PACK,
     SHORT,
+    TOUCH_BACK,
+    TOUCH_FAST,
 )
 from edmctl.simulator.plant_interface import TICK_NS
 
@@ -194,7 +196,9 @@ def rest_gap(loop: LoopState, readings: Readings) -> int:
     loop.tick_gap_v = 0.0
     if readings.gap_v >= 0.0:
         loop.tick_gap_v = loop.gap_v = min(readings.gap_v, GAP_MOST_V)
-    loop.stray_ticks = loop.stray_ticks + 1 if loop.watched == 1 and readings.pulses > 0 else 0
+    touches = TOUCH_FAST <= loop.mode <= TOUCH_BACK  # pulses that reach a touch are the mode switch's
+    stray = readings.pulses > 0 or (readings.stray_pulses > 0 and not touches)
+    loop.stray_ticks = loop.stray_ticks + 1 if loop.watched == 1 and stray else 0
     return FAULT_GENERATOR if loop.stray_ticks > 1 else NOTHING
 
 

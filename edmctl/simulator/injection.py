@@ -83,7 +83,7 @@ WIRING_MISTAKES = (
     "X_OPEN",
     "XY_SWAPPED",
 )
-"""Between plant and controller: wires that are off, reversed, exchanged or bridged, from the start."""
+"""Between plant and controller: wires that are off, reversed, exchanged or bridged; they show from the start, or in use."""
 
 INJECTIONS: dict[str, str] = {
     "SILENCE": "sparks+1",
@@ -124,6 +124,7 @@ INJECTIONS: dict[str, str] = {
     "LOW_BATTERY": "0",
     "BATTERY_TURNED": "0",
     **dict.fromkeys(WIRING_MISTAKES, "0"),
+    "MODE_STUCK": "touch+0",
 }
 """Every injection, with its usual time."""
 

@@ -64,6 +64,12 @@ real gap_place(const struct edm_controller *c) {
     return place_um < DISPLACEMENT_FAILED_UM ? place_um : -DISPLACEMENT_FAILED_UM;
 }
 
+/* Pulses that come although the gate is shut; those that reach a touch are the mode switch's (touch.c). */
+static bool is_stray(const struct edm_controller *c) {
+    bool touches = c->motion.mode >= TOUCH_FAST && c->motion.mode <= TOUCH_BACK;
+    return c->readings.pulses > 0 || (c->readings.stray_pulses > 0 && !touches);
+}
+
 /* A millisecond without pulses, in which the gap sensor should read nothing. Pulses that come all the same are those of a
  * generator that does not switch off; in the first such millisecond the gate may have been shut. */
 int gap_rest(struct edm_controller *c) {
@@ -73,7 +79,7 @@ int gap_rest(struct edm_controller *c) {
     if (c->readings.gap_v >= 0) {
         gap->tick_gap_v = gap->gap_v = least(c->readings.gap_v, GAP_MOST_V);
     }
-    gap->stray_ticks = c->armed && c->readings.pulses > 0 ? gap->stray_ticks + 1 : 0;
+    gap->stray_ticks = c->armed && is_stray(c) ? gap->stray_ticks + 1 : 0;
     return gap->stray_ticks > 1 ? FAULT_GEN_FAULT : NOTHING;
 }
 

@@ -361,7 +361,8 @@ static void cases(void) {
     run(120, 0);
     HOLDS(c.keeps.fault == FAULT_NO_SPARK && !gate && c.motion.command_v < R(0.5));
 
-    for (int touches = 0; touches < 2; touches++) { /* a generator that does not switch off, at rest and in a touch */
+    for (int way = 0; way < 4; way++) { /* a generator that does not switch off: at rest and in a touch, by either count */
+        bool touches = way % 2, by_gate = way > 1;
         uint8_t t[23] = {0};
         set_up(NULL, 0);
         arm();
@@ -376,10 +377,11 @@ static void cases(void) {
             HOLDS(c.keeps.fault == 0);
             begin();
             readings(0);
-            c.readings.pulses = strays[ms];
+            *(by_gate ? &c.readings.stray_pulses : &c.readings.pulses) = strays[ms];
             end();
+            if (touches && by_gate) break;
         }
-        HOLDS(c.keeps.fault == FAULT_GEN_FAULT && c.state == STATE_FAULT);
+        HOLDS(c.keeps.fault == (touches && by_gate ? FAULT_MODE_SWITCH : FAULT_GEN_FAULT) && c.state == STATE_FAULT);
     }
 
     const real gains[] = {R(0.96), 1, R(1.04)};

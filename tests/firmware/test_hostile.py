@@ -194,10 +194,14 @@ def test_pulses_of_a_generator_that_does_not_switch_off_are_found() -> None:
     loop, readings = LoopState(), Readings()
     loop.watched, readings.gap_v = 1, math.nan
     rest = rest_gap.py_func  # type: ignore[attr-defined]
-    found = []
-    for readings.pulses in (1, 0, 3, 3):
-        found.append(rest(loop, readings))
-    assert found == [NOTHING, NOTHING, NOTHING, FAULT_GENERATOR]
+    for name in ("pulses", "stray_pulses"):
+        found = []
+        for count in (1, 0, 3, 3):
+            setattr(readings, name, count)
+            found.append(rest(loop, readings))
+        assert found == [NOTHING, NOTHING, NOTHING, FAULT_GENERATOR]
+        setattr(readings, name, 0)
+        assert rest(loop, readings) == NOTHING
 
 
 @pytest.mark.parametrize("value", [math.nan, 700.0, -700.0, 1e9])
