@@ -83,7 +83,7 @@ WIRING_MISTAKES = (
     "X_OPEN",
     "XY_SWAPPED",
 )
-"""Between plant and controller: wires that are off, reversed, exchanged or bridged; they show from the start, or in use."""
+"""Between plant and controller: wires that are off, reversed, exchanged or bridged, from their time on."""
 
 INJECTIONS: dict[str, str] = {
     "SILENCE": "sparks+1",
