@@ -39,6 +39,7 @@ MISREAD_HIGH = 0.97  # of the open voltage: more is none that a discharge has
 GAP_MOST_V = 1000.0  # beyond it no gap voltage is one
 CHARGE_MOST_UC = 1e6  # beyond it, either way, none is the charge of a millisecond
 CURRENT_MOST_A = 1000.0  # below minus this no current is one
+CHARGE_NOISE_UC = 2.0  # 2 mA for the millisecond: below minus this it is no noise
 SILENCE_NS = 100_000_000  # beyond a period, in which pulses must come while they are on
 MISREAD_LOW = 0.5  # of the open voltage: less is none that an open gap has
 
@@ -170,11 +171,11 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
             loop.last_spark_um = loop.displacement_um
     if loop.misreads >= settings.misreads_max:
         return FAULT_GAP_SENSOR
-    # Current over voltage drop in a discharge is the conductance that the generator really has.
-    if not abs(readings.charge_uc) <= CHARGE_MOST_UC:
-        return FAULT_GENERATOR
-    if readings.charge_uc > 0.0 and (
-        not -CURRENT_MOST_A <= readings.off_time_a <= 0.0
+    # Current over voltage drop in a discharge is the conductance that the generator really has. A current sensor
+    # that is turned round sees nothing of it.
+    if (
+        not -CHARGE_NOISE_UC <= readings.charge_uc <= CHARGE_MOST_UC
+        or not -CURRENT_MOST_A <= readings.off_time_a <= 0.0
         or not abs(readings.generator_siemens) <= settings.over_current * settings.nominal_siemens
     ):
         return FAULT_GENERATOR

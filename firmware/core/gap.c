@@ -4,6 +4,7 @@
 #define GAP_MOST_V R(1000.0) /* beyond it no gap voltage is one */
 #define CHARGE_MOST_UC R(1e6) /* beyond it, either way, none is the charge of a millisecond */
 #define CURRENT_MOST_A R(1000.0) /* below minus this no current is one */
+#define CHARGE_NOISE_UC R(2.0) /* 2 mA for the millisecond: below minus this it is no noise */
 #define SILENCE_NS 100000000 /* beyond a period, in which pulses must come while they are on */
 
 static bool charge_failed(const struct edm_readings *readings) {
@@ -13,6 +14,16 @@ static bool charge_failed(const struct edm_readings *readings) {
 /* Charge of the millisecond as it is told: 0 for a reading that has failed. */
 real gap_charge(const struct edm_controller *c) {
     return charge_failed(&c->readings) ? 0 : c->readings.charge_uc;
+}
+
+/* Whether currents of a millisecond with pulses are none that a sound generator makes: too great, going on into the off-time,
+ * or of a sensor that is turned round and sees neither. */
+static bool is_generator_wrong(const struct edm_controller *c) {
+    const struct edm_readings *r = &c->readings;
+    /* Current over voltage drop in a discharge is the conductance that the generator really has. */
+    bool over = !(magnitude(r->generator_siemens) <= c->settings.over_current * c->settings.nominal_siemens);
+    bool goes_on = !(r->off_time_a <= 0 && r->off_time_a >= -CURRENT_MOST_A);
+    return over || goes_on || charge_failed(r) || r->charge_uc < -CHARGE_NOISE_UC;
 }
 
 /* Feeds the low-pass with this tick's mean gap voltage and keeps the counters of the discharge faults. Between slow pulses
@@ -46,10 +57,7 @@ int gap_measure(struct edm_controller *c, int shorts) {
     if (gap->misreads >= s->misreads_max) {
         return FAULT_GAP_SENSOR;
     }
-    /* Current over voltage drop in a discharge is the conductance that the generator really has. */
-    bool over = !(magnitude(readings->generator_siemens) <= s->over_current * s->nominal_siemens);
-    bool goes_on = !(readings->off_time_a <= 0 && readings->off_time_a >= -CURRENT_MOST_A);
-    if (charge_failed(readings) || (readings->charge_uc > 0 && (goes_on || over))) {
+    if (is_generator_wrong(c)) {
         return FAULT_GEN_FAULT;
     }
     if (gap->short_ticks > s->short_ticks_max) {

@@ -353,6 +353,23 @@ static void cases(void) {
         cut_with(&inputs.temperature_c, values[i], 1, FAULT_DIELECTRIC);
         sensor_fails_about(values[i]);
     }
+    cut_with(&c.readings.charge_uc, R(-2.1), 1, FAULT_GEN_FAULT); /* a current sensor turned round; noise */
+    cut_with(&c.readings.off_time_a, R(0.03), 1, FAULT_GEN_FAULT);
+    const real open_with[][4] = {{0, 0, 0, 0}, {R(-1.9), 0, 0, 0}, {-3, 0, 0, 1}, {0, 5, 0, 1}, {0, R(NAN), 0, 1}, {0, 0, 5, 1}};
+    for (int i = 0; i < 6; i++) { /* currents in an open gap */
+        set_up(NULL, 0);
+        arm();
+        cut();
+        run(100, 3);
+        begin();
+        readings(3);
+        all_open(1);
+        c.readings.charge_uc = open_with[i][0];
+        c.readings.off_time_a = open_with[i][1];
+        c.readings.generator_siemens = open_with[i][2];
+        end();
+        HOLDS(c.keeps.fault == (open_with[i][3] > 0 ? FAULT_GEN_FAULT : 0));
+    }
     gate_stays_shut();
 
     set_up(NULL, 0); /* a generator that gives no pulses: the tool does not feed on */

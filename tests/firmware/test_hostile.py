@@ -92,6 +92,36 @@ def test_a_reading_that_cannot_be_ends_the_cut(
     assert (bench.controller.state, bench.controller.fault) == (state, fault)
 
 
+@pytest.mark.parametrize("controller", ["python", "firmware"])
+@pytest.mark.parametrize(("leak_a", "fault"), [(0.0, 0), (5.0, 3004), (math.nan, 3004), (-math.inf, 3004)])
+def test_current_in_the_off_time_of_an_open_gap_is_found(
+    core: Build, controller: str, leak_a: float, fault: int
+) -> None:
+    bench = cut(controller, 0.1)
+    bench.plant.tool_lost_um = 1e4
+    bench.plant.set_surface()
+    bench.controller.advance(5)
+    assert bench.plant.readings.charge_uc == 0.0
+    bench.plant.unit.off_time_a = leak_a
+    bench.controller.advance(5)
+    assert bench.controller.fault == fault
+
+
+@pytest.mark.parametrize(
+    ("charge_uc", "siemens", "fault"),
+    [(-2.1, 0.0, FAULT_GENERATOR), (-1.9, 0.0, NOTHING), (0.0, 5.0, FAULT_GENERATOR), (20.0, 0.006, NOTHING)],
+)
+def test_a_current_sensor_turned_round_hides_nothing(charge_uc: float, siemens: float, fault: int) -> None:
+    """Of the virtual controller; hostile.c tries the core."""
+    loop, settings, readings = LoopState(), Settings(), Readings()
+    settings.duty_v, settings.misreads_max, settings.arc_run_max = 12.0, 50, 60
+    settings.over_current, settings.nominal_siemens, settings.short_ticks_max = 1.5, 0.006, 3000
+    readings.gap_v, readings.pulses, loop.tick_counts = 10.0, 2, 2 << PACK * NORMAL
+    readings.charge_uc, readings.generator_siemens = charge_uc, siemens
+    measure = measure_gap.py_func  # type: ignore[attr-defined]
+    assert measure(settings, loop, readings, 0) == fault
+
+
 @pytest.mark.parametrize("beyond_um", [-100.0, 0.0, 10.0, 100.0, DISPLACEMENT_FAILED_UM])
 def test_a_short_beyond_the_limit_of_a_scan_goes_back_as_fast_as_any(beyond_um: float) -> None:
     """Of the virtual controller; hostile.c tries the core."""
