@@ -41,6 +41,8 @@ CHARGE_MOST_UC = 1e6  # beyond it, either way, none is the charge of a milliseco
 CURRENT_MOST_A = 1000.0  # below minus this no current is one
 CHARGE_NOISE_UC = 2.0  # 2 mA for the millisecond: below minus this it is no noise
 SILENCE_NS = 100_000_000  # beyond a period, in which pulses must come while they are on
+PAIR_NS, PAIR_PERIODS = 10_000_000, 10  # added up: sparks no farther apart are no chance of an open gap
+SPARK_STEP_UM = 5.0  # no spark is farther beyond the last one, and where the tool slowly reads to be
 MISREAD_LOW = 0.5  # of the open voltage: less is none that an open gap has
 
 
@@ -160,15 +162,13 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
     else:
         loop.shorted = 0
         loop.short_ticks = 0
+    loop.sparkless_ticks += elapsed
     if count_of(loop.tick_counts, OPEN) == readings.pulses:
         # Open pulses on the way back from a retraction are no loss: only those at the last spark count.
         if loop.slow_displacement_um >= loop.last_spark_um - 1.0:
             loop.open_ticks += elapsed
     else:
-        loop.open_ticks = 0
-        if loop.displacement_um < DISPLACEMENT_FAILED_UM:
-            # The slow reading lags behind a tool that comes back from a jump.
-            loop.last_spark_um = loop.displacement_um
+        note_sparks(settings, loop)
     if loop.misreads >= settings.misreads_max:
         return FAULT_GAP_SENSOR
     # Current over voltage drop in a discharge is the conductance that the generator really has. A current sensor
@@ -184,6 +184,23 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
     if loop.arc_run >= settings.arc_run_max:
         return FAULT_ARC
     return NOTHING
+
+
+@compiled
+def note_sparks(settings: Settings, loop: LoopState) -> None:
+    """A millisecond with sparks: with others shortly before it the count of open ones begins anew where they are.
+
+    One by itself is a chance that an open gap has too. The slow reading lags behind a tool that comes back from a
+    jump; a single fast one may be anything.
+    """
+    again = loop.sparkless_ticks * TICK_NS <= PAIR_NS + PAIR_PERIODS * settings.pulse_period_ns
+    loop.sparkless_ticks = 0
+    if not again:
+        return
+    loop.open_ticks = 0
+    if loop.displacement_um < DISPLACEMENT_FAILED_UM:
+        farthest_um = max(loop.slow_displacement_um, loop.last_spark_um) + SPARK_STEP_UM
+        loop.last_spark_um = min(loop.displacement_um, farthest_um)
 
 
 @compiled

@@ -5,6 +5,9 @@
 #define CHARGE_MOST_UC R(1e6) /* beyond it, either way, none is the charge of a millisecond */
 #define CURRENT_MOST_A R(1000.0) /* below minus this no current is one */
 #define CHARGE_NOISE_UC R(2.0) /* 2 mA for the millisecond: below minus this it is no noise */
+#define PAIR_NS 10000000     /* and ten periods: sparks no farther apart are no chance of an open gap */
+#define PAIR_PERIODS 10
+#define SPARK_STEP_UM R(5.0) /* no spark is farther beyond the last one, and where the tool slowly reads to be */
 #define SILENCE_NS 100000000 /* beyond a period, in which pulses must come while they are on */
 
 static bool charge_failed(const struct edm_readings *readings) {
@@ -26,6 +29,23 @@ static bool is_generator_wrong(const struct edm_controller *c) {
     return over || goes_on || charge_failed(r) || r->charge_uc < -CHARGE_NOISE_UC;
 }
 
+/* A millisecond with sparks: with others shortly before it they are no chance, and the count of open ones begins anew where
+ * they are. The slow reading lags behind a tool that comes back from a jump; a single fast one may be anything. */
+static void note_sparks(struct edm_controller *c) {
+    struct edm_gap *gap = &c->gap;
+    int64_t shortly_ns = PAIR_NS + PAIR_PERIODS * (int64_t)c->settings.pulse_period_ns;
+    bool again = (int64_t)gap->sparkless_ticks * TICK_NS <= shortly_ns;
+    gap->sparkless_ticks = 0;
+    if (!again) {
+        return;
+    }
+    gap->open_ticks = 0;
+    if (gap->displacement_um < DISPLACEMENT_FAILED_UM) {
+        real farthest_um = most(gap->slow_displacement_um, gap->last_spark_um) + SPARK_STEP_UM;
+        gap->last_spark_um = least(gap->displacement_um, farthest_um);
+    }
+}
+
 /* Feeds the low-pass with this tick's mean gap voltage and keeps the counters of the discharge faults. Between slow pulses
  * ticks pass without one; the next pulse then speaks for all of them. */
 int gap_measure(struct edm_controller *c, int shorts) {
@@ -42,17 +62,14 @@ int gap_measure(struct edm_controller *c, int shorts) {
     gap->gap_v = mean_v + (gap->gap_v - mean_v) * power_of(R(1.0) - s->filter_alpha, elapsed);
     gap->shorted = shorts == readings->pulses;
     gap->short_ticks = gap->shorted ? gap->short_ticks + elapsed : 0;
+    gap->sparkless_ticks += elapsed;
     if (gap->tick.of[PULSE_CLASS_OPEN] == readings->pulses) {
         /* Open pulses on the way back from a retraction are no loss: only those at the last spark count. */
         if (gap->slow_displacement_um >= gap->last_spark_um - R(1.0)) {
             gap->open_ticks += elapsed;
         }
     } else {
-        gap->open_ticks = 0;
-        if (gap->displacement_um < DISPLACEMENT_FAILED_UM) {
-            /* The slow reading lags behind a tool that comes back from a jump. */
-            gap->last_spark_um = gap->displacement_um;
-        }
+        note_sparks(c);
     }
     if (gap->misreads >= s->misreads_max) {
         return FAULT_GAP_SENSOR;

@@ -419,6 +419,37 @@ static void cases(void) {
         HOLDS(!gate && c.keeps.fault == FAULT_NO_SPARK && c.gap.displacement_um < last_um + 17);
     }
 
+    for (int spike = 0; spike < 2; spike++) { /* an open gap in which now and then a pulse ignites, with a spike of the sensor */
+        set_up(NULL, 0);
+        arm();
+        cut();
+        run(100, 3);
+        HOLDS(gate);
+        real last_um = c.gap.displacement_um;
+        for (int ms = 0; ms < 5000 && gate; ms++) {
+            begin();
+            readings(3);
+            bool sparks = ms % 90 == 89, before = ms % 90 == 88;
+            all_open(1);
+            if (sparks) c.readings.discharge_us[0] = 80;
+            if (before && spike) c.readings.sensor_um += 100;
+            end();
+            if (ms % 50 == 0) live();
+        }
+        HOLDS(!gate && c.keeps.fault == FAULT_NO_SPARK && 3 * c.motion.command_v < last_um + 17);
+    }
+    set_up(NULL, 0); /* a spark in each millisecond, and a spike of the sensor in the last one */
+    arm();
+    cut();
+    run(100, 3);
+    real place_um = c.gap.displacement_um;
+    begin();
+    readings(3);
+    c.readings.sensor_um += 100;
+    end();
+    run(1, 3);
+    HOLDS(c.gap.last_spark_um <= place_um + 8);
+
     set_up(NULL, 0); /* contact for a millisecond of a sample of ten */
     uint8_t tlm[TLM_START_SIZE] = {0};
     put_u16(tlm, 10000);

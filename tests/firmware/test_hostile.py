@@ -8,26 +8,29 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from random import Random
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 import pytest
 
 from edmctl.firmware.build import REALS
 from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder, encode_frame
-from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator import BenchConfig, gap_monitor, open_bench
 from edmctl.simulator.controller_state import (
     DISPLACEMENT_FAILED_UM,
     FAULT_GENERATOR,
     FAULT_NO_SPARK,
     NORMAL,
     NOTHING,
+    OPEN,
     PACK,
     LoopState,
     Settings,
 )
-from edmctl.simulator.gap_monitor import measure_gap, rest_gap, wait_for_pulse
+from edmctl.simulator.gap_monitor import rest_gap, wait_for_pulse
 from edmctl.simulator.plant_interface import Readings
+from edmctl.simulator.sequences import watch_cut
 from edmctl.simulator.servo import hold_at_limit
 from tests.firmware.cuts import cut
 from tests.firmware.test_garbage import SANITIZERS, program
@@ -35,9 +38,12 @@ from tests.firmware_tools import build_with_sanitizers, need_package
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from edmctl.firmware.build import Build
     from edmctl.simulator import VirtualBench
 
+Measure: TypeAlias = "Callable[[Settings, LoopState, Readings, int], int]"
 ROOT = Path(__file__).parents[2]
 
 
@@ -57,6 +63,13 @@ def test_random_work_on_a_failing_board_stays_safe(core: Build, real: str, odds:
     build_with_sanitizers(command)
     done = subprocess.run([command[-1], "7", "60000", str(odds)], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
+
+
+@pytest.fixture
+def measure(monkeypatch: pytest.MonkeyPatch) -> Measure:
+    """The virtual controller's look at a millisecond with pulses, not compiled."""
+    monkeypatch.setattr(gap_monitor, "note_sparks", gap_monitor.note_sparks.py_func)  # type: ignore[attr-defined]
+    return cast("Measure", gap_monitor.measure_gap.py_func)  # type: ignore[attr-defined]
 
 
 def _fails(bench: VirtualBench, part: str, name: str, value: float) -> None:
@@ -111,14 +124,15 @@ def test_current_in_the_off_time_of_an_open_gap_is_found(
     ("charge_uc", "siemens", "fault"),
     [(-2.1, 0.0, FAULT_GENERATOR), (-1.9, 0.0, NOTHING), (0.0, 5.0, FAULT_GENERATOR), (20.0, 0.006, NOTHING)],
 )
-def test_a_current_sensor_turned_round_hides_nothing(charge_uc: float, siemens: float, fault: int) -> None:
+def test_a_current_sensor_turned_round_hides_nothing(
+    measure: Measure, charge_uc: float, siemens: float, fault: int
+) -> None:
     """Of the virtual controller; hostile.c tries the core."""
     loop, settings, readings = LoopState(), Settings(), Readings()
     settings.duty_v, settings.misreads_max, settings.arc_run_max = 12.0, 50, 60
     settings.over_current, settings.nominal_siemens, settings.short_ticks_max = 1.5, 0.006, 3000
     readings.gap_v, readings.pulses, loop.tick_counts = 10.0, 2, 2 << PACK * NORMAL
     readings.charge_uc, readings.generator_siemens = charge_uc, siemens
-    measure = measure_gap.py_func  # type: ignore[attr-defined]
     assert measure(settings, loop, readings, 0) == fault
 
 
@@ -137,24 +151,73 @@ def test_a_short_beyond_the_limit_of_a_scan_goes_back_as_fast_as_any(beyond_um: 
     assert loop.rate_v_s == max(-5.0, min(5.0, -4.0 * beyond_um))
 
 
-def test_what_counts_as_a_spark_and_as_its_place() -> None:
+def test_what_counts_as_a_spark_and_as_its_place(measure: Measure) -> None:
     """Of the virtual controller; hostile.c tries the core."""
     loop, settings, readings = LoopState(), Settings(), Readings()
     settings.duty_v, settings.misreads_max, settings.arc_run_max = 12.0, 50, 60
     readings.gap_v, readings.pulses = 10.0, 2
-    measure = measure_gap.py_func  # type: ignore[attr-defined]
+    settings.pulse_period_ns = 434_783
     places = []
-    for displacement_um in (7.0, DISPLACEMENT_FAILED_UM, 8.0):
-        loop.displacement_um = displacement_um
+    for displacement_um, slow_um in (
+        (7.0, 6.5),
+        (DISPLACEMENT_FAILED_UM, 6.5),
+        (8.0, 6.5),
+        (108.0, 6.5),  # a single reading
+        (8.5, 6.5),
+        (13.0, -40.0),  # back from a jump the slow one lags
+    ):
+        loop.displacement_um, loop.slow_displacement_um = displacement_um, slow_um
         loop.tick_counts = 2 << PACK * NORMAL
         assert measure(settings, loop, readings, 0) == NOTHING
         places.append(loop.last_spark_um)
-    assert places == [7.0, 7.0, 8.0]
+    assert places == [7.0, 7.0, 8.0, 13.0, 8.5, 13.0]
     for open_pulses, gap_v, open_ticks in ((2, 11.5, 1), (2, 12.0, 2), (1, 11.999, 0)):
         loop.tick_counts = open_pulses + (2 - open_pulses << PACK * NORMAL)
-        readings.gap_v, loop.slow_displacement_um = gap_v, 9.0
+        readings.gap_v, loop.slow_displacement_um = gap_v, 13.0
         assert measure(settings, loop, readings, 0) == NOTHING
         assert loop.open_ticks == open_ticks
+
+
+@pytest.mark.parametrize(("apart_ms", "lost"), [(90, True), (15, True), (14, False)])
+@pytest.mark.parametrize("spike_um", [0.0, 100.0])
+def test_sparks_by_themselves_do_not_let_the_tool_go_on(
+    measure: Measure, apart_ms: int, lost: bool, spike_um: float
+) -> None:
+    """Of the virtual controller; hostile.c tries the core. A tool feeds at 50 µm/s through a gap without work."""
+    loop, settings, readings = LoopState(), Settings(), Readings()
+    settings.duty_v, settings.misreads_max, settings.arc_run_max = 12.0, 50, 60
+    settings.short_ticks_max, settings.open_ticks_max, settings.open_lost_um = 3000, 10_000, 15.0
+    settings.pulse_period_ns = 434_783
+    readings.gap_v, readings.pulses, loop.time_ticks, loop.z_limit_um = 10.0, 2, 60_000, 1e4
+    watch = watch_cut.py_func  # type: ignore[attr-defined]
+    for ms in range(1, 4000):
+        z_um = 0.05 * ms
+        sparks = ms % apart_ms == 0
+        loop.displacement_um, loop.slow_displacement_um = z_um + (spike_um if sparks else 0.0), z_um - 2.5
+        loop.tick_counts = 1 + (1 << PACK * NORMAL) if sparks else 2
+        assert measure(settings, loop, readings, 0) == NOTHING
+        if watch(settings, loop) == FAULT_NO_SPARK:
+            assert lost
+            assert z_um < 15.0 + 2.5 + 0.1
+            return
+    assert not lost
+
+
+@pytest.mark.parametrize(("period_ms", "share"), [(1, 0.05), (10, 0.2), (100, 0.2), (1000, 0.7)])
+def test_sparse_sparks_are_sparks(measure: Measure, period_ms: int, share: float) -> None:
+    """Of the virtual controller: of slow pulses some ignite, by chance, while the tool feeds at 1 µm/s."""
+    loop, settings, readings, random = LoopState(), Settings(), Readings(), Random(5)
+    settings.duty_v, settings.misreads_max, settings.arc_run_max = 12.0, 50, 60
+    settings.short_ticks_max, settings.open_ticks_max, settings.open_lost_um = 3000, 10_000, 15.0
+    settings.pulse_period_ns = period_ms * 1_000_000
+    readings.gap_v, readings.pulses, loop.time_ticks, loop.z_limit_um = 10.0, 1, 10**9, 1e9
+    watch = watch_cut.py_func  # type: ignore[attr-defined]
+    for ms in range(0, 2000 * period_ms, period_ms):
+        loop.displacement_um = loop.slow_displacement_um = 0.001 * ms
+        loop.tick_counts = 1 << PACK * (NORMAL if random.random() < share else OPEN)
+        loop.silent_ticks = period_ms - 1
+        assert measure(settings, loop, readings, 0) == NOTHING
+        assert watch(settings, loop) == NOTHING, ms
 
 
 @pytest.mark.parametrize("controller", ["python", "firmware"])
