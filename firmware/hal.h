@@ -27,7 +27,8 @@ struct edm_drive {
 };
 
 /* What the machine shows of the millisecond that ended. A reading that has failed is NaN, never an old or a likely value:
- * the core then takes what is safe. */
+ * the core then takes what is safe. A pulse is told once and whole, however long it is: in the millisecond in which its
+ * on-time ends, or in that in which it begins; until then its discharge is in no count. Charge may be told as it flows. */
 struct edm_readings {
     real sensor_um;          /* displacement sensor */
     real monitor_v;          /* voltage monitor of the actuator's amplifier */

@@ -467,6 +467,25 @@ static void cases(void) {
         HOLDS((c.telemetry.samples[i][TLM_RECORD_SIZE - 1] & TLM_FLAGS_CONTACT) == (i == 1 ? TLM_FLAGS_CONTACT : 0));
     }
 
+    set_up(NULL, 0); /* charge of a pulse that lasts for milliseconds: black box and telemetry tell the same of each */
+    put_u16(tlm, 1000);
+    send(MSG_TLM_START, tlm, TLM_START_SIZE);
+    arm();
+    cut();
+    run(1, 3);
+    for (int ms = 0; ms < 4; ms++) {
+        const real charge_uc[] = {7, 11, 13, NAN};
+        struct edm_reply reply;
+        begin();
+        readings(ms == 2);
+        c.readings.charge_uc = charge_uc[ms];
+        end();
+        blackbox_read(&c, (uint16_t)(c.tick - c.boot_tick - 1), &reply);
+        const uint8_t *kept_sample = reply.payload + BLACKBOX_READ_REPLY_SIZE;
+        HOLDS(memcmp(kept_sample, c.telemetry.samples[c.telemetry.pending - 1], TLM_RECORD_SIZE) == 0);
+        HOLDS(get_u16(kept_sample + 8) == (ms < 3 ? (uint16_t)charge_uc[ms] : 0));
+    }
+
     set_up(NULL, 0); /* more pulses than there is room for */
     arm();
     cut();

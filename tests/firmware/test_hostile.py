@@ -11,12 +11,14 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, TypeAlias, cast
 
+import numpy as np
 import pytest
 
 from edmctl.firmware.build import REALS
 from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.simulator import BenchConfig, gap_monitor, open_bench
+from edmctl.simulator.controller_kernel import judge_tick
 from edmctl.simulator.controller_state import (
     DISPLACEMENT_FAILED_UM,
     FAULT_GENERATOR,
@@ -103,6 +105,25 @@ def test_a_reading_that_cannot_be_ends_the_cut(
     bench.controller.advance(2)
     assert not bench.plant.drive.pulses_on
     assert (bench.controller.state, bench.controller.fault) == (state, fault)
+
+
+def test_black_box_and_telemetry_tell_the_charge_of_every_millisecond() -> None:
+    """Of the virtual controller; hostile.c tries the core. A pulse of 3 ms is told in its last one."""
+    bench = cut("python", 0.1)
+    c = bench.python_controller
+    (settings, loop), (drive, readings) = (c.settings, c.loop), (bench.plant.drive, bench.plant.readings)
+    records = [r.shared[0] for r in (settings, loop, drive, readings)]
+    c.telemetry.flush()
+    for charge_uc, pulses in ((7.0, 0), (11.0, 0), (13.0, 1), (math.nan, 0)):
+        readings.charge_uc, readings.pulses = charge_uc, pulses
+        readings.tick += 1
+        t = c.telemetry
+        assert judge_tick(*records, c.black_box.ring, t.samples, t.blocks, t.pulses) == NOTHING
+    total = c.black_box.read(0, c.tick, c.boot_tick).total
+    read = c.black_box.read(total - 4, c.tick, c.boot_tick)
+    kept = np.frombuffer(bytes(read.records), m.Tlm.record_dtype())
+    assert kept["current_a"].tolist() == [7, 11, 13, 0]  # mA
+    assert kept.tobytes() == c.telemetry.samples[:4].tobytes()
 
 
 @pytest.mark.parametrize("controller", ["python", "firmware"])
@@ -246,6 +267,27 @@ def test_damaged_frames_count_from_the_reset_on(core: Build, controller: str) ->
     frames = [encode_frame(r.ID, at, 5, 0, r.pack()) for at, r in enumerate((hello, m.Arm(m.param_crc({}))))]
     bench.controller.receive(b"".join(frames) + b"\0damaged\0" * 10)
     assert bench.controller.fault == 1003
+
+
+@pytest.mark.parametrize("controller", ["python", "firmware"])
+@pytest.mark.parametrize(("apart_ms", "fault"), [(1233, 1003), (1234, 0)])
+def test_a_second_of_the_host_is_whole_milliseconds_of_the_controller(
+    core: Build, controller: str, apart_ms: int, fault: int
+) -> None:
+    """At 1.2345 times the pace of the host a second of it is 1234 ms."""
+    bench = open_bench(BenchConfig(controller=controller), 1)
+    bench.controller.host_time_scale = 1.2345
+    hello = m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 1, m.SCHEMA_HASH)
+    requests = (hello, m.Arm(m.param_crc({})))
+    bench.controller.receive(
+        b"".join(encode_frame(r.ID, at, 5, 0, r.pack()) for at, r in enumerate(requests))
+    )
+    bench.controller.receive(b"\0damaged\0" * 9)
+    for _ in range(apart_ms):
+        bench.controller.advance(1)
+        bench.controller.host_heard()
+    bench.controller.receive(b"\0damaged\0")
+    assert bench.controller.fault == fault
 
 
 def test_a_reset_beyond_the_default_range_makes_no_jump() -> None:
