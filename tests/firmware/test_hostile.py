@@ -112,13 +112,13 @@ def test_black_box_and_telemetry_tell_the_charge_of_every_millisecond() -> None:
     bench = cut("python", 0.1)
     c = bench.python_controller
     (settings, loop), (drive, readings) = (c.settings, c.loop), (bench.plant.drive, bench.plant.readings)
-    records = [r.shared[0] for r in (settings, loop, drive, readings)]
+    shared = settings.shared[0], loop.shared[0], drive.shared[0], readings.shared[0]
     c.telemetry.flush()
     for charge_uc, pulses in ((7.0, 0), (11.0, 0), (13.0, 1), (math.nan, 0)):
         readings.charge_uc, readings.pulses = charge_uc, pulses
         readings.tick += 1
         t = c.telemetry
-        assert judge_tick(*records, c.black_box.ring, t.samples, t.blocks, t.pulses) == NOTHING
+        assert judge_tick(*shared, c.black_box.ring, t.samples, t.blocks, t.pulses) == NOTHING
     total = c.black_box.read(0, c.tick, c.boot_tick).total
     read = c.black_box.read(total - 4, c.tick, c.boot_tick)
     kept = np.frombuffer(bytes(read.records), m.Tlm.record_dtype())
