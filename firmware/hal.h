@@ -27,17 +27,18 @@ struct edm_drive {
 };
 
 /* What the machine shows of the millisecond that ended. A reading that has failed is NaN, never an old or a likely value:
- * the core then takes what is safe. */
+ * the core then takes what is safe. A pulse is told once and whole, however long it is: in the millisecond in which its
+ * on-time ends, or in that in which it begins; until then its discharge is in no count. Charge may be told as it flows. */
 struct edm_readings {
     real sensor_um;          /* displacement sensor */
     real monitor_v;          /* voltage monitor of the actuator's amplifier */
     real gap_v;              /* mean gap voltage over the periods of the pulses, off-times included; without pulses that of
                               * the gap, NaN where none is measured */
-    real charge_uc;          /* that went through the gap */
+    real charge_uc;          /* that went through the gap; less than nothing by 2 µC or more is a sensor turned round */
     real generator_siemens;  /* in a discharge, current over (open voltage - gap voltage); 0 without one */
-    real off_time_a;         /* current that goes on into the off-time */
+    real off_time_a;         /* current that goes on into the off-time; 0 for noise */
     uint8_t contact;         /* 1: the contact circuit is closed; counts in ARMED, MOVING and TOUCH */
-    uint8_t stray_pulses;    /* generator pulses in measure mode */
+    uint8_t stray_pulses;    /* that the gate lets through although it is shut: 3004, in a touch 3006 */
     uint8_t pulses;          /* entries of the series below; with the gate shut none, unless some come all the same */
     int64_t first_pulse_ns;  /* begin of the first one; the millisecond began at (tick of the controller) x 1 000 000 */
     real delay_us[EDM_MOST_PULSES];     /* ignition delay; the on-time when open */

@@ -45,6 +45,7 @@ def judge_tick(
     """Look at the millisecond that ended, decide how to go on, record it; returns what happened."""
     happened = NOTHING
     charge = readings.charge_uc if abs(readings.charge_uc) <= CHARGE_MOST_UC else 0.0
+    loop.charge_uc += charge
     if drive.pulses_on == 0:
         happened = rest_gap(loop, readings)
     elif readings.pulses == 0:
@@ -53,7 +54,6 @@ def judge_tick(
     else:
         loop.stray_ticks = 0
         shorts = judge_pulses(settings, loop, readings, blocks, pulses)
-        loop.charge_uc += charge
         happened = measure_gap(settings, loop, readings, shorts)
     displacement = readings.sensor_um
     if settings.sensor_missing == 1:

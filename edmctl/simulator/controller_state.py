@@ -127,6 +127,7 @@ class LoopState(Record):
     shorted: int
     silent_ticks: int  # since the last pulse
     stray_ticks: int  # in a row with pulses although the gate is shut
+    sparkless_ticks: int  # since the last millisecond with sparks, while pulses are on
     short_ticks: int
     open_ticks: int
     arc_run: int

@@ -134,7 +134,7 @@ def strike_pulses(
             pass
         elif gap <= 0.0 or bridge_until > 0.0 or local <= 0.0:
             delay, plateau, discharge = 0.0, unit.short_plateau_v, on_time
-            charge += (open_v - plateau) * per_ohm * discharge
+            charge += max(0.0, open_v - plateau) * per_ohm * discharge
         else:
             again = 0.0
             if previous >= 0.0 and unit.off_time_us < unit.longest_memory_us:
@@ -181,7 +181,7 @@ def strike_pulses(
                     discharge = on_time - delay
                     if unit.discharge_set_us > 0.0:
                         discharge = min(discharge, unit.discharge_set_us)
-                    pulse_charge = (open_v - plateau) * per_ohm * discharge
+                    pulse_charge = max(0.0, open_v - plateau) * per_ohm * discharge
                     charge += pulse_charge
                     energy = plateau * pulse_charge
                     burning = min(int(discharge * per_burning), BURNING - 1)
@@ -231,4 +231,4 @@ def strike_pulses(
         voltage_sum = stuck * count
     readings.pulses, readings.charge_uc = count, charge
     readings.gap_v = read * voltage_sum / count if count > 0 else math.nan
-    readings.generator_siemens, readings.off_time_a = per_ohm, leak_a
+    readings.generator_siemens, readings.off_time_a = (per_ohm if charge > 0.0 else 0.0), leak_a

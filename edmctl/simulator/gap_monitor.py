@@ -25,6 +25,8 @@ from edmctl.simulator.controller_state import (
     OPEN,
     PACK,
     SHORT,
+    TOUCH_BACK,
+    TOUCH_FAST,
 )
 from edmctl.simulator.plant_interface import TICK_NS
 
@@ -37,7 +39,10 @@ MISREAD_HIGH = 0.97  # of the open voltage: more is none that a discharge has
 GAP_MOST_V = 1000.0  # beyond it no gap voltage is one
 CHARGE_MOST_UC = 1e6  # beyond it, either way, none is the charge of a millisecond
 CURRENT_MOST_A = 1000.0  # below minus this no current is one
+CHARGE_NOISE_UC = 2.0  # 2 mA for the millisecond: below minus this it is no noise
 SILENCE_NS = 100_000_000  # beyond a period, in which pulses must come while they are on
+PAIR_NS, PAIR_PERIODS = 10_000_000, 10  # added up: sparks no farther apart are no chance of an open gap
+SPARK_STEP_UM = 5.0  # no spark is farther beyond the last one, and where the tool slowly reads to be
 MISREAD_LOW = 0.5  # of the open voltage: less is none that an open gap has
 
 
@@ -157,22 +162,20 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
     else:
         loop.shorted = 0
         loop.short_ticks = 0
+    loop.sparkless_ticks += elapsed
     if count_of(loop.tick_counts, OPEN) == readings.pulses:
         # Open pulses on the way back from a retraction are no loss: only those at the last spark count.
         if loop.slow_displacement_um >= loop.last_spark_um - 1.0:
             loop.open_ticks += elapsed
     else:
-        loop.open_ticks = 0
-        if loop.displacement_um < DISPLACEMENT_FAILED_UM:
-            # The slow reading lags behind a tool that comes back from a jump.
-            loop.last_spark_um = loop.displacement_um
+        note_sparks(settings, loop)
     if loop.misreads >= settings.misreads_max:
         return FAULT_GAP_SENSOR
-    # Current over voltage drop in a discharge is the conductance that the generator really has.
-    if not abs(readings.charge_uc) <= CHARGE_MOST_UC:
-        return FAULT_GENERATOR
-    if readings.charge_uc > 0.0 and (
-        not -CURRENT_MOST_A <= readings.off_time_a <= 0.0
+    # Current over voltage drop in a discharge is the conductance that the generator really has. A current sensor
+    # that is turned round sees nothing of it.
+    if (
+        not -CHARGE_NOISE_UC <= readings.charge_uc <= CHARGE_MOST_UC
+        or not -CURRENT_MOST_A <= readings.off_time_a <= 0.0
         or not abs(readings.generator_siemens) <= settings.over_current * settings.nominal_siemens
     ):
         return FAULT_GENERATOR
@@ -181,6 +184,23 @@ def measure_gap(settings: Settings, loop: LoopState, readings: Readings, shorts:
     if loop.arc_run >= settings.arc_run_max:
         return FAULT_ARC
     return NOTHING
+
+
+@compiled
+def note_sparks(settings: Settings, loop: LoopState) -> None:
+    """A millisecond with sparks: with others shortly before it the count of open ones begins anew where they are.
+
+    One by itself is a chance that an open gap has too. The slow reading lags behind a tool that comes back from a
+    jump; a single fast one may be anything.
+    """
+    again = loop.sparkless_ticks * TICK_NS <= PAIR_NS + PAIR_PERIODS * settings.pulse_period_ns
+    loop.sparkless_ticks = 0
+    if not again:
+        return
+    loop.open_ticks = 0
+    if loop.displacement_um < DISPLACEMENT_FAILED_UM:
+        farthest_um = max(loop.slow_displacement_um, loop.last_spark_um) + SPARK_STEP_UM
+        loop.last_spark_um = min(loop.displacement_um, farthest_um)
 
 
 @compiled
@@ -194,7 +214,9 @@ def rest_gap(loop: LoopState, readings: Readings) -> int:
     loop.tick_gap_v = 0.0
     if readings.gap_v >= 0.0:
         loop.tick_gap_v = loop.gap_v = min(readings.gap_v, GAP_MOST_V)
-    loop.stray_ticks = loop.stray_ticks + 1 if loop.watched == 1 and readings.pulses > 0 else 0
+    touches = TOUCH_FAST <= loop.mode <= TOUCH_BACK  # pulses that reach a touch are the mode switch's
+    stray = readings.pulses > 0 or (readings.stray_pulses > 0 and not touches)
+    loop.stray_ticks = loop.stray_ticks + 1 if loop.watched == 1 and stray else 0
     return FAULT_GENERATOR if loop.stray_ticks > 1 else NOTHING
 
 

@@ -80,7 +80,7 @@ class Guards:
         if not new and not self._bad_frames:
             return False
         self._bad_frames.extend([now] * new)
-        while self._bad_frames and self._bad_frames[0] <= now - NOISE_TICKS * time_scale:
+        while self._bad_frames and self._bad_frames[0] <= now - round(NOISE_TICKS * time_scale):
             self._bad_frames.popleft()
         return new > 0 and len(self._bad_frames) >= self._parameters.bad_frames
 

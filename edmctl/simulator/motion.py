@@ -65,7 +65,7 @@ class Motion:
         loop, drive = self._loop, self._plant.drive
         drive.pulses_on = 1
         drive.pulse_starts += 1
-        loop.silent_ticks = 0
+        loop.silent_ticks = loop.sparkless_ticks = 0
         loop.open_ticks = loop.short_ticks = loop.shorted = loop.arc_run = loop.misreads = 0
         loop.last_spark_um = self.place_um
 

@@ -55,7 +55,7 @@ class Readings(Record):
     charge_uc: float  # that went through the gap
     generator_siemens: float  # conductance of the generator: current over voltage drop in a discharge
     off_time_a: float  # current that goes on into the off-time
-    stray_pulses: int  # generator pulses that come through in measure mode
+    stray_pulses: int  # that come although the gate is shut
     first_pulse_ns: int  # when the first of the pulses began, since the machine was set up
     pulses: int  # so many entries of the series are of this millisecond
     delay_us: Floats = series(MOST_PULSES)  # ignition delay

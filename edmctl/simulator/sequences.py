@@ -119,24 +119,38 @@ def approach_tick(loop: LoopState, drive: Drive) -> int:
 
 
 @compiled
-def cut_tick(settings: Settings, loop: LoopState, drive: Drive) -> int:
+def watch_cut(settings: Settings, loop: LoopState) -> int:
+    """What no millisecond with pulses of a cut or scan passes: a depth that is not known, lost sparks.
+
+    Its time counts.
+    """
     if loop.displacement_um >= DISPLACEMENT_FAILED_UM:
         return FAULT_TRAVEL  # nobody knows how deep: no limit that has been reached
-    servo_tick(settings, loop)
     loop.time_ticks -= 1
+    held = loop.scanning == 1 and loop.slow_displacement_um >= loop.z_limit_um - HELD_WITHIN_UM
+    if held:
+        loop.open_ticks = min(loop.open_ticks, LOST_TICKS + 1)  # where it waits, time tells nothing
+    way_um = loop.slow_displacement_um - loop.last_spark_um
+    lost = loop.open_ticks > LOST_TICKS and way_um > settings.open_lost_um
+    if lost or (not held and loop.open_ticks > settings.open_ticks_max):
+        return FAULT_NO_SPARK
+    return NOTHING
+
+
+@compiled
+def cut_tick(settings: Settings, loop: LoopState, drive: Drive) -> int:
+    """A millisecond of a cut or scan: the end of the one, the hold of the other, time, and what is watched."""
+    found = watch_cut(settings, loop)
+    if found == FAULT_TRAVEL:
+        return found
+    servo_tick(settings, loop)
     if loop.scanning == 1:
         hold_at_limit(settings, loop)
-        if loop.slow_displacement_um >= loop.z_limit_um - HELD_WITHIN_UM:
-            loop.open_ticks = min(loop.open_ticks, LOST_TICKS + 1)  # where it waits, time tells nothing
     elif loop.slow_displacement_um >= loop.z_limit_um:
         return end_motion(loop, drive, CUT_DONE)
     if loop.time_ticks <= 0:
         return end_motion(loop, drive, TIME_UP)
-    way_um = loop.slow_displacement_um - loop.last_spark_um
-    lost = loop.open_ticks > LOST_TICKS and way_um > settings.open_lost_um
-    if lost or loop.open_ticks > settings.open_ticks_max:
-        return FAULT_NO_SPARK
-    return NOTHING
+    return found
 
 
 @compiled
@@ -191,8 +205,12 @@ def jump_tick(settings: Settings, loop: LoopState, drive: Drive) -> int:
         enter(loop, JUMP_RETURN)
         start_pulses(loop, drive)
         loop.tick_gap_v = settings.open_v
+        loop.open_ticks = 0
         return JUMP_RESUMED
-    elif mode == JUMP_RETURN and jump_is_back(loop):
+    elif mode == JUMP_RETURN:
+        found = watch_cut(settings, loop)  # its pulses are watched as those of the cut
+        if found != NOTHING or not jump_is_back(loop):
+            return found
         enter(loop, SERVO)
         loop.open_ticks = 0
         return JUMP_DONE
@@ -201,9 +219,14 @@ def jump_tick(settings: Settings, loop: LoopState, drive: Drive) -> int:
 
 @compiled
 def jump_is_back(loop: LoopState) -> bool:
-    """A millisecond as busy as the reference asks for, or well past where the jump began."""
+    """A millisecond as busy as the reference asks for, or well past where the jump began.
+
+    Or the cut's limit or the end of its time, which the servo then finds.
+    """
     busy = loop.tick_gap_v <= loop.gap_ref_v
-    return bool(busy or loop.command_v >= loop.start_v + loop.clearance_v)
+    past = loop.command_v >= loop.start_v + loop.clearance_v
+    over = loop.slow_displacement_um >= loop.z_limit_um or loop.time_ticks <= 0
+    return bool(busy or past or over)
 
 
 @compiled

@@ -182,6 +182,7 @@ struct edm_gap {
     bool shorted;
     uint32_t silent_ticks; /* since the last pulse */
     uint32_t stray_ticks; /* in a row with pulses although the gate is shut */
+    uint32_t sparkless_ticks; /* since the last millisecond with sparks, while pulses are on */
     int64_t short_ticks, open_ticks;
     int32_t arc_run, misreads;
     real last_spark_um;

@@ -67,6 +67,8 @@ bool stages_arrived(const struct edm_controller *c);
 
 /* servo.c */
 int servo_tick(struct edm_controller *c);
+int servo_watch(struct edm_controller *c);
+bool servo_is_deep(const struct edm_controller *c);
 
 /* jump.c, touch.c, self_test.c */
 real jump_command(const struct edm_controller *c);

@@ -4,6 +4,10 @@
 #define GAP_MOST_V R(1000.0) /* beyond it no gap voltage is one */
 #define CHARGE_MOST_UC R(1e6) /* beyond it, either way, none is the charge of a millisecond */
 #define CURRENT_MOST_A R(1000.0) /* below minus this no current is one */
+#define CHARGE_NOISE_UC R(2.0) /* 2 mA for the millisecond: below minus this it is no noise */
+#define PAIR_NS 10000000     /* and ten periods: sparks no farther apart are no chance of an open gap */
+#define PAIR_PERIODS 10
+#define SPARK_STEP_UM R(5.0) /* no spark is farther beyond the last one, and where the tool slowly reads to be */
 #define SILENCE_NS 100000000 /* beyond a period, in which pulses must come while they are on */
 
 static bool charge_failed(const struct edm_readings *readings) {
@@ -13,6 +17,33 @@ static bool charge_failed(const struct edm_readings *readings) {
 /* Charge of the millisecond as it is told: 0 for a reading that has failed. */
 real gap_charge(const struct edm_controller *c) {
     return charge_failed(&c->readings) ? 0 : c->readings.charge_uc;
+}
+
+/* Whether currents of a millisecond with pulses are none that a sound generator makes: too great, going on into the off-time,
+ * or of a sensor that is turned round and sees neither. */
+static bool is_generator_wrong(const struct edm_controller *c) {
+    const struct edm_readings *r = &c->readings;
+    /* Current over voltage drop in a discharge is the conductance that the generator really has. */
+    bool over = !(magnitude(r->generator_siemens) <= c->settings.over_current * c->settings.nominal_siemens);
+    bool goes_on = !(r->off_time_a <= 0 && r->off_time_a >= -CURRENT_MOST_A);
+    return over || goes_on || charge_failed(r) || r->charge_uc < -CHARGE_NOISE_UC;
+}
+
+/* A millisecond with sparks: with others shortly before it they are no chance, and the count of open ones begins anew where
+ * they are. The slow reading lags behind a tool that comes back from a jump; a single fast one may be anything. */
+static void note_sparks(struct edm_controller *c) {
+    struct edm_gap *gap = &c->gap;
+    int64_t shortly_ns = PAIR_NS + PAIR_PERIODS * (int64_t)c->settings.pulse_period_ns;
+    bool again = (int64_t)gap->sparkless_ticks * TICK_NS <= shortly_ns;
+    gap->sparkless_ticks = 0;
+    if (!again) {
+        return;
+    }
+    gap->open_ticks = 0;
+    if (gap->displacement_um < DISPLACEMENT_FAILED_UM) {
+        real farthest_um = most(gap->slow_displacement_um, gap->last_spark_um) + SPARK_STEP_UM;
+        gap->last_spark_um = least(gap->displacement_um, farthest_um);
+    }
 }
 
 /* Feeds the low-pass with this tick's mean gap voltage and keeps the counters of the discharge faults. Between slow pulses
@@ -31,25 +62,19 @@ int gap_measure(struct edm_controller *c, int shorts) {
     gap->gap_v = mean_v + (gap->gap_v - mean_v) * power_of(R(1.0) - s->filter_alpha, elapsed);
     gap->shorted = shorts == readings->pulses;
     gap->short_ticks = gap->shorted ? gap->short_ticks + elapsed : 0;
+    gap->sparkless_ticks += elapsed;
     if (gap->tick.of[PULSE_CLASS_OPEN] == readings->pulses) {
         /* Open pulses on the way back from a retraction are no loss: only those at the last spark count. */
         if (gap->slow_displacement_um >= gap->last_spark_um - R(1.0)) {
             gap->open_ticks += elapsed;
         }
     } else {
-        gap->open_ticks = 0;
-        if (gap->displacement_um < DISPLACEMENT_FAILED_UM) {
-            /* The slow reading lags behind a tool that comes back from a jump. */
-            gap->last_spark_um = gap->displacement_um;
-        }
+        note_sparks(c);
     }
     if (gap->misreads >= s->misreads_max) {
         return FAULT_GAP_SENSOR;
     }
-    /* Current over voltage drop in a discharge is the conductance that the generator really has. */
-    bool over = !(magnitude(readings->generator_siemens) <= s->over_current * s->nominal_siemens);
-    bool goes_on = !(readings->off_time_a <= 0 && readings->off_time_a >= -CURRENT_MOST_A);
-    if (charge_failed(readings) || (readings->charge_uc > 0 && (goes_on || over))) {
+    if (is_generator_wrong(c)) {
         return FAULT_GEN_FAULT;
     }
     if (gap->short_ticks > s->short_ticks_max) {
@@ -64,6 +89,12 @@ real gap_place(const struct edm_controller *c) {
     return place_um < DISPLACEMENT_FAILED_UM ? place_um : -DISPLACEMENT_FAILED_UM;
 }
 
+/* Pulses that come although the gate is shut; those that reach a touch are the mode switch's (touch.c). */
+static bool is_stray(const struct edm_controller *c) {
+    bool touches = c->motion.mode >= TOUCH_FAST && c->motion.mode <= TOUCH_BACK;
+    return c->readings.pulses > 0 || (c->readings.stray_pulses > 0 && !touches);
+}
+
 /* A millisecond without pulses, in which the gap sensor should read nothing. Pulses that come all the same are those of a
  * generator that does not switch off; in the first such millisecond the gate may have been shut. */
 int gap_rest(struct edm_controller *c) {
@@ -73,7 +104,7 @@ int gap_rest(struct edm_controller *c) {
     if (c->readings.gap_v >= 0) {
         gap->tick_gap_v = gap->gap_v = least(c->readings.gap_v, GAP_MOST_V);
     }
-    gap->stray_ticks = c->armed && c->readings.pulses > 0 ? gap->stray_ticks + 1 : 0;
+    gap->stray_ticks = c->armed && is_stray(c) ? gap->stray_ticks + 1 : 0;
     return gap->stray_ticks > 1 ? FAULT_GEN_FAULT : NOTHING;
 }
 

@@ -28,10 +28,23 @@ real jump_command(const struct edm_controller *c) {
     return (jump->start_v - jump->jump_v) - back * share;
 }
 
-/* A millisecond as busy as the reference asks for, or well past where the jump began. */
+/* A millisecond as busy as the reference asks for, or well past where the jump began; or the cut's limit or the end of its
+ * time, which the servo then finds. */
 static bool is_back(const struct edm_controller *c) {
     return c->gap.tick_gap_v <= c->servo.gap_ref_v ||
-           c->motion.command_v >= c->jump.start_v + c->jump.clearance_v;
+           c->motion.command_v >= c->jump.start_v + c->jump.clearance_v || servo_is_deep(c) ||
+           c->servo.time_ticks <= 0;
+}
+
+/* A millisecond of the way back, with pulses: watched as the cut is. */
+static int return_tick(struct edm_controller *c) {
+    int found = servo_watch(c);
+    if (found != NOTHING || !is_back(c)) {
+        return found;
+    }
+    motion_enter(c, SERVO);
+    c->gap.open_ticks = 0;
+    return JUMP_IS_DONE;
 }
 
 /* A millisecond of a jump: its next phase, or the way on in the cut. */
@@ -48,11 +61,10 @@ int jump_tick(struct edm_controller *c) {
         motion_enter(c, JUMP_RETURN);
         motion_gate(c, true);
         c->gap.tick_gap_v = c->settings.open_v;
-        return JUMP_RESUMED;
-    } else if (m->mode == JUMP_RETURN && is_back(c)) {
-        motion_enter(c, SERVO);
         c->gap.open_ticks = 0;
-        return JUMP_IS_DONE;
+        return JUMP_RESUMED;
+    } else if (m->mode == JUMP_RETURN) {
+        return return_tick(c);
     }
     return NOTHING;
 }

@@ -55,6 +55,7 @@ void motion_pulses_on(struct edm_controller *c) {
     struct edm_gap *gap = &c->gap;
     motion_gate(c, true);
     gap->open_ticks = gap->short_ticks = 0;
+    gap->sparkless_ticks = 0;
     gap->shorted = false;
     gap->arc_run = gap->misreads = 0;
     gap->last_spark_um = gap_place(c);

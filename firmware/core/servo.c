@@ -67,29 +67,39 @@ static void hold_at_limit(struct edm_controller *c) {
     }
 }
 
-/* A millisecond of a cut or scan: whether its depth is known (else fault 2001), its limit, its time, and whether sparks are
- * lost (3005). */
-int servo_tick(struct edm_controller *c) {
+/* What no millisecond with pulses of a cut or scan passes: a depth that is not known (fault 2001), lost sparks (3005). Its time
+ * counts. */
+int servo_watch(struct edm_controller *c) {
     struct edm_gap *gap = &c->gap;
-    struct edm_servo *servo = &c->servo;
     if (gap->displacement_um >= DISPLACEMENT_FAILED_UM) {
         return FAULT_TRAVEL_LIMIT; /* nobody knows how deep: no limit that has been reached */
     }
-    decide(c);
-    servo->time_ticks--;
-    if (c->scan.scanning) {
-        hold_at_limit(c);
-        bool held = gap->slow_displacement_um >= servo->z_limit_um - HELD_WITHIN_UM;
-        if (held && gap->open_ticks > LOST_TICKS + 1) {
-            gap->open_ticks = LOST_TICKS + 1; /* where it waits, time tells nothing */
-        }
-    } else if (gap->slow_displacement_um >= servo->z_limit_um) {
-        return motion_end(c, CUT_DONE);
-    }
-    if (servo->time_ticks <= 0) {
-        return motion_end(c, TIME_UP);
+    c->servo.time_ticks--;
+    bool held = c->scan.scanning && gap->slow_displacement_um >= c->servo.z_limit_um - HELD_WITHIN_UM;
+    if (held && gap->open_ticks > LOST_TICKS + 1) {
+        gap->open_ticks = LOST_TICKS + 1; /* where it waits, time tells nothing */
     }
     real way_um = gap->slow_displacement_um - gap->last_spark_um;
     bool lost = gap->open_ticks > LOST_TICKS && way_um > c->settings.open_lost_um;
-    return lost || gap->open_ticks > c->settings.open_ticks_max ? FAULT_NO_SPARK : NOTHING;
+    return lost || (!held && gap->open_ticks > c->settings.open_ticks_max) ? FAULT_NO_SPARK : NOTHING;
+}
+
+/* Whether the tool is at its limit. */
+bool servo_is_deep(const struct edm_controller *c) {
+    return c->gap.slow_displacement_um >= c->servo.z_limit_um;
+}
+
+/* A millisecond of a cut or scan: the end of the one, the hold of the other, time, and what is watched. */
+int servo_tick(struct edm_controller *c) {
+    int found = servo_watch(c);
+    if (found == FAULT_TRAVEL_LIMIT) {
+        return found;
+    }
+    decide(c);
+    if (c->scan.scanning) {
+        hold_at_limit(c);
+    } else if (servo_is_deep(c)) {
+        return motion_end(c, CUT_DONE);
+    }
+    return c->servo.time_ticks <= 0 ? motion_end(c, TIME_UP) : found;
 }

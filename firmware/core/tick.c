@@ -27,9 +27,7 @@ static int judge_gap(struct edm_controller *c) {
     if (c->readings.pulses == 0) {
         return gap_wait(c);
     }
-    int shorts = pulses_judge(c);
-    c->telemetry.charge_uc += gap_charge(c);
-    return gap_measure(c, shorts);
+    return gap_measure(c, pulses_judge(c));
 }
 
 /* Takes over the displacement, µm, and low-passes it. */
@@ -55,6 +53,7 @@ int edm_tick_end(struct edm_controller *c) {
     if (c->readings.pulses > EDM_MOST_PULSES) {
         c->readings.pulses = EDM_MOST_PULSES;
     }
+    c->telemetry.charge_uc += gap_charge(c);
     int happened = judge_gap(c);
     read_displacement(c);
     int sequence = motion_tick(c);

@@ -143,7 +143,7 @@ enum {
     FAULT_SHORT_STUCK = 3001,  /* continuous short for short_stuck_s although the tool retracts */
     FAULT_ARC_BURN = 3002,  /* arc_run consecutive arcs */
     FAULT_GAP_SENSOR = 3003,  /* SELF_TEST; misread_pulses pulses in a row with a discharge at the open voltage, or with neither current nor voltage; contact closed in measure mode at a gap voltage above short_v */
-    FAULT_GEN_FAULT = 3004,  /* current in the off-time, pulses although the gate is shut, or more than over_current times what the generator's resistor lets through (the peak current in a normal discharge) */
+    FAULT_GEN_FAULT = 3004,  /* current in the off-time or backwards, pulses although the gate is shut, or more than over_current times what the generator's resistor lets through (the peak current in a normal discharge) */
     FAULT_NO_SPARK = 3005,  /* approach: max_travel_um without a spark; machining: open_lost_um or open_lost_s of open pulses; no pulses although the generator is on */
     FAULT_MODE_SWITCH = 3006,  /* pulses seen in measure mode */
     FAULT_ESTOP = 4001,  /* emergency-stop input, in every state */

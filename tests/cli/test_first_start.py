@@ -75,7 +75,7 @@ class Bench:
     def __call__(self, config: BenchConfig, seed: int) -> VirtualBench:
         bench = VirtualBench(config, seed)
         for mistake in self._mistakes:
-            bench.inject(parse_injection(f"{mistake}@0"))
+            bench.inject(parse_injection(mistake))
         self.made.append(bench)
         return bench
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from tests.conformance.peer import Peer
 
-HOST_SILENT, ABORT_RUN, ESTOP = 1001, 1002, 4001
+HOST_SILENT, ABORT_RUN, ESTOP, GEN_FAULT, MODE_SWITCH = 1001, 1002, 4001, 3004, 3006
 ESTOP_BIT = layouts.enum("Interlocks")["ESTOP"]
 ABORT_US = 5000
 WATCHDOG_S = 0.25
@@ -286,6 +286,22 @@ def test_l20_events_are_repeated_until_acknowledged_and_then_no_more(peer: Peer)
     peer.pump(0.4)
     assert not seen, peer.story("an acknowledged EVENT was repeated", "events")
     assert [e["code"] for e in peer.events] == [EVENT["STOPPED"]]
+
+
+@pytest.mark.parametrize("way", ["armed", "ramp", "stage", "touch", "jump"])
+def test_l9_a_generator_that_does_not_switch_off_is_found_while_pulses_are_off(
+    peer: Peer, inject: Callable[[str], None], way: str
+) -> None:
+    lead(peer, way)
+    peer.pump(0.05)
+    assert not peer.faults
+    before_us = peer.fresh_beat()["t_dev_us"]
+    inject("MODE_SWITCH@0")
+    fault = peer.fault(0.5)
+    assert fault["code"] == (MODE_SWITCH if way == "touch" else GEN_FAULT), peer.story("gate stuck", "pulses")
+    if peer.exact:
+        assert fault["t_us"] - before_us <= 5000
+    assert_made_safe(peer)
 
 
 @pytest.mark.parametrize("way", ARMED_STATES)

@@ -353,6 +353,23 @@ static void cases(void) {
         cut_with(&inputs.temperature_c, values[i], 1, FAULT_DIELECTRIC);
         sensor_fails_about(values[i]);
     }
+    cut_with(&c.readings.charge_uc, R(-2.1), 1, FAULT_GEN_FAULT); /* a current sensor turned round; noise */
+    cut_with(&c.readings.off_time_a, R(0.03), 1, FAULT_GEN_FAULT);
+    const real open_with[][4] = {{0, 0, 0, 0}, {R(-1.9), 0, 0, 0}, {-3, 0, 0, 1}, {0, 5, 0, 1}, {0, R(NAN), 0, 1}, {0, 0, 5, 1}};
+    for (int i = 0; i < 6; i++) { /* currents in an open gap */
+        set_up(NULL, 0);
+        arm();
+        cut();
+        run(100, 3);
+        begin();
+        readings(3);
+        all_open(1);
+        c.readings.charge_uc = open_with[i][0];
+        c.readings.off_time_a = open_with[i][1];
+        c.readings.generator_siemens = open_with[i][2];
+        end();
+        HOLDS(c.keeps.fault == (open_with[i][3] > 0 ? FAULT_GEN_FAULT : 0));
+    }
     gate_stays_shut();
 
     set_up(NULL, 0); /* a generator that gives no pulses: the tool does not feed on */
@@ -361,7 +378,8 @@ static void cases(void) {
     run(120, 0);
     HOLDS(c.keeps.fault == FAULT_NO_SPARK && !gate && c.motion.command_v < R(0.5));
 
-    for (int touches = 0; touches < 2; touches++) { /* a generator that does not switch off, at rest and in a touch */
+    for (int way = 0; way < 4; way++) { /* a generator that does not switch off: at rest and in a touch, by either count */
+        bool touches = way % 2, by_gate = way > 1;
         uint8_t t[23] = {0};
         set_up(NULL, 0);
         arm();
@@ -376,10 +394,11 @@ static void cases(void) {
             HOLDS(c.keeps.fault == 0);
             begin();
             readings(0);
-            c.readings.pulses = strays[ms];
+            *(by_gate ? &c.readings.stray_pulses : &c.readings.pulses) = strays[ms];
             end();
+            if (touches && by_gate) break;
         }
-        HOLDS(c.keeps.fault == FAULT_GEN_FAULT && c.state == STATE_FAULT);
+        HOLDS(c.keeps.fault == (touches && by_gate ? FAULT_MODE_SWITCH : FAULT_GEN_FAULT) && c.state == STATE_FAULT);
     }
 
     const real gains[] = {R(0.96), 1, R(1.04)};
@@ -400,6 +419,37 @@ static void cases(void) {
         HOLDS(!gate && c.keeps.fault == FAULT_NO_SPARK && c.gap.displacement_um < last_um + 17);
     }
 
+    for (int spike = 0; spike < 2; spike++) { /* an open gap in which now and then a pulse ignites, with a spike of the sensor */
+        set_up(NULL, 0);
+        arm();
+        cut();
+        run(100, 3);
+        HOLDS(gate);
+        real last_um = c.gap.displacement_um;
+        for (int ms = 0; ms < 5000 && gate; ms++) {
+            begin();
+            readings(3);
+            bool sparks = ms % 90 == 89, before = ms % 90 == 88;
+            all_open(1);
+            if (sparks) c.readings.discharge_us[0] = 80;
+            if (before && spike) c.readings.sensor_um += 100;
+            end();
+            if (ms % 50 == 0) live();
+        }
+        HOLDS(!gate && c.keeps.fault == FAULT_NO_SPARK && 3 * c.motion.command_v < last_um + 17);
+    }
+    set_up(NULL, 0); /* a spark in each millisecond, and a spike of the sensor in the last one */
+    arm();
+    cut();
+    run(100, 3);
+    real place_um = c.gap.displacement_um;
+    begin();
+    readings(3);
+    c.readings.sensor_um += 100;
+    end();
+    run(1, 3);
+    HOLDS(c.gap.last_spark_um <= place_um + 8);
+
     set_up(NULL, 0); /* contact for a millisecond of a sample of ten */
     uint8_t tlm[TLM_START_SIZE] = {0};
     put_u16(tlm, 10000);
@@ -415,6 +465,25 @@ static void cases(void) {
     HOLDS(c.telemetry.pending == 3);
     for (int i = 0; i < 3; i++) {
         HOLDS((c.telemetry.samples[i][TLM_RECORD_SIZE - 1] & TLM_FLAGS_CONTACT) == (i == 1 ? TLM_FLAGS_CONTACT : 0));
+    }
+
+    set_up(NULL, 0); /* charge of a pulse that lasts for milliseconds: black box and telemetry tell the same of each */
+    put_u16(tlm, 1000);
+    send(MSG_TLM_START, tlm, TLM_START_SIZE);
+    arm();
+    cut();
+    run(1, 3);
+    for (int ms = 0; ms < 4; ms++) {
+        const real charge_uc[] = {7, 11, 13, NAN};
+        struct edm_reply reply;
+        begin();
+        readings(ms == 2);
+        c.readings.charge_uc = charge_uc[ms];
+        end();
+        blackbox_read(&c, (uint16_t)(c.tick - c.boot_tick - 1), &reply);
+        const uint8_t *kept_sample = reply.payload + BLACKBOX_READ_REPLY_SIZE;
+        HOLDS(memcmp(kept_sample, c.telemetry.samples[c.telemetry.pending - 1], TLM_RECORD_SIZE) == 0);
+        HOLDS(get_u16(kept_sample + 8) == (ms < 3 ? (uint16_t)charge_uc[ms] : 0));
     }
 
     set_up(NULL, 0); /* more pulses than there is room for */

@@ -483,7 +483,7 @@ class WideSchedule(Schedule):
     def __init__(self, seed: int, first: str = "python", second: str = "firmware") -> None:
         super().__init__(seed, first, second)
         baud = self.random.choice((0, 115_200, 230_400, 500_000))
-        scale = self.random.choice((1.0, 1.0, 3.0, 0.25))
+        scale = self.random.choice((1.0, 1.0, 3.0, 0.25, 1.2345, 0.7071))
         for bench in self.twins.benches:
             bench.controller.baud, bench.controller.host_time_scale = baud, scale
         unit = self.twins.lead.plant.unit

@@ -613,6 +613,23 @@ def test_an_alive_pin_that_stands_still_takes_the_high_voltage(rig: Rig) -> None
     rig.latched(NO_SPARK)
 
 
+def test_a_generator_that_does_not_switch_off_is_found_while_armed(shared_rig: Rig) -> None:
+    rig = shared_rig
+    rig.mend()
+    acts.settle(rig.peer)
+    acts.arm(rig.peer)
+    rig.peer.pump(0.1)
+    assert not rig.peer.faults
+    at_us, starts = rig.controller.time_us, rig.plant.drive.pulse_starts
+    rig.plant.unit.stray_pulses = 1
+    fault = rig.peer.fault(0.5)
+    assert fault["code"] == GEN_FAULT
+    assert (fault["t_us"] - at_us) % 2**32 <= 5000
+    rig.plant.unit.stray_pulses = 0
+    assert rig.plant.drive.pulse_starts == starts
+    rig.latched(GEN_FAULT)
+
+
 # -------------------------------------------------------------------------------------------------------- contact
 def touch(rig: Rig) -> None:
     """Begin to touch the work five times."""

@@ -45,7 +45,7 @@ def test_one_of_several_is_mended_and_then_all() -> None:
 def test_every_wiring_mistake_changes_what_is_read_or_driven(name: str) -> None:
     bench = open_bench(BenchConfig(), 1)
     sound, wiring = bench.plant.unit.numbers(), repr(bench.plant.wiring)
-    bench.inject(parse_injection(name))
+    bench.inject(parse_injection(f"{name}@0"))
     bench.controller.advance(2)
     assert (bench.plant.unit.numbers() != sound) != (repr(bench.plant.wiring) != wiring)
 

@@ -45,8 +45,10 @@ def cause_of(error: EdmError) -> tuple[Cause, ...]:
             "no pulse comes: the wire from gate to driver is off, or the driver has no supply", nets.GATE
         ),
         FaultCode.GEN_FAULT: cause(
-            "current where there is none: the current sensor's offset or sign, or the break chain",
+            "current where there is none, or pulses while the gate is off: the current sensor's offset or sign, the "
+            "gate, or the break chain",
             nets.CURRENT,
+            nets.GATE,
             nets.BREAK,
         ),
         FaultCode.MODE_SWITCH: cause(
