@@ -16,11 +16,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, UsageError, installing
+from edmctl.files import open_regular
 from edmctl.firmware.boards import CHIPS
 
 if TYPE_CHECKING:
@@ -34,6 +37,8 @@ _DEVICE_BITS = 0xFFF
 _IMAGE, _BACK = "image.bin", "back.bin"
 _SECONDS = 300
 _TOLD_LINES = 6
+_MOST_SAID = 4_000_000
+"""Bytes that a tool may say."""
 _NO_PROBE = re.compile(
     r"No connected debug probes|No available debug probes|No target device available|Probe .* not found"
     r"|Error: open failed|No device found|unable to find a matching|Error: Device not found"
@@ -89,23 +94,35 @@ class Tool:
         """Run the tool and return what it said on both streams."""
         command = [*((program,) if program else self.command), *arguments]
         try:
-            done = subprocess.run(
+            process = subprocess.Popen(
                 command,
                 cwd=self.folder,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
-                encoding="utf-8",
-                errors="replace",
-                timeout=_SECONDS,
-                check=False,
             )
-        except (OSError, subprocess.SubprocessError) as error:
-            raise PreconditionError(
-                f"{self.name} does not run: {error}.", hint="Name another one with --tool.", code="E8125"
-            ) from error
-        self._check(command, done.returncode, done.stdout)
-        return done.stdout
+        except OSError as error:
+            raise self._unfit(f"does not run: {error}") from error
+        timer = threading.Timer(_SECONDS, process.kill)
+        with process:
+            timer.start()
+            try:
+                assert process.stdout is not None
+                said = process.stdout.read(_MOST_SAID)
+                if len(said) == _MOST_SAID:
+                    raise self._unfit(f"says more than {_MOST_SAID} bytes")
+                process.wait()
+            except BaseException:
+                process.kill()
+                raise
+            finally:
+                timer.cancel()
+        text = said.decode("utf-8", "replace")
+        self._check(command, process.returncode, text)
+        return text
+
+    def _unfit(self, what: str) -> PreconditionError:
+        return PreconditionError(f"{self.name} {what}.", hint="Name another one with --tool.", code="E8125")
 
     def _check(self, command: Sequence[str], status: int, said: str) -> None:
         if _SEVERAL.search(said):
@@ -215,7 +232,7 @@ class StFlash(Tool):
             raise no_board(f"{self.name} finds no board {self.probe or ''}.", "`st-info --probe` lists them.")
         if len(programmers) > 1:
             raise no_board(f"{self.name} finds several boards.", "Say which with --probe SERIAL.")
-        return _id_in(programmers[0], r"chipid:\s+(0x[0-9a-f]+)", self.name)
+        return _id_in(programmers[0], r"chipid:\s+(0x[0-9a-f]{1,8})\b", self.name)
 
     def write(self, board: Board) -> None:
         self.run(*self._HALTED, *self._at(), "write", _IMAGE, f"0x{board.flash.address:08x}")
@@ -304,7 +321,12 @@ def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> 
     Raises PreconditionError: E8121 without a board, E8122 for another chip, E8125 where the tool fails, E8126 where
     another image is read back; the board is not started then.
     """
-    with tempfile.TemporaryDirectory(prefix="edmctl-flash-") as folder:
+    with (
+        tempfile.TemporaryDirectory(prefix="edmctl-flash-") as folder,
+        tempfile.TemporaryDirectory(
+            prefix="edmctl-flash-"
+        ) as folder_back,  # where no image lies to be copied
+    ):
         tool.folder = Path(folder)
         (tool.folder / _IMAGE).write_bytes(data)
         found = tool.device_id(board) & _DEVICE_BITS
@@ -314,9 +336,9 @@ def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> 
         say(f"{tool.name}: {chip} found; {len(data)} bytes are written.")
         tool.write(board)
         say(f"{tool.name}: written; it is read back.")
+        tool.folder = Path(folder_back)
         tool.read_back(board, len(data))
-        back = tool.folder / _BACK
-        read = back.read_bytes() if back.is_file() else b""
+        read = _first_bytes(tool.folder / _BACK, len(data) + 1)
         if read != data:
             first = next(_differences(read, data), min(len(read), len(data)))
             raise PreconditionError(
@@ -327,6 +349,13 @@ def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> 
             )
         tool.start(board)
     return Flashed(tool.name, tool.command, chip, len(data))
+
+
+def _first_bytes(file: Path, count: int) -> bytes:
+    """The begin of what a tool has left; nothing where that is no file."""
+    with suppress(OSError), open_regular(file) as opened:
+        return opened.read(count)
+    return b""
 
 
 def _differences(read: bytes, written: bytes) -> Iterator[int]:

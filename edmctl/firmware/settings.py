@@ -25,6 +25,12 @@ TOLD = "EDM_SETTINGS"
 MAGIC = b"EDMS"
 """The image has it before that text, which ends with a zero."""
 _DEFAULT = re.compile(r"^#ifndef (EDM_\w+)\n#define \1 (R\()?(-?\d+(?:\.\d+)?)\b", re.MULTILINE)
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_TOLD = re.compile(r"(EDM_[A-Z0-9_]+)=([^ ]+)", re.ASCII)
+_RANGES = {"EDM_BAUD": (9600, 2_000_000), "EDM_MOST_STEPS_PER_MS": (1, 140)}
+"""Of whole numbers: what the line's ring and the timers of the stages do."""
+_LEAST, _MOST = 1e-6, 1e6
+"""Of the others; a `float` of the board tells all of them apart from 0."""
 _ANY_SIGN = ("_LEAST_", "_MOST_V", "_MOST_UM", "_PARKED_")
 _HINT = "`docs/build-the-machine.md` lists them under Settings of the owner."
 
@@ -61,18 +67,12 @@ def parse_settings(texts: Sequence[str], known: Mapping[str, Setting]) -> dict[s
             close = difflib.get_close_matches(name, known, 1)
             meant = f"Did you mean {close[0]}? " if close else ""
             raise _refused(f"{given.strip() or text} is no setting of the image.", f"{meant}{_HINT}")
-        try:
-            value = float(number)
-        except ValueError:
-            value = math.nan
+        value = float(number) if _NUMBER.fullmatch(number.strip()) else math.nan
         if not found or not math.isfinite(value):
             raise _refused(
                 f"{text} gives {name} no number.", f"Say {name}={known[name].value:g} or another one."
             )
-        if known[name].is_whole and value != int(value):
-            raise _refused(f"{name} is a whole number, and {number} is none.", f"Say {name}={round(value)}.")
-        if value <= 0.0 and not any(part in name for part in _ANY_SIGN):
-            raise _refused(f"{name} has to be above 0, and {number} is not.", _HINT)
+        _check_range(known[name], value, number)
         chosen[name] = value
     for low, high in (
         ("EDM_MONITOR_LEAST_V", "EDM_MONITOR_MOST_V"),
@@ -86,13 +86,27 @@ def parse_settings(texts: Sequence[str], known: Mapping[str, Setting]) -> dict[s
     return chosen
 
 
+def _check_range(setting: Setting, value: float, text: str) -> None:
+    name = setting.name
+    if setting.is_whole:
+        low, high = _RANGES.get(name, (1, 1_000_000))
+        if value != int(value) or not low <= value <= high:
+            raise _refused(f"{name} is a whole number from {low} to {high}, and {text} is none.", _HINT)
+    elif value <= 0.0 and not any(part in name for part in _ANY_SIGN):
+        raise _refused(f"{name} has to be above 0, and {text} is not.", _HINT)
+    elif value and not _LEAST <= abs(value) <= _MOST:
+        raise _refused(f"{name} lies between {_LEAST:g} and {_MOST:g}, and {text} does not.", _HINT)
+
+
 def flags_of(chosen: Mapping[str, float], known: Mapping[str, Setting]) -> list[str]:
     """Return the words of a compiler's command that set them, and let the image tell."""
     if not chosen:
         return []
-    values = {name: f"{value:g}" if known[name].is_whole else repr(value) for name, value in chosen.items()}
+    values = {
+        name: str(int(value)) if known[name].is_whole else repr(value) for name, value in chosen.items()
+    }
     flags = [f"-D{name}={value if known[name].is_whole else f'R({value})'}" for name, value in values.items()]
-    told = " ".join(f"{name}={value:.9g}" for name, value in chosen.items())
+    told = " ".join(f"{name}={value}" for name, value in values.items())
     return [*flags, f'-D{TOLD}="{told}"']
 
 
@@ -101,11 +115,10 @@ def told_settings(image: bytes) -> dict[str, float]:
     at = image.find(MAGIC)
     while at >= 0:
         end = image.find(b"\0", at)
-        words = [
-            word.partition("=") for word in image[at + len(MAGIC) : max(end, at)].decode("latin-1").split()
-        ]
-        if words and all(re.fullmatch(r"EDM_\w+", name) for name, _, _ in words):
-            return {name: float(value) for name, _, value in words}
+        words = image[at + len(MAGIC) : max(end, at)].decode("latin-1").split()
+        told = [_TOLD.fullmatch(word) for word in words]
+        if words and all(one and _NUMBER.fullmatch(one[2]) for one in told):
+            return {one[1]: float(one[2]) for one in told if one}
         at = image.find(MAGIC, at + 1)
     return {}
 

@@ -260,7 +260,13 @@ def flash_board(
 
 def _refuse(found: BoardFacts, board: Board) -> None:
     """Refuse a job that runs, and another board than the image is for."""
-    if found.state is not None and found.state not in AT_REST:
+    if found.state is None:
+        raise PreconditionError(
+            f"The controller at {found.port} does not tell its state: a job may run.",
+            hint="End the job, see that the machine rests, and flash without --port.",
+            code="E8123",
+        )
+    if found.state not in AT_REST:
         raise PreconditionError(
             f"The controller at {found.port} is in state {found.state}: a job runs.",
             hint="Let it end, or stop it with Ctrl-C where it runs; then flash.",

@@ -273,6 +273,17 @@ def test_what_is_read_back_otherwise_is_told_and_not_started(
     assert not board.is_started
 
 
+@pytest.mark.parametrize(("trouble", "code"), [("copies", "E8126"), ("huge", "E8126"), ("talks", "E8125")])
+def test_a_tool_that_lies_or_does_not_end_is_not_believed(
+    here: Here, board: FakeBoard, image: str, trouble: str, code: str
+) -> None:
+    board.install("pyocd")
+    board.trouble(trouble)
+    said = here("firmware", "flash", image, OFF, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, code)
+    assert not board.is_started
+
+
 @pytest.mark.parametrize(
     ("content", "code"),
     [(image_bytes()[:-1], "E3682"), (bytes(5000), "E3681"), (image_bytes(board=77), "E8122")],
@@ -335,6 +346,20 @@ def test_flash_refuses_while_a_job_runs_and_leaves_it_alone(
     assert (said.exit_code, said.document["error"]["code"]) == (8, "E8123")
     assert state.name in said.document["error"]["message"]
     assert (bench.python_controller.state, bench.python_controller.fault) == (state, 0)
+    assert board.log == []
+
+
+def test_flash_refuses_a_controller_that_does_not_tell_its_state(
+    here: Here, board: FakeBoard, image: str, port: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its schema is another one, and it does not hand it out."""
+    board.install("pyocd")
+    monkeypatch.setattr("edmctl.link.session.SCHEMA_HASH", 7)
+    monkeypatch.setattr("edmctl.link.compatibility.SCHEMA_HASH", 7)
+    monkeypatch.setattr("edmctl.link.compatibility.fetch_schema", int)  # a TypeError
+    said = here("firmware", "flash", image, OFF, "--port", port, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8123")
+    assert "does not tell its state" in said.document["error"]["message"]
     assert board.log == []
 
 

@@ -32,6 +32,11 @@ def trouble() -> str:
 def write(file: str, address: str) -> None:
     data = Path(file).read_bytes()
     assert int(address, 0) == FLASH
+    if trouble() == "talks":
+        for _ in range(5000):
+            print("x" * 1000)
+    if trouble() == "copies":
+        return
     if trouble() == "half":
         data = data[: len(data) // 2] + b"\xff" * (len(data) - len(data) // 2)
     (BOARD / "flash").write_bytes(data)
@@ -40,6 +45,14 @@ def write(file: str, address: str) -> None:
 
 def read(file: str, address: str, size: str) -> None:
     assert int(address, 0) == FLASH
+    if trouble() == "copies":  # what should have been written, instead of what was
+        if Path("image.bin").exists():
+            Path(file).write_bytes(Path("image.bin").read_bytes())
+        return
+    if trouble() == "huge":
+        with Path(file).open("wb") as back:
+            back.truncate(300 << 30)
+        return
     flash = (BOARD / "flash").read_bytes()
     Path(file).write_bytes(flash[: int(size, 0)].ljust(int(size, 0), b"\xff"))
 

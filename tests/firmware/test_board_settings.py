@@ -29,7 +29,14 @@ WRONG = {
     "gap_full_v=nan": "EDM_GAP_FULL_V=330",
     "gap_full_v=0": "Settings of the owner",
     "step_um=0,5": "EDM_STEP_UM=0.1",
-    "baud=1.5": "EDM_BAUD=2",
+    "baud=1.5": "Settings of the owner",
+    "baud=1e18": "Settings of the owner",
+    "most_steps_per_ms=141": "Settings of the owner",
+    "gap_full_v=1e39": "Settings of the owner",
+    "step_um=1e-300": "Settings of the owner",
+    "monitor_least_v=-1e39": "Settings of the owner",
+    "gap_full_v=1_0": "EDM_GAP_FULL_V=330",
+    "gap_full_v=١٢": "EDM_GAP_FULL_V=330",
     "monitor_least_v=200": "both ends",
     "EDM_BOX_SAMPLES=512": "Settings of the owner",
 }
@@ -59,15 +66,18 @@ def test_an_image_tells_what_was_set(tmp_path: Path) -> None:
     """And bytes that look alike are passed over."""
     need_board_compiler("zig")
     made = build_board(
-        STM32F4, tmp_path / "x.elf", SCHEMA_HASH, "zig", settings=("gap_full_a=1.2", "baud=500000")
+        STM32F4, tmp_path / "x.elf", SCHEMA_HASH, "zig", settings=("gap_full_a=1.2", "baud=1234567")
     )
     for file in (made.elf, made.bin, made.hex):
         facts = read_image(file, SCHEMA_HASH).facts
         assert (
-            facts.settings == facts.as_mapping()["settings"] == {"EDM_GAP_FULL_A": 1.2, "EDM_BAUD": 500000.0}
+            facts.settings == facts.as_mapping()["settings"] == {"EDM_GAP_FULL_A": 1.2, "EDM_BAUD": 1234567.0}
         )
     assert told_settings(b"xEDMS" + b"\xff" * 4 + b"\0EDMS\0" + made.image.data) == facts.settings
-    assert told_settings(b"EDMSEDM_X=1") == {}
+    assert told_settings(b"EDMSEDM_X=1\0") == {"EDM_X": 1.0}
+    assert told_settings(b"EDMSEDM_X=1") == {}  # cut off
+    for text in ("EDM_X", "EDM_X=", "EDM_X=abc", "EDM_X=nan", "EDM_X=1_0", "1=2", "EDM_é=1", "EDM_X=1 y"):
+        assert told_settings(b"EDMS" + text.encode("latin-1") + b"\0") == {}
 
 
 def test_as_in_the_sources_nothing_is_told() -> None:

@@ -147,6 +147,8 @@ def read_answers(path: Path) -> Answers:
         raise _unfit(f"Cannot read {path}: {refused.strerror}.") from refused
     except ValueError as wrong:
         raise _unfit(f"{path} is no TOML: {wrong}.") from wrong
+    except RecursionError as deep:
+        raise _unfit(f"{path}: its brackets go too deep.") from deep
     given = {}
     for key, value in table.items():
         if key not in ACTS and key not in QUESTIONS:
