@@ -23,7 +23,7 @@ def render_image(image: ImageFacts, style: Style = PLAIN) -> str:
         ("schema", f"{hexadecimal(image.schema_hash)}, {same}"),
         ("size", f"{image.size_bytes} bytes"),
         ("CRC-32", hexadecimal(image.crc32)),
-        ("settings", ", ".join(f"{k} {v:g}" for k, v in image.settings.items()) or "as in the sources"),
+        ("settings", ", ".join(f"{k} {v:.9g}" for k, v in image.settings.items()) or "as in the sources"),
     ]
     parts = [_pairs(rows)]
     if image.sections:

@@ -31,6 +31,17 @@ _RANGES = {"EDM_BAUD": (9600, 2_000_000), "EDM_MOST_STEPS_PER_MS": (1, 140)}
 """Of whole numbers: what the line's ring and the timers of the stages do."""
 _LEAST, _MOST = 1e-6, 1e6
 """Of the others; a `float` of the board tells all of them apart from 0."""
+_ORDERED = (
+    ("EDM_OPEN_V_MAX", "EDM_GAP_FULL_V"),
+    ("EDM_OPEN_V_MAX", "EDM_OPEN_FULL_V"),
+    ("EDM_CURRENT_A_MAX", "EDM_GAP_FULL_A"),
+    ("EDM_CURRENT_A_MAX", "EDM_PEAK_FULL_A"),
+    ("EDM_NORMAL_PLATEAU_V", "EDM_OPEN_V_MAX"),
+    ("EDM_MONITOR_LEAST_V", "EDM_MONITOR_MOST_V"),
+    ("EDM_SENSOR_LEAST_UM", "EDM_SENSOR_MOST_UM"),
+)
+_ENDS = {"EDM_MONITOR_LEAST_V": (-0.5, True), "EDM_MONITOR_MOST_V": (151.0, False)}
+"""The actuator's 0 to 150 V, and as much beyond as its guards have to see."""
 _ANY_SIGN = ("_LEAST_", "_MOST_V", "_MOST_UM", "_PARKED_")
 _HINT = "`docs/build-the-machine.md` lists them under Settings of the owner."
 
@@ -58,7 +69,10 @@ def settings_of(folder: Path) -> dict[str, Setting]:
 
 
 def parse_settings(texts: Sequence[str], known: Mapping[str, Setting]) -> dict[str, float]:
-    """Read `NAME=VALUE` texts; a name may come without EDM_ and in small letters. Raises UsageError E2094."""
+    """Read `NAME=VALUE` texts; a name may come without EDM_ and in small letters.
+
+    Raises UsageError E2094, also for values that contradict each other.
+    """
     chosen: dict[str, float] = {}
     for text in texts:
         given, found, number = text.partition("=")
@@ -74,16 +88,24 @@ def parse_settings(texts: Sequence[str], known: Mapping[str, Setting]) -> dict[s
             )
         _check_range(known[name], value, number)
         chosen[name] = value
-    for low, high in (
-        ("EDM_MONITOR_LEAST_V", "EDM_MONITOR_MOST_V"),
-        ("EDM_SENSOR_LEAST_UM", "EDM_SENSOR_MOST_UM"),
-    ):
-        ends = [chosen.get(end, known[end].value) for end in (low, high) if end in known]
-        if len(ends) == 2 and ends[0] >= ends[1]:
-            raise _refused(
-                f"{low}, {ends[0]:g}, is not below {high}, {ends[1]:g}.", "Set both ends of the range."
-            )
+    _check_together({name: chosen.get(name, setting.value) for name, setting in known.items()})
     return chosen
+
+
+def _check_together(value: Mapping[str, float]) -> None:
+    """Refuse values that contradict each other: a reading at its end is none, a set point beyond it cannot be."""
+    for low, high in _ORDERED:
+        if low in value and high in value and not value[low] < value[high]:
+            raise _refused(
+                f"{low}, {value[low]:g}, is not below {high}, {value[high]:g}.",
+                "Set both: the end of a range is no reading of it.",
+            )
+    for name, (needed, is_least) in _ENDS.items():
+        if name in value and (value[name] > needed if is_least else value[name] < needed):
+            word = "above" if is_least else "below"
+            raise _refused(
+                f"{name}, {value[name]:g}, is {word} {needed:g} V.", "The monitor shows 0 to 150 V."
+            )
 
 
 def _check_range(setting: Setting, value: float, text: str) -> None:

@@ -37,7 +37,13 @@ WRONG = {
     "monitor_least_v=-1e39": "Settings of the owner",
     "gap_full_v=1_0": "EDM_GAP_FULL_V=330",
     "gap_full_v=١٢": "EDM_GAP_FULL_V=330",
-    "monitor_least_v=200": "both ends",
+    "monitor_least_v=200": "Set both",
+    "monitor_most_v=140": "0 to 150 V",
+    "monitor_least_v=0": "0 to 150 V",
+    "open_v_max=500": "Set both",
+    "gap_full_a=1.2": "Set both",
+    "current_a_max=12": "Set both",
+    "sensor_least_um=450": "Set both",
     "EDM_BOX_SAMPLES=512": "Settings of the owner",
 }
 
@@ -50,8 +56,8 @@ def test_the_settings_are_those_of_the_sources() -> None:
 
 
 def test_names_come_in_small_letters_and_the_last_one_counts() -> None:
-    chosen = parse_settings(["gap_full_a=12", "EDM_GAP_FULL_A=1.2", "Parked_X_um=-3"], KNOWN)
-    assert chosen == {"EDM_GAP_FULL_A": 1.2, "EDM_PARKED_X_UM": -3.0}
+    chosen = parse_settings(["gap_full_a=12", "EDM_GAP_FULL_A=15", "Parked_X_um=-3"], KNOWN)
+    assert chosen == {"EDM_GAP_FULL_A": 15.0, "EDM_PARKED_X_UM": -3.0}
 
 
 @pytest.mark.parametrize("text", WRONG)
@@ -66,12 +72,14 @@ def test_an_image_tells_what_was_set(tmp_path: Path) -> None:
     """And bytes that look alike are passed over."""
     need_board_compiler("zig")
     made = build_board(
-        STM32F4, tmp_path / "x.elf", SCHEMA_HASH, "zig", settings=("gap_full_a=1.2", "baud=1234567")
+        STM32F4, tmp_path / "x.elf", SCHEMA_HASH, "zig", settings=("gap_full_a=12.5", "baud=1234567")
     )
     for file in (made.elf, made.bin, made.hex):
         facts = read_image(file, SCHEMA_HASH).facts
         assert (
-            facts.settings == facts.as_mapping()["settings"] == {"EDM_GAP_FULL_A": 1.2, "EDM_BAUD": 1234567.0}
+            facts.settings
+            == facts.as_mapping()["settings"]
+            == {"EDM_GAP_FULL_A": 12.5, "EDM_BAUD": 1234567.0}
         )
     assert told_settings(b"xEDMS" + b"\xff" * 4 + b"\0EDMS\0" + made.image.data) == facts.settings
     assert told_settings(b"EDMSEDM_X=1\0") == {"EDM_X": 1.0}

@@ -64,7 +64,7 @@ def build(
     """Build the image of a board, or the firmware's core as a library for virtual machines.
 
     The image is written as ELF, BIN and HEX, with its size and a check inside. `pip install edmctl[firmware]` brings
-    all that it takes. --set gives the ranges of your circuits, as in --set gap_full_a=1.2; the image tells them.
+    all that it takes. --set gives the ranges of your circuits, as in --set gap_full_v=331.2; the image tells them.
 
     The library is built unless that was done before. It takes a C compiler: CC names one, else one of the system is
     taken, else that of the package ziglang, and kept in the user's cache folder or in EDMCTL_FIRMWARE_CACHE. Jobs
