@@ -130,4 +130,4 @@ def carry_line(r: np.ndarray, memory: np.ndarray, bench: Bench, rx: np.ndarray, 
     if left == 0:
         r[control] = cr & ~EN
         r[word(DMA1, DMA_HISR)] |= TCIF
-        r[word(USART3, USART_SR)] |= TC  # the last stop bit is out; the program clears it, no request does (§30.6.1)
+        r[word(USART3, USART_SR)] |= TC  # the program clears it, no request does (§30.6.1)
