@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -51,3 +52,20 @@ def test_every_off_time_that_a_profile_may_have_is_taken(peer: Peer) -> None:
     """A host refuses less than 20 µs; 50 kHz with a duty of 0.3 has 14."""
     for on_us, off_us in ((6.0, 14.0), (10.0, 10.0), (8500.0, 1500.0), (113.333, 20.0)):
         peer.ok("PULSE_CONFIG", **PULSES | {"on_time_us": on_us, "off_time_us": off_us})
+
+
+@pytest.mark.parametrize(("off_counts", "on_us"), [(1000, 14.05), (830, 1e6 - 4.94), (1, 1e6)])
+def test_the_emulated_switch_does_not_open_in_less_time_than_it_takes(
+    peer: Peer, off_counts: int, on_us: float
+) -> None:
+    """Counts of TIM1, 168 a microsecond, of a period of 20 µs: below 5 µs it is one long pulse."""
+    controller = peer.line.bench.controller
+    peer.ok("PULSE_CONFIG", **PULSES | {"on_time_us": 8.0, "off_time_us": 12.0})
+    peer.pump(0.01)
+    generator_of = type(controller)._set_generator.__globals__["generator_of"]
+    addresses = sys.modules[generator_of.py_func.__module__.rpartition(".")[0] + ".addresses"]
+    registers = controller.chip.r.copy()
+    registers[addresses.word(addresses.TIM1, addresses.TIM_CCR1)] = 3360 - off_counts
+    on_time_us, off_time_us, *_ = generator_of(registers)
+    assert off_time_us == pytest.approx(off_counts / 168.0)
+    assert on_time_us == pytest.approx(on_us, abs=0.01)
