@@ -12,6 +12,9 @@ void edm_create(struct edm_controller *c, void *board, const struct edm_identity
  * as its checks are right, `waveforms` if the board says that what it has kept of them is whole. */
 void edm_create_again(struct edm_controller *c, void *board, const struct edm_identity *identity,
                       const struct edm_persistent *keeps, bool waveforms);
+/* Where a reset has left the actuator, V, for a board that knows what its converter holds: instead of the monitor, whatever that
+ * reads. Between edm_create_again and edm_start. */
+void edm_stands_at(struct edm_controller *c, real actuator_v);
 /* Starts it, as a reset of that cause does: no session, pulses off, tool back (after RESET_CAUSE_POWER_ON from 0 V, by no
  * ramp), BOOT sent (docs/protocol.md, Session). */
 void edm_start(struct edm_controller *c, uint8_t cause);

@@ -112,7 +112,7 @@ def _defines(real: str) -> list[str]:
     if real not in REALS:
         raise ValueError(f"the firmware calculates in {' or '.join(REALS)}, not in {real}")
     kind = ["-DEDM_REAL_DOUBLE"] if real == "double" else []
-    return [*kind, f"-DEDM_LINGER_TICKS={_LINGER_TICKS}", "-DEDM_BOX_LASTS=0"]
+    return [*kind, f"-DEDM_LINGER_TICKS={_LINGER_TICKS}", "-DEDM_BOX_LASTS=0", "-DEDM_OFF_NS_MIN=0"]
 
 
 def _suffix() -> str:

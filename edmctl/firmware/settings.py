@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 SOURCES: dict[str, tuple[str, ...]] = {
     "board/scale.h": (),
-    "core/limits.h": ("EDM_OPEN_V_MAX", "EDM_CURRENT_A_MAX"),
+    "core/limits.h": ("EDM_OFF_NS_MIN", "EDM_OPEN_V_MAX", "EDM_CURRENT_A_MAX"),
     "board/stm32f4/board.h": ("EDM_BAUD",),
 }
 """Files of the firmware's sources, and which of their names are the owner's; none stands for all."""

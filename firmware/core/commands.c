@@ -203,6 +203,7 @@ static uint8_t reboot(struct edm_controller *c, const struct edm_frame *frame) {
         return STATUS_OUT_OF_RANGE;
     }
     c->link.reboot_asked = true;
+    telemetry_forget(c); /* or the reply of a board would never be the last thing on the line */
     return STATUS_OK;
 }
 

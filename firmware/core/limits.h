@@ -30,6 +30,10 @@
 /* The generator (PULSE_CONFIG). */
 #define EDM_PERIOD_NS_MIN 20000u
 #define EDM_PERIOD_NS_MAX 1000000000u
+#ifndef EDM_OFF_NS_MIN
+#define EDM_OFF_NS_MIN 10000 /* least off-time: the switch opens 5 us after its gate, the current is given 3 us to settle, and
+                              * two samples show that it has ended; with less nothing tells pulses from direct current */
+#endif
 #ifndef EDM_OPEN_V_MAX
 #define EDM_OPEN_V_MAX R(300.0)
 #endif

@@ -227,8 +227,9 @@ static uint8_t pulse_config(struct edm_controller *c, const struct edm_frame *fr
     if (c->state != STATE_IDLE && c->state != STATE_ARMED) {
         return STATUS_BAD_STATE;
     }
-    uint64_t period_ns = (uint64_t)get_u32(frame->payload) + get_u32(frame->payload + 4); /* counts of the wire */
-    bool times_fit = request.on_time_us > 0 && period_ns >= EDM_PERIOD_NS_MIN && period_ns <= EDM_PERIOD_NS_MAX;
+    uint64_t on_ns = get_u32(frame->payload), period_ns = on_ns + get_u32(frame->payload + 4); /* counts of the wire */
+    bool times_fit = on_ns > 0 && period_ns >= on_ns + EDM_OFF_NS_MIN && period_ns >= EDM_PERIOD_NS_MIN &&
+                     period_ns <= EDM_PERIOD_NS_MAX;
     bool isopulse = request.mode == PULSE_MODE_ISOPULSE;
     bool mode_fits = request.mode <= PULSE_MODE_ISOPULSE && (request.discharge_us > 0 || !isopulse);
     bool supply_fits = request.open_voltage_v > 0 && request.open_voltage_v <= EDM_OPEN_V_MAX &&

@@ -202,6 +202,11 @@ void edm_create_again(struct edm_controller *c, void *board, const struct edm_id
     create(c, board, identity, keeps);
 }
 
+void edm_stands_at(struct edm_controller *c, real actuator_v) {
+    c->motion.command_v = most(0, least(actuator_v, RANGE_V));
+    c->drive.actuator_v = on_grid(c->motion.command_v);
+}
+
 _Static_assert(offsetof(struct edm_controller, waveforms) > offsetof(struct edm_controller, box),
                "what outlasts a reset stands at the end");
 

@@ -43,6 +43,8 @@ LINE_BYTES = 1 << 16
 """Bytes that wait for the chip; a power of two."""
 UNHURRIED = (Tlm.ID, Pulses.ID, PulseBlocks.ID, Heartbeat.ID | 0x40)
 """Types of frames that nobody waits for."""
+TC = 1 << 6
+"""Of USART_SR: transmission complete."""
 _OVER8, _RX_REQUESTS, _TX_REQUESTS = 1 << 15, 1 << 6, 1 << 7  # of CR1 and CR3
 _DATA = address(USART3, USART_DR)
 _TX_STREAM = 4
@@ -128,3 +130,4 @@ def carry_line(r: np.ndarray, memory: np.ndarray, bench: Bench, rx: np.ndarray, 
     if left == 0:
         r[control] = cr & ~EN
         r[word(DMA1, DMA_HISR)] |= TCIF
+        r[word(USART3, USART_SR)] |= TC  # the program clears it, no request does (§30.6.1)

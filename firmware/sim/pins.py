@@ -45,7 +45,7 @@ from .addresses import (
     TIM_SR,
     word,
 )
-from .circuit import DAC_V, INPUTS, PUMP_TICKS, REST_TICKS, SET_A, SET_V, STAGE_TICKS
+from .circuit import DAC_V, INPUTS, PUMP_TICKS, REST_TICKS, SET_A, SET_V, STAGE_TICKS, SWITCH_OFF_NS
 from .registers import ALIVE_EDGES, DAC_CODE, GATE_STARTS, IS_BROKEN, PINS, gate_off
 from .steps import TICK_LATE, take_steps
 
@@ -55,6 +55,8 @@ if TYPE_CHECKING:
     from edmctl.simulator.plant_interface import Drive, Readings
 
     from .circuit import Bench
+
+LONGEST_US = 1e6  # period that the protocol allows
 
 
 @compiled
@@ -144,7 +146,11 @@ def show(r: np.ndarray, bench: Bench, readings: Readings) -> None:
 
 @cached
 def generator_of(r: np.ndarray) -> tuple[float, float, float, float, float]:
-    """What TIM1, TIM3 and the DAC set the generator to: on-time and off-time, µs, V, A, discharge time, µs, or 0."""
+    """What TIM1, TIM3 and the DAC set the generator to: on-time and off-time, µs, V, A, discharge time, µs, or 0.
+
+    A switch that is told to go off for less time than it takes to open does not: that is direct current, one pulse
+    of the longest period.
+    """
     scale = (r[word(TIM1, TIM_PSC)] + 1) / 168.0
     on_us = r[word(TIM1, TIM_CCR1)] * scale
     period_us = (r[word(TIM1, TIM_ARR)] + 1) * scale
@@ -156,4 +162,7 @@ def generator_of(r: np.ndarray) -> tuple[float, float, float, float, float]:
     timed = r[word(TIM3, TIM_CR1)] & 8 and pin_is(r, PORT_C, 6, 2, 2) and pin_is(r, PORT_C, 7, 2, 2)
     if ends and timed and r[word(TIM3, TIM_SMCR)] & 7 == 6:
         set_us = r[word(TIM3, TIM_CCR2)] * (r[word(TIM3, TIM_PSC)] + 1) / 84.0
-    return on_us, period_us - on_us, open_v, peak_a, set_us
+    off_us = period_us - on_us
+    if 0.0 < off_us * 1000.0 < SWITCH_OFF_NS and on_us > 0.0:
+        on_us = max(on_us, LONGEST_US - off_us)
+    return on_us, off_us, open_v, peak_a, set_us

@@ -31,7 +31,7 @@ JUMP = {"height_um": 1.0, "speed_um_s": 50.0, "dwell_s": 0.1, "clearance_um": 0.
 UNDEFINED = bytes.fromhex("00de")
 RETURNS = bytes.fromhex("7047")
 BACKUP_REGISTERS = slice(
-    10 * 0x100 + (0x50 >> 2), 10 * 0x100 + (0x5C >> 2)
+    10 * 0x100 + (0x50 >> 2), 10 * 0x100 + (0x70 >> 2)
 )  # of the RTC, in the emulator's words
 WWDG_TICKS = 3  # 1.56 ms after the last feed, in whole ticks from the one that was fed last
 
@@ -265,14 +265,14 @@ def test_a_fault_in_the_handler_of_a_fault_is_ended_by_a_watchdog(rig: Rig) -> N
 
 
 # ------------------------------------------------------------------------------------------------ memory and supply
-NO_INIT = ("kept_words", "stands_before", "wave_kept", "wave_ring", "crash_word", "controller")
+NO_INIT = ("kept_words", "kept_codes", "stands_before", "wave_kept", "wave_ring", "crash_word", "controller")
 
 
 def spoil(rig: Rig, names: tuple[str, ...], random: Random, share: float) -> None:
     """Random bits into what outlasts a reset."""
     for name in names:
         if name == "backup":
-            rig.chip.r[BACKUP_REGISTERS] = [random.getrandbits(32) for _ in range(3)]
+            rig.chip.r[BACKUP_REGISTERS] = [random.getrandbits(32) for _ in range(8)]
             continue
         memory = rig.memory(name)
         for at in range(len(memory)):
@@ -301,7 +301,7 @@ def test_memory_that_a_reset_finds_spoilt_starts_no_pulse(rig: Rig, names: tuple
 def test_memory_spoilt_in_any_way_starts_no_pulse(rig: Rig) -> None:
     starts, random = rig.plant.drive.pulse_starts, Random(7)
     for cause in (ResetCause.WATCHDOG, ResetCause.EXTERNAL, ResetCause.BROWN_OUT, ResetCause.COMMANDED) * 6:
-        names = tuple(random.sample((*NO_INIT[:3], *NO_INIT[4:], "backup"), random.randrange(1, 6)))
+        names = tuple(random.sample((*NO_INIT[:4], *NO_INIT[5:], "backup"), random.randrange(1, 6)))
         spoil(rig, names, random, random.choice((0.001, 0.02, 0.5)))
         rig.controller.reset(cause)
         for _ in range(12):

@@ -62,6 +62,7 @@ bool line_is_held_low(void);
 /* actuator.c */
 void actuator_start(void);
 void actuator_put(real volts);
+real actuator_left(void);
 
 /* inputs.c */
 bool inputs_contact(void);
@@ -77,7 +78,7 @@ void stages_plan(const struct edm_controller *c);
 bool stages_move(void);
 
 /* keep.c */
-const struct edm_persistent *keep_words(void);
+const struct edm_persistent *keep_words(uint8_t cause);
 uint8_t keep_cause(void);
 
 /* watch.c */

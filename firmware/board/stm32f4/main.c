@@ -103,6 +103,13 @@ static void reboot_when_told(const struct edm_controller *c) {
     }
 }
 
+/* The tool begins where its converter was put last, whatever the monitor says: no step. A brown-out may have taken the supply
+ * of the converter too, which is at 0 V then: the lower of both. */
+static void begin_where_left(struct edm_controller *c, uint8_t cause) {
+    real left_v = actuator_left();
+    edm_stands_at(c, cause == RESET_CAUSE_BROWN_OUT ? least(left_v, c->drive.actuator_v) : left_v);
+}
+
 static void start_core(struct edm_controller *c) {
     struct edm_identity identity = {.board = BOARD_NUMBER, .baud = EDM_BAUD, .host_time_scale = 1};
     uint8_t cause = keep_cause();
@@ -111,9 +118,10 @@ static void start_core(struct edm_controller *c) {
     bool waves = cause != RESET_CAUSE_POWER_ON && sampling_kept(c);
     sampling_start();
     if (cause == RESET_CAUSE_POWER_ON) {
-        edm_create(c, NULL, &identity, keep_words());
+        edm_create(c, NULL, &identity, keep_words(cause));
     } else {
-        edm_create_again(c, NULL, &identity, keep_words(), waves);
+        edm_create_again(c, NULL, &identity, keep_words(cause), waves);
+        begin_where_left(c, cause);
     }
     stages_tell(c);
     edm_start(c, cause);
