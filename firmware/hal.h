@@ -54,7 +54,7 @@ struct edm_inputs {
     bool hv_supply_ok;
     bool level_ok;           /* of the dielectric */
     bool limit_switch;       /* of a stage, closed */
-    bool stage_moves;        /* one that STAGE_MOVE has started is still on its way; false where nothing tells it */
+    bool stage_moves;        /* one is still on its way: the limit switch counts, nothing is armed; false where nothing tells it */
     real flow_lpm;           /* of the dielectric */
     real temperature_c;      /* of the dielectric */
     real monitor_v;          /* of the actuator's amplifier */
@@ -91,15 +91,20 @@ void hal_gate(void *board, bool on);
 /* Sets the generator; returns the conductance of what limits its current, S: peak current over (open voltage - gap voltage)
  * in a normal discharge. */
 real hal_set_generator(void *board, const struct edm_generator *setting);
+/* The greatest speed of an axis, µm/s or degrees/s: commands above it are refused. Infinite where there is none. */
+real hal_stage_speed_max(void *board, uint8_t axis);
+/* Where an axis stands, µm or degrees, once the steps that cannot be taken back are made. `at` is where the core has it: a
+ * board returns that very number where the axis stands as near to it as its steps allow, or where nothing tells it. */
+real hal_stage_place(void *board, uint8_t axis, real at);
 /* Lets an axis travel to a target (µm; degrees for THETA) at a speed (µm/s, degrees/s). */
 void hal_stage_start(void *board, uint8_t axis, real target, real speed);
-/* The axis has arrived, or shall stop at once: the core takes it to stand at `at`. */
+/* The axis has arrived, or shall stop at once: by its speed it is at `at`. Where it stands hal_stage_place then tells. */
 void hal_stage_stop(void *board, uint8_t axis, real at);
 /* The stages are about to follow a path, from where they stand. */
 void hal_path_begin(void *board);
 /* A line was put into a row of the queue. */
 void hal_path_line(void *board, uint8_t row);
-/* The stages stop following, where edm_drive says. */
+/* The stages stop following at once, wherever edm_drive says: it may be a fault. */
 void hal_path_end(void *board);
 /* Samples of the gap, 1 µs apart, that there is a ring for; 0: none are taken. */
 uint32_t hal_wave_memory(void *board);

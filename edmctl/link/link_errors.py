@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.link.faults import FAULTS, FaultCode
-from edmctl.link.messages import REQUESTS, Hello, Interlocks, ResetCause, StageMove, Status
+from edmctl.link.messages import (
+    REQUESTS,
+    Hello,
+    Interlocks,
+    PathMove,
+    ResetCause,
+    StageMove,
+    Status,
+)
 
 if TYPE_CHECKING:
     from edmctl.link.frame import Frame
@@ -93,12 +101,14 @@ def restarted(name: str, boot: Boot) -> LinkLost:
         hint = f"{row.hint.removesuffix('.')}; then `edmctl reset --ack {row.code} --port {name}`."
     return LinkLost(
         f"The controller at {name} restarted: {cause} (boot {boot.boot_count}).",
-        hint=f"{hint} Pulses are off and the tool is back; measure again before machining.",
+        hint=f"{hint} Pulses are off and the tool is back. If a stage was moving, first bring all stages to where "
+        "they are parked, by hand; measure again before machining.",
         code="E4005",
     )
 
 
 _RANGE = struct.Struct("<Bqq")
+_SPEED = 2  # field of STAGE_MOVE and PATH_MOVE
 _BITS = struct.Struct("<H")
 _HINTS = {
     Status.BUSY: "Wait until the present motion ends, or stop it first.",
@@ -115,6 +125,11 @@ _HINTS = {
 }
 
 
+_TOO_FAST = {
+    StageMove.ID: "Lower stage.speed_um_s, for the rotary axis stage.rotary_deg_s, in the setup file.",
+    PathMove.ID: "Lower path.speed_um_s in the profile.",
+}
+"""Of OUT_OF_RANGE: of what a host sends, only a speed can be."""
 _NOT_RETRACTED = (
     "Check the zero of the displacement sensor, its drift, and the actuator's supply with `edmctl doctor`."
 )
@@ -143,6 +158,8 @@ def nak_error(command_id: int, reply: Frame) -> CommandRefused:
         detail, hint = "the tool is not retracted by the controller's own reading", _NOT_RETRACTED
         message = f"The controller refused {request.NAME}: {status.name} ({detail})."
         return CommandRefused(message, status=status, hint=hint)
+    if command_id in _TOO_FAST and status is Status.OUT_OF_RANGE:
+        return CommandRefused(message, status=status, hint=_TOO_FAST[command_id])
     hint = _HINTS.get(status, "This is a fault of the controller's firmware; note what led to it.")
     return CommandRefused(message, status=status, hint=hint)
 
@@ -150,6 +167,9 @@ def nak_error(command_id: int, reply: Frame) -> CommandRefused:
 def _detail(status: Status, command_id: int, payload: bytes) -> str:
     if status is Status.OUT_OF_RANGE and len(payload) == _RANGE.size:
         index, low, high = _RANGE.unpack(payload)
+        if command_id in _TOO_FAST and index == _SPEED:
+            unit = "µm/s" if command_id == PathMove.ID else "µm/s, turning degrees/s"
+            return f"the stages of this machine do at most {high / 1000.0:g} {unit}"
         names = [f.name for f in fields(REQUESTS[command_id])]
         return f"{names[index] if index < len(names) else f'field {index}'}: {low}..{high} counts"
     if status is Status.INTERLOCK and len(payload) == _BITS.size:

@@ -110,6 +110,11 @@ static uint8_t arm(struct edm_controller *c, const struct edm_frame *frame) {
     if (request.param_crc != c->parameters.crc) {
         return STATUS_PROFILE_MISMATCH;
     }
+    struct edm_inputs inputs;
+    hal_inputs(c->board, &inputs);
+    if (inputs.stage_moves) {
+        return STATUS_BUSY;
+    }
     uint8_t interlocks = look_at_interlocks(c);
     if (interlocks != STATUS_OK) {
         return interlocks;

@@ -64,6 +64,8 @@ void motion_command(struct edm_controller *c);
 void stages_start(struct edm_controller *c, uint8_t axis, real target, real speed);
 void stages_stop(struct edm_controller *c);
 bool stages_arrived(const struct edm_controller *c);
+void stages_look(struct edm_controller *c);
+uint8_t stages_judge_speed(struct edm_controller *c, uint8_t axis, real speed);
 
 /* servo.c */
 int servo_tick(struct edm_controller *c);

@@ -49,10 +49,15 @@ static uint8_t stage_move(struct edm_controller *c, const struct edm_frame *fram
     if (request.axis > AXIS_THETA || request.speed == 0) {
         return STATUS_OUT_OF_RANGE;
     }
+    real speed = (real)request.speed * R(1e-3);
+    uint8_t status = stages_judge_speed(c, request.axis, speed);
+    if (status != STATUS_OK) {
+        return status;
+    }
     if (c->gap.slow_displacement_um - c->zero_um > c->settings.safe_z_um) {
         return STATUS_INTERLOCK;
     }
-    stages_start(c, request.axis, (real)request.target * R(1e-3), (real)request.speed * R(1e-3));
+    stages_start(c, request.axis, (real)request.target * R(1e-3), speed);
     states_enter(c, STATE_MOVING);
     return STATUS_OK;
 }
@@ -138,6 +143,12 @@ static uint8_t path_move(struct edm_controller *c, const struct edm_frame *frame
     }
     if (request.speed_um_s <= 0) {
         return STATUS_OUT_OF_RANGE;
+    }
+    for (uint8_t axis = AXIS_X; axis <= AXIS_Y; axis++) {
+        uint8_t status = stages_judge_speed(c, axis, request.speed_um_s);
+        if (status != STATUS_OK) {
+            return status;
+        }
     }
     const struct edm_line line = {
         .x_um = request.x_um,

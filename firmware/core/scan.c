@@ -8,6 +8,7 @@ void scan_begin(struct edm_controller *c) {
     scan->count = 0;
     scan->path_ends = false;
     memset(scan->rest_um, 0, sizeof scan->rest_um);
+    stages_look(c);
     c->drive.stage_um[AXIS_X] = c->stages.at[AXIS_X];
     c->drive.stage_um[AXIS_Y] = c->stages.at[AXIS_Y];
     hal_path_begin(c->board);
@@ -39,6 +40,7 @@ void scan_release(struct edm_controller *c) {
     if (c->scan.follows && !c->scan.scanning) {
         c->scan.follows = false;
         hal_path_end(c->board);
+        stages_look(c);
     }
 }
 
@@ -56,12 +58,24 @@ static void move_to(struct edm_controller *c, real x_um, real y_um) {
     c->drive.stage_um[AXIS_Y] = c->stages.at[AXIS_Y] = y_um;
 }
 
-/* Moves the stages by one millisecond along the path, and the limit with them. Nothing moves while the gap is shorted, or
- * in a jump. */
+/* Whether the stages have come where the path has brought them. */
+static bool stages_there(const struct edm_controller *c) {
+    for (uint8_t axis = AXIS_X; axis <= AXIS_Y; axis++) {
+        real wanted = c->drive.stage_um[axis];
+        real place = hal_stage_place(c->board, axis, wanted);
+        if (place < wanted || place > wanted) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* Moves the stages by one millisecond along the path, and the limit with them. Nothing moves while the gap is shorted, in a
+ * jump, or while the stages have not come after. */
 int scan_tick(struct edm_controller *c) {
     struct edm_scan *scan = &c->scan;
     struct edm_drive *drive = &c->drive;
-    if (c->motion.mode != SERVO || c->gap.shorted || scan->count == 0) {
+    if (c->motion.mode != SERVO || c->gap.shorted || scan->count == 0 || !stages_there(c)) {
         return NOTHING;
     }
     drive->stage_moves = 1;
@@ -89,8 +103,11 @@ int scan_tick(struct edm_controller *c) {
         move_to(c, line->x_um, line->y_um);
         c->servo.z_limit_um = line->z_um;
         memset(scan->rest_um, 0, sizeof scan->rest_um);
-        drive->stage_lines_done++;
         drive->stage_way_um += way;
+        if (line->last && !stages_there(c)) {
+            return NOTHING; /* the line stays until they are at its end */
+        }
+        drive->stage_lines_done++;
         scan->at = (uint8_t)((scan->at + 1) % EDM_PATH_LINES);
         scan->count--;
         if (line->last) {

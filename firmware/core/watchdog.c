@@ -14,7 +14,7 @@ int64_t watchdog_tick(const struct edm_controller *c) {
 /* A limit switch on the way, or the end of a travel: by its speed, and by what the board says of it. */
 static void watch_stages(struct edm_controller *c, const struct edm_inputs *inputs) {
     bool travels = c->stages.travels;
-    if (inputs->limit_switch && (travels || c->scan.count > 0)) {
+    if (inputs->limit_switch && (travels || c->scan.count > 0 || inputs->stage_moves)) {
         states_raise(c, FAULT_STAGE_LIMIT, travels ? c->stages.axis : AXIS_X);
     } else if (stages_arrived(c) && !inputs->stage_moves) {
         stages_stop(c);

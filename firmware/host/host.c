@@ -48,6 +48,18 @@ real hal_set_generator(void *board, const struct edm_generator *g) {
                                       (double)g->peak_a, (double)g->discharge_us);
 }
 
+real hal_stage_speed_max(void *board, uint8_t axis) {
+    (void)board; /* the model's stages are as fast as they are told to be */
+    (void)axis;
+    return (real)__builtin_inf();
+}
+
+real hal_stage_place(void *board, uint8_t axis, real at) {
+    (void)board; /* and stand where they are told to be */
+    (void)axis;
+    return at;
+}
+
 void hal_stage_start(void *board, uint8_t axis, real target, real speed) {
     (void)board; /* the model's stage lands when it is told that it has */
     (void)axis;

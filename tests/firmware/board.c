@@ -9,6 +9,8 @@ void hal_send(void *board, const uint8_t *frame, size_t size) { (void)board; lin
 void hal_inputs(void *board, struct edm_inputs *inputs) { (void)board; *inputs = (struct edm_inputs){.estop = line}; }
 void hal_gate(void *board, bool on) { (void)board; line = on; }
 real hal_set_generator(void *board, const struct edm_generator *setting) { (void)board; return setting->peak_a / 20; }
+real hal_stage_speed_max(void *board, uint8_t axis) { (void)board; (void)axis; return R(1e30); }
+real hal_stage_place(void *board, uint8_t axis, real at) { (void)board; (void)axis; return at; }
 void hal_stage_start(void *board, uint8_t axis, real at, real speed) { (void)board; (void)axis; (void)at; (void)speed; }
 void hal_stage_stop(void *board, uint8_t axis, real at) { (void)board; (void)axis; (void)at; }
 void hal_path_begin(void *board) { (void)board; }

@@ -64,7 +64,7 @@ def cut_on(
     )
     for request in (m.CommitProfile(crc), generator, m.Arm(crc), m.PulseEnable(1)):
         session.request(request)
-    session.request(m.StageMove(m.Axis.X, 0, 50_000_000))
+    session.request(m.StageMove(m.Axis.X, 0, 10_000_000))
     session.pump(0.3)
     for _ in range(20):  # a board's stages take their time
         if session.request(m.GetStatus()).state != m.State.MOVING:

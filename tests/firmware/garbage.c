@@ -29,6 +29,8 @@ void hal_inputs(void *board, struct edm_inputs *inputs) {
 }
 void hal_gate(void *board, bool on) { (void)board; (void)on; }
 real hal_set_generator(void *board, const struct edm_generator *setting) { (void)board; return setting->peak_a / 20; }
+real hal_stage_speed_max(void *board, uint8_t axis) { (void)board; (void)axis; return R(1e30); }
+real hal_stage_place(void *board, uint8_t axis, real at) { (void)board; (void)axis; return at; }
 void hal_stage_start(void *board, uint8_t axis, real target, real speed) {
     (void)board; (void)target;
     if (axis > 2 || !(speed > 0)) abort();

@@ -45,6 +45,8 @@ void hal_gate(void *board, bool on) {
     gate = on;
 }
 real hal_set_generator(void *board, const struct edm_generator *setting) { (void)board; return setting->peak_a / 20; }
+real hal_stage_speed_max(void *board, uint8_t axis) { (void)board; (void)axis; return R(1e30); }
+real hal_stage_place(void *board, uint8_t axis, real at) { (void)board; (void)axis; return at; }
 void hal_stage_start(void *board, uint8_t axis, real at, real speed) { (void)board; (void)axis; (void)at; (void)speed; }
 void hal_stage_stop(void *board, uint8_t axis, real at) { (void)board; (void)axis; (void)at; }
 void hal_path_begin(void *board) { (void)board; }
@@ -536,6 +538,18 @@ static void cases(void) {
     inputs.stage_moves = false;
     run(1, 0);
     HOLDS(c.state == STATE_ARMED);
+
+    for (int closes = 0; closes < 2; closes++) { /* one that goes on in IDLE: nothing is armed, its limit switch counts */
+        set_up(NULL, 0);
+        inputs.stage_moves = true;
+        inputs.limit_switch = closes;
+        run(1, 0);
+        arm();
+        HOLDS(c.keeps.fault == (closes ? FAULT_STAGE_LIMIT : 0) && !c.armed);
+        inputs.stage_moves = inputs.limit_switch = false;
+        arm();
+        HOLDS(c.armed == !closes);
+    }
 }
 
 /* What BLACKBOX_READ and WAVEFORM_READ tell: their totals, and a check of all samples of the black box. */

@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 import importlib
+import struct
 from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.link.messages import ResetCause
 from edmctl.simulator.emulated import PACKAGE
-from tests.conformance import acts, layouts
-from tests.firmware.test_board_faults import HANGS, RESET, UNDEFINED, WWDG_TICKS, Rig
+from tests.conformance import acts, layouts, wire
+from tests.conformance.peer import STATE
+from tests.firmware.test_board_faults import (
+    ABORT_RUN,
+    DOOR,
+    ESTOP,
+    HANGS,
+    RESET,
+    UNDEFINED,
+    WWDG_TICKS,
+    Rig,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 X, Y, THETA = (layouts.enum("Axis")[name] for name in ("X", "Y", "THETA"))
 STEP_UM, STEP_DEG = 0.1, 0.001
 LATE_COUNTS = 80  # 1.9 µs
+MOST_UM_S, MOST_STEPS = 10_000.0, 100
+HOST_SILENT, STAGE_LIMIT = 1001, 2004
+ANY_SPEED = bytes.fromhex("0020 7047")  # movs r0, #0; bx lr
 
 
 class Stages(Rig):
@@ -52,6 +66,18 @@ class Stages(Rig):
         unit = 1000 * (STEP_DEG if axis == THETA else STEP_UM)
         target = round((self.place(axis) + way) * unit)
         self.peer.ok("STAGE_MOVE", axis=axis, target=target, speed=round(per_ms * unit * 1000))
+
+    def follow(self, way: int, per_ms: float, **line: float) -> None:
+        """Begin a scan, and let X go so many steps on its path."""
+        self.peer.ok("PULSE_ENABLE", on=1)
+        acts.scan_start(self.peer)
+        status = self.peer.ok("GET_STATUS")
+        to = acts.line_to(status.x_um + way * STEP_UM, status.y_um, speed_um_s=1000 * per_ms * STEP_UM)
+        self.peer.ok("PATH_MOVE", **to | line)
+
+    def mend(self) -> None:
+        super().mend()
+        self.plant.limit_switch = False
 
     def boots_again(self) -> None:
         """Wait for the start after a reset, and open a session."""
@@ -125,6 +151,139 @@ def test_a_timer_whose_pin_is_high_at_the_wrap_shows_a_runt(stages: Stages) -> N
         put(n, clock)
         seen.append(steps.take_steps(r, page))
     assert seen == [1, 1, 1, 0]
+
+
+# ------------------------------------------------------------------------------------------------------- speeds
+def test_a_speed_that_no_step_rate_makes_is_refused_with_the_one_that_does(stages: Stages) -> None:
+    peer, field = stages.peer, 2
+    target = round(1000 * acts.PARK_X_UM)
+    for axis, most in ((X, 10_000_000), (Y, 10_000_000), (THETA, 100_000)):
+        reply = peer.refused(
+            "STAGE_MOVE", "OUT_OF_RANGE", axis=axis, target=target, speed=round(1.001 * most)
+        )
+        assert struct.unpack("<Bqq", reply.frame.payload) == (field, 1, most)
+    peer.ok("STAGE_MOVE", axis=X, target=target, speed=10_000_000)
+    peer.event("STAGE_DONE", 1.0)
+    stages.follow(-1000, MOST_STEPS, last=0)
+    line = acts.line_to(acts.PARK_X_UM, 0.0, speed_um_s=1.001 * MOST_UM_S)
+    reply = peer.refused("PATH_MOVE", "OUT_OF_RANGE", **line)
+    assert struct.unpack("<Bqq", reply.frame.payload) == (field, 1, round(1000 * MOST_UM_S))
+
+
+def test_a_path_waits_for_stages_that_are_slower(stages: Stages) -> None:
+    """No line is that fast, for PATH_MOVE refuses it; here it does not."""
+    stages.patch("stages_judge_speed", ANY_SPEED)
+    way, before, place = -20_000, stages.steps[X], stages.place(X)
+    stages.follow(way, 100 * MOST_STEPS, last=1)
+    stages.peer.event("PATH_DONE", 1.0)
+    stages.controller.advance(2)
+    assert stages.steps[X] - before == way
+    assert stages.place(X) - place == pytest.approx(way)
+    stages.peer.pump(0.1)
+    assert stages.steps[X] - before == way
+
+
+# -------------------------------------------------------------------------------------------------------- stops
+def _is_pressed(stages: Stages) -> None:
+    stages.plant.estop = True
+
+
+def _opens(stages: Stages) -> None:
+    stages.plant.door_open = True
+
+
+def _aborts(stages: Stages) -> None:
+    stages.peer.write(bytes(8))
+
+
+def _closes(stages: Stages) -> None:
+    stages.plant.limit_switch = True
+
+
+def _is_silent(stages: Stages) -> None:
+    stages.controller.advance(300)
+
+
+def _sends(command: str) -> Callable[[Stages], None]:
+    return lambda stages: stages.peer.write(_frame(stages, command))
+
+
+def _frame(stages: Stages, command: str) -> bytes:
+    peer = stages.peer
+    seq, peer.seq = peer.seq, (peer.seq + 1) % 256
+    return wire.encode(layouts.NAMES[command], seq, peer.session, b"")
+
+
+FAULTS = [
+    pytest.param(_is_pressed, ESTOP, id="estop"),
+    pytest.param(_opens, DOOR, id="door"),
+    pytest.param(_aborts, ABORT_RUN, id="abort"),
+    pytest.param(_is_silent, HOST_SILENT, id="host-silent"),
+    pytest.param(_closes, STAGE_LIMIT, id="limit-switch"),
+]
+
+
+def stands_where_it_says(stages: Stages, place: float, made: float) -> None:
+    """Nothing moves any more, the place told is the true one, and a scan without lines leaves it."""
+    stood = stages.steps[X]
+    stages.peer.pump(0.3)
+    assert stages.steps[X] == stood
+    assert stages.place(X) - place == pytest.approx(stood - made, abs=0.1)
+    stages.mend()
+    acts.clear(stages.peer)
+    if stages.peer.state() != "IDLE":
+        acts.rest(stages.peer)
+    acts.arm(stages.peer)
+    stages.peer.ok("PULSE_ENABLE", on=1)
+    acts.scan_start(stages.peer)
+    stages.peer.pump(0.3)
+    assert stages.steps[X] == stood
+    assert stages.controller.state == STATE["MACHINING"]
+
+
+@pytest.mark.parametrize(
+    ("stop", "fault"),
+    [*FAULTS, *(pytest.param(_sends(name), 0, id=name) for name in ("SERVO_STOP", "DISARM"))],
+)
+@pytest.mark.parametrize("ahead", [False, True], ids=["", "ahead"])
+def test_what_ends_a_scan_stops_the_stages(
+    stages: Stages, stop: Callable[[Stages], None], fault: int, ahead: bool
+) -> None:
+    """At the greatest speed, and on a path that the stages cannot follow."""
+    if ahead:
+        stages.patch("stages_judge_speed", ANY_SPEED)
+    place, made = stages.place(X), stages.steps[X]
+    stages.follow(-100_000, 100 * MOST_STEPS if ahead else MOST_STEPS, last=1)
+    stages.peer.pump(0.1)
+    assert abs(stages.steps[X] - made) > 5_000
+    stop(stages)
+    stages.controller.advance(
+        13 if fault == ABORT_RUN else 4
+    )  # what tells it, and the steps that were planned
+    assert stages.controller.fault == fault
+    assert stages.controller.state != STATE["MACHINING"]
+    stands_where_it_says(stages, place, made)
+
+
+@pytest.mark.parametrize(
+    ("stop", "fault"),
+    [*FAULTS, *(pytest.param(_sends(name), 0, id=name) for name in ("STAGE_STOP", "DISARM"))],
+)
+@pytest.mark.parametrize("per_ms", [7.3, MOST_STEPS, 5 * MOST_STEPS])
+def test_what_ends_a_travel_tells_where_the_stage_stands(
+    stages: Stages, stop: Callable[[Stages], None], fault: int, per_ms: float
+) -> None:
+    if per_ms > MOST_STEPS:
+        stages.patch("stages_judge_speed", ANY_SPEED)
+    place, made = stages.place(X), stages.steps[X]
+    stages.start(X, -100_000, per_ms)
+    stages.peer.pump(0.1)
+    assert abs(stages.steps[X] - made) > 500
+    stop(stages)
+    stages.controller.advance(13 if fault == ABORT_RUN else 4)
+    assert stages.controller.fault == fault
+    assert stages.controller.state != STATE["MOVING"] or not fault
+    stands_where_it_says(stages, place, made)
 
 
 # ------------------------------------------------------------------------------------------------------- resets

@@ -34,6 +34,8 @@ real hal_set_generator(void *board, const struct edm_generator *setting) {
 }
 
 void hal_gate(void *board, bool on) { (void)board; (void)on; }
+real hal_stage_speed_max(void *board, uint8_t axis) { (void)board; (void)axis; return R(1e30); }
+real hal_stage_place(void *board, uint8_t axis, real at) { (void)board; (void)axis; return at; }
 void hal_stage_start(void *board, uint8_t axis, real at, real speed) { (void)board; (void)axis; (void)at; (void)speed; }
 void hal_stage_stop(void *board, uint8_t axis, real at) { (void)board; (void)axis; (void)at; }
 void hal_path_begin(void *board) { (void)board; }

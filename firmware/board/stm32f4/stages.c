@@ -24,7 +24,6 @@ struct axis {
 static struct axis axes[AXES];
 static int32_t made[AXES]; /* steps of this millisecond */
 static bool follows;       /* X and Y go where the core says */
-static bool leaves;        /* and this was the last place of it */
 
 /* Where the stages stand, steps: outlasts a reset of the chip. Steps are counted before they are made, so a reset in motion
  * leaves a place that nobody knows. */
@@ -144,18 +143,15 @@ static void plan_travel(struct axis *axis) {
 void stages_plan(const struct edm_controller *c) {
     interrupts_off(); /* all axes at one tick */
     for (int axis = 0; axis < AXES; axis++) {
-        if ((follows || leaves) && axis != AXIS_THETA) {
+        if (follows && axis != AXIS_THETA) {
             axes[axis].target = steps_of(axis, c->drive.stage_um[axis]);
             plan_axis(&axes[axis], MOST_STEPS);
-            axes[axis].per_ms = R(MOST_STEPS); /* for what is left at the end, after a change of direction */
-            axes[axis].travels = leaves && axes[axis].at != axes[axis].target;
         } else if (axes[axis].travels) {
             plan_travel(&axes[axis]);
         } else {
             axes[axis].planned = 0;
         }
     }
-    leaves = false;
     interrupts_on();
     note_stands();
 }
@@ -167,9 +163,30 @@ void stages_tell(struct edm_controller *c) {
     }
 }
 
-/* Whether a travel is under way still. */
+/* Whether a travel is under way still, or a path further than the stages. */
 bool stages_move(void) {
-    return axes[AXIS_X].travels || axes[AXIS_Y].travels || axes[AXIS_THETA].travels;
+    for (int axis = 0; axis < AXES; axis++) {
+        if (axes[axis].travels || (follows && axes[axis].at != axes[axis].target)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+real hal_stage_speed_max(void *board, uint8_t axis) {
+    (void)board;
+    return R(MOST_STEPS) * step_of(axis) / TICK_S;
+}
+
+/* Steps that were planned are made: the tick may have begun them. */
+real hal_stage_place(void *board, uint8_t axis, real at) {
+    (void)board;
+    return steps_of(axis, at) == axes[axis].at ? at : (real)axes[axis].at * step_of(axis);
+}
+
+static void stop(struct axis *axis) {
+    axis->travels = false;
+    axis->target = axis->at;
 }
 
 void hal_stage_start(void *board, uint8_t axis, real target, real speed) {
@@ -181,17 +198,17 @@ void hal_stage_start(void *board, uint8_t axis, real target, real speed) {
     a->travels = a->at != a->target;
 }
 
-/* Stops at once: nothing is planned any more; what runs are the steps of this millisecond. The axis knows where it stands. */
+/* Stops at once: nothing is planned any more; what runs are the steps of this millisecond. */
 void hal_stage_stop(void *board, uint8_t axis, real at) {
     (void)board;
     (void)at;
-    axes[axis].travels = false;
-    axes[axis].target = axes[axis].at;
+    stop(&axes[axis]);
 }
 
 void hal_path_begin(void *board) {
     (void)board;
-    axes[AXIS_X].travels = axes[AXIS_Y].travels = false;
+    stop(&axes[AXIS_X]);
+    stop(&axes[AXIS_Y]);
     follows = true;
 }
 
@@ -202,6 +219,7 @@ void hal_path_line(void *board, uint8_t row) {
 
 void hal_path_end(void *board) {
     (void)board;
-    leaves = follows;
     follows = false;
+    stop(&axes[AXIS_X]);
+    stop(&axes[AXIS_Y]);
 }
