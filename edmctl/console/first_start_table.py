@@ -29,6 +29,9 @@ def render_first_start(report: FirstStartReport, style: Style = PLAIN) -> str:
         lines += _item(item, style)
     counts = [(status, sum(item.status is status for item in report.items)) for status in ItemStatus]
     lines += ["", f"{', '.join(f'{n} {status}' for status, n in counts if n)}."]
+    if report.absent:
+        absent = [f"{item.title} ({item.reason})" for item in report.items if item.key in report.absent]
+        lines.append(f"Absent, not checked: {'; '.join(absent)}.")
     if report.ended:
         lines.append(f"Ended early: {report.ended}")
     if not report.complete:

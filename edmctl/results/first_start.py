@@ -13,7 +13,7 @@ class ItemStatus(StrEnum):
     FAIL = "fail"
     SKIPPED = "skipped"
     ABSENT = "absent"
-    """The machine has none of it."""
+    """The machine has none of it, and may be without: what builds on it is done."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +46,16 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class FirstStartReport:
-    """The whole checklist. `complete`: nothing has failed or was skipped. `ended` says what broke it off."""
+    """The whole checklist.
+
+    `complete`: nothing has failed or was skipped. `absent` has the keys of what the machine does without. `ended`
+    says what broke it off.
+    """
 
     machine: str
     simulated: bool
     started: str
     items: tuple[Item, ...]
     complete: bool
+    absent: tuple[str, ...]
     ended: str

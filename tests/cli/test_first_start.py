@@ -9,10 +9,11 @@ import re
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
+from edmctl.cli.commands.first_start import Terminal
 from edmctl.jobs.first_start import actuator, generator
 from edmctl.jobs.first_start.cold import BREAK
 from edmctl.jobs.first_start.hands import VirtualHands
@@ -28,6 +29,8 @@ from tools.generate.circuits.break_chain import hardware_break
 from tools.generate.circuits.common import Needs
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tests.cli.commands import Here, Said
 
 NAMED = {
@@ -321,6 +324,89 @@ def test_the_meter_at_the_chain_is_asked_for_what_the_circuit_gives() -> None:
     asked, expected = QUESTIONS["break-chain"].text, BREAK.expected
     assert all(f"above {CHAIN_HIGH_V:g} V" in text for text in (asked, expected))
     assert all(f"below {CHAIN_LOW_V:g} V" in text for text in (asked, expected))
+
+
+MAY_BE_ABSENT = {"limit-close", "x-direction", "y-direction", "theta-direction"}
+NEEDED = [key for key in ACTS if key not in MAY_BE_ABSENT]
+NOT_ASKED = ("low-battery-on", "battery-turn", "limit-open")
+"""Of a sound new machine, or with another end: a limit switch that stays closed."""
+
+
+@pytest.mark.parametrize("key", [key for key in NEEDED if key not in NOT_ASKED])
+def test_what_no_machine_may_do_without_is_not_absent(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch, key: str
+) -> None:
+    """Whoever says so all the same has skipped it, and nothing that builds on it is energised."""
+    bench, real = wired(), VirtualHands.act
+    monkeypatch.setattr(
+        VirtualHands, "act", lambda hands, act: Done.ABSENT if act.key == key else real(hands, act)
+    )
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    assert said.exit_code == 7, said.err
+    assert statuses(said, "absent") == said.document["result"]["first_start"]["absent"] == ["break-chain"]
+    plant = bench.made[-1].plant
+    assert "self-test" in statuses(said, "skipped")
+    assert plant.drive.pulse_starts == 0
+    if key not in ("contact-close", "contact-open", "amplifier-on", "battery-on", "battery-off"):
+        assert {"supply-on", "armed-estop", "amplifier-on", "range"} <= set(statuses(said, "skipped"))
+        assert not plant.hv_supply_ok
+        assert plant.state.amplifier_v == pytest.approx(0.0, abs=0.01)
+    assert bench.is_off()
+
+
+@pytest.mark.parametrize("key", NEEDED)
+def test_answers_that_do_without_a_protection_are_refused(here: Here, wired: Any, key: str) -> None:
+    bench = wired()
+    Path("answers.toml").write_text(f'{key} = "absent"\n')
+    said = here("first-start", "--answers", "answers.toml", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2065")
+    of_dielectric = key in ("level-low", "level-ok", "pump-off", "pump-on")
+    reason = "arms with the dielectric required" if of_dielectric else "no machine is used without it"
+    assert reason in said.document["error"]["message"]
+    assert bench.made == []
+
+
+def test_what_may_be_absent_is_named_at_the_end(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wired()
+    real_act, real_answer = VirtualHands.act, VirtualHands.answer
+    monkeypatch.setattr(
+        VirtualHands, "act", lambda hands, act: Done.ABSENT if act.may_be_absent else real_act(hands, act)
+    )
+    monkeypatch.setattr(
+        VirtualHands,
+        "answer",
+        lambda hands, what: "absent" if what.key == "theta-direction" else real_answer(hands, what),
+    )
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    assert said.exit_code == 0, said.err
+    absent = ["break-chain", "limit", "theta-direction"]
+    assert statuses(said, "absent") == said.document["result"]["first_start"]["absent"] == absent
+    (report,) = Path("runs").glob("*.txt")
+    (line,) = [line for line in report.read_text().splitlines() if line.startswith("Absent, not checked: ")]
+    assert "limit switches (the machine has none, by the person); theta direction (" in line
+
+
+class Patient:
+    """Stands in for a machine while a person is asked."""
+
+    def wait_for(self, done: Callable[[], bool]) -> None:
+        while not done():
+            pass
+
+
+@pytest.mark.parametrize("act", ACTS.values(), ids=list(ACTS))
+def test_absent_is_offered_only_where_it_may_be(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], act: Act
+) -> None:
+    monkeypatch.setattr(sys, "stdin", Typed("a\ns\n"))
+    terminal = Terminal(cast("LinkMachine", Patient()))
+    done, asked = terminal.act(act), capsys.readouterr().err
+    may_be_absent = act.key in MAY_BE_ABSENT
+    assert done is (Done.ABSENT if may_be_absent else Done.SKIP)
+    assert ("there is none" in asked) == may_be_absent
+    assert ("'a' is none of these: Enter when done, s skips." in asked) == (not may_be_absent)
 
 
 def test_what_is_skipped_keeps_everything_that_builds_on_it_off(here: Here, wired: Any) -> None:

@@ -151,9 +151,13 @@ class Terminal:
         """Ask for it, until the person says that it is done."""
         from edmctl.jobs.first_start.person import Done
 
-        words = {"": Done.DONE, "s": Done.SKIP, "skip": Done.SKIP, "a": Done.ABSENT, "absent": Done.ABSENT}
-        while (said := self._ask(f"{act.text}  [Enter when done, s skips, a: there is none] ")) not in words:
-            mutter("Enter, s or a.\n")
+        words = {"": Done.DONE, "done": Done.DONE, "s": Done.SKIP, "skip": Done.SKIP}
+        listed = "Enter when done, s skips"
+        if act.may_be_absent:
+            words |= {"a": Done.ABSENT, "absent": Done.ABSENT}
+            listed += ", a: there is none"
+        while (said := self._ask(f"{act.text}  [{listed}] ")) not in words:
+            mutter(f"{said!r} is none of these: {listed}.\n")
         return words[said]
 
     def answer(self, question: "Question") -> str:

@@ -24,6 +24,7 @@ SETTLE_S = 0.3
 """After an act by hand: filters and switches have settled."""
 READINGS, READING_S = 10, 0.02
 """A reading is the mean of so many, so far apart."""
+NONE_OF_IT = "the machine has none, by the person"
 
 
 class Skip(Exception):
@@ -134,9 +135,12 @@ class Checklist:
 
     def act(self, key: str) -> None:
         """Have something done by hand, and let it settle. Raises Skip."""
-        done = self.person.act(ACTS[key])
+        act = ACTS[key]
+        done = self.person.act(act)
+        if done is Done.ABSENT and act.may_be_absent:
+            raise Skip(NONE_OF_IT, absent=True)
         if done is not Done.DONE:
-            raise Skip(f"{key}: {done}", absent=done is Done.ABSENT)
+            raise Skip(f"{key}: {done}")
         self.machine.pass_time(SETTLE_S)
 
     def answer(self, key: str) -> str:
@@ -146,7 +150,7 @@ class Checklist:
         if not answer or (question.options and answer not in question.options):
             raise Skip(f"{key}: no answer")
         if answer == "absent":
-            raise Skip("the machine has none", absent=True)
+            raise Skip(NONE_OF_IT, absent=True)
         return answer
 
     def allow(self, key: str) -> None:

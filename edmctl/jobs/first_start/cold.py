@@ -229,7 +229,7 @@ def _switches(c: Checklist) -> None:
     explained: dict[Interlock, str] = {}
     for switch in SWITCHES:
         if switch.bit in left_out:
-            c.skip(switch.spec, left_out[switch.bit].reason, absent=left_out[switch.bit].absent)
+            c.skip(switch.spec, left_out[switch.bit].reason)
             continue
         if switch.bit in explained:
             c.skip(switch.spec, f"told at: {explained[switch.bit]}")

@@ -70,8 +70,10 @@ def first_start(
         )
         items = tuple(checklist.items)
         complete = error is None and all(item.is_right for item in items)
+        absent = tuple(item.key for item in items if item.status is ItemStatus.ABSENT)
+        ended_by = error.message if error else ""
         return FirstStartReport(
-            name, machine.identity.simulated, started, items, complete, error.message if error else ""
+            name, machine.identity.simulated, started, items, complete, absent, ended_by
         ), error
 
 

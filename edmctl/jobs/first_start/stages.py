@@ -158,8 +158,7 @@ def _put_back(c: Checklist, close_by: str, fault: int) -> None:
         except InterlockOpen as still:
             if skipped is None:
                 raise
-            reason = f"{skipped.reason}; {still.message} {still.hint}"
-            raise Skip(reason, absent=skipped.absent) from still
+            raise Skip(f"{skipped.reason}; {still.message} {still.hint}") from still
     if skipped is not None:
         raise skipped
 
