@@ -474,6 +474,58 @@ def test_a_person_at_a_terminal_is_asked(here: Here, wired: Any, monkeypatch: py
     assert bench.is_off()
 
 
+def test_a_person_at_a_terminal_is_told_how_to_stop_and_which_words_there_are(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wired()
+    monkeypatch.setattr(sys, "stdin", Typed("ja\ny\n\ny\nno\n"))
+    said = here("first-start", "--seed", "1")
+    told = said.err.splitlines()
+    assert said.err.count("Ctrl-C stops") == 1
+    (first,) = [n for n, line in enumerate(told) if "Ctrl-C stops" in line]
+    assert first < min(n for n, line in enumerate(told) if "s skips" in line)
+    assert "'ja' is none of these: yes, no; s skips." in said.err
+    whole = "yes, no; s skips; a dangerous step takes the whole word."
+    assert f"'' is none of these: {whole}" in said.err
+    assert f"'y' is none of these: {whole}" in said.err
+
+
+@pytest.mark.parametrize("mistake", ["", "ESTOP_OPEN", "DOOR_BRIDGED", "ESTOP_DOOR_SWAPPED"])
+def test_what_an_act_has_changed_is_told_at_once(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch, mistake: str
+) -> None:
+    wired(*filter(None, [mistake]))
+    real = VirtualHands.act
+
+    def act(hands: VirtualHands, what: Act) -> Done:
+        print(f"act {what.key}", file=sys.stderr)
+        return real(hands, what)
+
+    monkeypatch.setattr(VirtualHands, "act", act)
+    lines = here("first-start", "--yes", "--seed", "1").err.splitlines()
+    after = {key: lines[lines.index(f"act {key}") + 1].split(maxsplit=1) for key in list(ACTS)[:8]}
+    assert {word for word, _ in after.values()} == {"read"}
+    read = {key: text for key, (_, text) in after.items()}
+    own = {"estop": "emergency stop", "door": "door", "level": "level", "pump": "flow"}
+    for key, text in read.items():
+        name, end = (
+            own[key.split("-")[0]],
+            "opens" if key.split("-")[1] in ("press", "open", "low", "off") else "closes",
+        )
+        if key.startswith({"ESTOP_OPEN": "estop", "DOOR_BRIDGED": "door"}.get(mistake, "none")):
+            assert text == f"no input changed; expected: {name} {end}"
+        elif mistake == "ESTOP_DOOR_SWAPPED" and key.startswith(("estop", "door")):
+            other = {"emergency stop": "door", "door": "emergency stop"}[name]
+            assert text == f"{other} {end}; expected: {name} {end}"
+        else:
+            assert text == f"{name} {end}"
+
+
+def test_the_float_of_the_level_switch_sinks() -> None:
+    assert "float sink" in ACTS["level-low"].text
+    assert "float rise" in ACTS["level-ok"].text
+
+
 def test_a_terminal_that_is_closed_ends_it(here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = wired()
     monkeypatch.setattr(sys, "stdin", Typed("y\n"))

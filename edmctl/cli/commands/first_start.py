@@ -48,6 +48,10 @@ ActsOption = Annotated[
     ),
 ]
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the report.")]
+HOW_TO_STOP = (
+    "Ctrl-C stops at any time: pulses off, tool retracted, the report is written; high voltage and amplifier are "
+    "yours to switch off.\n"
+)
 _LOOK_S = 0.05
 
 
@@ -144,6 +148,7 @@ class Terminal:
     """A person at a terminal. While one is waited for, the controller hears its host, and Ctrl-C is heeded."""
 
     def __init__(self, machine: "LinkMachine") -> None:
+        mutter(HOW_TO_STOP)
         self._machine = machine
         self._lines: queue.Queue[str] = queue.Queue()
 
@@ -166,6 +171,9 @@ class Terminal:
 
         options = ", ".join(question.options) or "a number"
         warning = "DANGER  " if question.danger else ""
+        listed = f"{options}; s skips" + (
+            "; a dangerous step takes the whole word" if question.danger else ""
+        )
         while True:
             said = self._ask(f"{warning}{question.text}  [{options}; s skips] ")
             if said in ("s", "skip"):
@@ -177,7 +185,7 @@ class Terminal:
                 return full[0]
             if not question.options and is_number(said):
                 return said
-            mutter(f"{'In full: ' if question.danger else ''}{options}, or s.\n")
+            mutter(f"{said!r} is none of these: {listed}.\n")
 
     def _ask(self, text: str) -> str:
         _forget_typed_ahead()

@@ -58,14 +58,15 @@ class Found:
 class Checklist:
     """One machine, one person, and what was found so far.
 
-    `told` hears of every item. `cause_of` names the likely mistakes behind a fault of the controller. `battery_v` is
-    what the gap sensor has read of a battery.
+    `told` hears of every item, `say` of readings in between. `cause_of` names the likely
+    mistakes behind a fault of the controller. `battery_v` is what the gap sensor has read of a battery.
     """
 
     machine: LinkMachine
     setup: Setup
     person: Person
     told: Callable[[Item], None]
+    say: Callable[[str], None]
     cause_of: Callable[[EdmError], tuple[Cause, ...]]
     part: str = ""
     items: list[Item] = field(default_factory=list)

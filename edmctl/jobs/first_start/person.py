@@ -63,8 +63,11 @@ ACTS = {
         Act("estop-release", "Release the emergency stop."),
         Act("door-open", "Open the door."),
         Act("door-close", "Close the door."),
-        Act("level-low", "Bring the level switch of the dielectric to 'too low' (lift the float, or drain)."),
-        Act("level-ok", "Bring the level switch back to 'ok'."),
+        Act(
+            "level-low",
+            "Bring the level switch of the dielectric to 'too low': let its float sink, or drain.",
+        ),
+        Act("level-ok", "Bring the level switch back to 'ok': let its float rise, or fill up."),
         Act("pump-off", "Switch the pump of the dielectric off."),
         Act("pump-on", "Switch the pump on again."),
         Act("contact-close", "Connect tool and work with a wire."),

@@ -55,7 +55,7 @@ def first_start(
             asked = VirtualHands(bench.virtual, asked)
         elif acts is not None:
             asked = _written_hands(machine, acts, asked)
-        checklist = Checklist(machine, setup, asked, tell, cause_of)
+        checklist = Checklist(machine, setup, asked, tell, say, cause_of)
         try:
             if cold.look(checklist):
                 stages.look(checklist)
