@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 _INKS = {
     ItemStatus.PASS: Ink.SIGNAL,
+    ItemStatus.ANSWERED: Ink.FAINT,
     ItemStatus.FAIL: Ink.ERROR,
     ItemStatus.SKIPPED: Ink.WARNING,
     ItemStatus.ABSENT: Ink.FAINT,

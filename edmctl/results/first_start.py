@@ -10,6 +10,8 @@ class ItemStatus(StrEnum):
     """How an item came out."""
 
     PASS = "pass"
+    ANSWERED = "answered"
+    """A person has said yes, and nothing was checked."""
     FAIL = "fail"
     SKIPPED = "skipped"
     ABSENT = "absent"
@@ -41,7 +43,7 @@ class Item:
     @property
     def is_right(self) -> bool:
         """Whether what builds on it may be done."""
-        return self.status in (ItemStatus.PASS, ItemStatus.ABSENT)
+        return self.status in (ItemStatus.PASS, ItemStatus.ANSWERED, ItemStatus.ABSENT)
 
 
 @dataclass(frozen=True, slots=True)

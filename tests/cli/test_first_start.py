@@ -19,6 +19,7 @@ from edmctl.jobs.first_start.cold import BREAK
 from edmctl.jobs.first_start.hands import VirtualHands
 from edmctl.jobs.first_start.person import ACTS, CHAIN_HIGH_V, CHAIN_LOW_V, QUESTIONS, Act, Done
 from edmctl.machine.controller import LinkMachine
+from edmctl.profile.setup import Setup
 from edmctl.simulator import BenchConfig, VirtualBench
 from edmctl.simulator.acts import ActsFile
 from edmctl.simulator.bench import MemoryTransport
@@ -150,6 +151,54 @@ def test_a_mistake_is_named_and_nothing_else_is_blamed(here: Here, wired: Any, m
         assert {net for cause in found["causes"] for net in cause["nets"]} == nets
         assert words in " ".join(cause["text"] for cause in found["causes"])
         assert bench.is_off()
+
+
+def test_readings_tell_what_is_judged(here: Here, wired: Any) -> None:
+    wired()
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    found = items(said)
+    assert found["limit"]["read"] == "refused, fault 2004"
+    assert statuses(said, "answered") == ["ready", "stages"]
+    (report,) = Path("runs").glob("*.txt")
+    assert f"{len(statuses(said, 'pass'))} pass, 2 answered, 1 absent." in report.read_text()
+    for key, low, high in (("displacement", 0.25, 1.6), ("range", 0.5, 1.4)):
+        gain = Setup().actuator.gain_um_per_v
+        assert (
+            f"by {low * gain:.2f} to {high * gain:.2f} µm/V ({low:g} to {high:g} of" in found[key]["expected"]
+        )
+        numbers = re.search(r"\+([0-9.]+) µm/V, ([0-9.]+) of the setup's", found[key]["read"])
+        assert numbers is not None
+        assert float(numbers[2]) == pytest.approx(float(numbers[1]) / gain, abs=0.01)
+        assert low < float(numbers[2]) < high
+    assert found["self-test"]["read"] == "gate off: less than 0.50 V; gate on: 10.00 V of 10.00 V"
+
+
+@pytest.mark.parametrize("controller", ["python", "firmware"])
+def test_a_gate_that_is_stuck_on_shows_the_voltage_with_the_gate_off(
+    here: Here, wired: Any, controller: str
+) -> None:
+    wired("GATE_STUCK")
+    said = here("first-start", "--yes", "--json", "--seed", "1", "--controller", controller)
+    read = items(said)["self-test"]["read"]
+    numbers = re.match(
+        r"gate off: ([0-9.]+) V \(expected 0\); gate on: 10\.00 V \(expected 10\.00\), fault 3", read
+    )
+    assert numbers is not None, read
+    assert float(numbers[1]) == pytest.approx(generator.GAP_PULSES.open_voltage_v, abs=0.1)
+
+
+@pytest.mark.parametrize("share", [1.0, 4.0])
+def test_a_transistor_that_is_a_short_is_named_by_the_duty_or_by_the_open_voltage(share: float) -> None:
+    assert "shorted" in generator._self_test_cause(share).text
+    assert "scale" in generator._self_test_cause(2.0).text
+
+
+@pytest.mark.parametrize(
+    ("after_s", "words"),
+    [(-4e-5, "that ends when"), (4e-5, "that ends when"), (-2e-3, "2.0 ms before"), (3e-3, "3.0 ms after")],
+)
+def test_where_the_last_pulse_is_has_no_negative_nought(after_s: float, words: str) -> None:
+    assert words in generator._apart(after_s)
 
 
 def test_a_driver_that_switches_by_itself_is_found_in_measure_mode(here: Here, wired: Any) -> None:

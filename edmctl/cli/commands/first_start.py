@@ -119,8 +119,8 @@ def first_start(
 
 def _line(item: "Item") -> str:
     told = item.reason or item.read
-    lines = [f"{item.status:8}{item.title}{': ' if told else ''}{told}"]
-    lines += [f"{'':8}likely: {cause.text}; net {', '.join(cause.nets) or 'none'}" for cause in item.causes]
+    lines = [f"{item.status:10}{item.title}{': ' if told else ''}{told}"]
+    lines += [f"{'':10}likely: {cause.text}; net {', '.join(cause.nets) or 'none'}" for cause in item.causes]
     return "\n".join(lines)
 
 

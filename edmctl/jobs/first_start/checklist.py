@@ -48,10 +48,11 @@ class Spec:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What was read, and what is likely to be wrong; nothing where all is right."""
+    """What was read, and what is likely to be wrong; nothing where all is right. `is_word`: nothing was read."""
 
     read: str
     causes: tuple[Cause, ...] = ()
+    is_word: bool = False
 
 
 @dataclass(slots=True)
@@ -110,7 +111,8 @@ class Checklist:
 
     def judge(self, spec: Spec, found: Found) -> bool:
         """Add an item of what was read before; whether it is right."""
-        status = ItemStatus.FAIL if found.causes else ItemStatus.PASS
+        right = ItemStatus.ANSWERED if found.is_word else ItemStatus.PASS
+        status = ItemStatus.FAIL if found.causes else right
         return self._add(spec, found.read, status, "", found.causes)
 
     def skip(self, spec: Spec, reason: str, *, absent: bool = False) -> None:

@@ -163,7 +163,7 @@ def look(c: Checklist) -> bool:
 
 def _ready(c: Checklist) -> Found:
     c.allow("ready")
-    return Found("yes")
+    return Found("yes", is_word=True)
 
 
 def _link(c: Checklist) -> Found:
@@ -254,7 +254,7 @@ def _acted(c: Checklist, switch: Switch, key: str, before: Interlock) -> Interlo
     ]
     expected = f"{INTERLOCKS[switch.bit][0]} {'opens' if key == switch.open_by else 'closes'}"
     read = ", ".join(changes) or "no input changed"
-    c.say(f"{'read':8}{read}" + ("" if changes == [expected] else f"; expected: {expected}"))
+    c.say(f"{'read':10}{read}" + ("" if changes == [expected] else f"; expected: {expected}"))
     return after
 
 

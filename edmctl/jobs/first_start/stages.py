@@ -165,7 +165,7 @@ def _put_back(c: Checklist, close_by: str, fault: int) -> None:
 
 def _stages_allowed(c: Checklist) -> Found:
     c.allow("stages")
-    return Found("yes")
+    return Found("yes", is_word=True)
 
 
 def _limit(c: Checklist) -> Found:
@@ -178,7 +178,7 @@ def _limit(c: Checklist) -> Found:
             raise
         c.machine.safe_stop()
         _put_back(c, "limit-open", error.fault)
-        return Found(error.message)
+        return Found(f"refused, fault {error.fault:d}")
     c.machine.disarm()
     c.act("limit-open")
     text = "a stage moves with its limit switch closed: wire bridged, or contacts the wrong way round"
