@@ -466,6 +466,50 @@ def test_what_is_skipped_keeps_everything_that_builds_on_it_off(here: Here, wire
     assert bench.is_off()
 
 
+def test_answers_count_at_a_virtual_machine_too(here: Here, wired: Any) -> None:
+    bench = wired()
+    for key in ("estop-press", "door-close"):
+        for word in ("skip", ""):
+            Path("answers.toml").write_text(f'{key} = "{word}"\nready = "yes"\nhigh-voltage = "yes"\n')
+            said = here("first-start", "--answers", "answers.toml", "--json", "--seed", "1")
+            assert said.exit_code == 7, said.err
+            assert items(said)[key.split("-")[0]]["reason"] == f"{key}: skip"
+            assert items(said)["supply-on"]["status"] == "skipped"
+            assert not bench.made[-1].plant.hv_supply_ok
+    answers = write_answers(
+        Path("answers.toml"), limit_close="absent", x_direction="minus", battery_volts="5"
+    )
+    said = here("first-start", "--answers", answers, "--json", "--seed", "1")
+    assert statuses(said, "absent") == ["break-chain", "limit"]
+    assert statuses(said, "fail") == ["gap-battery", "x-direction"]
+    Path("answers.toml").write_text("".join(f'{key} = "yes"\n' for key in ("ready", *DANGEROUS)))
+    said = here("first-start", "--answers", "answers.toml", "--json", "--seed", "1")
+    assert said.exit_code == 0, said.err  # the program's hands and eyes do what nobody speaks of
+
+
+def test_options_without_an_effect_are_refused(here: Here, wired: Any) -> None:
+    bench = wired()
+    answers = write_answers(Path("answers.toml"))
+    said = here("first-start", "--yes", "--acts", "hands", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2066")
+    assert not Path("hands").exists()
+    said = here("first-start", "--yes", "--answers", answers, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2067")
+    assert bench.made == []
+
+
+def test_a_served_machine_is_not_acted_on_where_answers_skip(here: Here) -> None:
+    bench, acts = VirtualBench(BenchConfig(), 2), Path("hands")
+    answers = write_answers(Path("answers.toml"), door_open="skip")
+    with serving(bench, acts=ActsFile(acts, bench, print)) as port:
+        options = ("--acts", str(acts), "--controller", "firmware", "--json")
+        said = here("first-start", "--port", port, "--answers", answers, *options)
+    assert said.exit_code == 7, said.err
+    assert items(said)["door"]["reason"] == "door-open: skip"
+    assert "+DOOR" not in acts.read_text()
+    assert [warning["code"] for warning in said.document["warnings"]] == ["W4102"]
+
+
 def test_nobody_at_a_terminal_is_refused_before_anything_is_opened(here: Here, wired: Any) -> None:
     bench = wired()
     said = here("first-start", "--json")

@@ -26,7 +26,7 @@ from edmctl.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.jobs.first_start.person import Act, Done, Person, Question
+    from edmctl.jobs.first_start.person import Act, Asked, Done, Question
     from edmctl.machine.controller import LinkMachine
     from edmctl.results.first_start import FirstStartReport, Item
 
@@ -75,7 +75,7 @@ def first_start(
     """
     from dataclasses import replace
 
-    from edmctl.jobs.connect import known_controller, seed_warning
+    from edmctl.jobs.connect import controller_warning, known_controller, seed_warning
     from edmctl.jobs.first_start.person import ALL_ALLOWED, read_answers
     from edmctl.jobs.first_start.run import first_start as run
     from edmctl.jobs.first_start.run import verdict
@@ -95,6 +95,18 @@ def first_start(
             hint="Answer in a terminal, or name every step with --answers FILE.",
             code="E2067",
         )
+    if yes and given is not None:
+        raise UsageError(
+            "--yes allows every step, and --answers names those that are allowed: one of the two.",
+            hint="Leave --yes out.",
+            code="E2067",
+        )
+    if acts is not None and where.in_process:
+        raise UsageError(
+            f"--acts is about a served virtual machine, and {where.selector} is one in this process.",
+            hint="Leave it out: hands and eyes are this program's there.",
+            code="E2066",
+        )
     if given is None and not yes and not sys.stdin.isatty():
         raise UsageError(
             "first-start asks, and nobody is at a terminal.",
@@ -103,10 +115,11 @@ def first_start(
         )
     check_folder(out)
 
-    def person(machine: "LinkMachine") -> "Person":
+    def person(machine: "LinkMachine") -> "Asked":
         return given or (ALL_ALLOWED if yes else Terminal(machine))
 
     outcome.warn(seed_warning(where, seed))
+    outcome.warn(controller_warning(where, controller))
     used = seed_to_use(seed)
     outcome.seed = where.seed_of(used)
     say: Callable[[str], None] = partial(tell, outcome.output)
@@ -151,6 +164,10 @@ class Terminal:
         mutter(HOW_TO_STOP)
         self._machine = machine
         self._lines: queue.Queue[str] = queue.Queue()
+
+    def has_answered(self, _key: str) -> bool:
+        """Nothing: who sits here is asked."""
+        return False
 
     def act(self, act: "Act") -> "Done":
         """Ask for it, until the person says that it is done."""

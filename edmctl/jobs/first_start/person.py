@@ -56,6 +56,13 @@ class Person(Protocol):
         """One of the options or a number; empty where there is no answer."""
 
 
+class Asked(Person, Protocol):
+    """Who is asked behind the hands and eyes of a virtual machine."""
+
+    def has_answered(self, key: str) -> bool:
+        """Whether this was said before: then no program's hands or eyes take the person's place."""
+
+
 ACTS = {
     act.key: act
     for act in (
@@ -132,6 +139,10 @@ class Answers:
     def answer(self, question: Question) -> str:
         """What the answers say."""
         return self._given.get(question.key, "")
+
+    def has_answered(self, key: str) -> bool:
+        """Whether it is among the answers."""
+        return key in self._given
 
 
 ALL_ALLOWED = Answers(
