@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 _INKS = {
     ItemStatus.PASS: Ink.SIGNAL,
+    ItemStatus.ANSWERED: Ink.FAINT,
     ItemStatus.FAIL: Ink.ERROR,
     ItemStatus.SKIPPED: Ink.WARNING,
     ItemStatus.ABSENT: Ink.FAINT,
@@ -29,6 +30,9 @@ def render_first_start(report: FirstStartReport, style: Style = PLAIN) -> str:
         lines += _item(item, style)
     counts = [(status, sum(item.status is status for item in report.items)) for status in ItemStatus]
     lines += ["", f"{', '.join(f'{n} {status}' for status, n in counts if n)}."]
+    if report.absent:
+        absent = [f"{item.title} ({item.reason})" for item in report.items if item.key in report.absent]
+        lines.append(f"Absent, not checked: {'; '.join(absent)}.")
     if report.ended:
         lines.append(f"Ended early: {report.ended}")
     if not report.complete:

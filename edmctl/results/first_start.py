@@ -10,10 +10,12 @@ class ItemStatus(StrEnum):
     """How an item came out."""
 
     PASS = "pass"
+    ANSWERED = "answered"
+    """A person has said yes, and nothing was checked."""
     FAIL = "fail"
     SKIPPED = "skipped"
     ABSENT = "absent"
-    """The machine has none of it."""
+    """The machine has none of it, and may be without: what builds on it is done."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,16 +43,21 @@ class Item:
     @property
     def is_right(self) -> bool:
         """Whether what builds on it may be done."""
-        return self.status in (ItemStatus.PASS, ItemStatus.ABSENT)
+        return self.status in (ItemStatus.PASS, ItemStatus.ANSWERED, ItemStatus.ABSENT)
 
 
 @dataclass(frozen=True, slots=True)
 class FirstStartReport:
-    """The whole checklist. `complete`: nothing has failed or was skipped. `ended` says what broke it off."""
+    """The whole checklist.
+
+    `complete`: nothing has failed or was skipped. `absent` has the keys of what the machine does without. `ended`
+    says what broke it off.
+    """
 
     machine: str
     simulated: bool
     started: str
     items: tuple[Item, ...]
     complete: bool
+    absent: tuple[str, ...]
     ended: str

@@ -9,15 +9,17 @@ import re
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
+from edmctl.cli.commands.first_start import Terminal
 from edmctl.jobs.first_start import actuator, generator
 from edmctl.jobs.first_start.cold import BREAK
 from edmctl.jobs.first_start.hands import VirtualHands
 from edmctl.jobs.first_start.person import ACTS, CHAIN_HIGH_V, CHAIN_LOW_V, QUESTIONS, Act, Done
 from edmctl.machine.controller import LinkMachine
+from edmctl.profile.setup import Setup
 from edmctl.simulator import BenchConfig, VirtualBench
 from edmctl.simulator.acts import ActsFile
 from edmctl.simulator.bench import MemoryTransport
@@ -28,6 +30,8 @@ from tools.generate.circuits.break_chain import hardware_break
 from tools.generate.circuits.common import Needs
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tests.cli.commands import Here, Said
 
 NAMED = {
@@ -147,6 +151,54 @@ def test_a_mistake_is_named_and_nothing_else_is_blamed(here: Here, wired: Any, m
         assert {net for cause in found["causes"] for net in cause["nets"]} == nets
         assert words in " ".join(cause["text"] for cause in found["causes"])
         assert bench.is_off()
+
+
+def test_readings_tell_what_is_judged(here: Here, wired: Any) -> None:
+    wired()
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    found = items(said)
+    assert found["limit"]["read"] == "refused, fault 2004"
+    assert statuses(said, "answered") == ["ready", "stages"]
+    (report,) = Path("runs").glob("*.txt")
+    assert f"{len(statuses(said, 'pass'))} pass, 2 answered, 1 absent." in report.read_text()
+    for key, low, high in (("displacement", 0.25, 1.6), ("range", 0.5, 1.4)):
+        gain = Setup().actuator.gain_um_per_v
+        assert (
+            f"by {low * gain:.2f} to {high * gain:.2f} µm/V ({low:g} to {high:g} of" in found[key]["expected"]
+        )
+        numbers = re.search(r"\+([0-9.]+) µm/V, ([0-9.]+) of the setup's", found[key]["read"])
+        assert numbers is not None
+        assert float(numbers[2]) == pytest.approx(float(numbers[1]) / gain, abs=0.01)
+        assert low < float(numbers[2]) < high
+    assert found["self-test"]["read"] == "gate off: less than 0.50 V; gate on: 10.00 V of 10.00 V"
+
+
+@pytest.mark.parametrize("controller", ["python", "firmware"])
+def test_a_gate_that_is_stuck_on_shows_the_voltage_with_the_gate_off(
+    here: Here, wired: Any, controller: str
+) -> None:
+    wired("GATE_STUCK")
+    said = here("first-start", "--yes", "--json", "--seed", "1", "--controller", controller)
+    read = items(said)["self-test"]["read"]
+    numbers = re.match(
+        r"gate off: ([0-9.]+) V \(expected 0\); gate on: 10\.00 V \(expected 10\.00\), fault 3", read
+    )
+    assert numbers is not None, read
+    assert float(numbers[1]) == pytest.approx(generator.GAP_PULSES.open_voltage_v, abs=0.1)
+
+
+@pytest.mark.parametrize("share", [1.0, 4.0])
+def test_a_transistor_that_is_a_short_is_named_by_the_duty_or_by_the_open_voltage(share: float) -> None:
+    assert "shorted" in generator._self_test_cause(share).text
+    assert "scale" in generator._self_test_cause(2.0).text
+
+
+@pytest.mark.parametrize(
+    ("after_s", "words"),
+    [(-4e-5, "that ends when"), (4e-5, "that ends when"), (-2e-3, "2.0 ms before"), (3e-3, "3.0 ms after")],
+)
+def test_where_the_last_pulse_is_has_no_negative_nought(after_s: float, words: str) -> None:
+    assert words in generator._apart(after_s)
 
 
 def test_a_driver_that_switches_by_itself_is_found_in_measure_mode(here: Here, wired: Any) -> None:
@@ -323,12 +375,139 @@ def test_the_meter_at_the_chain_is_asked_for_what_the_circuit_gives() -> None:
     assert all(f"below {CHAIN_LOW_V:g} V" in text for text in (asked, expected))
 
 
+MAY_BE_ABSENT = {"limit-close", "x-direction", "y-direction", "theta-direction"}
+NEEDED = [key for key in ACTS if key not in MAY_BE_ABSENT]
+NOT_ASKED = ("low-battery-on", "battery-turn", "limit-open")
+"""Of a sound new machine, or with another end: a limit switch that stays closed."""
+
+
+@pytest.mark.parametrize("key", [key for key in NEEDED if key not in NOT_ASKED])
+def test_what_no_machine_may_do_without_is_not_absent(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch, key: str
+) -> None:
+    """Whoever says so all the same has skipped it, and nothing that builds on it is energised."""
+    bench, real = wired(), VirtualHands.act
+    monkeypatch.setattr(
+        VirtualHands, "act", lambda hands, act: Done.ABSENT if act.key == key else real(hands, act)
+    )
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    assert said.exit_code == 7, said.err
+    assert statuses(said, "absent") == said.document["result"]["first_start"]["absent"] == ["break-chain"]
+    plant = bench.made[-1].plant
+    assert "self-test" in statuses(said, "skipped")
+    assert plant.drive.pulse_starts == 0
+    if key not in ("contact-close", "contact-open", "amplifier-on", "battery-on", "battery-off"):
+        assert {"supply-on", "armed-estop", "amplifier-on", "range"} <= set(statuses(said, "skipped"))
+        assert not plant.hv_supply_ok
+        assert plant.state.amplifier_v == pytest.approx(0.0, abs=0.01)
+    assert bench.is_off()
+
+
+@pytest.mark.parametrize("key", NEEDED)
+def test_answers_that_do_without_a_protection_are_refused(here: Here, wired: Any, key: str) -> None:
+    bench = wired()
+    Path("answers.toml").write_text(f'{key} = "absent"\n')
+    said = here("first-start", "--answers", "answers.toml", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2065")
+    of_dielectric = key in ("level-low", "level-ok", "pump-off", "pump-on")
+    reason = "arms with the dielectric required" if of_dielectric else "no machine is used without it"
+    assert reason in said.document["error"]["message"]
+    assert bench.made == []
+
+
+def test_what_may_be_absent_is_named_at_the_end(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wired()
+    real_act, real_answer = VirtualHands.act, VirtualHands.answer
+    monkeypatch.setattr(
+        VirtualHands, "act", lambda hands, act: Done.ABSENT if act.may_be_absent else real_act(hands, act)
+    )
+    monkeypatch.setattr(
+        VirtualHands,
+        "answer",
+        lambda hands, what: "absent" if what.key == "theta-direction" else real_answer(hands, what),
+    )
+    said = here("first-start", "--yes", "--json", "--seed", "1")
+    assert said.exit_code == 0, said.err
+    absent = ["break-chain", "limit", "theta-direction"]
+    assert statuses(said, "absent") == said.document["result"]["first_start"]["absent"] == absent
+    (report,) = Path("runs").glob("*.txt")
+    (line,) = [line for line in report.read_text().splitlines() if line.startswith("Absent, not checked: ")]
+    assert "limit switches (the machine has none, by the person); theta direction (" in line
+
+
+class Patient:
+    """Stands in for a machine while a person is asked."""
+
+    def wait_for(self, done: Callable[[], bool]) -> None:
+        while not done():
+            pass
+
+
+@pytest.mark.parametrize("act", ACTS.values(), ids=list(ACTS))
+def test_absent_is_offered_only_where_it_may_be(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], act: Act
+) -> None:
+    monkeypatch.setattr(sys, "stdin", Typed("a\ns\n"))
+    terminal = Terminal(cast("LinkMachine", Patient()))
+    done, asked = terminal.act(act), capsys.readouterr().err
+    may_be_absent = act.key in MAY_BE_ABSENT
+    assert done is (Done.ABSENT if may_be_absent else Done.SKIP)
+    assert ("there is none" in asked) == may_be_absent
+    assert ("'a' is none of these: Enter when done, s skips." in asked) == (not may_be_absent)
+
+
 def test_what_is_skipped_keeps_everything_that_builds_on_it_off(here: Here, wired: Any) -> None:
     bench = wired()
     answers = write_answers(Path("answers.toml"), ready="no")
     said = here("first-start", "--answers", answers, "--json", "--seed", "1")
     assert (said.exit_code, list(items(said))) == (7, ["ready"])
     assert bench.is_off()
+
+
+def test_answers_count_at_a_virtual_machine_too(here: Here, wired: Any) -> None:
+    bench = wired()
+    for key in ("estop-press", "door-close"):
+        for word in ("skip", ""):
+            Path("answers.toml").write_text(f'{key} = "{word}"\nready = "yes"\nhigh-voltage = "yes"\n')
+            said = here("first-start", "--answers", "answers.toml", "--json", "--seed", "1")
+            assert said.exit_code == 7, said.err
+            assert items(said)[key.split("-")[0]]["reason"] == f"{key}: skip"
+            assert items(said)["supply-on"]["status"] == "skipped"
+            assert not bench.made[-1].plant.hv_supply_ok
+    answers = write_answers(
+        Path("answers.toml"), limit_close="absent", x_direction="minus", battery_volts="5"
+    )
+    said = here("first-start", "--answers", answers, "--json", "--seed", "1")
+    assert statuses(said, "absent") == ["break-chain", "limit"]
+    assert statuses(said, "fail") == ["gap-battery", "x-direction"]
+    Path("answers.toml").write_text("".join(f'{key} = "yes"\n' for key in ("ready", *DANGEROUS)))
+    said = here("first-start", "--answers", "answers.toml", "--json", "--seed", "1")
+    assert said.exit_code == 0, said.err  # the program's hands and eyes do what nobody speaks of
+
+
+def test_options_without_an_effect_are_refused(here: Here, wired: Any) -> None:
+    bench = wired()
+    answers = write_answers(Path("answers.toml"))
+    said = here("first-start", "--yes", "--acts", "hands", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2066")
+    assert not Path("hands").exists()
+    said = here("first-start", "--yes", "--answers", answers, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2067")
+    assert bench.made == []
+
+
+def test_a_served_machine_is_not_acted_on_where_answers_skip(here: Here) -> None:
+    bench, acts = VirtualBench(BenchConfig(), 2), Path("hands")
+    answers = write_answers(Path("answers.toml"), door_open="skip")
+    with serving(bench, acts=ActsFile(acts, bench, print)) as port:
+        options = ("--acts", str(acts), "--controller", "firmware", "--json")
+        said = here("first-start", "--port", port, "--answers", answers, *options)
+    assert said.exit_code == 7, said.err
+    assert items(said)["door"]["reason"] == "door-open: skip"
+    assert "+DOOR" not in acts.read_text()
+    assert [warning["code"] for warning in said.document["warnings"]] == ["W4102"]
 
 
 def test_nobody_at_a_terminal_is_refused_before_anything_is_opened(here: Here, wired: Any) -> None:
@@ -386,6 +565,58 @@ def test_a_person_at_a_terminal_is_asked(here: Here, wired: Any, monkeypatch: py
     assert items(said)["range"]["status"] == "pass"
     assert items(said)["self-test"]["reason"] == "generator: not allowed"
     assert bench.is_off()
+
+
+def test_a_person_at_a_terminal_is_told_how_to_stop_and_which_words_there_are(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wired()
+    monkeypatch.setattr(sys, "stdin", Typed("ja\ny\n\ny\nno\n"))
+    said = here("first-start", "--seed", "1")
+    told = said.err.splitlines()
+    assert said.err.count("Ctrl-C stops") == 1
+    (first,) = [n for n, line in enumerate(told) if "Ctrl-C stops" in line]
+    assert first < min(n for n, line in enumerate(told) if "s skips" in line)
+    assert "'ja' is none of these: yes, no; s skips." in said.err
+    whole = "yes, no; s skips; a dangerous step takes the whole word."
+    assert f"'' is none of these: {whole}" in said.err
+    assert f"'y' is none of these: {whole}" in said.err
+
+
+@pytest.mark.parametrize("mistake", ["", "ESTOP_OPEN", "DOOR_BRIDGED", "ESTOP_DOOR_SWAPPED"])
+def test_what_an_act_has_changed_is_told_at_once(
+    here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch, mistake: str
+) -> None:
+    wired(*filter(None, [mistake]))
+    real = VirtualHands.act
+
+    def act(hands: VirtualHands, what: Act) -> Done:
+        print(f"act {what.key}", file=sys.stderr)
+        return real(hands, what)
+
+    monkeypatch.setattr(VirtualHands, "act", act)
+    lines = here("first-start", "--yes", "--seed", "1").err.splitlines()
+    after = {key: lines[lines.index(f"act {key}") + 1].split(maxsplit=1) for key in list(ACTS)[:8]}
+    assert {word for word, _ in after.values()} == {"read"}
+    read = {key: text for key, (_, text) in after.items()}
+    own = {"estop": "emergency stop", "door": "door", "level": "level", "pump": "flow"}
+    for key, text in read.items():
+        name, end = (
+            own[key.split("-")[0]],
+            "opens" if key.split("-")[1] in ("press", "open", "low", "off") else "closes",
+        )
+        if key.startswith({"ESTOP_OPEN": "estop", "DOOR_BRIDGED": "door"}.get(mistake, "none")):
+            assert text == f"no input changed; expected: {name} {end}"
+        elif mistake == "ESTOP_DOOR_SWAPPED" and key.startswith(("estop", "door")):
+            other = {"emergency stop": "door", "door": "emergency stop"}[name]
+            assert text == f"{other} {end}; expected: {name} {end}"
+        else:
+            assert text == f"{name} {end}"
+
+
+def test_the_float_of_the_level_switch_sinks() -> None:
+    assert "float sink" in ACTS["level-low"].text
+    assert "float rise" in ACTS["level-ok"].text
 
 
 def test_a_terminal_that_is_closed_ends_it(here: Here, wired: Any, monkeypatch: pytest.MonkeyPatch) -> None:

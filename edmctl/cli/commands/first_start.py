@@ -26,7 +26,7 @@ from edmctl.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.jobs.first_start.person import Act, Done, Person, Question
+    from edmctl.jobs.first_start.person import Act, Asked, Done, Question
     from edmctl.machine.controller import LinkMachine
     from edmctl.results.first_start import FirstStartReport, Item
 
@@ -48,6 +48,10 @@ ActsOption = Annotated[
     ),
 ]
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the report.")]
+HOW_TO_STOP = (
+    "Ctrl-C stops at any time: pulses off, tool retracted, the report is written; high voltage and amplifier are "
+    "yours to switch off.\n"
+)
 _LOOK_S = 0.05
 
 
@@ -71,7 +75,7 @@ def first_start(
     """
     from dataclasses import replace
 
-    from edmctl.jobs.connect import known_controller, seed_warning
+    from edmctl.jobs.connect import controller_warning, known_controller, seed_warning
     from edmctl.jobs.first_start.person import ALL_ALLOWED, read_answers
     from edmctl.jobs.first_start.run import first_start as run
     from edmctl.jobs.first_start.run import verdict
@@ -91,6 +95,18 @@ def first_start(
             hint="Answer in a terminal, or name every step with --answers FILE.",
             code="E2067",
         )
+    if yes and given is not None:
+        raise UsageError(
+            "--yes allows every step, and --answers names those that are allowed: one of the two.",
+            hint="Leave --yes out.",
+            code="E2067",
+        )
+    if acts is not None and where.in_process:
+        raise UsageError(
+            f"--acts is about a served virtual machine, and {where.selector} is one in this process.",
+            hint="Leave it out: hands and eyes are this program's there.",
+            code="E2066",
+        )
     if given is None and not yes and not sys.stdin.isatty():
         raise UsageError(
             "first-start asks, and nobody is at a terminal.",
@@ -99,10 +115,11 @@ def first_start(
         )
     check_folder(out)
 
-    def person(machine: "LinkMachine") -> "Person":
+    def person(machine: "LinkMachine") -> "Asked":
         return given or (ALL_ALLOWED if yes else Terminal(machine))
 
     outcome.warn(seed_warning(where, seed))
+    outcome.warn(controller_warning(where, controller))
     used = seed_to_use(seed)
     outcome.seed = where.seed_of(used)
     say: Callable[[str], None] = partial(tell, outcome.output)
@@ -115,8 +132,8 @@ def first_start(
 
 def _line(item: "Item") -> str:
     told = item.reason or item.read
-    lines = [f"{item.status:8}{item.title}{': ' if told else ''}{told}"]
-    lines += [f"{'':8}likely: {cause.text}; net {', '.join(cause.nets) or 'none'}" for cause in item.causes]
+    lines = [f"{item.status:10}{item.title}{': ' if told else ''}{told}"]
+    lines += [f"{'':10}likely: {cause.text}; net {', '.join(cause.nets) or 'none'}" for cause in item.causes]
     return "\n".join(lines)
 
 
@@ -144,16 +161,25 @@ class Terminal:
     """A person at a terminal. While one is waited for, the controller hears its host, and Ctrl-C is heeded."""
 
     def __init__(self, machine: "LinkMachine") -> None:
+        mutter(HOW_TO_STOP)
         self._machine = machine
         self._lines: queue.Queue[str] = queue.Queue()
+
+    def has_answered(self, _key: str) -> bool:
+        """Nothing: who sits here is asked."""
+        return False
 
     def act(self, act: "Act") -> "Done":
         """Ask for it, until the person says that it is done."""
         from edmctl.jobs.first_start.person import Done
 
-        words = {"": Done.DONE, "s": Done.SKIP, "skip": Done.SKIP, "a": Done.ABSENT, "absent": Done.ABSENT}
-        while (said := self._ask(f"{act.text}  [Enter when done, s skips, a: there is none] ")) not in words:
-            mutter("Enter, s or a.\n")
+        words = {"": Done.DONE, "done": Done.DONE, "s": Done.SKIP, "skip": Done.SKIP}
+        listed = "Enter when done, s skips"
+        if act.may_be_absent:
+            words |= {"a": Done.ABSENT, "absent": Done.ABSENT}
+            listed += ", a: there is none"
+        while (said := self._ask(f"{act.text}  [{listed}] ")) not in words:
+            mutter(f"{said!r} is none of these: {listed}.\n")
         return words[said]
 
     def answer(self, question: "Question") -> str:
@@ -162,6 +188,9 @@ class Terminal:
 
         options = ", ".join(question.options) or "a number"
         warning = "DANGER  " if question.danger else ""
+        listed = f"{options}; s skips" + (
+            "; a dangerous step takes the whole word" if question.danger else ""
+        )
         while True:
             said = self._ask(f"{warning}{question.text}  [{options}; s skips] ")
             if said in ("s", "skip"):
@@ -173,7 +202,7 @@ class Terminal:
                 return full[0]
             if not question.options and is_number(said):
                 return said
-            mutter(f"{'In full: ' if question.danger else ''}{options}, or s.\n")
+            mutter(f"{said!r} is none of these: {listed}.\n")
 
     def _ask(self, text: str) -> str:
         _forget_typed_ahead()

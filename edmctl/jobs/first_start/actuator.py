@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from statistics import linear_regression
 from typing import TYPE_CHECKING
@@ -55,15 +55,14 @@ DISPLACEMENT = Spec(
     "displacement",
     "displacement sensor",
     "The same steps.",
-    f"{SMALL_GAIN[0]:g} to {SMALL_GAIN[1]:g} of the setup's µm/V, more with more voltage",
+    "more with more voltage",
     ("drive",),
 )
 RANGE = Spec(
     "range",
     "actuator to 40 V",
     f"Steps to {', '.join(f'{v:g}' for v in LARGE_V)} V.",
-    f"the monitor within {MONITOR_STEP_V:g} V at each; the sensor {LARGE_GAIN[0]:g} to {LARGE_GAIN[1]:g} of the "
-    f"setup's µm/V, and back within {BACK_UM:g} µm",
+    f"the monitor within {MONITOR_STEP_V:g} V at each",
     ("monitor", "displacement"),
 )
 
@@ -75,11 +74,25 @@ def look(c: Checklist) -> None:
     steps: list[Step] = []
     c.item(DRIVE, partial(_drive, c, steps))
     c.item(MONITOR, partial(_monitor, steps))
+    displacement = _bounded(c, DISPLACEMENT, SMALL_GAIN)
     if c.setup.sensor.fitted or not c.is_right(DRIVE.key):
-        c.item(DISPLACEMENT, partial(_displacement, c, steps))
+        c.item(displacement, partial(_displacement, c, steps))
     else:
-        c.skip(DISPLACEMENT, "no sensor is fitted by the setup", absent=True)
-    c.item(RANGE, partial(_range, c))
+        c.skip(displacement, "no sensor is fitted by the setup", absent=True)
+    full = replace(RANGE, expected=f"{RANGE.expected}; the sensor back within {BACK_UM:g} µm, up")
+    c.item(_bounded(c, full, LARGE_GAIN) if c.setup.sensor.fitted else RANGE, partial(_range, c))
+
+
+def _bounded(c: Checklist, spec: Spec, bounds: tuple[float, float]) -> Spec:
+    """Return an item that says what the sensor is expected to read, by the setup."""
+    gain = c.setup.actuator.gain_um_per_v
+    low, high = bounds
+    text = f"by {low * gain:.2f} to {high * gain:.2f} µm/V ({low:g} to {high:g} of the setup's {gain:g})"
+    return replace(spec, expected=f"{spec.expected} {text}")
+
+
+def _gain_in_words(slope: float, gain: float) -> str:
+    return f"{signed(slope)} µm/V, {decimal(slope / gain)} of the setup's"
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +182,7 @@ def _monitor(steps: list[Step]) -> Found:
 def _displacement(c: Checklist, steps: list[Step]) -> Found:
     gain = c.setup.actuator.gain_um_per_v
     slope = _line(steps, lambda step: step.displacement_um)[0]
-    read = f"{signed(slope)} µm/V; the setup has {gain:g} µm/V"
+    read = _gain_in_words(slope, gain)
     low, high = SMALL_GAIN
     if low * gain <= slope <= high * gain:
         return Found(read)
@@ -193,7 +206,7 @@ def _range(c: Checklist) -> Found:
         gain = c.setup.actuator.gain_um_per_v
         slope = (top.displacement_um - steps[0].displacement_um) / top.command_v
         back_um = steps[-1].displacement_um - steps[0].displacement_um
-        read += f"; sensor {signed(slope)} µm/V, {signed(back_um)} µm after"
+        read += f"; sensor {_gain_in_words(slope, gain)}, {signed(back_um)} µm after"
         low, high = LARGE_GAIN
         if not low * gain <= slope <= high * gain or abs(back_um) > BACK_UM:
             text = "displacement sensor and setup do not agree: scale, fixing, or actuator.gain_um_per_v"

@@ -24,6 +24,7 @@ SETTLE_S = 0.3
 """After an act by hand: filters and switches have settled."""
 READINGS, READING_S = 10, 0.02
 """A reading is the mean of so many, so far apart."""
+NONE_OF_IT = "the machine has none, by the person"
 
 
 class Skip(Exception):
@@ -47,24 +48,26 @@ class Spec:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What was read, and what is likely to be wrong; nothing where all is right."""
+    """What was read, and what is likely to be wrong; nothing where all is right. `is_word`: nothing was read."""
 
     read: str
     causes: tuple[Cause, ...] = ()
+    is_word: bool = False
 
 
 @dataclass(slots=True)
 class Checklist:
     """One machine, one person, and what was found so far.
 
-    `told` hears of every item. `cause_of` names the likely mistakes behind a fault of the controller. `battery_v` is
-    what the gap sensor has read of a battery.
+    `told` hears of every item, `say` of readings in between. `cause_of` names the likely
+    mistakes behind a fault of the controller. `battery_v` is what the gap sensor has read of a battery.
     """
 
     machine: LinkMachine
     setup: Setup
     person: Person
     told: Callable[[Item], None]
+    say: Callable[[str], None]
     cause_of: Callable[[EdmError], tuple[Cause, ...]]
     part: str = ""
     items: list[Item] = field(default_factory=list)
@@ -108,7 +111,8 @@ class Checklist:
 
     def judge(self, spec: Spec, found: Found) -> bool:
         """Add an item of what was read before; whether it is right."""
-        status = ItemStatus.FAIL if found.causes else ItemStatus.PASS
+        right = ItemStatus.ANSWERED if found.is_word else ItemStatus.PASS
+        status = ItemStatus.FAIL if found.causes else right
         return self._add(spec, found.read, status, "", found.causes)
 
     def skip(self, spec: Spec, reason: str, *, absent: bool = False) -> None:
@@ -134,9 +138,12 @@ class Checklist:
 
     def act(self, key: str) -> None:
         """Have something done by hand, and let it settle. Raises Skip."""
-        done = self.person.act(ACTS[key])
+        act = ACTS[key]
+        done = self.person.act(act)
+        if done is Done.ABSENT and act.may_be_absent:
+            raise Skip(NONE_OF_IT, absent=True)
         if done is not Done.DONE:
-            raise Skip(f"{key}: {done}", absent=done is Done.ABSENT)
+            raise Skip(f"{key}: {done}")
         self.machine.pass_time(SETTLE_S)
 
     def answer(self, key: str) -> str:
@@ -146,7 +153,7 @@ class Checklist:
         if not answer or (question.options and answer not in question.options):
             raise Skip(f"{key}: no answer")
         if answer == "absent":
-            raise Skip("the machine has none", absent=True)
+            raise Skip(NONE_OF_IT, absent=True)
         return answer
 
     def allow(self, key: str) -> None:

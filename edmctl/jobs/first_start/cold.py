@@ -163,7 +163,7 @@ def look(c: Checklist) -> bool:
 
 def _ready(c: Checklist) -> Found:
     c.allow("ready")
-    return Found("yes")
+    return Found("yes", is_word=True)
 
 
 def _link(c: Checklist) -> Found:
@@ -219,17 +219,16 @@ def _switches(c: Checklist) -> None:
     for switch in SWITCHES:
         rest = _inputs(c)
         try:
-            c.act(switch.open_by)
-            during = _inputs(c)
-            c.act(switch.close_by)
+            during = _acted(c, switch, switch.open_by, rest)
+            back = _acted(c, switch, switch.close_by, during)
         except Skip as skip:
             left_out[switch.bit] = skip
             continue
-        seen[switch.bit] = Seen(rest, during, _inputs(c))
+        seen[switch.bit] = Seen(rest, during, back)
     explained: dict[Interlock, str] = {}
     for switch in SWITCHES:
         if switch.bit in left_out:
-            c.skip(switch.spec, left_out[switch.bit].reason, absent=left_out[switch.bit].absent)
+            c.skip(switch.spec, left_out[switch.bit].reason)
             continue
         if switch.bit in explained:
             c.skip(switch.spec, f"told at: {explained[switch.bit]}")
@@ -242,6 +241,21 @@ def _switches(c: Checklist) -> None:
             f"{_in_words(found.back)}"
         )
         c.judge(switch.spec, Found(read, causes))
+
+
+def _acted(c: Checklist, switch: Switch, key: str, before: Interlock) -> Interlock:
+    """Have a switch changed, and tell at once what has followed; the open inputs then."""
+    c.act(key)
+    after = _inputs(c)
+    changes = [
+        f"{INTERLOCKS[bit][0]} {'opens' if bit in after else 'closes'}"
+        for bit in Interlock
+        if bit in before ^ after
+    ]
+    expected = f"{INTERLOCKS[switch.bit][0]} {'opens' if key == switch.open_by else 'closes'}"
+    read = ", ".join(changes) or "no input changed"
+    c.say(f"{'read':10}{read}" + ("" if changes == [expected] else f"; expected: {expected}"))
+    return after
 
 
 def _judge(switch: Switch, all_seen: dict[Interlock, Seen]) -> tuple[tuple[Cause, ...], list[Interlock]]:

@@ -42,6 +42,8 @@ SPARKLESS_S, FIRST_S = 1.0, 0.2
 CREEP_UM_S = 0.05
 """The slowest feed that a controller takes: a tool that hardly moves."""
 CLEAR_UM = 20.0
+OFF_SAMPLES = 10
+"""Of the half of the self-test that has the generator off, its end."""
 WATCHDOG_SPARE_S = 0.1
 TOUCH_UM, TOUCH_UM_S = 4.0, 5.0
 
@@ -98,7 +100,9 @@ def look(c: Checklist) -> None:
 
 def _self_test(c: Checklist) -> Found:
     c.allow("generator")
+    heard = Heard()
     c.machine.configure(_pulsing(c.setup, 0.0), GAP_PULSES)
+    c.machine.start_telemetry(TelemetrySettings(_period_us(c.setup), 10, PulseLog.OFF), heard)
     c.machine.arm()
     meant_v = _duty() * GAP_PULSES.open_voltage_v
     try:
@@ -109,15 +113,39 @@ def _self_test(c: Checklist) -> Found:
         c.machine.safe_stop()
         c.machine.clear_fault(error.fault)
         on_v = 1e-3 * error.detail
-        read = f"{decimal(on_v)} V of {decimal(meant_v)} V: {error.message}"
+        read = f"gate on: {decimal(on_v)} V (expected {decimal(meant_v)}), fault {error.fault:d}"
+        if _is_stuck_on(on_v / meant_v):
+            read = f"gate off: {_off_in_words(heard)} (expected 0); {read}"
         return Found(read, (_self_test_cause(on_v / meant_v),))
     c.machine.disarm()
-    return Found(f"{decimal(on_v)} V of {decimal(meant_v)} V")
+    c.machine.stop_telemetry()
+    off_v = float(default_settings()["test_error"]) * meant_v
+    return Found(
+        f"gate off: less than {decimal(off_v)} V; gate on: {decimal(on_v)} V of {decimal(meant_v)} V"
+    )
+
+
+def _is_stuck_on(share: float) -> bool:
+    """Whether a self-test that has failed was wrong with the gate off, by the `share` of what was meant with it on.
+
+    Either that is right, so that the other half is not; or it is the open voltage, without any pulses.
+    """
+    return abs(share - 1.0) <= OPEN_ERROR or abs(share * _duty() - 1.0) <= OPEN_ERROR
+
+
+def _off_in_words(heard: Heard) -> str:
+    """What was at the gap before the generator was on, by the samples: the fault tells of the other half alone."""
+    if heard.blocks:
+        s = heard.samples
+        n_off = int(((s.flags & TelemetryFlag.PULSES_ON) == 0).argmin())
+        if n_off >= OFF_SAMPLES:
+            return f"{decimal(float(s.gap_v[n_off - OFF_SAMPLES : n_off].mean()), 1)} V"
+    return "a voltage"
 
 
 def _self_test_cause(share: float) -> Cause:
     """Of a gap sensor that reads a battery right: `share` of what was meant came with the generator on."""
-    if abs(share - 1.0) <= OPEN_ERROR:
+    if _is_stuck_on(share):
         return cause(
             "voltage at the gap with the generator there and its gate off: the transistor is shorted, or its "
             "driver stuck on; switch the supply off",
@@ -228,10 +256,18 @@ def _gate_off(heard: Heard) -> Found:
     s = heard.samples
     late = heard.pulses_in() * (s.time_s > heard.end.time_s + _span_s(s))
     last_s = float(s.time_s[heard.pulses_in() > 0][-1]) - heard.end.time_s
-    read = f"the last pulse in the sample {1000.0 * last_s:+.1f} ms from the end, {int(late.sum())} pulses after it"
+    read = f"the last pulse {_apart(last_s)} the generator was switched off, {int(late.sum())} pulses later"
     if not late.any():
         return Found(read)
     return Found(read, (cause("pulses go on while the gate is off: gate or driver stuck", nets.GATE),))
+
+
+def _apart(after_s: float) -> str:
+    """Where the sample with the last pulse ends, beside the time at which the generator was switched off."""
+    after_ms = round(1000.0 * after_s, 1)
+    if after_ms == 0.0:
+        return "in the sample that ends when"
+    return f"in the sample that ends {abs(after_ms):.1f} ms {'after' if after_ms > 0.0 else 'before'}"
 
 
 def _span_s(samples: TelemetryBlock) -> float:

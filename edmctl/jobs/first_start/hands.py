@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from edmctl.jobs.first_start.person import Act, Person, Question
+    from edmctl.jobs.first_start.person import Act, Asked, Question
     from edmctl.simulator import VirtualBench
 
 BEFORE = ("+HV_SUPPLY", "+AMPLIFIER_DEAD")
@@ -49,20 +49,23 @@ _MOVED = (100.0, 100.0, 1.0)  # µm, µm and degrees: more than a stage's repeat
 class VirtualHands:
     """Acts on a bench in this process, and looks at its stages; `asked` is who allows dangerous steps."""
 
-    def __init__(self, bench: VirtualBench, asked: Person) -> None:
+    def __init__(self, bench: VirtualBench, asked: Asked) -> None:
         self._bench, self._asked = bench, asked
         self._places: list[float] = []
         for change in BEFORE:
             self._do(change)
 
     def act(self, act: Act) -> Done:
-        """Do it."""
-        for change in HANDS[act.key]:
+        """Do it, unless the answers leave it out."""
+        done = _said(self._asked, act)
+        for change in HANDS[act.key] if done is Done.DONE else ():
             self._do(change)
-        return Done.DONE
+        return done
 
     def answer(self, question: Question) -> str:
-        """Look, where there is something to see, and ask otherwise."""
+        """Look, where there is something to see and the answers do not tell, and ask otherwise."""
+        if self._asked.has_answered(question.key) and question.key != "stages":
+            return self._asked.answer(question)
         if question.key in BATTERIES:
             return BATTERIES[question.key]
         if question.key not in _LOOKED_AT:
@@ -85,6 +88,11 @@ class VirtualHands:
         return [*map(float, plant.position_um), plant.theta_deg]
 
 
+def _said(asked: Asked, act: Act) -> Done:
+    """What the answers say of an act; without a word the program's hands do it."""
+    return asked.act(act) if asked.has_answered(act.key) else Done.DONE
+
+
 def _direction(axis: Axis, ways: list[float]) -> str:
     """What somebody sees who looks at three stages."""
     moved = [abs(way) >= least for way, least in zip(ways, _MOVED, strict=True)]
@@ -96,17 +104,21 @@ def _direction(axis: Axis, ways: list[float]) -> str:
 class WrittenHands:
     """Acts on a served virtual machine by the file that `edmctl simulate serve --acts` reads."""
 
-    def __init__(self, path: Path, asked: Person) -> None:
+    def __init__(self, path: Path, asked: Asked) -> None:
         self._path, self._asked = path, asked
         self._write(BEFORE)
 
     def act(self, act: Act) -> Done:
-        """Do it."""
-        self._write(HANDS[act.key])
-        return Done.DONE
+        """Do it, unless the answers leave it out."""
+        done = _said(self._asked, act)
+        if done is Done.DONE:
+            self._write(HANDS[act.key])
+        return done
 
     def answer(self, question: Question) -> str:
         """Ask: nobody sees the stages from here."""
+        if self._asked.has_answered(question.key):
+            return self._asked.answer(question)
         return BATTERIES.get(question.key) or self._asked.answer(question)
 
     def _write(self, changes: tuple[str, ...]) -> None:

@@ -29,10 +29,11 @@ class Done(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Act:
-    """Something to do by hand."""
+    """Something to do by hand. `may_be_absent`: a machine may do without what it is about."""
 
     key: str
     text: str
+    may_be_absent: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,13 @@ class Person(Protocol):
         """One of the options or a number; empty where there is no answer."""
 
 
+class Asked(Person, Protocol):
+    """Who is asked behind the hands and eyes of a virtual machine."""
+
+    def has_answered(self, key: str) -> bool:
+        """Whether this was said before: then no program's hands or eyes take the person's place."""
+
+
 ACTS = {
     act.key: act
     for act in (
@@ -62,8 +70,11 @@ ACTS = {
         Act("estop-release", "Release the emergency stop."),
         Act("door-open", "Open the door."),
         Act("door-close", "Close the door."),
-        Act("level-low", "Bring the level switch of the dielectric to 'too low' (lift the float, or drain)."),
-        Act("level-ok", "Bring the level switch back to 'ok'."),
+        Act(
+            "level-low",
+            "Bring the level switch of the dielectric to 'too low': let its float sink, or drain.",
+        ),
+        Act("level-ok", "Bring the level switch back to 'ok': let its float rise, or fill up."),
         Act("pump-off", "Switch the pump of the dielectric off."),
         Act("pump-on", "Switch the pump on again."),
         Act("contact-close", "Connect tool and work with a wire."),
@@ -76,7 +87,7 @@ ACTS = {
         Act("battery-turn", "Turn the battery round: plus and minus exchanged."),
         Act("battery-off", "Take the battery off."),
         Act("supply-on", "Switch the high-voltage supply on, the amplifier of the actuator stays off."),
-        Act("limit-close", "Hold a limit switch of the stages closed by hand."),
+        Act("limit-close", "Hold a limit switch of the stages closed by hand.", may_be_absent=True),
         Act("limit-open", "Let go of the limit switch."),
         Act("amplifier-on", "Switch the amplifier of the actuator on."),
     )
@@ -123,11 +134,15 @@ class Answers:
 
     def act(self, act: Act) -> Done:
         """What the answers say of it."""
-        return Done(self._given.get(act.key, Done.SKIP))
+        return Done(self._given.get(act.key) or Done.SKIP)
 
     def answer(self, question: Question) -> str:
         """What the answers say."""
         return self._given.get(question.key, "")
+
+    def has_answered(self, key: str) -> bool:
+        """Whether it is among the answers."""
+        return key in self._given
 
 
 ALL_ALLOWED = Answers(
@@ -139,7 +154,8 @@ ALL_ALLOWED = Answers(
 def read_answers(path: Path) -> Answers:
     """Read a TOML file of answers by their keys.
 
-    Raises UsageError E2065 where it cannot be read, or says what nobody asks or cannot be answered so.
+    Raises UsageError E2065 where it cannot be read, or says what nobody asks or cannot be answered so: that there is
+    none of what no machine may do without, too.
     """
     try:
         table = tomllib.loads(read_bytes(path).decode("utf-8"))
@@ -154,10 +170,26 @@ def read_answers(path: Path) -> Answers:
         if key not in ACTS and key not in QUESTIONS:
             raise _unfit(f"{path}: nobody asks for {key}.")
         given[key] = word = str(value)
-        allowed = [str(one) for one in Done] if key in ACTS else [*QUESTIONS[key].options]
+        allowed = _words_for(key)
+        if word == Done.ABSENT and word not in allowed:
+            raise _unfit(f"{path}: {key} = {word!r}: {_why_not_absent(key)}.")
         if not (word in allowed or word == "" or (not allowed and is_number(word))):
             raise _unfit(f"{path}: {key} = {word!r} is none of {', '.join(allowed) or 'the numbers'}.")
     return Answers(given)
+
+
+def _words_for(key: str) -> list[str]:
+    if key not in ACTS:
+        return [*QUESTIONS[key].options]
+    return [str(one) for one in Done if one is not Done.ABSENT or ACTS[key].may_be_absent]
+
+
+def _why_not_absent(key: str) -> str:
+    """Return why nobody can say that the machine has none of what an answer is about."""
+    if key in ("level-low", "level-ok", "pump-off", "pump-on"):
+        return "the checklist arms with the dielectric required, and goes by its level and flow"
+    offered = ", ".join(key for key in (*ACTS, *QUESTIONS) if Done.ABSENT in _words_for(key))
+    return f"no machine is used without it; only these may be absent: {offered}"
 
 
 def is_number(text: str) -> bool:

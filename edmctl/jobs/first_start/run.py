@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from edmctl.jobs.first_start.person import Person
+    from edmctl.jobs.first_start.person import Asked, Person
     from edmctl.jobs.plan import MachineAddress
     from edmctl.jobs.surroundings import Surroundings
     from edmctl.machine.controller import LinkMachine
@@ -31,7 +31,7 @@ def first_start(
     setup: Setup,
     where: MachineAddress,
     seed: int,
-    person: Callable[[LinkMachine], Person],
+    person: Callable[[LinkMachine], Asked],
     acts: Path | None,
     tell: Callable[[Item], None],
     say: Callable[[str], None],
@@ -50,12 +50,15 @@ def first_start(
         bench = held.enter_context(connected(None, setup, seed, say, where, surroundings, wires_known=False))
         bench.begin()
         machine, asked = bench.machine, person(bench.machine)
+        stands: Person = asked
         if bench.virtual is not None:
-            say("first-start: hands and eyes at the virtual machine are this program's")
-            asked = VirtualHands(bench.virtual, asked)
+            say(
+                "first-start: hands and eyes at the virtual machine are this program's, but where answers tell"
+            )
+            stands = VirtualHands(bench.virtual, asked)
         elif acts is not None:
-            asked = _written_hands(machine, acts, asked)
-        checklist = Checklist(machine, setup, asked, tell, cause_of)
+            stands = _written_hands(machine, acts, asked)
+        checklist = Checklist(machine, setup, stands, tell, say, cause_of)
         try:
             if cold.look(checklist):
                 stages.look(checklist)
@@ -70,12 +73,14 @@ def first_start(
         )
         items = tuple(checklist.items)
         complete = error is None and all(item.is_right for item in items)
+        absent = tuple(item.key for item in items if item.status is ItemStatus.ABSENT)
+        ended_by = error.message if error else ""
         return FirstStartReport(
-            name, machine.identity.simulated, started, items, complete, error.message if error else ""
+            name, machine.identity.simulated, started, items, complete, absent, ended_by
         ), error
 
 
-def _written_hands(machine: LinkMachine, acts: Path, asked: Person) -> WrittenHands:
+def _written_hands(machine: LinkMachine, acts: Path, asked: Asked) -> WrittenHands:
     if not machine.identity.simulated and machine.hello.clock != Clock.DRIVEN:
         raise UsageError(
             "--acts is about a virtual machine, and a real one answers.",

@@ -158,15 +158,14 @@ def _put_back(c: Checklist, close_by: str, fault: int) -> None:
         except InterlockOpen as still:
             if skipped is None:
                 raise
-            reason = f"{skipped.reason}; {still.message} {still.hint}"
-            raise Skip(reason, absent=skipped.absent) from still
+            raise Skip(f"{skipped.reason}; {still.message} {still.hint}") from still
     if skipped is not None:
         raise skipped
 
 
 def _stages_allowed(c: Checklist) -> Found:
     c.allow("stages")
-    return Found("yes")
+    return Found("yes", is_word=True)
 
 
 def _limit(c: Checklist) -> Found:
@@ -179,7 +178,7 @@ def _limit(c: Checklist) -> Found:
             raise
         c.machine.safe_stop()
         _put_back(c, "limit-open", error.fault)
-        return Found(error.message)
+        return Found(f"refused, fault {error.fault:d}")
     c.machine.disarm()
     c.act("limit-open")
     text = "a stage moves with its limit switch closed: wire bridged, or contacts the wrong way round"
