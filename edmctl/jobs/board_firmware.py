@@ -105,6 +105,8 @@ def compared(image: ImageFacts, board: BoardFacts) -> list[Check]:
         )
     elif board.board != image.board:
         fix = f"Name an image for {board.board_name}; `edmctl firmware info FILE` says what one is for."
+        if board.board == 0:  # no image is for one
+            fix = "Name the port of a board; `edmctl ports` lists them. Virtual and emulated ones are none."
         checks.append(fail("board", f"the image is for {image.board_name}, this is {board.board_name}", fix))
     else:
         checks.append(ok("board", board.board_name))
@@ -126,6 +128,16 @@ def compared(image: ImageFacts, board: BoardFacts) -> list[Check]:
         checks.append(ok("firmware", dotted(board.firmware)))
     checks.append(_this_program(image, board))
     return checks
+
+
+def settings_not_compared(image: ImageFacts, board: BoardFacts) -> Check:
+    """What no question at the port tells: the ranges, steps and limits that were --set for the board."""
+    own = ", ".join(f"{name} {value:g}" for name, value in image.settings.items())
+    return warn(
+        "settings",
+        f"not compared, a board does not tell them; of the image: {own or 'as in the sources'}",
+        f"`edmctl firmware flash {image.path} --port {board.port}` puts these on it.",
+    )
 
 
 def _older(image: ImageFacts, board: BoardFacts, flash_it: str) -> tuple[str, str]:

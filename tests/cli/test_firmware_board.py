@@ -153,7 +153,20 @@ def test_verify_finds_a_board_that_runs_the_image(here: Here, image: str, port: 
         "schema": "ok",
         "firmware": "ok",
         "edmctl": "ok",
+        "settings": "warn",
     }
+    assert "settings" in (text := here("firmware", "verify", image, port).out)
+    assert "not compared" in text
+
+
+def test_verify_of_a_virtual_controller_names_no_image_for_one(
+    here: Here, image: str, port: str, bench: VirtualBench
+) -> None:
+    bench.python_controller.board = 0
+    error = here("firmware", "verify", image, port, "--json").document["error"]
+    assert error["code"] == "E5003"
+    assert error["hint"].startswith("Name the port of a board")
+    assert "image for" not in error["hint"]
 
 
 @pytest.mark.parametrize(
