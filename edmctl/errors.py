@@ -161,4 +161,4 @@ class Interrupted(EdmError):
 
 def installing(*packages: str) -> str:
     """Return the command that puts packages where this program runs from, a checkout or an installation alike."""
-    return f"`{shlex.quote(sys.executable or 'python3')} -m pip install {' '.join(packages)}`"
+    return f"`{shlex.quote(sys.executable or 'python3')} -m pip install {shlex.join(packages)}`"

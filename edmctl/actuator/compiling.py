@@ -114,9 +114,12 @@ def callback(signature: object) -> Callable[[Callable[..., Any]], CFunc]:
 
 
 @contextmanager
-def compiling_told(say: Callable[[str], None]) -> Iterator[None]:
-    """Tell `say` of a compilation as it begins and every few seconds, and once where its code is not kept."""
-    teller = _Teller(say)
+def compiling_told(say: Callable[[str], None], takes: str = "some 20 s") -> Iterator[None]:
+    """Tell `say` of a compilation as it begins and every few seconds, and once where its code is not kept.
+
+    takes : how long all of it takes, for people.
+    """
+    teller = _Teller(say, takes)
     with event.install_listener(_COMPILING, teller):
         yield
     if teller.compiled and _unkept:
@@ -129,8 +132,8 @@ def compiling_told(say: Callable[[str], None]) -> Iterator[None]:
 class _Teller(event.Listener):
     """Hears numba begin and end in the thread that made it, functions within functions."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self._say = say
+    def __init__(self, say: Callable[[str], None], takes: str) -> None:
+        self._say, self._takes = say, takes
         self._waits = threading.get_ident()
         self._depth = 0
         self._before_s = self._begin_s = 0.0
@@ -150,7 +153,7 @@ class _Teller(event.Listener):
         if self._depth > 1:
             return
         if not self._before_s:
-            self._say("compiling, once for this installation: some 20 s")
+            self._say(f"compiling, once for this installation: {self._takes}")
         self._begin_s = monotonic()
         self._ended.clear()
         self._thread = threading.Thread(target=self._tell, name="tells of compiling", daemon=True)

@@ -1,4 +1,4 @@
-"""Builds the image of a board with zig, which `pip install edmctl[firmware]` brings, or with a GCC for ARM."""
+"""Builds the image of a board with zig, which the package ziglang brings, or with a GCC for ARM."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.errors import PreconditionError, installing
+from edmctl.errors import PreconditionError, RunFileError, installing
 from edmctl.firmware.build import compiler_environment, source_folder, version_of
 from edmctl.firmware.image import read_image, seal
 from edmctl.firmware.settings import flags_of, parse_settings, settings_of
@@ -42,6 +42,11 @@ _FLAGS = (
     "-fno-asynchronous-unwind-tables",
 )
 _SECONDS = 600
+_REMEDIES = {
+    None: f"Install ziglang: {installing('ziglang')}.",
+    "zig": f"Install it: {installing('ziglang')}; or say --compiler gcc.",
+    "gcc": "Install it, on Debian and Ubuntu with `sudo apt install gcc-arm-none-eabi`; or say --compiler zig.",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +87,7 @@ def build_board(
     sources : folder of the firmware, if not that of this program. settings : NAME=VALUE of `settings.py`.
 
     Raises UsageError E2094 for a setting; PreconditionError: E8093 without that compiler, E8094 where no image comes
-    of it or can be written.
+    of it; RunFileError E9012 where it cannot be written.
     """
     folder = sources or source_folder()
     tools = toolchain(board, named)
@@ -121,23 +126,34 @@ def build_board(
         binary.write_bytes(image.data)
         text.write_text(image.as_hex(), encoding="ascii")
     except OSError as error:
-        raise _not_built(f"{error}.") from error
+        raise _not_written(elf, error) from error
     return BoardBuild(image, elf, binary, text, said)
 
 
 def toolchain(board: Board, named: str | None) -> Toolchain:
     """Return a compiler of COMPILERS for a board, without a name the first that is installed.
 
-    Raises PreconditionError E8093.
+    A broken zig is passed over for an installed GCC unless it was named. Raises PreconditionError E8093.
     """
+    gcc = shutil.which(_GCC) if named in (None, "gcc") else None
     if named in (None, "zig") and importlib.util.find_spec("ziglang") is not None:
-        return Toolchain((sys.executable, "-m", "ziglang", "cc"), (*board.zig, *_FLAGS), ())
-    if named in (None, "gcc") and (path := shutil.which(_GCC)):
-        return Toolchain((path,), (*board.gcc, *_FLAGS), ("-lgcc",))
+        zig = (sys.executable, "-m", "ziglang", "cc")
+        try:
+            version_of(zig)
+        except PreconditionError as broken:
+            if gcc is None:
+                anew = installing("--force-reinstall", "ziglang")
+                raise PreconditionError(
+                    broken.message, hint=f"Install it anew: {anew}; or say --compiler gcc.", code=broken.code
+                ) from broken
+        else:
+            return Toolchain(zig, (*board.zig, *_FLAGS), ())
+    if gcc is not None:
+        return Toolchain((gcc,), (*board.gcc, *_FLAGS), ("-lgcc",))
     missing = {"zig": "The package ziglang is not installed", "gcc": f"{_GCC} is not installed"}
     raise PreconditionError(
         f"{missing[named] if named else f'Neither the package ziglang nor {_GCC} is installed'}.",
-        hint=f"Install ziglang: {installing('edmctl[firmware]')}.",
+        hint=_REMEDIES[named],
         code="E8093",
     )
 
@@ -165,9 +181,25 @@ def _run(command: list[str]) -> None:
         raise _not_built("\n".join(done.stderr.splitlines()[:10]))
 
 
+def _not_written(elf: Path, error: OSError) -> RunFileError:
+    """The error E9012: what is in the way, where something is."""
+    why = error.strerror or str(error)
+    for place in reversed(elf.parents):
+        if place.exists() and not place.is_dir():
+            why = f"{place} is no folder"
+    for file in (elf.with_suffix(suffix) for suffix in SUFFIXES):
+        if file.is_dir():
+            why = f"{file} is a folder"
+    return RunFileError(
+        f"Cannot write {elf}: {why}.",
+        hint="Name a file in a folder that can be written with --output.",
+        code="E9012",
+    )
+
+
 def _not_built(reason: str) -> PreconditionError:
     return PreconditionError(
         f"The image could not be built: {reason}",
-        hint="Name another compiler with --compiler, or a folder that can be written with --output.",
+        hint="Name another compiler with --compiler.",
         code="E8094",
     )

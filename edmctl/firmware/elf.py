@@ -44,22 +44,28 @@ class ElfSegment:
     size: int
 
 
+class ForeignElf(ValueError):
+    """An ELF of another kind of machine."""
+
+
 class Elf:
-    """An ELF file in memory. Raises ValueError for what is none."""
+    """An ELF file in memory. Raises ValueError for a damaged one, ForeignElf for one of another machine."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
         try:
             self._read()
-        except (struct.error, IndexError, UnicodeDecodeError) as error:
-            raise ValueError(f"it is cut off or damaged: {error}") from error
+        except (struct.error, IndexError) as error:
+            raise ValueError("it is cut off, or its tables point beyond its end") from error
+        except UnicodeDecodeError as error:
+            raise ValueError("the names in it cannot be read") from error
 
     def _read(self) -> None:
         fields = _HEADER.unpack_from(self.data)
         identity, machine, segments_at, sections_at = fields[0], fields[2], fields[5], fields[6]
         segment_size, segments, section_size, sections, names = fields[9:14]
         if identity[:6] != _MAGIC + bytes((_CLASS_32, _LITTLE_ENDIAN)) or machine != ARM:
-            raise ValueError("it is no ELF for a 32-bit ARM")
+            raise ForeignElf("it is no program for a 32-bit ARM")
         headers = [_SECTION.unpack_from(self.data, sections_at + n * section_size) for n in range(sections)]
         texts = headers[names]
         self.sections = [

@@ -24,7 +24,7 @@ def parse_hex(text: str) -> tuple[int, bytes]:
     pieces: dict[int, bytes] = {}
     upper, is_ended = 0, False
     for number, line in enumerate(text.split(), 1):
-        record = bytes.fromhex(line[1:]) if line.startswith(":") else b""
+        record = _bytes_of(line)
         if len(record) < 5 or len(record) != record[0] + 5 or sum(record) & 0xFF:
             raise ValueError(f"line {number} is damaged")
         place, kind, content = int.from_bytes(record[1:3], "big"), record[3], record[4:-1]
@@ -43,6 +43,14 @@ def parse_hex(text: str) -> tuple[int, bytes]:
     for at, piece in pieces.items():
         data[at - base : at - base + len(piece)] = piece
     return base, bytes(data)
+
+
+def _bytes_of(line: str) -> bytes:
+    """The bytes of a line; none where it is no line of Intel HEX."""
+    try:
+        return bytes.fromhex(line[1:]) if line.startswith(":") else b""
+    except ValueError:
+        return b""
 
 
 def _line(address: int, kind: int, content: bytes) -> str:

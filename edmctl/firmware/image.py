@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import RecordError
 from edmctl.files import read_bytes
 from edmctl.firmware.boards import Board, board_name, board_of
-from edmctl.firmware.elf import Elf
+from edmctl.firmware.elf import Elf, ForeignElf
 from edmctl.firmware.hex_file import hex_of, parse_hex
 from edmctl.firmware.settings import told_settings
 from edmctl.results.firmware import ImageFacts, Section
@@ -91,6 +91,10 @@ def read_image(path: Path, schema_hash: int) -> Image:
             kind, (address, data) = "HEX", parse_hex(content.decode("ascii"))
         else:
             kind, address, data = "BIN", 0, content
+    except ForeignElf as error:
+        raise _no_image(path, str(error)) from error
+    except UnicodeDecodeError as error:
+        raise _damaged(path, "it begins as Intel HEX and goes on as something else") from error
     except ValueError as error:
         raise _damaged(path, str(error)) from error
     record = _record(path, data)
@@ -144,8 +148,12 @@ def _record(path: Path, data: bytes) -> Record:
             return record
     if reason:
         raise _damaged(path, reason)
-    raise RecordError(
-        f"{path} is no image of this firmware: it holds no record of one.",
+    raise _no_image(path, "it holds no record of one")
+
+
+def _no_image(path: Path, reason: str) -> RecordError:
+    return RecordError(
+        f"{path} is no image of this firmware: {reason}.",
         hint="Name an image that `edmctl firmware build --board stm32f4` has made.",
         code="E3681",
     )

@@ -28,17 +28,6 @@ if TYPE_CHECKING:
 
 AT_REST = ("BOOT", "IDLE", "FAULT", "ESTOP")
 """States in which no job runs: pulses are off, and nothing moves but a tool that is taken back."""
-_ST_LINK_IDS = (
-    "0483:374b",
-    "0483:374d",
-    "0483:374e",
-    "0483:374f",
-    "0483:3752",
-    "0483:3753",
-    "0483:3754",
-    "0483:3757",
-)
-"""ST-LINK/V2-1 and V3 with a serial port."""
 _STARTS_S = 3.0
 """A board that was flashed needs less to come up."""
 _CODES = {"board": "E5003", "schema": "E5001", "firmware": "E5002"}
@@ -116,6 +105,8 @@ def compared(image: ImageFacts, board: BoardFacts) -> list[Check]:
         )
     elif board.board != image.board:
         fix = f"Name an image for {board.board_name}; `edmctl firmware info FILE` says what one is for."
+        if board.board == 0:  # no image is for one
+            fix = "Name the port of a board; `edmctl ports` lists them. Virtual and emulated ones are none."
         checks.append(fail("board", f"the image is for {image.board_name}, this is {board.board_name}", fix))
     else:
         checks.append(ok("board", board.board_name))
@@ -137,6 +128,16 @@ def compared(image: ImageFacts, board: BoardFacts) -> list[Check]:
         checks.append(ok("firmware", dotted(board.firmware)))
     checks.append(_this_program(image, board))
     return checks
+
+
+def settings_not_compared(image: ImageFacts, board: BoardFacts) -> Check:
+    """What no question at the port tells: the ranges, steps and limits that were --set for the board."""
+    own = ", ".join(f"{name} {value:g}" for name, value in image.settings.items())
+    return warn(
+        "settings",
+        f"not compared, a board does not tell them; of the image: {own or 'as in the sources'}",
+        f"`edmctl firmware flash {image.path} --port {board.port}` puts these on it.",
+    )
 
 
 def _older(image: ImageFacts, board: BoardFacts, flash_it: str) -> tuple[str, str]:
@@ -278,10 +279,10 @@ def _refuse(found: BoardFacts, board: Board) -> None:
 
 def _refuse_held_ports() -> None:
     """Without a port nobody can be asked, but an ST-LINK whose serial port another program holds tells enough."""
-    from edmctl.link.ports import listed_ports, port_owner
+    from edmctl.link.ports import ST_LINK_IDS, listed_ports, port_owner
 
     for port in listed_ports():
-        if port.usb_id in _ST_LINK_IDS and (owner := port_owner(Path(port.device))):
+        if port.usb_id in ST_LINK_IDS and (owner := port_owner(Path(port.device))):
             raise LinkLost(
                 f"{port.device} is held by {owner}: a job may run on the board behind it.",
                 hint="End the other program, or name the port of the board that is meant with --port.",

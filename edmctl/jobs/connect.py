@@ -83,8 +83,10 @@ def connected(
     with ExitStack() as held:
         if where.in_process:
             from edmctl.actuator.compiling import compiling_told
+            from edmctl.simulator.config import PYTHON, compiling_takes
 
-            held.enter_context(compiling_told(say))
+            controller = where.controller or (PYTHON if loaded is None else loaded.sim.controller)
+            held.enter_context(compiling_told(say, compiling_takes(controller)))
             line, on = held.enter_context(_virtual(loaded, setup, seed, say, where))
         else:
             line = line_to(where, setup, say, surroundings.environ)

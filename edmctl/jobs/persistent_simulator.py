@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
+from edmctl.errors import UsageError
 from edmctl.jobs.ledger.tool import is_unnamed
 
 if TYPE_CHECKING:
@@ -28,7 +29,8 @@ def kept_bench(
 
     It is written at the start and at the end as well, whatever ends the block.
 
-    Raises RunFileError where the file is no bench, is in use or cannot be written.
+    Raises RunFileError where the file is no bench, is in use or cannot be written, UsageError E2049 for an emulated
+    board.
     """
     from edmctl.simulator import open_bench
 
@@ -50,6 +52,8 @@ def kept_line(
     """Give a kept bench and the line to it. The file stays as it is, or is not made, unless the line `begin`s.
 
     From then on the bench is written every few seconds of its own time while it machines, and at the end.
+
+    Raises RunFileError, and UsageError E2049 for an emulated board.
     """
     with _opened(path, config, seed, wait_s) as (bench, keep):
         line = KeptLine(bench, keep, path)
@@ -65,8 +69,15 @@ def _opened(
 ) -> Iterator[tuple[VirtualBench, Callable[[], None]]]:
     from edmctl.record.bench_file import bench_lock, read_bench, write_bench
     from edmctl.simulator import open_bench
+    from edmctl.simulator.config import FIRMWARE, STM32
     from edmctl.simulator.saving import bench_state, restored_bench
 
+    if config.controller == STM32:
+        raise UsageError(
+            f"A bench under the controller {STM32} cannot be kept in {path}: an emulated chip has no file.",
+            hint=f"Name no file for the bench, or say --controller {FIRMWARE}: the same core, and it is kept.",
+            code="E2049",
+        )
     with bench_lock(path, wait_s):
         bench = restored_bench(read_bench(path)) if path.exists() else open_bench(config, seed)
 

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from serial import Serial
 
 DEFAULT_BAUD = 500_000
+BOARD_BAUD = 921_600
+"""Of the firmware for a NUCLEO."""
 _LOOK_AGAIN_S = 0.1
 _BUSY = (errno.EAGAIN, errno.EBUSY, errno.EWOULDBLOCK)
 _ABSENT = (errno.ENOENT, errno.ENXIO, errno.ENODEV)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, LinkLost
 from edmctl.link import ports as known
-from edmctl.link.opening import PortAbsent, open_line, waited_for
+from edmctl.link.opening import BOARD_BAUD, PortAbsent, open_line, waited_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -73,10 +73,22 @@ def find(
     if there:
         named = "; ".join(f"--port serial:{a.hello.serial} ({a.port.device})" for a in there if a.hello)
         raise LinkLost(f"{len(there)} controllers answer.", hint=f"Say which: {named}.", code="E4007")
-    raise LinkLost(f"No controller answers. {_seen(answers)}", hint=_WHERE, code="E4001")
+    raise LinkLost(f"No controller answers. {_seen(answers)}", hint=_where(answers), code="E4001")
 
 
 _WHERE = "Name the port with --port, or add it to link.candidates or its USB id to link.usb_ids in the setup."
+
+
+def _where(answers: Sequence[ProbedPort]) -> str:
+    """What to do where nobody answers; the ST-LINK of a NUCLEO is asked by no default."""
+    asked = {answer.port.device for answer in answers}
+    board = next(
+        (p for p in known.listed_ports() if p.usb_id in known.ST_LINK_IDS and p.device not in asked), None
+    )
+    if board is None:
+        return _WHERE
+    lines = f'usb_ids = ["{board.usb_id}"] and baud = {BOARD_BAUD} below [link]'
+    return f"{_WHERE} {board.device} is an ST-LINK: for a NUCLEO with the firmware say {lines}."
 
 
 def _by_controller(wanted: str, answers: Sequence[ProbedPort]) -> str:
@@ -90,7 +102,7 @@ def _by_controller(wanted: str, answers: Sequence[ProbedPort]) -> str:
             hint=f"Say which: {named}.",
             code="E4007",
         )
-    raise LinkLost(f"No controller {wanted} answers. {_seen(answers)}", hint=_WHERE, code="E4001")
+    raise LinkLost(f"No controller {wanted} answers. {_seen(answers)}", hint=_where(answers), code="E4001")
 
 
 def _seen(answers: Sequence[ProbedPort]) -> str:

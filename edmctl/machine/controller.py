@@ -141,9 +141,10 @@ class LinkMachine:
         if latched:
             raise latched
         self._waits.settings = {**default_settings(), **settings_by_name(settings)}
-        upload(self._session, self._waits.settings)
-        if pulses is not None:
-            set_generator(self._session, pulses)
+        with self._waits.faults_first():
+            upload(self._session, self._waits.settings)
+            if pulses is not None:
+                set_generator(self._session, pulses)
 
     def start_telemetry(self, settings: TelemetrySettings, listener: MachineListener) -> None:
         """Begin to send samples to `listener`."""
@@ -159,9 +160,10 @@ class LinkMachine:
 
     def arm(self, *, pulses: bool = True) -> None:
         """Start the watchdog and permit or forbid pulses; from here on the machine may move."""
-        self._session.request(Arm(param_crc(self._waits.settings)))
-        self._zero_um = 0.0
-        self._session.request(PulseEnable(on=int(pulses)))
+        with self._waits.faults_first():
+            self._session.request(Arm(param_crc(self._waits.settings)))
+            self._zero_um = 0.0
+            self._session.request(PulseEnable(on=int(pulses)))
         status = self.status()
         self._actuator_v = status.actuator_v
         self._position = {Axis.X: status.x_um, Axis.Y: status.y_um, Axis.THETA: status.theta_deg}
@@ -203,7 +205,8 @@ class LinkMachine:
 
     def set_zero(self, zero_um: float) -> None:
         """Say where home is at rest at 0 V; the height at which stages may move counts from it."""
-        self._session.request(SetZero(zero_um))
+        with self._waits.faults_first():
+            self._session.request(SetZero(zero_um))
         self._zero_um = zero_um
 
     def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:
@@ -252,9 +255,10 @@ class LinkMachine:
         """Append a line to the path of a scan; False where the queue is full."""
         self._stands.clear()
         try:
-            self._session.request(
-                PathMove(line.x_um, line.y_um, line.speed_um_s, line.z_limit_um, int(line.last))
-            )
+            with self._waits.faults_first():
+                self._session.request(
+                    PathMove(line.x_um, line.y_um, line.speed_um_s, line.z_limit_um, int(line.last))
+                )
         except CommandRefused as refused:
             if refused.status is not Status.BUSY:
                 raise
@@ -268,7 +272,8 @@ class LinkMachine:
 
     def stop_cut(self) -> MachineEvent:
         """End a cut or scan: pulses off, tool and stages held."""
-        self._session.request(ServoStop())
+        with self._waits.faults_first():
+            self._session.request(ServoStop())
         return self._waits.event(CUT_ENDS, 0.0)
 
     def jump(self, request: JumpRequest) -> None:
@@ -277,15 +282,17 @@ class LinkMachine:
         A cut that ends meanwhile is still there for `watch_cut` to report.
         """
         self._waits.look()
-        self._session.request(
-            Jump(request.height_um, request.speed_um_s, request.dwell_s, request.clearance_um)
-        )
+        with self._waits.faults_first():
+            self._session.request(
+                Jump(request.height_um, request.speed_um_s, request.dwell_s, request.clearance_um)
+            )
         travel_s = 2.0 * request.height_um / request.speed_um_s
         self._waits.event((EventCode.JUMP_DONE,), travel_s + request.dwell_s)
 
     def set_pulses(self, pulses: PulseSettings) -> None:
         """Set the generator anew: armed, and not while it makes pulses."""
-        set_generator(self._session, pulses)
+        with self._waits.faults_first():
+            set_generator(self._session, pulses)
 
     def disarm(self) -> None:
         """Pulses off, retract to 0 V, idle."""

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
+from edmctl.link.link_errors import CommandRefused
+from edmctl.link.messages import Status
 from edmctl.machine.faults import fault_error
 from edmctl.machine.plausibility import impossible
+from edmctl.machine.queries import read_status
 from edmctl.machine.states import EventCode, MachineState
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from edmctl.errors import EdmError
     from edmctl.link.messages import Fault
@@ -29,6 +33,8 @@ SLOWEST = 4.0
 """Feeds are commanded in V/s by a mean gain; after a turning point the tool may be this much slower."""
 STANDING_S = 2.0
 """A motion that has ended for so long, by the samples, and has not told, will not: reports are sent every 100 ms."""
+FAULT_TOLD_S = 0.5
+"""The report of a fault that the state shows already is there by then, unless the line loses it again and again."""
 
 CUT_ENDS = (EventCode.CUT_DONE, EventCode.PATH_DONE, EventCode.TIME_UP, EventCode.STOPPED)
 # Numbers: a sample holds no enum member, and is compared with them in every slice.
@@ -65,8 +71,32 @@ class Waits:
     def retreat(self, command: Request[object]) -> None:
         """Send a command that makes the machine safe, whatever has come in."""
         self._inbox.events.clear()
-        self._session.request(command)
+        with self.faults_first():
+            self._session.request(command)
         self._begun_s = self._inbox.time_s
+
+    @contextmanager
+    def faults_first(self) -> Iterator[None]:
+        """For a block that sends a command: where it is refused because a fault is latched, raise that fault.
+
+        The refusal may come before the report of the fault that made it.
+        """
+        try:
+            yield
+        except CommandRefused as refused:
+            if refused.status in (Status.BAD_STATE, Status.INTERLOCK):
+                self._raise_what_is_latched()
+            raise
+
+    def _raise_what_is_latched(self) -> None:
+        if self._inbox.fault is None:
+            status = read_status(self._session)
+            if status.state not in (MachineState.FAULT, MachineState.ESTOP):
+                return
+            told = self._session.pump_until(lambda: self._inbox.fault is not None, FAULT_TOLD_S)
+            if not told:
+                raise fault_error(status.fault, self.settings, port=self._session.transport.name)
+        self._raise_what_came()
 
     def check_stop(self) -> None:
         """Raise Interrupted where a stop was asked for."""

@@ -66,6 +66,11 @@ PYTHON, FIRMWARE, FIRMWARE_FLOAT, STM32 = CONTROLLERS = ("python", "firmware", "
 image of a board on an emulated chip."""
 
 
+def compiling_takes(controller: str) -> str:
+    """Return how long compiling takes for a bench under a controller, for people."""
+    return "one to two minutes" if controller == STM32 else "some 20 s"
+
+
 @dataclass(frozen=True, slots=True)
 class BenchConfig:
     """One virtual bench: a tool over a work sheet."""

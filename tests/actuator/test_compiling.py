@@ -12,6 +12,7 @@ from numba.core.caching import IndexDataCacheFile
 
 from edmctl.actuator import compiling
 from edmctl.actuator.compiling import cached, compiling_told
+from edmctl.simulator.config import CONTROLLERS, compiling_takes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,6 +44,19 @@ def test_a_compilation_is_told_once(kept_in: Path) -> None:
     (line,) = told_by_a_new_process()
     assert line.startswith("compiling, once")
     assert told_by_a_new_process() == []
+
+
+def test_what_is_told_of_an_emulated_board_is_another_time(kept_in: Path) -> None:
+    told: dict[str, str] = {}
+    for controller in CONTROLLERS:
+        said: list[str] = []
+        with compiling_told(said.append, compiling_takes(controller)):
+            assert cached(doubled)(4.0) == 8.0
+        told[controller] = said[0] if said else ""
+        for kept in kept_in.rglob("*.nb?"):
+            kept.unlink()
+    assert told["python"] == told["firmware"] == "compiling, once for this installation: some 20 s"
+    assert "minutes" in told["stm32"]
 
 
 def test_a_long_compilation_is_told_again_and_again(kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -153,7 +153,20 @@ def test_verify_finds_a_board_that_runs_the_image(here: Here, image: str, port: 
         "schema": "ok",
         "firmware": "ok",
         "edmctl": "ok",
+        "settings": "warn",
     }
+    assert "settings" in (text := here("firmware", "verify", image, port).out)
+    assert "not compared" in text
+
+
+def test_verify_of_a_virtual_controller_names_no_image_for_one(
+    here: Here, image: str, port: str, bench: VirtualBench
+) -> None:
+    bench.python_controller.board = 0
+    error = here("firmware", "verify", image, port, "--json").document["error"]
+    assert error["code"] == "E5003"
+    assert error["hint"].startswith("Name the port of a board")
+    assert "image for" not in error["hint"]
 
 
 @pytest.mark.parametrize(
@@ -458,9 +471,14 @@ def test_options_of_build_that_do_not_fit_are_refused(here: Here, options: tuple
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_the_board_is_built_as_an_image_of_this_edmctl(here: Here, compiler: str) -> None:
     need_board_compiler(compiler)
-    said = here("firmware", "build", "--board", "stm32f4", "--compiler", compiler, "--json")
+    Path("images.d").mkdir()
+    said = here("firmware", "build", "--board", "stm32f4", "--compiler", compiler, "-o", "images.d", "--json")
     assert said.exit_code == 0, said.err
     built = said.document["result"]
+    assert set(built["files"].values()) == {
+        f"images.d/edmctl-stm32f4.{kind}" for kind in ("elf", "bin", "hex")
+    }
+    assert [path.name for path in Path.cwd().iterdir()] == ["images.d"]
     assert (built["board_name"], built["has_same_schema"]) == ("NUCLEO-F429ZI", True)
     assert built["firmware"] == ".".join(map(str, source_version()))
     assert 30_000 < built["used_bytes"]["flash"] <= built["size_bytes"] <= 96 * 1024

@@ -422,3 +422,21 @@ def test_a_dry_run_is_refused_as_the_job_would_be_where_no_bench_can_be_kept(her
     for more in ((), ("--dry-run",)):
         said = here("machine", *SHALLOW, "--port", "sim:nosuch/b.h5", "--json", *more)
         assert (said.exit_code, said.document["error"]["code"]) == (9, "E9024")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("approach", "--profile", CU270, "--port", "sim:b.h5", "--controller", "stm32"),
+        ("machine", "--profile", CU270, "--port", "sim:b.h5", "--set", "sim.controller=stm32"),
+        ("simulate", "serve", "--controller", "stm32", "--bench", "b.h5", "--link", "edm"),
+        ("first-start", "--yes", "--port", "sim:b.h5", "--controller", "stm32"),
+    ],
+)
+def test_an_emulated_board_is_not_kept_in_a_file(words: tuple[str, ...], here: Here) -> None:
+    said = here(*words, "--json")
+    error = said.document["error"]
+    assert (said.exit_code, error["code"]) == (2, "E2049")
+    assert "cannot be kept in b.h5" in error["message"]
+    assert "--controller firmware" in error["hint"]
+    assert not list(Path.cwd().iterdir())

@@ -14,7 +14,7 @@ import pytest
 from edmctl.link import ports as link_ports
 from edmctl.link.faults import FaultCode
 from edmctl.link.opening import open_line
-from edmctl.link.ports import PortInfo
+from edmctl.link.ports import ST_LINK_IDS, PortInfo
 from edmctl.profile.setup import Link
 from edmctl.simulator import BenchConfig, open_bench
 from tests.cli.commands import ROOT
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 MEGA = PortInfo("/dev/ttyACM77", "Arduino Mega", "2341:0042", "7573")
 OTHER = PortInfo("/dev/ttyS99")
+NUCLEO = PortInfo("/dev/ttyACM78", "STLINK-V3", "0483:374e", "0043")
 KEYS = [
     "device",
     "description",
@@ -140,12 +141,28 @@ def test_a_probe_leaves_other_ports_alone(
     assert other["controller"] is other["error"] is None
 
 
-def test_the_udev_rule_knows_the_boards_of_the_setup() -> None:
+def test_auto_asks_no_st_link_of_itself_and_says_how_it_would(
+    here: Here, listed: list[PortInfo], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("edmctl.link.opening.open_port", None)  # whoever opens one fails
+    listed += [NUCLEO, OTHER]
+    said = here("doctor", "--port", "auto", "--json")
+    error = said.document["error"]
+    assert (said.exit_code, error["code"]) == (4, "E4001")
+    assert f"{NUCLEO.device} is an ST-LINK" in error["hint"]
+    for line in ('usb_ids = ["0483:374e"]', "baud = 921600"):
+        assert line in error["hint"]
+    setup = setup_file(tmp_path, usb_ids=["0483:374e"], baud=921600)
+    known = {port["device"]: port["known"] for port in ports_of(here("ports", "--setup", setup, "--json"))}
+    assert known == {NUCLEO.device: True, OTHER.device: False}
+
+
+def test_the_udev_rule_knows_the_boards_of_the_setup_and_every_st_link() -> None:
     rules = (ROOT / "docs/70-edmctl.rules").read_text(encoding="utf-8")
     for parents in ("", "S"):
         pattern = rf'ATTR{parents}{{idVendor}}=="(\w+)", ATTR{parents}{{idProduct}}=="(\w+)"'
         found = [f"{vendor}:{product}" for vendor, product in re.findall(pattern, rules)]
-        assert sorted(found) == sorted(Link().usb_ids)
+        assert sorted(found) == sorted((*Link().usb_ids, *ST_LINK_IDS))
     for line in rules.splitlines():
         assert not line or line.startswith("#") or re.fullmatch(r'(\S+=\S*"[^"]*"(, )?)+', line), line
 

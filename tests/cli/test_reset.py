@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.link.faults import FaultCode
+from edmctl.simulator import BenchConfig, open_bench
 from tests.faults.workshop import Workshop
+from tests.serving import serving
 
 if TYPE_CHECKING:
     from tests.cli.commands import Here
@@ -81,3 +83,9 @@ def test_an_open_interlock_is_named(here: Here, faulty: Workshop) -> None:
     assert "E8012" in said.err
     assert "the door is open" in said.err
     assert faulty.bench.controller.fault == 4002
+
+
+def test_a_machine_that_lasts_and_holds_nothing_is_left_as_it_is(here: Here) -> None:
+    with serving(open_bench(BenchConfig(), 1)) as port:
+        said = here("reset", "--ack", "4001", "--port", port, "--json")
+    assert (said.exit_code, said.document["result"]) == (0, {"latched": None, "cleared": False})

@@ -10,11 +10,13 @@ from typing import IO, TYPE_CHECKING, Any
 
 import pytest
 
+from edmctl.jobs.served_controllers import served_ports
 from edmctl.link.messages import GetStatus, Interlocks
-from edmctl.link.opening import open_line
+from edmctl.link.opening import BOARD_BAUD, open_line
 from edmctl.link.session import Session
 from edmctl.record.bench_file import bench_lock
 from tests.cli.commands import CU270, command, environment
+from tests.firmware_tools import need_board_compiler, need_package
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -142,6 +144,9 @@ def test_a_bench_in_use_and_a_foreign_file_are_refused(here: Here, tmp_path: Pat
         (("--fault", "EARTHQUAKE"), "E2043", 2),
         (("--fault", "ESTOP@noon"), "E2043", 2),
         (("--link", "no/such/folder/edm"), "E4021", 4),
+        (("--controller", "stm32", "--baud", "9600"), "E2049", 2),
+        (("--controller", "stm32", "--baud", "0"), "E2049", 2),
+        (("--profile", CU270, "--set", "sim.controller=stm32", "--baud", "500000"), "E2049", 2),
     ],
 )
 def test_what_cannot_be_served_is_refused(
@@ -210,3 +215,24 @@ def test_a_command_finds_the_secret_in_its_environment_or_setup(
         server.send_signal(signal.SIGINT)
         out, err = server.communicate(timeout=30)
     assert "sixteen" not in out + err
+
+
+@pytest.mark.slow
+def test_an_emulated_board_is_announced_by_the_number_and_baud_that_it_tells(tmp_path: Path) -> None:
+    need_package("unicorn")
+    need_board_compiler("zig")
+    server = start(
+        tmp_path, "--link", "edm", "--seed", "3", "--controller", "stm32", "--speed", "max", "--json"
+    )
+    line = ready(server.stderr)
+    session = Session(open_line(str(tmp_path / "edm")))
+    told = session.open(5.0)
+    session.close()
+    listed = served_ports({"EDMCTL_HOME": str(tmp_path / "home")})
+    (noted,) = [port for port in listed if port.device == str(tmp_path / "edm")]
+    server.terminate()
+    out, _ = server.communicate(timeout=60)
+    assert line.startswith(f"serving {told.serial} under the controller stm32 on edm")
+    assert f"virtual controller {told.serial}," in noted.description
+    assert (json.loads(out)["result"]["serial"], told.baud) == (told.serial, BOARD_BAUD)
+    assert not told.serial.startswith("SIM")

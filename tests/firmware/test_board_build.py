@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.errors import PreconditionError
-from edmctl.firmware.board_build import COMPILERS, build_board
+from edmctl.errors import PreconditionError, RunFileError, installing
+from edmctl.firmware.board_build import COMPILERS, build_board, toolchain
 from edmctl.firmware.boards import STM32F4
 from edmctl.firmware.build import CACHE_VARIABLE
 from edmctl.firmware.image import read_image
@@ -137,11 +137,48 @@ def test_a_missing_compiler_is_told_with_the_remedy(
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(PreconditionError, match="arm-none-eabi-gcc is not installed") as caught:
         built(sources, tmp_path / "image", "gcc")
-    assert (caught.value.code, "edmctl[firmware]" in caught.value.hint) == ("E8093", True)
+    assert (caught.value.code, "apt install gcc-arm-none-eabi" in caught.value.hint) == ("E8093", True)
+    assert "CC" not in caught.value.hint
 
 
-def test_a_place_that_cannot_be_written_is_told(sources: Path, tmp_path: Path, compiler: str) -> None:
+def _program(folder: Path, name: str, body: str) -> Path:
+    folder.mkdir(exist_ok=True)
+    file = folder / name
+    file.write_text(f"#!/bin/sh\n{body}\n")
+    file.chmod(0o755)
+    return file
+
+
+def test_a_broken_zig_is_passed_over_for_gcc_and_told_where_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    python = _program(tmp_path / "python", "python", "exit 3")
+    monkeypatch.setattr("edmctl.firmware.board_build.sys.executable", str(python))
+    monkeypatch.setattr("edmctl.firmware.board_build.importlib.util.find_spec", lambda _: True)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    for named in (None, "zig"):
+        with pytest.raises(PreconditionError, match="does not run") as caught:
+            toolchain(STM32F4, named)
+        assert caught.value.code == "E8093"
+        assert "--force-reinstall ziglang" in caught.value.hint
+        assert "--compiler gcc" in caught.value.hint
+        assert "CC" not in caught.value.hint
+    gcc = _program(tmp_path, "arm-none-eabi-gcc", "echo 1")
+    assert toolchain(STM32F4, None).command == (str(gcc),)
+    with pytest.raises(PreconditionError, match="does not run"):
+        toolchain(STM32F4, "zig")
+
+
+def test_what_is_in_the_way_of_an_image_is_told(sources: Path, tmp_path: Path, compiler: str) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(PreconditionError) as caught:
-        built(sources, tmp_path / "file" / "image", compiler)
-    assert caught.value.code == "E8094"
+    (tmp_path / "there.bin").mkdir()
+    for output, told in (("file/image", "file is no folder"), ("there.elf", "there.bin is a folder")):
+        with pytest.raises(RunFileError) as caught:
+            built(sources, tmp_path / output, compiler)
+        assert (caught.value.code, caught.value.exit_code) == ("E9012", 9)
+        assert told in caught.value.message
+        assert "Errno" not in caught.value.message
+
+
+def test_what_is_installed_is_quoted_for_every_shell() -> None:
+    assert "pip install 'edmctl[cluster]'`" in installing("edmctl[cluster]")

@@ -101,3 +101,30 @@ def test_what_is_no_image_of_this_firmware(tmp_path: Path) -> None:
     assert refused(file) == "E3682"
     file.write_text(hex_of(0x0800_4000, image_bytes()))
     assert refused(file) == "E3682"
+
+
+ELF_OF_A_PC = b"\x7fELF\x02\x01\x01" + bytes(9) + b"\x03\x00\x3e\x00" + bytes(200)
+ELF_OF_ARM = b"\x7fELF\x01\x01\x01" + bytes(9) + b"\x02\x00\x28\x00" + b"\xff" * 32
+HEX = hex_of(FLASH_AT, image_bytes())
+
+
+@pytest.mark.parametrize(
+    ("content", "code", "told"),
+    [
+        (ELF_OF_A_PC, "E3681", "is no image of this firmware: it is no program for a 32-bit ARM."),
+        (ELF_OF_ARM[:30], "E3682", "is damaged: it is cut off"),
+        (ELF_OF_ARM, "E3682", "is damaged: it is cut off, or its tables point beyond its end."),
+        (HEX.replace("4", "x", 1).encode(), "E3682", "is damaged: line 1 is damaged."),
+        (HEX.replace("0", "é", 9).encode(), "E3682", "goes on as something else."),
+        (HEX[:-20].encode(), "E3682", "is damaged: line"),
+    ],
+)
+def test_damage_is_told_in_plain_words(content: bytes, code: str, told: str, tmp_path: Path) -> None:
+    file = tmp_path / "image"
+    file.write_bytes(content)
+    with pytest.raises(RecordError) as caught:
+        read_image(file, SCHEMA_HASH)
+    assert caught.value.code == code
+    assert told in caught.value.message
+    for word in ("unpack", "fromhex", "codec", "buffer", "index"):
+        assert word not in caught.value.message

@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import signal
 from dataclasses import replace
+from random import Random
 from typing import TYPE_CHECKING
 
 import pytest
+from cobs import cobs
 
 from edmctl.errors import Interrupted, MachineFault
-from edmctl.link.faults import FAULTS
-from edmctl.link.messages import PARAMS
+from edmctl.link.faults import FAULTS, FaultCode
+from edmctl.link.link_errors import CommandRefused
+from edmctl.link.messages import PARAMS, Fault
 from edmctl.machine.faults import fault_error, host_fault
-from edmctl.machine.interface import MachineState
+from edmctl.machine.interface import Axis, CutRequest, JumpRequest, MachineState
 from edmctl.machine.stop import StopRequest
 
-from .conftest import PULSES, SETTINGS, TELEMETRY
+from .conftest import PULSES, REFERENCE_V, SETTINGS, TELEMETRY
+from .lying import LyingLine
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from edmctl.link.transport import Transport
+    from edmctl.machine.controller import LinkMachine
 
     from .conftest import Rig
 
@@ -84,3 +91,55 @@ def test_a_motion_that_never_ends_is_a_fault_that_names_what_was_waited_for(rig:
     r.session.pump(1.0)  # as slow on the way back
     status = r.machine.status()
     assert (status.state, status.actuator_v) == (MachineState.IDLE, 0.0)
+
+
+class LateFaults(LyingLine):
+    """A line on which a FAULT, with its repetitions, comes `late_s` after the first."""
+
+    def __init__(self, line: Transport, late_s: float) -> None:
+        super().__init__(line, None, Random(1))
+        self._late_s = late_s
+
+    def _passed(self, part: bytes) -> bytes:
+        if cobs.decode(part)[0] != Fault.ID:
+            return b"\0" + part + b"\0"
+        if self.told_s is None:
+            self.told_s = self.now_s()
+        return b"\0" + part + b"\0" if self.now_s() - self.told_s >= self._late_s else b""
+
+
+COMMANDS: dict[str, Callable[[LinkMachine], object]] = {
+    "ramp": lambda machine: machine.ramp(1.0, 100.0),
+    "stage": lambda machine: machine.move_stage(Axis.X, -4000.0, 5000.0),
+    "jump": lambda machine: machine.jump(JumpRequest(50.0, 500.0, 0.0, 5.0)),
+    "zero": lambda machine: machine.set_zero(0.0),
+    "cut": lambda machine: machine.start_cut(CutRequest(REFERENCE_V, 400.0, 10.0)),
+    "stop": lambda machine: machine.stop_cut(),
+    "arm": lambda machine: machine.arm(),
+    "pulses": lambda machine: machine.set_pulses(PULSES),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("late_s", [0.25, 60.0])
+def test_a_refusal_that_overtakes_its_fault_hides_it_not(
+    command: str, late_s: float, rig: Callable[[], Rig]
+) -> None:
+    r = rig()
+    r.session.transport = LateFaults(r.session.transport, late_s)
+    r.ready()
+    r.bench.controller.raise_fault(FaultCode.HOST_SILENT)
+    with pytest.raises(MachineFault) as caught:
+        COMMANDS[command](r.machine)
+    error = caught.value
+    assert (error.code, error.exit_code, error.fault) == ("E61001", 6, 1001)
+    assert "reset --ack 1001" in error.hint
+
+
+def test_a_refusal_without_a_fault_stays_one_and_is_told_at_once(rig: Callable[[], Rig]) -> None:
+    r = rig()
+    r.machine.configure(SETTINGS, PULSES)
+    before_s = r.session.machine_now_s()
+    with pytest.raises(CommandRefused, match="PIEZO_SET: BAD_STATE"):
+        r.machine.ramp(1.0, 100.0)
+    assert r.session.machine_now_s() - before_s < 0.1

@@ -33,7 +33,10 @@ CompilerOption = Annotated[
 OutputOption = Annotated[
     Path | None,
     typer.Option(
-        "--output", "-o", metavar="FILE", help="ELF, with BIN and HEX beside it. Default: edmctl-BOARD.elf."
+        "--output",
+        "-o",
+        metavar="FILE|FOLDER",
+        help="ELF, with BIN and HEX beside it. Default: edmctl-BOARD.elf.",
     ),
 ]
 RealOption = Annotated[
@@ -63,8 +66,8 @@ def build(
 ) -> None:
     """Build the image of a board, or the firmware's core as a library for virtual machines.
 
-    The image is written as ELF, BIN and HEX, with its size and a check inside. `pip install edmctl[firmware]` brings
-    all that it takes. --set gives the ranges of your circuits, as in --set gap_full_v=331.2; the image tells them.
+    The image is written as ELF, BIN and HEX, with its size and a check inside. The package ziglang brings all
+    that it takes. --set gives the ranges of your circuits, as in --set gap_full_v=331.2; the image tells them.
 
     The library is built unless that was done before. It takes a C compiler: CC names one, else one of the system is
     taken, else that of the package ziglang, and kept in the user's cache folder or in EDMCTL_FIRMWARE_CACHE. Jobs
@@ -107,6 +110,8 @@ def build(
             "--real is for libraries; a board calculates in float.", hint="Leave it out.", code="E2090"
         )
     place = output or Path(f"edmctl-{board}.elf")
+    if place.is_dir():
+        place /= f"edmctl-{board}.elf"
     if place.suffix not in ("", *SUFFIXES):
         raise UsageError(
             f"--output {place} is no name of an image.",

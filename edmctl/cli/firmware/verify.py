@@ -20,13 +20,13 @@ def verify(
     """Compare board, schema and version of an image with those of a connected board.
 
     The board is asked without opening a session: what runs there goes on. The line does not tell the bytes of the
-    flash; `edmctl firmware flash` reads those back.
+    flash, nor what was --set; `edmctl firmware flash` reads the flash back.
     """
     from dataclasses import asdict
 
     from edmctl.console.procedure_tables import render_checks
     from edmctl.firmware.image import read_image
-    from edmctl.jobs.board_firmware import board_at, compared, mismatch
+    from edmctl.jobs.board_firmware import board_at, compared, mismatch, settings_not_compared
     from edmctl.link.messages import SCHEMA_HASH
     from edmctl.profile.setup import load_setup
 
@@ -36,7 +36,7 @@ def verify(
         board = asked.board
     assert board is not None
     outcome.simulated = board.board == 0 if board.board is not None else None
-    checks = compared(facts, board)
+    checks = [*compared(facts, board), settings_not_compared(facts, board)]
     outcome.result = {
         "image": facts.as_mapping(),
         "board": board.as_mapping(),

@@ -61,9 +61,13 @@ SpeedOption = Annotated[
     ),
 ]
 BaudOption = Annotated[
-    int,
+    int | None,
     typer.Option(
-        "--baud", metavar="N", min=0, help="What the imitated UART carries; 0 for USB, without a limit."
+        "--baud",
+        metavar="N",
+        min=0,
+        help="What the imitated UART carries; 0 for USB, without a limit. Default: 500000, of stm32 always 921600.",
+        show_default=False,
     ),
 ]
 BenchOption = Annotated[
@@ -122,7 +126,7 @@ def serve(
     allow_remote: RemoteOption = False,
     secret_file: SecretOption = None,
     speed: SpeedOption = "1",
-    baud: BaudOption = 500_000,
+    baud: BaudOption = None,
     bench: BenchOption = None,
     fault: FaultOption = None,
     acts: ActsOption = None,
@@ -152,10 +156,11 @@ def serve(
     config = bench_config(loaded, settings)
     if controller is not None and loaded is None:
         config = replace(config, controller=controller)
+    rate = _baud(baud, config.controller)
     used_seed = seed_to_use(seed)
     # A bench that was kept is the machine that it is, whatever seed would make another.
     outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
-    request = ServeRequest(config, used_seed, factor, baud, injections, bench, seconds, acts)
+    request = ServeRequest(config, used_seed, factor, rate, injections, bench, seconds, acts)
     _serve(outcome, request, link, place)
 
 
@@ -165,12 +170,16 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
     from edmctl.jobs.persistent_simulator import kept_bench
     from edmctl.jobs.served_controllers import announced
     from edmctl.machine.stop import StopRequest
+    from edmctl.simulator.config import compiling_takes
     from edmctl.simulator.plant import serial_number
     from edmctl.simulator.serve import EventMonitor, Server
 
     say = partial(tell, outcome.output)
     stop = StopRequest()
-    with compiling_told(say), kept_bench(request.bench_file, request.config, request.seed) as (bench, keep):
+    with (
+        compiling_told(say, compiling_takes(request.config.controller)),
+        kept_bench(request.bench_file, request.config, request.seed) as (bench, keep),
+    ):
         if outcome.seed is not None and bench.plant.serial != serial_number(outcome.seed):
             raise UsageError(
                 f"{request.bench_file} keeps {bench.plant.serial}, not the machine of --seed {outcome.seed}.",
@@ -181,15 +190,16 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
             bench.inject(injection)
         bench.controller.baud = request.baud
         bench.warm_up()  # before anybody can say hello
+        serial = _serial(bench)
         endpoint = _endpoint(link, place, outcome.output)
         try:
             news = EventMonitor(bench, say, keep)
             with (
-                announced(endpoint.name, bench.plant.serial, shell().environ),
+                announced(endpoint.name, serial, shell().environ),
                 stopping_signals(stop, endpoint.close),
                 requests_by_signal(REPAIR_SIGNAL) as repair_asked,
             ):
-                say(_ready(bench, endpoint, request.speed))
+                say(_ready(bench, serial, endpoint, request.speed))
 
                 def look_around() -> None:
                     if repair_asked():
@@ -203,8 +213,8 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
             endpoint.close()
             bench.settle()
         news()
-        outcome.result = _summary(bench, endpoint, server, news, request.speed)
-        outcome.text = _closing(bench, server, news)
+        outcome.result = _summary(bench, serial, endpoint, server, news, request.speed)
+        outcome.text = _closing(serial, server, news)
     if bench.line.unplugged:
         say("the line is unplugged; nothing more to serve")
     stop.check()
@@ -243,20 +253,36 @@ def _endpoint(link: Path | None, place: _Place | None, output: Output) -> "Endpo
     return PtyEndpoint(link)
 
 
-def _ready(bench: "VirtualBench", endpoint: "Endpoint", speed: float | None) -> str:
+def _serial(bench: "VirtualBench") -> str:
+    """The number that HELLO will tell: that of the machine, or of an emulated chip."""
+    from edmctl.link.session import Session
+    from edmctl.simulator import MemoryTransport
+    from edmctl.simulator.config import STM32
+
+    if bench.plant.config.controller != STM32:
+        return bench.plant.serial
+    return str(Session(MemoryTransport(bench.controller)).introduction().fields["serial"])
+
+
+def _ready(bench: "VirtualBench", serial: str, endpoint: "Endpoint", speed: float | None) -> str:
     from edmctl.jobs.connect import driver
 
     pace = "as fast as its clients" if speed is None else f"at {speed:g}x"
-    return f"serving {bench.plant.serial}{driver(bench)} on {endpoint.name} {pace}; Ctrl-C ends it"
+    return f"serving {serial}{driver(bench)} on {endpoint.name} {pace}; Ctrl-C ends it"
 
 
 def _summary(
-    bench: "VirtualBench", endpoint: "Endpoint", server: "Server", news: "EventMonitor", speed: float | None
+    bench: "VirtualBench",
+    serial: str,
+    endpoint: "Endpoint",
+    server: "Server",
+    news: "EventMonitor",
+    speed: float | None,
 ) -> dict[str, object]:
     controller = bench.controller
     return {
         "port": endpoint.name,
-        "serial": bench.plant.serial,
+        "serial": serial,
         "speed": FASTEST if speed is None else speed,
         "time_s": controller.tick * 1e-3,
         "state": controller.state.name,
@@ -267,15 +293,32 @@ def _summary(
     }
 
 
-def _closing(bench: "VirtualBench", server: "Server", news: "EventMonitor") -> str:
+def _closing(serial: str, server: "Server", news: "EventMonitor") -> str:
     traffic = server.traffic
     counts = Counter(news.faults)
     faults = ", ".join(f"{code}{f' ({n} times)' if n > 1 else ''}" for code, n in counts.items()) or "none"
     late = f"; its clock was set back by {traffic.paused_s:.1f} s in all" if traffic.paused_s else ""
     return (
-        f"Served {bench.plant.serial}: {traffic.frames_in} frames in, {traffic.frames_out} out, "
+        f"Served {serial}: {traffic.frames_in} frames in, {traffic.frames_out} out, "
         f"{traffic.dropped_frames} dropped; faults: {faults}{late}."
     )
+
+
+def _baud(asked: int | None, controller: str) -> int:
+    """What the line carries: an image has one rate, and no frame arrives whole at another."""
+    from edmctl.link.opening import BOARD_BAUD, DEFAULT_BAUD
+    from edmctl.simulator.config import STM32
+
+    only = BOARD_BAUD if controller == STM32 else None
+    if asked is None:
+        return only or DEFAULT_BAUD
+    if only is not None and asked != only:
+        raise UsageError(
+            f"--baud {asked}: the line of the controller {controller} has {only} Bd.",
+            hint=f"Leave it out; a host needs baud = {only} below [link] in its setup where its port is a UART.",
+            code="E2049",
+        )
+    return asked
 
 
 def _speed(text: str) -> float | None:
