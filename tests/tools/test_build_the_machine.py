@@ -23,8 +23,10 @@ from tools.generate.circuits import (
     gap_voltage,
     generator,
     outputs,
+    references,
     touching,
 )
+from tools.generate.circuits import materials as bill
 from tools.generate.circuits.common import SAFE_V, STRAY_F, Needs, corner_hz
 from tools.generate.nucleo import MORPHO, ON_THE_BOARD, ZIO
 
@@ -287,6 +289,61 @@ def test_resistors_give_their_current_at_the_normal_plateau() -> None:
     plateau_v = NEEDS.scale["EDM_NORMAL_PLATEAU_V"]
     for open_v, peak_a in generator.SETTINGS:
         assert (open_v - plateau_v) / generator.series_ohm(NEEDS, open_v, peak_a) == pytest.approx(peak_a)
+
+
+# The bill of materials
+
+
+def test_every_part_of_a_circuit_is_in_the_bill_by_kind() -> None:
+    asked = {f"{circuit.name}: {part}" for circuit in circuits() for part, _ in circuit.parts}
+    told = {place for material in bill.materials(NEEDS) for place in material.places}
+    assert told | set(bill.NO_PART) == asked
+    assert not told & set(bill.NO_PART)
+    assert set(bill.TITLES) == {circuit.name for circuit in circuits()}
+
+
+def test_every_value_of_a_circuit_is_in_the_bill() -> None:
+    """Read from the page, by a pattern of its own."""
+    page = PAGE.read_text(encoding="utf-8")
+    listed = {
+        kind: set(re.findall(r"(\d[\d.]* \S+) \(", row))
+        for kind, row in re.findall(r"^\| (resistors|capacitors) \| (.+)$", page, re.MULTILINE)
+    }
+    for circuit in circuits():
+        text = " ".join(" ".join(row) for row in circuit.parts)
+        for kind, unit in (("resistors", "[kM]?Ω"), ("capacitors", "[pnµ]F")):
+            for value in re.findall(rf"(?<!below )(?<!bears )(?<!at most )\b(\d[\d.]* {unit})", text):
+                assert re.sub(r"\.0 ", " ", value) in listed[kind], (circuit.name, value)
+
+
+def test_what_the_commissioning_takes_is_in_the_bill() -> None:
+    text = " ".join(PAGE.read_text(encoding="utf-8").split())
+    steps = text[text.index("| 1 without power") : text.index("Step 5, on the board")]
+    asked = text[text.index("| instruments |") : text.index("<!-- end materials -->")]
+    for what in (
+        "laboratory supply of 3 to 30 V",
+        "function generator with two channels",
+        "1 kΩ, 10 W",
+        "of 10 kΩ",
+    ):
+        assert what in steps, what
+        assert what in asked, what
+    for peak_a in {peak_a for _, peak_a in generator.SETTINGS}:
+        assert f"{generator.load_ohm(NEEDS, peak_a):.0f} Ω ({peak_a:g} A," in asked
+    for what in ("9 V block", "insulation tester", "differential probe", "1 kΩ, 5 W"):
+        assert what in asked, what
+    assert re.search(r"through 1 kΩ, 5 W, on insulated leads", text)
+
+
+def test_thresholds_by_a_divider_that_is_a_little_off_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, ohm in (
+        ("CONTACT_OHM", 6.98e3),
+        ("IGNITION_OHM", (590.0, 1.69e3)),
+        ("OVER_OHM", (2.2e3, 10e3)),
+    ):
+        with monkeypatch.context() as changed:
+            changed.setattr(references, name, ohm)
+            assert failing(NEEDS) == {"references"}
 
 
 # The page
