@@ -36,8 +36,9 @@ def gate_driver(n: Needs) -> Circuit:
             (
                 "pull-down",
                 f"{GATE_PULL_OHM / KOHM:g} kΩ at GATE, {GATE_PULL_OHM / KOHM:g} kΩ between gate and "
-                "source of the transistor",
+                "source of the transistor; 4.7 Ω before the gate",
             ),
+            ("enable", "74HCT AND of GATE and the high-voltage enable, 5 V, before the driver"),
             (
                 "driver",
                 "isolated, output low without supply on either side, 1 A at least, 100 V/ns, in a wide package "
@@ -56,7 +57,8 @@ def gate_driver(n: Needs) -> Circuit:
             ),
             (
                 "GATE_SENSE",
-                "output of the driver, back by a second isolator channel whose output is low without supply",
+                "output of the driver, by 1.5 kΩ and 1 kΩ from 12 to 4.8 V, back by a second isolator channel whose "
+                "output is low without supply; 5 V for that side by a small regulator (78L05 class)",
             ),
         ),
         (

@@ -170,10 +170,11 @@ def materials(n: Needs) -> list[Material]:
         ),
         Material(
             "buffers of step and direction, gates and latch of the enable",
-            "74HCT, 5 V; RS-422 drivers for differential drives",
+            "74HCT, 5 V: 04 or 14, 08, 11, 74, 86; a reset button; RS-422 drivers for differential drives",
             (
                 "stages: outputs",
                 "pump: driver",
+                "gate: enable",
                 "pump: behind it",
                 "pump: latch of a transistor that does not switch off",
             ),
@@ -265,7 +266,7 @@ def materials(n: Needs) -> list[Material]:
         ),
         Material(
             "digital isolators",
-            f"25 Mb/s, 3 channels for the converter; 1 for GATE_SENSE with {creepage}",
+            f"25 Mb/s, 3 channels for the converter; 1 for GATE_SENSE with {creepage}, and its 5 V (78L05 class)",
             ("actuator: converter", "gate: GATE_SENSE"),
         ),
         Material(
@@ -301,7 +302,8 @@ def materials(n: Needs) -> list[Material]:
         ),
         Material(
             "drive and guard of the mode switch",
-            "MOSFET and diode at the relay's coil, XOR and Schmitt trigger",
+            "2 MOSFETs (BSS138 class), diode at the coil (1N4148), diode BAT54, XOR (74HCT86), Schmitt trigger "
+            "(74HCT14)",
             ("mode: drive", "mode: guard"),
         ),
         Material(

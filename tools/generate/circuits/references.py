@@ -19,7 +19,9 @@ RESISTOR_SPREAD = 0.001
 OVER_OHM = (2.1 * KOHM, 10 * KOHM)
 """Of the amplifier that makes the over-current threshold: feedback, and to ground."""
 FROM_REFERENCE_OHM, IGNITION_OHM, CONTACT_OHM = 100 * KOHM, (549.0, 1.69 * KOHM), 6.34 * KOHM
-"""Dividers: from the reference; to ground for the ignition, in the order of SHUNTS, and for the contact."""
+HYSTERESIS_OHM = 649 * KOHM
+"""Dividers: from the reference; to ground for the ignition, in the order of SHUNTS, and for the contact,
+whose comparator has that resistor from its output."""
 
 
 def over_v() -> float:
@@ -64,7 +66,8 @@ def thresholds(n: Needs) -> Circuit:
             ),
             (
                 "contact",
-                f"{FROM_REFERENCE_OHM / KOHM:g} kΩ from the reference, {_ohm(CONTACT_OHM)} to ground; 100 nF",
+                f"{FROM_REFERENCE_OHM / KOHM:g} kΩ from the reference, {_ohm(CONTACT_OHM)} to ground; "
+                f"{_ohm(HYSTERESIS_OHM)} from the comparator's output, no capacitor",
             ),
         ),
         (
