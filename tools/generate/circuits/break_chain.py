@@ -29,6 +29,7 @@ OFF_NS = {
     "comparator": 50.0,
     "chain": 20.0,
     "timer": 30.0,
+    "enable": 20.0,
     "isolator": 60.0,
     "driver": 60.0,
     "transistor": 60.0,
