@@ -8,6 +8,7 @@ from math import exp, isclose
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from edmctl.jobs.first_start import nets
@@ -23,9 +24,12 @@ from tools.generate.circuits import (
     gap_voltage,
     generator,
     outputs,
+    references,
     touching,
 )
+from tools.generate.circuits import materials as bill
 from tools.generate.circuits.common import SAFE_V, STRAY_F, Needs, corner_hz
+from tools.generate.circuits.wiring import wirings
 from tools.generate.nucleo import MORPHO, ON_THE_BOARD, ZIO
 
 PAGE = Path(__file__).parents[2] / "docs" / "build-the-machine.md"
@@ -287,6 +291,160 @@ def test_resistors_give_their_current_at_the_normal_plateau() -> None:
     plateau_v = NEEDS.scale["EDM_NORMAL_PLATEAU_V"]
     for open_v, peak_a in generator.SETTINGS:
         assert (open_v - plateau_v) / generator.series_ohm(NEEDS, open_v, peak_a) == pytest.approx(peak_a)
+
+
+# Netlists
+
+
+def solved(name: str, known: dict[str, float], *more: tuple[str, str, float]) -> dict[str, float]:
+    """Voltages of the nodes that a circuit's resistors join, by the currents into each; GND is 0 V."""
+    resistors = [(*wired.ends, wired.ohm) for wired in wirings()[name] if wired.ohm] + list(more)
+    fixed = {"GND": 0.0} | known
+    free = sorted({node for a, b, _ in resistors for node in (a, b)} - set(fixed))
+    matrix, right = np.zeros((len(free), len(free))), np.zeros(len(free))
+    for a, b, ohm in resistors:
+        for node, other in ((a, b), (b, a)):
+            if node in fixed:
+                continue
+            row = free.index(node)
+            matrix[row, row] += 1 / ohm
+            if other in fixed:
+                right[row] += fixed[other] / ohm
+            else:
+                matrix[row, free.index(other)] -= 1 / ohm
+    return dict(zip(free, np.linalg.solve(matrix, right), strict=True))
+
+
+def reached(name: str, what: str) -> str:
+    """What a check of a circuit says that it reaches."""
+    (check,) = (c for circuit in circuits() if circuit.name == name for c in circuit.checks if what in c.what)
+    return check.reached
+
+
+def test_the_divider_as_it_is_wired() -> None:
+    assert solved("divider", {"GAP+": 330.0, "BUF": 0.0})["TAP"] == pytest.approx(3.3)
+
+
+def test_the_monitor_as_it_is_wired() -> None:
+    for volt, node_v in zip(actuator.monitor_ends(actuator.MONITOR_OHM), (0.0, 3.3), strict=True):
+        found = solved("monitor", {"PLUG+": volt, "3.3 V": 3.3, "BUF": 0.0})
+        assert found["SUM"] == pytest.approx(node_v, abs=1e-9)
+
+
+def test_the_break_chain_as_it_is_wired() -> None:
+    pin = ("BREAK_CHAIN", "GND", 30e3)
+    from_v = 3.3 * 0.98 - break_chain.OPTO_V
+    closed = solved("chain", {"LOOP": from_v, "OVER": 0.0, "G": 0.0}, pin)["BREAK_CHAIN"]
+    assert f"{closed:.2f} V" == reached("chain", "healthy is high")
+    over = ("NODE", "GND", break_chain.MOSFET_OHM)
+    assert solved("chain", {"LOOP": from_v, "OVER": 3.3, "G": 3.3}, pin, over)["BREAK_CHAIN"] < 0.8
+
+
+def test_the_contact_circuit_as_it_is_wired() -> None:
+    levels = []
+    for out_v in (0.0, 3.3):
+        found = solved("contact", {"3.3 V": 3.3, "2.5 V": 2.5, "CONTACT": out_v})
+        levels.append(found["LEVEL"])
+    assert levels[0] == pytest.approx(touching.CONTACT_THRESHOLD_V, abs=0.005)
+    assert levels[1] - levels[0] == pytest.approx(0.030, abs=0.001)
+    supplies = {"3.3 V": 3.3, "2.5 V": 2.5, "CONTACT": 0.0}
+    gap = ("TOUCH", "GND", 1e6)
+    opened = solved("contact", supplies | {"3.3 V": 3.3 * 1.02}, gap)
+    assert f"{opened['TOUCH']:.2f} V" == reached("contact", "open gap")
+    assert opened["IN"] > levels[1]
+    for ohm, high in ((0.1, True), (7.5e3, True), (9.5e3, False)):
+        assert (solved("contact", supplies, ("TOUCH", "GND", ohm))["IN"] < levels[0]) == high
+    battery = solved("contact", supplies | {"BATTERY": 9.0}, ("BATTERY", "TOUCH", 1e3))
+    assert f"{battery['TOUCH']:.2f} V" == reached("contact", "battery")
+
+
+def test_the_power_of_the_contact_circuit_at_the_generator() -> None:
+    """A mode switch that bridges puts the greatest open voltage at TOUCH; clamps hold the other ends."""
+    volt = NEEDS.limits["EDM_OPEN_V_MAX"]
+    watts = {
+        wired.part: (volt - 3.3) ** 2 / wired.ohm for wired in wirings()["contact"] if "TOUCH" in wired.ends
+    }
+    assert len(watts) == 2
+    for part, watt in watts.items():
+        assert watt < float(re.search(r"(\d+) W", part)[1])  # type: ignore[index]
+
+
+def test_every_net_of_a_wiring_is_there() -> None:
+    """Capitals alone stand for a net of the board or for a node that two parts have."""
+    nets_of_board = {pin.net for pin in pins()}
+    whole = " ".join(wired.nodes for wiring in wirings().values() for wired in wiring)
+    elsewhere = {"GND", "GAP", "RESERVOIR", "PLUG"}
+    for name, wiring in wirings().items():
+        text = " ".join(wired.nodes for wired in wiring)
+        for node in set(re.findall(r"\b[A-Z][A-Z_]+\d?\b", re.sub(r"BAV199|LED|XOR", "", text))):
+            shared = len(re.findall(rf"\b{node}\b", text)) > 1 or len(re.findall(rf"\b{node}\b", whole)) > 1
+            assert node in nets_of_board | elsewhere or shared, (name, node)
+
+
+def test_what_is_wired_is_among_the_parts_of_its_circuit() -> None:
+    by_name = {circuit.name: " ".join(" ".join(row) for row in circuit.parts) for circuit in circuits()}
+    listed = dict(re.findall(r"^\| (resistors|capacitors) \| (.+)$", PAGE.read_text("utf-8"), re.MULTILINE))
+    for name, wiring in wirings().items():
+        assert by_name[name]
+        for wired in wiring:
+            for kind, unit in (("resistors", "[kM]?Ω"), ("capacitors", "[pnµ]F")):
+                for value in re.findall(rf"\b(\d[\d.]* {unit})", wired.part):
+                    assert re.search(rf"(?<![\d.]){re.escape(value)} \(", listed[kind]), (name, value)
+
+
+# The bill of materials
+
+
+def test_every_part_of_a_circuit_is_in_the_bill_by_kind() -> None:
+    asked = {f"{circuit.name}: {part}" for circuit in circuits() for part, _ in circuit.parts}
+    told = {place for material in bill.materials(NEEDS) for place in material.places}
+    assert told | set(bill.NO_PART) == asked
+    assert not told & set(bill.NO_PART)
+    assert set(bill.TITLES) == {circuit.name for circuit in circuits()}
+
+
+def test_every_value_of_a_circuit_is_in_the_bill() -> None:
+    """Read from the page, by a pattern of its own."""
+    page = PAGE.read_text(encoding="utf-8")
+    listed = {
+        kind: set(re.findall(r"(\d[\d.]* \S+) \(", row))
+        for kind, row in re.findall(r"^\| (resistors|capacitors) \| (.+)$", page, re.MULTILINE)
+    }
+    for circuit in circuits():
+        text = " ".join(" ".join(row) for row in circuit.parts)
+        for kind, unit in (("resistors", "[kM]?Ω"), ("capacitors", "[pnµ]F")):
+            for value in re.findall(rf"(?<!below )(?<!bears )(?<!at most )\b(\d[\d.]* {unit})", text):
+                assert re.sub(r"\.0 ", " ", value) in listed[kind], (circuit.name, value)
+
+
+def test_what_the_commissioning_takes_is_in_the_bill() -> None:
+    text = " ".join(PAGE.read_text(encoding="utf-8").split())
+    steps = text[text.index("| 1 without power") : text.index("Before step 5, once")]
+    asked = text[text.index("| instruments |") : text.index("<!-- end materials -->")]
+    for what in (
+        "laboratory supply of 3 to 30 V",
+        "function generator with two channels",
+        "1 kΩ, 10 W",
+        "of 10 kΩ",
+    ):
+        assert what in steps, what
+        assert what in asked, what
+    for peak_a in {peak_a for _, peak_a in generator.SETTINGS}:
+        assert f"{generator.load_ohm(NEEDS, peak_a):.0f} Ω ({peak_a:g} A," in asked
+    for what in ("9 V block", "insulation tester", "differential probe", "1 kΩ, 5 W"):
+        assert what in asked, what
+    assert re.search(r"through 1 kΩ, 5 W, on insulated leads", text)
+
+
+def test_thresholds_by_a_divider_that_is_a_little_off_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, ohm in (
+        ("CONTACT_OHM", 6.98e3),
+        ("IGNITION_OHM", (590.0, 1.69e3)),
+        ("OVER_OHM", (2.2e3, 10e3)),
+    ):
+        with monkeypatch.context() as changed:
+            changed.setattr(references, name, ohm)
+            assert failing(NEEDS) == {"references"}
 
 
 # The page

@@ -11,7 +11,8 @@ from tools.generate.circuits import circuits
 from tools.generate.circuits.break_chain import contact_rows
 from tools.generate.circuits.common import Circuit, Needs
 from tools.generate.circuits.generator import settings
-from tools.generate.circuits.materials import materials
+from tools.generate.circuits.materials import materials, rows_of
+from tools.generate.circuits.wiring import wirings
 from tools.generate.nucleo import MORPHO, ON_THE_BOARD, ZIO
 from tools.generate.text import table
 
@@ -39,13 +40,19 @@ def tables() -> dict[str, str]:
         "all in a row, Ω",
         "lasting short, A",
         "and at a duty of 0.5, W",
+        "load of step 12, Ω",
+        "and at that duty, W",
     )
     made = {
         "pins": _pins(),
         "ranges": _ranges(),
         "resistors": table(head, settings(Needs())),
         "contacts": table(("contact in", "what it does", "e-stop", "door"), contact_rows()),
-        "materials": table(("part", "requirement"), materials(Needs())),
+        "materials": table(("part", "requirement", "for"), rows_of(materials(Needs()))),
+        **{
+            f"wiring_{name}": table(("part", "from – to"), [(wired.part, wired.nodes) for wired in wiring])
+            for name, wiring in wirings().items()
+        },
         **parts,
     }
     return {name: _NEGATIVE.sub("−", text) for name, text in made.items()}

@@ -10,6 +10,7 @@ from tools.generate.circuits.gap_current import current_sense
 from tools.generate.circuits.gap_voltage import gap_divider
 from tools.generate.circuits.generator import gate_driver, pulse_generator, set_points
 from tools.generate.circuits.outputs import output_pulls
+from tools.generate.circuits.references import thresholds
 from tools.generate.circuits.stages import stages
 from tools.generate.circuits.touching import contact, mode_switch
 
@@ -17,6 +18,7 @@ CIRCUITS = (
     output_pulls,
     gap_divider,
     current_sense,
+    thresholds,
     hardware_break,
     gate_driver,
     pulse_generator,

@@ -212,8 +212,8 @@ def displacement(n: Needs) -> Circuit:
             ),
             (
                 "conditioning",
-                "amplifier with offset: the sensor's zero at a tenth of 3.3 V, more displacement towards "
-                "the work more voltage; clamp and corner as the monitor",
+                "what fits its signal to the pin: amplifier with offset, the sensor's zero at a tenth of 3.3 V, "
+                "more displacement towards the work more voltage; clamp and corner as the monitor",
             ),
         ),
         (

@@ -21,13 +21,15 @@ from tools.generate.circuits.generator import CAPACITOR_SPREAD, SHORT_S
 
 CHAIN_OHM, CHAIN_PULL_OHM, OPTO_V, OPTO_DARK_A = 680.0, 10 * KOHM, 0.3, 10e-6
 FILTER_OHM, FILTER_F, FILTER_SPREAD = 1 * KOHM, 1 * NF, 0.01
-MOSFET_OHM = 10.0
+MOSFET_OHM, GATE_OHM = 10.0, 220.0
+"""Of the over-current's MOSFET: closed, and the resistor at its gate."""
 FILTER_MOST_S, GLITCH_S = 2e-6, 0.1e-6
 """How late the filter may make the break, and how long a glitch must do nothing [assumed]."""
 OFF_NS = {
     "comparator": 50.0,
     "chain": 20.0,
     "timer": 30.0,
+    "enable": 20.0,
     "isolator": 60.0,
     "driver": 60.0,
     "transistor": 60.0,
@@ -96,7 +98,8 @@ def hardware_break(n: Needs) -> Circuit:
             ("to the node", f"transistor of the optocoupler from 3.3 V, then {CHAIN_OHM:g} Ω"),
             (
                 "node",
-                f"{CHAIN_PULL_OHM / KOHM:g} kΩ to ground; the MOSFET of the over-current comparator to ground",
+                f"{CHAIN_PULL_OHM / KOHM:g} kΩ to ground; the MOSFET of the over-current comparator to ground, "
+                f"{GATE_OHM:g} Ω at its gate",
             ),
             (
                 "filter",

@@ -22,6 +22,9 @@ PUMP_SWING_V, PUMP_DIODE_V, PUMP_F, STORE_F, STORE_OHM, PUMP_THRESHOLD_V = (
 )
 EDGE_S = 2e-3
 """From rise to rise of ALIVE, which toggles every millisecond."""
+LATCH_OHM, LATCH_F = 33 * KOHM, 100 * NF
+SCHMITT_SHARES = (0.22, 0.28, 0.38)
+"""Rising threshold of a 74HCT14 over its supply: least, usual, most."""
 HOLD_S = (4e-3, 20e-3)
 
 
@@ -58,6 +61,11 @@ def pump_corners() -> list[tuple[float, int]]:
     ]
 
 
+def latch_s(share: float) -> float:
+    """How long a current without a gate lasts until the latch falls, by the trigger's threshold over its supply."""
+    return -LATCH_OHM * LATCH_F * log(1.0 - share)
+
+
 def high_voltage_enable(n: Needs) -> Circuit:
     """ALIVE to the enable of the high voltage."""
     del n
@@ -82,8 +90,9 @@ def high_voltage_enable(n: Needs) -> Circuit:
             ),
             (
                 "latch of a transistor that does not switch off",
-                "comparator of the ignition high while GATE_SENSE is low, for 1 ms by 10 kΩ and 100 nF: enable gone "
-                "until it is reset by hand",
+                "comparator of the ignition high while GATE_SENSE is low, for about 1 ms by "
+                f"{LATCH_OHM / KOHM:g} kΩ and {LATCH_F / NF:g} nF before a Schmitt trigger (74HCT14): clears a "
+                "flip-flop (74HCT74), and the enable is gone until a button sets it again",
             ),
         ),
         (
@@ -98,6 +107,13 @@ def high_voltage_enable(n: Needs) -> Circuit:
                 "> 1, at all corners",
                 f"{edges}, worst case {fewest} to {last}",
                 fewest > 1,
+            ),
+            Check(
+                "current without a gate until the latch falls",
+                "0.5 to 3 ms [assumed]",
+                f"{1e3 * latch_s(SCHMITT_SHARES[1]):.1f} ms, worst case {1e3 * latch_s(SCHMITT_SHARES[0]):.1f} to "
+                f"{1e3 * latch_s(SCHMITT_SHARES[2]):.1f} ms",
+                latch_s(SCHMITT_SHARES[0]) > 0.5e-3 and latch_s(SCHMITT_SHARES[2]) < 3e-3,
             ),
         ),
     )

@@ -111,7 +111,8 @@ def current_sense(n: Needs) -> Circuit:
             (
                 "amplifier",
                 f"not inverting, 1 + {GAIN_TOP_OHM / KOHM:g} kΩ / {GAIN_BOTTOM_OHM / KOHM:g} kΩ = "
-                f"{gain:g}; 50 MHz, offset below {AMPLIFIER_V * 1e3:g} mV (OPA365 class)",
+                f"{gain:g}; 50 MHz, offset below {AMPLIFIER_V * 1e3:g} mV (OPA365 class), "
+                "supplied as the buffer of the gap voltage",
             ),
             (
                 "corner of the converter's path",
@@ -121,7 +122,7 @@ def current_sense(n: Needs) -> Circuit:
             (
                 "ignition comparator",
                 "push-pull, below 50 ns, hysteresis a fifth of the threshold, from the amplifier before "
-                f"the corner; held low for {1e6 * BLANK_S:g} µs from the rise of the gate driver's output "
+                f"the corner; held low for {1e6 * BLANK_S:g} µs from the rise of GATE_SENSE "
                 "(monoflop and AND)",
             ),
             (

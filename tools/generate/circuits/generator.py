@@ -36,8 +36,9 @@ def gate_driver(n: Needs) -> Circuit:
             (
                 "pull-down",
                 f"{GATE_PULL_OHM / KOHM:g} kΩ at GATE, {GATE_PULL_OHM / KOHM:g} kΩ between gate and "
-                "source of the transistor",
+                "source of the transistor; 4.7 Ω before the gate",
             ),
+            ("enable", "74HCT AND of GATE and the high-voltage enable, 5 V, before the driver"),
             (
                 "driver",
                 "isolated, output low without supply on either side, 1 A at least, 100 V/ns, in a wide package "
@@ -51,11 +52,13 @@ def gate_driver(n: Needs) -> Circuit:
             (
                 "transistor",
                 f"{FET_V:g} V, bears a short at {n.scale['EDM_OPEN_FULL_V']:g} V for {1e6 * SHORT_S:g} µs; on the "
-                "high side between reservoir and series resistor; a diode from its source to ground",
+                "high side between reservoir and series resistor; a diode from ground to its source, 600 V, 3 A, "
+                "35 ns (ES3J class)",
             ),
             (
                 "GATE_SENSE",
-                "output of the driver, back by a second isolator channel whose output is low without supply",
+                "output of the driver, by 1.5 kΩ and 1 kΩ from 12 to 4.8 V, back by a second isolator channel whose "
+                "output is low without supply; 5 V for that side by a small regulator (78L05 class)",
             ),
         ),
         (
@@ -88,9 +91,14 @@ def series_ohm(n: Needs, open_v: float, peak_a: float) -> float:
     return (open_v - n.scale["EDM_NORMAL_PLATEAU_V"]) / peak_a
 
 
-def settings(n: Needs) -> list[tuple[str, str, str, str, str]]:
-    """Open voltage, peak current, resistance in a row, current and power in a lasting short."""
-    found = []
+def load_ohm(n: Needs, peak_a: float) -> float:
+    """Resistor that takes a peak current at the plateau of a normal discharge."""
+    return n.scale["EDM_NORMAL_PLATEAU_V"] / peak_a
+
+
+def settings(n: Needs) -> list[tuple[str, ...]]:
+    """Open voltage, peak current, resistance in a row, a lasting short, and a load like a discharge."""
+    found: list[tuple[str, ...]] = []
     for open_v, peak_a in SETTINGS:
         ohm = series_ohm(n, open_v, peak_a)
         short_a = open_v / ohm
@@ -101,6 +109,8 @@ def settings(n: Needs) -> list[tuple[str, str, str, str, str]]:
                 f"{ohm:.0f}",
                 f"{short_a:.2f}",
                 f"{MOST_DUTY * open_v * short_a:.1f}",
+                f"{load_ohm(n, peak_a):.0f}",
+                f"{MOST_DUTY * load_ohm(n, peak_a) * peak_a**2:.1f}",
             )
         )
     return found

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from math import log
+
 from tools.generate.circuits.common import (
     COMPARATOR_V,
     KOHM,
+    NF,
     VDDA_SPREAD,
     VDDA_V,
     Check,
@@ -15,6 +18,7 @@ from tools.generate.circuits.common import (
 from tools.generate.circuits.gap_voltage import BOTTOM_OHM, TOP_OHM, TOPS
 
 CONTACT_DIVIDER_OHM, CONTACT_SERIES_OHM, CONTACT_THRESHOLD_V = (30 * KOHM, 10 * KOHM), 30 * KOHM, 0.15
+INPUT_OHM = 100 * KOHM
 BATTERY_V, BATTERY_OHM = 9.0, 1 * KOHM
 
 
@@ -43,7 +47,8 @@ def contact(n: Needs) -> Circuit:
             ),
             (
                 "comparator",
-                "on the side of the source, through 100 kΩ with 1 nF and clamp: CONTACT high below "
+                "on the source's side of the mode switch, through 100 kΩ, 2 W, 350 V, with 1 nF and clamp: "
+                "CONTACT high below "
                 f"{CONTACT_THRESHOLD_V:g} V, hysteresis 30 mV",
             ),
         ),
@@ -90,6 +95,18 @@ LEAST_HZ = 2300.0
 """Of the checklist and the shipped profiles."""
 
 
+GUARD_OHM, GUARD_F = 120 * KOHM, 100 * NF
+GUARD_SHARES = (0.27, 0.18, 0.10)
+"""Falling threshold of a 74HCT14 over its supply: most, usual, least."""
+GUARD_START = 0.94
+"""Of the supply, behind the diode."""
+
+
+def guard_s(share: float) -> float:
+    """How long the contact may contradict MODE, by the trigger's threshold over its supply."""
+    return GUARD_OHM * GUARD_F * log(GUARD_START / share)
+
+
 def settled_s(n: Needs, hertz: float) -> float:
     """Within which time the mode switch has to have settled at a frequency of the generator."""
     return MODE_SHARE * n.params["misread_pulses"] / hertz
@@ -107,7 +124,10 @@ def mode_switch(n: Needs) -> Circuit:
                 "one changeover, break before make; from the gap's plus to the series resistors (MODE "
                 "high) or to the contact circuit (MODE low)",
             ),
-            ("drive", "without supply it is at the contact circuit"),
+            (
+                "drive",
+                "MOSFET (BSS138 class) at a coil of 5 V with its diode; without supply it is at the contact circuit",
+            ),
             (
                 "settled, bounce included",
                 "; ".join(
@@ -117,7 +137,9 @@ def mode_switch(n: Needs) -> Circuit:
             ),
             (
                 "guard",
-                "force-guided second contact; where it contradicts MODE for 20 ms, the loop of HV_SUPPLY opens",
+                f"force-guided second contact; where it contradicts MODE for 20 ms (XOR, {GUARD_OHM / KOHM:g} kΩ "
+                f"and {GUARD_F / NF:g} nF, Schmitt trigger), a MOSFET pulls HV_SUPPLY low; a diode "
+                "(BAT54 class) and 1 kΩ begin the wait anew",
             ),
         ),
         (
@@ -132,6 +154,13 @@ def mode_switch(n: Needs) -> Circuit:
                 f"< {1e3 * settled_s(n, most_hz):.1f} ms",
                 f"{1e3 * fastest_s:g} ms, {SWITCHES[-1][0]}",
                 fastest_s < settled_s(n, most_hz),
+            ),
+            Check(
+                "the guard waits for the relay",
+                f"> {2e3 * slowest_s:g} ms; < 50 ms [assumed]",
+                f"{1e3 * guard_s(GUARD_SHARES[1]):.0f} ms, worst case {1e3 * guard_s(GUARD_SHARES[0]):.0f} to "
+                f"{1e3 * guard_s(GUARD_SHARES[2]):.0f} ms",
+                guard_s(GUARD_SHARES[0]) > 2 * slowest_s and guard_s(GUARD_SHARES[2]) < 50e-3,
             ),
         ),
     )
