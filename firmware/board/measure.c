@@ -345,10 +345,10 @@ static void read_pulse(struct edm_readings *out, uint32_t i, const struct view *
 
 /* Pulses whose gate time has ended. */
 static void read_pulses(struct measure *m, const struct records *r, const struct gate *gate, struct edm_readings *out) {
-    uint32_t most = gate->period_counts / COUNTS_PER_SAMPLE;
-    most = most < SAMPLES_LEAST ? SAMPLES_LEAST : most < SAMPLES_MOST ? most : SAMPLES_MOST;
+    uint32_t means = gate->period_counts / COUNTS_PER_SAMPLE;
+    means = means < SAMPLES_LEAST ? SAMPLES_LEAST : means < SAMPLES_MOST ? means : SAMPLES_MOST;
     const struct view view = {r->samples.ring, r->samples.size, r->samples.at, r->samples.good ? r->samples.held : 0,
-                              r->now, most};
+                              r->now, means};
     struct total total = {.open_v = gate->open_v, .least_drop_v = LEAST_DROP * gate->open_v};
     struct pulse pulses[PULSES_AT_ONCE];
     const struct pulse *end;

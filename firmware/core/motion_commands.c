@@ -144,7 +144,7 @@ static uint8_t path_move(struct edm_controller *c, const struct edm_frame *frame
     if (request.speed_um_s <= 0) {
         return STATUS_OUT_OF_RANGE;
     }
-    for (uint8_t axis = AXIS_X; axis <= AXIS_Y; axis++) {
+    for (uint8_t axis = AXIS_X; axis <= (uint8_t)AXIS_Y; axis++) {
         uint8_t status = stages_judge_speed(c, axis, request.speed_um_s);
         if (status != STATUS_OK) {
             return status;

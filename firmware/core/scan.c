@@ -60,7 +60,7 @@ static void move_to(struct edm_controller *c, real x_um, real y_um) {
 
 /* Whether the stages have come where the path has brought them. */
 static bool stages_there(const struct edm_controller *c) {
-    for (uint8_t axis = AXIS_X; axis <= AXIS_Y; axis++) {
+    for (uint8_t axis = AXIS_X; axis <= (uint8_t)AXIS_Y; axis++) {
         real wanted = c->drive.stage_um[axis];
         real place = hal_stage_place(c->board, axis, wanted);
         if (place < wanted || place > wanted) {

@@ -6,7 +6,7 @@
 
 /* Takes over where the stages stand. */
 void stages_look(struct edm_controller *c) {
-    for (uint8_t axis = AXIS_X; axis <= AXIS_THETA; axis++) {
+    for (uint8_t axis = AXIS_X; axis <= (uint8_t)AXIS_THETA; axis++) {
         c->stages.at[axis] = hal_stage_place(c->board, axis, c->stages.at[axis]);
     }
 }
