@@ -101,7 +101,7 @@ class Samples:
 
     def __init__(self) -> None:
         self.lost = self.frozen = False
-        self._t0_us = 0
+        self._before = b""  # payload of the last ones that told their own time
 
     def passes(self, frame: Frame, data: bytes) -> bytes:
         """Return what is sent of a frame, whose bytes are `data`."""
@@ -109,11 +109,11 @@ class Samples:
             return data
         if self.lost:
             return b""
-        samples = Tlm.unpack(frame.payload)
         if not self.frozen:
-            self._t0_us = samples.t0_us
+            self._before = frame.payload
             return data
-        samples.t0_us = self._t0_us
+        samples = Tlm.unpack(frame.payload)
+        samples.t0_us = Tlm.unpack(self._before).t0_us if self._before else 0
         return encode_frame(*frame[:4], samples.pack())
 
 
