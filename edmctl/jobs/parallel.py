@@ -33,7 +33,7 @@ TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")
 
 MOST_LOSSES = 3
-"""A task that was under way when so many pools broke is the one that breaks them."""
+"""A task under way when so many pools broke, alone in the last of them, is the one that breaks them."""
 FEEDER = "QueueFeederThread"
 """Name of the threads in which `multiprocessing` writes into the queue of a pool."""
 AHEAD = 2
@@ -149,9 +149,9 @@ def perform(
 ) -> None:
     """Call `function` with every task, and hand its number and result to `on_result` when it is done, in any order.
 
-    A worker that dies costs no result but its own, which is tried again; a task that three pools broke over is
-    `Lost`. Whatever `function` or `on_result` raises, or a signal, ends all: results that are there by then are
-    still handed on.
+    A worker that dies costs no result but its own, which is tried again; a task that three pools broke over, at
+    last with no other beside it, is `Lost`. Whatever `function` or `on_result` raises, or a signal, ends all:
+    results that are there by then are still handed on.
     """
     with _silent_feeders():
         _Series(function, tasks, pool, on_result).run()
@@ -208,7 +208,7 @@ class _Series(Generic[TaskT, ResultT]):
         # After a loss one at a time is under way per worker, so that the guilty one is found soon.
         most = self._pool.workers * (1 if self._losses else AHEAD)
         while self._waiting or self._under_way:
-            while self._waiting and len(self._under_way) < most:
+            while self._waiting and len(self._under_way) < most and self._may_begin(self._waiting[-1]):
                 number = self._waiting.pop()
                 try:
                     self._under_way[executor.submit(self._function, self._tasks[number])] = number
@@ -222,6 +222,11 @@ class _Series(Generic[TaskT, ResultT]):
                 except self._pool.killers:
                     result = Lost("its workers died again and again")
                 self._on_result(self._under_way.pop(future), result)
+
+    def _may_begin(self, number: int) -> bool:
+        """Tell whether a task may join those under way: one that may not be lost once more runs alone."""
+        together = (number, *self._under_way.values())
+        return not self._under_way or all(self._losses.get(one, 0) < MOST_LOSSES - 1 for one in together)
 
     def _take_back(self) -> None:
         """Put what was under way back in line, or give up what was there at every loss."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import threading
+import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -94,6 +96,31 @@ def die(number: int) -> int:
     if number == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     return number
+
+
+def die_beside(task: tuple[int, Path]) -> int:
+    """Die as number 1, while another is under way where one comes; the others take longer than that dying does."""
+    number, folder = task
+    if number == 1:
+        for _ in range(100):
+            if any(folder.iterdir()):
+                break
+            time.sleep(0.02)
+        shutil.rmtree(folder)
+        folder.mkdir()
+        os.kill(os.getpid(), signal.SIGKILL)
+    (folder / str(number)).touch()
+    time.sleep(1.0)
+    (folder / str(number)).unlink(missing_ok=True)
+    return number
+
+
+@pytest.mark.slow
+def test_nobody_is_lost_beside_one_that_dies(tmp_path: Path) -> None:
+    found: dict[int, int | Lost] = {}
+    perform(die_beside, [(number, tmp_path) for number in range(3)], TWO, found.__setitem__)
+    assert isinstance(found.pop(1), Lost)
+    assert found == {0: 0, 2: 2}
 
 
 @pytest.mark.slow
