@@ -126,7 +126,10 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
 
 
 class Library:
-    """A loaded build: functions of host.c by their names without `edm_host_`, and addresses for compiled loops."""
+    """A loaded build: functions of host.c by their names without `edm_host_`.
+
+    tick_begin, tick_end : addresses of `begin` and `end`, for compiled loops.
+    """
 
     def __init__(self, build: Build) -> None:
         self.build = build
@@ -136,14 +139,18 @@ class Library:
             function.restype, function.argtypes = result, list(arguments)
             setattr(self, name, function)
 
+        self.tick_begin, self.tick_end = (
+            _address(getattr(loaded, f"edm_host_{name}")) for name in ("begin", "end")
+        )
+
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(name)
 
-    def address(self, name: str) -> int:
-        """Address of a function of the tick: `begin` or `end`."""
-        value = ctypes.cast(getattr(self, name), c_void_p).value
-        assert value is not None
-        return value
+
+def _address(function: Any) -> int:
+    value = ctypes.cast(function, c_void_p).value
+    assert value is not None
+    return value
 
 
 @cache

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass, replace
 from dataclasses import fields as dataclass_fields
+from functools import cache
 from typing import TYPE_CHECKING, ClassVar, Generic, Self, TypeVar, cast
 
 from edmctl.link.frame import MAX_PAYLOAD
@@ -61,8 +62,9 @@ class Message:
         return cls.unpack(payload)
 
     @classmethod
+    @cache
     def record_dtype(cls) -> np.dtype[np.void]:
-        """Return the dtype of one record: packed wire integers."""
+        """Return the dtype of one record: packed wire integers; the same one every time."""
         import numpy as np
 
         return np.dtype([(name, NUMPY_CODES[type_]) for name, type_, _ in cls.RECORD])

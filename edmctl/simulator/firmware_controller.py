@@ -377,8 +377,8 @@ class FirmwareController:
             plant.work_under_tool.levels,
             plant.drive.shared,
             plant.readings.shared,
-            self._library.address("begin"),
-            self._library.address("end"),
+            self._library.tick_begin,
+            self._library.tick_end,
             self._at,
         )
         return happened

@@ -15,7 +15,7 @@ names.
 from __future__ import annotations
 
 import ctypes
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
@@ -39,13 +39,19 @@ def series(length: int) -> Any:
     return ctypes.c_double * length
 
 
+@cache
+def _layout(kind: type[Record]) -> np.dtype[Any]:
+    """Layout of a record, the same object every time: compiled code compares another like it field by field."""
+    return np.dtype(kind)
+
+
 class Record(ctypes.Structure):
     """Named numbers; all are zero at first."""
 
     @cached_property
     def shared(self) -> Sequence[Self]:
         """The record for compiled code: its only entry."""
-        return np.frombuffer(self, np.dtype(type(self))) if COMPILES else [self]  # type: ignore[call-overload]
+        return np.frombuffer(self, _layout(type(self))) if COMPILES else [self]  # type: ignore[call-overload]
 
     def array(self, name: str) -> Floats:
         """A series as an array that shares its memory."""
