@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,7 +33,7 @@ from edmctl.simulator.work_under_tool import Chips, WorkUnderTool
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.simulator.config import BenchConfig
+    from edmctl.simulator.config import BenchConfig, DischargeConstants
     from edmctl.simulator.work_under_tool import Hole
 
 Floats = NDArray[np.float64]
@@ -224,16 +225,13 @@ class Plant:
         self.set_current_factor(self.current_factor)
         unit.per_open_gap = USUAL_OPEN_V / (d.gap.gap_reference_um * open_v)
         unit.pulse_period_ns = round((on_time_us + off_time_us) * 1000.0)
-        times_us = [(i + 0.5) / BURNING * on_time_us for i in range(BURNING)]
-        negative = self.config.tool_negative
-        work, tool, memory = (
-            unit.array(name) for name in ("work_um3_per_uj", "tool_um3_per_uj", "deionisation_us")
-        )
-        work[:] = [work_um3_per_uj(d.erosion, t, peak_a, tool_negative=negative) for t in times_us]
-        tool[:] = [tool_um3_per_uj(d.erosion, t, peak_a, tool_negative=negative) for t in times_us]
-        memory[:] = [deionisation_us(d.gap, pulse_energy_uj(d.discharge_v, peak_a, t)) for t in times_us]
+        by_time = _by_burning_time(d, on_time_us, peak_a, tool_negative=self.config.tool_negative)
+        for name, values in zip(
+            ("work_um3_per_uj", "tool_um3_per_uj", "deionisation_us"), by_time, strict=True
+        ):
+            unit.array(name)[:] = values
         dirtiest = (1.0 + d.gap.deionisation_debris * MOST_DEBRIS) * d.gap.deionisation_after_arc
-        unit.longest_memory_us = FORGOTTEN * dirtiest * memory[-1]
+        unit.longest_memory_us = FORGOTTEN * dirtiest * by_time[2][-1]
         unit.arc_pause = 1.0 / (1.0 + off_time_us / d.gap.arc_pause_us)
         full_uj = pulse_energy_uj(d.discharge_v, peak_a, set_us or on_time_us)
         scale = crater_scale(full_uj)
@@ -335,6 +333,19 @@ class Plant:
         unit.amplifier_gain = unit.stroke_share = unit.monitor_gain = 1.0
         unit.gap_stuck_v = -1.0
         unit.sensor_wire = unit.gap_wire = 1.0
+
+
+@lru_cache(16)
+def _by_burning_time(
+    d: DischargeConstants, on_time_us: float, peak_a: float, *, tool_negative: bool
+) -> tuple[list[float], list[float], list[float]]:
+    """Work removed and tool lost per molten energy, and the gap's memory, over the burning time in BURNING steps."""
+    times_us = [(i + 0.5) / BURNING * on_time_us for i in range(BURNING)]
+    return (
+        [work_um3_per_uj(d.erosion, t, peak_a, tool_negative=tool_negative) for t in times_us],
+        [tool_um3_per_uj(d.erosion, t, peak_a, tool_negative=tool_negative) for t in times_us],
+        [deionisation_us(d.gap, pulse_energy_uj(d.discharge_v, peak_a, t)) for t in times_us],
+    )
 
 
 def serial_number(seed: int) -> str:

@@ -9,6 +9,7 @@ Muralidhara et al. 2009, §2.1.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from statistics import NormalDist
 from typing import TYPE_CHECKING
 
@@ -88,7 +89,7 @@ class RandomBlocks:
         self._decide, self._shape, self._delay, self._noise = streams
         self.pulse = np.empty((3, BLOCK))
         self.noise = np.empty(BLOCK)
-        self.tables = _tables(scatter)
+        self.tables = _tables(scatter).copy()
         self._fill_pulse(0)
         self._fill_noise(0)
 
@@ -116,6 +117,7 @@ class RandomBlocks:
             state.noise_at = 0
 
 
+@lru_cache(16)
 def _tables(scatter: float) -> Floats:
     """Equally likely values of |N(0, 1)| and of a lognormal of mean one: the middles of TABLE equal steps."""
     normal = NormalDist()
