@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from edmctl.link import messages as m
-from edmctl.process.erosion import work_um3_per_uj
 from edmctl.simulator import BenchConfig, DischargeConstants, SensorConstants, plant
 from edmctl.simulator.saving import bench_state, restored_bench
 
@@ -79,7 +78,13 @@ def test_a_scan_loses_no_volume_between_the_sparks_and_the_map(
     rig: RigMaker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The wear of a tool that wears in proportion to the work counts what the discharges took.
-    monkeypatch.setattr(plant, "tool_um3_per_uj", work_um3_per_uj)
+    by_time = plant._by_burning_time
+
+    def tool_like_work(*args: Any, **kwargs: Any) -> tuple[list[float], list[float], list[float]]:
+        work, _, memory = by_time(*args, **kwargs)
+        return work, work, memory
+
+    monkeypatch.setattr(plant, "_by_burning_time", tool_like_work)
     r = rig(SMALL, seed=6)
     r.bench.plant.unit.side_base = r.bench.plant.unit.side_debris = 0.0
     unit = r.bench.plant.unit
