@@ -84,3 +84,19 @@ def test_a_single_disturbance_after_the_back_off_costs_50_ms(
     _ramp, later, r = rests(core, controller, back_off_um, lambda since: since == end - 10)
     assert later == end - 10 + 50
     assert not r.bench.controller.fault
+
+
+@CONTROLLERS
+@pytest.mark.parametrize("counts", [2802, 2803, 40022])
+def test_a_ramp_to_the_voltage_applied_feeds_nothing(core: Build, controller: str, counts: int) -> None:
+    """Whatever float makes of the voltage of the wire and of that of the converter."""
+    r = Rig(BenchConfig(offset_um=20.0, controller=controller), 1)
+    r.arm()
+    for target in (counts + 400, counts):
+        r.session.request(m.PiezoSet(target / 400.0, 300.0))
+        r.wait(m.EventCode.MOVE_DONE, 5.0)
+        r.bench.plant.unit.contact_inverted = 1
+    r.session.request(m.PiezoSet(counts / 400.0, 300.0))
+    r.wait(m.EventCode.MOVE_DONE, 1.0)
+    r.session.request(m.PiezoSet((counts + 1) / 400.0, 300.0))
+    assert r.wait_fault(1.0).code == FaultCode.COLLISION
