@@ -56,7 +56,7 @@ void edm_pulses_broken(struct edm_controller *c) {
         return;
     }
     waveforms_freeze(c); /* they are shorter than the fault may take to come */
-    if (c->drive.pulses_on) {
+    if (edm_generator_at_gap(c)) { /* a jump without pulses, too */
         motion_gate(c, false);
         motion_enter(c, HOLD);
     }
