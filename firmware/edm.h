@@ -46,8 +46,8 @@ void edm_watch(struct edm_controller *c);
 /* The tick at which edm_watch has something to do by the clock; NEVER for none. */
 int64_t edm_next_deadline(const struct edm_controller *c);
 
-/* The board's hardware has ended the pulses, and which fault it is does not show yet: no pulses, tool and stages held,
- * waveforms kept. Call it every millisecond until a fault is latched, which has to follow. */
+/* The board's hardware has ended the pulses, and which fault it is does not show yet: no pulses, tool and stages of what needs
+ * them held, in a jump too, waveforms kept. Call it every millisecond until a fault is latched, which has to follow. */
 void edm_pulses_broken(struct edm_controller *c);
 /* A fault that the board itself has found. */
 void edm_fault(struct edm_controller *c, uint16_t code, int32_t detail);

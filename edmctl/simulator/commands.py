@@ -212,6 +212,7 @@ class ServiceCommands:
         if request.magic != REBOOT_MAGIC:
             return Status.OUT_OF_RANGE, b""
         self._c.link.reboots = True  # the reply goes first
+        self._c.telemetry.forget()
         return OK
 
     def _tlm_start(self, request: m.TlmStart) -> Outcome:

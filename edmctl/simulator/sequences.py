@@ -76,7 +76,7 @@ def sequence_tick(settings: Settings, loop: LoopState, drive: Drive, readings: R
     if mode == SERVO:
         return cut_tick(settings, loop, drive)
     if mode <= JUMP_RETURN:
-        return jump_tick(settings, loop, drive)
+        return jump_tick(settings, loop, drive, readings)
     if mode >= TEST_OFF:
         return test_tick(loop, drive)
     return touch_tick(settings, loop, drive, readings)
@@ -193,7 +193,7 @@ def follow_path(loop: LoopState, drive: Drive) -> int:
 
 
 @compiled
-def jump_tick(settings: Settings, loop: LoopState, drive: Drive) -> int:
+def jump_tick(settings: Settings, loop: LoopState, drive: Drive, readings: Readings) -> int:
     mode = loop.mode
     if mode == JUMP_UP and loop.phase >= loop.phase_ticks:
         enter(loop, JUMP_DWELL)
@@ -209,7 +209,7 @@ def jump_tick(settings: Settings, loop: LoopState, drive: Drive) -> int:
         return JUMP_RESUMED
     elif mode == JUMP_RETURN:
         found = watch_cut(settings, loop)  # its pulses are watched as those of the cut
-        if found != NOTHING or not jump_is_back(loop):
+        if found != NOTHING or not jump_is_back(loop, readings):
             return found
         enter(loop, SERVO)
         loop.open_ticks = 0
@@ -218,12 +218,13 @@ def jump_tick(settings: Settings, loop: LoopState, drive: Drive) -> int:
 
 
 @compiled
-def jump_is_back(loop: LoopState) -> bool:
-    """A millisecond as busy as the reference asks for, or well past where the jump began.
+def jump_is_back(loop: LoopState, readings: Readings) -> bool:
+    """A millisecond as busy as the reference asks for, or of shorts alone, or well past where the jump began.
 
-    Or the cut's limit or the end of its time, which the servo then finds.
+    Shorts are not shown by a reference below their voltage. Or the cut's limit or the end of its time, which the
+    servo then finds.
     """
-    busy = loop.tick_gap_v <= loop.gap_ref_v
+    busy = loop.tick_gap_v <= loop.gap_ref_v or (loop.shorted == 1 and readings.pulses > 0)
     past = loop.command_v >= loop.start_v + loop.clearance_v
     over = loop.slow_displacement_um >= loop.z_limit_um or loop.time_ticks <= 0
     return bool(busy or past or over)

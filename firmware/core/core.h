@@ -52,6 +52,7 @@ uint8_t motion_commands_execute(struct edm_controller *c, const struct edm_frame
 /* motion.c */
 void motion_enter(struct edm_controller *c, enum edm_mode mode);
 void motion_hold(struct edm_controller *c);
+bool motion_feeds(const struct edm_controller *c, real target_v);
 void motion_ramp(struct edm_controller *c, real target_v, real slew_v_s);
 void motion_gate(struct edm_controller *c, bool on);
 void motion_open_gate(struct edm_controller *c);

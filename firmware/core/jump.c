@@ -28,10 +28,10 @@ real jump_command(const struct edm_controller *c) {
     return (jump->start_v - jump->jump_v) - back * share;
 }
 
-/* A millisecond as busy as the reference asks for, or well past where the jump began; or the cut's limit or the end of its
- * time, which the servo then finds. */
+/* A millisecond as busy as the reference asks for, or of shorts alone, which a reference below their voltage does not show, or
+ * well past where the jump began; or the cut's limit or the end of its time, which the servo then finds. */
 static bool is_back(const struct edm_controller *c) {
-    return c->gap.tick_gap_v <= c->servo.gap_ref_v ||
+    return c->gap.tick_gap_v <= c->servo.gap_ref_v || (c->gap.shorted && c->readings.pulses > 0) ||
            c->motion.command_v >= c->jump.start_v + c->jump.clearance_v || servo_is_deep(c) ||
            c->servo.time_ticks <= 0;
 }

@@ -40,13 +40,18 @@ void motion_hold(struct edm_controller *c) {
     motion_enter(c, HOLD);
 }
 
+/* Whether the converter goes up for a voltage: both as it makes them, for float rounds them in different ways. */
+bool motion_feeds(const struct edm_controller *c, real target_v) {
+    return on_grid(target_v) > c->drive.actuator_v;
+}
+
 /* Pulses off, then the actuator ramps to a voltage. */
 void motion_ramp(struct edm_controller *c, real target_v, real slew_v_s) {
     motion_gate(c, false);
     scan_end(c);
     c->motion.target_v = target_v;
     c->motion.ramp_v_s = slew_v_s;
-    c->motion.feeds = target_v > c->drive.actuator_v;
+    c->motion.feeds = motion_feeds(c, target_v);
     motion_enter(c, RAMP);
 }
 

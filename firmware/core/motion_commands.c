@@ -31,7 +31,7 @@ static uint8_t piezo_set(struct edm_controller *c, const struct edm_frame *frame
     if (request.actuator_v > c->settings.piezo_max_v || request.slew_v_s <= 0) {
         return STATUS_OUT_OF_RANGE;
     }
-    if (c->readings.contact && request.actuator_v > c->drive.actuator_v) {
+    if (c->readings.contact && motion_feeds(c, request.actuator_v)) {
         states_raise(c, FAULT_COLLISION, 0);
         return STATUS_OK;
     }

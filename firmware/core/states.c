@@ -56,7 +56,7 @@ void edm_pulses_broken(struct edm_controller *c) {
         return;
     }
     waveforms_freeze(c); /* they are shorter than the fault may take to come */
-    if (c->drive.pulses_on) {
+    if (edm_generator_at_gap(c)) { /* a jump without pulses, too */
         motion_gate(c, false);
         motion_enter(c, HOLD);
     }
@@ -216,7 +216,7 @@ void edm_start(struct edm_controller *c, uint8_t cause) {
     telemetry_forget(c);
     c->telemetry.counter = c->telemetry.pulse_counter = 0;
     memset(&c->receiver, 0, sizeof c->receiver);
-    c->guards.bad_seen = 0;
+    c->guards.bad_seen = c->guards.bad_count = 0;
     c->link.drop = 0;
     session_begin(c, 0);
     parameters_reset(c);

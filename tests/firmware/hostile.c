@@ -720,6 +720,44 @@ static void short_beyond_the_limit(void) {
     }
 }
 
+/* The hardware has ended the pulses: whatever needs them stands still until a fault is latched, a jump in each of its phases. */
+static void pulses_broken(void) {
+    for (int ms = 0; ms < 260; ms += 7) {
+        for (int what = 0; what < 3; what++) {
+            uint8_t p[14] = {0};
+            set_up(NULL, 0);
+            arm();
+            if (what == 0) {
+                send(MSG_SELF_TEST, p, 0);
+            } else {
+                c.motion.command_v = 50;
+                cut();
+                run(50, 3);
+            }
+            put_u32(p, 30000);
+            put_u32(p + 4, 500000);
+            put_u16(p + 8, 20);
+            put_u32(p + 10, 5000);
+            if (what == 1) send(MSG_JUMP, p, 14);
+            run(ms, 3);
+            uint8_t before = c.state;
+            real from_v = c.motion.command_v;
+            for (int k = 0; k < 10; k++) {
+                edm_pulses_broken(&c);
+                HOLDS(!gate && c.waveforms.frozen && c.keeps.fault == 0);
+                begin();
+                readings(0);
+                end();
+                HOLDS(c.state == before && !(c.motion.command_v > from_v || c.motion.command_v < from_v));
+            }
+            edm_fault(&c, FAULT_GEN_FAULT, 0);
+            edm_pulses_broken(&c);
+            run(300, 0);
+            HOLDS(c.keeps.fault == FAULT_GEN_FAULT && c.motion.command_v <= 0);
+        }
+    }
+}
+
 static void act(void) {
     uint8_t p[MAX_PAYLOAD] = {0};
     switch (draw(32)) {
@@ -762,6 +800,7 @@ int main(int argc, char **argv) {
         slow_path();
         small_steps();
         short_beyond_the_limit();
+        pulses_broken();
         printf("%d broken\n", broken);
         return broken != 0;
     }

@@ -271,6 +271,23 @@ def test_damaged_frames_count_from_the_reset_on(core: Build, controller: str) ->
 
 
 @pytest.mark.parametrize("controller", ["python", "firmware"])
+@pytest.mark.parametrize(("damaged", "fault"), [(9, 0), (10, 1003)])
+def test_damaged_frames_before_a_reset_count_no_more(
+    core: Build, controller: str, damaged: int, fault: int
+) -> None:
+    """Though the next host arms in the very call in which it comes."""
+    bench = open_bench(BenchConfig(controller=controller), 1)
+    for nonce, count in ((1, 9), (2, damaged)):
+        hello = m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, nonce, m.SCHEMA_HASH)
+        requests = (hello, m.Arm(m.param_crc({})))
+        frames = [encode_frame(r.ID, at, 5, 0, r.pack()) for at, r in enumerate(requests)]
+        bench.controller.receive(b"".join(frames) + b"\0damaged\0" * count)
+        if nonce == 1:
+            bench.controller.reset(m.ResetCause.EXTERNAL)
+    assert bench.controller.fault == fault
+
+
+@pytest.mark.parametrize("controller", ["python", "firmware"])
 @pytest.mark.parametrize(("apart_ms", "fault"), [(1233, 1003), (1234, 0)])
 def test_a_second_of_the_host_is_whole_milliseconds_of_the_controller(
     core: Build, controller: str, apart_ms: int, fault: int
@@ -369,12 +386,15 @@ def test_an_abort_run_behind_a_reboot_is_latched_and_no_command(core: Build, con
     bench = open_bench(BenchConfig(controller=controller), 1)
     requests = (
         m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 1, m.SCHEMA_HASH),
+        m.TlmStart(1000, 14, m.PulseLog.BLOCKS),
         m.Reboot(REBOOT_MAGIC),
         m.Arm(m.param_crc({})),
     )
     frames = [encode_frame(r.ID, at, 5, 0, r.pack()) for at, r in enumerate(requests)]
-    bench.controller.receive(b"".join(frames) + bytes(8))
+    bench.controller.receive(frames[0] + frames[1])
+    bench.controller.advance(5)  # samples wait then that no FAULT brings
+    bench.controller.receive(b"".join(frames[2:]) + bytes(8))
     assert (bench.controller.fault, bench.controller.state) == (1002, m.State.FAULT)
     told = FrameDecoder(watch_for_abort=False).feed(bench.controller.link.take_output())
     types = [f.type_id for f in told]
-    assert types == [m.Hello.ID | 0x40, m.Reboot.ID | 0x40, m.Fault.ID, m.Boot.ID]
+    assert types == [m.Hello.ID | 0x40, m.TlmStart.ID | 0x40, m.Reboot.ID | 0x40, m.Fault.ID, m.Boot.ID]

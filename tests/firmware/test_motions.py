@@ -9,7 +9,7 @@ import pytest
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.simulator import BenchConfig
-from edmctl.simulator.controller_state import TOUCH_BACK
+from edmctl.simulator.controller_state import JUMP_RETURN, TOUCH_BACK
 from tests.simulator.conftest import Rig
 
 if TYPE_CHECKING:
@@ -84,3 +84,46 @@ def test_a_single_disturbance_after_the_back_off_costs_50_ms(
     _ramp, later, r = rests(core, controller, back_off_um, lambda since: since == end - 10)
     assert later == end - 10 + 50
     assert not r.bench.controller.fault
+
+
+@CONTROLLERS
+@pytest.mark.parametrize("counts", [2802, 2803, 40022])
+def test_a_ramp_to_the_voltage_applied_feeds_nothing(core: Build, controller: str, counts: int) -> None:
+    """Whatever float makes of the voltage of the wire and of that of the converter."""
+    r = Rig(BenchConfig(offset_um=20.0, controller=controller), 1)
+    r.arm()
+    for target in (counts + 400, counts):
+        r.session.request(m.PiezoSet(target / 400.0, 300.0))
+        r.wait(m.EventCode.MOVE_DONE, 5.0)
+        r.bench.plant.unit.contact_inverted = 1
+    r.session.request(m.PiezoSet(counts / 400.0, 300.0))
+    r.wait(m.EventCode.MOVE_DONE, 1.0)
+    r.session.request(m.PiezoSet((counts + 1) / 400.0, 300.0))
+    assert r.wait_fault(1.0).code == FaultCode.COLLISION
+
+
+@CONTROLLERS
+def test_a_jump_comes_back_to_a_short_and_not_into_the_work(core: Build, controller: str) -> None:
+    """Though the reference is below the voltage of a short, and the clearance is great."""
+    r = Rig(BenchConfig(offset_um=20.0, controller=controller), 1)
+    r.arm()
+    r.to_pad()
+    r.start_sparking()
+    r.session.pump(1.0)
+    r.session.request(m.ServoStop())
+    r.session.request(m.ServoStart(0.0, 500.0, 100.0))
+    r.session.pump(0.5)
+    bench = r.bench
+    for _ in range(3):
+        r.session.request(m.Jump(60.0, 2000.0, 0.05, 20.0))
+        shorts = 0
+        for _ in range(1000):
+            bench.controller.host_heard()
+            bench.controller.advance(1)
+            if bench.controller.state != m.State.JUMP:
+                break
+            returns = bench.controller.loop.mode == JUMP_RETURN and bench.plant.readings.pulses > 0
+            shorts += returns and bench.plant.readings.gap_v < 1.0
+        assert bench.controller.state == m.State.MACHINING
+        assert shorts == 0
+        r.session.pump(0.2)
