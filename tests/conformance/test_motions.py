@@ -31,10 +31,10 @@ def rows(peer: Peer) -> dict[int, Fields]:
     }
 
 
-def ramps_to(peer: Peer, actuator_v: float, slew_v_s: float = 1000.0) -> bool:
-    """PIEZO_SET to its end; False where a fault ends it."""
+def ramps_to(peer: Peer, actuator_v: float, slew_v_s: float = 1000.0, step_s: float = 0.001) -> bool:
+    """PIEZO_SET to its end, looked for every `step_s`; False where a fault ends it."""
     peer.ok("PIEZO_SET", actuator_v=actuator_v, slew_v_s=slew_v_s)
-    assert peer.wait(lambda: peer.ended("MOVE_DONE") or peer.faults, 5.0, 0.001), peer.story(
+    assert peer.wait(lambda: peer.ended("MOVE_DONE") or peer.faults, 5.0, step_s), peer.story(
         "PIEZO_SET does not end", "motions"
     )
     return not peer.faults
@@ -131,11 +131,11 @@ def test_l32_a_ramp_is_slew_limited_where_it_asks_for_more_alone(peer: Peer, lim
     more_v_s = limit_v_s + 0.001 + 1e-6 * limit_v_s  # a board may reckon with 24 bits
     slew_limited = layouts.enum("TlmFlags")["SLEW_LIMITED"]
     arm(peer, set_parameters(peer, slew_limit_v_s=round(1000 * limit_v_s)))
-    peer.ok("TLM_START", period_us=1000, batch=1)
+    peer.ok("TLM_START", period_us=1000, batch=10)
     for slew_v_s, limited in ((limit_v_s, 0), (limit_v_s - 0.001, 0), (more_v_s, slew_limited)):
         for target_v in (100.0, 3.0):
             peer.telemetry.clear()
-            assert ramps_to(peer, target_v, slew_v_s)
+            assert ramps_to(peer, target_v, slew_v_s, 0.01)
             peer.pump(0.02)
             moving = [row for row in rows(peer).values() if row["state"] == STATE["MOVING"]]
             assert len(moving) >= 0.096 / (1e-3 * limit_v_s)
