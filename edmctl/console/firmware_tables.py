@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.console.layout import render_columns
 from edmctl.console.style import PLAIN, Style
-from edmctl.results.firmware import dotted, hexadecimal
+from edmctl.results.firmware import dotted, hexadecimal, settings_text
 
 if TYPE_CHECKING:
     from edmctl.results.firmware import BoardFacts, ImageFacts
@@ -23,7 +23,7 @@ def render_image(image: ImageFacts, style: Style = PLAIN) -> str:
         ("schema", f"{hexadecimal(image.schema_hash)}, {same}"),
         ("size", f"{image.size_bytes} bytes"),
         ("CRC-32", hexadecimal(image.crc32)),
-        ("settings", ", ".join(f"{k} {v:.9g}" for k, v in image.settings.items()) or "as in the sources"),
+        ("settings", settings_text(image.settings)),
     ]
     parts = [_pairs(rows)]
     if image.sections:

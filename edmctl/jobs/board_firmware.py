@@ -16,7 +16,7 @@ from edmctl.jobs.plan import where_is
 from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH
 from edmctl.link.session import Session
 from edmctl.results.equipment import Check, CheckStatus
-from edmctl.results.firmware import BoardFacts, dotted, hexadecimal
+from edmctl.results.firmware import BoardFacts, dotted, hexadecimal, settings_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -132,10 +132,9 @@ def compared(image: ImageFacts, board: BoardFacts) -> list[Check]:
 
 def settings_not_compared(image: ImageFacts, board: BoardFacts) -> Check:
     """What no question at the port tells: the ranges, steps and limits that were --set for the board."""
-    own = ", ".join(f"{name} {value:g}" for name, value in image.settings.items())
     return warn(
         "settings",
-        f"not compared, a board does not tell them; of the image: {own or 'as in the sources'}",
+        f"not compared, a board does not tell them; of the image: {settings_text(image.settings)}",
         f"`edmctl firmware flash {image.path} --port {board.port}` puts these on it.",
     )
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +119,11 @@ class BoardFacts:
 def dotted(version: tuple[int, ...]) -> str:
     """Return a version as people write it."""
     return ".".join(map(str, version))
+
+
+def settings_text(settings: Mapping[str, float]) -> str:
+    """Say what was `--set` in an image."""
+    return ", ".join(f"{name} {value:.9g}" for name, value in settings.items()) or "as in the sources"
 
 
 def hexadecimal(number: int) -> str:

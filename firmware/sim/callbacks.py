@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 from numba import carray, types  # type: ignore[attr-defined]
-from unicorn.unicorn_const import UC_MEM_FETCH, UC_PROT_ALL, UC_PROT_READ, UC_PROT_WRITE
 
 from edmctl.actuator.compiling import callback
 
-from .addresses import CCM_AT, DBGMCU_APB1_FZ, DWT_CYCCNT, SRAM_AT, SYSTEM_AT, TRACE_AT
+from .addresses import DBGMCU_APB1_FZ, DWT_CYCCNT, SYSTEM_AT, TRACE_AT
 from .calling import call
 from .registers import (
     DEBUG_FREEZE,
@@ -28,7 +27,6 @@ from .registers import (
 _READ = types.uint64(types.voidptr, types.uint64, types.uint32, types.voidptr)
 _WRITE = types.void(types.voidptr, types.uint64, types.uint32, types.uint64, types.voidptr)
 _BLOCK = types.void(types.voidptr, types.uint64, types.uint32, types.voidptr)
-_FILL = types.boolean(types.voidptr, types.uint64, types.int32, types.voidptr, types.voidptr)
 
 
 @callback(_READ)
@@ -110,18 +108,3 @@ def on_block(_: Any, address: Any, size: Any, words: Any) -> None:
     if r[STOP] or r[HALFWORDS] > r[LIMIT]:
         r[STOP] = 1
         call(r[STOP_FUNCTION], (r[ENGINE],))
-
-
-@callback(_FILL)
-def on_fill(_: Any, address: Any, kind: Any, entry: Any, __: Any) -> Any:
-    """Unicorn's way from an address to memory: the same address, and what may be done there as far as this knows.
-
-    Where nothing is executed nothing may be: Unicorn would look for code it has translated at every write. Whether
-    there is memory, and open, it asks itself.
-    """
-    place: Any = np.int64(address)
-    is_code = (place < SRAM_AT and place >> 16 != CCM_AT >> 16) or kind == UC_MEM_FETCH
-    told = carray(entry, (2,), np.int64)
-    told[0] = place
-    told[1] = UC_PROT_ALL if is_code else UC_PROT_READ | UC_PROT_WRITE
-    return True

@@ -20,8 +20,6 @@ from edmctl.actuator.compiling import compiled
 from . import callbacks
 from . import registers as reg
 from .addresses import (
-    CCM_AT,
-    CCM_BYTES,
     DEBUG,
     EXTI,
     EXTI_IMR,
@@ -55,6 +53,7 @@ if TYPE_CHECKING:
     from edmctl.firmware.elf import Elf
 
 FLASH_AT, FLASH_BYTES = 0x08000000, 0x200000
+CCM_AT, CCM_BYTES = 0x10000000, 0x10000
 SYSTEM_MEMORY_AT, SYSTEM_MEMORY_BYTES = 0x1FFF7000, 0x1000
 _NUMBER = slice(0xA10, 0xA1C)  # of the chip (RM0090 §39.1)
 TICK_HALFWORDS = 168_000
@@ -270,20 +269,16 @@ class Chip:
             )
         self.r[reg.ENGINE] = ctypes.cast(self._uc, ctypes.c_void_p).value or 0
         self.r[reg.STOP_FUNCTION] = ctypes.cast(uclib.uc_emu_stop, ctypes.c_void_p).value or 0
-        self._engine.ctl_set_tlb_mode(unicorn_const.UC_TLB_VIRTUAL)
-        for kind, hook in (
-            (unicorn_const.UC_HOOK_BLOCK, callbacks.on_block),
-            (unicorn_const.UC_HOOK_TLB_FILL, callbacks.on_fill),
-        ):
-            self._call(
-                "uc_hook_add",
-                ctypes.byref(ctypes.c_size_t()),
-                kind,
-                ctypes.c_void_p(hook.address),
-                words,
-                ctypes.c_uint64(1),
-                ctypes.c_uint64(0),
-            )
+        hook = ctypes.c_size_t()
+        self._call(
+            "uc_hook_add",
+            ctypes.byref(hook),
+            unicorn_const.UC_HOOK_BLOCK,
+            ctypes.c_void_p(callbacks.on_block.address),
+            words,
+            ctypes.c_uint64(1),
+            ctypes.c_uint64(0),
+        )
         names = ("R0", "R1", "R2", "R3", "R12", "LR", "PC", "XPSR")
         self._sets = [
             _Registers(*names, "SP", "CONTROL", "MSP", "PRIMASK"),

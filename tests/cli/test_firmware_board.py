@@ -215,6 +215,15 @@ def test_flash_takes_the_tool_that_is_named(here: Here, board: FakeBoard, image:
     assert all("adapter serial 0671" in line for line in board.log)
 
 
+def test_flash_says_what_was_set_in_the_image(here: Here, board: FakeBoard, image: str) -> None:
+    """A board does not tell it, and an image of another machine looks the same."""
+    board.install("openocd")
+    assert "Settings of the image: as in the sources." in here("firmware", "flash", image, OFF).out
+    Path(image).write_bytes(image_bytes(settings="EDM_GAP_FULL_A=1.2 EDM_GAP_FULL_V=331.2345"))
+    said = here("firmware", "flash", image, OFF)
+    assert "Settings of the image: EDM_GAP_FULL_A 1.2, EDM_GAP_FULL_V 331.2345." in said.out
+
+
 def test_flash_without_a_tool_says_how_to_install_one(here: Here, board: FakeBoard, image: str) -> None:
     said = here("firmware", "flash", image, OFF, "--json")
     assert (said.exit_code, said.document["error"]["code"]) == (8, "E8120")

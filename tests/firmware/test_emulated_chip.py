@@ -91,3 +91,27 @@ def test_a_reset_does_not_hide_what_the_image_did(chip: Any) -> None:
     registers.write_register(chip.r, at.address(at.TIM14, at.TIM_ARR) - at.PERIPHERALS, 4, 1)
     chip.reset(_module("chip").Reset.PIN)
     assert chip.errors == (1, 0x4000_202C)
+
+
+CONDITIONAL_LOADS = bytes.fromhex("06bf 0b68 0a68 0124 7047")
+"""itte eq; ldreq r3, [r1]; ldreq r2, [r1]; movne r4, #1; bx lr"""
+THREE_MOVES = bytes.fromhex("0125 0126 0127")
+"""movs r5, #1; movs r6, #1; movs r7, #1"""
+
+
+def test_a_conditional_load_from_a_page_that_is_new_skips_nothing_behind_it(chip: Any) -> None:
+    """Unicorn's virtual TLB would: where it asks for a page in an IT block, the next block begins in that one."""
+    arm_const = pytest.importorskip("unicorn.arm_const")
+    moves = (arm_const.UC_ARM_REG_R5, arm_const.UC_ARM_REG_R6, arm_const.UC_ARM_REG_R7)
+    flash_at, sram_at, code = _module("chip").FLASH_AT, _module("addresses").SRAM_AT, 0x100000
+    after = code + len(CONDITIONAL_LOADS)
+    chip.flash[code : after + len(THREE_MOVES)] = list(CONDITIONAL_LOADS + THREE_MOVES)
+    chip.r[_module("registers").LIMIT] = 1 << 40
+    engine = chip._engine
+    for register in moves:
+        engine.reg_write(register, 0)
+    engine.reg_write(arm_const.UC_ARM_REG_R1, sram_at + 0x20000)
+    engine.reg_write(arm_const.UC_ARM_REG_LR, flash_at + after | 1)
+    engine.reg_write(arm_const.UC_ARM_REG_XPSR, 0x41000000)  # equal, Thumb
+    engine.emu_start(flash_at + code | 1, flash_at + after + len(THREE_MOVES))
+    assert [engine.reg_read(register) for register in moves] == [1, 1, 1]

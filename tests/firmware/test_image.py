@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes as ct
 import re
 import subprocess
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,6 @@ from tests.firmware_tools import need_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from edmctl.firmware.build import Build
 
@@ -40,6 +40,20 @@ def test_it_fits(image: Elf) -> None:
     assert 200 * KB < ram <= RAM_MOST
     assert image.symbols["image_size"] <= FLASH_MOST
     assert image.symbols["image_end"] - FLASH == image.symbols["image_size"]
+
+
+def test_the_page_says_how_much_it_takes(image: Elf, request: pytest.FixtureRequest) -> None:
+    """Within 1 KiB: a change of a line in the core is no change of the page."""
+    page = (Path(__file__).parents[2] / "docs" / "firmware.md").read_text(encoding="utf-8")
+    said = re.search(
+        r"flash ([\d.]+) KiB \(gcc\) or ([\d.]+) KiB \(zig\); SRAM ([\d.]+) KiB, CCM ([\d.]+) KiB", page
+    )
+    assert said is not None
+    flash = image.bytes_in(FLASH, FLASH + FLASH_MOST, loaded=True) + image.sections[".data"].size
+    by_gcc = request.node.callspec.params["image"] == "gcc"
+    assert flash / KB == pytest.approx(float(said[1 if by_gcc else 2]), abs=1.0)
+    assert image.bytes_in(SRAM, SRAM + 192 * KB) / KB == pytest.approx(float(said[3]), abs=1.0)
+    assert image.bytes_in(CCM, CCM + 64 * KB) / KB == pytest.approx(float(said[4]), abs=1.0)
 
 
 def test_the_vectors_are_at_the_begin_of_the_flash(image: Elf) -> None:

@@ -258,6 +258,16 @@ def test_a_filter_that_is_too_long_or_too_short_fails(monkeypatch: pytest.Monkey
         assert "chain" in failing(NEEDS)
 
 
+def test_a_loop_does_not_burn_its_resistor_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    """26.4 V at 4.7 kΩ, contacts closed for years: 5.6 mA, 0.148 W, and the bill asks for more than twice that."""
+    assert pytest.approx(break_chain.loop_w()) == 26.4 * 26.4 / 4700.0
+    bill_says = re.search(r"7 optocouplers, each with 4\.7 kΩ, ([\d.]+) W:", PAGE.read_text(encoding="utf-8"))
+    assert bill_says is not None
+    assert float(bill_says[1]) > 2 * 0.148
+    monkeypatch.setattr(break_chain, "LOOP_W", 0.1)
+    assert failing(NEEDS) == {"chain"}
+
+
 def test_contacts_that_are_asked_for_are_those_that_are_used() -> None:
     text = PAGE.read_text(encoding="utf-8")
     estop, door = break_chain.contacts()
@@ -450,6 +460,13 @@ def test_thresholds_by_a_divider_that_is_a_little_off_fail(monkeypatch: pytest.M
 # The page
 
 
+def monitor_mv() -> tuple[float, float]:
+    """What a volt of the actuator is at the pin of the monitor, and its 0 V, by conductances at the node."""
+    signal, offset, ground = (1.0 / ohm for ohm in actuator.MONITOR_OHM)
+    whole = signal + offset + ground
+    return 1e3 * signal / whole, 1e3 * 3.3 * offset / whole
+
+
 def test_figures_in_the_text_are_those_of_the_sums() -> None:
     text = " ".join(PAGE.read_text(encoding="utf-8").split())
     tau_us = 9.9e3 * gap_voltage.TAP_F * 1e6
@@ -481,6 +498,7 @@ def test_figures_in_the_text_are_those_of_the_sums() -> None:
             "-", "−"
         ),
         f"a peak current below {0.2 / 3.3 * NEEDS.scale['EDM_PEAK_FULL_A']:.2f} A",
+        "{:.1f} mV/V and {:.0f} mV at 0 V at the monitor".format(*monitor_mv()),
         f"0.275 V/A ({10 * 5.5 * 0.05:.2f} in the finer range)",
     ):
         assert sentence in text, sentence

@@ -219,7 +219,7 @@ def _between() -> list[str]:
         _line([(loop, _y(11) - BLOCK / 2), (loop, _y(9.6)), (float(LEFT[1]), _y(9.6))], False, False)
     )
     usb = (LEFT[0] + LEFT[1]) / 2
-    drawn.append(_line([(usb, _y(0) + BLOCK / 2), (usb, _y(1) - BLOCK / 2)], True, True))
+    drawn.append(_line([(usb, _y(0) + BLOCK / 2), (usb, _y(1) - BLOCK / 2)], False, False))
     return drawn
 
 

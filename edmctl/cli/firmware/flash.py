@@ -67,12 +67,14 @@ def flash(
     from edmctl.jobs.board_firmware import FlashReport, FlashRequest, flash_board, image_doubts
     from edmctl.link.messages import SCHEMA_HASH
     from edmctl.profile.setup import load_setup
+    from edmctl.results.firmware import settings_text
 
     read = read_image(image, SCHEMA_HASH)
     outcome.warn(image_doubts(read.facts))
+    settings = settings_text(read.facts.settings)
     report = FlashReport(read.facts)
     request = FlashRequest(read, tool, probe, port, wait)
-    confirm = partial(_confirm, outcome.output, is_said=high_voltage_is_off)
+    confirm = partial(_confirm, outcome.output, settings, is_said=high_voltage_is_off)
     try:
         say = partial(tell, outcome.output)
         flash_board(request, report, load_setup(setup), say, shell().environ, confirm)
@@ -81,7 +83,7 @@ def flash(
         outcome.text = _told(report)
 
 
-def _confirm(output: Output, board: "Board", *, is_said: bool) -> None:
+def _confirm(output: Output, settings: str, board: "Board", *, is_said: bool) -> None:
     """Go on only where somebody says that the high voltage is off. Raises PreconditionError E8124."""
     from edmctl.errors import PreconditionError
 
@@ -94,6 +96,7 @@ def _confirm(output: Output, board: "Board", *, is_said: bool) -> None:
         raise PreconditionError("Nobody has said that the high voltage is off.", hint=remedy, code="E8124")
     mutter(
         f"While {board.title} is flashed nothing guards the machine, and its outputs float.\n"
+        f"Settings of the image: {settings}.\n"
         f"Is the high voltage off, by its switch and by its meter? Type `{_ANSWER}` to flash: "
     )
     if sys.stdin.readline().strip() != _ANSWER:
@@ -101,10 +104,13 @@ def _confirm(output: Output, board: "Board", *, is_said: bool) -> None:
 
 
 def _told(report: "FlashReport") -> str:
+    from edmctl.results.firmware import settings_text
+
     if report.flashed is None:
         return ""
     done, image = report.flashed, report.image
-    text = f"{image.board_name}: {done.size_bytes} bytes written by {done.tool}, read back and the same; started."
+    text = f"Settings of the image: {settings_text(image.settings)}.\n"
+    text += f"{image.board_name}: {done.size_bytes} bytes written by {done.tool}, read back and the same; started."
     if report.after is not None:
         serial = f" ({report.after.serial})" if report.after.serial else ""
         text += f"\nThe board at {report.after.port}{serial} answers."

@@ -20,6 +20,8 @@ from tools.generate.circuits.common import (
 from tools.generate.circuits.generator import CAPACITOR_SPREAD, SHORT_S
 
 CHAIN_OHM, CHAIN_PULL_OHM, OPTO_V, OPTO_DARK_A = 680.0, 10 * KOHM, 0.3, 10e-6
+LOOP_V, LOOP_SPREAD, LOOP_OHM, LOOP_W = 24.0, 0.1, 4.7 * KOHM, 0.5
+"""Loop of a contact: its supply, and the resistor, with the power that it is rated for."""
 FILTER_OHM, FILTER_F, FILTER_SPREAD = 1 * KOHM, 1 * NF, 0.01
 MOSFET_OHM, GATE_OHM = 10.0, 220.0
 """Of the over-current's MOSFET: closed, and the resistor at its gate."""
@@ -82,6 +84,11 @@ def glitch_s() -> float:
     return tau_s * log(healthy_v() / (HIGH_SHARE * VDDA_V * (1 - VDDA_SPREAD)))
 
 
+def loop_w() -> float:
+    """Greatest lasting power of a loop's resistor, as if the LED were a short."""
+    return (LOOP_V * (1 + LOOP_SPREAD)) ** 2 / LOOP_OHM
+
+
 def hardware_break(n: Needs) -> Circuit:
     """Over-current, e-stop and door to the break input."""
     del n
@@ -93,7 +100,8 @@ def hardware_break(n: Needs) -> Circuit:
         (
             (
                 "contacts",
-                "e-stop and door in series in a loop of 24 V, 4.7 kΩ and the LED of an optocoupler: 5 mA",
+                f"e-stop and door in series in a loop of {LOOP_V:g} V, {LOOP_OHM / KOHM:g} kΩ, {LOOP_W:g} W, and "
+                f"the LED of an optocoupler: {1e3 * LOOP_V / LOOP_OHM:.0f} mA",
             ),
             ("to the node", f"transistor of the optocoupler from 3.3 V, then {CHAIN_OHM:g} Ω"),
             (
@@ -133,6 +141,12 @@ def hardware_break(n: Needs) -> Circuit:
                 f"< {1e6 * SHORT_S:g} µs: what the transistor bears of a short",
                 f"{1e6 * off_s:.2f} µs",
                 off_s < SHORT_S,
+            ),
+            Check(
+                f"power of a loop's {LOOP_OHM / KOHM:g} kΩ at {LOOP_V * (1 + LOOP_SPREAD):.1f} V, contacts closed",
+                f"< half of {LOOP_W:g} W",
+                f"{loop_w():.2f} W",
+                loop_w() < LOOP_W / 2.0,
             ),
         ),
     )

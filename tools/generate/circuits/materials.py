@@ -101,6 +101,7 @@ def materials(n: Needs) -> list[Material]:
     coarse, fine = (ohm for ohm, _, _ in gap_current.SHUNTS.values())
     creepage = f"{generator.CREEPAGE_MM:g} mm of creepage"
     slow_s, fast_s = touching.SWITCHES[0][1], touching.SWITCHES[-1][1]
+    loop = f"{break_chain.LOOP_OHM / KOHM:g} kΩ, {break_chain.LOOP_W:g} W"
     every = circuits(n)
     pulls = tuple(f"outputs: {part}" for part, _ in every[0].parts if part != "none")
     peaks = sorted({peak_a for _, peak_a in generator.SETTINGS})
@@ -125,7 +126,7 @@ def materials(n: Needs) -> list[Material]:
         Material(
             "supply of −0.23 V",
             "charge pump without noise (LM7705 class), with the capacitors of its data sheet",
-            ("divider: buffer", "current: amplifier"),
+            ("divider: buffer", "current: amplifier", "monitor: behind it"),
         ),
         Material("USB isolator", "full speed, 12 Mb/s"),
         Material(
@@ -317,8 +318,8 @@ def materials(n: Needs) -> list[Material]:
         Material("door switch", f"{door} contacts of forced opening", ("chain: contacts",)),
         Material(
             "loops of 24 V",
-            f"{len(break_chain.LOOPS)} optocouplers with 4.7 kΩ: {', '.join(break_chain.LOOPS)}; behind each but "
-            "the first 10 kΩ and 100 nF",
+            f"{len(break_chain.LOOPS)} optocouplers, each with {loop}: {', '.join(break_chain.LOOPS)}; behind "
+            "each but the first 10 kΩ and 100 nF",
             ("chain: contacts", "chain: to the node", "pump: behind it"),
         ),
         Material(

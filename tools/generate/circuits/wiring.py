@@ -59,7 +59,7 @@ def wirings() -> dict[str, tuple[Wired, ...]]:
         ),
         "chain": (
             Wired(
-                "e-stop, door, R1 4.7 kΩ, LED of U1",
+                f"e-stop, door, R1 {break_chain.LOOP_OHM / KOHM:g} kΩ, {break_chain.LOOP_W:g} W, LED of U1",
                 "in series: 24 V – e-stop – door – R1 – LED – minus of the 24 V",
             ),
             Wired("U1, optocoupler", "collector 3.3 V, emitter LOOP"),
