@@ -11,6 +11,7 @@ from edmctl.actuator.compiling import compiled
 PERIPHERALS, SYSTEM, TRACE, DEBUG = 0x40000000, 0xE000E000, 0xE0001000, 0xE0042000
 PERIPHERAL_BYTES, PAGE_BYTES = 0x28000, 0x1000
 SRAM_AT, SRAM_BYTES = 0x20000000, 0x30000
+CCM_AT, CCM_BYTES = 0x10000000, 0x10000
 SYSTEM_AT, TRACE_AT, MODEL_AT = 0xA000, 0xA400, 0xA800
 """Places of their words, and of those of the model, behind the peripherals."""
 

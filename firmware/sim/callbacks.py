@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 from numba import carray, types  # type: ignore[attr-defined]
+from unicorn.arm_const import UC_ARM_REG_XPSR
+from unicorn.unicorn_const import UC_MEM_FETCH, UC_PROT_ALL, UC_PROT_READ, UC_PROT_WRITE
 
 from edmctl.actuator.compiling import callback
 
-from .addresses import DBGMCU_APB1_FZ, DWT_CYCCNT, SYSTEM_AT, TRACE_AT
+from .addresses import CCM_AT, DBGMCU_APB1_FZ, DWT_CYCCNT, SRAM_AT, SYSTEM_AT, TRACE_AT
 from .calling import call
 from .registers import (
     DEBUG_FREEZE,
@@ -27,6 +29,11 @@ from .registers import (
 _READ = types.uint64(types.voidptr, types.uint64, types.uint32, types.voidptr)
 _WRITE = types.void(types.voidptr, types.uint64, types.uint32, types.uint64, types.voidptr)
 _BLOCK = types.void(types.voidptr, types.uint64, types.uint32, types.voidptr)
+_FILL = types.boolean(types.voidptr, types.uint64, types.int32, types.voidptr, types.voidptr)
+_IT_BITS = 0x0600FC00  # of the xPSR: PM0214 §2.1.3
+
+FILL_ENGINE, FILL_READ, FILL_WRITE, FILL_VALUE_AT, FILL_VALUE, FILL_WORDS = range(6)
+"""What `on_fill` needs: Unicorn, its functions that read and write a register, and where the value goes."""
 
 
 @callback(_READ)
@@ -108,3 +115,27 @@ def on_block(_: Any, address: Any, size: Any, words: Any) -> None:
     if r[STOP] or r[HALFWORDS] > r[LIMIT]:
         r[STOP] = 1
         call(r[STOP_FUNCTION], (r[ENGINE],))
+
+
+@callback(_FILL)
+def on_fill(_: Any, address: Any, kind: Any, entry: Any, words: Any) -> Any:
+    """Unicorn's way from an address to memory: the same address, and what may be done there as far as this knows.
+
+    Where nothing is executed nothing may be: Unicorn would look for code it has translated at every write. Whether
+    there is memory, and open, it asks itself.
+
+    Before it asks it sets the processor back to the instruction that wanted the address. Within an IT block that
+    leaves the block's state to the code behind, which has begun without it: what is conditional would be again.
+    """
+    fill = carray(words, (FILL_WORDS,), np.int64)
+    value_at = np.int64(fill[FILL_VALUE_AT])
+    call(fill[FILL_READ], (fill[FILL_ENGINE], np.int64(UC_ARM_REG_XPSR), value_at))
+    if fill[FILL_VALUE] & _IT_BITS:
+        fill[FILL_VALUE] &= ~_IT_BITS
+        call(fill[FILL_WRITE], (fill[FILL_ENGINE], np.int64(UC_ARM_REG_XPSR), value_at))
+    place: Any = np.int64(address)
+    is_code = (place < SRAM_AT and place >> 16 != CCM_AT >> 16) or kind == UC_MEM_FETCH
+    told = carray(entry, (2,), np.int64)
+    told[0] = place
+    told[1] = UC_PROT_ALL if is_code else UC_PROT_READ | UC_PROT_WRITE
+    return True

@@ -20,6 +20,8 @@ from edmctl.actuator.compiling import compiled
 from . import callbacks
 from . import registers as reg
 from .addresses import (
+    CCM_AT,
+    CCM_BYTES,
     DEBUG,
     EXTI,
     EXTI_IMR,
@@ -53,7 +55,6 @@ if TYPE_CHECKING:
     from edmctl.firmware.elf import Elf
 
 FLASH_AT, FLASH_BYTES = 0x08000000, 0x200000
-CCM_AT, CCM_BYTES = 0x10000000, 0x10000
 SYSTEM_MEMORY_AT, SYSTEM_MEMORY_BYTES = 0x1FFF7000, 0x1000
 _NUMBER = slice(0xA10, 0xA1C)  # of the chip (RM0090 §39.1)
 TICK_HALFWORDS = 168_000
@@ -269,16 +270,25 @@ class Chip:
             )
         self.r[reg.ENGINE] = ctypes.cast(self._uc, ctypes.c_void_p).value or 0
         self.r[reg.STOP_FUNCTION] = ctypes.cast(uclib.uc_emu_stop, ctypes.c_void_p).value or 0
-        hook = ctypes.c_size_t()
-        self._call(
-            "uc_hook_add",
-            ctypes.byref(hook),
-            unicorn_const.UC_HOOK_BLOCK,
-            ctypes.c_void_p(callbacks.on_block.address),
-            words,
-            ctypes.c_uint64(1),
-            ctypes.c_uint64(0),
-        )
+        self._engine.ctl_set_tlb_mode(unicorn_const.UC_TLB_VIRTUAL)
+        fill = self._fill = np.zeros(callbacks.FILL_WORDS, np.int64)
+        fill[callbacks.FILL_ENGINE] = self.r[reg.ENGINE]
+        fill[callbacks.FILL_READ] = ctypes.cast(uclib.uc_reg_read, ctypes.c_void_p).value or 0
+        fill[callbacks.FILL_WRITE] = ctypes.cast(uclib.uc_reg_write, ctypes.c_void_p).value or 0
+        fill[callbacks.FILL_VALUE_AT] = fill.ctypes.data + 8 * callbacks.FILL_VALUE
+        for kind, hook, of_hook in (
+            (unicorn_const.UC_HOOK_BLOCK, callbacks.on_block, words),
+            (unicorn_const.UC_HOOK_TLB_FILL, callbacks.on_fill, ctypes.c_void_p(fill.ctypes.data)),
+        ):
+            self._call(
+                "uc_hook_add",
+                ctypes.byref(ctypes.c_size_t()),
+                kind,
+                ctypes.c_void_p(hook.address),
+                of_hook,
+                ctypes.c_uint64(1),
+                ctypes.c_uint64(0),
+            )
         names = ("R0", "R1", "R2", "R3", "R12", "LR", "PC", "XPSR")
         self._sets = [
             _Registers(*names, "SP", "CONTROL", "MSP", "PRIMASK"),

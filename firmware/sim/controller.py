@@ -24,7 +24,8 @@ from edmctl.simulator.injection import Trigger
 from edmctl.simulator.injector import Injector
 from edmctl.simulator.plant_interface import TICK_NS
 
-from .chip import CCM_AT, FLASH_AT, LOCKED_UP, PC, Chip, ChipFailed, Reset
+from .addresses import CCM_AT
+from .chip import FLASH_AT, LOCKED_UP, PC, Chip, ChipFailed, Reset
 from .circuit import INPUT_MS, STEP_DEG, STEP_UM, Bench
 from .converters import NOISE, SAMPLES_PER_MS
 from .host_side import REPLY_BIT, Samples, Stm32Link, Waiting
