@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from random import Random
 from typing import TYPE_CHECKING, Any
@@ -494,6 +495,36 @@ def test_nothing_opens_the_gate_until_the_break_is_told(rig: Rig) -> None:
     assert start.status == STATUS["OK"]
     assert rig.controller.fault == 0
     assert rig.peer.fault(0.5)["code"] == GEN_FAULT
+    assert rig.plant.drive.pulse_starts == starts
+    rig.latched(GEN_FAULT)
+
+
+def test_a_break_while_the_gate_is_being_opened_lets_no_pulse_out(rig: Rig) -> None:
+    """It comes after the look at the input and is over before MOE is set: its flag alone tells."""
+    peer = rig.peer
+    assert peer.command("SERVO_STOP").status == STATUS["OK"]
+    peer.pump(0.05)
+    assert not rig.pulses_on
+    starts, seen = rig.plant.drive.pulse_starts, []
+    addresses = sys.modules[emulator_of(rig.chip).__name__.rpartition(".")[0] + ".addresses"]
+
+    def break_for_an_instant(*_: object) -> None:
+        seen.append(True)
+        rig.chip.r[addresses.register(addresses.TIM1, addresses.TIM_SR)] |= addresses.BIF
+
+    at = rig.chip.image.symbols["inputs_put_mode"][0] & ~1
+    engine, code = rig.chip._engine, importlib.import_module("unicorn.unicorn_const").UC_HOOK_CODE
+    hook = engine.hook_add(code, break_for_an_instant, begin=at, end=at)
+    engine.ctl_flush_tb()
+    try:
+        start = peer.command("SERVO_START", gap_ref_v=20.0, z_limit_um=10.0, max_time_s=1.0)
+        assert start.status == STATUS["OK"]
+        rig.controller.advance(2)
+    finally:
+        engine.hook_del(hook)
+        engine.ctl_flush_tb()
+    assert seen
+    assert peer.fault(0.5)["code"] == GEN_FAULT
     assert rig.plant.drive.pulse_starts == starts
     rig.latched(GEN_FAULT)
 
