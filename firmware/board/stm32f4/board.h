@@ -64,6 +64,9 @@ void actuator_start(void);
 void actuator_put(real volts);
 real actuator_left(void);
 
+/* image.c */
+uint32_t image_check(void);
+
 /* inputs.c */
 bool inputs_contact(void);
 void inputs_put_mode(bool generator);
