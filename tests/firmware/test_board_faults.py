@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 import sys
 from random import Random
 from typing import TYPE_CHECKING, Any
@@ -703,3 +704,53 @@ def test_a_contact_that_comes_and_goes_by_itself_is_told(shared_rig: Rig) -> Non
     assert rig.peer.fault(20.0)["code"] == STUCK_CONTACT
     assert rig.plant.drive.pulse_starts == starts
     rig.latched(STUCK_CONTACT)
+
+
+# ------------------------------------------------------------------------------------------------------ the clock
+def test_a_clock_that_goes_with_the_plug_leaves_nobody_near_the_work(rig: Rig) -> None:
+    """The chip's own oscillator takes the tool back; gate and high voltage stay off until the clock is back."""
+    assert rig.plant.state.amplifier_v > 1.0
+    registers = sys.modules[rig.controller._loop.__globals__["run"].__module__].reg
+    rig.chip.r[registers.CLOCK_LOST] = 1
+    rig.chip.core[emulator_of(rig.chip).PC] = rig.chip.image.symbols["nmi_handler"][0] & ~1
+    starts, before = rig.plant.drive.pulse_starts, len(rig.chip.resets)
+    put_v = [float(rig.plant.drive.actuator_v)]
+    for _ in range(3000):
+        rig.controller.advance(1)
+        assert not rig.pulses_on
+        put_v.append(float(rig.plant.drive.actuator_v))
+    assert [reset.name for reset in rig.chip.resets[before:]] == ["SOFTWARE"]
+    assert all(later <= sooner for sooner, later in itertools.pairwise(put_v))
+    assert put_v[-1] == 0.0
+    assert rig.plant.state.amplifier_v < 0.5
+    assert rig.controller.fault == RESET
+    assert rig.bench.alive_ticks > 2000, "the high voltage has gone"
+    rig.peer.hello()
+    acts.clear(rig.peer)
+    acts.arm(rig.peer)
+    rig.peer.ok("PULSE_ENABLE", on=1)
+    acts.servo_start(rig.peer)
+    rig.peer.pump(0.05)
+    assert rig.plant.drive.pulse_starts == starts
+    rig.chip.r[registers.CLOCK_LOST] = 0
+    assert rig.reset_within(3) == "SOFTWARE"
+    rig.controller.advance(30)
+    rig.peer.hello()
+    acts.settle(rig.peer)
+    acts.start_pulses(rig.peer)
+    rig.peer.pump(0.05)
+    assert rig.plant.drive.pulse_starts > starts
+
+
+def test_a_board_without_a_clock_begins_when_it_comes(rig: Rig) -> None:
+    registers = sys.modules[rig.controller._loop.__globals__["run"].__module__].reg
+    rig.chip.r[registers.CLOCK_LOST] = 1
+    rig.controller.reset(ResetCause.POWER_ON)
+    rig.controller.advance(100)
+    resets = len(rig.chip.resets)
+    rig.chip.r[registers.CLOCK_LOST] = 0
+    assert rig.reset_within(3) == "SOFTWARE"
+    rig.controller.advance(30)
+    assert len(rig.chip.resets) == resets + 1
+    rig.peer.hello()
+    assert rig.peer.state() == "IDLE"

@@ -91,3 +91,16 @@ def test_a_reset_does_not_hide_what_the_image_did(chip: Any) -> None:
     registers.write_register(chip.r, at.address(at.TIM14, at.TIM_ARR) - at.PERIPHERALS, 4, 1)
     chip.reset(_module("chip").Reset.PIN)
     assert chip.errors == (1, 0x4000_202C)
+
+
+def test_the_flag_of_a_break_stays_while_its_input_is_active(chip: Any) -> None:
+    """RM0090 §17.4.5: it can be cleared by software once the input is not active."""
+    at, registers = _module("addresses"), _module("registers")
+    place, address = at.register(at.TIM1, at.TIM_SR), at.address(at.TIM1, at.TIM_SR) - at.PERIPHERALS
+    chip.r[place] |= at.BIF
+    chip.r[registers.IS_BROKEN] = 1
+    registers.write_register(chip.r, address, 4, 0xFFFFFFFF & ~at.BIF)
+    assert chip.r[place] & at.BIF
+    chip.r[registers.IS_BROKEN] = 0
+    registers.write_register(chip.r, address, 4, 0xFFFFFFFF & ~at.BIF)
+    assert not chip.r[place] & at.BIF

@@ -25,6 +25,8 @@ _Noreturn void startup_restart(void);
 
 /* clock.c */
 void clock_start(void);
+bool clock_is_own(void);
+bool clock_is_back(void);
 
 /* supply.c */
 void supply_start(void);
