@@ -62,6 +62,8 @@ class Tool:
     name = ""
     programs: tuple[str, ...] = ()
     install = ""
+    by_st_link = True
+    takes_first = False  # of several boards, without a word
 
     def __init__(self, command: tuple[str, ...], probe: str | None) -> None:
         self.command = command
@@ -126,9 +128,7 @@ class Tool:
 
     def _check(self, command: Sequence[str], status: int, said: str) -> None:
         if _SEVERAL.search(said):
-            raise no_board(
-                f"{self.name} finds several boards.", "Unplug the others, or say which with --probe ID."
-            )
+            raise several_boards(self.name)
         if _NO_RIGHT.search(said):
             raise no_board(
                 f"{self.name} may not open the board's USB port.",
@@ -190,6 +190,7 @@ class OpenOcd(Tool):
 
     name, programs = "openocd", ("openocd",)
     install = "`apt install openocd`"
+    takes_first = True
 
     def _do(self, board: Board, *commands: str) -> str:
         quiet = [f"{port} disabled" for port in ("gdb_port", "tcl_port", "telnet_port")]
@@ -249,6 +250,7 @@ class DfuUtil(Tool):
 
     name, programs = "dfu-util", ("dfu-util",)
     install = "`apt install dfu-util`"
+    by_st_link = False
     _USB_ID = "0483:df11"
 
     def _at(self) -> tuple[str, ...]:
@@ -382,6 +384,11 @@ def _id_in(said: str, pattern: str, tool: str) -> int:
 def no_board(message: str, remedy: str) -> PreconditionError:
     """The error of a tool that reaches no board."""
     return PreconditionError(message.replace(" .", "."), hint=remedy, code="E8121")
+
+
+def several_boards(tool: str) -> PreconditionError:
+    """The error of a choice that nobody made."""
+    return no_board(f"{tool} finds several boards.", "Unplug the others, or say which with --probe ID.")
 
 
 def wrong_chip(board: Board, found: str) -> PreconditionError:

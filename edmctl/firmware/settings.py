@@ -27,8 +27,12 @@ MAGIC = b"EDMS"
 _DEFAULT = re.compile(r"^#ifndef (EDM_\w+)\n#define \1 (R\()?(-?\d+(?:\.\d+)?)\b", re.MULTILINE)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _TOLD = re.compile(r"(EDM_[A-Z0-9_]+)=([^ ]+)", re.ASCII)
-_RANGES = {"EDM_BAUD": (9600, 2_000_000), "EDM_MOST_STEPS_PER_MS": (1, 140)}
-"""Of whole numbers: what the line's ring and the timers of the stages do."""
+_RANGES = {
+    "EDM_BAUD": (9600, 2_000_000),
+    "EDM_MOST_STEPS_PER_MS": (1, 140),
+    "EDM_OFF_NS_MIN": (10_000, 1_000_000),
+}
+"""Of whole numbers: what the line's ring, the timers of the stages and those who look for pulses do."""
 _LEAST, _MOST = 1e-6, 1e6
 """Of the others; a `float` of the board tells all of them apart from 0."""
 _ORDERED = (

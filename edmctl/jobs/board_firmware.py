@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, LinkLost, PreconditionError, ProtocolMismatch, UsageError
 from edmctl.firmware.boards import board_name, board_of
-from edmctl.firmware.flash_tools import Flashed, find_tool, flash, wrong_chip
+from edmctl.firmware.flash_tools import Flashed, find_tool, flash, no_board, several_boards, wrong_chip
 from edmctl.jobs.connect import line_to
 from edmctl.jobs.doctor_host import fail, ok, warn
 from edmctl.jobs.plan import where_is
 from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH
+from edmctl.link.ports import ST_LINK_IDS, listed_ports, port_owner, same_port
 from edmctl.link.session import Session
 from edmctl.results.equipment import Check, CheckStatus
 from edmctl.results.firmware import BoardFacts, dotted, hexadecimal, settings_text
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from edmctl.firmware.boards import Board
+    from edmctl.firmware.flash_tools import Tool
     from edmctl.firmware.image import Image
+    from edmctl.link.ports import PortInfo
     from edmctl.profile.setup import Setup
     from edmctl.results.firmware import ImageFacts
 
@@ -233,6 +236,7 @@ def flash_board(
     tool = find_tool(request.tool, request.probe)
     if request.port is None:
         _refuse_held_ports()
+        _refuse_to_guess(tool)
         confirm(board)
         report.flashed = flash(tool, board, request.image.data, say)
         return
@@ -248,6 +252,8 @@ def flash_board(
             say(f"No controller answers at {request.port}; it may be a new board.")
         else:
             _refuse(asked.board, board)
+        _take_st_link_of(request.port, tool)
+        _refuse_to_guess(tool)
         confirm(board)
         report.flashed = flash(tool, board, request.image.data, say)
         say("Started; the board is asked who it is.")
@@ -278,15 +284,36 @@ def _refuse(found: BoardFacts, board: Board) -> None:
 
 def _refuse_held_ports() -> None:
     """Without a port nobody can be asked, but an ST-LINK whose serial port another program holds tells enough."""
-    from edmctl.link.ports import ST_LINK_IDS, listed_ports, port_owner
-
-    for port in listed_ports():
-        if port.usb_id in ST_LINK_IDS and (owner := port_owner(Path(port.device))):
+    for port in _st_links():
+        if owner := port_owner(Path(port.device)):
             raise LinkLost(
                 f"{port.device} is held by {owner}: a job may run on the board behind it.",
                 hint="End the other program, or name the port of the board that is meant with --port.",
                 code="E4006",
             )
+
+
+def _take_st_link_of(port: str, tool: Tool) -> None:
+    """Have the tool flash the board that was asked: the ST-LINK of its port, of however many there are."""
+    if not tool.by_st_link:
+        return
+    serial = next((one.usb_serial for one in _st_links() if same_port(port, one.device)), "")
+    if serial and tool.probe and tool.probe.lower() not in serial.lower():
+        raise no_board(
+            f"{port} is of the ST-LINK {serial}, and --probe names {tool.probe}: another board than was asked.",
+            "Leave --probe out, or name the port of that board.",
+        )
+    tool.probe = serial or tool.probe
+
+
+def _refuse_to_guess(tool: Tool) -> None:
+    """Refuse one of several boards by a tool that would take the first one: a job may run there."""
+    if tool.takes_first and not tool.probe and len(_st_links()) > 1:
+        raise several_boards(tool.name)
+
+
+def _st_links() -> list[PortInfo]:
+    return [port for port in listed_ports() if port.usb_id in ST_LINK_IDS]
 
 
 def image_doubts(image: ImageFacts) -> list[Diagnostic]:

@@ -18,6 +18,7 @@ from .addresses import (
     ADC3,
     ADC_CR2,
     ADC_SR,
+    BIF,
     BKE,
     CRC,
     DAC,
@@ -157,9 +158,11 @@ DEBUG_FREEZE = MODEL_AT + 26  # DBGMCU_APB1_FZ
 BDTR_WRITTEN = MODEL_AT + 27  # 1: the level of TIM1's lock stays
 MPU_REGIONS = SYSTEM_AT + (0xE00 >> 2)  # base and attributes of eight, where the core has nothing
 PINS = MODEL_AT + 32  # levels from outside, a word a port
+CLOCK_LOST = PINS + 14  # 1: the ST-LINK gives no clock
 SUPPLY_LOW = PINS + 15  # 1: the supply is below the voltage detector's threshold
 RELOAD = MODEL_AT + 48  # of the 16 DMA streams: NDTR when they were enabled
 
+HSEON, HSERDY = 1 << 16, 1 << 17
 FLAGS_AT = np.array([0, 6, 16, 22])
 """Where the flags of a DMA stream are in its word, by the stream's number modulo 4 (RM0090 §10.5.1)."""
 _STREAM_FLAGS, _FCR = 0x3D, 5
@@ -303,7 +306,8 @@ def write_timer(r: np.ndarray, page: int, offset: int, at: int, value: int) -> N
     if axis_of(page) >= 0:
         follow(r, page, r[HALFWORDS] + r[TICK_LATE])
     if offset == TIM_SR:
-        r[at] &= value
+        held = BIF if page == TIM1 and r[IS_BROKEN] else 0  # not cleared while the input is active (§17.4.5)
+        r[at] &= value | held
     elif offset == TIM_EGR:
         if value & UG:
             r[word(page, TIM_CNT)] = 0
@@ -336,6 +340,8 @@ def write_clocks(r: np.ndarray, at: int, value: int) -> None:
     if offset == RCC_CR:
         for on, ready in ((0, 1), (16, 17), (24, 25)):
             value = value & ~(1 << ready) | (value >> on & 1) << ready
+        if r[CLOCK_LOST]:
+            value &= ~HSERDY
     elif offset == RCC_CFGR:
         value = value & ~0xC | (value & 3) << 2
     elif offset == RCC_BDCR:
@@ -489,6 +495,8 @@ def read_register(r: np.ndarray, offset: int) -> int:
         return int((r[PINS + page - PORT_A] & ~outputs & 0xFFFF) | (r[word(page, GPIO_ODR)] & outputs))
     if page in (TIM2, TIM5) and here == TIM_CNT:
         return int((r[BASE_84] + (r[HALFWORDS] >> 1)) & 0xFFFFFFFF)
+    if page == RCC and here == RCC_CR:
+        return int(r[at] & ~HSERDY | (0 if r[CLOCK_LOST] else (r[at] & HSEON) << 1))
     if page == USART3 and here == USART_DR:
         r[word(USART3, USART_SR)] &= ~(0x0F)  # PE, FE, NF, ORE: status, then data (§30.6.1)
     if page == PWR and here == PWR_CSR:

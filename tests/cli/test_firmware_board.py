@@ -20,6 +20,7 @@ import pytest
 from edmctl.firmware.board_build import COMPILERS
 from edmctl.firmware.build import source_version
 from edmctl.link.messages import SCHEMA_HASH, State
+from edmctl.link.ports import PortInfo
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from tests.cli.commands import command, environment
 from tests.firmware.image_bytes import image_bytes
@@ -398,6 +399,59 @@ def test_flash_refuses_a_port_that_another_program_holds(
         line.close()
     assert (said.exit_code, said.document["error"]["code"]) == (4, "E4006")
     assert board.log == []
+
+
+NUCLEO, FIRST, OTHER = "0483:374b", "066DFF485550755187123543", "0671FF343056363043090732"
+
+
+@pytest.fixture
+def st_links(monkeypatch: pytest.MonkeyPatch, port: str) -> None:
+    """Two boards at this computer; the port is that of the second one."""
+    listed = [
+        PortInfo("/dev/none-of-these", usb_id=NUCLEO, usb_serial=FIRST),
+        PortInfo(port, usb_id=NUCLEO, usb_serial=OTHER),
+    ]
+    monkeypatch.setattr("edmctl.jobs.board_firmware.listed_ports", lambda: listed)
+
+
+@pytest.mark.usefixtures("st_links")
+@pytest.mark.parametrize(
+    ("tool", "option"),
+    [("pyocd", "--uid"), ("openocd", "adapter serial"), ("st-flash", "--serial")],
+)
+def test_flash_takes_the_board_that_was_asked(
+    here: Here, board: FakeBoard, image: str, port: str, tool: str, option: str
+) -> None:
+    """Another one may be at a job, and some tools take the first that they find."""
+    board.install(tool)
+    board.trouble("several")
+    said = here("firmware", "flash", image, OFF, "--port", port, "--json")
+    assert said.exit_code == 0, said.err
+    asked = [line for line in board.log if "st-info" not in line]
+    assert asked
+    assert all(f"{option} {OTHER}" in line for line in asked)
+
+
+@pytest.mark.usefixtures("st_links")
+def test_flash_refuses_another_board_than_was_asked(
+    here: Here, board: FakeBoard, image: str, port: str
+) -> None:
+    board.install("openocd")
+    said = here("firmware", "flash", image, OFF, "--port", port, "--probe", FIRST, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8121")
+    assert board.log == []
+    assert here("firmware", "flash", image, OFF, "--port", port, "--probe", OTHER.lower()).exit_code == 0
+
+
+@pytest.mark.usefixtures("st_links")
+def test_flash_leaves_no_choice_to_a_tool_that_takes_the_first_board(
+    here: Here, board: FakeBoard, image: str
+) -> None:
+    board.install("openocd")
+    said = here("firmware", "flash", image, OFF, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8121")
+    assert board.log == []
+    assert here("firmware", "flash", image, OFF, "--probe", FIRST).exit_code == 0
 
 
 def test_flash_refuses_the_image_of_another_board_than_answers(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import itertools
 import sys
 from random import Random
 from typing import TYPE_CHECKING, Any
@@ -498,6 +500,36 @@ def test_nothing_opens_the_gate_until_the_break_is_told(rig: Rig) -> None:
     rig.latched(GEN_FAULT)
 
 
+def test_a_break_while_the_gate_is_being_opened_lets_no_pulse_out(rig: Rig) -> None:
+    """It comes after the look at the input and is over before MOE is set: its flag alone tells."""
+    peer = rig.peer
+    assert peer.command("SERVO_STOP").status == STATUS["OK"]
+    peer.pump(0.05)
+    assert not rig.pulses_on
+    starts, seen = rig.plant.drive.pulse_starts, []
+    addresses = sys.modules[emulator_of(rig.chip).__name__.rpartition(".")[0] + ".addresses"]
+
+    def break_for_an_instant(*_: object) -> None:
+        seen.append(True)
+        rig.chip.r[addresses.register(addresses.TIM1, addresses.TIM_SR)] |= addresses.BIF
+
+    at = rig.chip.image.symbols["inputs_put_mode"][0] & ~1
+    engine, code = rig.chip._engine, importlib.import_module("unicorn.unicorn_const").UC_HOOK_CODE
+    hook = engine.hook_add(code, break_for_an_instant, begin=at, end=at)
+    engine.ctl_flush_tb()
+    try:
+        start = peer.command("SERVO_START", gap_ref_v=20.0, z_limit_um=10.0, max_time_s=1.0)
+        assert start.status == STATUS["OK"]
+        rig.controller.advance(2)
+    finally:
+        engine.hook_del(hook)
+        engine.ctl_flush_tb()
+    assert seen
+    assert peer.fault(0.5)["code"] == GEN_FAULT
+    assert rig.plant.drive.pulse_starts == starts
+    rig.latched(GEN_FAULT)
+
+
 def test_a_jump_may_be_asked_for_until_the_break_is_told(rig: Rig) -> None:
     rig.bench.input_ms = 8
     open_door(rig)
@@ -672,3 +704,53 @@ def test_a_contact_that_comes_and_goes_by_itself_is_told(shared_rig: Rig) -> Non
     assert rig.peer.fault(20.0)["code"] == STUCK_CONTACT
     assert rig.plant.drive.pulse_starts == starts
     rig.latched(STUCK_CONTACT)
+
+
+# ------------------------------------------------------------------------------------------------------ the clock
+def test_a_clock_that_goes_with_the_plug_leaves_nobody_near_the_work(rig: Rig) -> None:
+    """The chip's own oscillator takes the tool back; gate and high voltage stay off until the clock is back."""
+    assert rig.plant.state.amplifier_v > 1.0
+    registers = sys.modules[rig.controller._loop.__globals__["run"].__module__].reg
+    rig.chip.r[registers.CLOCK_LOST] = 1
+    rig.chip.core[emulator_of(rig.chip).PC] = rig.chip.image.symbols["nmi_handler"][0] & ~1
+    starts, before = rig.plant.drive.pulse_starts, len(rig.chip.resets)
+    put_v = [float(rig.plant.drive.actuator_v)]
+    for _ in range(3000):
+        rig.controller.advance(1)
+        assert not rig.pulses_on
+        put_v.append(float(rig.plant.drive.actuator_v))
+    assert [reset.name for reset in rig.chip.resets[before:]] == ["SOFTWARE"]
+    assert all(later <= sooner for sooner, later in itertools.pairwise(put_v))
+    assert put_v[-1] == 0.0
+    assert rig.plant.state.amplifier_v < 0.5
+    assert rig.controller.fault == RESET
+    assert rig.bench.alive_ticks > 2000, "the high voltage has gone"
+    rig.peer.hello()
+    acts.clear(rig.peer)
+    acts.arm(rig.peer)
+    rig.peer.ok("PULSE_ENABLE", on=1)
+    acts.servo_start(rig.peer)
+    rig.peer.pump(0.05)
+    assert rig.plant.drive.pulse_starts == starts
+    rig.chip.r[registers.CLOCK_LOST] = 0
+    assert rig.reset_within(3) == "SOFTWARE"
+    rig.controller.advance(30)
+    rig.peer.hello()
+    acts.settle(rig.peer)
+    acts.start_pulses(rig.peer)
+    rig.peer.pump(0.05)
+    assert rig.plant.drive.pulse_starts > starts
+
+
+def test_a_board_without_a_clock_begins_when_it_comes(rig: Rig) -> None:
+    registers = sys.modules[rig.controller._loop.__globals__["run"].__module__].reg
+    rig.chip.r[registers.CLOCK_LOST] = 1
+    rig.controller.reset(ResetCause.POWER_ON)
+    rig.controller.advance(100)
+    resets = len(rig.chip.resets)
+    rig.chip.r[registers.CLOCK_LOST] = 0
+    assert rig.reset_within(3) == "SOFTWARE"
+    rig.controller.advance(30)
+    assert len(rig.chip.resets) == resets + 1
+    rig.peer.hello()
+    assert rig.peer.state() == "IDLE"

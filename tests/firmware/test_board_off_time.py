@@ -69,3 +69,16 @@ def test_the_emulated_switch_does_not_open_in_less_time_than_it_takes(
     on_time_us, off_time_us, *_ = generator_of(registers)
     assert off_time_us == pytest.approx(off_counts / 168.0)
     assert on_time_us == pytest.approx(on_us, abs=0.01)
+
+
+@pytest.mark.parametrize("on_us", [19_510.7, 210_000.0, 328_162.0, 331_512.7, 999_990.0])
+def test_the_grid_of_a_long_period_leaves_the_least_off_time(peer: Peer, on_us: float) -> None:
+    """Behind its divider a count of TIM1 is up to 15 µs: 10 µs may be two of them, and never one of 5 µs."""
+    controller = peer.line.bench.controller
+    peer.ok("PULSE_CONFIG", **PULSES | {"on_time_us": on_us, "off_time_us": LEAST_US})
+    peer.pump(0.01)
+    on_time_us, off_time_us, *_ = type(controller)._set_generator.__globals__["generator_of"](
+        controller.chip.r
+    )
+    assert LEAST_US - 0.001 <= off_time_us < LEAST_US + 16.0
+    assert on_time_us == pytest.approx(on_us, abs=32.0)

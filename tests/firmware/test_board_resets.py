@@ -12,13 +12,14 @@ from edmctl.link.messages import ResetCause
 from tests.conformance import acts, layouts, wire
 from tests.conformance.peer import STATE, STATUS
 from tests.conformance.test_delivery import REBOOT_MAGIC
-from tests.firmware.test_board_faults import BACKUP_REGISTERS, ESTOP, PIEZO_TRACK, RESET, Rig
+from tests.firmware.test_board_faults import BACKUP_REGISTERS, ESTOP, FLASH_AT, PIEZO_TRACK, RESET, Rig
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from tests.conformance.peer import Peer
 
+IMAGE_CHECK_AT = 20  # in `edm_image`
 SLEW_STEP_V = 0.5  # a millisecond of the usual retreat, and a bit of the amplifier's own lag
 
 
@@ -107,9 +108,25 @@ def test_a_place_that_did_not_last_is_no_place(rig: Rig) -> None:
     rig.peer.hello()
     acts.settle(rig.peer)
     extend(rig.peer, 60.0)
-    for at in (1, 6):
+    for at in (1, 14):
         rig.memory("kept_codes")[at] ^= 4
     assert restart(rig, ResetCause.EXTERNAL, 10)[5:] == [0.0] * 6  # once the program is in its main loop
+    rig.peer.hello()
+
+
+@pytest.mark.parametrize("word", [0x0000FFFF, 0x00FFFF00, 0x102AEFD5, 0x15A0EA5F, 0, 0xFFFFFFFF])
+def test_what_another_program_left_in_memory_is_no_place(rig: Rig, word: int) -> None:
+    """A program that flashes works in this memory, and the image before had other things there: no power goes."""
+    rig.memory("kept_codes").view("<u4")[:] = word
+    assert max(restart(rig, ResetCause.EXTERNAL)) == 0.0
+    rig.peer.hello()
+
+
+def test_a_place_that_another_image_noted_is_no_place(rig: Rig) -> None:
+    extend(rig.peer, 60.0)
+    at = rig.chip.image.symbols["edm_image"][0] - FLASH_AT + IMAGE_CHECK_AT
+    rig.chip.flash[at] ^= 1
+    assert restart(rig, ResetCause.EXTERNAL, 10)[5:] == [0.0] * 6
     rig.peer.hello()
 
 

@@ -313,6 +313,20 @@ def test_a_reset_in_motion_leaves_a_place_that_is_not_known(stages: Stages, brea
     assert stages.place(X) * STEP_UM == pytest.approx(acts.PARK_X_UM)
 
 
+@pytest.mark.parametrize(("first", "second"), [(X, Y), (Y, THETA)])
+def test_a_reset_between_two_stores_leaves_no_place_that_looks_right(
+    stages: Stages, first: int, second: int
+) -> None:
+    """Steps of one millisecond at two axes, both stored, and the check not yet."""
+    stands = stages.memory("stands_before").view("<i4")
+    stands[first] += 1
+    stands[second] -= 128
+    stages.controller.reset(ResetCause.EXTERNAL)
+    stages.boots_again()
+    parked = [acts.PARK_X_UM / STEP_UM, 0.0, 0.0]
+    assert [stages.place(axis) for axis in (X, Y, THETA)] == pytest.approx(parked, abs=0.5)
+
+
 @pytest.mark.parametrize("axis", [X, Y, THETA])
 def test_a_reset_at_rest_leaves_the_place(stages: Stages, axis: int) -> None:
     stages.start(axis, 1234, 100)

@@ -115,3 +115,16 @@ def test_a_conditional_load_from_a_page_that_is_new_skips_nothing_behind_it(chip
     engine.reg_write(arm_const.UC_ARM_REG_XPSR, 0x41000000)  # equal, Thumb
     engine.emu_start(flash_at + code | 1, flash_at + after + len(THREE_MOVES))
     assert [engine.reg_read(register) for register in moves] == [1, 1, 1]
+
+
+def test_the_flag_of_a_break_stays_while_its_input_is_active(chip: Any) -> None:
+    """RM0090 §17.4.5: it can be cleared by software once the input is not active."""
+    at, registers = _module("addresses"), _module("registers")
+    place, address = at.register(at.TIM1, at.TIM_SR), at.address(at.TIM1, at.TIM_SR) - at.PERIPHERALS
+    chip.r[place] |= at.BIF
+    chip.r[registers.IS_BROKEN] = 1
+    registers.write_register(chip.r, address, 4, 0xFFFFFFFF & ~at.BIF)
+    assert chip.r[place] & at.BIF
+    chip.r[registers.IS_BROKEN] = 0
+    registers.write_register(chip.r, address, 4, 0xFFFFFFFF & ~at.BIF)
+    assert not chip.r[place] & at.BIF

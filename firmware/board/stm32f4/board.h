@@ -25,6 +25,8 @@ _Noreturn void startup_restart(void);
 
 /* clock.c */
 void clock_start(void);
+bool clock_is_own(void);
+bool clock_is_back(void);
 
 /* supply.c */
 void supply_start(void);
@@ -63,6 +65,9 @@ bool line_is_held_low(void);
 void actuator_start(void);
 void actuator_put(real volts);
 real actuator_left(void);
+
+/* image.c */
+uint32_t image_check(void);
 
 /* inputs.c */
 bool inputs_contact(void);

@@ -2,7 +2,8 @@
  * supply (DAC, RM0090 14). MOE, without which no pulse leaves the pin, is set in hal_gate and nowhere else. */
 #include "board.h"
 
-#define GATE_HZ 168u       /* MHz: clock of TIM1 */
+#define GATE_COUNTS 168u   /* of TIM1, a microsecond */
+#define LEAST_OFF_COUNTS ((EDM_OFF_NS_MIN * GATE_COUNTS + 999u) / 1000u)
 #define TIMER_TOP 65536u
 #define END_COUNTS 84u     /* an isopulse's end is shown for 1 us: the reference of the gate then stays low for its period */
 #define LEAST_DROP_V R(0.1)
@@ -83,6 +84,9 @@ void hal_gate(void *board, bool on) {
         TIM1->BDTR |= TIM_BDTR_MOE;
     }
     interrupts_on();
+    if ((TIM1->SR & TIM_SR_BIF) != 0) { /* a break that came and went after the look: MOE was set behind it */
+        gate_off();
+    }
 }
 
 /* The least divider of a 16-bit timer whose period is so many counts of its clock. */
@@ -124,14 +128,17 @@ static uint32_t counts_of(real value, real full) {
     return counts < 0 ? 0u : counts > ADC_TOP ? (uint32_t)ADC_TOP : (uint32_t)counts;
 }
 
-/* Sets times and set points. A period of more than 390 us makes the grid of the times coarser: 16 bits of it. */
+/* Sets times and set points. A period of more than 390 us makes the grid of the times coarser: 16 bits of it; on every grid
+ * the off-time is the least one at least. */
 real hal_set_generator(void *board, const struct edm_generator *setting) {
     (void)board;
     gate_off();
     uint32_t period = (uint32_t)nearest((setting->on_time_us + setting->off_time_us) * R(168.0));
     uint32_t divider = divider_for(period);
-    uint32_t period_ticks = divided(period, divider);
-    uint32_t on_ticks = between(divided((uint32_t)nearest(setting->on_time_us * R(168.0)), divider), 1, period_ticks - 1u);
+    uint32_t least_off = (LEAST_OFF_COUNTS + divider - 1u) / divider;
+    uint32_t period_ticks = between(divided(period, divider), least_off + 1u, TIMER_TOP);
+    uint32_t on_ticks = divided((uint32_t)nearest(setting->on_time_us * R(168.0)), divider);
+    on_ticks = between(on_ticks, 1, period_ticks - least_off);
     TIM1->CR1 = TIM_CR1_ARPE;
     TIM1->PSC = divider - 1u;
     TIM1->ARR = period_ticks - 1u;

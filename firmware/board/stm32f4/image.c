@@ -19,6 +19,11 @@ __attribute__((section(".image"), used)) const struct {
     {'E', 'D', 'M', 'I'}, PROTO_MAJOR, PROTO_MINOR, BOARD_NUMBER, SCHEMA_HASH, {FW_MAJOR, FW_MINOR, FW_PATCH, 0}, image_size, 0,
 };
 
+/* What tells this image from others. */
+uint32_t image_check(void) {
+    return *(const volatile uint32_t *)&edm_image.crc;
+}
+
 /* What was set in the image by its owner: names and values, set by who builds it. */
 #ifndef EDM_SETTINGS
 #define EDM_SETTINGS ""

@@ -91,7 +91,9 @@ static void do_millisecond(struct edm_controller *c) {
     edm_line_read(c);
     edm_tick_begin(c);
     put_out(c);
-    inputs_toggle_alive();
+    if (!clock_is_own()) {
+        inputs_toggle_alive();
+    }
     line_send();
 }
 
@@ -135,6 +137,9 @@ _Noreturn void main_run(void) {
     clocks_on(&RCC->AHB1ENR, RCC_AHB1_CCM | 0x7Fu); /* ports A to G */
     barrier();
     gate_start();
+    if (clock_is_own()) {
+        gate_lock();
+    }
     pins_start();
     actuator_start();
     line_start();
@@ -147,6 +152,9 @@ _Noreturn void main_run(void) {
         wait_for_tick();
         do_millisecond(&controller);
         reboot_when_told(&controller);
+        if (clock_is_back()) {
+            startup_restart();
+        }
         finished = begun;
     }
 }

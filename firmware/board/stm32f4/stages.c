@@ -37,7 +37,7 @@ NO_INIT struct {
 static uint32_t check_of_stands(void) {
     uint32_t check = STANDS_MAGIC + stands_before.moves;
     for (int axis = 0; axis < AXES; axis++) {
-        check = (check << 7 | check >> 25) + (uint32_t)stands_before.at[axis];
+        check = (check << 11 | check >> 21) + (uint32_t)stands_before.at[axis]; /* further than a millisecond's steps */
     }
     return check;
 }
