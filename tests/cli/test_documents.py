@@ -66,7 +66,7 @@ def newcomer(home: Path, warm: str = "") -> tuple[Path, dict[str, str]]:
     `edmctl` is a process of its own, or a copy of the one that listens at the socket `warm`.
     """
     folder, tools = home / "work", home / "bin"
-    folder.mkdir()
+    folder.mkdir(parents=True)
     tools.mkdir()
     script = '#!/bin/sh\nexec {} "$@"\n'
     edmctl = client(warm) if warm else script.format(f"{sys.executable} -m edmctl")
@@ -110,19 +110,17 @@ def _in_background(line: str, folder: Path, env: dict[str, str]) -> subprocess.P
     )
 
 
-@pytest.fixture(scope="module")
-def typed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
-    """The failures of each page. The pages are typed side by side: most of the time is waiting for processes."""
+@pytest.mark.slow
+def test_every_command_of_the_pages_works(tmp_path: Path) -> None:
+    """The pages are typed side by side: most of the time is waiting for processes.
+
+    One test: workers that share several out would each type all.
+    """
     open_bench(BenchConfig(), 0).warm_up()  # or all of them compile at once
     with warm_process(environment()) as warm, ThreadPoolExecutor(len(PAGES)) as pool:
-        newcomers = [newcomer(tmp_path_factory.mktemp("newcomer"), warm) for _ in PAGES]
-        return dict(zip(PAGES, pool.map(failures_of, PAGES, *zip(*newcomers, strict=True)), strict=True))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES)
-def test_every_command_of_a_page_works(page: str, typed: dict[str, list[str]]) -> None:
-    assert typed[page] == []
+        newcomers = [newcomer(tmp_path / str(number), warm) for number in range(len(PAGES))]
+        failures = dict(zip(PAGES, pool.map(failures_of, PAGES, *zip(*newcomers, strict=True)), strict=True))
+    assert {page: failed for page, failed in failures.items() if failed} == {}
 
 
 def test_readme_and_tutorial_name_no_run_alike() -> None:
