@@ -234,11 +234,14 @@ class Stm32Controller:
 
     def _put_on_line(self, data: bytes) -> None:
         bench = self.bench
-        for value in data:
-            if bench.rx_tail - bench.rx_head >= LINE_BYTES:
+        while data:
+            place = bench.rx_tail & (LINE_BYTES - 1)
+            part = data[: min(LINE_BYTES - place, LINE_BYTES - (bench.rx_tail - bench.rx_head))]
+            if not part:
                 self.advance(1)
-            self._rx[bench.rx_tail & (LINE_BYTES - 1)] = value
-            bench.rx_tail += 1
+            self._rx[place : place + len(part)] = np.frombuffer(part, np.uint8)
+            bench.rx_tail += len(part)
+            data = data[len(part) :]
 
     def _let_time_pass(self, frame: Any) -> None:
         try:

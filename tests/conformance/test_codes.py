@@ -34,7 +34,7 @@ ROWS = [row for row in layouts.faults() if row["who"] in ("controller", "both")]
 # Statuses that no command of this version needs; the numbers are kept.
 RESERVED = {"NOT_CALIBRATED", "BAD_SESSION", "NO_CONTACT", "INTERNAL"}
 # Parameters with which a fault comes soon, as wire integers.
-SOONER = {"TRAVEL_LIMIT": {"piezo_max_v": 26_000}, "NO_SPARK": {"open_lost_s": 1000}}
+SOONER = {"TRAVEL_LIMIT": {"piezo_max_v": 16_000}, "NO_SPARK": {"open_lost_s": 1000}}
 # Faults that the line itself can cause: these need no virtual machine.
 BY_BYTES = ("HOST_SILENT", "ABORT_RUN", "LINE_NOISE")
 
@@ -107,7 +107,7 @@ def run_until_fault(peer: Peer, crc: int) -> None:
     _ = (
         go("PULSE_ENABLE", on=1)
         and go("SELF_TEST", "TEST_DONE", 3.0)
-        and go("PIEZO_SET", "MOVE_DONE", actuator_v=25.0, slew_v_s=300.0)
+        and go("PIEZO_SET", "MOVE_DONE", actuator_v=15.0, slew_v_s=300.0)
         and go("PIEZO_SET", "MOVE_DONE", actuator_v=0.0, slew_v_s=300.0)
         and rests()
         and go("STAGE_MOVE", "STAGE_DONE", axis=0, target=round(WORK_X_UM * 1000), speed=10_000_000)
