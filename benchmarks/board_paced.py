@@ -2,9 +2,9 @@
 
     python benchmarks/board_paced.py [PYTEST ARGUMENTS]
 
-What a suite that drives the clock itself cannot show: bytes that take their time, a host that sleeps. Tests that need
-sparks or injected faults are skipped, each with its reason: the suite has no hand on a machine behind a port. Prints
-what pytest says, with the reasons counted, and ends with its exit code.
+What a suite that drives the clock itself cannot show: bytes that take their time, a host that sleeps. Tests that
+need sparks or injected faults are skipped, each with its reason: the suite has no hand on a machine behind a port.
+Prints what pytest says, with the reasons counted, and ends with its exit code.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ def main(arguments: list[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         port = Path(folder) / "board"
         serve = ["simulate", "serve", "--controller", "stm32", "--baud", BAUD, "--link", str(port)]
-        board = subprocess.Popen([sys.executable, "-m", "edmctl", *serve], cwd=ROOT, stdout=subprocess.DEVNULL)
+        board = subprocess.Popen(
+            [sys.executable, "-m", "edmctl", *serve], cwd=ROOT, stdout=subprocess.DEVNULL
+        )
         try:
             until_s = time.monotonic() + START_S
             while not port.exists():
