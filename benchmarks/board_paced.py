@@ -23,17 +23,16 @@ START_S = 180.0  # the first start compiles the models
 
 def main(arguments: list[str]) -> int:
     """Serve the board, run the suite, end the board."""
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, (Path(folder) / "told").open("w+") as told:
         port = Path(folder) / "board"
         serve = ["simulate", "serve", "--controller", "stm32", "--baud", BAUD, "--link", str(port)]
-        board = subprocess.Popen(
-            [sys.executable, "-m", "edmctl", *serve], cwd=ROOT, stdout=subprocess.DEVNULL
-        )
+        board = subprocess.Popen([sys.executable, "-m", "edmctl", *serve], cwd=ROOT, stdout=told, stderr=told)
         try:
             until_s = time.monotonic() + START_S
             while not port.exists():
                 if board.poll() is not None or time.monotonic() > until_s:
-                    print("the board has not come up", file=sys.stderr)
+                    told.seek(0)
+                    print(f"The board has not come up:\n{told.read()}", file=sys.stderr)
                     return 1
                 time.sleep(0.1)
             suite = ["tests/conformance", "--controller-port", str(port), "--controller-baud", BAUD]

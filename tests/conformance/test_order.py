@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import pytest
@@ -182,7 +183,10 @@ def test_l31_what_a_command_brings_about_is_told_before_its_reply(peer: Peer) ->
     peer.pump(0.005)
     seen = order_of(peer, lambda: peer.ok("SERVO_STOP"))
     wanted = [layouts.NAMES["TLM"], layouts.NAMES["EVENT"], layouts.NAMES["SERVO_STOP"] | wire.REPLY]
-    assert [kind for kind in seen if kind in wanted][:3] == wanted, peer.story(f"came: {seen}", "events")
+    kinds = [
+        kind for kind, _ in groupby(kind for kind in seen if kind in wanted)
+    ]  # a full frame may go out before
+    assert kinds[:3] == wanted, peer.story(f"came: {seen}", "events")
 
 
 def test_l31_the_fault_of_a_new_session_is_told_before_the_reply_to_hello(peer: Peer) -> None:
