@@ -14,7 +14,7 @@ from edmctl.jobs.connect import line_to
 from edmctl.jobs.doctor_host import fail, ok, warn
 from edmctl.jobs.plan import where_is
 from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH
-from edmctl.link.ports import ST_LINK_IDS, listed_ports, port_owner, same_port
+from edmctl.link.ports import port_owner, same_port, st_links
 from edmctl.link.session import Session
 from edmctl.results.equipment import Check, CheckStatus
 from edmctl.results.firmware import BoardFacts, dotted, hexadecimal, settings_text
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from edmctl.firmware.boards import Board
     from edmctl.firmware.flash_tools import Tool
     from edmctl.firmware.image import Image
-    from edmctl.link.ports import PortInfo
     from edmctl.profile.setup import Setup
     from edmctl.results.firmware import ImageFacts
 
@@ -284,7 +283,7 @@ def _refuse(found: BoardFacts, board: Board) -> None:
 
 def _refuse_held_ports() -> None:
     """Without a port nobody can be asked, but an ST-LINK whose serial port another program holds tells enough."""
-    for port in _st_links():
+    for port in st_links():
         if owner := port_owner(Path(port.device)):
             raise LinkLost(
                 f"{port.device} is held by {owner}: a job may run on the board behind it.",
@@ -297,7 +296,7 @@ def _take_st_link_of(port: str, tool: Tool) -> None:
     """Have the tool flash the board that was asked: the ST-LINK of its port, of however many there are."""
     if not tool.by_st_link:
         return
-    serial = next((one.usb_serial for one in _st_links() if same_port(port, one.device)), "")
+    serial = next((one.usb_serial for one in st_links() if same_port(port, one.device)), "")
     if serial and tool.probe and tool.probe.lower() not in serial.lower():
         raise no_board(
             f"{port} is of the ST-LINK {serial}, and --probe names {tool.probe}: another board than was asked.",
@@ -308,12 +307,8 @@ def _take_st_link_of(port: str, tool: Tool) -> None:
 
 def _refuse_to_guess(tool: Tool) -> None:
     """Refuse one of several boards by a tool that would take the first one: a job may run there."""
-    if tool.takes_first and not tool.probe and len(_st_links()) > 1:
+    if tool.takes_first and not tool.probe and len(st_links()) > 1:
         raise several_boards(tool.name)
-
-
-def _st_links() -> list[PortInfo]:
-    return [port for port in listed_ports() if port.usb_id in ST_LINK_IDS]
 
 
 def image_doubts(image: ImageFacts) -> list[Diagnostic]:

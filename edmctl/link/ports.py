@@ -37,6 +37,11 @@ class PortInfo:
     usb_serial: str = ""
 
 
+def st_links() -> list[PortInfo]:
+    """Return those of the listed ports that are of an ST-LINK."""
+    return [port for port in listed_ports() if port.usb_id in ST_LINK_IDS]
+
+
 def listed_ports() -> list[PortInfo]:
     """Return the serial ports that this computer lists, by name."""
     from serial.tools.list_ports import comports

@@ -82,9 +82,7 @@ _WHERE = "Name the port with --port, or add it to link.candidates or its USB id 
 def _where(answers: Sequence[ProbedPort]) -> str:
     """What to do where nobody answers; the ST-LINK of a NUCLEO is asked by no default."""
     asked = {answer.port.device for answer in answers}
-    board = next(
-        (p for p in known.listed_ports() if p.usb_id in known.ST_LINK_IDS and p.device not in asked), None
-    )
+    board = next((port for port in known.st_links() if port.device not in asked), None)
     if board is None:
         return _WHERE
     lines = f'usb_ids = ["{board.usb_id}"] and baud = {BOARD_BAUD} below [link]'

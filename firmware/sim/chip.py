@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ctypes
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from unicorn import Uc, arm_const, unicorn_const
@@ -268,13 +268,13 @@ class Chip:
                 ctypes.c_void_p(write.address),
                 words,
             )
-        self.r[reg.ENGINE] = ctypes.cast(self._uc, ctypes.c_void_p).value or 0
-        self.r[reg.STOP_FUNCTION] = ctypes.cast(uclib.uc_emu_stop, ctypes.c_void_p).value or 0
+        self.r[reg.ENGINE] = _address(self._uc)
+        self.r[reg.STOP_FUNCTION] = _address(uclib.uc_emu_stop)
         self._engine.ctl_set_tlb_mode(unicorn_const.UC_TLB_VIRTUAL)
         fill = self._fill = np.zeros(callbacks.FILL_WORDS, np.int64)
         fill[callbacks.FILL_ENGINE] = self.r[reg.ENGINE]
-        fill[callbacks.FILL_READ] = ctypes.cast(uclib.uc_reg_read, ctypes.c_void_p).value or 0
-        fill[callbacks.FILL_WRITE] = ctypes.cast(uclib.uc_reg_write, ctypes.c_void_p).value or 0
+        fill[callbacks.FILL_READ] = _address(uclib.uc_reg_read)
+        fill[callbacks.FILL_WRITE] = _address(uclib.uc_reg_write)
         fill[callbacks.FILL_VALUE_AT] = fill.ctypes.data + 8 * callbacks.FILL_VALUE
         for kind, hook, of_hook in (
             (unicorn_const.UC_HOOK_BLOCK, callbacks.on_block, words),
@@ -297,9 +297,9 @@ class Chip:
         ]
         self.buffers = [registers.values for registers in self._sets]
         core = self.core
-        core[ENGINE] = ctypes.cast(self._uc, ctypes.c_void_p).value or 0
+        core[ENGINE] = self.r[reg.ENGINE]
         for place, name in enumerate(("emu_start", "reg_read", "reg_read_batch", "reg_write_batch")):
-            core[place + 1] = ctypes.cast(getattr(uclib, f"uc_{name}"), ctypes.c_void_p).value or 0
+            core[place + 1] = _address(getattr(uclib, f"uc_{name}"))
         core[PC_PLACE] = core.ctypes.data + 8 * PC
         for i, registers in enumerate(self._sets):
             core[SETS + 2 * i : SETS + 2 * i + 2] = registers.names_at, registers.places_at
@@ -424,6 +424,11 @@ class Chip:
             else:
                 self._call("uc_mem_unmap", base, size)
         self._closed.clear()
+
+
+def _address(pointer: Any) -> int:
+    """Address of a function of Unicorn, or of what it made."""
+    return ctypes.cast(pointer, ctypes.c_void_p).value or 0
 
 
 def _is_memory(at: int) -> bool:

@@ -411,7 +411,7 @@ def st_links(monkeypatch: pytest.MonkeyPatch, port: str) -> None:
         PortInfo("/dev/none-of-these", usb_id=NUCLEO, usb_serial=FIRST),
         PortInfo(port, usb_id=NUCLEO, usb_serial=OTHER),
     ]
-    monkeypatch.setattr("edmctl.jobs.board_firmware.listed_ports", lambda: listed)
+    monkeypatch.setattr("edmctl.link.ports.listed_ports", lambda: listed)
 
 
 @pytest.mark.usefixtures("st_links")

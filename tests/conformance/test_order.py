@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import groupby
 from typing import TYPE_CHECKING
 
 import pytest
@@ -183,9 +182,9 @@ def test_l31_what_a_command_brings_about_is_told_before_its_reply(peer: Peer) ->
     peer.pump(0.005)
     seen = order_of(peer, lambda: peer.ok("SERVO_STOP"))
     wanted = [layouts.NAMES["TLM"], layouts.NAMES["EVENT"], layouts.NAMES["SERVO_STOP"] | wire.REPLY]
-    kinds = [
-        kind for kind, _ in groupby(kind for kind in seen if kind in wanted)
-    ]  # a full frame may go out before
+    kinds = [kind for kind in seen if kind in wanted]
+    while not peer.exact and kinds[:2] == 2 * wanted[:1]:
+        del kinds[0]  # full before the command came: this line has a clock of its own
     assert kinds[:3] == wanted, peer.story(f"came: {seen}", "events")
 
 
