@@ -41,11 +41,11 @@ from edmctl.procedures.measure_drift import drift_result, measure_drift, plan_dr
 from edmctl.procedures.session import running
 from edmctl.process.rest_drift import model_of
 from edmctl.profile.setup import Setup
+from edmctl.quantity import half_width
 from edmctl.record.rows import NullRecorder
 from edmctl.rules.load import load_profile
 from edmctl.simulator import open_bench
 from edmctl.simulator.unit import RandomBlocks
-from edmctl.wording import U95
 
 if TYPE_CHECKING:
     from edmctl.results.progress import Progress
@@ -124,8 +124,8 @@ def perform(case: Case) -> Outcome:
     sensor, work = truth["sensor_um_per_s"], truth["machine_um_per_s"]
     share_held = None
     if not math.isnan(found.share):
-        share_held = sensor != 0.0 and abs(found.share - 1.0 - work / sensor) <= U95 * found.share_u
-    apart_held = abs(found.apart_um_per_s - work) <= U95 * found.apart_u_um_per_s
+        share_held = sensor != 0.0 and abs(found.share - 1.0 - work / sensor) <= half_width(found.share_u)
+    apart_held = abs(found.apart_um_per_s - work) <= half_width(found.apart_u_um_per_s)
     job = replace(job_of(loaded.profile, setup), drift=believed(model_of(fit), setup))
     later = bench
     if case.seed % 2:

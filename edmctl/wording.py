@@ -10,8 +10,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 
 UNKNOWN = "–"
-U95 = 1.96
-"""Half-width of a 95 % interval, in standard uncertainties."""
 TIP = "tip below the face"
 """What is known instead of a depth where a hole goes through the sheet."""
 

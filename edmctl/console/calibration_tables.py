@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.console.layout import render_columns
 from edmctl.console.style import PLAIN, Style
-from edmctl.wording import U95, count, decimal, duration, with_u95
+from edmctl.quantity import half_width
+from edmctl.wording import count, decimal, duration, with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -103,13 +104,13 @@ def _validation(found: Findings, ours: Errors, style: Style) -> str:
 def _properties(found: Identification) -> list[str]:
     model, bands = found.model, found.bands
     stroke_sd_um = bands.gain_sd_um_per_v * (model.high_v - model.low_v)
-    loop_width = with_u95(100.0 * bands.loop_width, U95 * 100.0 * bands.loop_width_sd)
-    creep = with_u95(100.0 * bands.gamma_per_decade, U95 * 100.0 * bands.gamma_sd_per_decade)
-    mean_um, most_um = U95 * bands.displacement_sd_um, U95 * bands.displacement_sd_max_um
-    stroke = with_u95(model.stroke_um, U95 * stroke_sd_um)
+    loop_width = with_u95(100.0 * bands.loop_width, half_width(100.0 * bands.loop_width_sd))
+    creep = with_u95(100.0 * bands.gamma_per_decade, half_width(100.0 * bands.gamma_sd_per_decade))
+    mean_um, most_um = half_width(bands.displacement_sd_um), half_width(bands.displacement_sd_max_um)
+    stroke = with_u95(model.stroke_um, half_width(stroke_sd_um))
     lines = {
         "stroke": f"{stroke} µm from {model.low_v:.1f} V to {model.high_v:.1f} V",
-        "gain": f"{with_u95(bands.gain_um_per_v, U95 * bands.gain_sd_um_per_v, 4)} µm/V",
+        "gain": f"{with_u95(bands.gain_um_per_v, half_width(bands.gain_sd_um_per_v), 4)} µm/V",
         "loop width": f"{loop_width} % of the stroke",
         "creep": f"{creep} % per decade of time",
         "delay": f"{1000.0 * model.delay_s:.2f} ms",

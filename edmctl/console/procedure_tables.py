@@ -9,7 +9,8 @@ from edmctl.console.layout import USUAL_COLUMNS, render_columns, wrapped
 from edmctl.console.result_table import beliefs_in_words
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.labels import Basis, heading
-from edmctl.wording import U95, coordinates, decimal, duration, length, percent, plural, with_u95
+from edmctl.quantity import half_width
+from edmctl.wording import coordinates, decimal, duration, length, percent, plural, with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -184,8 +185,8 @@ def render_drift(
         ["drift of the rests", _nm_s(found.rest_um_per_s, found.rest_u_um_per_s)],
         ["drift of the touches", _nm_s(found.touch_um_per_s, found.touch_u_um_per_s)],
         ["touches less rests", _nm_s(found.apart_um_per_s, found.apart_u_um_per_s)],
-        ["share that a touch sees", with_u95(found.share, U95 * found.share_u)],
-        ["creep after the hold", length(found.creep_um, U95 * found.creep_u_um)],
+        ["share that a touch sees", with_u95(found.share, half_width(found.share_u))],
+        ["creep after the hold", length(found.creep_um, half_width(found.creep_u_um))],
         [
             "scatter about that",
             f"{length(found.rest_rms_um)} at rest, {length(found.touch_rms_um)} at the pad",
@@ -203,7 +204,7 @@ def render_drift(
             "The rests have not drifted by more than their random walk: no share can be told. Jobs take "
             f"{used} of the drift of their rests off wear, Z2 and Z3."
         )
-    elif abs(found.share - found.share_used) <= U95 * found.share_u:
+    elif abs(found.share - found.share_used) <= half_width(found.share_u):
         share = f"Jobs take {used} of the drift of their rests off wear, Z2 and Z3."
     else:
         share = (
@@ -231,7 +232,7 @@ def render_drift_plan(
 
 
 def _nm_s(um_per_s: float, u_um_per_s: float = math.nan) -> str:
-    return f"{with_u95(1e3 * um_per_s, 1e3 * U95 * u_um_per_s)} nm/s"
+    return f"{with_u95(1e3 * um_per_s, half_width(1e3 * u_um_per_s))} nm/s"
 
 
 def _ms(seconds: float) -> str:

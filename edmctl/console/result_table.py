@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, TypeAlias
 from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.console.style import PLAIN, Style
 from edmctl.labels import Basis, Seen, heading, is_doubtful, marked, meanings
+from edmctl.quantity import half_width
 from edmctl.wording import (
     TIP,
-    U95,
     UNKNOWN,
     count,
     decimal,
@@ -162,7 +162,7 @@ def drift_in_words(found: Site | ChannelResult) -> str:
 
     It is told where it is more than half of the interval: of the variance, more than a quarter.
     """
-    left_um = U95 * found.drift_left_u_um
+    left_um = half_width(found.drift_left_u_um)
     if not isfinite(left_um):
         return ""
     if not found.drift_by_rests:
@@ -175,7 +175,7 @@ def drift_in_words(found: Site | ChannelResult) -> str:
 def _costs_much(found: Site | ChannelResult) -> bool:
     """Whether a drift that nobody has corrected makes most of the interval; without a sensor there is no cure."""
     is_cured = found.drift_by_rests or found.wear_basis is Basis.MODEL
-    return not is_cured and U95 * found.drift_left_u_um >= 0.5 * found.wear_u95_um
+    return not is_cured and half_width(found.drift_left_u_um) >= 0.5 * found.wear_u95_um
 
 
 def _drift_of_many(sites: Sequence[Site], columns: int) -> list[str]:
@@ -185,7 +185,7 @@ def _drift_of_many(sites: Sequence[Site], columns: int) -> list[str]:
         far_um = max((site.drift_correction_um for site in by_rests), key=abs)
         words = f"Wear is corrected by the rests, for a drift of {length(far_um)} at most."
         return wrapped(words if far_um else "Drift: touches do not see it, nothing is taken off.", columns)
-    left_um = [U95 * site.drift_left_u_um for site in sites if _costs_much(site)]
+    left_um = [half_width(site.drift_left_u_um) for site in sites if _costs_much(site)]
     if not left_um:
         return []
     return wrapped(f"Drift: up to ± {length(max(left_um))} of the wear; {_SEE}.", columns)

@@ -20,6 +20,7 @@ from scipy import special
 from edmctl.doe.anova import anova, differing, pooled_anova
 from edmctl.doe.linear_model import LackOfFit, Settings, fit, model_matrix, term_name, undetermined
 from edmctl.doe.signal_to_noise import response_table, signal_to_noise_db
+from edmctl.quantity import coverage_factor
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 MOST_LEVELS = 8
 """Means by level are given of factors with so many different values; more are a range."""
 MOST_PAIRS = 15
-NORMAL_95 = 1.96
 MANY = 1_000_000
 """Degrees of freedom of what is stated, not estimated."""
 
@@ -307,7 +307,7 @@ def analyse(
         return replace(base, notes=(*notes, "all runs have the same value"))
     own = np.full(len(values), math.nan) if u95 is None else np.asarray(u95, float)[used]
     alone = own / values if is_log else own
-    alone_variance = float(np.mean((alone / NORMAL_95) ** 2)) if mine.is_one_machine else math.nan
+    alone_variance = float(np.mean((alone / coverage_factor(0.95)) ** 2)) if mine.is_one_machine else math.nan
     return _with_model(base, mine, np.log(values) if is_log else values, list(terms), block, alone_variance)
 
 

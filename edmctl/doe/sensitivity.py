@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.quantity import coverage_factor
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
@@ -57,7 +59,7 @@ def sobol_indices(response: ArrayLike, factors: int, seed: int = 0, resamples: i
     first, total = _indices(rows[None])
     rng = np.random.default_rng(seed)
     again = [_indices(rows[rng.integers(len(rows), size=(1, len(rows)))]) for _ in range(resamples)]
-    spread = [np.std([np.ravel(one[n]) for one in again], axis=0) * 1.96 for n in (0, 1)]
+    spread = [np.std([np.ravel(one[n]) for one in again], axis=0) * coverage_factor(0.95) for n in (0, 1)]
     return SobolIndices(first[0], total[0], spread[0], spread[1])
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.process.touches import Drift, Reading, TouchScatter, share_u
+from edmctl.quantity import Value
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -181,14 +182,6 @@ class PadTouch:
     reading: Reading
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A value and its standard uncertainty."""
-
-    value: float
-    u: float
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class DriftFit:
     """What rests and touches have told.
@@ -204,10 +197,10 @@ class DriftFit:
 
     creep: Floats
     creep_covariance: Floats
-    rest_um_per_s: Estimate
-    touch_um_per_s: Estimate
-    apart_um_per_s: Estimate
-    share: Estimate | None
+    rest_um_per_s: Value
+    touch_um_per_s: Value
+    apart_um_per_s: Value
+    share: Value | None
     is_steady: bool
     walk_um_per_sqrt_s: float
     misfit: float
@@ -326,13 +319,13 @@ def _fitted(
         # The walk is in both drifts alike, and draws the ratio of the steady ones towards 1.
         variance += (ratio - 1.0) ** 2 * believed[-1, -1]
         ratio_u = math.sqrt(max(0.0, variance)) / abs(rest)
-        share = Estimate(ratio, ratio_u) if ratio_u <= share_u(1.0) else None
+        share = Value(ratio, ratio_u) if ratio_u <= share_u(1.0) else None
     fit = DriftFit(
         creep=found[4:-1],
         creep_covariance=covariance[4:-1, 4:-1],
-        rest_um_per_s=Estimate(rest, rest_u),
-        touch_um_per_s=Estimate(touch, touch_u),
-        apart_um_per_s=Estimate(apart, apart_u),
+        rest_um_per_s=Value(rest, rest_u),
+        touch_um_per_s=Value(touch, touch_u),
+        apart_um_per_s=Value(apart, apart_u),
         share=share,
         is_steady=abs(rest) >= LEAST_SIGMAS * math.hypot(rest_u, math.sqrt(believed[-1, -1])),
         walk_um_per_sqrt_s=walk_um_per_sqrt_s,

@@ -16,10 +16,11 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.quantity import coverage_factor, half_width
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_NORMAL_97_5 = 1.959963984540054
 TOUCH_SD_PRIOR_UM = 0.2
 """Repeatability of one touch expected before any was made: sensor noise and contact hunting."""
 MOST_RATIO = 1e3
@@ -130,19 +131,9 @@ class TouchScatter:
         """Standard uncertainty of one touch: the wider the fewer there are, as Student's t is; before, the prior."""
         if self.dof < LEAST_SCATTER_DOF:
             return TOUCH_SD_PRIOR_UM
-        return math.sqrt(self.squares_um2 / self.dof) * student_97_5(self.dof) / _NORMAL_97_5
-
-
-def student_97_5(dof: float) -> float:
-    """97.5 % quantile of Student's t, for dof >= 2 (Fisher's expansion in 1/dof, within 1 %)."""
-    z = _NORMAL_97_5
-    terms = (
-        (z**3 + z) / 4.0,
-        (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / 96.0,
-        (3.0 * z**7 + 19.0 * z**5 + 17.0 * z**3 - 15.0 * z) / 384.0,
-        (79.0 * z**9 + 776.0 * z**7 + 1482.0 * z**5 - 1920.0 * z**3 - 945.0 * z) / 92160.0,
-    )
-    return z + math.fsum(term / dof ** (k + 1) for k, term in enumerate(terms))
+        return (
+            math.sqrt(self.squares_um2 / self.dof) * coverage_factor(0.95, self.dof) / coverage_factor(0.95)
+        )
 
 
 def share_u(most: float) -> float:
@@ -176,8 +167,8 @@ class _Noise:
         """Half-width of the 95 % interval; effective degrees of freedom after Welch and Satterthwaite."""
         combined = math.hypot(noise_um, *systematic_um)
         if noise_um == 0.0:
-            return _NORMAL_97_5 * combined
-        return student_97_5(self.dof * min(combined / noise_um, MOST_RATIO) ** 4) * combined
+            return half_width(combined)
+        return half_width(combined, self.dof * min(combined / noise_um, MOST_RATIO) ** 4)
 
 
 def _pooled(readings: tuple[Reading, ...], prior_sd_um: float) -> _Noise:

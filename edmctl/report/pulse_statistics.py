@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from edmctl.quantity import half_width
 from edmctl.record import layout
 from edmctl.report.numbers import CLASSES
 from edmctl.report.signals import cuts_s
 from edmctl.report.style import NothingToDraw
-from edmctl.wording import U95
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -180,7 +180,7 @@ def random_ignition(found: Delays) -> RandomIgnition | None:
     if ignited < 2:
         return None
     mean_us = waited / ignited
-    return RandomIgnition(STEP_US * lag, mean_us, U95 * mean_us / math.sqrt(ignited), ignited, censored)
+    return RandomIgnition(STEP_US * lag, mean_us, half_width(mean_us / math.sqrt(ignited)), ignited, censored)
 
 
 @dataclass(frozen=True, slots=True)

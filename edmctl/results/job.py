@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
 from edmctl.labels import Basis, Seen, Verdict
+from edmctl.quantity import half_width
 from edmctl.results.telemetry import PulseShares
-from edmctl.wording import U95, to_its_u95
+from edmctl.wording import to_its_u95
 
 if TYPE_CHECKING:
     from edmctl.results.telemetry import LinkReport
@@ -211,7 +212,7 @@ class Belief:
         """What was found, for people."""
         return (
             f"The setup believes {self.name} = {self.believed:g}, a standard uncertainty; this run has found "
-            f"{to_its_u95(self.found, U95 * self.found_u)}."
+            f"{to_its_u95(self.found, half_width(self.found_u))}."
         )
 
 

@@ -14,7 +14,6 @@ from edmctl.process.touches import (
     Reading,
     measure,
     reading_of,
-    student_97_5,
     tilt_uncertainty_um,
 )
 from edmctl.results.telemetry import PulseShares, pulse_shares
@@ -138,13 +137,6 @@ def test_the_intervals_cover_the_truth(touch_sd_um: float, touches: int) -> None
         covered["wear"] += abs(result.wear_um - 70.0) <= result.wear_u95_um
         covered["feed"] += abs(result.feed_um - 250.0) <= result.feed_u95_um
     assert min(covered.values()) >= (0.90 if touches > 1 else 0.85) * runs
-
-
-@pytest.mark.parametrize(
-    ("dof", "t"), [(2, 4.303), (3, 3.182), (4, 2.776), (8, 2.306), (30, 2.042), (1e6, 1.960)]
-)
-def test_students_quantile(dof: float, t: float) -> None:
-    assert student_97_5(dof) == pytest.approx(t, rel=0.01)
 
 
 def test_a_reading_is_mean_and_sample_deviation() -> None:

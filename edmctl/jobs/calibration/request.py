@@ -11,7 +11,7 @@ from edmctl.errors import Diagnostic, RecordError, RunFileError, UsageError
 from edmctl.jobs import output_files
 from edmctl.jobs.plan import MachineAddress, where_is
 from edmctl.jobs.surroundings import NONE, Surroundings
-from edmctl.wording import U95
+from edmctl.quantity import half_width
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -260,4 +260,4 @@ def _lever(path: Path) -> LeverFound:
     except RecordError as error:
         message = error.message.rstrip(".")
         raise RecordError(f"{path.name}: {message}.", hint=error.hint, code=error.code) from error
-    return LeverFound(lever.factor, U95 * lever.sd, lever.offset_um, len(x_um))
+    return LeverFound(lever.factor, half_width(lever.sd), lever.offset_um, len(x_um))

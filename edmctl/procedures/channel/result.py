@@ -11,7 +11,8 @@ from edmctl.procedures.touch.drift import drift_between
 from edmctl.procedures.touch.spots import pad_u_um
 from edmctl.process.channel import channel_width_um
 from edmctl.process.discharge import mrr_mm3_min
-from edmctl.process.touches import TOUCH_PRIOR_DOF, Drift, student_97_5
+from edmctl.process.touches import TOUCH_PRIOR_DOF, Drift
+from edmctl.quantity import half_width
 from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.results.telemetry import pulse_shares
 
@@ -158,8 +159,7 @@ def _uncertainties(
         z1.doubt_u_um,
         found.pad.doubt_u_um,
     )
-    factor = student_97_5(dof)
-    return factor * depth_u_um, factor * wear_u_um
+    return half_width(depth_u_um, dof), half_width(wear_u_um, dof)
 
 
 def channel_row(run: JobRun, result: ChannelResult) -> SiteResult:

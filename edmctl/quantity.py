@@ -1,0 +1,62 @@
+"""Values with their uncertainty, and the one quantile function that turns it into an interval."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from statistics import NormalDist
+
+_PANELS = 64
+"""Panels of Simpson's rule: quantiles up to 95 % are within 1e-5."""
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """An estimate with its standard uncertainty `u`, in its unit, and the degrees of freedom of that uncertainty."""
+
+    value: float
+    u: float
+    dof: float = math.inf
+
+    @property
+    def u95(self) -> float:
+        """Half width of the 95 % interval."""
+        return half_width(self.u, self.dof)
+
+    def interval(self, p: float = 0.95) -> tuple[float, float]:
+        """Return the limits between which the true value lies with probability `p`."""
+        half = half_width(self.u, self.dof, p)
+        return self.value - half, self.value + half
+
+
+def half_width(u: float, dof: float = math.inf, p: float = 0.95) -> float:
+    """Return half the width of the interval that contains the true value with probability `p`."""
+    return coverage_factor(p, dof) * u
+
+
+@lru_cache(4096)
+def coverage_factor(p: float, dof: float = math.inf) -> float:
+    """Return the two-sided quantile of Student's t distribution at probability `p`, normal where `dof` is infinite.
+
+    Newton's method from the normal quantile, which is below it. The distribution function is the integral of
+    cos(a)^(dof - 1) over a = atan(t / sqrt(dof)). Written out because importing SciPy takes longer than a
+    short job. Raises ValueError if `p` is not between 0 and 1 or `dof` is below 1.
+    """
+    if not 0.0 < p < 1.0 or not dof >= 1.0:
+        raise ValueError(f"no interval with probability {p} and {dof} degrees of freedom")
+    t = NormalDist().inv_cdf(0.5 + 0.5 * p)
+    if dof > 1e8:
+        return t
+    scale = 2.0 * math.exp(math.lgamma(0.5 * (dof + 1.0)) - math.lgamma(0.5 * dof)) / math.sqrt(math.pi)
+    step = t
+    while abs(step) > 1e-10 * t:
+        width = math.atan(t / math.sqrt(dof)) / _PANELS
+        weights = (1.0 if i in (0, _PANELS) else 2.0 + 2.0 * (i % 2) for i in range(_PANELS + 1))
+        inside = (
+            math.fsum(w * math.cos(i * width) ** (dof - 1.0) for i, w in enumerate(weights)) * width / 3.0
+        )
+        density = (1.0 + t * t / dof) ** (-0.5 * (dof + 1.0)) / math.sqrt(dof)
+        step = (p / scale - inside) / density
+        t += step
+    return t
