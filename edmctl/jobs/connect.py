@@ -19,6 +19,7 @@ from edmctl.jobs.session import ConnectedMachine
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.link.gate import LEAST_SECRET
+from edmctl.link.ports import SOCKET, scheme_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -251,7 +252,7 @@ SECRET_VARIABLE = "EDMCTL_SECRET_FILE"
 
 def asks_for_secret(*ports: str) -> bool:
     """Whether one of the ports may ask for a secret."""
-    return any(port.lower().startswith("socket://") for port in ports)
+    return any(scheme_of(port) == SOCKET for port in ports)
 
 
 def secret_of(named: str | None, environ: Mapping[str, str]) -> bytes:

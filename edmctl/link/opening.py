@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import errno
+import re
 import stat
 import sys
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, TypeVar
 
-from edmctl.errors import LinkLost
+from edmctl.errors import LinkLost, installing
 from edmctl.link.gate import GateBusy, pass_gate
-from edmctl.link.ports import listed_ports, port_owner
-from edmctl.link.serial_line import FAILURES, SerialLine, open_port, reason_of
+from edmctl.link.ports import DEVICE, SOCKET, listed_ports, port_owner, scheme_of
+from edmctl.link.serial_line import SCHEMES, SerialLine, open_port, reason_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from serial import Serial
 
 DEFAULT_BAUD = 500_000
 BOARD_BAUD = 921_600
 """Of the firmware for a NUCLEO."""
 _LOOK_AGAIN_S = 0.1
 _BUSY = (errno.EAGAIN, errno.EBUSY, errno.EWOULDBLOCK)
+_INVALID = (TypeError, ValueError, LookupError, re.error)
 _ABSENT = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
 
 T = TypeVar("T")
@@ -88,26 +88,24 @@ def waited_for(
 
 
 def _opened(url: str, baud: int, secret: bytes) -> SerialLine:
-    try:
-        port = open_port(url, baud)
-        if url.lower().startswith("socket://"):
-            _pass_gate(url, port, secret)
-        return SerialLine(url, port)
-    except FAILURES as failure:
-        raise _explain(url, failure) from None
-
-
-def _pass_gate(url: str, port: Serial, secret: bytes) -> None:
-    try:
-        pass_gate(url, port, secret)
-    except LinkLost:
-        port.close()
-        raise
+    with ExitStack() as held:
+        try:
+            port = open_port(url, baud)
+            held.callback(port.close)
+            if scheme_of(url) == SOCKET:
+                pass_gate(url, port, secret)
+            line = SerialLine(url, port)
+        except LinkLost:
+            raise
+        except Exception as failure:
+            raise _explain(url, failure) from None
+        held.pop_all()
+    return line
 
 
 def _check(url: str) -> None:
     """Refuse paths of things that are no ports before anything is written to them."""
-    if "://" in url:
+    if scheme_of(url) != DEVICE:
         return
     with suppress(OSError, ValueError):
         mode = Path(url).stat().st_mode
@@ -125,7 +123,7 @@ def _check(url: str) -> None:
 def _explain(url: str, failure: Exception) -> LinkLost:
     number = _number(failure)
     if number in _BUSY:
-        owner = port_owner(Path(url))
+        owner = port_owner(Path(url.partition("://")[2].partition("?")[0] or url))
         by = f" by {owner}" if owner else " by another program"
         return PortBusy(
             f"{url} is held{by}.", hint="End the other program, or wait for it with --wait SECONDS."
@@ -134,16 +132,25 @@ def _explain(url: str, failure: Exception) -> LinkLost:
         return PortAbsent(f"There is no port {url}.", hint=f"{known_ports()} Check the cable and the name.")
     if number in (errno.EACCES, errno.EPERM):
         return LinkLost(f"No permission to open {url}.", hint=_permission_hint(url), code="E4004")
-    if number in (errno.ENOTTY, errno.EINVAL) or isinstance(failure, ValueError):
+    is_invalid = any(isinstance(cause, _INVALID) for cause in (failure, failure.__context__))
+    if scheme_of(url) != DEVICE and is_invalid:
+        return LinkLost(f"{url} is no valid address.", hint=_form_hint(url), code="E4002")
+    if number in (errno.ENOTTY, errno.EINVAL) or is_invalid:
         return LinkLost(f"{url} is no serial port.", hint=f"Name one. {known_ports()}", code="E4002")
-    reason = reason_of(failure)
-    if isinstance(failure.__context__, TypeError | ValueError | LookupError):
-        return LinkLost(f"{url} is no address.", hint="Say socket://HOST:PORT.", code="E4002")
-    if "://" in url:
+    reason = reason_of(failure).rstrip(".")
+    if scheme_of(url) != DEVICE:
         return PortAbsent(
             f"Nothing answers at {url}: {reason}.", hint="Check the address, and whether it is served."
         )
     return LinkLost(f"Cannot open {url}: {reason}.", hint=f"{known_ports()} Check the cable.", code="E4001")
+
+
+def _form_hint(url: str) -> str:
+    scheme = SCHEMES.get(scheme_of(url))
+    if scheme is None:
+        return f"Known addresses are {', '.join(known.form for known in SCHEMES.values())}."
+    needs = f" It needs {scheme.needs}: {installing(scheme.needs)}." if scheme.needs else ""
+    return f"The form is {scheme.form}.{needs}"
 
 
 def _number(failure: Exception) -> int | None:

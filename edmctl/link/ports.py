@@ -37,6 +37,15 @@ class PortInfo:
     usb_serial: str = ""
 
 
+DEVICE, SOCKET = "", "socket"
+"""Schemes of a port that is named by its path, and of a socket."""
+
+
+def scheme_of(name: str) -> str:
+    """Return the scheme of a port's URL in lower case; `DEVICE` for a path."""
+    return name.partition("://")[0].lower() if "://" in name else DEVICE
+
+
 def st_links() -> list[PortInfo]:
     """Return those of the listed ports that are of an ST-LINK."""
     return [port for port in listed_ports() if port.usb_id in ST_LINK_IDS]

@@ -11,20 +11,14 @@ import select
 import socket
 import threading
 from contextlib import suppress
+from dataclasses import dataclass
 from time import monotonic
 
 import serial
 
 from edmctl.errors import LinkLost
 from edmctl.link import gate
-
-try:
-    import termios
-
-    FAILURES: tuple[type[Exception], ...] = (OSError, TypeError, ValueError, termios.error)
-except ImportError:
-    FAILURES = (OSError, TypeError, ValueError)
-"""What pyserial raises when a port goes away (its SerialException is an OSError)."""
+from edmctl.link.ports import DEVICE, SOCKET, scheme_of
 
 WRITE_TIMEOUT_S = 0.5
 _READ_TIMEOUT_S = 0.05
@@ -32,30 +26,69 @@ _READ_TIMEOUT_S = 0.05
 _MOST_BYTES = 65536
 
 
-def open_port(url: str, baud: int) -> serial.Serial:
-    """Open a port for this program alone, with DTR and RTS set so that no board is reset twice.
+@dataclass(frozen=True, slots=True)
+class Scheme:
+    """What pyserial supports for the ports of one URL scheme.
 
-    Raises what pyserial raises; `FAILURES` names it all.
+    form : how such a port is written
+    is_device : the port is a serial device, which can be locked and set to low latency
+    write_timeout : a write that the port does not accept within the time fails
+    needs : Python package without which pyserial does not know the scheme
     """
+
+    form: str
+    is_device: bool = False
+    write_timeout: bool = True
+    needs: str = ""
+
+
+RFC2217 = "rfc2217"
+SCHEMES = {
+    DEVICE: Scheme("PORT", is_device=True),
+    SOCKET: Scheme("socket://HOST:PORT"),
+    RFC2217: Scheme("rfc2217://HOST:PORT", write_timeout=False),
+    "alt": Scheme("alt://PORT?class=NAME", is_device=True),
+    "hwgrep": Scheme("hwgrep://REGEXP", is_device=True),
+    "spy": Scheme("spy://PORT?file=FILE", is_device=True),
+    "cp2110": Scheme("cp2110://PATH", write_timeout=False, needs="hidapi"),
+    "loop": Scheme("loop://"),
+}
+"""The ports that can be opened; a port that is named by its path, such as COM3, has the scheme `DEVICE`."""
+
+
+def open_port(url: str, baud: int) -> serial.Serial:
+    """Open a port with DTR and RTS set, so that no board is reset twice; a device is locked.
+
+    Raises ValueError for a scheme that is not in `SCHEMES`, otherwise whatever pyserial raises.
+    """
+    name = scheme_of(url)
+    scheme = SCHEMES.get(name)
+    if scheme is None:
+        raise ValueError(f"{name}:// is unknown")
+    if name != DEVICE:  # pyserial compares the scheme of some URLs in lower case only
+        url = f"{name}://{url.partition('://')[2]}"
     port: serial.Serial = serial.serial_for_url(
         url,
         baudrate=baud,
         timeout=_READ_TIMEOUT_S,
-        write_timeout=WRITE_TIMEOUT_S,
-        exclusive=True,
+        write_timeout=WRITE_TIMEOUT_S if scheme.write_timeout else None,
+        exclusive=True if scheme.is_device else None,
         do_not_open=True,
     )
     port.dtr = port.rts = True
-    if url.lower().startswith("socket://"):
+    if name == SOCKET:
         # Opening would throw away what a server has said first.
         port.reset_input_buffer = lambda: None  # type: ignore[method-assign]
     port.open()
-    with suppress(*FAILURES, AttributeError, NotImplementedError):
-        port.set_low_latency_mode(True)
-    if url.lower().startswith("socket://"):
+    if scheme.is_device:
+        with suppress(Exception):  # not every system and driver has it
+            port.set_low_latency_mode(True)
+    elif name == SOCKET:
         # Small frames must not wait for the acknowledgement of the one before.
-        with suppress(*FAILURES), socket.socket(fileno=os.dup(port.fileno())) as same:
+        with suppress(OSError), socket.socket(fileno=os.dup(port.fileno())) as same:
             same.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    elif name == RFC2217:
+        port._socket.settimeout(WRITE_TIMEOUT_S)  # type: ignore[attr-defined] # pyserial has no setting for it
     return port
 
 
@@ -106,7 +139,7 @@ class SerialLine:
                 raise self._fail(
                     f"{self.name} takes no more bytes.", "Check that the controller runs, and its cable."
                 ) from None
-            except FAILURES as error:
+            except Exception as error:
                 raise self._fail_by(error) from None
 
     def read(self, timeout_s: float) -> bytes:
@@ -134,7 +167,7 @@ class SerialLine:
             self._reader.join()
         # pyserial leaves a socket open whose other end has gone.
         its_socket = getattr(self._port, "_socket", None)
-        with self._writing, suppress(*FAILURES):
+        with self._writing, suppress(Exception):
             self._fail(f"The line to {self.name} is closed.", "Open it again.")
             self._port.close()
         if its_socket is not None:
@@ -156,7 +189,7 @@ class SerialLine:
                     with self._news:
                         self._arrived += data
                         self._news.notify_all()
-        except FAILURES as error:
+        except Exception as error:
             if not self._closed:
                 self._fail_by(error)
 

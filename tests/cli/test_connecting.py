@@ -21,11 +21,11 @@ from edmctl.machine.requests import default_settings
 from edmctl.profile.setup import Setup
 from edmctl.rules.load import load_profile
 from edmctl.simulator import BenchConfig, open_bench
-from edmctl.simulator.endpoints import PtyEndpoint
+from edmctl.simulator.endpoints import PtyEndpoint, SocketEndpoint
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.serve import Server
 from tests.cli.commands import CU270, SHALLOW, in_process_of_its_own
-from tests.serving import serving
+from tests.serving import bridged, serving
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -82,6 +82,18 @@ def test_a_run_through_a_pty_is_the_run_in_process(here: Here) -> None:
     assert there_site == here_site
     assert document["result"]["time_s"] == in_process["result"]["time_s"]
     assert document["warnings"] == []
+
+
+@pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")
+def test_a_run_through_an_rfc2217_bridge_is_the_run_in_process(here: Here) -> None:
+    in_process = here("machine", *SHALLOW, "--seed", str(SEED), "--json", "--quiet").document
+    endpoint = SocketEndpoint("127.0.0.1", 0)
+    with serving(bench_of_the_profile(), endpoint=endpoint), bridged(endpoint.name) as port:
+        said = here("machine", *SHALLOW, "--port", port, "--json")
+    assert said.exit_code == 0, said.err
+    (here_site,), (there_site,) = in_process["result"]["sites"], said.document["result"]["sites"]
+    assert there_site["depth_um"] == here_site["depth_um"]
+    assert there_site["pulses"] == here_site["pulses"]
 
 
 def test_people_are_told_that_it_was_simulated(here: Here) -> None:
