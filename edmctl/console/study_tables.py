@@ -203,7 +203,7 @@ def render_analysis(
     parts = [render_response(one, style, truths.get(one.name)) for one in responses]
     front = [one for one in choices if one.is_pareto]
     if len(names) > 1 and front:
-        parts.append(_front(front, names, style))
+        parts.append(_front(choices, front, names, style))
     if recommendation is not None:
         parts.append(render_recommendation(recommendation, style))
     parts += [render_confirmation(one, style) for one in confirmations]
@@ -217,7 +217,10 @@ def render_response(one: ResponseAnalysis, style: Style = PLAIN, true: ResponseA
     true : the analysis of the true values of a virtual machine, beside it
     """
     columns = style.columns or USUAL_COLUMNS
-    mean = f"mean {significant(one.mean, 4)}, standard deviation {significant(one.sd, 3)}"
+    mean = (
+        f"{plural(len(one.used), 'run')} of the design: mean {significant(one.mean, 4)}, standard deviation "
+        f"{significant(one.sd, 3)}"
+    )
     head = style.paint(f"{one.name}{', logarithm' if one.is_log else ''}", Ink.STRONG) + f"  {mean}"
     lines = [head]
     table, true_table = _table_of(one), _table_of(true) if true is not None else None
@@ -295,7 +298,7 @@ def _number(value: float) -> str:
     return significant(value, 3) if math.isfinite(value) else "–"
 
 
-def _front(front: Sequence[Choice], names: Sequence[str], style: Style) -> str:
+def _front(choices: Sequence[Choice], front: Sequence[Choice], names: Sequence[str], style: Style) -> str:
     best = sorted(front, key=lambda one: -(one.grey_grade or 0.0))[:MOST_POINTS_SHOWN]
     table = {
         "point": [str(one.point) for one in best],
@@ -303,7 +306,8 @@ def _front(front: Sequence[Choice], names: Sequence[str], style: Style) -> str:
         "grey grade": [_optional(one.grey_grade) for one in best],
         "TOPSIS": [_optional(one.topsis_closeness) for one in best],
     }
-    head = f"{plural(len(front), 'point')} that no other beats in every objective; grades are preferences"
+    runs = plural(sum(one.runs for one in choices), "run")
+    head = f"{len(front)} of {plural(len(choices), 'point')} ({runs}) Pareto-optimal; grades are preferences"
     return f"{head}\n{render_table(table, style)}"
 
 

@@ -44,8 +44,8 @@ MANY = 1_000_000
 class Runs:
     """What was run, a row a run: settings as the model takes them, plain values, and what runs have in common.
 
-    points : equal where the settings are; blocks : equal on one machine or tool, 0 where it made no other run;
-    others : centre runs and whatever else is none of the design's, which would unbalance the means of levels;
+    points : equal where the settings are; blocks : equal on one machine or tool;
+    others : centre runs, which would unbalance the means of levels;
     is_one_machine : whether one machine with one tool made all of them
     """
 
@@ -54,7 +54,7 @@ class Runs:
     points: Sequence[int]
     blocks: Sequence[int]
     others: frozenset[int] = frozenset()
-    """Points that no level is judged by."""
+    """Points that no mean of a level includes."""
     is_one_machine: bool = False
 
     def only(self, rows: Sequence[int]) -> Runs:
@@ -168,7 +168,7 @@ class ResponseAnalysis:
     """All tables of one response. What the runs do not tell is None, empty or NaN, and `notes` say why.
 
     fitted, residuals : one a run of `used`, on the scale of the model
-    adjusted : values less what their block differs by from the average one, by the model; on their plain scale
+    block_effects : by block, its deviation from the average block, on the scale of the model
     held, left_out : points whose every run lay within the interval of a model without them, of how many
     """
 
@@ -194,7 +194,7 @@ class ResponseAnalysis:
     interactions: tuple[Interaction, ...]
     fitted: tuple[float, ...]
     residuals: tuple[float, ...]
-    adjusted: tuple[float, ...]
+    block_effects: Mapping[object, float]
     held: int
     left_out: int
     scatter: Scatter | None
@@ -202,6 +202,11 @@ class ResponseAnalysis:
     model: ResponseModel | None
     """None where nothing is fitted, or no point can be left out."""
     notes: tuple[str, ...] = field(default=())
+
+    def without_block(self, value: float, block: object) -> float:
+        """Return a value corrected by the effect of its block; unchanged if the model has no such block."""
+        effect = self.block_effects.get(block, 0.0)
+        return value * math.exp(-effect) if self.is_log else value - effect
 
     def at_point(self, adjusted: ArrayLike, candidates: int) -> tuple[float, float, float] | None:
         """Return what is expected of a new run on a new machine where runs were made, by these; and its interval.
@@ -211,7 +216,7 @@ class ResponseAnalysis:
         more than those of others do, that counts. None for fewer than two runs, and where the scatter of repeated
         runs is known less well than what the model misses.
 
-        adjusted : values without what their blocks differ by, as in `adjusted`
+        adjusted : values without the effects of their blocks, as `without_block` returns them
         """
         values = np.asarray(adjusted, float)
         values = np.log(values) if self.is_log else values
@@ -278,7 +283,7 @@ def analyse(
         interactions=(),
         fitted=(),
         residuals=(),
-        adjusted=tuple(values.tolist()),
+        block_effects={},
         held=0,
         left_out=0,
         scatter=None,
@@ -351,7 +356,7 @@ def _with_model(
         lack=_lack(fitted, runs, values),
         fitted=tuple((values - fitted.residuals).tolist()),
         residuals=tuple(fitted.residuals.tolist()),
-        adjusted=tuple(_without_blocks(fitted, values, block, is_log=base.is_log).tolist()),
+        block_effects=_block_effects(fitted, settings, block),
         held=held,
         left_out=left_out,
         scatter=scatter,
@@ -360,12 +365,12 @@ def _with_model(
     )
 
 
-def _without_blocks(fitted: Fit, values: Values, block: str, *, is_log: bool) -> Values:
-    spans = [span for term, span in fitted.model.spans.items() if _is_block(term, block)]
-    effects = sum(
-        (fitted.model.columns[:, one] @ fitted.coefficients[one] for one in spans), np.zeros(len(values))
-    )
-    return np.exp(values - effects) if is_log else values - effects
+def _block_effects(fitted: Fit, settings: Settings, block: str) -> dict[object, float]:
+    span = fitted.model.spans.get(((block, 1),))
+    if span is None:
+        return {}
+    effects = fitted.coefficients[span]
+    return dict(zip(settings.names[block], np.append(effects, -effects.sum()).tolist(), strict=True))
 
 
 def _lack(fitted: Fit, runs: Runs, values: Values) -> LackOfFit | None:
@@ -476,16 +481,15 @@ def _run_variance(runs: Runs, values: Values) -> tuple[float, int]:
 def _block_variance(fitted: Fit, settings: Settings, block: str) -> tuple[float, int]:
     """Variance of a new block about the mean of those that were run, with what the error puts into their means.
 
-    Block 0 is of many machines with a run each, and tells nothing of one.
+    A block of a single run is left out: its effect has the whole error of that run.
     """
-    for term, span in fitted.model.spans.items():
-        if _is_block(term, block):
-            effects = fitted.coefficients[span]
-            whole = np.append(effects, -effects.sum())[[name != 0 for name in settings.names[block]]]
-            if len(whole) < 2:
-                break
-            return float(whole.var(ddof=1)) * (1 + 1 / len(whole)), len(whole) - 1
-    return math.nan, 0
+    blocks = list(settings.categories.get(block, ()))
+    effects = [
+        effect for name, effect in _block_effects(fitted, settings, block).items() if blocks.count(name) > 1
+    ]
+    if len(effects) < 2:
+        return math.nan, 0
+    return float(np.var(effects, ddof=1)) * (1 + 1 / len(effects)), len(effects) - 1
 
 
 def _left_out_coverage(terms: Sequence[Term], runs: Runs, values: Values, block: str) -> tuple[int, int]:

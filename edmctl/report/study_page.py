@@ -159,7 +159,7 @@ def _response(
     found: list[PageTable | str | None] = []
     words = [study_words.wanted(info)]
     words += ["modelled as its logarithm"] if one.is_log else []
-    words += [f"{len(one.values)} of {len(parts.runs)} runs have a value"]
+    words += [f"{len(one.values)} of {len(parts.runs)} runs of the design have a value"]
     found.append(html.paragraph(study_words.sentence(f"In {info.unit or 'units of 1'}, {', '.join(words)}")))
     if one.notes:
         found.append(html.sentences(study_words.sentence(note) for note in one.notes))

@@ -323,8 +323,9 @@ def choices(plan: StudyPlan, found: Sequence[Choice]) -> PageTable | None:
     header += [_bound_name(bound.response, bound.limit, bound.sign) for bound in plan.constraints]
     header += [*(["keeps constraints"] if named else []), "on the front"]
     notes = [
+        f"Means of all {sum(one.runs for one in found)} runs that are done, without confirmations.",
         f"On the front no other point{that_keeps(plan)} is as good in every objective and better in one: a fact of "
-        "the means."
+        "the means.",
     ]
     if named:
         notes.append(

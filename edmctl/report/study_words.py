@@ -29,6 +29,8 @@ HARD = "\u00a0"
 """A space that a line does not break."""
 SURE = 0.05
 """An effect counts as shown below this probability."""
+LARGE = 36.0
+"""Sum of squares over the error variance of a term that has an effect of six standard errors."""
 LONGEST = 60
 _MODELS = {
     "levels": "main effects, with every level of a factor free",
@@ -178,7 +180,9 @@ def what_matters(info: ResponseInfo, one: ResponseAnalysis) -> list[str]:
             f"{text}. Nothing is left to estimate the error: none of this is shown to be more than chance."
         ]
     shown = [row for row in rows if row.p < SURE]
-    others = [row for row in rows if not row.p < SURE]
+    open_rows = [row for row in rows if not row.p < SURE]
+    large = [row for row in open_rows if row.adjusted_ss >= LARGE * one.anova.error.mean_square]
+    others = [row for row in open_rows if row not in large]
     found = []
     if shown:
         named = ", ".join(
@@ -187,6 +191,11 @@ def what_matters(info: ResponseInfo, one: ResponseAnalysis) -> list[str]:
         found.append(f"{one.name}: {named} {'act' if len(shown) > 1 else 'acts'}; shares are of {of_what}.")
     else:
         found.append(f"{one.name}: no effect is shown.")
+    found += [
+        f"{row.name} is large ({_evidence(row)}): six standard errors or more, but the row that F compares with has "
+        f"{plural(one.anova.under(row.name).dof, 'degree')} of freedom. More replicates would decide."
+        for row in _strongest(large)
+    ]
     if others:
         named = ", ".join(f"{row.name} ({_evidence(row)})" for row in _strongest(others))
         found.append(f"Not shown to act: {named}.")

@@ -220,6 +220,14 @@ class StudyPlan:
     notes: tuple[str, ...] = ()
     costs: PlanCosts | None = None
 
+    def is_of_design(self, run: PlannedRun) -> bool:
+        """Return whether a run is one of the design: planned, or of a replicate or fold-over that was added.
+
+        Suggested and confirmation runs are not, nor the centre runs that open and close their tools.
+        """
+        is_planned = run.number <= len(self.runs) or run.replicate > self.replicates
+        return is_planned and run.kind in (RunKind.DESIGN, RunKind.CENTER)
+
     def as_mapping(self) -> dict[str, Any]:
         """Return the `result` of the JSON object."""
         from dataclasses import asdict

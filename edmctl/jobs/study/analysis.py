@@ -13,6 +13,7 @@ from edmctl.jobs.study.expectations import predicted
 from edmctl.jobs.study.factors import BLOCK, settings_key, settings_matrix
 from edmctl.jobs.study.responses import TRUTHS
 from edmctl.results.study import TRUTH, Choice, ConfirmedLimit, RunKind, RunState
+from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -27,13 +28,16 @@ SENSITIVITY = "sensitivity"
 
 @dataclass(frozen=True, slots=True)
 class StudyAnalysis:
-    """What the rows of a study say. `truths` are analyses of what the virtual machine knows, by response.
+    """The results of a study.
 
-    `runs` are those that count, in the order of the rows of every analysis.
+    runs : the design's runs that are done, in the order of the rows of every analysis; design tables use these alone
+    added : runs that were suggested or added; `choices` use them too
+    truths : analyses of the virtual machine's true values, by response
     """
 
     plan: StudyPlan
     runs: tuple[StudyRun, ...]
+    added: tuple[StudyRun, ...]
     responses: tuple[ResponseAnalysis, ...]
     truths: dict[str, ResponseAnalysis]
     indices: dict[str, SobolIndices]
@@ -42,7 +46,7 @@ class StudyAnalysis:
 
 
 def analysis_of(state: StudyState) -> StudyAnalysis:
-    """Analyse a study as far as its rows go. Raises PreconditionError E8206 where no run is done."""
+    """Analyse the runs that are done. Raises PreconditionError E8206 if there are none."""
     plan = state.folder.plan
     done = tuple(run for run in state.runs if run.state is RunState.DONE)
     if not done:
@@ -51,37 +55,48 @@ def analysis_of(state: StudyState) -> StudyAnalysis:
             hint=f"Make them with `edmctl study resume {state.folder.path}`.",
             code="E8206",
         )
-    fitting = tuple(run for run in done if run.planned.kind is not RunKind.CONFIRMATION)
-    runs = doe_runs(plan, fitting)
+    designed = tuple(run for run in done if plan.is_of_design(run.planned))
+    added = tuple(
+        run
+        for run in done
+        if not plan.is_of_design(run.planned) and run.planned.kind is not RunKind.CONFIRMATION
+    )
+    runs = doe_runs(plan, designed)
     analyses, truths, indices = [], {}, {}
     for response in plan.responses:
-        analyses.append(_analysis(plan, response.name, response, fitting, runs))
+        analyses.append(_analysis(plan, response.name, response, designed, runs))
         is_measured = (
             response.name in TRUTHS and not response.is_manual
         )  # a hand may mean something else by it
-        if is_measured and any(run.row and run.row.truth for run in fitting):
-            truths[response.name] = _analysis(plan, f"{TRUTH}{response.name}", response, fitting, runs)
+        if is_measured and any(run.row and run.row.truth for run in designed):
+            truths[response.name] = _analysis(plan, f"{TRUTH}{response.name}", response, designed, runs)
         if plan.model == SENSITIVITY:
-            found = _indices(plan, response, done)
+            found = _indices(plan, response, designed)
             if found is not None:
                 indices[response.name] = found
     return StudyAnalysis(
         plan,
-        fitting,
+        designed,
+        added,
         tuple(analyses),
         truths,
         indices,
-        _choices(state, fitting, analyses),
-        _notes(state, fitting),
+        _choices(state, (*designed, *added), analyses),
+        _notes(state, designed, added),
     )
 
 
 def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
-    """Return runs as `doe` wants them."""
+    """Return runs in the form that `doe` reads.
+
+    Runs that share no block with another have no block term: the difference between machines is in their error.
+    """
     from edmctl.doe.response_analysis import Runs
 
     settings = [run.planned.settings for run in runs]
-    blocks = _shared_blocks([run.block for run in runs])
+    blocks = [run.block for run in runs]
+    if len(set(blocks)) == len(blocks):
+        blocks = [0] * len(blocks)
     return Runs(
         settings_matrix(plan.factors, settings, blocks, as_levels=plan.model in AS_LEVELS),
         {factor.name: [one[factor.key] for one in settings] for factor in plan.factors},
@@ -94,24 +109,19 @@ def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
 
 
 def is_one_machine(runs: Sequence[StudyRun]) -> bool:
-    """Return whether one machine with one tool made all of these runs: what it errs by is in each alike."""
+    """Return whether one machine with one tool made all of these runs: its errors are in all of them alike."""
     return len({run.tool or f"seed {run.planned.seed}" for run in runs}) == 1
 
 
-def _shared_blocks(blocks: Sequence[int]) -> list[int]:
-    """Blocks, those of a single run as one: their machines differ by what the error then holds."""
-    return [block if blocks.count(block) > 1 else 0 for block in blocks]
-
-
 def _analysis(
-    plan: StudyPlan, name: str, response: ResponseInfo, fitting: Sequence[StudyRun], runs: Runs
+    plan: StudyPlan, name: str, response: ResponseInfo, designed: Sequence[StudyRun], runs: Runs
 ) -> ResponseAnalysis:
     from edmctl.doe.response_analysis import analyse
 
-    values = [_number(run.value(name)) for run in fitting]
+    values = [_number(run.value(name)) for run in designed]
     model = "main" if plan.model == SENSITIVITY else plan.model
     terms = terms_of(model, plan.factors, blocks=BLOCK in runs.settings.categories)
-    u95 = [_number(run.row.u95.get(name) if run.row is not None else None) for run in fitting]
+    u95 = [_number(run.row.u95.get(name) if run.row is not None else None) for run in designed]
     return analyse(
         name,
         runs,
@@ -123,12 +133,12 @@ def _analysis(
     )
 
 
-def _indices(plan: StudyPlan, response: ResponseInfo, done: Sequence[StudyRun]) -> SobolIndices | None:
-    """Sobol indices over the points in their order, means over replicates; None where too few are there."""
+def _indices(plan: StudyPlan, response: ResponseInfo, runs: Sequence[StudyRun]) -> SobolIndices | None:
+    """Sobol indices over the points in their order, means over replicates; None if there are too few."""
     from edmctl.doe.sensitivity import sobol_indices
 
     values: dict[int, list[float]] = {}
-    for run in done:
+    for run in runs:
         if run.planned.kind is RunKind.DESIGN:
             values.setdefault(run.planned.point, []).append(_number(run.value(response.name)))
     points = sorted({run.point for run in plan.runs if run.kind is RunKind.DESIGN})
@@ -142,9 +152,10 @@ def _indices(plan: StudyPlan, response: ResponseInfo, done: Sequence[StudyRun]) 
 def _choices(
     state: StudyState, runs: Sequence[StudyRun], analyses: Sequence[ResponseAnalysis]
 ) -> tuple[Choice, ...]:
-    """Every point with its means; who is dominated, and two rankings, which are preferences.
+    """Every point with its means, whether another point dominates it, and two rankings, which are preferences.
 
-    Means are of values less what their blocks differ by: a point is not better for the machine that it ran on.
+    Values are corrected by the effect of their block, if the design estimates it. A machine that the design did not
+    use has no known effect: its values count as measured.
     """
     import numpy as np
 
@@ -154,17 +165,13 @@ def _choices(
     by_point: dict[int, list[StudyRun]] = {}
     for run in runs:
         by_point.setdefault(run.planned.point, []).append(run)
-    adjusted = {
-        one.name: {runs[row].planned.number: v for row, v in zip(one.used, one.adjusted, strict=True)}
-        for one in analyses
-    }
     names = ranked_by(plan)
     weights = [weight for _, weight in plan.objectives] or [1.0] * len(names)
     infos = {one.name: one for one in plan.responses}
     means = {
         point: {
-            name: _mean([adjusted[name].get(run.planned.number, math.nan) for run in members])
-            for name in infos
+            one.name: _mean([one.without_block(_number(run.value(one.name)), run.block) for run in members])
+            for one in analyses
         }
         for point, members in by_point.items()
     }
@@ -288,7 +295,7 @@ def _keeps(bound: ConstraintInfo, upper: float | None) -> bool:
     return upper is not None and bound.sign * (upper - bound.limit) <= 0
 
 
-def _notes(state: StudyState, runs: Sequence[StudyRun]) -> tuple[str, ...]:
+def _notes(state: StudyState, designed: Sequence[StudyRun], added: Sequence[StudyRun]) -> tuple[str, ...]:
     """What a reader has to know before the tables."""
     plan, notes = state.folder.plan, []
     left = [run for run in state.runs if run.state is RunState.OPEN]
@@ -298,12 +305,29 @@ def _notes(state: StudyState, runs: Sequence[StudyRun]) -> tuple[str, ...]:
     if failed:
         numbers = ", ".join(str(run.planned.number) for run in failed[:10])
         notes.append(f"runs that failed are left out until somebody judges them: {numbers}")
-    if is_one_machine(runs):
+    if added:
         notes.append(
-            "all runs are of one machine or tool: what that errs by is in every value alike, may follow time or "
-            "wear, and looks like an effect; this study cannot know how another machine would do"
+            f"the tables of each response use the {plural(len(designed), 'run')} of the design; "
+            f"{plural(len(added), 'run')} suggested or added later ({number_ranges(added)}) are in the list of "
+            "points and in the Gaussian processes of the recommendation"
+        )
+    if is_one_machine(designed):
+        notes.append(
+            "all runs of the design are of one machine or tool: its errors are in every value alike, may follow "
+            "time or wear, and look like an effect; this study cannot show how another machine would do"
         )
     return (*notes, *plan.notes)
+
+
+def number_ranges(runs: Sequence[StudyRun]) -> str:
+    """Return the numbers of runs as text, neighbours as a range: `1–8, 11`."""
+    parts: list[list[int]] = []
+    for number in sorted(run.planned.number for run in runs):
+        if parts and number == parts[-1][-1] + 1:
+            parts[-1] = [parts[-1][0], number]
+        else:
+            parts.append([number])
+    return ", ".join("–".join(map(str, part)) for part in parts)
 
 
 def _number(value: float | None) -> float:

@@ -52,9 +52,9 @@ def expected_at(
     if has_suggestions(state):
         found = _by_processes(state, settings, fitting_runs(state) if runs is None else runs)
     else:
-        runs = [run for run in fitting_runs(state) if run.state is RunState.DONE]
+        done = [run for run in fitting_runs(state) if run.state is RunState.DONE]
         found = {
-            one.name: expected for one in analyses if (expected := _by_analysis(state, one, runs, settings))
+            one.name: expected for one in analyses if (expected := _by_analysis(state, one, done, settings))
         }
     asked = {one.name: one for one in state.folder.source.file.responses}
     return {name: _possible(asked[name], values) for name, values in found.items()}
@@ -69,9 +69,9 @@ def _by_analysis(
     """What runs at these settings say, where they were repeated; else the model, if it knows their levels."""
     key, points = settings_key(settings), len({run.planned.point for run in runs})
     own = [
-        value
-        for row, value in zip(analysis.used, analysis.adjusted, strict=True)
-        if settings_key(runs[row].planned.settings) == key
+        analysis.without_block(value, run.block)
+        for run in runs
+        if settings_key(run.planned.settings) == key and (value := run.value(analysis.name)) is not None
     ]
     return analysis.at_point(own, points) or (
         predicted(state.folder.plan, analysis.model, settings) if analysis.model is not None else None

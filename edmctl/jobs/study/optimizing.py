@@ -139,7 +139,11 @@ def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recomme
             break
         settings = [one for one in settings if one is not chosen]
     names = ", ".join(name for name, _ in plan.objectives)
-    basis = f"Best expected {names} by Gaussian processes over {len(runs)} runs.{refuted_words(state)}"
+    designed = sum(plan.is_of_design(run.planned) for run in runs)
+    basis = (
+        f"Best expected {names} by Gaussian processes over {len(runs)} runs ({designed} of the design, "
+        f"{len(runs) - designed} suggested or added).{refuted_words(state)}"
+    )
     return recommendation(
         state,
         chosen,

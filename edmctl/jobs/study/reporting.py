@@ -47,8 +47,9 @@ def mapping_of(
     return {
         "study": analysis.plan.name,
         "runs": [run.planned.number for run in analysis.runs],
-        "responses": [_response(one) for one in analysis.responses],
-        "truths": [_response(one) for one in analysis.truths.values()],
+        "added_runs": [run.planned.number for run in analysis.added],
+        "responses": [_response(one, analysis) for one in analysis.responses],
+        "truths": [_response(one, analysis) for one in analysis.truths.values()],
         "sobol_indices": {
             name: {key: list(map(float, values)) for key, values in asdict(one).items()}
             for name, one in analysis.indices.items()
@@ -60,9 +61,10 @@ def mapping_of(
     }
 
 
-def _response(one: ResponseAnalysis) -> dict[str, Any]:
+def _response(one: ResponseAnalysis, analysis: StudyAnalysis) -> dict[str, Any]:
     return {
         "name": one.name,
+        "runs": [analysis.runs[row].planned.number for row in one.used],
         "is_log": one.is_log,
         "mean": one.mean,
         "sd": one.sd,
