@@ -34,6 +34,7 @@ from edmctl.actuator.screening import PASSES, Screening, residual_um, screened, 
 from edmctl.actuator.search import extended
 from edmctl.actuator.suspects import suspects
 from edmctl.actuator.uncertainty import Bands, bands_of, figures, held_out_of, smoothest
+from edmctl.blas import one_blas_thread
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -94,6 +95,7 @@ class Identification:
         return not self.problems
 
 
+@one_blas_thread()
 def identify(
     records: Sequence[Record],
     *,
@@ -216,6 +218,7 @@ def _plain_fit(
     )
 
 
+@one_blas_thread()
 def identify_quick(record: Record) -> tuple[ActuatorModel, ErrorFigures]:
     """Identify a plain model from a few full swings, in milliseconds; with its errors on the record itself.
 

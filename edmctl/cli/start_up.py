@@ -7,6 +7,8 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
+from edmctl.blas import VARIABLES
+
 if TYPE_CHECKING:
     from types import ModuleType
 
@@ -24,8 +26,8 @@ def spare_start_up() -> None:
     garbage collector looks for cycles rarely.
     """
     gc.set_threshold(FEW_CYCLES)
-    for library in ("OPENBLAS", "MKL", "OMP"):
-        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    for name in VARIABLES:
+        os.environ.setdefault(name, "1")
     sys.meta_path.insert(0, _NoBlasForNumba())
 
 

@@ -23,6 +23,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy import linalg, optimize, special
 
+from edmctl.blas import one_blas_thread
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -94,6 +96,7 @@ class GaussianProcess:
         """Length scale of each factor, as geometric means over the draws."""
         return np.asarray(np.exp(self.weights @ np.log(self.lengths)))
 
+    @one_blas_thread()
     def predict(self, points: ArrayLike) -> tuple[Values, Values]:
         """Return the expected response at (m, d) points and its standard error, of a new block on average.
 
@@ -106,6 +109,7 @@ class GaussianProcess:
         mean, sd = np.hstack([np.vstack(chunk) for chunk in chunks])
         return mean, sd
 
+    @one_blas_thread()
     def left_out(self, groups: Sequence[object]) -> tuple[Values, Values]:
         """Return what `predict` says of each run without the runs of its group; hyperparameters stay.
 
@@ -121,6 +125,7 @@ class GaussianProcess:
             mean[out], sd[out] = self._of(~out).predict(self.points[out])
         return mean, sd
 
+    @one_blas_thread()
     def with_runs(self, points: ArrayLike, values: ArrayLike) -> GaussianProcess:
         """Return the process after further runs at (m, d) points; hyperparameters stay.
 
@@ -161,6 +166,7 @@ class GaussianProcess:
         return self.centre + self.scale * mean, self.scale * np.sqrt(variance)
 
 
+@one_blas_thread()
 def fit_process(
     points: ArrayLike,
     values: ArrayLike,

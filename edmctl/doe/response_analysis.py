@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import special
 
+from edmctl.blas import one_blas_thread
 from edmctl.doe.anova import anova, differing, pooled_anova
 from edmctl.doe.linear_model import LackOfFit, Settings, fit, model_matrix, term_name, undetermined
 from edmctl.doe.signal_to_noise import response_table, signal_to_noise_db
@@ -236,6 +237,7 @@ def _plain(values: Values, is_log: bool) -> Values:
     return np.exp(values) if is_log else values
 
 
+@one_blas_thread()
 def analyse(
     name: str,
     runs: Runs,

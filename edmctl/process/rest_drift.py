@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl.blas import one_blas_thread
 from edmctl.process.touches import Drift, Reading, TouchScatter, share_u
 from edmctl.quantity import Value
 
@@ -217,6 +218,7 @@ def creep_prior() -> Floats:
     )
 
 
+@one_blas_thread()
 def fit_drift(
     rests: Sequence[Rest],
     touches: Sequence[PadTouch],
