@@ -162,7 +162,7 @@ class Machine:
     ) -> Report:
         """Go on with the job of a run that was interrupted: its file, or its id in `out`.
 
-        `homed`: the stages were homed since the controller was switched on. `restart_hole`: the hole that was left
+        `homed`: the stages are where the restarted controller counts them. `restart_hole`: the hole that was left
         is made from the start. Raises PreconditionError E8050 to E8062 where nobody knows how far it came, and what
         `machine` raises.
         """

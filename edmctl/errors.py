@@ -162,3 +162,16 @@ class Interrupted(EdmError):
 def installing(*packages: str) -> str:
     """Return the command that puts packages where this program runs from, a checkout or an installation alike."""
     return f"`{shlex.quote(sys.executable or 'python3')} -m pip install {shlex.join(packages)}`"
+
+
+def stages_by_hand(where: str = "the position that `edmctl doctor` shows") -> str:
+    """Return how the stage position that a controller counts is made true; every hint about positions uses it.
+
+    A controller counts steps and measures no position: after a power loss, a reset during motion or a move by hand
+    it reports a position where the stages may not be.
+    """
+    return (
+        "The controller counts the position of its stages and cannot measure it. Before anything moves, clear the "
+        f"tool of the workpiece, switch the stage drives off, bring every stage by hand to {where}, and switch "
+        "the drives on."
+    )

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from edmctl.errors import EdmError, Interrupted, LinkLost
+from edmctl.errors import EdmError, Interrupted, LinkLost, stages_by_hand
 from edmctl.jobs.doctor_host import fail, ok, warn
-from edmctl.wording import decimal
+from edmctl.wording import coordinates, decimal
 
 if TYPE_CHECKING:
     from edmctl.jobs.doctor_host import Checks
@@ -47,6 +47,8 @@ def look(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     checks.add(*_identity(machine), _round_trip(machine), _samples(machine), _line(machine, before))
     status = machine.status()
     checks.add(*_interlocks(status), _fault(machine), _actuator(status), _sensor(status, setup))
+    place = f"{coordinates(status.x_um, status.y_um, 1)}, {status.theta_deg:g}°"
+    checks.add(ok("stages", f"counted at {place}; the controller cannot measure where they are"))
     checks.add(ok("dielectric", f"{decimal(status.temperature_c, 1)} °C, {status.flow_lpm:.2f} L/min"))
 
 
@@ -192,7 +194,8 @@ def _samples(machine: LinkMachine) -> Check:
     machine.stop_telemetry()
     told = f"{counted.samples} of {wanted} in {SAMPLED_S:g} s"
     if counted.samples < SAMPLES_SHARE * wanted:
-        fix = "Restart the controller, and see that no other program reads the port; without samples no job goes on."
+        fix = "See that no other program reads the port, then restart the controller; without samples no job "
+        fix += f"continues. {stages_by_hand()}"
         return fail("samples", f"Only {told} came.", fix)
     return ok("samples", told)
 

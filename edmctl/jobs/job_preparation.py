@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.jobs.ledger.elapsed import with_home
-from edmctl.jobs.ledger.places_taken import next_free_x_um, refuse_taken
+from edmctl.jobs.ledger.places_taken import next_free_x_um, refuse_taken, refuse_unreachable
 from edmctl.jobs.ledger.tool import (
     account_of,
     left_to_finish,
@@ -77,6 +77,8 @@ class PreparedJob:
             warnings += refuse_worn_out(job.profile, job.setup, plan.loaded.places, account)
             warnings += other_tool(plan, account, self.history)
             warnings += left_to_finish(account.label, self.serial, folder)
+        if not plan.loaded.places and self.places and job.profile.path is None:
+            refuse_unreachable(self.places[0], job)
         refuse_taken(self.places, hole_radius_um(job.profile), self.holes, folder)
         return warnings
 

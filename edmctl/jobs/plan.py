@@ -94,7 +94,8 @@ class JobRequest:
 class Resumption:
     """An interrupted run, as its journal at `path` tells.
 
-    `homed` when somebody vouches for the stages' places, `restart_hole` when the hole that was left is made anew.
+    `homed`: the stages are confirmed to be where the restarted controller counts them. `restart_hole`: the hole that
+    was interrupted is made from the start.
     """
 
     path: Path

@@ -13,7 +13,7 @@ from edmctl.forecasts.removal import approach_speed_um_s
 from edmctl.jobs.connected_run import connected_run
 from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
 from edmctl.jobs.ledger.elapsed import with_home
-from edmctl.jobs.ledger.places_taken import refuse_pad, refuse_taken
+from edmctl.jobs.ledger.places_taken import refuse_pad, refuse_taken, refuse_unreachable
 from edmctl.jobs.ledger.tool import refuse_too_short, tool_identity
 from edmctl.jobs.run_header import name_run
 from edmctl.procedures.job import job_of
@@ -203,9 +203,11 @@ def checked_site(
     own_way_um = job.profile.approach.offset_um + STROKE_RESERVE_UM
     if not math.isnan(prepared.account.pad_um):
         refuse_too_short(job.profile, job.setup, own_way_um, prepared.account, port)
+    where = (site.name, site.x_um, site.y_um)
+    refuse_unreachable(where, job)
     if not contact:
-        refuse_pad((site.name, site.x_um, site.y_um), job)
-    refuse_taken([(site.name, site.x_um, site.y_um)], hole_radius_um(job.profile), prepared.holes, folder)
+        refuse_pad(where, job)
+    refuse_taken([where], hole_radius_um(job.profile), prepared.holes, folder)
     return site
 
 
@@ -225,6 +227,8 @@ def approach_forecast(
     from edmctl.record.ledger import Ledger
 
     profile, setup = plan.loaded.profile, plan.setup
+    if place is not None:
+        refuse_unreachable(("the place", *place), job_of(profile, setup))
     if place is not None and not contact:
         refuse_pad(("the place", *place), job_of(profile, setup))
     if identity is not None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from pathlib import Path
+
+from edmctl.errors import stages_by_hand
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +74,8 @@ def _rows() -> dict[int, FaultRow]:
     """Return the rows of faults.toml by their code; its other keys are for the documentation."""
     table = tomllib.loads(Path(__file__).with_name("faults.toml").read_text(encoding="utf-8"))
     keys = [field.name for field in fields(FaultRow)]
-    return {row["code"]: FaultRow(**{key: row[key] for key in keys}) for row in table["fault"]}
+    rows = [FaultRow(**{key: row[key] for key in keys}) for row in table["fault"]]
+    return {row.code: replace(row, hint=row.hint.replace("{stages}", stages_by_hand())) for row in rows}
 
 
 FAULTS = _rows()

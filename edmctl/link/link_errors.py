@@ -98,11 +98,10 @@ def restarted(name: str, boot: Boot) -> LinkLost:
     if boot.reset_cause in (ResetCause.WATCHDOG, ResetCause.BROWN_OUT):
         # After these the controller stays latched.
         row = FAULTS[FaultCode.RESET]
-        hint = f"{row.hint.removesuffix('.')}; then `edmctl reset --ack {row.code} --port {name}`."
+        hint = f"{row.hint} Then `edmctl reset --ack {row.code} --port {name}`."
     return LinkLost(
         f"The controller at {name} restarted: {cause} (boot {boot.boot_count}).",
-        hint=f"{hint} Pulses are off and the tool is back. If a stage was moving, first bring all stages to where "
-        "they are parked, by hand; measure again before machining.",
+        hint=f"{hint} Pulses are off and the tool is retracted.",
         code="E4005",
     )
 

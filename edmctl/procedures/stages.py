@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.errors import PreconditionError
+from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.machine.interface import Axis
 from edmctl.procedures.job import REPORT_DELAY_S
 from edmctl.procedures.run import rest_and_look
@@ -19,6 +19,7 @@ from edmctl.procedures.touch.home import (
     home_now,
     most_over_um,
 )
+from edmctl.profile.setup import ARRIVAL_RUN_UM
 from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase
 from edmctl.wording import coordinates, duration
@@ -26,10 +27,6 @@ from edmctl.wording import coordinates, duration
 if TYPE_CHECKING:
     from edmctl.procedures.run import JobRun
     from edmctl.profile.places import Place
-
-ARRIVAL_RUN_UM = 50.0
-"""A move that would arrive against the positive direction goes this far beyond and comes back, so that the
-play of the drive always lies on the same side."""
 
 ROTARY_REPEATABILITY_DEG = 0.1
 """Of the rotary table (Muralidhara et al. 2009, §3.1): a smaller turn is no turn."""
@@ -101,21 +98,22 @@ def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> Prec
             f"was known that the tool could stand {over_um + home.hidden_um:.0f} µm out; the surface is "
             f"{run.profile.approach.offset_um:.0f} µm from home."
         )
-        hint = _over_the_pad(run)
+        hint = _zero_the_sensor(run)
     if _was_started_since(run):
         message += (
             f" The controller was started {duration(run.machine.uptime_s)} ago; home was known before that."
         )
-        hint = _OF_ANOTHER_BENCH if run.machine.identity.simulated else _over_the_pad(run)
+        hint = _OF_ANOTHER_BENCH if run.machine.identity.simulated else _zero_the_sensor(run)
     return PreconditionError(message, hint=hint, code="E8020")
 
 
-def _over_the_pad(run: JobRun) -> str:
-    """Return how a touch tells where home is."""
-    pad = run.job.pad
+def _zero_the_sensor(run: JobRun) -> str:
+    """Return how the tool's position at 0 V becomes known again."""
+    has_old_zero = not math.isnan(run.job.home_age_s)
+    old = " Use a new folder of run files (--out): this one has the old zero." if has_old_zero else ""
     return (
-        "Look whether the tool is retracted and free. Then switch the controller off, home both stages, over the "
-        f"reference pad at {coordinates(pad.x_um, pad.y_um)}, and switch it on again: there a touch tells."
+        "Check that the tool is retracted and free, set the displacement sensor to zero, and restart the "
+        f"controller.{old} {stages_by_hand()}"
     )
 
 

@@ -81,6 +81,7 @@ class Code(StrEnum):
     STATED_CONTRADICTS = "W3139"
     REGIMES = "E3137"
     NO_REMOVAL = "E3138"
+    OUT_OF_REACH = "E3140"
 
 
 @dataclass(frozen=True, slots=True)

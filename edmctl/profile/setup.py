@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, NamedTuple
 
 from pydantic import Field, ValidationError
 
@@ -14,7 +15,28 @@ from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import Table
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
+
+ARRIVAL_RUN_UM = 50.0
+"""A stage that comes from above goes this far beyond its place and comes back, so that the play of the drive always
+lies on the same side."""
+ASSUMED_EDGE = 0.4
+"""Where the workpiece ends if the setup does not state it, as a share of the way from the pad to the parking place:
+the parking place has to be clear of the workpiece by the holder of the tool."""
+
+
+class Limit(NamedTuple):
+    """A straight limit: nothing may lie further than `um` from the origin in the direction (`ux`, `uy`)."""
+
+    ux: float
+    uy: float
+    um: float
+    stated: str
+
+    def beyond_um(self, x_um: float, y_um: float, half_um: float = 0.0) -> float:
+        """Return by how much a place of that half width lies beyond the limit, µm; negative within it."""
+        return self.ux * x_um + self.uy * y_um + half_um - self.um
 
 
 class Actuator(Table):
@@ -73,9 +95,15 @@ class Drift(Table):
 
 
 class Surface(Table):
-    """The work surface."""
+    """The workpiece surface. Without any limit it is assumed to end 2/5 of the way from pad to parking place."""
 
     tilt_u_mrad: float = Field(0.3, ge=0.0, le=50.0, description="standard uncertainty of its slope, mrad")
+    x_min_um: float | None = Field(
+        None, ge=-1e6, le=1e6, description="edge of the workpiece at its least x, µm"
+    )
+    x_max_um: float | None = Field(None, ge=-1e6, le=1e6, description="edge at its greatest x, µm")
+    y_min_um: float | None = Field(None, ge=-1e6, le=1e6, description="edge at its least y, µm")
+    y_max_um: float | None = Field(None, ge=-1e6, le=1e6, description="edge at its greatest y, µm")
 
 
 class Stage(Table):
@@ -85,6 +113,10 @@ class Stage(Table):
     reference_y_um: float = Field(0.0, ge=-1e6, le=1e6)
     park_x_um: float = Field(-5000.0, ge=-1e6, le=1e6)
     park_y_um: float = Field(0.0, ge=-1e6, le=1e6)
+    x_min_um: float = Field(-1e6, ge=-1e6, le=1e6, description="least x within travel, µm")
+    x_max_um: float = Field(1e6, ge=-1e6, le=1e6, description="greatest x within travel, µm")
+    y_min_um: float = Field(-1e6, ge=-1e6, le=1e6, description="least y within travel, µm")
+    y_max_um: float = Field(1e6, ge=-1e6, le=1e6, description="greatest y within travel, µm")
     speed_um_s: float = Field(1000.0, gt=0.0, le=1e6, description="travel, µm/s")
     rotary_deg_s: float = Field(10.0, gt=0.0, le=1000.0, description="turning of the rotary table, degrees/s")
     repeatability_um: float = Field(1.0, ge=0.0, le=100.0, description="coming back to a place, µm")
@@ -146,6 +178,34 @@ class Setup(Table):
     controller: Controller = Controller()
     link: Link = Link()
 
+    def stage_limits(self) -> list[Limit]:
+        """Return the limits of the tool's axis: the travel of the stages, less what a move overruns."""
+        return list(_box("stage", self.stage, ARRIVAL_RUN_UM))
+
+    def workpiece_limits(self) -> list[Limit]:
+        """Return the edges of the workpiece: those stated, else the assumed one towards the parking place."""
+        if stated := list(_box("surface", self.surface)):
+            return stated
+        stage = self.stage
+        dx_um, dy_um = stage.park_x_um - stage.reference_x_um, stage.park_y_um - stage.reference_y_um
+        away_um = math.hypot(dx_um, dy_um)
+        if away_um == 0.0:
+            return []
+        ux, uy = dx_um / away_um, dy_um / away_um
+        pad_um, edge_um = ux * stage.reference_x_um + uy * stage.reference_y_um, ASSUMED_EDGE * away_um
+        words = f"assumed {edge_um:g} µm from the reference pad towards the parking place"
+        return [Limit(ux, uy, pad_um + edge_um, words)]
+
+
+def _box(table: str, limits: Stage | Surface, overrun_um: float = 0.0) -> Iterator[Limit]:
+    """Yield the limits that a table states; moves overrun a place towards smaller coordinates."""
+    for axis, (ux, uy) in (("x", (1.0, 0.0)), ("y", (0.0, 1.0))):
+        for end, sign, more_um in (("min", -1.0, overrun_um), ("max", 1.0, 0.0)):
+            key = f"{axis}_{end}_um"
+            value: float | None = getattr(limits, key)
+            if value is not None:
+                yield Limit(sign * ux, sign * uy, sign * value - more_um, f"{table}.{key} = {value:g} µm")
+
 
 def load_setup(path: Path | None = None) -> Setup:
     """Load the machine's settings; without a path, those of the stock machine.
@@ -173,6 +233,8 @@ def load_setup(path: Path | None = None) -> Setup:
         hint = f"set actuator.conditioning_slew_v_s to at most {actuator.slew_v_s:g} V/s"
         where = sources.value(("actuator", "slew_v_s"))
         raise ProfileError((Diagnostic(Code.OUT_OF_RANGE, message, hint, where),))
+    if misplaced := list(_misplaced(setup, sources)):
+        raise ProfileError(tuple(misplaced))
     beside: dict[str, Table] = {}
     if actuator.calibration is not None:
         named = str(path.parent / actuator.calibration)
@@ -180,3 +242,27 @@ def load_setup(path: Path | None = None) -> Setup:
     if setup.drift.file is not None:
         beside["drift"] = setup.drift.model_copy(update={"file": str(path.parent / setup.drift.file)})
     return setup.model_copy(update=beside) if beside else setup
+
+
+def _misplaced(setup: Setup, sources: Sources) -> Iterator[Diagnostic]:
+    """Yield what is wrong with the places of the reference pad and for parking."""
+    stage, edges = setup.stage, setup.workpiece_limits()
+    pad, park = (stage.reference_x_um, stage.reference_y_um), (stage.park_x_um, stage.park_y_um)
+    for name, place, key in (
+        ("the reference pad", pad, "reference_x_um"),
+        ("the parking place", park, "park_x_um"),
+    ):
+        where = sources.value(("stage", key))
+        for limit in setup.stage_limits():
+            if (beyond_um := limit.beyond_um(*place)) > 0.0:
+                message = f"{name} is {beyond_um:g} µm beyond the travel of the stages, {limit.stated}"
+                yield Diagnostic(Code.OUT_OF_REACH, message, "correct stage or its travel limits", where)
+    where = sources.value(("stage", "reference_x_um"))
+    for edge in edges:
+        if (beyond_um := edge.beyond_um(*pad)) > 0.0:
+            message = f"the reference pad is {beyond_um:g} µm beyond the edge of the workpiece, {edge.stated}"
+            yield Diagnostic(Code.OUT_OF_REACH, message, "correct stage.reference or the edge", where)
+    if all(edge.beyond_um(*park) <= 0.0 for edge in edges):
+        message = "the parking place is over the workpiece, where the tool would collide in its full stroke"
+        hint = "park the tool beside the workpiece, or correct its edges in [surface]"
+        yield Diagnostic(Code.OUT_OF_REACH, message, hint, sources.value(("stage", "park_x_um")))

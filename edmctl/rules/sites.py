@@ -6,13 +6,16 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.forecast import STROKE_RESERVE_UM, Job, stroke_available_um, working_order
+from edmctl.forecasts.measuring import beside_pad_um
 from edmctl.forecasts.removal import hole
 from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Code, Finding, rounded_down, rounded_up
+from edmctl.wording import coordinates
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from edmctl.profile.places import Place
+    from edmctl.profile.setup import Limit, Setup
     from edmctl.profile.sites import PathTable
 
 NEEDED = {
@@ -94,6 +97,63 @@ def clear_of_each_other(job: Job) -> Iterator[Finding]:
                 place.where,
             )
             return
+
+
+def within_reach(job: Job) -> Iterator[Finding]:
+    """Rule 40: the stages reach every place, and the workpiece is there."""
+    half_um = job.profile.tool.diameter_um / 2.0 + job.profile.work.side_gap_um
+    path = job.profile.path
+    if path is not None:
+        if found := unreachable("the channel", path.x_um, path.y_um, job.setup, half_um, path):
+            yield Finding(Code.OUT_OF_REACH, ("path", "x_um"), *found)
+        return
+    if not job.profile.sites:
+        x_um, y_um = beside_pad_um(job.profile, job.setup)
+        if found := unreachable("the hole beside the pad", x_um, y_um, job.setup, half_um):
+            yield Finding(Code.OUT_OF_REACH, ("measure", "site_dx_um"), *found)
+        return
+    for place in job.places:
+        if found := unreachable(
+            place.name, place.x_um, place.y_um, job.setup, half_um, theta_deg=place.theta_deg
+        ):
+            yield Finding(Code.OUT_OF_REACH, ("sites", place.entry), *found, place.where)
+            return
+
+
+def unreachable(
+    name: str,
+    x_um: float,
+    y_um: float,
+    setup: Setup,
+    half_um: float,
+    path: PathTable | None = None,
+    theta_deg: float = 0.0,
+) -> tuple[str, str] | None:
+    """Return why a place of that half width cannot be machined, and the remedy; None where it can.
+
+    With `path` it is a channel around that place. Where the workpiece is turned, its edges are unknown.
+    """
+    what = f"{name} at {coordinates(x_um, y_um)}"
+    for limit in setup.stage_limits():
+        if (beyond_um := limit.beyond_um(x_um, y_um, _half_um(path, limit))) > 0.0:
+            hint = "move it, or correct the travel limits of [stage] in the setup"
+            return f"{what} is {beyond_um:.0f} µm beyond the travel of the stages, {limit.stated}", hint
+    for edge in setup.workpiece_limits() if math.remainder(theta_deg, 360.0) == 0.0 else ():
+        if (beyond_um := edge.beyond_um(x_um, y_um, _half_um(path, edge) + half_um)) > 0.0:
+            hint = (
+                "move it, or state the edges of the workpiece in the setup (surface.x_min_um, x_max_um, ...)"
+            )
+            return f"{what} reaches {beyond_um:.0f} µm beyond the edge of the workpiece, {edge.stated}", hint
+    return None
+
+
+def _half_um(path: PathTable | None, limit: Limit) -> float:
+    """Return how far a channel's axis reaches from its middle towards a limit, µm; of a spiral its outer circle."""
+    if path is None:
+        return 0.0
+    if path.kind == "rectangle":
+        return (abs(limit.ux) * (path.width_um or 0.0) + abs(limit.uy) * (path.height_um or 0.0)) / 2.0
+    return (path.radius_um or 0.0) + (path.pitch_um or 0.0) * (path.turns or 0.0)
 
 
 def array_wear(job: Job) -> Iterator[Finding]:

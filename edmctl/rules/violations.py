@@ -56,6 +56,7 @@ RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     sites.names,
     sites.walls,
     sites.clear_of_each_other,
+    sites.within_reach,
     sites.array_wear,
     sites.array_stroke,
     sites.layer,

@@ -60,6 +60,7 @@ def test_a_sound_machine_has_nothing_that_fails(here: Here) -> None:
         "fault",
         "actuator",
         "displacement",
+        "stages",
         "dielectric",
         "calibration",
         *(f"interlock {name}" for name in INTERLOCKS),

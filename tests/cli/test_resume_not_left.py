@@ -108,7 +108,7 @@ def test_untouched_work_is_refused_and_made_from_its_face_when_asked(
 def test_a_board_that_was_moved_is_refused(here: Here, left_at: LeaveAt) -> None:
     left_at(30.0)
     bench_changed(move_work)
-    assert "Other work, or other places" in refused(here, "E8060")
+    assert "Put the workpiece back as it was" in refused(here, "E8060")
 
 
 @pytest.mark.slow

@@ -264,7 +264,7 @@ def test_a_tool_that_stands_out_is_not_moved_however_long_the_sensor_may_have_dr
     with pytest.raises(PreconditionError, match="could stand") as caught:
         shop.run_job()
     assert caught.value.code == "E8020"
-    assert "reference pad" in caught.value.hint
+    assert "displacement sensor to zero" in caught.value.hint
     assert (shop.bench.plant.position_um == before).all()
 
 
@@ -298,7 +298,7 @@ def test_a_controller_that_was_started_since_home_was_known_is_told(
     ) as caught:
         retract(run)
     assert caught.value.code == "E8020"
-    assert ("--bench FILE" if simulated else "there a touch tells") in caught.value.hint
+    assert ("--bench FILE" if simulated else "`edmctl doctor` shows") in caught.value.hint
 
 
 @pytest.mark.parametrize("hours", tiers(72.0, slow=(8.0,)))

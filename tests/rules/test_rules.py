@@ -387,7 +387,7 @@ def test_millimetres_are_told_of_arrays_and_sheets_too(name: str, change: str) -
 def test_every_code_of_a_rule_is_tested_here() -> None:
     elsewhere = {Code.PATH_KEYS, Code.SITES_OR_PATH, Code.SITES, Code.OVERLAP}
     elsewhere |= {Code.ARRAY_WEAR, Code.ARRAY_STROKE, Code.LAYER, Code.UNKNOWN_MATERIAL, Code.SIM_CONTRADICTS}
-    elsewhere |= {Code.BEYOND_LAWS, Code.REGIMES, Code.NO_REMOVAL, Code.STATED_CONTRADICTS}
+    elsewhere |= {Code.BEYOND_LAWS, Code.REGIMES, Code.NO_REMOVAL, Code.STATED_CONTRADICTS, Code.OUT_OF_REACH}
     tested = {case.code for case in CASES} | {Code.LIMIT_CYCLE, Code.ACTUATOR_VOLTAGE} | elsewhere
     assert tested == {code for code in Code if code[1:3] == "31"}
 

@@ -10,6 +10,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+from edmctl.link.faults import FAULTS
 from edmctl.link.schema import SCHEMA_PATH, load_schema
 from tools.generate import (
     actuator_page,
@@ -32,6 +33,7 @@ def wanted_files() -> dict[Path, str]:
     """Return what each generated file must hold."""
     schema = load_schema()
     faults = tomllib.loads(SCHEMA_PATH.with_name("faults.toml").read_text(encoding="utf-8"))["fault"]
+    faults = [{**row, "hint": FAULTS[row["code"]].hint} for row in faults]
     parts = {
         "protocol.md": protocol_page.tables(schema, faults),
         "faults.md": {"faults": faults_page.sections(schema, faults)},

@@ -29,7 +29,8 @@ ResumeOption = Annotated[
 HomedOption = Annotated[
     bool,
     typer.Option(
-        "--homed", help="With --resume: the stages were homed since the controller was switched on."
+        "--homed",
+        help="With --resume: confirm that the stages are where the restarted controller counts them.",
     ),
 ]
 RestartHoleOption = Annotated[

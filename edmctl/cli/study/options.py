@@ -62,7 +62,8 @@ DaskOption: TypeAlias = Annotated[
     ),
 ]
 HomedOption: TypeAlias = Annotated[
-    bool, typer.Option("--homed", help="The stages were homed since the controller was switched on.")
+    bool,
+    typer.Option("--homed", help="Confirm that the stages are where the restarted controller counts them."),
 ]
 YesOption: TypeAlias = Annotated[
     bool, typer.Option("--yes", help="Approve every run that the study wants approved.")

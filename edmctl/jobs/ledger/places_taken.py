@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, UsageError
 from edmctl.profile.findings import PAD_MARGIN_UM
+from edmctl.rules.sites import unreachable
 from edmctl.wording import coordinates, length
 
 if TYPE_CHECKING:
@@ -53,6 +54,14 @@ def refuse_taken(
                     "`edmctl machine --resume` finishes an interrupted hole or channel.",
                     code="E8042",
                 )
+
+
+def refuse_unreachable(place: Place, job: Job) -> None:
+    """Raise PreconditionError E8042 for a place beyond the stages' travel or the workpiece."""
+    half_um = job.profile.tool.diameter_um / 2.0 + job.profile.work.side_gap_um
+    if found := unreachable(*place, job.setup, half_um):
+        message, hint = found
+        raise PreconditionError(f"{message}.", hint=f"{hint[0].upper()}{hint[1:]}.", code="E8042")
 
 
 def refuse_pad(place: Place, job: Job) -> None:

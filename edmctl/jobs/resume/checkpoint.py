@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 PHASE_BEFORE = "starting"
 RESTARTED = "E4005"
-"""A controller that restarted does not know where its stages are."""
+"""The stage positions have to be confirmed after a restart of the controller."""
 
 
 def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
@@ -40,9 +40,7 @@ def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
     command = resume_command(name.path, plan.where.selector)
     if (plan.resumed is not None and plan.resumed.homed) or error.code == RESTARTED:
         command += " --homed"
-    first = "home both stages, then go" if error.code == RESTARTED else "go"
-    on = f"{first} on with `{command}`, before this tool does anything else."
-    error.hint = f"{error.hint} {on[0].upper()}{on[1:]}".strip()
+    error.hint = f"{error.hint} Go on with `{command}`, before this tool does anything else.".strip()
 
 
 @dataclass(slots=True, eq=False)

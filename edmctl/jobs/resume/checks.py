@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.errors import PreconditionError
+from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.wording import coordinates
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def refuse_elsewhere(
         )
     refuse_used_tool(resumption, lines)
     if virtual is None and machine.hello.boot_count != job.boots and not resumption.homed:
-        raise _not_homed(resumption, session, plan)
+        raise _not_homed(resumption, session)
 
 
 def _other_tool(message: str) -> PreconditionError:
@@ -128,14 +128,12 @@ def _was_idle(run_file: str, later: Sequence[Line]) -> bool:
     return False
 
 
-def _not_homed(resumption: Resumption, session: MachineSession, plan: Plan) -> PreconditionError:
+def _not_homed(resumption: Resumption, session: MachineSession) -> PreconditionError:
     status, journal = session.bench.machine.status(), resumption.journal
+    here = f"{coordinates(status.x_um, status.y_um, 1)}, {status.theta_deg:g}°, within {HOMED_WITHIN_UM:g} µm"
     return PreconditionError(
-        f"The controller was switched on again since {journal.job.run_id}, and a controller cannot tell whether its "
-        f"stages moved meanwhile. It counts {coordinates(status.x_um, status.y_um, 1)} now; the run was last "
-        f"seen at {coordinates(journal.x_um, journal.y_um, 1)}.",
-        hint=f"Home both stages at their references, within {HOMED_WITHIN_UM:g} µm, and say --homed; the tool has "
-        f"to be clear of the work. The pad is at "
-        f"{coordinates(plan.setup.stage.reference_x_um, plan.setup.stage.reference_y_um)}.",
+        f"The controller was restarted since {journal.job.run_id}; the run was last seen at "
+        f"{coordinates(journal.x_um, journal.y_um, 1)}.",
+        hint=f"{stages_by_hand(here)} Then confirm that with --homed.",
         code="E8057",
     )

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from edmctl.results.study import RunRow
 
 WORN_OUT = "E8043"
-JOB_RESUMED = re.compile(r"(Home both stages, then go|Go) on with `edmctl machine --resume[^`]*`[^.]*\.")
+JOB_RESUMED = re.compile(r"Go on with `edmctl machine --resume[^`]*`[^.]*\.")
 """How a job alone would go on; that of a study is resumed with the study."""
 
 
@@ -55,7 +55,8 @@ class MachineRuns:
     """How the runs of a study are made on one machine.
 
     `approve` is asked before sparks of a run that has to be approved; `new_tool` says that the electrode was changed
-    since the last run, `homed` that the stages were.
+    since the last run, `homed` that the stages are where the
+    restarted controller counts them.
     """
 
     port: str
@@ -325,11 +326,10 @@ class _Series:
             values["worn_tool"] = _tool_in_use(self._folder.read(), run)
         self._writer.append(PAUSED, values)
         command = self._command() + (" --homed" if "--homed" in error.hint else "")
-        first = "Home both stages, then go" if "--homed" in error.hint else "Go"
         if error.code == WORN_OUT:
             hint = f"Dress or change it, and go on with `{command} --new-tool`."
         else:
-            hint = f"{first} on with `{command}`: what is made is kept, and a begun hole is resumed."
+            hint = f"Go on with `{command}`: what is made is kept, and a begun hole is resumed."
         error.hint = f"{JOB_RESUMED.sub('', error.hint).strip()} {hint}".strip()
         raise error
 

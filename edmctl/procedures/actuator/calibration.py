@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from edmctl.actuator.checks import check_record
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
-from edmctl.errors import LinkLost, PreconditionError
+from edmctl.errors import LinkLost, PreconditionError, stages_by_hand
 from edmctl.machine.interface import Axis, PulseLog, TelemetrySettings, joined
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
 from edmctl.procedures.run import NO_PULSES
@@ -204,8 +204,8 @@ def _wait_for_creep(machine: Machine, setup: Setup) -> None:
             raise PreconditionError(
                 f"The sensor reads {here_um:.1f} µm at 0 V and may have drifted by {drift_um:.1f} µm since the "
                 f"controller came up; the stages may move within {SAFE_Z_UM:.1f} µm of home only.",
-                hint="Look whether the tool is retracted and free. Then set the displacement sensor to zero, "
-                "home both stages, and restart the controller.",
+                hint="Check that the tool is retracted and free, set the displacement sensor to zero, and restart "
+                f"the controller. {stages_by_hand()}",
                 code="E8020",
             )
         machine.rest(CREEP_LOOK_S)

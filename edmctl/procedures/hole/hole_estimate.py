@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from edmctl.errors import PreconditionError
+from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.forecasts.removal import feed_rate_um_s
 from edmctl.procedures.job_state import PERIOD_S, JobState
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy
@@ -197,7 +197,7 @@ def other_work(site: Place, found: DepthAndWear, expected: Estimate, *, begun: b
         f"{site.name} at {coordinates(site.x_um, site.y_um)} is "
         f"{with_u95(found.depth_um, found.depth_u95_um)} µm deep; the journal expects "
         f"{with_u95(expected.depth_um, COVERAGE * expected.depth_u_um)} µm.",
-        hint=f"Other work, or other places: put the work back as it was, and home the stages. {otherwise}",
+        hint=f"Put the workpiece back as it was. {otherwise} {stages_by_hand()}",
         code="E8060",
     )
 
