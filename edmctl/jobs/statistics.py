@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import statistics
 from typing import TYPE_CHECKING
 
+from edmctl.csv_text import table_text
 from edmctl.labels import Basis
 from edmctl.results.job import SiteTruth
 from edmctl.results.simulation import Case, SimulatedRun, SimulatedSite, Statistics
@@ -147,13 +146,7 @@ def csv_of(cases: Sequence[Case]) -> bytes:
         for prefix, name in groups.items():
             for key, found in getattr(case, name).items():
                 row[f"{prefix}{key}"] = found.mean
-                row[f"{prefix}{key}_sd"] = "" if math.isnan(found.sd) else found.sd
+                row[f"{prefix}{key}_sd"] = found.sd
         row |= {f"{name}_coverage": share for name, share in case.coverage.items()}
         rows.append(row)
-    text = io.StringIO()
-    writer = csv.DictWriter(
-        text, list(dict.fromkeys(name for row in rows for name in row)), lineterminator="\n"
-    )
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue().encode()
+    return table_text(rows).encode()

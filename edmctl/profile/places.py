@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from edmctl.csv_text import plain_text
 from edmctl.errors import Diagnostic, Location, ProfileError
 from edmctl.files import read_bytes
 from edmctl.profile.findings import Code
@@ -157,7 +158,7 @@ class _Line:
     def cells(self) -> list[str]:
         """Its cells; raises ProfileError where it is no CSV."""
         try:
-            return [cell.strip() for cell in next(csv.reader([self.text], strict=True), [])]
+            return [plain_text(cell.strip()) for cell in next(csv.reader([self.text], strict=True), [])]
         except csv.Error as error:
             raise self.wrong(f"no CSV: {error}", _FORM) from error
 

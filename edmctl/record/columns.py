@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 
 from edmctl.actuator.record import Record
+from edmctl.csv_text import header_line, row_lines
 from edmctl.errors import RecordError, RunFileError
 from edmctl.files import RECORD_BYTES, open_regular, read_bytes
 from edmctl.record import disk, layout
@@ -221,9 +222,7 @@ def _arrays(path: Path, found: Mapping[str, h5py.Dataset | NDArray[np.generic]])
 
 
 def _csv(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
-    return ("\n".join(lines) + "\n").encode()
+    return (header_line(columns) + row_lines(map(repr, v.tolist()) for v in columns.values())).encode()
 
 
 def _hdf5(columns: Mapping[str, NDArray[np.generic]]) -> bytes:

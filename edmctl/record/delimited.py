@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from edmctl.csv_text import plain_text
 from edmctl.errors import Location, RecordError
 from edmctl.files import read_bytes
 
@@ -220,7 +221,7 @@ def _text_table(reader: Any, header: int, separator: str, name: str) -> TextTabl
 
 def _filled(row: Sequence[str]) -> list[str]:
     """Cells up to the last one with something in it."""
-    cells = [cell.strip() for cell in row]
+    cells = [plain_text(cell.strip()) for cell in row]
     while cells and not cells[-1]:
         cells.pop()
     return cells

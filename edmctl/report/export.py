@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from edmctl.csv_text import header_line, row_lines, text_cell
 from edmctl.errors import PreconditionError, installing
 from edmctl.record import layout
 from edmctl.report.numbers import numbers_of
@@ -177,7 +178,6 @@ def _values(rows: NDArray[np.void], column: Column) -> NDArray[np.generic]:
     return values
 
 
-_NEEDS_QUOTES = frozenset('",\r\n')
 _SAMPLE = 1024
 _FLOAT_CHARACTERS = {4: "U15", 8: "U25"}
 """Longest forms: `-1.1754944e-38`, `-2.2250738585072014e-308`."""
@@ -200,21 +200,20 @@ class TableWriter(Protocol):
 
 
 class CsvWriter:
-    """RFC 4180 with plain line ends; a header; unknown numbers are empty."""
+    """CSV with a header; unknown numbers are empty."""
 
     def __init__(self, sink: ByteSink, columns: Sequence[ExportColumn]) -> None:
         self._sink = sink
         self._columns = columns
-        sink.write((",".join(_quoted(column.name) for column in columns) + "\n").encode())
+        sink.write(header_line(column.name for column in columns).encode())
 
     def write(self, block: Block) -> None:
         """Append rows."""
         cells = [
-            _texts(values, _quoted) if column.is_text else formatted(values, unknown="")
+            _texts(values, text_cell) if column.is_text else formatted(values, unknown="")
             for column, values in zip(self._columns, block, strict=True)
         ]
-        rows = "\n".join(map(",".join, zip(*cells, strict=True)))
-        self._sink.write(f"{rows}\n".encode())
+        self._sink.write(row_lines(cells).encode())
 
     def close(self) -> None:
         """Nothing comes after the last row."""
@@ -321,13 +320,6 @@ def _floats(values: NDArray[np.generic], unknown: str, infinite: str | None) -> 
 
 def _texts(values: NDArray[np.generic], form: Callable[[str], str]) -> list[str]:
     return list(map(form, values.tolist()))
-
-
-def _quoted(text: str) -> str:
-    if _NEEDS_QUOTES.isdisjoint(text):
-        return text
-    doubled = text.replace('"', '""')
-    return f'"{doubled}"'
 
 
 def _json_text(text: str) -> str:

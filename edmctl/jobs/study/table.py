@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import math
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from edmctl.csv_text import table_text
 from edmctl.errors import RecordError, UsageError
 from edmctl.jobs.study.responses import RESPONSES, TRUTHS, unit_of
 from edmctl.results.study import TRUTH, RunState
@@ -30,8 +30,6 @@ OF_EXECUTION = ("run_file", "run_sha256", "started", "duration_s", "host")
 WITHDRAWN = "none"
 """What is told to take a value back."""
 U95 = "_u95"
-_FORMULA = tuple("=+-@\t\r")
-"""A text that begins like this would be computed by a spreadsheet."""
 _NOTHING: Mapping[str, tuple[str, str]] = MappingProxyType({})
 
 
@@ -115,19 +113,7 @@ def table_bytes(
         return (json.dumps(list(rows), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
     if form == "jsonl":
         return "".join(json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows).encode()
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({name: _plain(value) for name, value in row.items()} for row in rows)
-    return text.getvalue().encode()
-
-
-def _plain(value: Cell) -> object:
-    if value is None:
-        return ""
-    if isinstance(value, str) and value[:1] in _FORMULA:
-        return f"'{value}"
-    return str(value).lower() if isinstance(value, bool) else value
+    return table_text(rows).encode()
 
 
 def _parquet(rows: Sequence[Mapping[str, Cell]], known: Mapping[str, tuple[str, str]]) -> bytes:
