@@ -15,7 +15,7 @@ import sys
 import tempfile
 from typing import Any
 
-from edmctl.profile.folders import shipped_names
+from edmctl.profile.folders import shipped_profiles
 
 TIME, FEED = 0.10, 0.05
 
@@ -62,7 +62,7 @@ def main() -> None:
     )
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--profiles", nargs="+", default=shipped_names())
+    parser.add_argument("--profiles", nargs="+", default=list(shipped_profiles()))
     args = parser.parse_args()
     all_met = True
     for profile in args.profiles:

@@ -99,7 +99,7 @@ def started(text: str) -> Iterator[tuple[edmctl.Study, Path]]:
 
 def shipped_text(name: str, seed: int) -> str:
     """A shipped study with another seed."""
-    (path,) = [path for path in shipped_studies() if path.stem == name]
+    path = shipped_studies()[name]
     text = path.read_text(encoding="utf-8")
     assert text.count("seed = 1\n") == 1
     return text.replace("seed = 1\n", f"seed = {seed}\n")
@@ -381,7 +381,7 @@ class Dense:
     """The dense simulation: means over machines, at any settings that the rules of recipes allow."""
 
     def __init__(self, pool: Executor) -> None:
-        (path,) = [path for path in shipped_studies() if path.stem == "fastest-clean-hole"]
+        path = shipped_studies()["fastest-clean-hole"]
         planned = plan_study(read_study(path))
         self._pool, self._base, self.factors = pool, planned.base, planned.plan.factors
         self.found: list[tuple[float, float, dict[str, Value]]] = []

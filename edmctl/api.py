@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self, SupportsIndex
 
 from edmctl.errors import UsageError
+from edmctl.files import user_path
 from edmctl.jobs.connect import controller_warning, seed_warning
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import SIMULATOR, JobRequest, check, where_is
@@ -30,6 +31,7 @@ from edmctl.jobs.run_header import name_run, plain_name
 from edmctl.jobs.surroundings import Surroundings, Unobserved, python_warnings
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.machine.stop import StopRequest
+from edmctl.profile.folders import as_value
 from edmctl.toml_text import toml_value
 
 __all__ = [
@@ -170,7 +172,7 @@ class Machine:
         from edmctl.jobs.runs.recovery import recovered_before
 
         doubts = _doubts(warn)
-        resumption = find_run(str(run), Path(out), homed=homed, restart_hole=restart_hole)
+        resumption = find_run(str(run), _file("out", out), homed=homed, restart_hole=restart_hole)
         plan = checked(resumption, self.port, self._wait_s, self._surroundings(stop))
         doubts(recovered_before(resumption))
         doubts(plan.loaded.warnings)
@@ -512,10 +514,12 @@ def open_run(path: File) -> RunFile:
 
 
 def _profile(given: File) -> str:
-    """The name of a profile, or the path of a file."""
-    if not isinstance(given, str | PathLike):
+    """Return `given` as --profile takes it: a text is a name or a path, a `Path` is always a path."""
+    if isinstance(given, str):
+        return given
+    if not isinstance(given, PathLike):
         raise TypeError(f"profile has to be a name or a path, not {type(given).__name__}")
-    return str(given)
+    return as_value(Path(given))
 
 
 def _texts(overrides: Overrides) -> tuple[str, ...]:
@@ -582,13 +586,13 @@ def _checked_calibration(
 def _file(name: str, given: File) -> Path:
     if not isinstance(given, str | PathLike):
         raise TypeError(f"{name} has to be a path, not {type(given).__name__}")
-    return Path(given)
+    return user_path(given)
 
 
 def _files(name: str, given: File | Sequence[File]) -> tuple[Path, ...]:
     """One path or several."""
     if isinstance(given, str | PathLike):
-        return (Path(given),)
+        return (user_path(given),)
     return tuple(_file(name, one) for one in given)
 
 

@@ -1,4 +1,4 @@
-"""Files that are read: regular ones, and no longer than they can be meant to be.
+"""Paths that users write, and files that are read: regular ones, and no longer than they can be meant to be.
 
 A pipe would keep its reader waiting, opening a device may do something, and /dev/zero never ends.
 """
@@ -8,11 +8,13 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
     from io import BufferedReader
-    from pathlib import Path
 
 TEXT_BYTES = 2_000_000
 """Longer than any profile, setup, list of places, calibration or journal; reading it takes a second and 100 MB."""
@@ -20,6 +22,25 @@ RECORD_BYTES = 200_000_000
 """Measured data as text, an hour at 1 kHz; longer records stand in HDF5."""
 
 _WITHOUT_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
+
+
+def user_path(text: str | os.PathLike[str], folder: Path = Path()) -> Path:
+    """Return the path that a user wrote in an option, a variable, a TOML key or an argument of the Python API.
+
+    `~` and `~user` are expanded, and a relative path is relative to `folder`. Raises UsageError E2007 if that home
+    folder is unknown, so that no folder named `~` is made, or if no file can have the name.
+    """
+    written = os.fspath(text)
+    expanded = os.path.expanduser(written)  # noqa: PTH111 - Path.expanduser() raises for an unknown user
+    if expanded.startswith("~"):
+        raise UsageError(
+            f"The home folder in {written!r} is unknown.",
+            hint=f"Write the whole path, or ./{written} for a file of that name.",
+            code="E2007",
+        )
+    if "\0" in written:
+        raise UsageError(f"{written!r} is no path: it contains U+0000.", hint="Remove it.", code="E2007")
+    return folder / expanded
 
 
 def open_regular(path: Path) -> BufferedReader:

@@ -31,7 +31,7 @@ from edmctl.cli.run import app as run_files
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
 from edmctl.cli.simulate import seeds as simulate
 from edmctl.cli.study import app as studies
-from edmctl.errors import UsageError
+from edmctl.errors import EdmError, UsageError
 from edmctl.exitcodes import ExitCode, exit_code_table
 
 if TYPE_CHECKING:
@@ -109,6 +109,8 @@ def _run(arguments: Sequence[str]) -> int:
         sys.stdout.flush()
     except _ClickError as mistake:
         return finish(Outcome(output), _usage_error(mistake, arguments))
+    except EdmError as refused:  # while options were read
+        return finish(Outcome(output), refused)
     except SignalArrived as arrived:
         return finish(Outcome(output), interrupted(arrived.signal_number))
     except BrokenPipeError:
@@ -122,8 +124,20 @@ def _run(arguments: Sequence[str]) -> int:
 
 @cache
 def _commands() -> Any:
-    """The commands of `app` as its library runs them, made once for callers that go on afterwards."""
-    return typer.main.get_command(app)
+    """Return the command tree as its library runs it, made once for callers that go on afterwards.
+
+    Lists of commands show the first paragraph of each command's help in full; the library would cut it off.
+    """
+    tree = typer.main.get_command(app)
+    _describe(tree)
+    return tree
+
+
+def _describe(command: Any) -> None:
+    first = (command.help or "").partition("\n\n")[0]
+    command.short_help = " ".join(first.split())
+    for inner in getattr(command, "commands", {}).values():
+        _describe(inner)
 
 
 def _prepare_streams(arguments: Sequence[str]) -> None:
@@ -162,7 +176,7 @@ def _meant(message: str, path: str, arguments: Sequence[str]) -> str:
 
 def _parameters(path: str) -> list[Any]:
     """The parameters of a command that is no group's."""
-    command = typer.main.get_command(app)
+    command = _commands()
     for word in path.split()[1:]:
         command = getattr(command, "commands", {}).get(word, command)
     return list(command.params)

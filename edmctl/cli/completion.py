@@ -21,16 +21,16 @@ _PLAIN = re.compile(r"[\w./][\w./:@%+=-]*", re.ASCII)
 
 def profiles(incomplete: str) -> list[str]:
     """Shipped profiles; files are the shell's own business."""
-    from edmctl.profile.folders import shipped_names
+    from edmctl.profile.folders import shipped_profiles
 
-    return _offered(shipped_names(), incomplete)
+    return _offered(shipped_profiles(), incomplete)
 
 
 def studies(incomplete: str) -> list[str]:
     """Shipped studies; files are the shell's own business."""
     from edmctl.profile.folders import shipped_studies
 
-    return _offered([path.stem for path in shipped_studies()], incomplete)
+    return _offered(shipped_studies(), incomplete)
 
 
 def keys(incomplete: str) -> list[str]:

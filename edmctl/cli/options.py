@@ -8,13 +8,15 @@ import functools
 import inspect
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_args
 
 import typer
 
 from edmctl.cli import completion
-from edmctl.cli.outcome import Outcome, Output, run_command
+from edmctl.cli.outcome import Outcome, Output, mutter, run_command
 from edmctl.cli.signals import shell
+from edmctl.exitcodes import ExitCode
+from edmctl.files import user_path
 
 if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
@@ -167,6 +169,7 @@ class JobOptions:
         )
         plan = check(request, shell())
         outcome.simulated = plan.simulated
+        outcome.uses(profile=plan.loaded.path)
         outcome.warn([*plan.loaded.warnings, *controller_warning(plan.where, self.controller)])
         return plan
 
@@ -211,6 +214,19 @@ def command(name: str, leaves: Sequence[str] = RESULT) -> Callable[[Callable[...
     return decorate
 
 
+def command_group(text: str) -> typer.Typer:
+    """Return a group for commands; called without one it writes its help to stderr and exits with code 2."""
+    group = typer.Typer(help=text, rich_markup_mode=None, add_completion=False, invoke_without_command=True)
+
+    @group.callback()
+    def show_help(context: typer.Context) -> None:
+        if context.invoked_subcommand is None:
+            mutter(context.get_help() + "\n")
+            raise typer.Exit(ExitCode.USAGE)
+
+    return group
+
+
 def with_options_of(other: Callable[..., int]) -> Callable[[Callable[..., int]], Callable[..., int]]:
     """Give a function that takes a context the options and the help of a command."""
 
@@ -225,5 +241,12 @@ def with_options_of(other: Callable[..., int]) -> Callable[[Callable[..., int]],
     return decorate
 
 
+def _takes_path(annotation: Any) -> bool:
+    return annotation is Path or any(map(_takes_path, get_args(annotation)))
+
+
 def _parameter(name: str, annotation: Any, default: object) -> inspect.Parameter:
+    """Return the parameter of an option; every path is read by `user_path`."""
+    if _takes_path(annotation):
+        annotation.__metadata__[0].parser = user_path
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)

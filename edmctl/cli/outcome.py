@@ -41,16 +41,26 @@ class Output:
 class Outcome:
     """What a command has reached so far; a failure reports as much of it as there is.
 
-    `result` is the `result` of the JSON object, `text` the same for people.
+    `result` is the `result` of the JSON object, `text` the same for people, `files` the paths of the files in use:
+    profile, study.
     """
 
     output: Output
     simulated: bool | None = None
     seed: int | None = None
     run_file: Path | None = None
+    files: dict[str, str] = field(default_factory=dict)
     warnings: list[Diagnostic] = field(default_factory=list)
     result: object = None
     text: str = ""
+
+    def uses(self, **files: Path) -> None:
+        """Report on stderr which files the command uses, and keep their absolute paths for the JSON object."""
+        from edmctl.profile.folders import file_in_words
+
+        for what, path in files.items():
+            self.files[what] = str(path.absolute())
+            note(self.output, f"{what}: {file_in_words(path)}")
 
     def warn(self, warnings: Iterable[Diagnostic]) -> None:
         """Say warnings at once, and keep them for the JSON object."""
@@ -215,6 +225,7 @@ def _document(exit_code: int, outcome: Outcome, error: EdmError | None) -> dict[
         "simulated": outcome.simulated,
         "seed": outcome.seed,
         "run_file": str(outcome.run_file) if outcome.run_file else None,
+        "files": outcome.files,
         "warnings": [_problem(warning) for warning in (*outcome.warnings, *found) if warning.is_warning],
         "result": outcome.result,
         "error": _error_mapping(error) if error else None,

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, installing
+from edmctl.files import user_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -121,7 +122,7 @@ def _suffix() -> str:
 
 def cache_folder(environ: Mapping[str, str]) -> Path:
     if named := environ.get(CACHE_VARIABLE):
-        return Path(named)
+        return user_path(named)
     import platformdirs
 
     return platformdirs.user_cache_path("edmctl", appauthor=False) / "firmware"

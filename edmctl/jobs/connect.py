@@ -9,11 +9,10 @@ from __future__ import annotations
 import os
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, UsageError
-from edmctl.files import read_bytes
+from edmctl.files import read_bytes, user_path
 from edmctl.jobs.plan import FRESH, MachineAddress, where_is
 from edmctl.jobs.session import ConnectedMachine
 from edmctl.jobs.surroundings import NONE, Surroundings
@@ -23,6 +22,7 @@ from edmctl.link.ports import SOCKET, scheme_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
 
     from edmctl.jobs.surroundings import Surroundings
     from edmctl.link.transport import Transport
@@ -258,7 +258,7 @@ def asks_for_secret(*ports: str) -> bool:
 def secret_of(named: str | None, environ: Mapping[str, str]) -> bytes:
     """Return the secret in the file that $EDMCTL_SECRET_FILE names, else in that `named`; empty without either."""
     path = environ.get(SECRET_VARIABLE) or named
-    return read_secret(Path(os.path.expanduser(path))) if path else b""  # noqa: PTH111 - knows every user, or none
+    return read_secret(user_path(path)) if path else b""
 
 
 def read_secret(path: Path) -> bytes:

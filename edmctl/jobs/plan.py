@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import UsageError
+from edmctl.files import user_path
 from edmctl.jobs.calibration.selection import look_at_named, refuse_unasked
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.wording import plural
@@ -42,7 +43,7 @@ class MachineAddress:
         """Where a virtual bench is kept between commands; None for a fresh one and for every other machine."""
         if not self.in_process or self.selector == SIMULATOR:
             return None
-        return Path(self.selector.removeprefix(SIMULATOR)).expanduser()
+        return user_path(self.selector.removeprefix(SIMULATOR))
 
     @property
     def lasting(self) -> bool:

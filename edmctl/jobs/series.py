@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import PreconditionError, UsageError
+from edmctl.files import user_path
 from edmctl.jobs.plan import SIMULATOR, JobRequest
+from edmctl.profile.folders import is_path
 from edmctl.record.appended_rows import RowWriter, read_lines
 from edmctl.results.simulation import SimulatedRun, run_of_mapping
 
@@ -47,8 +49,8 @@ class SeriesRows:
         """Write down what was asked for, before the first run."""
         request = {name: _plain(value) for name, value in asdict(series.request).items()}
         profile = series.request.profile
-        if profile is not None and Path(profile).is_file():
-            request["profile"] = str(Path(profile).resolve())
+        if profile is not None and is_path(profile):
+            request["profile"] = str(user_path(profile).resolve())
         values = {**asdict(series), "request": request, "sweeps": list(series.sweeps)}
         self._writer.append(BEGUN, values)
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from edmctl.errors import UsageError
+from edmctl.files import user_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,31 +26,66 @@ def shipped_folder() -> Path:
     return installed if installed.is_dir() else package.parent / "profiles"
 
 
-def shipped_names() -> list[str]:
-    """Names of the shipped profiles, sorted."""
-    return sorted(path.stem for path in shipped_folder().glob("*.toml"))
+def shipped_profiles() -> dict[str, Path]:
+    """Return the files of the shipped profiles by name, sorted."""
+    return {path.stem: path for path in sorted(shipped_folder().glob("*.toml"))}
 
 
-def shipped_studies() -> list[Path]:
-    """Files of the shipped studies, sorted."""
-    return sorted((shipped_folder().parent / "studies").glob("*.toml"))
+def shipped_studies() -> dict[str, Path]:
+    """Return the files of the shipped studies by name, sorted."""
+    return {path.stem: path for path in sorted((shipped_folder().parent / "studies").glob("*.toml"))}
+
+
+def is_path(text: str) -> bool:
+    """Whether a value that may be a name or a file is a path: it has a path separator or ends in `.toml`."""
+    separators = [separator for separator in (os.sep, os.altsep) if separator]
+    return text.lower().endswith(".toml") or any(separator in text for separator in separators)
+
+
+def as_value(path: Path) -> str:
+    """Return a path as the value of an option that also takes names: one of a single part begins with `./`."""
+    return str(path) if is_path(str(path)) else os.path.join(os.curdir, path)  # noqa: PTH118 - Path drops `./`
+
+
+def find_profile(name_or_path: str, folder: Path = Path()) -> Path:
+    """Return the file of a profile: a path, relative to `folder`, or the name of a shipped profile.
+
+    Raises UsageError E2001 if there is neither.
+    """
+    return _found(name_or_path, folder, "profile", shipped_profiles(), "E2001")
 
 
 def find_study(name_or_path: str) -> Path:
-    """Path of a study: a file as given, else a shipped one by its name, with or without `.toml`."""
-    given = Path(name_or_path)
-    if is_file(given):
-        return given
-    return next((path for path in shipped_studies() if name_or_path in (path.stem, path.name)), given)
+    """Return the file of a study: a path, or the name of a shipped study.
+
+    Raises UsageError E2100 if there is neither.
+    """
+    return _found(name_or_path, Path(), "study", shipped_studies(), "E2100")
 
 
-def find_shipped(name_or_path: str) -> Path | None:
-    """Path of the shipped profile of that name (`cu270`, `cu270.toml`, `profiles/cu270.toml`), if there is one."""
-    given = Path(name_or_path)
-    if not given.stem or given.parent not in (Path(), Path("profiles")) or given.suffix not in ("", ".toml"):
-        return None
-    shipped = shipped_folder() / f"{given.stem}.toml"
-    return shipped if is_file(shipped) else None
+def _found(given: str, folder: Path, what: str, shipped: Mapping[str, Path], code: str) -> Path:
+    if given in shipped:
+        return shipped[given]
+    path = user_path(given, folder)
+    is_there = _is_there(path)
+    if is_path(given):
+        if is_there:
+            return path  # reading it reports what it is if it is no file
+        message = f"There is no {what} file {path}."
+        hint = f"Write {path.stem} for the shipped {what}. " if path.stem in shipped else ""
+    else:
+        message = f"There is no shipped {what} {given!r}."
+        hint = f"Write {as_value(path)} for the file of that name. " if given and is_there else ""
+    close = difflib.get_close_matches(path.stem, shipped, n=1)
+    hint = hint or (f"Did you mean {close[0]}? " if close else "")
+    names = f"Shipped: {', '.join(shipped)}. A value with a path separator or .toml is a file."
+    raise UsageError(message, hint=hint + names, code=code)
+
+
+def file_in_words(path: Path) -> str:
+    """Return which file that is: a shipped one by its name, any other by its path."""
+    shipped = path in (*shipped_profiles().values(), *shipped_studies().values())
+    return f"{path.stem} (shipped with edmctl)" if shipped else str(path)
 
 
 def is_file(path: Path) -> bool:
@@ -66,33 +103,11 @@ def _is_there(path: Path) -> bool:
         return False
 
 
-def find_profile(name_or_path: str) -> Path:
-    """Path of a profile: a file as given, else a shipped one (`cu270`, `cu270.toml`, `profiles/cu270.toml`).
-
-    Raises UsageError when there is neither.
-    """
-    given = Path(name_or_path)
-    if is_file(given):
-        return given
-    if shipped := find_shipped(name_or_path):
-        return shipped
-    if _is_there(given):
-        return given  # reading it says what it is instead
-    names = shipped_names()
-    close = difflib.get_close_matches(given.stem, names, n=1)
-    meant = f"Did you mean {close[0]}? " if close else ""
-    raise UsageError(
-        f"There is no profile {name_or_path!r}: no such file, and no shipped profile of that name.",
-        hint=f"{meant}Shipped profiles: {', '.join(names)}.",
-        code="E2001",
-    )
-
-
 def data_folder(environ: Mapping[str, str]) -> Path:
     """Folder of what edmctl keeps: $EDMCTL_HOME, else where the system wants such data of a user."""
     home = environ.get(HOME_VARIABLE)
     if home:
-        return Path(home)
+        return user_path(home)
     import platformdirs
 
     return platformdirs.user_data_path("edmctl", appauthor=False)
@@ -132,8 +147,10 @@ def find_drift(environ: Mapping[str, str], stated: str | None, serial: str | Non
 
     `serial` is None for a machine that has none of its own.
     """
-    if named := environ.get(DRIFT_VARIABLE) or stated:
-        return Path(named)
+    if named := environ.get(DRIFT_VARIABLE):
+        return user_path(named)
+    if stated:
+        return Path(stated)
     if serial is None:
         return None
     own = default_drift_path(serial, environ)
@@ -148,9 +165,12 @@ def find_calibration(
     `stated` is that of the setup, `serial` None for a machine that has none of its own. Only the last need not
     exist: without it there is none. The others were asked for, and loading them says what is wrong with them.
     """
-    named = option or environ.get(CALIBRATION_VARIABLE) or stated
-    if named:
-        return Path(named)
+    if option:
+        return option
+    if named := environ.get(CALIBRATION_VARIABLE):
+        return user_path(named)
+    if stated:
+        return Path(stated)
     if serial is None:
         return None
     own = default_path(serial, environ)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.csv_text import plain_text
 from edmctl.errors import Diagnostic, Location, ProfileError
-from edmctl.files import read_bytes
+from edmctl.files import read_bytes, user_path
 from edmctl.profile.findings import Code
 from edmctl.profile.folders import is_file
 
@@ -63,7 +63,7 @@ def places(profile: Profile, base_folder: Path) -> tuple[Place, ...]:
         elif site.kind == "circle":
             found += _circle(site, entry)
         else:
-            rows = read_places_file(base_folder / site.path)
+            rows = read_places_file(user_path(site.path, base_folder))
             found += [
                 replace(_place(row, entry, len(found) + number), where=line)
                 for number, (row, line) in enumerate(rows, 1)

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from edmctl.errors import Diagnostic, Location, ProfileError
+from edmctl.errors import Diagnostic, Location, ProfileError, UsageError
 from edmctl.files import read_bytes
 from edmctl.profile.findings import Code
-from edmctl.profile.folders import find_shipped, is_file, shipped_names
+from edmctl.profile.folders import find_profile
 from edmctl.profile.positions import SET_OPTION, Source, TomlTable
 from edmctl.toml_text import toml_value
 
@@ -118,12 +118,6 @@ def decimal_comma(value: str) -> str:
     return f"a number has a decimal point, not a comma: {number[1]}.{number[2]}" if number else ""
 
 
-def find_in(folder: Path, name: str) -> str:
-    """Return a profile that another file names: a file beside it, or the name as it stands, of a shipped one."""
-    beside = folder / name
-    return str(beside) if is_file(beside) else name
-
-
 def read_chain(path: Path) -> Merged:
     """Read a profile and, through `extends`, its parents. Raises ProfileError, also for a circle."""
     return _read_chain(path, ())
@@ -149,11 +143,12 @@ def _parent(source: Source, name: object, path: Path, seen: tuple[Path, ...]) ->
     if not isinstance(name, str):
         hint = 'write extends = "other.toml"'
         raise _refusal(Code.EXTENDS, "extends does not name a file", hint, where)
-    beside = path.parent / name
-    parent = beside if is_file(beside) else find_shipped(name)
-    if parent is None:
-        hint = f"the name is relative to this file, or one of {', '.join(shipped_names())}"
-        raise _refusal(Code.EXTENDS, f"extends names {name}, and there is no file {beside}", hint, where)
+    try:
+        parent = find_profile(name, path.parent)
+    except UsageError as error:
+        raise _refusal(
+            Code.EXTENDS, f"extends = {toml_value(name)}: {error.message}", error.hint, where
+        ) from None
     if parent.resolve() in seen:
         circle = " -> ".join(p.name for p in (*seen, parent.resolve()))
         raise _refusal(

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 from pydantic import Field, ValidationError
 
 from edmctl.errors import Diagnostic, ProfileError
+from edmctl.files import user_path
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
 from edmctl.profile.findings import Code
 from edmctl.profile.positions import Sources
 from edmctl.profile.read import parse, read_source
-from edmctl.profile.tables import Table
+from edmctl.profile.tables import FileName, Table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -47,9 +48,7 @@ class Actuator(Table):
     slew_v_s: float = Field(1000.0, ge=1.0, le=20_000.0, description="fastest ramp, V/s")
     conditioning_cycles: int = Field(2, ge=0, le=20, description="full strokes before the first touch")
     conditioning_slew_v_s: float = Field(60.0, ge=1.0, le=20_000.0, description="their ramp, V/s")
-    calibration: str | None = Field(
-        None, min_length=1, description="calibration file, relative to the setup file"
-    )
+    calibration: FileName | None = Field(None, description="calibration file, relative to the setup file")
 
 
 class Sensor(Table):
@@ -68,10 +67,8 @@ class Drift(Table):
     """What `edmctl measure-drift` does, and whether jobs go by what it has told."""
 
     use: bool = Field(True, description="false: jobs correct nothing, whatever was measured")
-    file: str | None = Field(
-        None,
-        min_length=1,
-        description="what was measured, relative to the setup file; else the machine's own",
+    file: FileName | None = Field(
+        None, description="what was measured, relative to the setup file; else the machine's own"
     )
     max_age_days: float = Field(
         30.0, gt=0.0, le=3650.0, description="older than this it counts no more, days"
@@ -161,8 +158,9 @@ class Link(Table):
     candidates: list[str] = Field(
         [], description="further ports that `auto` and `serial:ID` may ask, such as a UART header"
     )
-    secret_file: str | None = Field(
-        None, min_length=1, description="file with the secret that a socket of another computer asks for"
+    secret_file: FileName | None = Field(
+        None,
+        description="file with the secret that a socket of another computer asks for, relative to the setup file",
     )
 
 
@@ -236,12 +234,11 @@ def load_setup(path: Path | None = None) -> Setup:
     if misplaced := list(_misplaced(setup, sources)):
         raise ProfileError(tuple(misplaced))
     beside: dict[str, Table] = {}
-    if actuator.calibration is not None:
-        named = str(path.parent / actuator.calibration)
-        beside["actuator"] = actuator.model_copy(update={"calibration": named})
-    if setup.drift.file is not None:
-        beside["drift"] = setup.drift.model_copy(update={"file": str(path.parent / setup.drift.file)})
-    return setup.model_copy(update=beside) if beside else setup
+    for name, key in (("actuator", "calibration"), ("drift", "file"), ("link", "secret_file")):
+        held: Table = getattr(setup, name)
+        if (named := getattr(held, key)) is not None:
+            beside[name] = held.model_copy(update={key: str(user_path(named, path.parent))})
+    return setup.model_copy(update=beside)
 
 
 def _misplaced(setup: Setup, sources: Sources) -> Iterator[Diagnostic]:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag
 
-from edmctl.profile.tables import ONE_LINE, Table
+from edmctl.profile.tables import ONE_LINE, FileName, Table
 
 
 class PointSite(Table):
@@ -59,9 +59,7 @@ class FileSites(Table):
     """Places from a CSV file with the columns x_um and y_um, and name, theta_deg and depth_um where wanted."""
 
     kind: Literal["file"]
-    path: str = Field(
-        min_length=1, max_length=1000, pattern=ONE_LINE, description="relative to the profile that names it"
-    )
+    path: FileName = Field(description="relative to the profile that names it")
 
 
 class Array(Table):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import shlex
 from copy import deepcopy
 from dataclasses import dataclass
@@ -13,10 +12,9 @@ from pydantic import Field, ValidationError
 from edmctl.errors import Diagnostic, ProfileError, UsageError
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
 from edmctl.profile.findings import Code
-from edmctl.profile.folders import shipped_studies
 from edmctl.profile.positions import Source, Sources
 from edmctl.profile.read import parse, read_source
-from edmctl.profile.tables import ONE_LINE, Table, field_at
+from edmctl.profile.tables import ONE_LINE, FileName, Table, field_at
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -38,8 +36,8 @@ class StudyTable(Table):
         min_length=1, max_length=100, pattern=ONE_LINE, description="heads every table and page"
     )
     description: str = Field("", pattern=ONE_LINE, description="what the study asks, in a sentence")
-    profile: str = Field(min_length=1, description="name of a shipped profile, or a file beside this one")
-    setup: str | None = Field(None, min_length=1, description="setup of the machine, a file beside this one")
+    profile: FileName = Field(description="name of a shipped profile, or a file beside this one")
+    setup: FileName | None = Field(None, description="setup of the machine, a file beside this one")
     set: list[str] = Field([], description="KEY=VALUE that hold for every run")
     run_files: bool = Field(False, description="keep the run file of every run on virtual machines too")
 
@@ -68,9 +66,7 @@ class Design(Table):
     alpha: float | Literal["face", "rotatable"] = Field("face", description="axial points of a ccd")
     runs: int | None = Field(None, ge=2, le=10_000, description="points of lhs and sobol")
     base: int | None = Field(None, ge=2, le=65_536, description="base samples of sensitivity, a power of two")
-    file: str | None = Field(
-        None, min_length=1, description="table with a column a factor key, beside this file"
-    )
+    file: FileName | None = Field(None, description="table with a column a factor key, beside this file")
     replicates: int = Field(1, ge=1, le=1000, description="times that every point is run")
     center_points: int = Field(0, ge=0, le=1000, description="runs in the middle of all factors, a replicate")
     blocks: int = Field(
@@ -195,14 +191,6 @@ def read_study(path: Path) -> StudySource:
         raise UsageError(
             f"{path} is the folder of a study, and a study file is wanted.",
             hint=f"Go on with it: `edmctl study resume {shlex.quote(str(path))}`.",
-            code="E2100",
-        )
-    if not path.exists():
-        close = difflib.get_close_matches(path.stem, [one.stem for one in shipped_studies()], n=1)
-        meant = f"Did you mean {close[0]}? " if close else ""
-        raise UsageError(
-            f"There is no study file {path}.",
-            hint=f"{meant}Name a TOML file; `edmctl study list` has those that are shipped.",
             code="E2100",
         )
     source = read_source(path)

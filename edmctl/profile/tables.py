@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import difflib
 import types
-from typing import TYPE_CHECKING, Annotated, Literal, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -15,6 +15,11 @@ if TYPE_CHECKING:
 
 ONE_LINE = r"^[^\x00-\x1f\x7f]*$"
 """No control characters: HDF5 texts end at a NUL, and a terminal obeys the others."""
+
+
+NAMES_FILE = "names a file"
+"""Marks keys whose text `edmctl.files.user_path` makes a path of, relative to the file that has the key."""
+FileName: TypeAlias = Annotated[str, Field(min_length=1, max_length=1000, pattern=ONE_LINE), NAMES_FILE]
 
 
 class Table(BaseModel):

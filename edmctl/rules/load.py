@@ -14,7 +14,7 @@ from edmctl.errors import Diagnostic, ProfileError
 from edmctl.forecasts.erosion import with_expected_erosion
 from edmctl.forecasts.forecast import Job
 from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics, schema_problems
-from edmctl.profile.folders import find_profile, shipped_names
+from edmctl.profile.folders import find_profile, shipped_profiles
 from edmctl.profile.model import Profile
 from edmctl.profile.places import places
 from edmctl.profile.positions import SET_OPTION, Sources
@@ -154,7 +154,7 @@ def _sha256(model: BaseModel, found: tuple[Place, ...] = ()) -> str:
 
 def summaries(setup: Setup) -> list[ProfileSummary]:
     """A summary of every shipped profile, for a machine."""
-    return [_summary(name, setup) for name in shipped_names()]
+    return [_summary(name, setup) for name in shipped_profiles()]
 
 
 def _summary(name: str, setup: Setup) -> ProfileSummary:

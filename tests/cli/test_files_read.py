@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,6 +85,6 @@ def test_what_is_no_file_is_refused(here: Here, reader: str, kind: str) -> None:
     before = {path: path.lstat().st_size for path in Path().iterdir()}
     said = here(*(argument.replace("FILE", name) for argument in READERS[reader]))
     assert said.exit_code in {2, 3, 8, 9}, (said.out, said.err)
-    assert said.err.startswith("error[E"), said.err
+    assert re.match(r"(profile: .*\n)?error\[E", said.err), said.err
     assert "Internal" not in said.err
     assert {path: path.lstat().st_size for path in Path().iterdir()} == before

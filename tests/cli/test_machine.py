@@ -56,7 +56,9 @@ def test_the_table_is_on_stdout_and_the_rest_on_stderr(piped: tuple[Said, Path])
     said, _ = piped
     assert "measured   from voltage" in said.out
     assert "Simulated, seed 7. Run file runs/r.h5" in said.out
-    assert said.err.startswith("simulated run on the virtual machine, seed 7, into runs/r.h5\n")
+    assert said.err.startswith(
+        "profile: cu270 (shipped with edmctl)\nsimulated run on the virtual machine, seed 7, into runs/r.h5\n"
+    )
     assert "machining; gap" in said.err
 
 
@@ -91,6 +93,7 @@ def test_json_has_the_documented_keys_and_the_same_seed_gives_the_same_bytes(
         "simulated",
         "seed",
         "run_file",
+        "files",
         "warnings",
         "result",
         "error",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.profile.folders import shipped_names
+from edmctl.profile.folders import shipped_profiles
 from tests.cli.commands import CU270, ROOT
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def test_one_bad_file_does_not_hide_the_others(here: Here) -> None:
         ("nowhere", False),
         ("cu270", True),
     ]
-    assert "no profile 'nowhere'" in said.err
+    assert "no shipped profile 'nowhere'" in said.err
 
 
 def test_show_is_a_profile_that_loads_again(here: Here) -> None:
@@ -46,7 +46,7 @@ def test_show_is_a_profile_that_loads_again(here: Here) -> None:
     assert again.document["result"] == first.document["result"]
 
 
-@pytest.mark.parametrize("name", shipped_names())
+@pytest.mark.parametrize("name", shipped_profiles())
 def test_every_shipped_profile_is_shown_so_that_it_loads_again(here: Here, name: str) -> None:
     Path("again.toml").write_text(here("profile", "show", name).out, encoding="utf-8")
     again = here("profile", "show", "again.toml", "--json")
@@ -55,7 +55,7 @@ def test_every_shipped_profile_is_shown_so_that_it_loads_again(here: Here, name:
 
 def test_shipped_profiles_are_listed_with_what_they_take(here: Here) -> None:
     lines = here("profile", "list").out.splitlines()
-    assert [line.split()[0] for line in lines[1:]] == shipped_names()
+    assert [line.split()[0] for line in lines[1:]] == list(shipped_profiles())
     (row,) = (line for line in lines if line.startswith("array-3x3"))
     assert "3 x 3 holes" in row
     assert "77 µm" in row
@@ -95,7 +95,7 @@ def keys_of(schema: dict[str, Any], table: str) -> set[str]:
     return {key for kind in kinds for key in schema["$defs"][kind]["properties"]}
 
 
-@pytest.mark.parametrize("name", shipped_names())
+@pytest.mark.parametrize("name", shipped_profiles())
 def test_shipped_profiles_fit_the_schema_as_they_are_written(here: Here, name: str) -> None:
     schema = json.loads(here("profile", "schema").out)
     written = tomllib.loads((ROOT / "profiles" / f"{name}.toml").read_text(encoding="utf-8"))

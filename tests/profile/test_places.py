@@ -31,7 +31,7 @@ def sheet(folder: Path, text: str) -> Path:
     (folder / "places.csv").write_text(text, encoding="utf-8")
     profile = folder / "p.toml"
     profile.write_text(
-        'extends = "cu150.toml"\n[meta]\nname = "p"\n[target]\nkind = "depth"\ndepth_um = 20.0\n'
+        'extends = "cu150"\n[meta]\nname = "p"\n[target]\nkind = "depth"\ndepth_um = 20.0\n'
         '[jump]\nheight_um = 60.0\n[[sites]]\nkind = "file"\npath = "places.csv"\n',
         encoding="utf-8",
     )
@@ -151,7 +151,7 @@ def test_a_rule_about_a_place_points_at_its_line(tmp_path: Path, text: str, code
 
 def test_one_table_of_sites_is_told_to_be_a_list(tmp_path: Path) -> None:
     path = tmp_path / "p.toml"
-    path.write_text('extends = "cu150.toml"\n[sites]\nx_um = 500\n', encoding="utf-8")
+    path.write_text('extends = "cu150"\n[sites]\nx_um = 500\n', encoding="utf-8")
     (found,) = problems(path)
     assert found.hint == "write [[sites]]"
     assert found.where is not None
@@ -298,7 +298,7 @@ def test_a_wrong_item_is_pointed_at(sites: str, code: Code, blamed: str, hint: s
 def test_a_wrong_item_in_an_array_of_tables_has_its_line(tmp_path: Path) -> None:
     path = tmp_path / "p.toml"
     path.write_text(
-        'extends = "array-3x3.toml"\n[[sites]]\nx_um = 500\n[[sites]]\nkind = "grid"\nx_um = 600\nrows = 0\n'
+        'extends = "array-3x3"\n[[sites]]\nx_um = 500\n[[sites]]\nkind = "grid"\nx_um = 600\nrows = 0\n'
         "columns = 1\n",
         encoding="utf-8",
     )

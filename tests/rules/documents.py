@@ -66,8 +66,10 @@ def with_line(text: str, number: int, line: str) -> str:
 
 
 def copy_shipped(folder: Path) -> None:
+    """Copy the shipped profiles; each copy extends the copy beside it."""
     for name in (*NAMES, *NEWER):
-        (folder / f"{name}.toml").write_text(shipped_text(name), encoding="utf-8")
+        text = re.sub(r'extends = "(\w+)"', r'extends = "\1.toml"', shipped_text(name))
+        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
 
 
 def problems(name_or_path: str | Path, *overrides: str, setup: Setup | None = None) -> tuple[Diagnostic, ...]:

@@ -11,37 +11,59 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmctl.errors import ProfileError, UsageError
+from edmctl.jobs.study.planning import base_request
 from edmctl.profile.findings import Code
-from edmctl.profile.folders import shipped_names
+from edmctl.profile.folders import shipped_profiles, shipped_studies
 from edmctl.profile.profile_file import ProfileFile, profile_schema
 from edmctl.profile.read import changes, extend
 from edmctl.profile.setup import load_setup
+from edmctl.profile.study_file import read_study
 from edmctl.profile.tables import field_at
 from edmctl.rules.load import load_profile
 from edmctl.simulator.config import DischargeConstants
 from tests.rules.documents import copy_shipped, loaded, problems, shipped_text
 
 
-@pytest.mark.parametrize("name", shipped_names())
+@pytest.mark.parametrize("name", shipped_profiles())
 def test_shipped_profiles_load_without_a_warning(name: str) -> None:
     assert problems(name) == ()
 
 
-@pytest.mark.parametrize("name", ["cu270", "cu270.toml", "profiles/cu270.toml"])
-def test_a_shipped_profile_is_found_by_name_from_anywhere(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert load_profile(name).profile.tool.diameter_um == 270.0
-
-
-def test_a_file_prevails_over_a_shipped_profile_of_its_name(
+def test_a_bare_word_is_a_shipped_profile_and_a_path_must_exist(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    (tmp_path / "profiles").mkdir()
     monkeypatch.chdir(tmp_path)
     mine = shipped_text("cu270").replace("diameter_um = 270.0", "diameter_um = 271.0")
-    Path("cu270.toml").write_text(mine, encoding="utf-8")
-    assert load_profile("cu270.toml").profile.tool.diameter_um == 271.0
+    for name in ("cu270.toml", "profiles/cu270.toml", "./cu270", str(tmp_path / "cu270.toml")):
+        with pytest.raises(UsageError, match="There is no profile file") as caught:
+            load_profile(name)
+        assert "Write cu270 for the shipped profile." in caught.value.hint
+        path = Path(name)
+        path.write_text(mine, encoding="utf-8")
+        assert load_profile(name).profile.tool.diameter_um == 271.0
+        assert load_profile("cu270").profile.tool.diameter_um == 270.0
+        path.unlink()
+    Path("mine").write_text(mine, encoding="utf-8")
+    with pytest.raises(UsageError, match="There is no shipped profile 'mine'") as caught:
+        load_profile("mine")
+    assert "Write ./mine for the file of that name." in caught.value.hint
+
+
+def test_extends_and_profile_of_a_study_follow_the_same_rule(tmp_path: Path) -> None:
+    child = tmp_path / "child.toml"
+    child.write_text('extends = "cu150.toml"\n[meta]\nname = "p"\n', encoding="utf-8")
+    (found,) = problems(child)
+    assert found.code == Code.EXTENDS
+    assert found.where is not None
+    assert found.where.line == 1
+    assert "Write cu150 for the shipped profile." in found.hint
+    study = tmp_path / "study.toml"
+    study.write_text(shipped_studies()["taguchi-l9"].read_text(encoding="utf-8"), encoding="utf-8")
+    assert base_request(read_study(study)).profile == "cu270"
+    text = study.read_text(encoding="utf-8").replace('profile = "cu270"', 'profile = "./cu270"')
+    study.write_text(text, encoding="utf-8")
+    assert base_request(read_study(study)).profile == str(tmp_path / "cu270")
 
 
 def test_an_unknown_name_is_a_usage_error_that_names_the_shipped_ones() -> None:
@@ -96,7 +118,7 @@ def test_a_table_as_override_replaces_the_table() -> None:
 def test_an_inherited_target_of_another_kind_is_replaced_whole(tmp_path: Path) -> None:
     copy_shipped(tmp_path)
     child = tmp_path / "child.toml"
-    child.write_text('extends = "cu270.toml"\n[target]\nkind = "feed"\nfeed_um = 200\n', encoding="utf-8")
+    child.write_text('extends = "cu270"\n[target]\nkind = "feed"\nfeed_um = 200\n', encoding="utf-8")
     target = load_profile(str(child)).profile.target
     assert target.kind == "feed"
 

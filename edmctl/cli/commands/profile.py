@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from edmctl.cli import completion
-from edmctl.cli.options import SetOption, SetupOption, command
+from edmctl.cli.options import SetOption, SetupOption, command, command_group
 from edmctl.cli.outcome import Outcome, diagnostics_of, stream_style
 from edmctl.errors import Diagnostic, EdmError, ProfileError
 
@@ -15,11 +15,7 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
     from edmctl.rules.load import LoadedProfile
 
-app = typer.Typer(
-    help="List, check and show profiles, and their schema.",
-    rich_markup_mode=None,
-    add_completion=False,
-)
+app = command_group("List, check and show profiles, and their schema.")
 
 FilesArgument = Annotated[
     list[str],

@@ -4,7 +4,6 @@ import stat
 import sys
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,6 +12,7 @@ from edmctl.cli import completion
 from edmctl.cli.options import NOTES, SetupOption, WaitOption, command
 from edmctl.cli.outcome import Outcome, stream_style, tell
 from edmctl.cli.signals import shell
+from edmctl.files import user_path
 
 WhatArgument = Annotated[
     str,
@@ -39,7 +39,7 @@ def info(outcome: Outcome, what: WhatArgument, setup: SetupOption = None, wait: 
     from edmctl.profile.setup import load_setup
 
     if _is_file(what):
-        image = read_image(Path(what), SCHEMA_HASH)
+        image = read_image(user_path(what), SCHEMA_HASH)
         outcome.warn(image_doubts(image.facts))
         outcome.result = {"image": image.facts.as_mapping(), "board": None}
         outcome.text = render_image(image.facts, stream_style(sys.stdout))
@@ -57,5 +57,5 @@ def _is_file(what: str) -> bool:
     if "://" in what:
         return False
     with suppress(OSError, ValueError):
-        return not stat.S_ISCHR(Path(what).stat().st_mode)
-    return Path(what).suffix.lower() in IMAGE_SUFFIXES
+        return not stat.S_ISCHR(user_path(what).stat().st_mode)
+    return user_path(what).suffix.lower() in IMAGE_SUFFIXES

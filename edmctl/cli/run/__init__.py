@@ -1,20 +1,10 @@
 """`edmctl run`: look at run files."""
 
-import typer
-
+from edmctl.cli.options import command_group
 from edmctl.cli.run import compare, explain, export, list, plot, recover, show
 from edmctl.report.kinds import kinds_table
 
-app = typer.Typer(
-    help="Show, compare, export, draw and recover run files.", rich_markup_mode=None, add_completion=False
-)
-
-
-@app.callback()
-def run() -> None:
-    """Show, compare, export, draw and recover run files."""
-
-
+app = command_group("Show, compare, export, draw and recover run files.")
 app.command("list")(list.list_runs)
 app.command("show")(show.show)
 app.command("explain")(explain.explain)

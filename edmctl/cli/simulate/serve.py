@@ -153,6 +153,8 @@ def serve(
     settings = load_setup(setup)
     changes = (*(overrides or ()), *controlled_by(controller))
     loaded = load_profile(profile, changes, setup=settings) if profile else None
+    if loaded is not None:
+        outcome.uses(profile=loaded.path)
     config = bench_config(loaded, settings)
     if controller is not None and loaded is None:
         config = replace(config, controller=controller)

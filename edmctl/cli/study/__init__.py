@@ -1,22 +1,12 @@
 """`edmctl study`: designed experiments, on virtual machines and on the real one."""
 
-import typer
-
+from edmctl.cli.options import command_group
 from edmctl.cli.study import analyse, execute, look, record
 
-app = typer.Typer(
-    help="Plan, run and analyse designed experiments.", rich_markup_mode=None, add_completion=False
+app = command_group(
+    "Plan, run and analyse designed experiments.\n\n"
+    "A study file names factors, a design and responses. A folder contains the plan and a row of each run."
 )
-
-
-@app.callback()
-def study() -> None:
-    """Plan, run and analyse designed experiments.
-
-    A study file names factors, a design and responses; a folder holds the plan and a row of every run.
-    """
-
-
 app.command("list")(look.list_studies)
 app.command("plan")(look.plan)
 app.command("run")(execute.run)

@@ -11,7 +11,7 @@ import typer
 from edmctl.cli.options import PROGRESS, ControllerOption, command, controlled_by
 from edmctl.cli.outcome import Outcome, stream_style, tell, watching
 from edmctl.cli.signals import begin_worker, shell
-from edmctl.cli.study.options import FolderArgument, Making, StudyArgument, checks_told, opened
+from edmctl.cli.study.options import FolderArgument, Making, StudyArgument, checks_told, opened, study_source
 from edmctl.errors import ObjectiveNotReached
 from edmctl.wording import plural
 
@@ -49,10 +49,8 @@ def run(
     """
     from edmctl.jobs.study.folder import create_folder
     from edmctl.jobs.study.planning import base_request, plan_study
-    from edmctl.profile.folders import find_study
-    from edmctl.profile.study_file import read_study
 
-    source = read_study(find_study(file))
+    source = study_source(outcome, file)
     making.refuse(base_request(source).setup, has_machine=source.file.machine is not None)
     with watching(outcome.output) as reporter:
         changes = controlled_by(controller)

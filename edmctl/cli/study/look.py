@@ -6,7 +6,7 @@ import sys
 from edmctl.cli.options import NOTES, command
 from edmctl.cli.outcome import Outcome, stream_style, watching
 from edmctl.cli.signals import shell
-from edmctl.cli.study.options import FolderArgument, StudyArgument, checks_told, opened
+from edmctl.cli.study.options import FolderArgument, StudyArgument, checks_told, opened, study_source
 
 
 @command("study list")
@@ -16,7 +16,7 @@ def list_studies(outcome: Outcome) -> None:
     from edmctl.profile.folders import shipped_studies
     from edmctl.profile.study_file import read_study
 
-    found = [(path.stem, read_study(path).file) for path in shipped_studies()]
+    found = [(name, read_study(path).file) for name, path in shipped_studies().items()]
     outcome.result = {
         "studies": [
             {
@@ -40,11 +40,10 @@ def plan(outcome: Outcome, file: StudyArgument) -> None:
     """
     from edmctl.console.study_tables import render_plan
     from edmctl.jobs.study.planning import plan_study
-    from edmctl.profile.folders import find_study
-    from edmctl.profile.study_file import read_study
 
+    source = study_source(outcome, file)
     with watching(outcome.output) as reporter:
-        planned = plan_study(read_study(find_study(file)), shell(), checks_told(reporter.note))
+        planned = plan_study(source, shell(), checks_told(reporter.note))
     outcome.warn(planned.warnings)
     outcome.result = planned.plan.as_mapping()
     way_on = f"Run it: `edmctl study run {shlex.quote(file)} --out DIR`"

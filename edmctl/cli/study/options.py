@@ -14,8 +14,10 @@ from edmctl.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from edmctl.cli.outcome import Outcome
     from edmctl.jobs.plan import MachineAddress
     from edmctl.jobs.study.folder import StudyFolder
+    from edmctl.profile.study_file import StudySource
 
 StudyArgument: TypeAlias = Annotated[
     str,
@@ -142,6 +144,19 @@ def checks_told(note: "Callable[[str], None]") -> "Callable[[int, int], None]":
             note(f"checked {done} of {total} settings")
 
     return observe
+
+
+def study_source(outcome: "Outcome", file: str) -> "StudySource":
+    """Read a study file, and report which one and which profile it uses. Raises UsageError E2001, E2100."""
+    from edmctl.jobs.study.planning import base_request
+    from edmctl.profile.folders import find_profile, find_study
+    from edmctl.profile.study_file import read_study
+
+    source = read_study(find_study(file))
+    profile = base_request(source).profile
+    assert profile is not None
+    outcome.uses(study=source.path, profile=find_profile(profile))
+    return source
 
 
 def opened(folder: Path) -> "StudyFolder":

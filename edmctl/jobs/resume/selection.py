@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, RunFileError, UsageError
+from edmctl.files import user_path
 from edmctl.jobs.ledger.elapsed import with_home_left
 from edmctl.jobs.plan import Resumption
 from edmctl.jobs.resume.checks import refuse_untouchable, refuse_used_tool
@@ -130,7 +131,7 @@ def _journal_named(named: str, folder: Path) -> Path:
     """Where the journal of a run is: by a path that exists or looks like one, else by its id."""
     from edmctl.record.journal import SUFFIX, journal_path
 
-    given = Path(named)
+    given = user_path(named)
     for ending in (".h5.partial", ".h5", SUFFIX):
         if given.name.endswith(ending):
             return given.with_name(given.name.removesuffix(ending) + SUFFIX)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RecordError
+from edmctl.files import user_path
 from edmctl.jobs.study.factors import BLOCK, middle, settings_matrix, value_at
 from edmctl.wording import plural
 
@@ -353,7 +354,7 @@ def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     if name is None:
         raise Refused("which table has the points is not said", 'add file = "points.csv" to [design]')
     try:
-        table = read_texts(source.path.parent / name)
+        table = read_texts(user_path(name, source.path.parent))
     except RecordError as error:
         raise Refused(error.message.rstrip("."), error.hint.rstrip("."), "file") from None
     missing = [f.key for f in factors if f.key not in table.names]

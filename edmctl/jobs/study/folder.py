@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, EdmError, PreconditionError, RunFileError, UsageError
+from edmctl.files import user_path
 from edmctl.jobs.output_files import make_folder, unwritable, write
 from edmctl.jobs.study.planning import PlannedStudy, base_request
 from edmctl.jobs.study.rows import StudyWriter, planned_run, read_rows
@@ -284,7 +285,9 @@ def _texts(planned: PlannedStudy) -> dict[str, str]:
         actuator = table.get("actuator")
         texts[SETUP] = source.text
         if isinstance(actuator, dict) and isinstance(actuator.get("calibration"), str):
-            texts[CALIBRATION] = read_source(planned.base.setup.parent / actuator["calibration"]).text
+            texts[CALIBRATION] = read_source(
+                user_path(actuator["calibration"], planned.base.setup.parent)
+            ).text
             actuator["calibration"] = CALIBRATION
             texts[SETUP] = _toml(table)
     return texts

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, EdmError, ProfileError
+from edmctl.files import user_path
 from edmctl.jobs.plan import JobRequest, check
 from edmctl.jobs.study import responses
 from edmctl.jobs.study.design import (
@@ -32,8 +33,8 @@ from edmctl.jobs.study.places_and_tools import (
 )
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.profile.findings import Code
+from edmctl.profile.folders import as_value, is_path
 from edmctl.profile.positions import SET_OPTION
-from edmctl.profile.read import find_in
 from edmctl.results.study import (
     TRUTH,
     ConstraintInfo,
@@ -88,9 +89,9 @@ def base_request(source: StudySource, changes: Sequence[str] = ()) -> JobRequest
     """Return the job that all runs of a study file begin with, and `changes`; files are beside the study file."""
     study, folder = source.file.study, source.path.parent
     return JobRequest(
-        profile=find_in(folder, study.profile),
+        profile=as_value(user_path(study.profile, folder)) if is_path(study.profile) else study.profile,
         overrides=(*study.set, *changes),
-        setup=folder / study.setup if study.setup else None,
+        setup=user_path(study.setup, folder) if study.setup else None,
         port="sim:",
     )
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from numbers import Real
 from operator import index
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, SupportsIndex
 
 from edmctl.errors import UsageError
+from edmctl.files import user_path
 from edmctl.jobs.job import Report
 from edmctl.jobs.parallel import pool_of, process_pool, silent_program
 from edmctl.jobs.plan import check
@@ -26,7 +26,7 @@ from edmctl.jobs.study.planning import PlannedStudy, plan_study, request_of
 from edmctl.jobs.study.running import Shard, run_virtual
 from edmctl.jobs.study.table import in_words, refuse_untellable, table_of
 from edmctl.jobs.surroundings import Unobserved, python_warnings
-from edmctl.profile.folders import find_study
+from edmctl.profile.folders import as_value, find_study
 from edmctl.profile.study_file import read_study
 from edmctl.results.result import need_pandas
 from edmctl.results.study import PlannedRun, RunRow, RunState
@@ -67,9 +67,12 @@ class Study:
         Raises ProfileError with every diagnostic, UsageError E2100 or E2101 where there is none, PreconditionError
         E8202 where the folder was changed.
         """
-        if Path(path).is_dir():
-            return cls(None, open_folder(Path(path)))
-        return cls(plan_study(read_study(find_study(str(path)))), None)
+        folder = user_path(path)
+        if folder.is_dir():
+            return cls(None, open_folder(folder))
+        return cls(
+            plan_study(read_study(find_study(path if isinstance(path, str) else as_value(folder)))), None
+        )
 
     def __repr__(self) -> str:
         plan = self.plan()
@@ -87,7 +90,7 @@ class Study:
         """Make the folder of the study. Raises RunFileError E9101 where one is there."""
         if self._planned is None:
             raise UsageError(f"{self!r} has its folder already.", hint="Load the study file.", code="E2109")
-        self._folder = create_folder(Path(out), self._planned)
+        self._folder = create_folder(user_path(out), self._planned)
         return self
 
     def run(

@@ -1,0 +1,221 @@
+"""Paths of users: `~` everywhere, a name or a file without doubt, and which file is used."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_args
+
+import pytest
+from pydantic import BaseModel
+
+from edmctl import api
+from edmctl.cli.app import _commands
+from edmctl.errors import UsageError
+from edmctl.exitcodes import ExitCode
+from edmctl.files import user_path
+from edmctl.firmware.build import cache_folder
+from edmctl.jobs.connect import secret_of
+from edmctl.jobs.plan import MachineAddress
+from edmctl.jobs.study.design import points_of
+from edmctl.jobs.study.factors import factors_of
+from edmctl.jobs.study.planning import base_request
+from edmctl.profile.folders import data_folder, find_calibration, find_drift, shipped_folder
+from edmctl.profile.profile_file import ProfileFile
+from edmctl.profile.setup import Setup, load_setup
+from edmctl.profile.study_file import StudyFile, read_study
+from edmctl.profile.tables import NAMES_FILE
+from edmctl.rules.load import load_profile
+from tests.cli.commands import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from tests.cli.commands import Here
+
+NAME_OR_FILE = {"profile", "profiles", "file", "resume", "port", "what", "address"}
+"""Parameters whose texts are names as well: the command that takes one decides which."""
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A home folder of its own, and an empty folder to work in."""
+    folder = tmp_path / "me"
+    (tmp_path / "work").mkdir()
+    folder.mkdir()
+    monkeypatch.setenv("HOME", str(folder))
+    monkeypatch.setenv("USERPROFILE", str(folder))
+    monkeypatch.chdir(tmp_path / "work")
+    return folder
+
+
+def commands(tree: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Every command and group, with the words that call it."""
+    yield words, tree
+    for name, inner in getattr(tree, "commands", {}).items():
+        yield from commands(inner, (*words, name))
+
+
+def test_every_path_on_the_command_line_is_read_by_one_function() -> None:
+    wrong = []
+    for words, command in commands(_commands()):
+        for parameter in command.params:
+            reads = getattr(parameter.type, "func", None)
+            names_file = re.search(r"FILE|DIR|FOLDER|PATH|PAGE|\.csv", parameter.metavar or "")
+            if type(parameter.type).__name__ == "Path" or (
+                names_file and reads is not user_path and parameter.name not in NAME_OR_FILE
+            ):
+                wrong.append(f"{' '.join(words)} {parameter.name}")
+    assert wrong == []
+
+
+def fields(model: type[BaseModel]) -> Iterator[tuple[str, Any, str]]:
+    """Every field of a model and of the tables in it: name, annotation with its metadata, description."""
+    for name, info in model.model_fields.items():
+        annotation = Annotated[info.annotation, *info.metadata] if info.metadata else info.annotation
+        yield f"{model.__name__}.{name}", annotation, info.description or ""
+        for inner in tables(info.annotation):
+            yield from fields(inner)
+
+
+def tables(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [table for argument in get_args(annotation) for table in tables(argument)]
+
+
+def has(annotation: Any, kind: Any) -> bool:
+    return annotation == kind or any(has(argument, kind) for argument in get_args(annotation))
+
+
+def test_every_key_that_names_a_file_has_the_type_for_it() -> None:
+    named, wrong = set(), []
+    for model in (ProfileFile, Setup, StudyFile):
+        for name, annotation, description in fields(model):
+            if has(annotation, NAMES_FILE):
+                named.add(name)
+            elif has(annotation, Path) or (
+                has(annotation, str) and re.search(r"\bfile\b|relative to", description)
+            ):
+                wrong.append(name)
+    assert wrong == ["Meta.description"]  # the title of a run file
+    assert named == {
+        "FileSites.path",
+        "Actuator.calibration",
+        "Drift.file",
+        "Link.secret_file",
+        "StudyTable.profile",
+        "StudyTable.setup",
+        "Design.file",
+    }
+
+
+def test_the_home_folder_is_expanded_in_every_key(home: Path, tmp_path: Path) -> None:
+    setup = tmp_path / "setup.toml"
+    setup.write_text(
+        'port = "sim:~/bench"\n[actuator]\ncalibration = "~/c.toml"\n[drift]\nfile = "d.toml"\n'
+        '[link]\nsecret_file = "~/s"\n',
+        encoding="utf-8",
+    )
+    read = load_setup(setup)
+    assert read.actuator.calibration == str(home / "c.toml")
+    assert read.drift.file == str(tmp_path / "d.toml")
+    assert read.link.secret_file == str(home / "s")
+    assert MachineAddress(read.port or "").bench_file == home / "bench"
+    (home / "points.csv").write_text("tool.diameter_um\n100\n200\n", encoding="utf-8")
+    (home / "mine.toml").write_text('extends = "cu270"\n', encoding="utf-8")
+    study = tmp_path / "study.toml"
+    study.write_text(
+        '[study]\nname = "s"\nprofile = "~/mine.toml"\nsetup = "~/setup.toml"\n'
+        '[[factors]]\nkey = "tool.diameter_um"\nlevels = [100.0, 200.0]\n'
+        '[design]\nkind = "csv"\nfile = "~/points.csv"\n[[responses]]\nname = "time_s"\n',
+        encoding="utf-8",
+    )
+    source = read_study(study)
+    assert base_request(source).profile == str(home / "mine.toml")
+    assert base_request(source).setup == home / "setup.toml"
+    assert len(points_of(source, factors_of(source)[0]).settings) == 2
+    (home / "places.csv").write_text("x_um,y_um\n600,0\n", encoding="utf-8")
+    array = tmp_path / "array.toml"
+    array.write_text(
+        'extends = "~/mine.toml"\n[target]\nkind = "depth"\ndepth_um = 20.0\n'
+        '[[sites]]\nkind = "file"\npath = "~/places.csv"\n',
+        encoding="utf-8",
+    )
+    assert load_profile(str(array)).places[0].x_um == 600.0
+
+
+VARIABLES: dict[str, Callable[[dict[str, str]], object]] = {
+    "EDMCTL_HOME": data_folder,
+    "EDMCTL_CALIBRATION": lambda environ: find_calibration(None, environ, None, None),
+    "EDMCTL_DRIFT": lambda environ: find_drift(environ, None, None),
+    "EDMCTL_FIRMWARE_CACHE": cache_folder,
+    "EDMCTL_SECRET_FILE": lambda environ: secret_of(None, environ),
+}
+
+
+def test_the_home_folder_is_expanded_in_every_variable(home: Path) -> None:
+    (home / "x").write_bytes(b"s" * 64)
+    (home / "x").chmod(0o600)
+    for name, read in VARIABLES.items():
+        assert read({name: "~/x"}) in [home / "x", b"s" * 64], name
+    sources = {path: path.read_text(encoding="utf-8") for path in (ROOT / "edmctl").rglob("*.py")}
+    declared = [name for text in sources.values() for name in re.findall(r'_VARIABLE = "(EDMCTL_\w+)"', text)]
+    assert set(declared) == set(VARIABLES)
+    # No second way to expand one.
+    assert [path.name for path, text in sources.items() if "expanduser" in text] == ["files.py"]
+
+
+def test_a_home_folder_that_is_unknown_is_refused(home: Path, here: Here) -> None:
+    said = here("machine", "--profile", "cu270", "--dry-run", "--out=~nosuchuser/runs")
+    assert said.exit_code == ExitCode.USAGE
+    assert "error[E2007]" in said.err
+    assert "./~nosuchuser/runs" in said.err
+    with pytest.raises(UsageError, match=r"U\+0000"):
+        user_path("a\0b")
+    assert user_path("a~b/~") == Path("a~b/~")
+
+
+def test_the_python_interface_expands_the_home_folder(home: Path) -> None:
+    assert api._path("~/c.toml") == home / "c.toml"
+    assert api._files("files", "~/a.csv") == (home / "a.csv",)
+    (home / "mine.toml").write_text('extends = "cu150"\n', encoding="utf-8")
+    assert api.load_profile("~/mine.toml").path == home / "mine.toml"
+    with pytest.raises(UsageError, match="There is no profile file"):
+        api.load_profile(Path("cu270"))  # a Path is never a name
+
+
+def test_every_run_reports_which_file_it_uses(here: Here, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text('extends = "cu270"\n', encoding="utf-8")
+    for command in (["machine"], ["approach"], ["simulate", "--runs", "1"], ["jump-flush", "--count", "3"]):
+        said = here(*command, "--profile", str(mine), "--dry-run", "--json")
+        assert f"profile: {mine}\n" in said.err
+        assert said.document["files"] == {"profile": str(mine)}
+        assert (
+            "profile: cu270 (shipped with edmctl)\n" in here(*command, "--profile", "cu270", "--dry-run").err
+        )
+    said = here("study", "plan", "taguchi-l9", "--json")
+    assert "study: taguchi-l9 (shipped with edmctl)\nprofile: cu270 (shipped with edmctl)\n" in said.err
+    assert Path(said.document["files"]["profile"]) == shipped_folder() / "cu270.toml"
+
+
+def test_no_help_is_cut_off_at_80_columns(monkeypatch: pytest.MonkeyPatch, here: Here) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    wrong = []
+    for words, command in commands(_commands()):
+        shown = here(*words, "--help").out
+        wrong += [(words, line) for line in shown.splitlines() if re.search(r"[a-z,.]\.\.\.", line)]
+        wrong += [(words, line) for line in shown.splitlines() if len(line) > 80]
+        told = " ".join(shown.split())
+        for inner in getattr(command, "commands", {}).values():
+            assert " ".join(inner.help.partition("\n\n")[0].split()) in told
+    assert wrong == []
+
+
+@pytest.mark.parametrize("group", ["run", "study", "firmware", "profile"])
+def test_a_group_without_a_command_writes_its_help_to_stderr(group: str, here: Here) -> None:
+    said = here(group)
+    assert said.exit_code == ExitCode.USAGE
+    assert said.out == ""
+    assert said.err == here(group, "--help").out
