@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from edmctl.console.layout import narrowed, not_shown, render_columns, render_table
 from edmctl.console.style import PLAIN, Ink, Style
-from edmctl.toml_text import Scalar, toml_scalar
+from edmctl.toml_text import toml_value
 from edmctl.wording import count, decimal, duration, length, percent, plural, removal_rate
 
 if TYPE_CHECKING:
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from edmctl.results.forecast import Forecast, ProfileSummary
 
-Values: TypeAlias = "Mapping[str, Scalar]"
 _COMMENT_COLUMN = 36
 LEAST_BEYOND_UM = 0.1
 FIRST_TO_GO = ("stroke µm", "tool wear µm", "10⁻³ mm³/min", "machining")
@@ -36,27 +35,38 @@ def render_profiles(found: Sequence[ProfileSummary], style: Style = PLAIN) -> st
 
 
 def render_toml(
-    tables: Mapping[str, Values | Sequence[Values]],
+    tables: Mapping[str, Mapping[str, object] | Sequence[Mapping[str, object]]],
+    stated: Mapping[str, Any],
     comments: Mapping[str, str],
     style: Style = PLAIN,
 ) -> str:
-    """Return `tables` as TOML; `comments` has a text for `table.key` where there is one to say.
+    """Return `tables` as TOML in which keys that are not in `stated` are commented out.
 
-    A list of tables becomes an array of tables; an empty one is left out.
+    A list of tables becomes an array of tables; an empty one is left out. `comments` has a text for `table.key`.
     """
     blocks = []
-    for table, held in tables.items():
-        if isinstance(held, Mapping):
-            blocks.append(_block(f"[{table}]", table, held, comments, style))
+    for table, values in tables.items():
+        written = stated.get(table)
+        if isinstance(values, Mapping):
+            blocks.append(_block(f"[{table}]", table, values, written, comments, style))
         else:
-            blocks += [_block(f"[[{table}]]", table, item, comments, style) for item in held]
+            pairs = zip(values, written or (), strict=True)
+            blocks += [_block(f"[[{table}]]", table, *pair, comments, style) for pair in pairs]
     return "\n\n".join(blocks)
 
 
-def _block(header: str, table: str, values: Values, comments: Mapping[str, str], style: Style) -> str:
-    lines = [style.paint(header, Ink.STRONG)]
-    for key, value in values.items():
-        line = f"{key} = {toml_scalar(value)}"
+def _block(
+    header: str,
+    table: str,
+    values: Mapping[str, object],
+    written: Mapping[str, object] | None,
+    comments: Mapping[str, str],
+    style: Style,
+) -> str:
+    lines = [f"{'# ' if written is None else ''}{style.paint(header, Ink.STRONG)}"]
+    stated = written or {}
+    for key, value in {**values, **stated}.items():
+        line = f"{'' if key in stated else '# '}{key} = {toml_value(value)}"
         comment = comments.get(f"{table}.{key}", "")
         if comment:
             line = line.ljust(_COMMENT_COLUMN) + style.paint(f" # {comment}", Ink.FAINT)

@@ -60,6 +60,8 @@ class LoadedProfile:
     places: tuple[Place, ...]
     forecast: Forecast
     """Of the job on the machine that it was checked for."""
+    stated: TomlTable
+    """What the file, the files that it extends and the overrides state; all else are defaults or follows from it."""
 
     def __repr__(self) -> str:
         changed = f", {len(self.overrides)} values overridden" if self.overrides else ""
@@ -98,6 +100,7 @@ def load_profile(
         warnings=warnings,
         places=found,
         forecast=job.forecast,
+        stated=merged.table,
     )
 
 

@@ -1,4 +1,4 @@
-"""`profile list`, `check`, `show` and `schema`."""
+"""`profile list`, `check`, `show`, `new` and `schema`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from edmctl.errors import ProfileError
+from edmctl.exitcodes import ExitCode
 from edmctl.profile.folders import shipped_profiles
+from edmctl.rules.load import load_profile
+from edmctl.toml_text import toml_value
 from tests.cli.commands import CU270, ROOT
 
 if TYPE_CHECKING:
@@ -46,11 +50,74 @@ def test_show_is_a_profile_that_loads_again(here: Here) -> None:
     assert again.document["result"] == first.document["result"]
 
 
+def outcome_of(name: str, *overrides: str) -> object:
+    """What decides a job and its run file, or why there is none."""
+    try:
+        loaded = load_profile(name, overrides)
+    except ProfileError as error:
+        return [(d.code, d.message) for d in error.diagnostics]
+    by_option = [line for line in loaded.overrides if line.endswith("--set)")]
+    return (loaded.sha256, loaded.sim_sha256, loaded.places, repr(loaded.forecast), by_option)
+
+
+def changed(value: object) -> object:
+    """Another value of the same kind, near enough to be accepted mostly."""
+    if isinstance(value, bool):
+        return not value
+    return value + 1 if isinstance(value, int) else 1.07 * value + 0.01 if isinstance(value, float) else value
+
+
+WORDS = (
+    *('tool.material="W"', 'work.material="steel"', 'pulse.polarity="tool-positive"', 'servo.mode="pi"'),
+    *('jump.mode="off"', 'target={kind="feed",feed_um=30.0}', 'target={kind="depth",depth_um=20.0}'),
+    *("servo={reference_v=9.6}", 'pulse.mode="isopulse"', "adaptive.seek_reference=true"),
+)
+
+
 @pytest.mark.parametrize("name", shipped_profiles())
-def test_every_shipped_profile_is_shown_so_that_it_loads_again(here: Here, name: str) -> None:
+def test_a_profile_from_show_follows_every_later_override_as_the_original(here: Here, name: str) -> None:
     Path("again.toml").write_text(here("profile", "show", name).out, encoding="utf-8")
-    again = here("profile", "show", "again.toml", "--json")
-    assert again.document["result"] == here("profile", "show", name, "--json").document["result"]
+    loaded = load_profile(name)
+    tables = {**loaded.profile.model_dump(by_alias=True), "sim": loaded.sim.model_dump()}
+    numbers = [
+        f"{table}.{key}={toml_value(changed(value))}"
+        for table, values in tables.items()
+        for key, value in (values.items() if isinstance(values, dict) else ())
+        if isinstance(value, bool | int | float) and value == value
+    ]
+    assert len(numbers) > 100
+    for override in ("", *numbers, *WORDS):
+        overrides = [override] if override else []
+        assert outcome_of("again.toml", *overrides) == outcome_of(name, *overrides), override
+
+
+def test_show_comments_out_what_the_profile_does_not_state_and_names_no_path(here: Here) -> None:
+    Path("mine.toml").write_text('extends = "w252"\n', encoding="utf-8")
+    mine = str(Path("mine.toml").resolve())
+    shown = here("profile", "show", mine, "--set", "servo={reference_v=9.6}").out
+    stated = tomllib.loads(shown)
+    assert stated["servo"]["reference_v"] == 9.6
+    assert "reference" not in stated["servo"]
+    assert "removal_um3_per_uj" not in stated["work"]
+    assert "\n# removal_um3_per_uj = " in shown
+    assert "sim" not in stated
+    assert "\n# [sim]\n" in shown
+    assert str(Path.cwd()) not in shown
+    assert str(ROOT) not in shown
+
+
+@pytest.mark.parametrize("name", shipped_profiles())
+def test_new_copies_a_shipped_profile_and_never_overwrites(here: Here, name: str) -> None:
+    said = here("profile", "new", "mine.toml", "--from", name)
+    assert said.exit_code == 0
+    assert "edmctl profile check mine.toml" in said.out
+    assert Path("mine.toml").read_bytes() == (ROOT / "profiles" / f"{name}.toml").read_bytes()
+    assert outcome_of("mine.toml") == outcome_of(name)
+    Path("mine.toml").write_text("mine", encoding="utf-8")
+    again = here("profile", "new", "mine.toml", "--from", name)
+    assert again.exit_code == ExitCode.RUN_FILE
+    assert Path("mine.toml").read_text(encoding="utf-8") == "mine"
+    assert here("profile", "new", "other.toml", "--from", "./mine.toml").exit_code == ExitCode.USAGE
 
 
 def test_shipped_profiles_are_listed_with_what_they_take(here: Here) -> None:

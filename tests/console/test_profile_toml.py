@@ -18,11 +18,11 @@ TABLES: dict[str, dict[str, Scalar]] = {
 
 
 def test_what_is_shown_loads_again() -> None:
-    assert tomllib.loads(render_toml(TABLES, {})) == TABLES
+    assert tomllib.loads(render_toml(TABLES, TABLES, {})) == TABLES
 
 
 def test_comments_stand_behind_their_key() -> None:
-    text = render_toml(TABLES, {"servo.reference": "mean gap voltage over its open value"})
+    text = render_toml(TABLES, TABLES, {"servo.reference": "mean gap voltage over its open value"})
     assert "reference = 0.8" in text
     assert "# mean gap voltage over its open value" in text
     assert tomllib.loads(text) == TABLES

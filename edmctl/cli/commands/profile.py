@@ -1,7 +1,9 @@
-"""`edmctl profile`: list, check, show and describe profiles."""
+"""`edmctl profile`: list, check, show, copy and describe profiles."""
 
 import json
+import shlex
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -9,13 +11,13 @@ import typer
 from edmctl.cli import completion
 from edmctl.cli.options import SetOption, SetupOption, command, command_group
 from edmctl.cli.outcome import Outcome, diagnostics_of, stream_style
-from edmctl.errors import Diagnostic, EdmError, ProfileError
+from edmctl.errors import Diagnostic, EdmError, ProfileError, UsageError
 
 if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
     from edmctl.rules.load import LoadedProfile
 
-app = command_group("List, check and show profiles, and their schema.")
+app = command_group("List, check, show and copy profiles, and write their schema.")
 
 FilesArgument = Annotated[
     list[str],
@@ -27,6 +29,18 @@ FileArgument = Annotated[
     str,
     typer.Argument(
         metavar="NAME|FILE", help="A file, or a shipped name.", autocompletion=completion.profiles
+    ),
+]
+NewFileArgument = Annotated[
+    Path, typer.Argument(metavar="FILE", help="File to write; it must not exist yet.")
+]
+FromOption = Annotated[
+    str,
+    typer.Option(
+        "--from",
+        metavar="NAME",
+        help="Shipped profile to copy; `profile list` lists them.",
+        autocompletion=completion.profiles,
     ),
 ]
 
@@ -63,13 +77,37 @@ def check(
 @app.command()
 @command("profile show")
 def show(outcome: Outcome, profile: FileArgument, overrides: SetOption = None) -> None:
-    """Show every value of a profile."""
+    """Show every value of a profile.
+
+    The output is a profile. Values that the profile does not state are commented out: defaults, and values that
+    follow from others, such as the removal of a material.
+    """
     from edmctl.rules.load import load_profile
 
     loaded = load_profile(profile, overrides or [])
     outcome.warn(loaded.warnings)
     outcome.result = _values(loaded)
     outcome.text = _as_toml(loaded)
+
+
+@app.command()
+@command("profile new")
+def new(outcome: Outcome, file: NewFileArgument, shipped: FromOption) -> None:
+    """Copy a shipped profile, with its comments, into a new file."""
+    from edmctl.files import read_bytes
+    from edmctl.jobs.output_files import write
+    from edmctl.profile.folders import as_value, find_profile, is_path
+
+    if is_path(shipped):
+        raise UsageError(
+            f"--from takes the name of a shipped profile, and {shipped} is a file.",
+            hint='Copy the file, or write extends = "FILE" in a new one.',
+            code="E2008",
+        )
+    write(file, read_bytes(find_profile(shipped)))
+    outcome.result = {"file": str(file), "from": shipped}
+    value = shlex.quote(as_value(file))
+    outcome.text = f"Wrote {file}. Edit it, then check it: `edmctl profile check {value}`"
 
 
 @app.command("list")
@@ -121,10 +159,9 @@ def _values(loaded: "LoadedProfile") -> dict[str, Any]:
 def _as_toml(loaded: "LoadedProfile") -> str:
     from edmctl.console.profile_tables import render_toml
 
-    tables = _values(loaded)
-    tables["servo"].pop("reference_v", None)  # stated once: loading turned it into `reference`
-    origin = [f"# {loaded.path}", *(f"# {override}" for override in loaded.overrides)]
-    return "\n".join(origin) + "\n\n" + render_toml(tables, _descriptions(loaded), stream_style(sys.stdout))
+    origin = [f"# {loaded.path.name}", *(f"# {override}" for override in loaded.overrides)]
+    shown = render_toml(_values(loaded), loaded.stated, _descriptions(loaded), stream_style(sys.stdout))
+    return "\n".join(origin) + "\n\n" + shown
 
 
 def _descriptions(loaded: "LoadedProfile") -> dict[str, str]:
