@@ -396,6 +396,8 @@ def connect(
     from edmctl.profile.setup import Setup
 
     seed = None if seed is None else seed_to_use(seed)
+    if not isinstance(port, str | PathLike):
+        raise TypeError(f"port has to be a name or a path, not {type(port).__name__}")
     where = where_is(str(port), Setup())
     _doubts(None)(seed_warning(where, seed))
     if controller is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,14 +39,23 @@ def user_path(text: str | os.PathLike[str], folder: Path = Path()) -> Path:
             hint=f"Write the whole path, or ./{written} for a file of that name.",
             code="E2007",
         )
-    if "\0" in written:
-        raise UsageError(f"{written!r} is no path: it contains U+0000.", hint="Remove it.", code="E2007")
-    return folder / expanded
+    path = folder / expanded
+    try:
+        path.lstat()
+    except (OSError, ValueError) as error:
+        # Every other failure is that of the file, and reported where it is read or written.
+        if isinstance(error, ValueError) or error.errno == errno.ENAMETOOLONG:
+            reason = os.strerror(errno.ENAMETOOLONG) if isinstance(error, OSError) else "it contains U+0000"
+            raise UsageError(f"{written!r} is no path: {reason}.", hint="Correct it.", code="E2007") from None
+    return path
 
 
 def open_regular(path: Path) -> BufferedReader:
     """Open a file for reading. Raises OSError, also for a folder, a pipe or a device, which stays untouched."""
-    _refuse_other(path.stat().st_mode)
+    try:
+        _refuse_other(path.stat().st_mode)
+    except ValueError as error:  # a null byte
+        raise OSError(errno.EINVAL, str(error)) from None
     number = os.open(path, os.O_RDONLY | _WITHOUT_WAITING)
     try:
         _refuse_other(os.fstat(number).st_mode)  # it may be another one by now
@@ -63,6 +73,54 @@ def read_bytes(path: Path, most_bytes: int = TEXT_BYTES) -> bytes:
     if is_longer or len(content) > most_bytes:
         raise OSError(errno.EFBIG, f"it is longer than {most_bytes / 1e6:g} MB")
     return content
+
+
+def refuse_locked(path: Path) -> None:
+    """Raise BlockingIOError that names the holder if another program has locked a file for writing, as HDF5 does."""
+    try:
+        import fcntl
+    except ImportError:  # Windows, where such a file cannot be opened
+        return
+    with open_regular(path) as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            by = lock_holder(path) or "another program"
+            raise BlockingIOError(errno.EWOULDBLOCK, f"{by} has it open for writing") from None
+        except OSError:  # its disk knows no locks
+            return
+
+
+def lock_holder(path: Path) -> str:
+    """Return "process 1234 (edmctl machine …)" for the holder of the lock on a file or port; "" if unknown."""
+    try:
+        place = path.stat()
+        locks = Path("/proc/locks").read_text(encoding="ascii")
+    except OSError:
+        return ""
+    for line in locks.splitlines():
+        fields = line.split()
+        if len(fields) < 6 or fields[1] != "FLOCK":
+            continue
+        major, minor, inode = fields[5].split(":")
+        device = os.makedev(int(major, 16), int(minor, 16))
+        if (device, int(inode)) == (place.st_dev, place.st_ino):
+            return _described(int(fields[4]))
+    return ""
+
+
+def _described(pid: int) -> str:
+    words: list[str] = []
+    with suppress(OSError):
+        command = Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace")
+        words = command.rstrip("\0").split("\0")
+    if not words:
+        return f"process {pid}"
+    # `python -m edmctl machine`: what follows the interpreter's own options says more.
+    if "edmctl" in words[:4]:
+        words = words[words.index("edmctl") :]
+    text = " ".join([Path(words[0]).name, *words[1:]])
+    return f"process {pid} ({text if len(text) <= 60 else text[:59] + '…'})"
 
 
 def _refuse_other(mode: int) -> None:

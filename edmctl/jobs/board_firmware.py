@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, LinkLost, PreconditionError, ProtocolMismatch, UsageError
+from edmctl.files import lock_holder
 from edmctl.firmware.boards import board_name, board_of
 from edmctl.firmware.flash_tools import Flashed, find_tool, flash, no_board, several_boards, wrong_chip
 from edmctl.jobs.connect import line_to
 from edmctl.jobs.doctor_host import fail, ok, warn
 from edmctl.jobs.plan import where_is
 from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH
-from edmctl.link.ports import port_owner, same_port, st_links
+from edmctl.link.ports import same_port, st_links
 from edmctl.link.session import Session
 from edmctl.results.equipment import Check, CheckStatus
 from edmctl.results.firmware import BoardFacts, dotted, hexadecimal, settings_text
@@ -284,7 +285,7 @@ def _refuse(found: BoardFacts, board: Board) -> None:
 def _refuse_held_ports() -> None:
     """Without a port nobody can be asked, but an ST-LINK whose serial port another program holds tells enough."""
     for port in st_links():
-        if owner := port_owner(Path(port.device)):
+        if owner := lock_holder(Path(port.device)):
             raise LinkLost(
                 f"{port.device} is held by {owner}: a job may run on the board behind it.",
                 hint="End the other program, or name the port of the board that is meant with --port.",

@@ -12,8 +12,9 @@ from time import monotonic, sleep
 from typing import TYPE_CHECKING, TypeVar
 
 from edmctl.errors import LinkLost, installing
+from edmctl.files import lock_holder
 from edmctl.link.gate import GateBusy, pass_gate
-from edmctl.link.ports import DEVICE, SOCKET, listed_ports, port_owner, scheme_of
+from edmctl.link.ports import DEVICE, SOCKET, listed_ports, scheme_of
 from edmctl.link.serial_line import SCHEMES, SerialLine, open_port, reason_of
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ def _check(url: str) -> None:
 def _explain(url: str, failure: Exception) -> LinkLost:
     number = _number(failure)
     if number in _BUSY:
-        owner = port_owner(Path(url.partition("://")[2].partition("?")[0] or url))
+        owner = lock_holder(Path(url.partition("://")[2].partition("?")[0] or url))
         by = f" by {owner}" if owner else " by another program"
         return PortBusy(
             f"{url} is held{by}.", hint="End the other program, or wait for it with --wait SECONDS."

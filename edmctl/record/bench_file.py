@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.errors import RunFileError
-from edmctl.files import open_regular
+from edmctl.files import lock_holder, open_regular, refuse_locked
 from edmctl.record import locks
 from edmctl.record.disk import HDF5_ERRORS, reason
 from edmctl.record.hdf5 import image_of, open_hdf5
@@ -50,22 +50,28 @@ _NEW_ONE = "Give the file of a bench, or a name that is free for a new one."
 def bench_lock(path: Path, wait_s: float = 0.0) -> Iterator[None]:
     """Keep others from using the bench at `path` while the block runs; wait so long for those who do now.
 
-    Raises RunFileError: E9023 it is in use, E9024 nothing can be written there.
+    Raises RunFileError: E9020 no file can have this name, E9023 it is in use, E9024 nothing can be written there.
     """
-    lock = path.resolve().with_name(f".{path.resolve().name}.lock")
+    lock = _lock_of(path)
     with ExitStack() as held:
         try:
             _locked(lock, time.monotonic() + wait_s, held)
         except BlockingIOError as busy:
-            holder = f" ({busy.strerror})" if isinstance(busy, locks.LockHeld) else ""
-            raise RunFileError(
-                f"The bench {path} is in use by another program{holder}.",
-                hint="Let the other program end (--wait SECONDS waits for it), or take another file.",
-                code="E9023",
-            ) from None
+            by = f"{lock_holder(lock) or 'another program'} has it"
+            raise _in_use(path, str(busy.strerror) if isinstance(busy, locks.LockHeld) else by) from None
         except OSError as refused:
             raise _unwritable(path, refused) from refused
         yield
+
+
+def _lock_of(path: Path) -> Path:
+    try:
+        target = path.resolve()
+        if target.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "it is a folder")
+        return target.with_name(f".{target.name}.lock")
+    except (OSError, RuntimeError, ValueError) as refused:  # a loop of links, a null byte
+        raise _unreadable(path, getattr(refused, "strerror", None) or str(refused)) from None
 
 
 def refuse_place(path: Path) -> None:
@@ -130,6 +136,9 @@ def _check_regular(path: Path) -> None:
         with open_regular(path) as file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise _unreadable(path, "it is not an HDF5 file")
+        refuse_locked(path)
+    except BlockingIOError as busy:
+        raise _in_use(path, str(busy.strerror)) from None
     except OSError as refused:
         raise _unreadable(path, refused.strerror or str(refused)) from refused
 
@@ -228,6 +237,14 @@ def _too_old(path: Path) -> RunFileError:
         f"{path} is of an earlier version, whose work and tool eroded by other laws.",
         hint="Use the version of edmctl that wrote it, or give a name that is free for a new bench.",
         code="E9021",
+    )
+
+
+def _in_use(path: Path, holder: str) -> RunFileError:
+    return RunFileError(
+        f"The bench {path} is in use: {holder}.",
+        hint="Let the other program end (--wait SECONDS waits for it), or take another file.",
+        code="E9023",
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from edmctl.actuator.record import Record
 from edmctl.csv_text import header_line, row_lines
 from edmctl.errors import RecordError, RunFileError
-from edmctl.files import RECORD_BYTES, open_regular, read_bytes
+from edmctl.files import RECORD_BYTES, open_regular, read_bytes, refuse_locked
 from edmctl.record import disk, layout
 from edmctl.record.bench_file import KIND
 from edmctl.record.delimited import (
@@ -117,12 +117,13 @@ def _content(path: Path) -> bytes:
     try:
         with open_regular(path) as file:
             start = file.read(len(MAGIC))
+        refuse_locked(path)
         return start if start == MAGIC else read_bytes(path, RECORD_BYTES)
     except (OSError, ValueError) as error:
         why = "there is no such file" if isinstance(error, FileNotFoundError) else disk.reason(error)
-        raise RecordError(
-            f"Cannot read the record {path}: {why}.", hint="Check the path and its permissions.", code="E3601"
-        ) from error
+        is_held = isinstance(error, BlockingIOError)
+        hint = "Close it there, or give a copy." if is_held else "Check the path and its permissions."
+        raise RecordError(f"Cannot read the record {path}: {why}.", hint=hint, code="E3601") from error
 
 
 def _read_hdf5(path: Path, needed: Sequence[str]) -> dict[str, Array]:

@@ -83,10 +83,16 @@ def verify_checksum(path: Path) -> Checksum:
     return Checksum.FITS if crc == int(found[2], 16) else Checksum.BROKEN
 
 
+_MARK = slice(20, 24)
+"""Bytes of a superblock of version 0 or 1 that HDF5 sets while a program has the file open for writing."""
+
+
 def _sum(file: BinaryIO, length: int | None) -> tuple[int, int]:
-    """Length and CRC-32 of the next `length` bytes, or of all."""
+    """Return length and CRC-32 of the first `length` bytes, or of all, as if no program had marked the file."""
     crc = done = 0
     while block := file.read(_AT_ONCE if length is None else min(_AT_ONCE, length - done)):
+        if done == 0 and block[_VERSION : _VERSION + 1] in (b"\0", b"\1"):
+            block = block[: _MARK.start] + bytes(4) + block[_MARK.stop :]
         crc = zlib.crc32(block, crc)
         done += len(block)
     return done, crc

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
-from edmctl.files import open_regular
+from edmctl.files import open_regular, refuse_locked
 from edmctl.record import layout
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL
 from edmctl.record.hdf5 import open_hdf5, open_swmr
@@ -23,9 +23,9 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
     """Open the run file at `path`; without `verify` its check sum is not compared, which takes reading all of it.
 
     Raises RunFileError: E9005 there is none or it is not a run file, E9006 a later version wrote it, E9007 it is
-    damaged.
+    damaged, E9016 another program has locked it.
     """
-    _look_at_begin(path)
+    refuse_unreadable(path)
     seal = _seal_of(path) if verify else None
     if seal is Checksum.BROKEN:
         raise damaged(path, "its check sum does not fit")
@@ -54,8 +54,8 @@ def damaged(path: Path, why: str) -> RunFileError:
     )
 
 
-def _look_at_begin(path: Path) -> None:
-    """Look at the file before HDF5 does, which takes whatever begins well. Raises RunFileError E9005."""
+def refuse_unreadable(path: Path) -> None:
+    """Raise RunFileError: E9005 there is no file, or it is not HDF5, E9016 another program has locked it."""
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise RunFileError(f"{path} is no file.", code="E9005", hint=_ANOTHER)
@@ -67,6 +67,10 @@ def _look_at_begin(path: Path) -> None:
             raise RunFileError(f"{path} is empty.", code="E9005", hint=_ANOTHER)
         if begin != MAGIC:
             raise RunFileError(f"{path} is not an HDF5 file.", code="E9005", hint=_ANOTHER)
+        refuse_locked(path)
+    except BlockingIOError as error:
+        hint = "Close it in that program, or read a copy."
+        raise RunFileError(f"{path} is in use: {error.strerror}.", code="E9016", hint=hint) from None
     except FileNotFoundError as error:
         raise RunFileError(f"There is no run file {path}.", code="E9005", hint=_nearest(path)) from error
     except OSError as error:

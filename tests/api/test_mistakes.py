@@ -89,6 +89,26 @@ def test_a_profile_is_a_name_or_a_path() -> None:
             edmctl.forecast(wrong)  # type: ignore[arg-type, unused-ignore]
 
 
+@pytest.mark.parametrize("port", [5, None, b"sim:"])
+def test_a_port_is_a_name_or_a_path(port: Any) -> None:
+    with pytest.raises(TypeError, match="port has to be a name or a path, not"):
+        edmctl.connect(port)
+
+
+@pytest.mark.parametrize(
+    "name", ["/", "//", ".", "\0", "a\0b", "n" * 300, "folder/" * 1000, "loop/x", "~nobody-here/x"]
+)
+def test_a_port_that_names_no_file_is_a_clear_error(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("loop").symlink_to("loop")
+    with pytest.raises((UsageError, RunFileError)) as error:
+        edmctl.connect(f"sim:{name}").approach("cu270", out=tmp_path)
+    assert (error.value.code in {"E2007", "E9020", "E9024"}, bool(error.value.hint)) == (True, True)
+    assert [path.name for path in tmp_path.iterdir()] == ["loop"]
+
+
 def test_a_traceback_shows_code_and_remedy_of_every_problem() -> None:
     with pytest.raises(ProfileError) as caught:
         edmctl.load_profile("cu270", overrides=["target.depth=3", "pulse.dty=0.3"])

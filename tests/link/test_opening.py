@@ -14,9 +14,10 @@ import pytest
 import serial
 
 from edmctl.errors import LinkLost
+from edmctl.files import lock_holder
 from edmctl.link import opening
 from edmctl.link.opening import PortAbsent, PortBusy, known_ports, open_line
-from edmctl.link.ports import PortInfo, port_owner
+from edmctl.link.ports import PortInfo
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -123,7 +124,7 @@ def test_a_held_port_names_its_holder(pty: str) -> None:
 def test_a_held_port_is_still_told_where_nobody_knows_the_holder(
     pty: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(opening, "port_owner", lambda _: "")
+    monkeypatch.setattr(opening, "lock_holder", lambda _: "")
     line = open_line(pty)
     try:
         assert "by another program" in refused(pty).message
@@ -132,8 +133,8 @@ def test_a_held_port_is_still_told_where_nobody_knows_the_holder(
 
 
 def test_a_port_that_nobody_holds_has_no_holder(pty: str, tmp_path: Path) -> None:
-    assert port_owner(tmp_path / "none") == ""
-    assert port_owner(Path(pty)) == ""
+    assert lock_holder(tmp_path / "none") == ""
+    assert lock_holder(Path(pty)) == ""
 
 
 def test_waiting_gets_the_port_when_it_is_released(pty: str) -> None:

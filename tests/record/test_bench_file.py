@@ -165,7 +165,7 @@ def test_one_program_at_a_time(path: Path, tmp_path: Path) -> None:
     for name in (path, tmp_path / "other.h5"):
         with (
             bench_lock(path),
-            pytest.raises(RunFileError, match="in use by another program") as caught,
+            pytest.raises(RunFileError, match="is in use: process") as caught,
             bench_lock(name),
         ):
             raise AssertionError("two had the lock")

@@ -74,7 +74,8 @@ def _named(setup: "Setup") -> tuple[str, ...]:
 
 
 def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "ProbedPort | None") -> "PortRow":
-    from edmctl.link.ports import port_owner, same_port
+    from edmctl.files import lock_holder
+    from edmctl.link.ports import same_port
     from edmctl.results.equipment import PortRow
 
     return PortRow(
@@ -82,7 +83,7 @@ def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "ProbedP
         description=port.description,
         usb_id=port.usb_id,
         usb_serial=port.usb_serial,
-        held_by=port_owner(Path(port.device)),
+        held_by=lock_holder(Path(port.device)),
         in_setup=any(same_port(name, port.device) for name in named),
         known=known,
         controller=_controller(answer.hello) if answer and answer.hello else None,
