@@ -39,14 +39,15 @@ def user_path(text: str | os.PathLike[str], folder: Path = Path()) -> Path:
             hint=f"Write the whole path, or ./{written} for a file of that name.",
             code="E2007",
         )
-    path = folder / expanded
+    path, fault = folder / expanded, ""
     try:
         path.lstat()
-    except (OSError, ValueError) as error:
-        # Every other failure is that of the file, and reported where it is read or written.
-        if isinstance(error, ValueError) or error.errno == errno.ENAMETOOLONG:
-            reason = os.strerror(errno.ENAMETOOLONG) if isinstance(error, OSError) else "it contains U+0000"
-            raise UsageError(f"{written!r} is no path: {reason}.", hint="Correct it.", code="E2007") from None
+    except OSError as error:  # every other failure is reported where the file is read or written
+        fault = "it is too long" if error.errno == errno.ENAMETOOLONG else ""
+    except ValueError:
+        fault = "it contains U+0000"
+    if fault:
+        raise UsageError(f"{written!r} is no path: {fault}.", hint="Correct the name.", code="E2007")
     return path
 
 
