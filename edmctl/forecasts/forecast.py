@@ -24,6 +24,7 @@ from edmctl.forecasts.measuring import (
     channel_depth_u95_um,
     descent_time_s,
     face_time_s,
+    move_time_s,
     pad_of,
     planned_cuts,
     stop_time_s,
@@ -219,8 +220,18 @@ def _channel_course(profile: Profile, setup: Setup, path: PathTable) -> Course:
 
 
 def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Stand]) -> float:
-    """Touch three places of an array, far apart, before anything is machined."""
-    move_s = max(between_s(a, b, setup) for a in stands for b in stands)
+    """Return the time of touching three places of an array, as far apart as any two, before it is machined."""
+    # The way between two places is a sum of absolute differences: the longest joins the ends of a diagonal.
+    stage = setup.stage
+    diagonals_s = [
+        [
+            (one.x_um + y * one.y_um) / stage.speed_um_s + turn * one.theta_deg / stage.rotary_deg_s
+            for one in stands
+        ]
+        for y in (1.0, -1.0)
+        for turn in (1.0, -1.0)
+    ]
+    move_s = move_time_s(0.0, setup) + max(max(along_s) - min(along_s) for along_s in diagonals_s)
     return PLANE_TOUCHES * (move_s + face_time_s(profile, profile.approach.offset_um))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import RunFileError
@@ -69,8 +70,9 @@ class TrueWear:
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Note the wear at the end of every site that is done by now, and hand the state on."""
         self._look()
-        for site in state.done:
-            self._at_end_um.setdefault(str(site["name"]), self.bench.tool_wear_um)
+        newest_first = (str(site["name"]) for site in reversed(state.done))
+        finished = list(takewhile(lambda name: name not in self._at_end_um, newest_first))
+        self._at_end_um |= dict.fromkeys(reversed(finished), self.bench.tool_wear_um)
         self.journal.keep(state, urgent=urgent)
 
     def as_mapping(self) -> dict[str, object]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.process.touches import TouchScatter
@@ -90,8 +90,8 @@ class JobState:
     channel: Mapping[str, float] | None = field(default_factory=dict)
 
     def as_mapping(self) -> dict[str, object]:
-        """Values that JSON holds."""
-        return asdict(self)
+        """Return the fields by name, as values that JSON can represent. Nested values are shared, not copied."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
 
 def job_state(mapping: Mapping[str, object]) -> JobState:

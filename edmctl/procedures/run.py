@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
     from edmctl.record.rows import Recorder, RunEvent
+    from edmctl.results.job import SiteResult
 
 MACHINING, MEASURING, MOVING = "machining", "measuring", "moving"
 """Phases of a job; while it is machining, the state is kept every few seconds too."""
@@ -59,6 +60,7 @@ class JobStateKeeper:
     _surface: tuple[SurfaceTouch, ...] = ()
     _surface_doubt_u_um: float = 0.0
     _kept_s: float = 0.0
+    _mappings: dict[str, tuple[SiteResult, Mapping[str, object]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.job.resumed is not None:
@@ -114,7 +116,7 @@ class JobStateKeeper:
             tool=self.job.profile.tool.label,
             face=self._surface,
             face_doubt_u_um=self._surface_doubt_u_um,
-            done=tuple(asdict(result) for result in tally.sites.values()),
+            done=self._done(),
             job_machining_time_s=tally.machining_time_s,
             pause_s=tally.pause_s,
             home_um=tally.home_um,
@@ -123,6 +125,13 @@ class JobStateKeeper:
         if self._under_way is not None:
             state = self._under_way.state(state, self.time_s)
         self.store.keep(state, urgent=urgent)
+
+    def _done(self) -> tuple[Mapping[str, object], ...]:
+        """Return the results of all sites as mappings. Each result is converted once, not at every step."""
+        for name, result in self.tally.sites.items():
+            if name not in self._mappings or self._mappings[name][0] is not result:
+                self._mappings[name] = result, asdict(result)
+        return tuple(self._mappings[name][1] for name in self.tally.sites)
 
 
 def total_pause_s(job: Job) -> float:

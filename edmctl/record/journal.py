@@ -29,6 +29,8 @@ VERSION = 2
 PERIOD_S = 5.0
 """Of the machine's time: so old may the state of a cut be that is not urgent."""
 SUFFIX = ".journal"
+Texts = dict[int, tuple[object, str]]
+"""Canonical JSON text of values by their identity; the value is kept so that its identity is not reused."""
 _START_ANEW = "Without it nobody knows how deep the hole is. Machine it at another place or on new work."
 
 
@@ -121,6 +123,7 @@ class JournalFile:
         self._disk = disk or DiskThread()
         self._at_um = (math.nan, math.nan)
         self._kept_s = -math.inf
+        self._texts: Texts = {}
 
     def keep(self, state: State, *, urgent: bool = False) -> None:
         """Take a state: an urgent one is on the disk when the call returns, others every `PERIOD_S` at most.
@@ -138,7 +141,7 @@ class JournalFile:
         )
 
         def write() -> None:
-            write_journal(self.path, journal)
+            write_journal(self.path, journal, self._texts)
 
         if urgent:
             self._disk.run(self.path, write)
@@ -156,9 +159,12 @@ def journal_path(run_file: Path) -> Path:
     return run_file.with_name(run_file.name.removesuffix(".h5") + SUFFIX)
 
 
-def write_journal(path: Path, journal: Journal) -> None:
-    """Put a journal in the place of the one before, safe on the disk. Raises RunFileError E9040."""
-    text = _text(journal)
+def write_journal(path: Path, journal: Journal, texts: Texts | None = None) -> None:
+    """Replace the journal at `path`; it is on the disk when the call returns. Raises RunFileError E9040.
+
+    `texts` caches the JSON text of the job and of finished sites between the writes of one run.
+    """
+    text = _text(journal, {} if texts is None else texts)
     new = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
         try:
@@ -223,10 +229,47 @@ class _LaterVersion(Exception):
     """The version of a journal that this program does not know."""
 
 
-def _text(journal: Journal) -> bytes:
-    content = _plain(dataclasses.asdict(journal))
-    envelope = {"schema": SCHEMA, "version": VERSION, "sha256": _hash_of(content), "content": content}
-    return (json.dumps(envelope, ensure_ascii=False, allow_nan=False, indent=1) + "\n").encode()
+def _text(journal: Journal, texts: Texts) -> bytes:
+    """Return the file of a journal. The cached texts of `texts` are replaced by those that this journal uses."""
+    used: Texts = {}
+
+    def cached(value: object) -> str:
+        used[id(value)] = texts.get(id(value)) or (value, _canonical(value))
+        return used[id(value)][1]
+
+    state = {}
+    for name, value in journal.state.items():
+        is_done = name == "done" and isinstance(value, list | tuple)
+        state[name] = f"[{','.join(map(cached, value))}]" if is_done else _canonical(value)
+    members = {
+        "job": cached(journal.job),
+        "state": _object(state),
+        "written_utc_s": _canonical(journal.written_utc_s),
+        "x_um": _canonical(journal.x_um),
+        "y_um": _canonical(journal.y_um),
+        "truth": _canonical(journal.truth),
+        "clock_s": _canonical(journal.clock_s),
+    }
+    content = _object(members)
+    texts.clear()
+    texts.update(used)
+    envelope = {
+        "schema": _canonical(SCHEMA),
+        "version": _canonical(VERSION),
+        "sha256": _canonical(hashlib.sha256(content.encode()).hexdigest()),
+        "content": content,
+    }
+    return f"{_object(envelope)}\n".encode()
+
+
+def _canonical(value: object) -> str:
+    """Return the JSON text with sorted keys over which a journal is hashed; null replaces NaN and infinity."""
+    return json.dumps(_plain(value), sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def _object(members: Mapping[str, str]) -> str:
+    """Return the JSON object of texts by name, with sorted names."""
+    return f"{{{','.join(f'{json.dumps(name)}:{members[name]}' for name in sorted(members))}}}"
 
 
 def _journal(data: bytes) -> Journal:
@@ -239,7 +282,7 @@ def _journal(data: bytes) -> Journal:
     if version > VERSION:
         raise _LaterVersion(version)
     content = envelope["content"]
-    if envelope["sha256"] != _hash_of(content):
+    if envelope["sha256"] != hashlib.sha256(_canonical(content).encode()).hexdigest():
         raise ValueError("its content does not fit its check sum")
     job = content["job"]
     return Journal(
@@ -260,13 +303,10 @@ def _journal(data: bytes) -> Journal:
     )
 
 
-def _hash_of(content: object) -> str:
-    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(canonical.encode()).hexdigest()
-
-
 def _plain(value: object) -> object:
-    """The same with null for numbers that JSON has not."""
+    """Return the value with null for numbers that JSON does not have."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = dataclasses.asdict(value)
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

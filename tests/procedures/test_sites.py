@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import Interrupted
-from edmctl.procedures.job_state import PERIOD_S, JobState, job_state
+from edmctl.procedures.job_state import PERIOD_S, JobState, JobTally, job_state
+from edmctl.procedures.run import JobStateKeeper
 from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.progress import Phase
+from tests.record.samples import a_site_row
 from tests.tiers import tiers
 
 from .conftest import Shop
@@ -39,6 +41,27 @@ class Kept:
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         self.states.append(job_state(state.as_mapping()))
         self.urgent.append(urgent)
+
+
+def test_the_result_of_a_finished_site_is_converted_once() -> None:
+    states: list[JobState] = []
+
+    class Store:
+        def keep(self, state: JobState, *, urgent: bool = False) -> None:
+            states.append(state)
+
+    shop = Shop()
+    keeper = JobStateKeeper(shop.job, JobTally({"A1": a_site_row()}), Store())
+    keeper.keep("moving", None)
+    keeper.tally.sites["A2"] = a_site_row()
+    keeper.keep("moving", None)
+    keeper.tally.sites["A1"] = replace(a_site_row(), wear_um=71.0)
+    keeper.keep("moving", None)
+    first, second, third = (state.done for state in states)
+    assert second[0] is first[0]
+    assert third[1] is second[1]
+    assert (second[0]["wear_um"], third[0]["wear_um"]) == (70.0, 71.0)
+    assert states[-1].as_mapping()["done"] is third
 
 
 def true_depth_um(shop: Shop, site: SiteResult) -> float:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -101,6 +102,41 @@ def test_a_cut_is_written_every_five_seconds_of_the_machine_and_a_step_at_once(t
     assert on_disk() == 105.1
 
 
+class Site(dict[str, object]):
+    """A finished site that counts how often it is converted."""
+
+    converted = 0
+
+    def items(self) -> Any:
+        """Return the fields."""
+        self.converted += 1
+        return super().items()
+
+
+@dataclass(frozen=True, slots=True)
+class SitesDone:
+    """The state of an array."""
+
+    time_s: float
+    done: tuple[Site, ...]
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the finished sites alone."""
+        return {"done": self.done}
+
+
+def test_a_finished_site_is_converted_once_and_written_at_every_step(tmp_path: Path) -> None:
+    file = kept(tmp_path / "a.journal")
+    sites = tuple(Site(name=f"hole {number}", wear_um=math.nan) for number in range(5))
+    for number in range(6):
+        file.keep(SitesDone(float(number), sites[:number]), urgent=True)
+        names = [site["name"] for site in read_journal(file.path).state["done"]]  # type: ignore[attr-defined]
+        assert names == [site["name"] for site in sites[:number]]
+    assert [site.converted for site in sites] == [1] * 5
+    file.keep(SitesDone(9.0, (Site(name="corrected"), *sites[1:])), urgent=True)
+    assert read_journal(file.path).state["done"][0] == {"name": "corrected"}  # type: ignore[index]
+
+
 def test_the_stages_are_asked_at_steps_only(tmp_path: Path) -> None:
     asked: list[int] = []
 
@@ -168,7 +204,7 @@ def damaged(text: str, how: str) -> str:
         return '{"schema": "something"}'
     if how == "a part missing":
         envelope["content"].pop("job")
-        envelope["sha256"] = journals._hash_of(envelope["content"])
+        envelope["sha256"] = hashlib.sha256(journals._canonical(envelope["content"]).encode()).hexdigest()
     if how == "no version":
         envelope["version"] = "one"
     return json.dumps(envelope)
