@@ -225,7 +225,7 @@ RECORD = (
     Mutation(
         "a journal whose content was changed is believed",
         "_journal",
-        'envelope["sha256"] != _hash_of(content)',
+        'envelope["sha256"] != _hash_of(_canonical(content))',
         "False",
         "record/test_journal.py",
     ),

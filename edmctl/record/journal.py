@@ -256,10 +256,14 @@ def _text(journal: Journal, texts: Texts) -> bytes:
     envelope = {
         "schema": _canonical(SCHEMA),
         "version": _canonical(VERSION),
-        "sha256": _canonical(hashlib.sha256(content.encode()).hexdigest()),
+        "sha256": _canonical(_hash_of(content)),
         "content": content,
     }
     return f"{_object(envelope)}\n".encode()
+
+
+def _hash_of(canonical: str) -> str:
+    return hashlib.sha256(canonical.encode()).hexdigest()
 
 
 def _canonical(value: object) -> str:
@@ -282,7 +286,7 @@ def _journal(data: bytes) -> Journal:
     if version > VERSION:
         raise _LaterVersion(version)
     content = envelope["content"]
-    if envelope["sha256"] != hashlib.sha256(_canonical(content).encode()).hexdigest():
+    if envelope["sha256"] != _hash_of(_canonical(content)):
         raise ValueError("its content does not fit its check sum")
     job = content["job"]
     return Journal(

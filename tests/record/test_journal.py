@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
@@ -204,7 +203,7 @@ def damaged(text: str, how: str) -> str:
         return '{"schema": "something"}'
     if how == "a part missing":
         envelope["content"].pop("job")
-        envelope["sha256"] = hashlib.sha256(journals._canonical(envelope["content"]).encode()).hexdigest()
+        envelope["sha256"] = journals._hash_of(journals._canonical(envelope["content"]))
     if how == "no version":
         envelope["version"] = "one"
     return json.dumps(envelope)
