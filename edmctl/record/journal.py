@@ -237,10 +237,10 @@ def _text(journal: Journal, texts: Texts) -> bytes:
         used[id(value)] = texts.get(id(value)) or (value, _canonical(value))
         return used[id(value)][1]
 
-    state = {}
-    for name, value in journal.state.items():
-        is_done = name == "done" and isinstance(value, list | tuple)
-        state[name] = f"[{','.join(map(cached, value))}]" if is_done else _canonical(value)
+    state = {name: _canonical(value) for name, value in journal.state.items() if name != "done"}
+    done = journal.state.get("done")
+    if isinstance(done, list | tuple):
+        state["done"] = f"[{','.join(cached(site) for site in done)}]"
     members = {
         "job": cached(journal.job),
         "state": _object(state),
