@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 State = Mapping[str, object]
 
 KIND = "edmctl-bench"
-SCHEMA = 5
+SCHEMA = 6
 _HASH = "sha256"
 _OTHER_PARTS = (json.JSONDecodeError, KeyError, TypeError, AttributeError, MemoryError, RecursionError)
 """What comes of parts that are missing, of another kind or of absurd size."""

@@ -68,9 +68,7 @@ class Plant:
         self._stage_noise = np.random.default_rng(stage_seed)
         self._tilt_mrad = config.sensors.tilt_sd_mrad * build.standard_normal(2)
         self._offset_um = config.offset_um + build.normal(0.0, 1.0)
-        draw = np.random.default_rng(process_seed)
-        self.discharge = drawn(config.discharge, config.spread, draw)
-        self.work_drawn, self.tool_drawn = np.exp(config.spread * draw.standard_normal(2)).tolist()
+        self.discharge = drawn(config.discharge, config.spread, np.random.default_rng(process_seed))
         self._set_discharge()
         self._set_sensors(build)
         frame = np.random.default_rng(frame_seed)
@@ -307,8 +305,8 @@ class Plant:
         radius = c.tool_diameter_um / 2.0
         unit.tool_area_um2 = math.pi * radius**2
         unit.per_tool_area = 1.0 / unit.tool_area_um2
-        unit.work_factor = c.work_removal * self.work_drawn
-        unit.tool_factor = c.tool_wear * self.tool_drawn
+        unit.work_factor = c.work_removal
+        unit.tool_factor = c.tool_wear
         unit.flush_time_s = flush_time_s(d.gap, c.tool_diameter_um, 0.0)
         unit.per_flush_depth = 1.0 / (d.gap.flush_depth_ratio * c.tool_diameter_um)
 

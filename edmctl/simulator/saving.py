@@ -52,8 +52,6 @@ _PLANT_VALUES = (
     "obstacle_um",
     "current_factor",
     "_offset_um",
-    "work_drawn",
-    "tool_drawn",
 )
 _PLANT_ARRAYS = ("position_um", "_tilt_mrad")
 _RANDOM_ARRAYS = ("pulse", "noise", "tables")

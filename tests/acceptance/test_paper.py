@@ -47,43 +47,48 @@ def machine(profile: str, seed: int, *overrides: str, setup: Path | None = None)
     return Hole(report.sites[0], report.truths[0].depth_um, report.truths[0].wear_um)
 
 
+# The machine of the material table with an exact sensor. Its holes differ from seed to seed by 0.5 µm (sd), so few
+# seeds show a shift of the mean. `benchmarks/acceptance.py` measures machines as seeds draw them.
+NOMINAL = (FEED_250, "sim.spread=0.0", "sim.sensor_gain_sd=0.0", "sim.sensor_drift_sd_um_s=0.0")
+
+
 @pytest.fixture(scope="module")
 def cu150_time_s() -> float:
     """Machining time of the 150 µm copper tool at 250 µm of feed."""
-    return fmean(machine("cu150", seed, FEED_250).measured.machining_time_s for seed in (1, 2, 3))
+    return fmean(machine("cu150", seed, *NOMINAL).measured.machining_time_s for seed in (1, 2, 3))
 
 
 @pytest.fixture(scope="module")
 def cu270() -> list[Hole]:
     """Holes of the 270 µm copper tool at 250 µm of feed."""
-    return [machine("cu270", seed, FEED_250) for seed in (1, 2, 3)]
+    return [machine("cu270", seed, *NOMINAL) for seed in (1, 2, 3)]
 
 
-# The bars are ± 3 µm (wear of tungsten ± 1.5 µm) around the paper's figures for the mean of many benches. The
-# feed is ended by a sensor whose gain is off by 0.3 % (1 sd) from bench to bench, and depth and wear go with it;
-# the mean of n benches may therefore lie 2 sd / √n further off:
-#   Cu 270, n = 3: depth 2 × 0.003 × 180 / √3 = 0.6 µm, wear 2 × 0.003 × 70 / √3 = 0.2 µm
-#   W 252, n = 2:  depth 2 × 0.003 × 240 / √2 = 1.0 µm, wear 2 × 0.003 × 10 / √2 = 0.04 µm
 def test_copper_feeds_250_um_into_180_um_of_depth_and_70_um_of_wear(cu270: list[Hole]) -> None:
-    assert fmean(hole.true_depth_um for hole in cu270) == pytest.approx(180.0, abs=3.6)
-    assert fmean(hole.true_wear_um for hole in cu270) == pytest.approx(70.0, abs=3.2)
+    depth_um, wear_um = (
+        fmean(hole.true_depth_um for hole in cu270),
+        fmean(hole.true_wear_um for hole in cu270),
+    )
+    assert depth_um == pytest.approx(180.0, abs=1.5)
+    assert wear_um == pytest.approx(70.0, abs=1.5)
+    wear = edmctl.load_profile("cu270").profile.wear
+    assert wear_um / depth_um == pytest.approx(wear.expected_ratio, rel=wear.ratio_u_rel)
 
 
 def test_tungsten_feeds_250_um_into_240_um_of_depth_and_10_um_of_wear() -> None:
-    holes = [machine("w252", seed, FEED_250) for seed in (1, 2)]
-    assert fmean(hole.true_depth_um for hole in holes) == pytest.approx(240.0, abs=4.0)
-    assert fmean(hole.true_wear_um for hole in holes) == pytest.approx(10.0, abs=1.5)
+    holes = [machine("w252", seed, *NOMINAL) for seed in (1, 2)]
+    assert fmean(hole.true_depth_um for hole in holes) == pytest.approx(240.0, abs=1.5)
+    assert fmean(hole.true_wear_um for hole in holes) == pytest.approx(10.0, abs=1.0)
 
 
-@pytest.mark.full
 def test_the_wide_tool_takes_2_9_times_as_long(cu270: list[Hole], cu150_time_s: float) -> None:
     cu270_time_s = fmean(hole.measured.machining_time_s for hole in cu270)
-    assert cu270_time_s / cu150_time_s == pytest.approx(2.9, abs=0.15)
+    assert cu270_time_s / cu150_time_s == pytest.approx(2.9, abs=0.1)
 
 
 @pytest.mark.full
 def test_twice_the_current_shortens_the_job_by_35_to_50_percent(cu150_time_s: float) -> None:
-    holes = [machine("cu150", seed, FEED_250, "pulse.current_a=0.24") for seed in (1, 2, 3)]
+    holes = [machine("cu150", seed, *NOMINAL, "pulse.current_a=0.24") for seed in (1, 2, 3)]
     time_s = fmean(hole.measured.machining_time_s for hole in holes)
     assert 0.35 <= 1.0 - time_s / cu150_time_s <= 0.50
 

@@ -58,7 +58,7 @@ def test_a_scan_that_is_slower_than_its_sparks_is_named_where_time_is_short(
     short = ("limits.max_time_s=1000", f"path.speed_um_s={speed_um_s}")
     (found,) = problems("channel-circle", *short)
     assert found.code == Code.TIME_LIMIT
-    assert (f"raise path.speed_um_s from {speed_um_s} to 41.8 µm/s" in found.hint) == is_slow
+    assert (f"raise path.speed_um_s from {speed_um_s} to 41.6 µm/s" in found.hint) == is_slow
     assert "three times the forecast" in found.hint
 
 

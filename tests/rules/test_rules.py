@@ -92,14 +92,14 @@ CASES = [
         ("pulse.current_a=0.5", "servo.forward_um_s=0.9"),
         ("pulse.current_a=0.5", "servo.forward_um_s=0.8"),
         "servo.forward_um_s",
-        ("0.8 µm/s", "1.2 times", "0.69 µm/s"),
+        ("0.8 µm/s", "1.1 times", "0.73 µm/s"),
     ),
     Case(
         Code.SLOPE_NEAR_FEED,
         ("servo.forward_um_s=0.9",),
         ("servo.forward_um_s=0.8",),
         "servo.forward_um_s",
-        ("0.8 µm/s", "2.8 times", "0.28 µm/s"),
+        ("0.8 µm/s", "2.8 times", "0.29 µm/s"),
     ),
     Case(
         Code.LIMIT_CYCLE_LARGE,

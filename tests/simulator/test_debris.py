@@ -207,7 +207,7 @@ def test_debris_leaves_with_the_flush_time_of_tool_and_depth() -> None:
         plant.state.true_z_um = plant.state.surface_um + depth_um - plant.unit.working_gap_um
         renew_clearing(plant.unit.shared[0], plant.state.shared[0])
         flush_s = -TICK_S / math.log(plant.state.tick_clearing)
-        expected_s = 0.5 * (diameter_um / 270.0) ** 2 * (1.0 + (depth_um / (0.7 * diameter_um)) ** 2)
+        expected_s = 0.5 * (diameter_um / 270.0) ** 2 * (1.0 + (depth_um / (1.1 * diameter_um)) ** 2)
         assert flush_s == pytest.approx(expected_s, rel=1e-9)
         period_s = -math.log(plant.state.clearing) * flush_s
         assert period_s == pytest.approx(plant.unit.pulse_period_ns * 1e-9, rel=1e-9)
