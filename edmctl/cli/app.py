@@ -7,7 +7,9 @@ import re
 import sys
 from functools import cache
 from io import TextIOWrapper
+from itertools import takewhile
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
@@ -163,6 +165,8 @@ def _usage_error(mistake: Exception, arguments: Sequence[str]) -> UsageError:
 def _meant(message: str, path: str, arguments: Sequence[str]) -> str:
     """Return the command that was probably meant: a profile without its option, a subcommand without its group."""
     stray = re.search(r"unexpected extra argument(?:\(s\))? \((.+)\)", message)
+    if stray is not None and (pairs := _pairs_apart(arguments)):
+        return f"Key and value are one word: join them with =, as in `{pairs}`."
     if stray is not None and any("--profile" in parameter.opts for parameter in _parameters(path)):
         return f"A profile is named with an option: `{path} --profile {stray[1].split()[0]}`."
     unknown = re.search(r"No such command '(.+)'", message)
@@ -172,6 +176,17 @@ def _meant(message: str, path: str, arguments: Sequence[str]) -> str:
         if unknown is not None and path == "edmctl" and unknown[1] in _commands_of(group.typer_instance)
     ]
     return f"Did you mean {' or '.join(groups)}?" if groups else ""
+
+
+def _pairs_apart(arguments: Sequence[str]) -> str:
+    """Return `--set KEY=VALUE` if the words behind --set or --sweep are several; one pair each if they are pairs."""
+    for at, option in enumerate(arguments):
+        words = list(takewhile(lambda word: not word.startswith("-"), arguments[at + 1 :]))
+        if option in ("--set", "--sweep") and len(words) > 1:
+            pairs = [word for word in words if re.fullmatch("[^=]+=[^=]+", word)]
+            joined = "=".join(part for word in words for part in word.split("=") if part)
+            return " ".join(f"{option} {quote(pair)}" for pair in pairs or [joined])
+    return ""
 
 
 def _parameters(path: str) -> list[Any]:

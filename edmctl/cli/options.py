@@ -156,7 +156,9 @@ class JobOptions:
         """
         from edmctl.jobs.connect import controller_warning
         from edmctl.jobs.plan import JobRequest, check
+        from edmctl.jobs.sweep import seed_to_use
 
+        seed_to_use(self.seed)  # refused before a dry run too
         request = JobRequest(
             profile=self.profile or like,
             overrides=(*(self.overrides or ()), *changes, *controlled_by(self.controller)),

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING
 from edmctl.errors import Diagnostic
 from edmctl.profile.findings import Code
 from edmctl.profile.read import dotted
-from edmctl.profile.tables import keys_at, keys_of_kind, lists_tables, nearest, permitted_at, table_with_key
+from edmctl.profile.tables import (
+    accepts,
+    keys_at,
+    keys_of_kind,
+    lists_tables,
+    nearest,
+    permitted_at,
+    table_with_key,
+)
+from edmctl.profile.units import NO_UNIT, Unit, converted, others, quantity, split
 from edmctl.toml_text import toml_value
 from edmctl.wording import shortened
 
@@ -112,6 +121,8 @@ def _path(detail: ErrorDetails, data: TomlTable) -> KeyPath:
     here: object = data
     parts = detail["loc"]
     for i, part in enumerate(parts):
+        if isinstance(here, dict) and part == here.get("kind") and i < len(parts) - 1:
+            continue  # a branch of a union may be called as a wrong key is: kind = "depth", depth = 20
         if _holds(here, part):
             path, here = (*path, part), _item(here, part)
         elif not isinstance(here, dict):
@@ -137,6 +148,7 @@ def _diagnostic(
         message = f"{name} = {shortened(toml_value(_value(data, path)))} {_COMPLAINTS[code]}"
         allowed = permitted_at(model, path)
         hint = f"write {allowed}" if allowed else ""
+        hint = _hint_quantity(path, model, _value(data, path), hint)
     return Diagnostic(code, message, hint, _where(code, path, sources))
 
 
@@ -167,14 +179,53 @@ def _hint_unknown(path: KeyPath, model: type[BaseModel], data: TomlTable) -> str
     known, of_any_kind = keys_of_kind(model, table, _value(data, table)), keys_at(model, table)
     if key in of_any_kind:
         return f"it does not go with this kind of {dotted(table)}: remove it, or change kind"
-    close = nearest(key, known) or nearest(key, of_any_kind)
+    close = _same_quantity(key, known) or nearest(key, known) or nearest(key, of_any_kind)
     if close:
-        return f"did you mean {close}?"
+        return _hint_quantity(
+            (*table, close), model, _value(data, path), f"did you mean {close}?", split(key)[1]
+        )
     home = table_with_key(model, key)
     if home:
         return f"{key} belongs to [{home}]"
     where = _header(table) if table else "the file"
     return f"remove it; {where} may hold {', '.join(known)}"
+
+
+def _same_quantity(key: str, known: Sequence[str]) -> str | None:
+    """Return the known key that has the same name, and a unit of the same dimension if the key has a unit."""
+    name, unit = split(key)
+    for candidate in known:
+        stem, own = split(candidate)
+        if stem == name and own.symbol and (own.dimension == unit.dimension or unit == NO_UNIT):
+            return candidate
+    return None
+
+
+def _hint_quantity(
+    path: KeyPath, model: type[BaseModel], value: object, hint: str, written: Unit = NO_UNIT
+) -> str:
+    """Return `hint` with what the value is in the unit of the key at `path`, if it may be in another unit.
+
+    written : unit of the key that was written instead, if it has one
+    """
+    key, found = str(path[-1]), quantity(value)
+    if found is None:
+        return hint
+    number, stated = found
+    unit = split(key)[1]
+    stated = stated or (written if written.symbol else None)
+    if stated:
+        in_unit = converted(number, stated, unit)
+        fits = stated.dimension == unit.dimension and accepts(model, path, in_unit)
+        return f"write {key} = {in_unit:g}" if fits else hint
+    is_accepted = accepts(model, path, value)
+    for other in [] if is_accepted and abs(number) >= 1.0 else others(unit):
+        in_unit = converted(number, other, unit)
+        if accepts(model, path, in_unit) and (other.scale > unit.scale or not is_accepted):
+            return (
+                f"{hint}{'' if hint.endswith('?') else ';'} {number:g} {other.symbol} is {key} = {in_unit:g}"
+            )
+    return hint
 
 
 def _value(data: TomlTable, path: KeyPath) -> object:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+import unicodedata
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,6 +15,7 @@ from edmctl.files import read_bytes
 from edmctl.profile.findings import Code
 from edmctl.profile.folders import find_profile
 from edmctl.profile.positions import SET_OPTION, Source, TomlTable
+from edmctl.profile.units import NO_UNIT, in_unit_of_key, quantity
 from edmctl.toml_text import toml_value
 
 if TYPE_CHECKING:
@@ -31,6 +33,7 @@ _SYNTAX_PLACE = re.compile(
 )
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){""" + str(MOST_PARTS) + "}")
 _DECIMAL_COMMA = re.compile(r"\s*([+-]?\d+),(\d+)\s*(?:#.*)?")
+_STRING_OR_COMMENT = re.compile(r""""[^"]*"|'[^']*'|#.*""")
 _BARE_WORD = re.compile(r"[A-Za-z][\w.+/ -]*")
 _SITES = re.compile(r"\s*sites\s*[.\[]")
 _HINT_SITES = (
@@ -93,8 +96,8 @@ def _parsed(name: str, text: str) -> TomlTable:
         where, what = _syntax_place(source, str(error))
     except (ValueError, RecursionError):
         where, what = source.start(), "a number is too long or values stand too deep in each other"
-    hint = decimal_comma(where.source_line.partition("=")[2]) or (
-        "texts stand in quotes, a table begins with [name], a key is given once"
+    hint = _value_hint(where.source_line, where.column) or (
+        "texts are in quotes, a table begins with [name], a key is given once"
     )
     raise _refusal(Code.SYNTAX, f"not TOML: {what}", hint, where)
 
@@ -112,10 +115,35 @@ def _holds_more(table: TomlTable, most: int) -> bool:
     return keys > most
 
 
-def decimal_comma(value: str) -> str:
-    """What to write instead of a number with a decimal comma; nothing for any other text."""
-    number = _DECIMAL_COMMA.fullmatch(value)
-    return f"a number has a decimal point, not a comma: {number[1]}.{number[2]}" if number else ""
+def _value_hint(line: str, column: int = 1) -> str:
+    """Return what to write instead of a line `key = value` that is not TOML; empty if no usual mistake is found.
+
+    Those are a decimal comma, a unit behind a number, and a character that looks like another one. `column` is that
+    of the syntax error.
+    """
+    key, _, value = line.partition("=")
+    if number := _DECIMAL_COMMA.fullmatch(value):
+        return f"a number has a decimal point, not a comma: {number[1]}.{number[2]}"
+    if found := quantity(value.partition("#")[0]):
+        name, number_of, unit = key.strip().rpartition(".")[2], *found
+        name, in_unit = in_unit_of_key(name, number_of, unit or NO_UNIT)
+        return f"write {name} = {in_unit:g}, without a unit: the unit is in the key"
+    outside = _STRING_OR_COMMENT.sub("", line)
+    for character in (line[column - 1 : column], *outside):
+        if not character.isascii():
+            name = unicodedata.name(character, "a control character")
+            return f"U+{ord(character):04X} ({name}) is not TOML here: {_instead(character, name)}"
+    return ""
+
+
+def _instead(character: str, name: str) -> str:
+    if re.search("QUOTATION|PRIME|APOSTROPHE", name):
+        return 'write "'
+    if "MINUS" in name or unicodedata.category(character) == "Pd":
+        return "write -"
+    if unicodedata.category(character) in ("Zs", "Zl", "Zp", "Cf"):
+        return "write a plain space, or remove it"
+    return "put texts in quotes"
 
 
 def read_chain(path: Path) -> Merged:
@@ -189,7 +217,7 @@ def apply_overrides(below: Merged, overrides: Sequence[str]) -> Merged:
         given = _parse(text)
         if given is None:
             message = f"cannot read --set {text}: it is not key=value with a TOML value"
-            wrong.append(_diagnostic(text, message, decimal_comma(text.partition("=")[2]) or _HINT))
+            wrong.append(_diagnostic(text, message, _value_hint(text) or _HINT))
             continue
         path, value = given
         try:
@@ -209,7 +237,7 @@ def _parse(text: str) -> tuple[tuple[str, ...], object] | None:
     """Key path and value, or None when the text is not `key=value`."""
     key, _, value = text.partition("=")
     path = _key_path(key)
-    value = value.strip()
+    value = value.strip(" \t")
     if not path or not value or "\n" in text:
         return None
     try:

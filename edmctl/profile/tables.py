@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import difflib
 import types
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union, get_args, get_origin
+from contextlib import suppress
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -50,6 +51,16 @@ def permitted_at(model: type[BaseModel], path: KeyPath) -> str:
     found = _fields_at(model, path)
     words = list(dict.fromkeys(word for info in found for word in _described(info.annotation, info.metadata)))
     return " or ".join(words) if len(found) > 1 and len(words) > 1 else permitted(found[0]) if found else ""
+
+
+def accepts(model: type[BaseModel], path: KeyPath, value: object) -> bool:
+    """Return whether a value may be written at a key path, whichever of its tables is meant."""
+    for found in _fields_at(model, path):
+        annotation: Any = Annotated[found.annotation, *found.metadata] if found.metadata else found.annotation
+        with suppress(ValidationError):
+            TypeAdapter(annotation).validate_python(value)
+            return True
+    return False
 
 
 def choices_at(model: type[BaseModel], path: KeyPath) -> list[str]:

@@ -129,3 +129,29 @@ def test_help_on_a_narrow_terminal_is_not_cut(
     commands = said.partition("Commands:")[2].partition("Exit codes")[0]
     assert "..." not in commands
     assert max(len(line) for line in said.splitlines()) <= 80
+
+
+@pytest.mark.parametrize(
+    ("words", "joined"),
+    [
+        (["a", "b"], "`--set a=b`"),
+        (["a", "=", "b"], "`--set a=b`"),
+        (["a=", "b"], "`--set a=b`"),
+        (["a=1", "b=2"], "`--set a=1 --set b=2`"),
+    ],
+)
+def test_key_and_value_that_are_apart_are_joined_in_the_hint(
+    words: list[str], joined: str, here: Here
+) -> None:
+    said = here("machine", "--profile", "cu270", "--set", *words)
+    assert said.exit_code == ExitCode.USAGE
+    assert joined in said.err
+
+
+@pytest.mark.parametrize(
+    "command", ["machine", "approach", "measure-wear", "measure-drift", "jump-flush", "simulate"]
+)
+def test_a_seed_that_a_run_refuses_is_refused_by_its_dry_run(command: str, here: Here) -> None:
+    said = here(command, "--profile", "cu270", "--seed", "-1", "--dry-run")
+    assert said.exit_code == ExitCode.USAGE
+    assert "error[E2005]" in said.err
