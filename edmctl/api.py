@@ -21,7 +21,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, SupportsIndex
 
-from edmctl.errors import UsageError
+from edmctl.errors import UsageError, refuse_wrong_clock
 from edmctl.files import user_path
 from edmctl.jobs.connect import controller_warning, seed_warning
 from edmctl.jobs.job import carry_out
@@ -396,6 +396,7 @@ def connect(
     from edmctl.profile.setup import Setup
 
     seed = None if seed is None else seed_to_use(seed)
+    refuse_wrong_clock()
     if not isinstance(port, str | PathLike):
         raise TypeError(f"port has to be a name or a path, not {type(port).__name__}")
     where = where_is(str(port), Setup())
@@ -485,6 +486,7 @@ def calibrate_files(
     """
     from edmctl.jobs.calibration.run import calibrate_files as fitted
 
+    refuse_wrong_clock()
     request = _calibration(files, output, validate, refit, previous_v, delay_s)
     doubts = _doubts(warn)
     checked = _checked_calibration(request, Surroundings(), doubts)

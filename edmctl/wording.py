@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
 
 UNKNOWN = "–"
 TIP = "tip below the face"
@@ -242,15 +243,27 @@ def _words(key: str) -> str:
     return f"{words.removesuffix(' model')} from voltage" if words.endswith(" model") else words
 
 
-def start_utc(iso: str) -> str:
-    """Return an ISO time to the second, in UTC; as it is where it is none."""
-    from datetime import UTC, datetime
-
+def utc_of(iso: str) -> datetime | None:
+    """Return an ISO time in UTC; None if it is no time."""
     try:
         time = datetime.fromisoformat(iso)
-    except ValueError:
-        return printable(iso) or UNKNOWN
-    return f"{time.astimezone(UTC) if time.tzinfo else time:%Y-%m-%d %H:%M:%S}"
+        return time.astimezone(UTC) if time.tzinfo else time
+    except (ValueError, OverflowError):
+        return None
+
+
+def iso_of(time_s: float) -> str:
+    """Return the time of a file as ISO text in UTC; empty if the calendar has no such year."""
+    try:
+        return datetime.fromtimestamp(time_s, UTC).isoformat(timespec="milliseconds")
+    except (ValueError, OverflowError, OSError):
+        return ""
+
+
+def start_utc(iso: str) -> str:
+    """Return an ISO time to the second, in UTC; as it is where it is none."""
+    time = utc_of(iso)
+    return f"{time:%Y-%m-%d %H:%M:%S}" if time else printable(iso) or UNKNOWN
 
 
 def file_size(size_bytes: int) -> str:

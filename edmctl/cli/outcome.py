@@ -13,7 +13,15 @@ from edmctl.cli.signals import SignalArrived, ignore_signals, signal_name
 from edmctl.console.diagnostics import render_diagnostics, summary_line
 from edmctl.console.progress import EventReporter, LineReporter, Reporter
 from edmctl.console.style import Style, style_of
-from edmctl.errors import Diagnostic, EdmError, Interrupted, MachineFault, ProfileError, RunFileError
+from edmctl.errors import (
+    Diagnostic,
+    EdmError,
+    Interrupted,
+    MachineFault,
+    ProfileError,
+    RunFileError,
+    refuse_wrong_clock,
+)
 from edmctl.exitcodes import ExitCode, error_exit_code
 from edmctl.jsonout import SCHEMA, render_json, render_json_line
 
@@ -74,6 +82,7 @@ def run_command(output: Output, body: Callable[[Outcome], None]) -> int:
     """Run `body`, write what it leaves to stdout and stderr, and return the exit code."""
     outcome = Outcome(output)
     try:
+        refuse_wrong_clock()
         body(outcome)
     except EdmError as expected:
         return finish(outcome, expected)

@@ -8,7 +8,6 @@ trust what is measured.
 from __future__ import annotations
 
 import math
-from datetime import UTC, datetime
 from string import ascii_uppercase
 from typing import TYPE_CHECKING
 
@@ -32,6 +31,7 @@ from edmctl.wording import (
     ended_as,
     escaped,
     file_size,
+    iso_of,
     named_with_unit,
     percent,
     plural,
@@ -84,7 +84,7 @@ def _cell(run: RunHead | Unreadable, name: str, cell: Callable[[RunHead], str]) 
         return cell(run)
     known = {
         "run": _name(run),
-        "start (UTC)": start_utc(datetime.fromtimestamp(run.changed_s, UTC).isoformat()),
+        "start (UTC)": start_utc(iso_of(run.changed_s)),
         "status": _UNREADABLE.get(run.error.code, run.error.code),
         "size": file_size(run.size_bytes),
     }

@@ -24,7 +24,7 @@ from edmctl.errors import RunFileError
 from edmctl.files import lock_holder, open_regular, refuse_locked
 from edmctl.record import locks
 from edmctl.record.disk import HDF5_ERRORS, reason
-from edmctl.record.hdf5 import image_of, open_hdf5
+from edmctl.record.hdf5 import image_of, open_hdf5, refuse_endless
 from edmctl.record.integrity import MAGIC
 
 if TYPE_CHECKING:
@@ -221,9 +221,7 @@ def _placed(plain: Mapping[str, object], arrays: bytes) -> dict[str, object]:
 
 
 def _bytes(dataset: h5py.Dataset) -> bytes:
-    # Nothing is compressed here: what claims to be larger is damaged, and would fill the memory.
-    if dataset.nbytes > dataset.file.id.get_filesize():
-        raise ValueError("an array in it is larger than the file")
+    refuse_endless(dataset.id)
     return bytes(dataset[()].tobytes())
 
 

@@ -24,7 +24,7 @@ from edmctl.record.delimited import (
     find_columns,
     read_delimited,
 )
-from edmctl.record.hdf5 import image_of, open_hdf5
+from edmctl.record.hdf5 import image_of, open_hdf5, refuse_endless
 from edmctl.record.integrity import MAGIC
 from edmctl.record.reader import open_run
 
@@ -166,7 +166,11 @@ def _read_foreign(path: Path, needed: Sequence[str]) -> dict[str, Array]:
             group = _only_group(path, file, needed)
             names = list(group)
             found = find_columns(names, needed)
-            return _arrays(path, {wanted: group[names[k]] for wanted, k in found.items()})
+            datasets = {wanted: group[names[k]] for wanted, k in found.items()}
+            for dataset in datasets.values():
+                if isinstance(dataset, h5py.Dataset):
+                    refuse_endless(dataset.id)
+            return _arrays(path, datasets)
     except (*disk.HDF5_ERRORS, KeyError, MemoryError) as error:
         raise RecordError(
             f"{path} cannot be read as HDF5: {disk.reason(error)}.",

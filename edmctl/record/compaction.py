@@ -19,7 +19,7 @@ from h5py import h5a, h5d, h5ds, h5g, h5o, h5p, h5s
 
 from edmctl.errors import RunFileError
 from edmctl.record.disk import HDF5_ERRORS, cannot_name, rename_without_replacing
-from edmctl.record.hdf5 import open_hdf5
+from edmctl.record.hdf5 import open_hdf5, refuse_endless
 from edmctl.record.integrity import append_checksum
 
 if TYPE_CHECKING:
@@ -137,6 +137,7 @@ def _holds_rows(item: h5g.GroupID | h5d.DatasetID) -> bool:
     """Whether it is, or has in it, a dataset whose rows are written anew or that belongs to a scale."""
     if isinstance(item, h5g.GroupID):
         return any(_holds_rows(h5o.open(item, name)) for name in list(item))
+    refuse_endless(item)
     if h5ds.is_scale(item) or h5a.exists(item, b"DIMENSION_LIST"):
         return True
     return item.get_create_plist().get_layout() == h5d.CHUNKED and 0 not in item.shape

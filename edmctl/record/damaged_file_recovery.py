@@ -16,7 +16,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 
 from edmctl.errors import RunFileError
@@ -24,12 +23,11 @@ from edmctl.record import layout
 from edmctl.record.compaction import compact
 from edmctl.record.create import LIBRARY_VERSIONS, empty_run_file
 from edmctl.record.disk import reason, write_new
-from edmctl.record.hdf5 import open_hdf5
+from edmctl.record.hdf5 import open_hdf5, refuse_endless
 from edmctl.record.integrity import are_sound, end_at_breaks, read_superblock
 from edmctl.record.opening import open_unjudged, refuse_foreign
 from edmctl.record.recovery import (
     BROKEN,
-    INFLATED,
     RECOVERED,
     Recovered,
     ending,
@@ -41,6 +39,7 @@ from edmctl.record.recovery import (
 from edmctl.record.run_meta import Leaf, RunMeta, SourceText
 
 if TYPE_CHECKING:
+    import h5py
     from numpy.typing import NDArray
 
     from edmctl.record.layout import Scalar, Table
@@ -118,12 +117,12 @@ def _rebuilt(source: h5py.File, path: Path, target: Path) -> Recovered:
             for scalar in layout.SCALARS:
                 if not scalar.source and scalar.dtype not in ("text", "texts", "json"):
                     with suppress(*BROKEN):
-                        file[scalar.path][()] = source[scalar.path][()]
+                        file[scalar.path][()] = _value(source, scalar.path, file[scalar.path][()])
             summary = _value(source, "/entry/summary", np.empty(0, "u1"))
             file["/entry/summary"].resize(summary.shape)
             file["/entry/summary"][:] = summary
             for table in layout.TABLES:
-                claimed = _copy_table(source, file, table, path.stat().st_size, unread)
+                claimed = _copy_table(source, file, table, unread)
                 rows[table.path] = count = _length(file, table)
                 if claimed > count:
                     lost[table.path] = claimed - count
@@ -154,8 +153,9 @@ def _meta(source: h5py.File) -> RunMeta:
     }
     for scalar in layout.SCALARS:
         if scalar.source:
+            value = _value(source, scalar.path, None)
             with suppress(*BROKEN):
-                blank[scalar.source] = _plain(scalar, source[scalar.path][()])
+                blank[scalar.source] = _plain(scalar, value)
     blank["profile_leaves"] = _leaves(source)
     with suppress(*BROKEN):
         places, texts = source["/entry/profile/parent_paths"][:], source["/entry/profile/parents"][:]
@@ -190,6 +190,7 @@ def _leaves(source: h5py.File) -> list[Leaf]:
 
 def _value(source: h5py.File, path: str, default: Any) -> Any:
     with suppress(*BROKEN):
+        refuse_endless(source[path].id)
         return source[path][()]
     return default
 
@@ -200,12 +201,10 @@ def _length(file: h5py.File, table: Table) -> int:
     return length
 
 
-def _copy_table(
-    source: h5py.File, file: h5py.File, table: Table, size_bytes: int, unread: dict[str, int]
-) -> int:
+def _copy_table(source: h5py.File, file: h5py.File, table: Table, unread: dict[str, int]) -> int:
     """Fill a table; returns how many rows the source said it has."""
     names = [""] if table.is_compound else [f"/{column.name}" for column in table.columns]
-    found = {name: _dataset(source, table.path + name, size_bytes) for name in names}
+    found = {name: _dataset(source, table.path + name) for name in names}
     lengths = {name: dataset.shape[0] for name, dataset in found.items() if dataset is not None}
     if not lengths:
         return 0
@@ -229,13 +228,12 @@ def _is_absent(source: h5py.File, table: Table, name: str) -> bool:
     return False
 
 
-def _dataset(source: h5py.File, path: str, size_bytes: int) -> h5py.Dataset | None:
+def _dataset(source: h5py.File, path: str) -> h5py.Dataset | None:
     """The dataset, None where it cannot be read or claims what cannot be."""
     with suppress(*BROKEN):
         dataset = source[path]
-        if isinstance(dataset, h5py.Dataset) and len(dataset.shape) == 1:
-            is_possible = dataset.shape[0] * dataset.dtype.itemsize <= INFLATED * size_bytes
-            return dataset if is_possible else None
+        refuse_endless(dataset.id)
+        return dataset if len(dataset.shape) == 1 else None
     return None
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import ctypes
+import math
+import os
+from contextlib import suppress
 from functools import cache
 from threading import get_ident
 from typing import TYPE_CHECKING
 
 import h5py
-from h5py import h5f, h5p
+from h5py import h5d, h5f, h5i, h5l, h5p
 
 from edmctl.record import locks
 
@@ -18,11 +21,40 @@ if TYPE_CHECKING:
 
 
 def open_hdf5(path: Path, mode: str = "r", **how: object) -> h5py.File:
-    """Open the file at `path`; `how` is handed on to h5py. Raises what h5py raises.
+    """Open the file at `path`; h5py gets `how`. Raises what h5py raises, and ValueError for a link to another file.
 
     A call of h5py alone would fail on network disks without a lock service.
     """
-    return h5py.File(path, mode, locking=locks.of_hdf5(path), **how)
+    return _without_links(h5py.File(path, mode, locking=locks.of_hdf5(path), **how))
+
+
+def _without_links(file: h5py.File) -> h5py.File:
+    """Return a file that has no link to another one, which could be a pipe. Raises ValueError."""
+    found = None
+    with suppress(RuntimeError, KeyError, ValueError):  # of a damaged file, whose reader reports it
+        found = file.id.links.visit(
+            lambda name, info: name if info.type == h5l.TYPE_EXTERNAL else None, info=True
+        )
+    if found is not None:
+        file.close()
+        raise ValueError(f"{found.decode(errors='replace')} is a link to another file")
+    return file
+
+
+INFLATED = 1100
+"""Rows take at least this part of their size in the file: gzip makes no more of a byte."""
+_SMALL_BYTES = 1 << 24
+
+
+def refuse_endless(dataset: h5d.DatasetID) -> None:
+    """Raise ValueError if a dataset claims more rows than its allocated chunks can hold, or lies in another file."""
+    properties = dataset.get_create_plist()
+    if properties.get_layout() == h5d.VIRTUAL or properties.get_external_count():
+        raise ValueError("its rows are in another file")
+    claimed = math.prod(dataset.shape or (0,)) * dataset.dtype.itemsize
+    if claimed > _SMALL_BYTES + INFLATED * dataset.get_storage_size():
+        name = h5i.get_name(dataset).decode(errors="replace")
+        raise ValueError(f"{name} claims {dataset.shape[0]} rows and does not contain them")
 
 
 def image_of(fill: Callable[[h5py.File], None], **how: object) -> bytes:
@@ -52,7 +84,7 @@ def open_swmr(path: Path) -> h5py.File:
     if not locks.are_known(path.parent):
         plist.set_file_locking(False, True)
     flags = h5f.ACC_RDONLY | h5f.ACC_SWMR_READ
-    return h5py.File(h5f.open(str(path).encode(), flags, plist))
+    return _without_links(h5py.File(h5f.open(os.fsencode(path), flags, plist)))
 
 
 @cache

@@ -16,6 +16,7 @@ from edmctl.errors import EdmError, RunFileError
 from edmctl.record import layout
 from edmctl.record.compaction import CLOSING
 from edmctl.record.disk import PARTIAL, partial_path
+from edmctl.record.hdf5 import refuse_endless
 from edmctl.record.integrity import Checksum, verify_checksum
 from edmctl.record.locks import interrupted, is_live
 from edmctl.record.opening import damaged, open_file
@@ -49,6 +50,7 @@ class RunFile:
         self.path = path
         """Where the file is."""
         self._opened: dict[str, list[h5py.Dataset]] = {}
+        self._checked: dict[str, h5py.Dataset] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -115,8 +117,9 @@ class RunFile:
         column = _column(path, name)
         if path not in self._file or name not in self._file[path]:
             return np.empty(0, _read_type(column))
+        dataset = self._dataset(f"{path}/{name}")
         stop = self.rows(path) if stop is None else min(stop, self.rows(path))
-        return self._plain(column, self._file[path][name], start, stop)
+        return self._plain(column, dataset, start, stop)
 
     def columns(self, path: str, names: Sequence[str] | None = None) -> dict[str, NDArray[np.generic]]:
         """Return columns of a group of the layout, all of one length; every column where none is named."""
@@ -142,7 +145,7 @@ class RunFile:
                 raise RunFileError(f"{path} is no table of rows.", hint=hint, code="E9015")
             tables = [known for known in TABLES if isinstance(self._file.get(known), h5py.Dataset)]
             raise _unknown(f"There is no table {path!r}", path, tables)
-        rows: NDArray[np.void] = self._file[path][start:]
+        rows: NDArray[np.void] = self._dataset(path)[start:]
         return rows
 
     def fields(self, path: str, numbers: Sequence[str], words: Sequence[str] = ()) -> NDArray[np.void]:
@@ -150,7 +153,7 @@ class RunFile:
 
         A field that an older file does not have is 0, or empty.
         """
-        dataset = h5d.open(self._file.id, path.encode())
+        dataset = self._dataset(path).id
         fields: NDArray[np.void] = np.zeros(
             dataset.shape, [*((name, "f8") for name in numbers), *((name, _WORD) for name in words)]
         )
@@ -167,7 +170,7 @@ class RunFile:
 
     def texts(self, path: str) -> list[str]:
         """Return a list of texts, for instance `/entry/profile/parents`."""
-        values: list[bytes] = list(self._file[path][:])
+        values: list[bytes] = list(self._dataset(path)[:])
         return [value.decode() for value in values]
 
     def number(self, path: str) -> float:
@@ -190,7 +193,7 @@ class RunFile:
 
     def summary(self) -> dict[str, object] | None:
         """Return the result object; None when the run wrote none."""
-        utf8 = self._file["/entry/summary"][:].tobytes()
+        utf8 = self._dataset("/entry/summary")[:].tobytes()
         if not utf8:
             return None
         summary: dict[str, object] = json.loads(utf8)
@@ -201,9 +204,8 @@ class RunFile:
         grid = layout.TRUTH
         if grid.path not in self._file:
             return None
-        group = self._file[grid.path]
-        y_um, x_um = (group[axis.name][:] for axis in grid.axes)
-        depth_um = group[grid.signal.name][:].astype(np.float64)
+        y_um, x_um = (self._dataset(f"{grid.path}/{axis.name}")[:] for axis in grid.axes)
+        depth_um = self._dataset(f"{grid.path}/{grid.signal.name}")[:].astype(np.float64)
         if min(depth_um.shape) < 2 or depth_um.shape != (len(y_um), len(x_um)):
             return None
         return TruthMap(x_um, y_um, depth_um)
@@ -229,6 +231,7 @@ class RunFile:
             if self._file.id.links.exists(path.encode()):
                 raise
             return None
+        refuse_endless(dataset)
         value = np.empty(dataset.shape, dataset.dtype)
         dataset.read(h5s.ALL, h5s.ALL, value)
         return value.item()
@@ -239,13 +242,21 @@ class RunFile:
             self._opened[table.path] = self._datasets_of(table)
         return self._opened[table.path]
 
+    def _dataset(self, path: str) -> h5py.Dataset:
+        """Return a dataset. Raises KeyError if there is none, ValueError as `refuse_endless`."""
+        if path not in self._checked:
+            dataset = self._file[path]
+            refuse_endless(dataset.id)
+            self._checked[path] = dataset
+        return self._checked[path]
+
     def _datasets_of(self, table: Table) -> list[h5py.Dataset]:
         if table.path not in self._file:
             return []
         if table.is_compound:
-            return [self._file[table.path]]
+            return [self._dataset(table.path)]
         group = self._file[table.path]
-        return [group[column.name] for column in table.columns if column.name in group]
+        return [self._dataset(f"{table.path}/{c.name}") for c in table.columns if c.name in group]
 
     def _plain(self, column: Column, dataset: h5py.Dataset, start: int, stop: int) -> NDArray[np.generic]:
         stored: NDArray[Any] = dataset[start:stop]

@@ -15,11 +15,13 @@ from edmctl.errors import RunFileError
 from edmctl.record import layout
 from edmctl.record.compaction import CLOSING, compact
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL, error_number, reason, rename_without_replacing
+from edmctl.record.hdf5 import refuse_endless
 from edmctl.record.integrity import Checksum, verify_checksum
 from edmctl.record.locks import is_live
 from edmctl.record.opening import damaged, open_file
 from edmctl.record.stores import fit_utf8
 from edmctl.version import __version__
+from edmctl.wording import iso_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,8 +32,6 @@ if TYPE_CHECKING:
 RECOVERED = "recovered"
 RECOVERING = ".recovering"
 """Ending of the new file while it is written."""
-INFLATED = 1100
-"""Rows take at least this part of their size in the file: gzip makes no more of a byte."""
 BROKEN = (*HDF5_ERRORS, KeyError, AttributeError, TypeError)
 """What h5py raises on files that are not what they were, from which call depends."""
 
@@ -81,7 +81,7 @@ def recover(path: Path, target: Path | None = None) -> Recovered:
     refuse(path, target)
     with open_file(path) as source:
         try:
-            found = dict(_found_rows(source, path.stat().st_size))
+            found = dict(_found_rows(source))
             values = ending(source["/entry/end_time"][()], path)
             rows = {dataset: part.whole for part in found.values() for dataset in part.datasets}
             new = temporary(target)
@@ -150,16 +150,15 @@ class _Rows:
     begun: int
 
 
-def _found_rows(source: h5py.File, size_bytes: int) -> Iterator[tuple[str, _Rows]]:
+def _found_rows(source: h5py.File) -> Iterator[tuple[str, _Rows]]:
     for table in layout.TABLES:
         if table.path not in source:
             continue
         item = source[table.path]
         datasets = {table.path: item} if table.is_compound else {f"{table.path}/{n}": item[n] for n in item}
         lengths = [dataset.shape[0] for dataset in datasets.values()]
-        for (name, dataset), length in zip(datasets.items(), lengths, strict=True):
-            if length * dataset.dtype.itemsize > INFLATED * size_bytes:
-                raise ValueError(f"{name} claims {length} rows")
+        for dataset in datasets.values():
+            refuse_endless(dataset.id)
         yield table.path, _Rows(tuple(datasets), min(lengths), max(lengths))
 
 
@@ -170,7 +169,6 @@ def ending(end_time: bytes, path: Path) -> dict[str, bytes | int]:
         "/entry/recovery": fit_utf8(f"from {path.name} by edmctl {__version__} at {now}", 160)
     }
     if not end_time:
-        last_write = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-        values["/entry/end_time"] = last_write.isoformat(timespec="milliseconds").encode()
+        values["/entry/end_time"] = (iso_of(path.stat().st_mtime) or now).encode()
         values["/entry/status"] = RECOVERED.encode()
     return values

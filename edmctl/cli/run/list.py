@@ -1,7 +1,6 @@
 """`edmctl run list`: the runs of a folder in a table."""
 
 import sys
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +10,7 @@ from edmctl.cli.options import command
 from edmctl.cli.outcome import Outcome, stream_style
 from edmctl.errors import RunFileError, UsageError
 from edmctl.jobs.runs.opening import RUNS, find_run
+from edmctl.wording import iso_of, utc_of
 
 if TYPE_CHECKING:
     from edmctl.results.run_file import RunHead, Unreadable
@@ -74,16 +74,9 @@ def _since(head: "RunHead | Unreadable") -> tuple[str, str]:
     from edmctl.results.run_file import Unreadable
 
     if isinstance(head, Unreadable):
-        return _changed(head), head.path.name
-    try:
-        start = datetime.fromisoformat(head.start_time)
-    except ValueError:
-        return "", head.path.name
-    return start.astimezone(UTC).isoformat(), head.path.name
-
-
-def _changed(file: "Unreadable") -> str:
-    return datetime.fromtimestamp(file.changed_s, UTC).isoformat()
+        return iso_of(head.changed_s), head.path.name
+    start = utc_of(head.start_time)
+    return start.isoformat() if start else "", head.path.name
 
 
 def _read(head: "RunHead") -> dict[str, object]:
