@@ -31,9 +31,9 @@ def tables(annotation: Any) -> list[type[BaseModel]]:
 
 
 def is_number(annotation: Any) -> bool:
-    return annotation in (float, int) or (
-        get_origin(annotation) is not list and any(map(is_number, get_args(annotation)))
-    )
+    if get_origin(annotation) is list:
+        return False
+    return annotation in (float, int) or any(map(is_number, get_args(annotation)))
 
 
 def numbers(
@@ -47,10 +47,7 @@ def numbers(
             many = "list" in str(info.annotation)
             for table in inner:
                 yield from numbers(table, root, (*own, 0) if many else own)
-        elif (
-            any(kind in str(info.annotation) for kind in ("float", "int"))
-            and get_origin(info.annotation) is not list
-        ):
+        elif name != "schema_version" and is_number(info.annotation):
             kinds = model.model_fields.get("kind")
             kind = {"kind": get_args(kinds.annotation)[0]} if kinds else {}
             yield own, kind
