@@ -20,7 +20,7 @@ from edmctl.record.delimited import (
     TOOL,
     VOLTAGE,
     WANTED,
-    advice,
+    columns_hint,
     find_columns,
     read_delimited,
 )
@@ -57,7 +57,7 @@ def read_record(path: Path, previous_v: float | None = None) -> Record:
     E3604 a row is no row of numbers (with its line), E3605 it has no rows, E3606 it is HDF5 without one clear set of
     columns.
     """
-    columns = _read(path, tuple(WANTED))
+    columns = _read(path, WANTED)
     return Record(columns[TIME], columns[VOLTAGE], columns[DISPLACEMENT], previous_v, path.name)
 
 
@@ -195,7 +195,7 @@ def _only_group(path: Path, file: h5py.File, needed: Sequence[str]) -> h5py.Grou
         held = ", ".join(names[:20]) or "nothing"
         missing = " and no ".join(name for name in needed if name not in find_columns(names))
         message = f"{path} has no dataset {missing}; {nearest.name} holds {held}."
-        hint = advice(names, needed)
+        hint = columns_hint([name for name in needed if name not in find_columns(names)])
     raise RecordError(message, hint=hint, code="E3606")
 
 

@@ -473,7 +473,10 @@ def test_a_lever_factor_beside_a_fit(here: Here, files: Files, lever: str) -> No
 def test_a_lever_in_other_units_is_named(here: Here) -> None:
     Path("lever.csv").write_text("x_mm,z_um\n" + "1,2\n" * 20, encoding="utf-8")
     error = refusal(here, "--lever", "lever.csv")
-    assert (error["code"], error["hint"]) == ("E3603", "Multiply x_mm by 1000 and rename it to x_um.")
+    assert (error["code"], error["hint"]) == (
+        "E3603",
+        "Needed: x_um (stack displacement in µm). Other columns are ignored.",
+    )
 
 
 # ----------------------------------------------------------------------------------------------------- dry run

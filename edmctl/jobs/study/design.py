@@ -354,7 +354,7 @@ def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     if name is None:
         raise Refused("which table has the points is not said", 'add file = "points.csv" to [design]')
     try:
-        table = read_texts(user_path(name, source.path.parent))
+        table = read_texts(user_path(name, source.path.parent), [f.key for f in factors])
     except RecordError as error:
         raise Refused(error.message.rstrip("."), error.hint.rstrip("."), "file") from None
     missing = [f.key for f in factors if f.key not in table.names]

@@ -217,7 +217,7 @@ def read_table(path: Path) -> TextTable:
     from edmctl.record.delimited import read_texts
 
     try:
-        return read_texts(path)
+        return read_texts(path, ["run"])
     except RecordError as error:
         raise UsageError(error.message, hint=error.hint, code="E2106") from None
 
