@@ -16,6 +16,13 @@ once, through the sensor, from the last two seconds of the rest). What a calibra
 sensor's noise, is compared with that; what it states through the sensor with what `validate` finds of the same
 waveforms through it, with its noise and drift.
 
+    python -m benchmarks.foreign_actuators --verdicts [--count 8] [--first-seed 1]
+
+Eight cases of each kind, 24 plants with `--count 8`: records of one rate, verified with a file of another rate; no
+holds; a drifting or differing sensor; a resonance. Each is fitted twice, to the record of one rate alone and with one
+of a second rate, as `edmctl calibrate --from ... --validate ...` does it. No fit may be accepted above the limits, and
+the better of two fits must not be refused while the worse is accepted.
+
 Exit code 1 where a bar is missed, 2 where none of twenty builds of a draw is an actuator (hysteretic, creeping,
 monotone, of 445 µm).
 """
@@ -902,6 +909,167 @@ def draw_figure(
     )
 
 
+# --- verdicts ----------------------------------------------------------------------------------------------------
+
+CASES = ("one rate", "near rate", "no hold", "drift", "differing", "ringing", "lag 5 ms", "creep x3")
+RECORD_EVERY = 2
+"""A record keeps each second millisecond."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A fit: what it was fitted to, its errors on each file and held out (RMS %, max %), and what was said."""
+
+    name: str
+    fitted: str
+    accepted: bool
+    restricted: bool
+    held_out: tuple[float, float]
+    validated: tuple[tuple[float, float], ...]
+    limit_max_pct: float
+    problems: tuple[str, ...]
+
+    @property
+    def excess(self) -> float:
+        """Worst error on the validation files, over what is accepted."""
+        return max(max(rms / ACCEPT_RMS_PCT, largest / ACCEPT_MAX_PCT) for rms, largest in self.validated)
+
+    @property
+    def is_above(self) -> bool:
+        """Whether an error that the verdict depends on is above the limits."""
+        errors = (self.held_out, *self.validated)
+        return any(rms > ACCEPT_RMS_PCT or largest > self.limit_max_pct for rms, largest in errors)
+
+
+def _cycles(rng: np.random.Generator, frequency_hz: float, seconds: float, hold_s: float) -> Array:
+    """Two full swings, swings of other heights at one rate, a step up with a hold, full swings again."""
+    count = max(6, round(seconds * frequency_hz))
+    tops_v = np.concatenate([[150.0] * 2, rng.uniform(40.0, 150.0, count - 4), [150.0] * 2])
+    phase = np.arange(round(1.0 / (frequency_hz * TICK_S))) * TICK_S * frequency_hz
+    swings = [0.5 * top_v * (1.0 - np.cos(2.0 * math.pi * phase)) for top_v in tops_v]
+    held = [
+        _path([(0.0, 0.0), (0.1, 100.0), (0.1 + hold_s, 100.0), (0.2 + hold_s, 0.0)])
+        for _ in range(hold_s > 0)
+    ]
+    half = count // 2
+    return _on_grid(np.concatenate([*swings[:half], *held, *swings[half:]]))
+
+
+def _stepping(rng: np.random.Generator) -> Array:
+    """Steps within a millisecond to levels that are kept for 0.2 s."""
+    levels_v = rng.uniform(0.0, 150.0, 60)
+    levels_v[[0, 20, 40]], levels_v[[1, 21, 41]] = 0.0, 150.0
+    return _on_grid(np.repeat(levels_v, 200))
+
+
+def _resonating(y_um: Array, frequency_hz: float, damping: float) -> Array:
+    """What a mass on a spring makes of a displacement, sampled every millisecond."""
+    from scipy import signal
+
+    omega = 2.0 * math.pi * frequency_hz
+    system = signal.cont2discrete(([omega**2], [1.0, 2.0 * damping * omega, omega**2]), TICK_S, "zoh")
+    first_um = y_um[0]
+    filtered: Array = signal.lfilter(system[0].ravel(), system[1], y_um - first_um) + first_um
+    return filtered
+
+
+def verdicts_of(kind: str, number: int, first_seed: int) -> list[Verdict]:
+    """Fit one plant to one record and to two, and verify both with files of other rates."""
+    from edmctl.actuator.acceptance import most_accepted_pct
+    from edmctl.jobs.calibration.fit import find
+
+    case, seed = CASES[number % len(CASES)], first_seed + number
+    draw = drawn(kind, seed)
+    change = VARIANTS[case].change if case in VARIANTS else (lambda same: same)
+    actuator = built(change(draw))
+    rng = np.random.default_rng([seed, KINDS.index(kind), 4])
+    slow_hz = rng.uniform(1.0, 4.0)
+    fast_hz = slow_hz * (1.6 if case == "near rate" else rng.uniform(4.0, 6.0))
+    hold_s = 0.0 if case in ("no hold", "one rate") else 4.0
+    voltages = {
+        "slow": _cycles(rng, slow_hz, 12.0, hold_s),
+        "fast": _cycles(rng, fast_hz, 8.0, hold_s),
+        "between": _cycles(rng, math.sqrt(slow_hz * fast_hz), 8.0, 0.0),
+        "beyond": _cycles(rng, 1.5 * fast_hz, 4.0, 0.0),
+    }
+    if case == "ringing":
+        for name in voltages:
+            voltages[name] = np.concatenate([voltages[name], _stepping(rng)])
+    ring_hz, damping = rng.uniform(60.0, 180.0), rng.uniform(0.02, 0.05)
+    records = {}
+    for name, held_v in voltages.items():
+        y_um = actuator.drive(held_v)
+        if case == "ringing":
+            y_um = _resonating(y_um, ring_hz, damping)
+        y_um = actuator.sensed(y_um, rng)
+        if case == "drift":
+            y_um = y_um + rng.uniform(15.0, 40.0) * np.linspace(0.0, 1.0, len(y_um)) ** rng.uniform(1.0, 2.0)
+        if case == "differing" and name == "fast":
+            y_um = y_um * rng.uniform(1.02, 1.05)
+        t_s = TICK_S * np.arange(1, len(held_v) + 1)
+        kept = slice(None, None, RECORD_EVERY)
+        records[name] = Record(t_s[kept], held_v[kept], y_um[kept], 0.0, name)
+    validation = [records["between"], records["beyond"]]
+    found = []
+    for fitted in (("slow",), ("slow", "fast")):
+        one = find([records[name] for name in fitted], validation, ("zero",), None)
+        whole, noise = one.identification.held_out_records, one.identification.noise
+        errors = [one.held_out, *([whole] if whole else [])]
+        found.append(
+            Verdict(
+                name=f"{kind} {seed} {case}",
+                fitted=" + ".join(fitted),
+                accepted=one.identification.accepted,
+                restricted=bool(one.identification.restrictions),
+                held_out=(max(e.rms_pct for e in errors), max(e.max_pct for e in errors)),
+                validated=tuple((file.rms_pct, file.max_pct) for file in one.files),
+                limit_max_pct=most_accepted_pct(noise, one.held_out.range_um),
+                problems=one.identification.problems,
+            )
+        )
+    return found
+
+
+def judge_verdicts(given: argparse.Namespace) -> int:
+    """Print every verdict and the bars."""
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+    plants = [(kind, number) for number in range(given.count) for kind in given.kind]
+    print(f"{'plant':28}{'fitted to':14}{'held out':>14}  validated, RMS/max %")
+    above, inverted, rings = [], [], []
+    with ProcessPoolExecutor(given.jobs, multiprocessing.get_context("spawn")) as pool:
+        for pair in pool.map(partial(_verdicts, first_seed=given.first_seed), plants):
+            for one in pair:
+                words = (
+                    ("accepted for this rate" if one.restricted else "accepted")
+                    if one.accepted
+                    else "refused"
+                )
+                files = ", ".join(f"{rms:.2f}/{largest:.2f}" for rms, largest in one.validated)
+                held = "{:.2f}/{:.2f}".format(*one.held_out)
+                why = "".join(f"\n    {what[:150]}" for what in one.problems)
+                print(f"{one.name:28}{one.fitted:14}{held:>14}  {files}  {words}{why}", flush=True)
+                if one.accepted and one.is_above:
+                    above.append(f"{one.name} {one.fitted}")
+            better, worse = sorted(pair, key=lambda one: one.excess)
+            if worse.accepted and not better.accepted:
+                inverted.append(better.name)
+            if "ringing" in pair[0].name:
+                rings.append(any("rings at" in what for one in pair for what in one.problems))
+    bars = Bars()
+    print()
+    bars.say(
+        f"accepted above the limits: {len(above)} of {2 * len(plants)} fits{_listed(above)}", is_met=not above
+    )
+    words = f"better of two fits refused while the worse is accepted: {len(inverted)} of {len(plants)} plants"
+    bars.say(f"{words}{_listed(inverted)}", is_met=not inverted)
+    bars.say(f"ringing is named for {sum(rings)} of {len(rings)} plants", is_met=all(rings))
+    return int(bool(bars.missed))
+
+
+def _verdicts(plant: tuple[str, int], first_seed: int) -> list[Verdict]:
+    return verdicts_of(*plant, first_seed)
+
+
 # --- the whole ---------------------------------------------------------------------------------------------------
 
 BASE = "base"
@@ -1093,6 +1261,7 @@ def options() -> argparse.Namespace:
     parser.add_argument(
         "--from", dest="given", type=Path, metavar="JSON", help="judge what --json wrote again"
     )
+    parser.add_argument("--verdicts", action="store_true", help="verdicts on records of few rates instead")
     parser.add_argument("--jobs", type=int, choices=(1, 2), default=2)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--figures", type=Path)
@@ -1128,6 +1297,8 @@ def main() -> int:
     """Judge all, print, and return the exit code."""
     given = options()
     how = How(given.zero, tuple(given.mixed))
+    if given.verdicts:
+        return judge_verdicts(given)
     try:
         many = read(given.given, how) if given.given else measured(given, how)
     except AssertionError as none:

@@ -1,6 +1,6 @@
-"""What stands against using an identified model, and what else a reader should know.
+"""Whether an identified model is accepted: reasons against it, restrictions, and notes.
 
-A model is judged where the rest of its record has been: what lies beyond is extrapolation, told apart.
+A model is verified where the rest of its record has been. What lies beyond is extrapolation and is reported apart.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 
 from edmctl.actuator.design import OWN_TAU_SHARE
 from edmctl.actuator.diagnosis import cause_of
-from edmctl.actuator.record import has_several_rates, length_s, longest_hold_s
+from edmctl.actuator.record import half_periods_s, has_several_rates, length_s, longest_hold_s
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -32,6 +32,10 @@ LEAST_BEYOND_SHARE = 0.001
 JUDGED_SHARE = 0.8
 """Of the voltage range, that has to be judged: swings that grow evenly leave an eighth of it to the last of eight
 folds, and what they leave continues what was judged."""
+DIFFERING = (
+    "the records differ from each other. Measure them under the same conditions: temperature, mounting, load and "
+    "voltage held before (--previous-voltage)"
+)
 LEAST_HOLD_SHARE = 0.5
 """Of the slowest lag with a weight of its own."""
 
@@ -40,19 +44,40 @@ def problems_of(
     design: Design,
     records: Sequence[Record],
     held_out: HeldOut,
+    whole: ErrorFigures | None,
     left: Sequence[Left],
     noise: Noise,
     judged_without: Callable[[], Sequence[tuple[str, ErrorFigures]]],
     *,
     on_floor: bool,
 ) -> tuple[str, ...]:
-    """Say what stands against using a model, each with its remedy.
+    """Return the reasons to refuse a model, each with its remedy.
 
-    left : what the fit of all leaves of each record
-    judged_without : what the records may suffer from, in words, and held-out errors without it
+    whole : errors of records that were held out whole; None if there are none
+    left : residuals of the fit to all data, by record
+    judged_without : suspected causes, in words, and held-out errors without each
     """
     problems: list[str] = []
     errors = held_out.errors
+    if excess := excess_of(errors, noise):
+        scale = errors.range_um / 100.0
+        most_um = most_accepted_pct(noise, errors.range_um) * scale
+        cause = cause_of(left, noise, errors, ACCEPTED_RMS_PCT * scale, most_um, judged_without)
+        problems.append(f"Held-out {excess}; {cause}.")
+    if whole is not None and (excess := excess_of(whole, noise)):
+        problems.append(f"Records held out whole: {excess}; {DIFFERING}.")
+    if on_floor:
+        problems.append(
+            "Not monotone: somewhere in the range the data show no immediate answer to the voltage; "
+            "look for a sensor or an amplifier at its limit."
+        )
+    problems += _unjudged(design, held_out)
+    problems += _uncovered(design, records)
+    return tuple(problems)
+
+
+def excess_of(errors: ErrorFigures, noise: Noise) -> str:
+    """Return which errors are above the accepted ones, in words; empty if none is."""
     most_max_pct = most_accepted_pct(noise, errors.range_um)
     wrong = []
     if errors.rms_pct > ACCEPTED_RMS_PCT:
@@ -63,18 +88,7 @@ def problems_of(
         wrong.append(
             f"error up to {errors.max_pct:.1f} % of the range, at most {most_max_pct:.3g} % is accepted"
         )
-    if wrong:
-        scale = errors.range_um / 100.0
-        cause = cause_of(left, noise, errors, ACCEPTED_RMS_PCT * scale, most_max_pct * scale, judged_without)
-        problems.append(f"Held-out {', '.join(wrong)}; {cause}.")
-    if on_floor:
-        problems.append(
-            "Not monotone: somewhere in the range the data show no immediate answer to the voltage; "
-            "look for a sensor or an amplifier at its limit."
-        )
-    problems += _unjudged(design, held_out)
-    problems += _uncovered(design, records)
-    return tuple(problems)
+    return ", ".join(wrong)
 
 
 def most_accepted_pct(noise: Noise, range_um: float) -> float:
@@ -115,10 +129,8 @@ def _uncovered(design: Design, records: Sequence[Record]) -> list[str]:
     return found
 
 
-def notes_on(
-    records: Sequence[Record], held_out: HeldOut, noise: Noise, delay_s: float | None
-) -> tuple[str, ...]:
-    """Say what else a reader should know."""
+def notes_on(held_out: HeldOut, noise: Noise) -> tuple[str, ...]:
+    """Return what else a reader should know."""
     notes: list[str] = []
     errors, beyond = held_out.errors, held_out.beyond
     if beyond is not None and held_out.beyond_share >= LEAST_BEYOND_SHARE:
@@ -132,15 +144,27 @@ def notes_on(
             f"Noise alone, {noise.sd_um:.3g} µm (1 sd) in a sample, comes to {noise.largest_um:.3g} µm at most: no "
             "largest error below it can be reached."
         )
-    if delay_s is None and not has_several_rates(records):
-        notes.append(
-            "The records swing at one rate, where delay and hysteresis look alike: the delay that was found holds "
-            "there only. Measure at two rates, or say --delay."
+    return tuple(notes)
+
+
+def restrictions_on(records: Sequence[Record]) -> tuple[str, ...]:
+    """Return what an acceptance does not cover, because none of the fitted and validated records shows it."""
+    restrictions: list[str] = []
+    if not has_several_rates(records):
+        restrictions.append(
+            f"All records swing at one rate{rate_in_words(records)}, where delay, creep and hysteresis look alike. "
+            "Record a second rate, or check one with --validate."
         )
     held_s = max(longest_hold_s(record) for record in records)
     if held_s < OWN_TAU_SHARE * LEAST_HOLD_SHARE * length_s(records):
-        notes.append(
-            f"The voltage is never held longer than {held_s:.2g} s: slower creep is continued from faster. "
+        restrictions.append(
+            f"The voltage is never held longer than {held_s:.2g} s: slower creep is continued from faster creep. "
             "Hold a step for a minute to measure it."
         )
-    return tuple(notes)
+    return tuple(restrictions)
+
+
+def rate_in_words(records: Sequence[Record]) -> str:
+    """Return the median rate of the large swings, such as " (20 Hz)"; empty if there is no full swing."""
+    swings_s = np.concatenate([half_periods_s(record) for record in records])
+    return f" ({0.5 / float(np.median(swings_s)):.2g} Hz)" if len(swings_s) else ""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.acceptance import notes_on, problems_of
+from edmctl.actuator.acceptance import DIFFERING, notes_on, problems_of, restrictions_on
 from edmctl.actuator.design import (
     BLOCKS,
     HINGES,
@@ -33,7 +33,7 @@ from edmctl.actuator.record import Record, check_numbers, half_periods_s, sample
 from edmctl.actuator.screening import PASSES, Screening, residual_um, screened, settled
 from edmctl.actuator.search import extended
 from edmctl.actuator.suspects import suspects
-from edmctl.actuator.uncertainty import Bands, bands_of, figures, held_out_of, smoothest
+from edmctl.actuator.uncertainty import Bands, apart, bands_of, figures, held_out_of, smoothest, whole_records
 from edmctl.blas import one_blas_thread
 
 if TYPE_CHECKING:
@@ -63,12 +63,14 @@ class Identification:
 
     train : errors on the records themselves
     held_out : errors of blocked cross-validation, of what lies within what the other blocks reached
-    problems : why it should not be used, each with what to do; empty = accepted
+    problems : reasons against using it, each with its remedy; empty: accepted
+    restrictions : what the acceptance does not cover, because the records do not show it
     notes : what else a reader should know
     held_out_model : the same without the sensor's noise: what the model itself misses
     noise : what the sensor's noise alone comes to
     beyond, beyond_share : held-out errors of the rest, which is extrapolation, and its share; None: no such
     screening : which samples count
+    held_out_records : errors of whole records that were held out; None: no record is like the others
     """
 
     model: ActuatorModel
@@ -83,6 +85,8 @@ class Identification:
     beyond: ErrorFigures | None = None
     beyond_share: float = 0.0
     screening: Screening | None = None
+    restrictions: tuple[str, ...] = ()
+    held_out_records: ErrorFigures | None = None
 
     @property
     def stroke_um(self) -> float:
@@ -151,10 +155,15 @@ def identify(
     noise = Noise.of([part.errors_um for part in left])
 
     def judged_without() -> list[tuple[str, ErrorFigures]]:
-        return [
+        without = [
             (one.words, held_out_of(design, one.records, one.used, found_s, smoothness, folds).errors)
             for one in suspects(design, best.weights, model, records, counting.used)
         ]
+        if len(records) > 1:
+            without.append((DIFFERING, apart(design, records, counting.used, found_s, smoothness, folds)))
+        return without
+
+    whole = whole_records(design, reduction, records, best, found_s, smoothness)
 
     return Identification(
         model=model,
@@ -162,13 +171,17 @@ def identify(
         held_out=held_out.errors,
         held_out_model=held_out.of_model,
         bands=bands,
-        problems=problems_of(design, records, held_out, left, noise, judged_without, on_floor=best.on_floor),
-        notes=(*counting.notes(records), *notes_on(records, held_out, noise, delay_s)),
+        problems=problems_of(
+            design, records, held_out, whole, left, noise, judged_without, on_floor=best.on_floor
+        ),
+        notes=(*counting.notes(records), *notes_on(held_out, noise)),
+        restrictions=restrictions_on(records),
         samples=sum(block.samples for block in reduction.blocks),
         noise=noise,
         beyond=held_out.beyond,
         beyond_share=held_out.beyond_share,
         screening=counting,
+        held_out_records=whole,
     )
 
 

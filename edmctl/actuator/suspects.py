@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from edmctl.actuator.design import features_of
+from edmctl.actuator.ringing import ringing_of
 from edmctl.actuator.screening import residual_um, standing_out
 
 if TYPE_CHECKING:
@@ -61,9 +62,12 @@ def suspects(
         _Beside.of(design, weights, model.delay_s, record, counts)
         for record, counts in zip(records, used, strict=True)
     ]
-    outliers = _without_outliers(model, records, used)
+    residuals_um = [residual_um(model, record) for record in records]
+    ringing = _without_ringing(records, residuals_um, used)
+    outliers = None if ringing else _without_outliers(residuals_um, records, used)
     memory = _with_another_memory(records, used)
     return [
+        *([ringing] if ringing else []),
         *([outliers] if outliers else []),
         *([memory] if memory else []),
         _without_shift(beside, model.delay_s, records, used),
@@ -108,13 +112,29 @@ class _Beside:
         return float(gains[best]), k, float(along_um[k] / own[k])
 
 
+def _without_ringing(
+    records: Sequence[Record], residuals_um: Sequence[Array], used: Sequence[Flags]
+) -> Without | None:
+    """Without what follows steps; None unless a resonance rings there."""
+    found = ringing_of(records, residuals_um, used)
+    if found is None:
+        return None
+    words = (
+        f"the actuator rings at {found.frequency_hz:.3g} Hz after steps, by up to {found.amplitude_um:.2g} µm, "
+        "and the model has no resonance. Drive ramps that last several periods instead of steps, damp the mounting, "
+        "or filter the amplifier's input"
+    )
+    quiet = [counts & ~after for counts, after in zip(used, found.after_steps, strict=True)]
+    return Without(list(records), quiet, words)
+
+
 def _without_outliers(
-    model: ActuatorModel, records: Sequence[Record], used: Sequence[Flags]
+    residuals_um: Sequence[Array], records: Sequence[Record], used: Sequence[Flags]
 ) -> Without | None:
     """Without samples that stand out, alone or a few together, however many; None where they are few."""
     far = [
-        counts & standing_out(record, residual_um(model, record), LONGEST_RUN)
-        for record, counts in zip(records, used, strict=True)
+        counts & standing_out(record, left_um, LONGEST_RUN)
+        for record, left_um, counts in zip(records, residuals_um, used, strict=True)
     ]
     outliers = sum(int(one.sum()) for one in far)
     if outliers < LEAST_OUTLIERS:

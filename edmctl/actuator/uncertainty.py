@@ -20,6 +20,7 @@ import numpy as np
 from edmctl.actuator.design import reduce_records
 from edmctl.actuator.fitting import Fit, fit
 from edmctl.actuator.model import CREEP_FROM_S, CREEP_TO_S
+from edmctl.actuator.record import half_periods_s, longest_hold_s
 from edmctl.actuator.validation import ErrorFigures
 
 if TYPE_CHECKING:
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 
 REACH_SHARE = 0.01
 """Of the range; a play this far outside of where others were is not beyond them."""
+NEAR_RATE = 1.5
+"""Rates, and lengths of holds, within this factor are alike."""
 VOLTAGE = 0
 """The play of threshold 0."""
 SMOOTHNESS = (0.0, 1e-4, 1e-3)
@@ -98,6 +101,67 @@ def held_out_of(
     return _held_out(design, reduction, records, best, delay_s, smoothness, folds)
 
 
+def whole_records(
+    design: Design,
+    reduction: Reduction,
+    records: Sequence[Record],
+    best: Fit,
+    delay_s: float,
+    smoothness: float,
+) -> ErrorFigures | None:
+    """Return held-out errors of whole records, each predicted by a fit of the others.
+
+    A record takes part if others swing as far, at rates on both sides of its own or near it, and hold as long.
+    None if no record does.
+    """
+    errors: list[Array] = []
+    for number, record in enumerate(records):
+        others = [other for k, other in enumerate(records) if k != number]
+        if not others or not _prepares(others, record):
+            continue
+        inside = [k for k, block in enumerate(reduction.blocks) if block.record == number]
+        times = [int(block.record != number) for block in reduction.blocks]
+        found = fit(design, reduction, smoothness=smoothness, times=times, start=best.weights)
+        missed = _missed_um(records, reduction, design.model(found.weights, 0.0, delay_s), found, inside)
+        reached = _reached(design, reduction, inside)
+        errors += [one[kept] for one, kept in zip(missed, reached, strict=True)]
+    missed_um = np.concatenate(errors) if errors else np.zeros(0)
+    return ErrorFigures.over(missed_um, _widest_um(records)) if len(missed_um) else None
+
+
+def _prepares(others: Sequence[Record], record: Record) -> bool:
+    """Whether records swing as far, as fast, as slowly and hold as long as another one."""
+    rates_s = [half_periods_s(one) for one in (record, *others)]
+    if not all(map(len, rates_s)):
+        return False
+    own_s, *others_s = (float(np.median(one)) for one in rates_s)
+    margin_v = REACH_SHARE * float(np.ptp(record.u_v))
+    return (
+        min(others_s) / NEAR_RATE <= own_s <= max(others_s) * NEAR_RATE
+        and min(float(one.u_v.min()) for one in others) <= record.u_v.min() + margin_v
+        and max(float(one.u_v.max()) for one in others) >= record.u_v.max() - margin_v
+        and max(map(longest_hold_s, others)) >= longest_hold_s(record) / NEAR_RATE
+    )
+
+
+def apart(
+    design: Design,
+    records: Sequence[Record],
+    used: Sequence[Flags],
+    delay_s: float,
+    smoothness: float,
+    folds: int,
+) -> ErrorFigures:
+    """Return the held-out errors of records that are each fitted alone."""
+    alone = [
+        held_out_of(design, [record], [counts], delay_s, smoothness, folds).errors
+        for record, counts in zip(records, used, strict=True)
+    ]
+    samples = [int(counts.sum()) for counts in used]
+    mean_square = sum(n * one.rms_um**2 for n, one in zip(samples, alone, strict=True)) / sum(samples)
+    return ErrorFigures(max(one.max_um for one in alone), math.sqrt(mean_square), _widest_um(records))
+
+
 def _held_out(
     design: Design,
     reduction: Reduction,
@@ -136,7 +200,7 @@ def _held_out(
     )
 
 
-def _reached(design: Design, reduction: Reduction, inside: range) -> list[Flags]:
+def _reached(design: Design, reduction: Reduction, inside: Sequence[int]) -> list[Flags]:
     """Which samples of some blocks have all plays where those of the other blocks have been, block by block."""
     others = [block for k, block in enumerate(reduction.blocks) if k not in inside]
     margin_v = REACH_SHARE * (design.high_v - design.low_v)
@@ -168,7 +232,7 @@ def _widest_um(records: Sequence[Record]) -> float:
 
 
 def _missed_um(
-    records: Sequence[Record], reduction: Reduction, model: ActuatorModel, found: Fit, inside: range
+    records: Sequence[Record], reduction: Reduction, model: ActuatorModel, found: Fit, inside: Sequence[int]
 ) -> list[Array]:
     """Errors of a model on some blocks, with the zeros of its fit, block by block."""
     errors_um = {}

@@ -122,7 +122,10 @@ def known_model(path: Path, seed: int) -> tuple[ActuatorModel, list[Diagnostic]]
     hint = "Say the --seed it was made with, or leave --calibration out."
     own = VirtualActuator(seed).serial
     doubts = selection.of_another(path, calibration, own, "this actuator is that of", hint)
-    return calibration.model(), doubts + _unaccepted(calibration.quality.problems)
+    doubts += _unaccepted(calibration.quality.problems)
+    if calibration.quality.restrictions:
+        doubts.append(selection.restricted(str(path), calibration.quality.restrictions))
+    return calibration.model(), doubts
 
 
 def _calibrated(seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:

@@ -26,7 +26,7 @@ from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import ONE_LINE, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -114,6 +114,15 @@ class Figures(Table):
     range_um: float = Field(gt=0.0, le=MOST, description="range of the measured displacement, µm")
 
 
+class ValidationFigures(Figures):
+    """Errors of the model on one validation file."""
+
+    name: str = Field(pattern=ONE_LINE, description="its name, without the folder")
+    judged_from_s: float = Field(description="its time from which on errors count, s")
+    gain: float = Field(description="gain that was set for it before; 1: none")
+    zero_um: float = Field(description="zero that was set for it before, µm")
+
+
 class Spread(Table):
     """Standard uncertainties (one sd) from refits to resampled blocks."""
 
@@ -133,6 +142,9 @@ class Quality(Table):
 
     accepted: bool = Field(description="whether nothing stands against using it")
     problems: list[Words] = Field(description="what stands against it, each with its remedy", max_length=100)
+    restrictions: list[Words] | None = Field(
+        None, description="what an acceptance does not cover; absent: nothing", max_length=100
+    )
     notes: list[Words] = Field(description="what else to know", max_length=100)
     samples: int = Field(ge=1, description="samples that it was fitted to")
     stroke_um: float = Field(gt=0.0, description="displacement between the ends of the range, µm")
@@ -141,6 +153,12 @@ class Quality(Table):
     gamma_per_decade: float = Field(description="creep after a step, relative, per decade of time")
     train: Figures = Field(description="errors on the records that it was fitted to")
     held_out: Figures = Field(description="errors on blocks of them that it did not see")
+    held_out_records: Figures | None = Field(
+        None, description="errors on whole records that it did not see; absent: no record is like the others"
+    )
+    validation: list[ValidationFigures] | None = Field(
+        None, description="errors on each validation file; absent: none was given", max_length=1000
+    )
     bands: Spread = Field(description="standard uncertainties of the above")
 
 
@@ -217,13 +235,18 @@ def measured_file(path: Path, samples: int, previous_v: float | None = None) -> 
 
 
 def calibration_of(
-    identification: Identification, made: Made, baselines: Mapping[str, ErrorFigures] | None = None
+    identification: Identification,
+    made: Made,
+    baselines: Mapping[str, ErrorFigures] | None = None,
+    validation: Sequence[Mapping[str, object]] = (),
 ) -> Calibration:
-    """Turn an identification into the content of a file. `baselines` are held-out errors by model."""
-    found, bands = identification.model, identification.bands
+    """Return the content of a file. `baselines` are held-out errors by model, `validation` figures by file."""
+    found, bands, whole = identification.model, identification.bands, identification.held_out_records
+    saved = ValidationFigures.model_fields
     quality = Quality(
         accepted=identification.accepted,
         problems=list(identification.problems),
+        restrictions=list(identification.restrictions) or None,
         notes=list(identification.notes),
         samples=identification.samples,
         stroke_um=found.stroke_um,
@@ -232,6 +255,9 @@ def calibration_of(
         gamma_per_decade=found.gamma_per_decade,
         train=_figures(identification.train),
         held_out=_figures(identification.held_out),
+        held_out_records=None if whole is None else _figures(whole),
+        validation=[ValidationFigures.model_validate({key: one[key] for key in saved}) for one in validation]
+        or None,
         bands=Spread.model_validate(bands, from_attributes=True),
     )
     arrays = {name: getattr(found, name) for name in Parameters.model_fields}
@@ -265,7 +291,11 @@ def load_calibration(path: Path) -> Calibration:
         raise RecordError(f"{path} {what}.", hint=AGAIN, code="E3643", where=_sources(source).value((HASH,)))
     try:
         calibration = Calibration.model_validate(table)
-        for wrong in contradictions(calibration.quality, calibration.model()):
+        quality = calibration.quality
+        others: list[tuple[str, Figures]] = [("validation", one) for one in quality.validation or ()]
+        if quality.held_out_records is not None:
+            others.append(("held_out_records", quality.held_out_records))
+        for wrong in contradictions(quality, calibration.model(), others):
             raise ValueError(f"it cannot be of an actuator that feeds a tool: {wrong}")
     except ValidationError as error:
         first = error.errors(include_url=False)[0]

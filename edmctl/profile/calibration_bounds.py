@@ -83,8 +83,13 @@ class Stated(Protocol):
         """On the records themselves."""
 
 
-def contradictions(quality: Stated, model: ActuatorModel) -> Iterator[str]:
-    """Say what of a calibration cannot be, each with its numbers; nothing where it may be used."""
+def contradictions(
+    quality: Stated, model: ActuatorModel, others: Sequence[tuple[str, Errors]] = ()
+) -> Iterator[str]:
+    """Yield what of a calibration cannot be, with numbers; nothing if it may be used.
+
+    others : further errors that an acceptance depends on, by name
+    """
     for found, most, what in (
         (len(model.thresholds_v), MOST_PLAYS, "plays"),
         (model.slopes_um_per_v.shape[1], MOST_PIECES, "pieces a play"),
@@ -99,12 +104,13 @@ def contradictions(quality: Stated, model: ActuatorModel) -> Iterator[str]:
     if quality.accepted == bool(quality.problems):
         verdict = "accepted" if quality.accepted else "not accepted"
         yield f"it is {verdict} with {len(quality.problems)} problems against it"
-    if quality.accepted and (
-        quality.held_out.rms_pct > MOST_ACCEPTED_RMS_PCT or quality.held_out.max_pct > MOST_ACCEPTED_MAX_PCT
-    ):
-        yield f"it is accepted with errors of {quality.held_out.rms_pct:.3g} % RMS, {quality.held_out.max_pct:.3g} %"
-    yield from _of_figures(quality.held_out, "held_out")
     yield from _of_figures(quality.train, "train")
+    for name, errors in (("held_out", quality.held_out), *others):
+        if quality.accepted and (
+            errors.rms_pct > MOST_ACCEPTED_RMS_PCT or errors.max_pct > MOST_ACCEPTED_MAX_PCT
+        ):
+            yield f"it is accepted with errors of {errors.rms_pct:.3g} % RMS, {errors.max_pct:.3g} % ({name})"
+        yield from _of_figures(errors, name)
 
 
 def _of_numbers(model: ActuatorModel) -> Iterator[str]:

@@ -6,7 +6,9 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
+from edmctl.actuator.acceptance import DIFFERING, excess_of, rate_in_words, restrictions_on
 from edmctl.actuator.identification import fit_line, fit_maxwell, identify
+from edmctl.actuator.record import has_several_rates
 from edmctl.actuator.validation import ErrorFigures, validate
 from edmctl.errors import Diagnostic, RecordError
 
@@ -129,6 +131,9 @@ class Findings:
             "refit": self.refit,
             "held_out": self.held_out_figures,
             "held_out_model": Figures.of(found.held_out_model),
+            "held_out_records": None
+            if found.held_out_records is None
+            else Figures.of(found.held_out_records),
             "beyond": None if found.beyond is None else Figures.of(found.beyond),
             "beyond_share": found.beyond_share,
             "noise_sd_um": found.noise.sd_um,
@@ -145,6 +150,7 @@ class Findings:
             "bands": asdict(found.bands),
             "accepted": found.accepted,
             "problems": found.problems,
+            "restrictions": found.restrictions,
             "notes": found.notes,
         }
 
@@ -170,6 +176,7 @@ def find(
             code="E3619",
         ) from error
     judged = _judged(found.model, validation, refit)
+    found = _verified(found, records, judged)
     return Findings(
         identification=found,
         held_out_baselines={name: baseline.held_out for name, baseline in baselines.items()},
@@ -196,6 +203,30 @@ def _possible(found: Identification) -> Identification:
         for one in contradictions(found, found.model)
     ]
     return replace(found, problems=(*found.problems, *wrong)) if wrong else found
+
+
+def _verified(
+    found: Identification, records: Sequence[Record], judged: Sequence[tuple[Record, Validation]]
+) -> Identification:
+    """Return the identification with the verdict of the validation files: a problem for each above the limits."""
+    problems, passed = [], list(records)
+    for record, one in judged:
+        excess = excess_of(one.errors, found.noise)
+        if not excess:
+            passed.append(record)
+            continue
+        cause = DIFFERING
+        if not has_several_rates(records) and has_several_rates([*records, record]):
+            cause = (
+                f"the fitted records swing at one rate{rate_in_words(records)}, this one at another"
+                f"{rate_in_words([record])}: fit records of both"
+            )
+        problems.append(f"{record.name} (--validate): {excess}; {cause}.")
+    return replace(
+        found,
+        problems=(*found.problems, *problems),
+        restrictions=restrictions_on(passed) if judged else found.restrictions,
+    )
 
 
 def _judged(

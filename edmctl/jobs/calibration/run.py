@@ -87,7 +87,8 @@ class CalibrationReport(Result):
     def brief(self) -> list[str]:
         """Return whether it is accepted, and its errors."""
         errors = self.validated or self.held_out
-        verdict = "accepted" if self.accepted else "not accepted"
+        accepted = "accepted for this rate only" if self.findings.identification.restrictions else "accepted"
+        verdict = accepted if self.accepted else "not accepted"
         return [verdict, f"{errors.rms_um:.2f} µm rms and {errors.max_um:.2f} µm at most on data not fitted"]
 
     def rows(self) -> list[JsonValue]:
@@ -188,7 +189,9 @@ def _save(
             for given in checked.sources
         ],
     )
-    calibration = calibration_of(findings.identification, made, findings.held_out_baselines)
+    calibration = calibration_of(
+        findings.identification, made, findings.held_out_baselines, [asdict(file) for file in findings.files]
+    )
     checked.surroundings.settled()
     save_calibration(path, calibration)
 

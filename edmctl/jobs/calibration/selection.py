@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 from edmctl.errors import Diagnostic, PreconditionError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from edmctl.procedures.job import CalibratedActuator
@@ -44,6 +44,16 @@ def of_another(path: Path, calibration: Calibration, serial: str, this: str, hin
 def not_accepted(what: str, problems: str, hint: str) -> Diagnostic:
     """Warn (W8102) of a calibration that was not accepted."""
     return _doubt("W8102", f"{what} was not accepted: {problems}", hint)
+
+
+def restricted(what: str, restrictions: Sequence[str]) -> Diagnostic:
+    """Warn (W8109) of a calibration that was accepted for the recorded rate only."""
+    message = f"{what} was accepted for the recorded rate only: {' '.join(restrictions)}"
+    return _doubt(
+        "W8109",
+        message,
+        "Calibrate with swings of several rates and holds, as `edmctl calibrate` drives them.",
+    )
 
 
 def narrow(message: str, hint: str) -> Diagnostic:
@@ -191,6 +201,8 @@ def _without(setup: Setup) -> ModelUsed:
 def _used(path: Path, calibration: Calibration, setup: Setup, serial: str) -> ModelUsed:
     short, accepted = calibration.sha256[:SHORT_HASH], calibration.quality.accepted
     words = ["accepted" if accepted else "not accepted"]
+    if accepted and calibration.quality.restrictions:
+        words = ["accepted for the recorded rate only"]
     if calibration.serial != serial:
         words.append(f"of {owner(calibration)}, not of {serial}")
     text = f"calibration {path} (sha256 {short}, {', '.join(words)})"
@@ -226,6 +238,8 @@ def _doubts(
     if not calibration.quality.accepted:
         problems = " ".join(calibration.quality.problems)
         doubts.append(not_accepted(str(path), problems, "Run `edmctl calibrate` again."))
+    elif calibration.quality.restrictions:
+        doubts.append(restricted(str(path), calibration.quality.restrictions))
     if not _covers(calibration, profile):
         message = f"{_range_in_words(path, calibration, profile)}. Beyond it the model guesses."
         doubts.append(narrow(message, "Calibrate from 0 V over the whole stroke."))
