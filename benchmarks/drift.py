@@ -83,6 +83,7 @@ class Case:
     name: str
     profile: str
     seed: int
+    drift_only: bool = False
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,8 @@ class Outcome:
     left_u_um: float = math.nan
     share_held: bool | None = None
     apart_held: bool | None = None
+    rest_held: bool | None = None
+    touch_held: bool | None = None
     contradicted: tuple[str, ...] = ()
 
 
@@ -126,6 +129,10 @@ def perform(case: Case) -> Outcome:
     if not math.isnan(found.share):
         share_held = sensor != 0.0 and abs(found.share - 1.0 - work / sensor) <= half_width(found.share_u)
     apart_held = abs(found.apart_um_per_s - work) <= half_width(found.apart_u_um_per_s)
+    rest_held = abs(found.rest_um_per_s - sensor) <= half_width(found.rest_u_um_per_s)
+    touch_held = abs(found.touch_um_per_s - sensor - work) <= half_width(found.touch_u_um_per_s)
+    if case.drift_only:
+        return Outcome(case, "ok", rest_held=rest_held, touch_held=touch_held, apart_held=apart_held)
     job = replace(job_of(loaded.profile, setup), drift=believed(model_of(fit), setup))
     later = bench
     if case.seed % 2:
@@ -159,6 +166,8 @@ def perform(case: Case) -> Outcome:
         left_u_um=site.drift_left_u_um,
         share_held=share_held,
         apart_held=apart_held,
+        rest_held=rest_held,
+        touch_held=touch_held,
         contradicted=tuple(belief.name for belief in tally.result().contradicted),
     )
 
@@ -178,9 +187,11 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--classes", nargs="+", default=list(CLASSES), choices=list(CLASSES))
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--misses", action="store_true", help="print every wear whose interval does not hold")
+    words = "measure the drift alone, no hole after it"
+    parser.add_argument("--drift-only", action="store_true", help=words)
     given = parser.parse_args(arguments)
     cases = [
-        Case(name, profile, given.first + i)
+        Case(name, profile, given.first + i, given.drift_only)
         for name in given.classes
         for profile in given.profiles
         for i in range(given.seeds)
@@ -201,6 +212,18 @@ def main(arguments: list[str]) -> int:
 
 def _report(name: str, profile: str, outcomes: list[Outcome], *, misses: bool) -> list[str]:
     n = len(outcomes)
+    if outcomes[0].case.drift_only:
+        drifts = {
+            "rests": [one.rest_held for one in outcomes],
+            "touches": [one.touch_held for one in outcomes],
+            "touches less rests": [one.apart_held for one in outcomes],
+        }
+        told = {what: [one for one in held if one is not None] for what, held in drifts.items()}
+        shares = ", ".join(f"{what} {sum(one)} of {len(one)}" for what, one in told.items())
+        print(f"\n{name}, {profile}: intervals of steady drifts that contain the truth: {shares}")
+        return [
+            f"{name}, {profile}: drift of {what}" for what, one in told.items() if sum(one) < LEAST_HELD * n
+        ]
     held = {
         "depth": sum(one.depth_held for one in outcomes) / n,
         "wear": sum(one.wear_held for one in outcomes) / n,

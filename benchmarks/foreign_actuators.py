@@ -19,9 +19,9 @@ waveforms through it, with its noise and drift.
     python -m benchmarks.foreign_actuators --verdicts [--count 8] [--first-seed 1]
 
 Eight cases of each kind, 24 plants with `--count 8`: records of one rate, verified with a file of another rate; no
-holds; a drifting or differing sensor; a resonance. Each is fitted twice, to the record of one rate alone and with one
-of a second rate, as `edmctl calibrate --from ... --validate ...` does it. No fit may be accepted above the limits, and
-the better of two fits must not be refused while the worse is accepted.
+holds; a drifting or differing sensor; a resonance. Each is fitted twice, to the record of one rate alone and with
+one of a second rate, as `edmctl calibrate --from ... --validate ...` does it. No fit may be accepted above the
+limits, and the better of two fits must not be refused while the worse is accepted.
 
 Exit code 1 where a bar is missed, 2 where none of twenty builds of a draw is an actuator (hysteretic, creeping,
 monotone, of 445 µm).
@@ -981,7 +981,7 @@ def verdicts_of(kind: str, number: int, first_seed: int) -> list[Verdict]:
     case, seed = CASES[number % len(CASES)], first_seed + number
     draw = drawn(kind, seed)
     change = VARIANTS[case].change if case in VARIANTS else (lambda same: same)
-    actuator = built(change(draw))
+    actuator, _ = built(change(draw))
     rng = np.random.default_rng([seed, KINDS.index(kind), 4])
     slow_hz = rng.uniform(1.0, 4.0)
     fast_hz = slow_hz * (1.6 if case == "near rate" else rng.uniform(4.0, 6.0))
@@ -1008,7 +1008,7 @@ def verdicts_of(kind: str, number: int, first_seed: int) -> list[Verdict]:
             y_um = y_um * rng.uniform(1.02, 1.05)
         t_s = TICK_S * np.arange(1, len(held_v) + 1)
         kept = slice(None, None, RECORD_EVERY)
-        records[name] = Record(t_s[kept], held_v[kept], y_um[kept], 0.0, name)
+        records[name] = Record(t_s[kept], held_v[kept], y_um[kept], None, name)
     validation = [records["between"], records["beyond"]]
     found = []
     for fitted in (("slow",), ("slow", "fast")):

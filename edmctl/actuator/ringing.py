@@ -27,8 +27,8 @@ LINE_BINS = 2
 """On either side of a line, that belong to it."""
 LINE_SHARE = 0.5
 """Of the squares after steps, that are in a line."""
-DECAY_FACTOR = 4.0
-"""The line's squares after steps are at least this many times those before steps."""
+DECAY_FACTOR = 2.0
+"""The line's squares in a window are at least this many times those in the next one."""
 
 
 class Ringing(NamedTuple):
@@ -56,7 +56,7 @@ def ringing_of(
         mask = np.zeros(len(record.t_s), dtype=np.bool_)
         ends, length = _steps(record, counts)
         for end in ends:
-            mask[max(0, end - STEP_SAMPLES) : end + length] = True
+            mask[max(0, end - STEP_SAMPLES) : end + 2 * length] = True
         after.append(mask)
     return Ringing(*strongest, tuple(after))
 
@@ -64,16 +64,14 @@ def ringing_of(
 def _line(record: Record, left_um: Array, counts: Flags) -> tuple[float, float] | None:
     """Frequency and amplitude of a decaying line after the steps of a record."""
     ends, length = _steps(record, counts)
-    ends = [end for end in ends if end >= length + STEP_SAMPLES]
-    if len(ends) < FEWEST_STEPS or length < SHORTEST_WINDOW:
+    if len(ends) < FEWEST_STEPS:
         return None
     after = _spectrum([left_um[end : end + length] for end in ends])
-    begin = [end - STEP_SAMPLES - length for end in ends]
-    before = _spectrum([left_um[k : k + length] for k in begin])
+    later = _spectrum([left_um[end + length : end + 2 * length] for end in ends])
     k = LOWEST_CYCLES + int(np.argmax(after[LOWEST_CYCLES:]))
     line = slice(max(1, k - LINE_BINS), k + LINE_BINS + 1)
     in_line = float(after[line].sum())
-    if in_line < LINE_SHARE * float(after.sum()) or in_line < DECAY_FACTOR * float(before[line].sum()):
+    if in_line < LINE_SHARE * float(after.sum()) or in_line < DECAY_FACTOR * float(later[line].sum()):
         return None
     low, here, high = (float(after[n]) if n < len(after) else 0.0 for n in (k - 1, k, k + 1))
     centre = k + (high - low) / (low + here + high)
@@ -92,17 +90,15 @@ def _spectrum(windows_um: Sequence[Array]) -> Array:
 
 
 def _steps(record: Record, counts: Flags) -> tuple[list[int], int]:
-    """Return the samples at which steps have ended, and how many samples after each are free of the next step."""
+    """Return the samples at which steps have ended, and half the samples that are free of the next step."""
     least_v = STEP_SHARE * float(np.ptp(record.u_v))
     moved_v = np.abs(np.diff(record.u_v))
     is_fast = moved_v > least_v / STEP_SAMPLES
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_fast, [False]]).astype(int)))
     begins, ends = edges[::2], edges[1::2]
-    far = np.abs(record.u_v[ends] - record.u_v[begins]) >= least_v
-    begins, ends = begins[far], ends[far]
     free = np.append(begins[1:], len(record.u_v)) - ends
-    kept = (free >= SHORTEST_WINDOW) & counts[np.minimum(ends, len(counts) - 1)]
+    kept = (ends - begins <= STEP_SAMPLES) & (free >= 2 * SHORTEST_WINDOW) & counts[ends]
+    kept &= np.abs(record.u_v[ends] - record.u_v[begins]) >= least_v
     if not kept.any():
         return [], 0
-    length = int(min(WINDOW, free[kept].min()))
-    return ends[kept].tolist(), length
+    return ends[kept].tolist(), int(min(WINDOW, free[kept].min() // 2))

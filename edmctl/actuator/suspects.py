@@ -120,7 +120,7 @@ def _without_ringing(
     if found is None:
         return None
     words = (
-        f"the actuator rings at {found.frequency_hz:.3g} Hz after steps, by up to {found.amplitude_um:.2g} µm, "
+        f"the actuator rings at {found.frequency_hz:.3g} Hz after steps, by up to {found.amplitude_um:.3g} µm, "
         "and the model has no resonance. Drive ramps that last several periods instead of steps, damp the mounting, "
         "or filter the amplifier's input"
     )

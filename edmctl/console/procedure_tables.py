@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 
 MOST_ROWS = 20
 """More jumps are in the JSON object and in the run file."""
-_TRUTH_OF_DRIFT = (
-    "Truth is the steady drift; the random walk of the sensor is in what was measured, not in its ±."
-)
 
 
 def render_surface(found: SurfaceFound, style: Style = PLAIN) -> str:
@@ -214,8 +211,7 @@ def render_drift(
     older = ", in the place of an older one" if replaced else ""
     kept = f"{found.touches} touches, {plural(found.rests, 'rest')}; in {path}{older}: {use}."
     beliefs = beliefs_in_words(found.beliefs)
-    about = "" if truth is None else _TRUTH_OF_DRIFT
-    words = [line for text in (about, share, beliefs) if text for line in wrapped(text, USUAL_COLUMNS)]
+    words = [line for text in (share, beliefs) if text for line in wrapped(text, USUAL_COLUMNS)]
     return "\n".join([render_columns(header, rows, style), *words, kept])
 
 

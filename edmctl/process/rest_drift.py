@@ -185,15 +185,15 @@ class PadTouch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriftFit:
-    """What rests and touches have told.
+    """Drifts and creep by rests and touches.
 
-    Drifts are those of this run, the random walk of the sensor with them. `creep` are the weights of the lags,
-    `creep_covariance` goes with them. `rest_um_per_s` is the drift of the rests without creep, `touch_um_per_s` that
-    of the touches, `apart_um_per_s` of the touches less that of the rests: a drift between tool and work, or a
-    change of the rest that no touch sees. `share` is the ratio of the drifts, None where the rests have not drifted,
-    or by so little that it is known no better than unmeasured. `is_steady` says that they have drifted by more than
-    their random walk explains, of `walk_um_per_sqrt_s`. `misfit` is by how much the residuals exceed what was
-    expected of them, at least 1; all uncertainties hold it. `outliers` are the touches that were left out.
+    `creep` are the weights of the lags, `creep_covariance` goes with them. `rest_um_per_s` is the steady drift of
+    the rests without creep, `touch_um_per_s` that of the touches; the uncertainty of both includes the random walk
+    of the sensor during the run. `apart_um_per_s` is the drift of the touches less that of the rests: a drift between
+    tool and work, or a change of the rest that no touch sees. `share` is the ratio of the drifts of this run; None if the rests have not drifted, or by so little that it is known no better than unmeasured. `is_steady`:
+    they have drifted by more than their random walk, of `walk_um_per_sqrt_s`, explains. `misfit` is the factor by
+    which residuals exceed the expected ones, at least 1; all uncertainties include it. `outliers` is the number of
+    touches left out.
     """
 
     creep: Floats
@@ -313,23 +313,23 @@ def _fitted(
     rest, touch, apart = (float(value) for value in drifts @ found)
     spread = drifts @ covariance @ drifts.T
     rest_u, touch_u, apart_u = (math.sqrt(max(0.0, float(spread[i, i]))) for i in range(3))
-    both = float(spread[0, 1])
+    both, walk_u = float(spread[0, 1]), math.sqrt(believed[-1, -1])
     share = None
     if abs(rest) >= LEAST_SIGMAS * rest_u:
         ratio = touch / rest
         variance = touch_u**2 - 2.0 * ratio * both + ratio**2 * rest_u**2
         # The walk is in both drifts alike, and draws the ratio of the steady ones towards 1.
-        variance += (ratio - 1.0) ** 2 * believed[-1, -1]
+        variance += (ratio - 1.0) ** 2 * walk_u**2
         ratio_u = math.sqrt(max(0.0, variance)) / abs(rest)
         share = Value(ratio, ratio_u) if ratio_u <= share_u(1.0) else None
     fit = DriftFit(
         creep=found[4:-1],
         creep_covariance=covariance[4:-1, 4:-1],
-        rest_um_per_s=Value(rest, rest_u),
-        touch_um_per_s=Value(touch, touch_u),
+        rest_um_per_s=Value(rest, math.hypot(rest_u, walk_u)),
+        touch_um_per_s=Value(touch, math.hypot(touch_u, walk_u)),
         apart_um_per_s=Value(apart, apart_u),
         share=share,
-        is_steady=abs(rest) >= LEAST_SIGMAS * math.hypot(rest_u, math.sqrt(believed[-1, -1])),
+        is_steady=abs(rest) >= LEAST_SIGMAS * math.hypot(rest_u, walk_u),
         walk_um_per_sqrt_s=walk_um_per_sqrt_s,
         misfit=misfit,
         rest_rms_um=float(np.sqrt(np.mean(left_um[:a] ** 2))),

@@ -170,6 +170,42 @@ def test_the_cause_is_named(calibration: Record, spoil_um: Callable[[Array], Arr
     assert re.search(words, problem), problem
 
 
+def test_ringing_after_steps_is_named_with_its_frequency(mixed_v: Array) -> None:
+    """It was reported as thousands of samples that stand out: "look for a loose cable"."""
+    steps_v = np.repeat(np.tile([30.0, 120.0, 60.0, 140.0], 12), 60)
+    plain = measured(np.concatenate([mixed_v, steps_v]))
+    ringing_um = np.zeros(len(plain.t_s))
+    for k in np.flatnonzero(np.abs(np.diff(plain.u_v)) > 20.0) + 1:
+        after_s = plain.t_s[k : k + 60] - plain.t_s[k]
+        swing_um = 0.5 * (plain.u_v[k] - plain.u_v[k - 1])
+        ringing_um[k : k + 60] -= swing_um * np.exp(-after_s / 0.1) * np.cos(2.0 * np.pi * 23.0 * after_s)
+    found = found_of(plain._replace(y_um=plain.y_um + ringing_um))
+    (problem,) = found.problems
+    assert re.search(r"rings at 2[23](\.\d)? Hz after steps", problem), problem
+    assert "cable" not in problem
+
+
+def test_records_that_differ_are_named_and_no_drift(mixed_v: Array) -> None:
+    """Records of one rate are also held out whole."""
+    first = measured(mixed_v)
+    other = first._replace(y_um=1.04 * first.y_um)
+    found = identify([first, other], delay_s=0.0, resamples=0, beyond_plays=False)
+    assert found.held_out_records is not None
+    assert found.held_out_records.max_pct > 2.0
+    assert len(found.problems) == 2
+    for problem in found.problems:
+        assert "the records differ from each other" in problem
+        assert "drift" not in problem
+
+
+def test_a_record_of_another_rate_is_not_held_out_whole(mixed_v: Array) -> None:
+    first = measured(mixed_v)
+    slower = measured(np.interp(np.arange(4 * len(mixed_v)) / 4.0, np.arange(len(mixed_v)), mixed_v))
+    found = identify([first, slower], delay_s=0.0, resamples=0, beyond_plays=False)
+    assert found.held_out_records is None
+    assert found.accepted, found.problems
+
+
 def test_too_little_is_the_cause_where_a_fit_of_all_misses_less() -> None:
     """A small and a large swing of another actuator are not predicted better without a drift or a shift."""
     u_v = np.concatenate([sine(0.0, high_v, 0.2, 1, SEEN_HZ).u_v for high_v in (60.0, 150.0)])

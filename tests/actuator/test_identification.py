@@ -150,7 +150,7 @@ def test_a_delay_is_found_where_two_rates_tell_it() -> None:
     ]
     found = identify(records, resamples=0, beyond_plays=False)
     assert found.model.delay_s == pytest.approx(0.008, abs=0.002)
-    assert not any("one rate" in note for note in found.notes)
+    assert not any("one rate" in one for one in found.restrictions)
 
 
 def test_one_rate_is_said_not_to_tell_delay() -> None:
@@ -158,7 +158,7 @@ def test_one_rate_is_said_not_to_tell_delay() -> None:
     truth = make_model()
     records = [Record(wave.t_s, wave.u_v, truth.predict(wave.t_s, wave.u_v))]
     found = identify(records, resamples=2, beyond_plays=False)
-    assert any("one rate" in note for note in found.notes)
+    assert any("one rate (1 Hz)" in one for one in found.restrictions)
 
 
 def test_wrong_memory_costs_several_times_the_error() -> None:
@@ -196,7 +196,7 @@ def test_creep_that_nobody_held_is_said_to_be_continued() -> None:
     wave = waves.sine(0.0, 120.0, 0.5, 10, 100.0)
     records = [Record(wave.t_s, wave.u_v, make_model().predict(wave.t_s, wave.u_v))]
     found = identify(records, resamples=2, beyond_plays=False)
-    assert any("Hold a step" in note for note in found.notes)
+    assert any("Hold a step" in one for one in found.restrictions)
 
 
 def test_a_gap_in_the_range_is_not_covered() -> None:

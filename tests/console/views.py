@@ -139,6 +139,7 @@ class Found:
     model: Model = field(default_factory=Model)
     bands: Bands = field(default_factory=lambda: Bands(0.1, 0.4, 2.975, 0.001, 0.125, 0.001, 0.028, 0.0005))
     problems: tuple[str, ...] = ()
+    restrictions: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     noise: Noise = field(default_factory=lambda: Noise(0.15, 0.7))
     held_out_model: Figures = field(default_factory=lambda: made_figures(max_um=1.9, rms_um=0.41))

@@ -153,7 +153,7 @@ def test_rests_that_drift_by_no_more_than_their_walk_are_not_steady() -> None:
 def test_a_sensor_with_more_noise_says_so_itself() -> None:
     quiet, loud = measured(SENSOR, 0.0), measured(SENSOR, 0.0, noisy=6.0)
     assert loud.misfit < 1.5
-    assert loud.touch_um_per_s.u > 2.0 * quiet.touch_um_per_s.u
+    assert loud.apart_um_per_s.u > 2.0 * quiet.apart_um_per_s.u
     assert abs(loud.touch_um_per_s.value - SENSOR) < 3.0 * loud.touch_um_per_s.u
 
 

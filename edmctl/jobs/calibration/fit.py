@@ -215,7 +215,7 @@ def _verified(
         if not excess:
             passed.append(record)
             continue
-        cause = DIFFERING
+        cause = DIFFERING if found.accepted else "the fitted records show a fault already"
         if not has_several_rates(records) and has_several_rates([*records, record]):
             cause = (
                 f"the fitted records swing at one rate{rate_in_words(records)}, this one at another"
