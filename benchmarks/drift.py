@@ -218,11 +218,11 @@ def _report(name: str, profile: str, outcomes: list[Outcome], *, misses: bool) -
             "touches": [one.touch_held for one in outcomes],
             "touches less rests": [one.apart_held for one in outcomes],
         }
-        told = {what: [one for one in held if one is not None] for what, held in drifts.items()}
-        shares = ", ".join(f"{what} {sum(one)} of {len(one)}" for what, one in told.items())
-        print(f"\n{name}, {profile}: intervals of steady drifts that contain the truth: {shares}")
+        counts = {what: sum(bool(one) for one in contained) for what, contained in drifts.items()}
+        words = ", ".join(f"{what} {count} of {n}" for what, count in counts.items())
+        print(f"\n{name}, {profile}: intervals of steady drifts that contain the truth: {words}")
         return [
-            f"{name}, {profile}: drift of {what}" for what, one in told.items() if sum(one) < LEAST_HELD * n
+            f"{name}, {profile}: drift of {what}" for what, count in counts.items() if count < LEAST_HELD * n
         ]
     held = {
         "depth": sum(one.depth_held for one in outcomes) / n,

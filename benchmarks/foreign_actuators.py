@@ -967,9 +967,9 @@ def _resonating(y_um: Array, frequency_hz: float, damping: float) -> Array:
     from scipy import signal
 
     omega = 2.0 * math.pi * frequency_hz
-    system = signal.cont2discrete(([omega**2], [1.0, 2.0 * damping * omega, omega**2]), TICK_S, "zoh")
-    first_um = y_um[0]
-    filtered: Array = signal.lfilter(system[0].ravel(), system[1], y_um - first_um) + first_um
+    spring = np.array([omega**2]), np.array([1.0, 2.0 * damping * omega, omega**2])
+    numerator, denominator, _ = signal.cont2discrete(spring, TICK_S, "zoh")
+    filtered: Array = signal.lfilter(numerator.ravel(), denominator, y_um - y_um[0]) + y_um[0]
     return filtered
 
 
@@ -1003,9 +1003,9 @@ def verdicts_of(kind: str, number: int, first_seed: int) -> list[Verdict]:
             y_um = _resonating(y_um, ring_hz, damping)
         y_um = actuator.sensed(y_um, rng)
         if case == "drift":
-            y_um = y_um + rng.uniform(15.0, 40.0) * np.linspace(0.0, 1.0, len(y_um)) ** rng.uniform(1.0, 2.0)
+            y_um += rng.uniform(15.0, 40.0) * np.linspace(0.0, 1.0, len(y_um)) ** rng.uniform(1.0, 2.0)
         if case == "differing" and name == "fast":
-            y_um = y_um * rng.uniform(1.02, 1.05)
+            y_um *= rng.uniform(1.02, 1.05)
         t_s = TICK_S * np.arange(1, len(held_v) + 1)
         kept = slice(None, None, RECORD_EVERY)
         records[name] = Record(t_s[kept], held_v[kept], y_um[kept], None, name)
@@ -1040,7 +1040,7 @@ def judge_verdicts(given: argparse.Namespace) -> int:
         for pair in pool.map(partial(_verdicts, first_seed=given.first_seed), plants):
             for one in pair:
                 words = (
-                    ("accepted for this rate" if one.restricted else "accepted")
+                    ("accepted with restrictions" if one.restricted else "accepted")
                     if one.accepted
                     else "refused"
                 )

@@ -148,17 +148,19 @@ def notes_on(held_out: HeldOut, noise: Noise) -> tuple[str, ...]:
 
 
 def restrictions_on(records: Sequence[Record]) -> tuple[str, ...]:
-    """Return what an acceptance does not cover, because none of the fitted and validated records shows it."""
+    """Return what an acceptance is limited to by the fitted and validated records; each continues "accepted"."""
     restrictions: list[str] = []
     if not has_several_rates(records):
         restrictions.append(
-            f"All records swing at one rate{rate_in_words(records)}, where delay, creep and hysteresis look alike. "
+            f"for this rate only: all records swing at one rate{rate_in_words(records)}, where delay, creep and "
+            "hysteresis look alike. "
             "Record a second rate, or check one with --validate."
         )
     held_s = max(longest_hold_s(record) for record in records)
     if held_s < OWN_TAU_SHARE * LEAST_HOLD_SHARE * length_s(records):
         restrictions.append(
-            f"The voltage is never held longer than {held_s:.2g} s: slower creep is continued from faster creep. "
+            f"for use without holds only: the voltage is never held longer than {held_s:.2g} s, and slower creep is "
+            "continued from faster creep. "
             "Hold a step for a minute to measure it."
         )
     return tuple(restrictions)

@@ -64,7 +64,7 @@ class Identification:
     train : errors on the records themselves
     held_out : errors of blocked cross-validation, of what lies within what the other blocks reached
     problems : reasons against using it, each with its remedy; empty: accepted
-    restrictions : what the acceptance does not cover, because the records do not show it
+    restrictions : what the acceptance is limited to, each continues "accepted"
     notes : what else a reader should know
     held_out_model : the same without the sensor's noise: what the model itself misses
     noise : what the sensor's noise alone comes to

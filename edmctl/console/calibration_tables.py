@@ -38,13 +38,10 @@ def render_calibration(found: Findings, lever: LeverFound | None = None, style: 
     if found.validated is not None:
         blocks.append(_validation(found, found.validated, style))
     blocks.append("\n".join([*_properties(found.identification), *_lever_lines(lever)]))
-    verdict, limits = (
-        found.identification,
-        [f"Restriction: {one}" for one in found.identification.restrictions],
-    )
-    accepted = "Accepted for this rate only." if limits else "Accepted."
-    verdicts = [f"Not accepted: {problem}" for problem in verdict.problems] or [accepted]
-    blocks.append("\n".join([*verdicts, *limits, *(f"Note: {note}" for note in verdict.notes)]))
+    verdict = found.identification
+    accepted = [f"Accepted {one}" for one in verdict.restrictions] or ["Accepted."]
+    verdicts = [f"Not accepted: {problem}" for problem in verdict.problems] or accepted
+    blocks.append("\n".join([*verdicts, *(f"Note: {note}" for note in verdict.notes)]))
     return "\n\n".join(blocks)
 
 

@@ -189,8 +189,9 @@ class DriftFit:
 
     `creep` are the weights of the lags, `creep_covariance` goes with them. `rest_um_per_s` is the steady drift of
     the rests without creep, `touch_um_per_s` that of the touches; the uncertainty of both includes the random walk
-    of the sensor during the run. `apart_um_per_s` is the drift of the touches less that of the rests: a drift between
-    tool and work, or a change of the rest that no touch sees. `share` is the ratio of the drifts of this run; None if the rests have not drifted, or by so little that it is known no better than unmeasured. `is_steady`:
+    of the sensor during the run. `apart_um_per_s` is the drift of the touches less that of the rests: a drift
+    between tool and work, or a change of the rest that no touch sees. `share` is the ratio of the drifts of this
+    run; None if the rests have not drifted, or by so little that it is known no better than unmeasured. `is_steady`:
     they have drifted by more than their random walk, of `walk_um_per_sqrt_s`, explains. `misfit` is the factor by
     which residuals exceed the expected ones, at least 1; all uncertainties include it. `outliers` is the number of
     touches left out.

@@ -143,7 +143,7 @@ class Quality(Table):
     accepted: bool = Field(description="whether nothing stands against using it")
     problems: list[Words] = Field(description="what stands against it, each with its remedy", max_length=100)
     restrictions: list[Words] | None = Field(
-        None, description="what an acceptance does not cover; absent: nothing", max_length=100
+        None, description="what an acceptance is limited to; absent: nothing", max_length=100
     )
     notes: list[Words] = Field(description="what else to know", max_length=100)
     samples: int = Field(ge=1, description="samples that it was fitted to")

@@ -66,8 +66,8 @@ def test_what_is_not_accepted_is_said_with_the_reason() -> None:
     )
     assert text.splitlines()[-2:] == ["Not accepted: Too bad: redo.", "Note: Short."]
     assert "Accepted." not in text
-    limited = render_calibration(made_findings(identification=Found(restrictions=("One rate.",))))
-    assert limited.splitlines()[-2:] == ["Accepted for this rate only.", "Restriction: One rate."]
+    limited = render_calibration(made_findings(identification=Found(restrictions=("for one rate.",))))
+    assert limited.splitlines()[-1] == "Accepted for one rate."
 
 
 def test_the_lever_factor_is_told_with_its_interval() -> None:

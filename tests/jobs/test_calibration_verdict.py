@@ -118,8 +118,8 @@ def test_verdict_and_validation_are_saved_and_said_again(tmp_path: Path) -> None
     assert kept.quality.validation[0].rms_pct == found.files[0].rms_pct
     choice = choose(path, {}, Setup(), load_profile("cu270").profile, "SIM-1")
     assert [one.code for one in choice.warnings] == ["W8109"]
-    assert "accepted for the recorded rate only: All records swing at one rate" in choice.warnings[0].message
-    assert "accepted for the recorded rate only" in choice.used.text
+    assert "was accepted for this rate only: all records swing at one rate" in choice.warnings[0].message
+    assert "accepted with restrictions" in choice.used.text
 
 
 @pytest.mark.usefixtures("quick")

@@ -87,7 +87,7 @@ class CalibrationReport(Result):
     def brief(self) -> list[str]:
         """Return whether it is accepted, and its errors."""
         errors = self.validated or self.held_out
-        accepted = "accepted for this rate only" if self.findings.identification.restrictions else "accepted"
+        accepted = "accepted with restrictions" if self.findings.identification.restrictions else "accepted"
         verdict = accepted if self.accepted else "not accepted"
         return [verdict, f"{errors.rms_um:.2f} µm rms and {errors.max_um:.2f} µm at most on data not fitted"]
 

@@ -47,8 +47,8 @@ def not_accepted(what: str, problems: str, hint: str) -> Diagnostic:
 
 
 def restricted(what: str, restrictions: Sequence[str]) -> Diagnostic:
-    """Warn (W8109) of a calibration that was accepted for the recorded rate only."""
-    message = f"{what} was accepted for the recorded rate only: {' '.join(restrictions)}"
+    """Warn (W8109) of a calibration that was accepted with restrictions."""
+    message = f"{what} was accepted {' '.join(restrictions)}"
     return _doubt(
         "W8109",
         message,
@@ -202,7 +202,7 @@ def _used(path: Path, calibration: Calibration, setup: Setup, serial: str) -> Mo
     short, accepted = calibration.sha256[:SHORT_HASH], calibration.quality.accepted
     words = ["accepted" if accepted else "not accepted"]
     if accepted and calibration.quality.restrictions:
-        words = ["accepted for the recorded rate only"]
+        words = ["accepted with restrictions"]
     if calibration.serial != serial:
         words.append(f"of {owner(calibration)}, not of {serial}")
     text = f"calibration {path} (sha256 {short}, {', '.join(words)})"
