@@ -998,15 +998,15 @@ def verdicts_of(kind: str, number: int, first_seed: int) -> list[Verdict]:
     ring_hz, damping = rng.uniform(60.0, 180.0), rng.uniform(0.02, 0.05)
     records = {}
     for name, held_v in voltages.items():
-        y_um = actuator.drive(held_v)
+        truth_um = actuator.drive(held_v)
         if case == "ringing":
-            y_um = _resonating(y_um, ring_hz, damping)
-        y_um = actuator.sensed(y_um, rng)
+            truth_um = _resonating(truth_um, ring_hz, damping)
+        y_um: Array = actuator.sensed(truth_um, rng)
         if case == "drift":
             y_um += rng.uniform(15.0, 40.0) * np.linspace(0.0, 1.0, len(y_um)) ** rng.uniform(1.0, 2.0)
         if case == "differing" and name == "fast":
             y_um *= rng.uniform(1.02, 1.05)
-        t_s = TICK_S * np.arange(1, len(held_v) + 1)
+        t_s: Array = TICK_S * np.arange(1.0, len(held_v) + 1.0)
         kept = slice(None, None, RECORD_EVERY)
         records[name] = Record(t_s[kept], held_v[kept], y_um[kept], None, name)
     validation = [records["between"], records["beyond"]]
