@@ -81,15 +81,16 @@ def _plain(name: str) -> str:
 
 def cells_of(line: str, separator: str) -> list[str]:
     """Return the cells of a line, without quotes and blanks around them; empty ones at the end are left out."""
+    if separator == BLANKS:
+        return line.split()
     try:
-        cells = line.split() if separator == BLANKS else next(csv.reader([line], delimiter=separator), [])
+        return _filled(next(csv.reader([line], delimiter=separator, skipinitialspace=True), []))
     except csv.Error:
-        cells = line.split(separator)
-    return _filled(cells)
+        return _filled(line.split(separator))
 
 
 def _filled(cells: Sequence[str]) -> list[str]:
-    stripped = [plain_text(cell.strip().strip('"')) for cell in cells]
+    stripped = [plain_text(cell.strip()) for cell in cells]
     return stripped[: max((k for k, cell in enumerate(stripped, 1) if cell), default=0)]
 
 
