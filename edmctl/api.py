@@ -251,8 +251,9 @@ class Machine:
     ) -> ProcedureReport:
         """Touch the pad and the last hole, and say what the tool has lost since its reference; or touch that.
 
-        `site` names another hole of the ledger in `out`; without a profile the tool last in use is meant. Raises as
-        `machine`; in the report, E8041 there is no reference, E8045 no such hole.
+        `site` names another hole of the ledger in `out`. Without a profile it measures the tool last in use, by the
+        recipe of the run that made the hole. Raises as `machine`; in the report,
+        E8041 there is no reference, E8045 no such hole.
         """
         from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun
 
@@ -279,8 +280,9 @@ class Machine:
         """Touch the pad and rest in turn for a quarter of an hour: what of a drift of the rests a touch sees.
 
         Later jobs of the machine correct their wear by it. It is saved in `output`, else as the machine's own.
-        Without a profile the tool last in use is meant. Raises as `machine`, and UsageError E2064 where `duration_s`
-        is too short; in the report, E7041 rests and touches do not go together.
+        Without a profile it measures with the tool last in use, by the recipe of its last run. Raises as `machine`,
+        and UsageError E2064 where `duration_s` is too short; in the report, E7041 rests and touches do not go
+        together.
         """
         from edmctl.jobs.measure_drift import DriftRun
         from edmctl.jobs.measure_wear import TOUCHES_LIKE

@@ -17,6 +17,7 @@ from edmctl.cli.outcome import Outcome, Output, mutter, run_command
 from edmctl.cli.signals import shell
 from edmctl.exitcodes import ExitCode
 from edmctl.files import user_path
+from edmctl.profile.folders import SETUP_VARIABLE
 
 if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
@@ -43,7 +44,12 @@ SetOption: TypeAlias = Annotated[
 ]
 SetupOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option("--setup", metavar="FILE", help="Settings of the machine itself (TOML)."),
+    typer.Option(
+        "--setup",
+        metavar="FILE",
+        envvar=SETUP_VARIABLE,
+        help="Settings of the machine itself (TOML). Default: setup-SERIAL.toml in the configuration folder.",
+    ),
 ]
 PortOption: TypeAlias = Annotated[
     str | None,
@@ -171,7 +177,10 @@ class JobOptions:
         )
         plan = check(request, shell())
         outcome.simulated = plan.simulated
-        outcome.uses(profile=plan.loaded.path)
+        if self.profile:
+            outcome.uses(profile=plan.loaded.path)
+        if plan.setup.file is not None:
+            outcome.uses(setup=plan.setup.file)
         outcome.warn([*plan.loaded.warnings, *controller_warning(plan.where, self.controller)])
         return plan
 

@@ -19,6 +19,7 @@ from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.link.gate import LEAST_SECRET
 from edmctl.link.ports import SOCKET, scheme_of
+from edmctl.profile.folders import is_file, own_setup_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -99,7 +100,23 @@ def connected(
             machine = LinkMachine(session, stop)
             if wires_known:
                 machine.wait_for_rest()
-            yield on(machine)
+            own = own_setup(where, setup, machine.identity.serial, surroundings.environ)
+            if own is not None:
+                session.heartbeat_s = VIRTUAL_BEAT_SHARE * own.controller.watchdog_s
+            yield replace(on(machine), own_setup=own)
+
+
+def own_setup(where: MachineAddress, setup: Setup, serial: str, environ: Mapping[str, str]) -> Setup | None:
+    """Return the setup in the file of the machine with that serial number, if none was named and there is one.
+
+    A virtual machine in this process uses a setup only if it is named. Raises ProfileError.
+    """
+    path = own_setup_path(serial, environ)
+    if where.in_process or setup.file is not None or not is_file(path):
+        return None
+    from edmctl.profile.setup import load_setup
+
+    return load_setup(path)
 
 
 def introduction(where: MachineAddress, bench: ConnectedMachine) -> str:
@@ -235,7 +252,7 @@ def machine_at(
     wait_s: float,
     say: Callable[[str], None],
     surroundings: Surroundings,
-) -> Iterator[LinkMachine]:
+) -> Iterator[ConnectedMachine]:
     """Connect to the machine that the option or the setup names.
 
     Raises LinkLost and ProtocolMismatch.
@@ -244,7 +261,7 @@ def machine_at(
     seed = SEED if where.bench_file is None else seed_to_use(None)
     with connected(None, setup, seed, say, where, surroundings) as bench:
         bench.begin()
-        yield bench.machine
+        yield bench
 
 
 SECRET_VARIABLE = "EDMCTL_SECRET_FILE"

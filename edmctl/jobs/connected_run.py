@@ -11,6 +11,8 @@ from edmctl.jobs.calibration.selection import choose
 from edmctl.jobs.connect import connected, introduction
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.tool import as_found, name_tool
+from edmctl.jobs.plan import under
+from edmctl.jobs.resume.selection import refuse_other_setup_of_run
 from edmctl.jobs.run_header import run_meta
 from edmctl.jobs.runs.opening import on_machine
 from edmctl.jobs.session import MachineSession
@@ -70,9 +72,13 @@ def connected_run(
             plan.tool_for(), plan.setup, seed, observer.note, plan.where, plan.surroundings
         ) as bench:
             disk = DiskThread(bench.machine.attend if bench.machine.is_live else None)
-            session = MachineSession(bench, disk)
+            session = MachineSession(bench, disk, plan)
             try:
-                _record(plan, observer, name, warn, prepare, summary, procedure, session, written)
+                if bench.own_setup is not None:
+                    session.plan = under(plan, bench.own_setup)
+                    if warn is not None:
+                        warn(session.plan.loaded.warnings)
+                _record(observer, name, warn, prepare, summary, procedure, session, written)
             except EdmError as expected:
                 session.error = expected
             finally:
@@ -85,7 +91,6 @@ def connected_run(
 
 
 def _record(
-    plan: Plan,
     observer: Observer,
     name: RunName | None,
     warn: Warn | None,
@@ -97,7 +102,9 @@ def _record(
 ) -> None:
     from edmctl.jobs.creep_left import CreepNote
 
-    bench = session.bench
+    bench, plan = session.bench, session.plan
+    if plan.resumed is not None:
+        refuse_other_setup_of_run(plan, plan.resumed.job)
     identity = bench.machine.identity
     calibrate = (
         on_machine("edmctl calibrate", plan.where.selector)
@@ -118,6 +125,7 @@ def _record(
     note = CreepNote(bench, plan.where, plan.surroundings.environ)
     before = session.creep_left = note.read()
     act = prepare(session)
+    plan = session.plan
     if bench.machine.hello.fault and (latched := bench.machine.latched_fault()):
         raise latched
     ledger = ledger_of(plan, name)
@@ -131,7 +139,8 @@ def _record(
         waits=plan.where.in_process,
     ) as recorder:
         into = f", into {name.path}" if name else ""
-        observer.note(f"{introduction(plan.where, bench)}{into}")
+        recipe = f"; recipe of {plan.recipe_of}" if plan.recipe_of else ""
+        observer.note(f"{introduction(plan.where, bench)}{into}; {plan.setup.in_words()}{recipe}")
         name_tool(plan, session, ledger)
         note.take_away()
         bench.begin()

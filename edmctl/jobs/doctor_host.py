@@ -118,8 +118,12 @@ def load(checks: Checks, path: Path | None) -> Setup:
     except EdmError as error:
         checks.fail("setup", error)
         return Setup()
-    checks.add(ok("setup", f"{path}" if path else "none named; the defaults hold"))
     return setup
+
+
+def setup_used(setup: Setup) -> Check:
+    """Return which setup is in effect."""
+    return ok("setup", setup.in_words())
 
 
 def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str) -> Check:

@@ -18,7 +18,7 @@ from edmctl.results.result import Result, html_table
 from edmctl.wording import length
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from edmctl.errors import EdmError
@@ -64,6 +64,8 @@ class Report(Result):
     """What the wear was corrected by, in words; empty without."""
     seed: int | None = None
     """Of the virtual machine, None on a real one and where another process served it."""
+    setup: Mapping[str, object] | None = None
+    """File, hash, reference pad and parking place of the setup in effect."""
 
     @property
     def sites(self) -> tuple[SiteResult, ...]:
@@ -110,6 +112,7 @@ class Report(Result):
         mapping = dataclasses.asdict(self.job)
         mapping["calibration"] = dataclasses.asdict(self.model) if self.model else None
         mapping["drift_file"] = self.drift_file or None
+        mapping["setup"] = self.setup
         mapping["sites"] = [
             {**site, "truth": truth.as_mapping() if truth else None}
             for site, truth in zip_longest(mapping["sites"], self.truths)
@@ -144,6 +147,7 @@ def carry_out(
     true_wear: TrueWear | None = None
 
     def prepare(session: MachineSession) -> Callable[[Recorder], None]:
+        plan = session.plan
         _refuse_other_machine(session.bench.machine.identity.serial, serial)
         kept = JobCheckpoint(plan, session, name)
         entries = JobLedger(plan, session, name, kept, warn or (lambda _: None))
@@ -167,18 +171,18 @@ def carry_out(
         try:
             _run(session, entries, kept, job, recorder, observer, tally, journal)
         finally:
-            if session.bench.virtual and plan.loaded.profile.path is not None:
+            if session.bench.virtual and session.plan.loaded.profile.path is not None:
                 from edmctl.jobs.truth import keep_truth_map
 
                 keep_truth_map(recorder, session.bench.virtual)
 
     def summary(session: MachineSession) -> dict[str, object]:
-        return _report(plan, session, tally, true_wear).as_mapping()
+        return _report(session, tally, true_wear).as_mapping()
 
     session = connected_run(plan, seed, observer, name, warn, prepare, summary)
     if session.error is not None:
         tell_way_on(session.error, plan, name)
-    return _report(plan, session, tally, true_wear)
+    return _report(session, tally, true_wear)
 
 
 def _refuse_other_machine(found: str, wanted: str) -> None:
@@ -226,8 +230,8 @@ def _run(
     kept.end()
 
 
-def _report(plan: Plan, session: MachineSession, tally: JobTally, true_wear: TrueWear | None) -> Report:
-    virtual, job = session.bench.virtual, tally.result()
+def _report(session: MachineSession, tally: JobTally, true_wear: TrueWear | None) -> Report:
+    plan, virtual, job = session.plan, session.bench.virtual, tally.result()
     truths: tuple[SiteTruth, ...] = ()
     if virtual and true_wear:
         diameter_um = plan.loaded.profile.tool.diameter_um
@@ -246,7 +250,18 @@ def _report(plan: Plan, session: MachineSession, tally: JobTally, true_wear: Tru
         channel = channel_truth(plan.loaded.profile, virtual, virtual.tool_wear_um - true_wear.before_um)
     drift = session.drift.text if session.drift else ""
     seed = session.bench.seed
-    return Report(simulated, job, truths, session.error, session.run_file, used, channel, drift, seed)
+    return Report(
+        simulated,
+        job,
+        truths,
+        session.error,
+        session.run_file,
+        used,
+        channel,
+        drift,
+        seed,
+        plan.setup.as_mapping(),
+    )
 
 
 def truths_of(

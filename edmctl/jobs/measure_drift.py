@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 from edmctl.jobs.calibration.request import check_writable
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.elapsed import with_home
-from edmctl.jobs.ledger.tool import NAMELESS, account_of, refuse_unknown_length, tool_identity
+from edmctl.jobs.ledger.recipe import last_run_of, with_recipe_of
+from edmctl.jobs.ledger.tool import (
+    NAMELESS,
+    account_of,
+    refuse_other_setup,
+    refuse_unknown_length,
+    tool_identity,
+)
 from edmctl.procedures.measure_drift import drift_result, drift_time_s, measure_drift, plan_drift
 from edmctl.process.rest_drift import model_of
 from edmctl.record.ledger_entries import RunEnded, WearMeasured
@@ -74,7 +81,11 @@ class DriftRun:
         self._planned = plan_drift(self.plan.loaded.profile, self.plan.setup, self.duration_s)
 
     def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
-        """Return what is measured. Raises PreconditionError E8048 of a tool whose job was killed."""
+        """Return what is measured, by the recipe of the tool's last run if no profile was named.
+
+        Raises PreconditionError: E8048 a tool whose job was killed, E8059 a reference under another setup, E8063 a
+        run whose recipe is unknown.
+        """
         from edmctl.procedures.job import job_of
         from edmctl.profile.folders import default_drift_path, fresh_drift_path
 
@@ -87,7 +98,12 @@ class DriftRun:
         history = history_of(self._ledger.lines if self._ledger else (), serial)
         self._account = self._account_of(tool_identity(session), history)
         if self._ledger is not None:
+            refuse_other_setup(
+                self._account, self.plan.setup, self._ledger.path.parent, self.plan.where.selector
+            )
             refuse_unknown_length(self._account, self._ledger.path.parent, self.plan.where.selector)
+            self.plan = with_recipe_of(self.plan, self._ledger.path.parent, last_run_of(self._account))
+        self._planned = plan_drift(self.plan.loaded.profile, self.plan.setup, self.duration_s)
         actuator = session.choice.actuator if session.choice else None
         job = job_of(self.plan.loaded.profile, self.plan.setup, (), actuator)
         return with_home(job, history, session.bench.now)

@@ -11,12 +11,16 @@ from edmctl.errors import Diagnostic, PreconditionError, UsageError
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import coordinates_in
+from edmctl.jobs.ledger.recipe import last_run_of, with_recipe_of
 from edmctl.jobs.ledger.tool import (
     NAMELESS,
     ToolIdentity,
     account_of,
     left_to_finish,
+    reference_setup,
+    refuse_other_setup,
     refuse_unknown_length,
+    setup_differences,
     tool_identity,
 )
 from edmctl.jobs.runs.opening import command_to_go_on, on_machine
@@ -126,12 +130,12 @@ def _hole_in_words(hole: SiteMachined) -> str:
 
 
 def _bottom(hole: SiteMachined) -> Bottom:
-    known = Bottom(hole.name, hole.x_um, hole.y_um, hole.depth_um)
+    known = Bottom(hole.name, hole.x_um, hole.y_um, hole.depth_um, run_file=hole.run_file)
     return known if math.isnan(hole.depth_u95_um) else replace(known, depth_u_um=hole.depth_u95_um / COVERAGE)
 
 
 TOUCHES_LIKE = "cu270"
-"""The shipped profile by which a tool is touched when none is named."""
+"""The shipped profile by which a tool without any run is touched if none is named."""
 
 
 def measuring_profile(profile: Profile, speed_um_s: float = math.nan) -> Profile:
@@ -216,25 +220,34 @@ class WearRun:
     def look(self, identity: ToolIdentity, ledger: Ledger | None, warn: Warn) -> Profile:
         """Return the recipe of the touches, after a look at the ledger.
 
+        Without a profile it is the recipe of the run that made the hole, else of the last run with the tool.
+
         Raises PreconditionError: E8041 no reference, E8045 no such hole, E8046 a hole too narrow for the tool, E8048
-        a tool whose job was killed.
+        a tool whose job was killed, E8059 a reference under another setup, E8063 a run whose recipe is unknown.
         """
         self._ledger, self._warn = ledger, warn
         history = history_of(ledger.lines if ledger else (), identity.serial)
         account = self._account = self._account_of(identity, history)
-        profile = measuring_profile(self.plan.loaded.profile)
+        run_file = last_run_of(account)
         if not self.is_reference:
             reference = _reference_of(account, ledger, identity, self.plan.where)
             self._reference = _aged(reference, account, identity.now)
             folder = ledger.path.parent if ledger is not None else Path()
+            refuse_other_setup(account, self.plan.setup, folder, self.plan.where.selector)
             refuse_unknown_length(account, folder, self.plan.where.selector)
             self._bottom = bottom_of(self.site, history, account, self._diameter_um(), folder)
-            profile = self._at_speed_of(reference, warn)
-        elif ledger is None:
+            run_file = self._bottom.run_file if self._bottom is not None else run_file
+            self.plan = with_recipe_of(self.plan, folder, run_file)
+            return self._at_speed_of(reference, warn)
+        if setup_differences(account.reference, self.plan.setup):
+            account.pad_um = math.nan
+        if ledger is None:
             warn([_NOT_KEPT])
-        elif self.plan.new_tool:
+            return measuring_profile(self.plan.loaded.profile)
+        if self.plan.new_tool:
             warn(left_to_finish(account.label, identity.serial, ledger.path.parent))
-        return profile
+        self.plan = with_recipe_of(self.plan, ledger.path.parent, run_file)
+        return measuring_profile(self.plan.loaded.profile)
 
     def act(self, run: JobRun) -> None:
         """Touch."""
@@ -371,7 +384,7 @@ class WearRun:
         self._warn([Diagnostic("W8112", message, hint, is_warning=True)])
 
     def _as_reference(self, tool: str, touched: SurfaceReading) -> ReferenceTouched:
-        setup, virtual = self.plan.setup, self._session.bench.virtual if self._session else None
+        virtual = self._session.bench.virtual if self._session else None
         assert self._job is not None
         return ReferenceTouched(
             tool=tool,
@@ -380,15 +393,13 @@ class WearRun:
             sd_um=touched.reading.sd_um,
             touches=touched.reading.touches,
             model_um=touched.model_um,
-            sensor=setup.sensor.fitted,
-            x_um=setup.stage.reference_x_um,
-            y_um=setup.stage.reference_y_um,
             speed_um_s=self._job.profile.measure.speed_um_s,
             time_s=touched.time_s,
             temperature_c=self._temperature_c,
             home_um=self._home_um,
             doubt_u_um=touched.doubt_u_um,
             truth={"tool_wear_um": virtual.tool_wear_um} if virtual else None,
+            **reference_setup(self.plan.setup),
         )
 
 

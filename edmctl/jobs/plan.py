@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -158,7 +158,8 @@ class Resumption:
 class Plan:
     """A checked request. `simulated` is None where only the machine itself will tell, once it is connected.
 
-    `new_tool` says that the electrode was changed. Without `names_tool` the machine's tool is taken as it is.
+    `new_tool` says that the electrode was changed. Without `names_tool` the machine's tool is taken as it is, and
+    `recipe_of` is the run file whose recipe is used, if any.
     """
 
     request: JobRequest
@@ -173,6 +174,7 @@ class Plan:
     names_tool: bool = True
     resumed: Resumption | None = None
     surroundings: Surroundings = NONE
+    recipe_of: str = ""
 
     def forecast_left(self) -> Forecast:
         """Return the forecast of what is left of the job: holes that earlier runs have finished are left out.
@@ -190,6 +192,13 @@ class Plan:
     def tool_for(self) -> LoadedProfile | None:
         """What goes onto a virtual bench; None where a bench that is kept stays as it is."""
         return self.loaded if self.names_tool or self.where.bench_file is None else None
+
+
+def under(plan: Plan, setup: Setup) -> Plan:
+    """Return the plan checked for another setup, on the same machine. Raises what `check` raises."""
+    request = replace(plan.request, setup=setup.file)
+    checked = check(request, plan.surroundings)
+    return replace(checked, where=plan.where, names_tool=plan.names_tool, resumed=plan.resumed)
 
 
 def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:

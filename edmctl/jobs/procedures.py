@@ -50,10 +50,8 @@ MOST_UM = 1e6
 class Procedure(Protocol):
     """What one command does on a machine that is connected. It keeps what it has reached."""
 
-    @property
-    def plan(self) -> Plan:
-        """What is asked for, checked."""
-        ...
+    plan: Plan
+    """What is asked for, checked; under the setup and with the recipe in effect once the machine is connected."""
 
     @property
     def name(self) -> str:
@@ -143,7 +141,9 @@ def perform(
     tally = JobTally()
 
     def prepare(session: MachineSession) -> Callable[[Recorder], None]:
+        procedure.plan = session.plan
         job = replace(procedure.job(session, name, warn), creep_left=session.creep_left)
+        session.plan = procedure.plan
         return lambda recorder: act(session, job, recorder)
 
     def act(session: MachineSession, job: Job, recorder: Recorder) -> None:
@@ -159,6 +159,7 @@ def perform(
         used = asdict(session.choice.used) if session.choice else None
         return {
             **(procedure.result() or {}),
+            "setup": session.plan.setup.as_mapping(),
             "calibration": used,
             "time_s": tally.time_s,
             "link": tally.link,

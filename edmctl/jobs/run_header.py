@@ -140,6 +140,8 @@ def run_meta(
         profile_overrides=loaded.overrides,
         setup_text=plan.setup_text,
         setup_toml=_setup_toml(plan.setup),
+        setup_path=str(plan.setup.file or ""),
+        setup_sha256=plan.setup.sha256,
         protocol_version=identity.protocol,
         firmware_version=identity.firmware,
         controller_serial=identity.serial,

@@ -15,8 +15,10 @@ if TYPE_CHECKING:
     from edmctl.errors import EdmError
     from edmctl.jobs.calibration.selection import Choice
     from edmctl.jobs.drift_choice import DriftChoice
+    from edmctl.jobs.plan import Plan
     from edmctl.machine.controller import LinkMachine
     from edmctl.process.rest_drift import CreepLeft
+    from edmctl.profile.setup import Setup
     from edmctl.record.disk_thread import DiskThread
     from edmctl.record.ledger import Ledger
     from edmctl.record.ledger_entries import Entry
@@ -38,7 +40,8 @@ class ConnectedMachine:
 
     `seed` made the virtual bench; None where it was there before. `begin` puts the profile's tool into a bench that
     a file keeps, and lets the file be written from then on: a command that is refused before changes nothing. `keep`
-    writes it where the tool has worn, `keep_all` always; `kept_s` is the time of the bench in its file.
+    writes it where the tool has worn, `keep_all` always; `kept_s` is the time of the bench in its file. `own_setup`
+    is the setup that was found by the serial number.
     """
 
     machine: LinkMachine
@@ -48,6 +51,7 @@ class ConnectedMachine:
     keep: Callable[[], None] = _nothing
     keep_all: Callable[[], None] = _nothing
     kept_s: Callable[[], float] = _no_time
+    own_setup: Setup | None = None
 
     @property
     def now(self) -> Now:
@@ -59,11 +63,13 @@ class ConnectedMachine:
 class MachineSession:
     """What a command has in hand as it goes, and in the end: `run_file` as it is called then, the expected error.
 
+    `plan` is under the setup in effect, which may be known by the machine's serial number only.
     `creep_left` is what an earlier use of the actuator has left, and what this one leaves once it came to its end.
     """
 
     bench: ConnectedMachine
     disk: DiskThread
+    plan: Plan
     choice: Choice | None = None
     drift: DriftChoice | None = None
     creep_left: CreepLeft | None = None

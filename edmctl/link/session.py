@@ -84,7 +84,7 @@ class Session:
         self, transport: Transport, random_source: Random | None = None, heartbeat_s: float = HEARTBEAT_S
     ) -> None:
         self.transport = self._line = transport
-        self._heartbeat_s = heartbeat_s
+        self.heartbeat_s = heartbeat_s
         self._random = random_source or SystemRandom()
         self._subscriptions = Subscriptions()
         self._writing = RLock()
@@ -354,10 +354,10 @@ class Session:
                 Heartbeat.ID, seq, Heartbeat(self._beats_us[seq], self._subscriptions.last_event).pack()
             )
         # A host that was away itself cannot blame the controller for the silence.
-        was_away = now_s - self._next_beat_s > self._heartbeat_s
+        was_away = now_s - self._next_beat_s > self.heartbeat_s
         self._unanswered_since_s = now_s if was_away else min(self._unanswered_since_s, now_s)
         if not self.transport.live:
-            self._next_beat_s = now_s + self._heartbeat_s
+            self._next_beat_s = now_s + self.heartbeat_s
         self.statistics.heartbeats_sent += 1
 
     def _step(self, now_s: float, until_s: float) -> None:

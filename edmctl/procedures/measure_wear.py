@@ -63,13 +63,14 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Bottom:
-    """A hole whose bottom is touched, as deep as it is known to be."""
+    """A hole whose bottom is touched, as deep as it is known to be, and the run that made it."""
 
     name: str
     x_um: float
     y_um: float
     depth_um: float
     depth_u_um: float = BOTTOM_U_UM
+    run_file: str = ""
 
 
 def touch_pad(run: JobRun, kind: str, expected_um: float, more_u_um: float = 0.0) -> SurfaceReading:

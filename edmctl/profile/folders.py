@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 HOME_VARIABLE = "EDMCTL_HOME"
 CALIBRATION_VARIABLE = "EDMCTL_CALIBRATION"
 DRIFT_VARIABLE = "EDMCTL_DRIFT"
+SETUP_VARIABLE = "EDMCTL_SETUP"
 
 
 def shipped_folder() -> Path:
@@ -111,6 +112,16 @@ def data_folder(environ: Mapping[str, str]) -> Path:
     import platformdirs
 
     return platformdirs.user_data_path("edmctl", appauthor=False)
+
+
+def own_setup_path(serial: str, environ: Mapping[str, str]) -> Path:
+    """File of the settings of the machine with that serial number, in $EDMCTL_HOME or the user's configuration."""
+    name = f"setup-{quote(serial, safe=' ')}.toml"
+    if home := environ.get(HOME_VARIABLE):
+        return Path(home) / name
+    import platformdirs
+
+    return platformdirs.user_config_path("edmctl", appauthor=False) / name
 
 
 def default_path(serial: str, environ: Mapping[str, str]) -> Path:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from pydantic import Field, ValidationError
+from pydantic import Field, PrivateAttr, ValidationError
 
 from edmctl.errors import Diagnostic, ProfileError
 from edmctl.files import user_path
@@ -16,7 +18,7 @@ from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import FileName, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
 ARRIVAL_RUN_UM = 50.0
@@ -175,6 +177,32 @@ class Setup(Table):
     stage: Stage = Stage()
     controller: Controller = Controller()
     link: Link = Link()
+    _file: Path | None = PrivateAttr(None)
+
+    @property
+    def file(self) -> Path | None:
+        """The file that states the settings; None for the defaults."""
+        return self._file
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all values but the port; a value that was added to the table later counts where it is stated."""
+        values = self.model_dump(mode="json", exclude={"port"})
+        for table, model in (("stage", self.stage), ("surface", self.surface)):
+            for key in ("x_min_um", "x_max_um", "y_min_um", "y_max_um"):
+                if values[table][key] == type(model).model_fields[key].default:
+                    del values[table][key]
+        return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+
+    def in_words(self) -> str:
+        """Return which setup it is, as runs show it: `setup /etc/edm/machine.toml`."""
+        return "default setup" if self._file is None else f"setup {self._file}"
+
+    def as_mapping(self) -> Mapping[str, object]:
+        """Return what results state of it: the file, the hash of its values, pad and parking place."""
+        keys = ("reference_x_um", "reference_y_um", "park_x_um", "park_y_um")
+        file = None if self._file is None else str(self._file)
+        return {"file": file, "sha256": self.sha256, **{key: getattr(self.stage, key) for key in keys}}
 
     def stage_limits(self) -> list[Limit]:
         """Return the limits of the tool's axis: the travel of the stages, less what a move overruns."""
@@ -238,7 +266,9 @@ def load_setup(path: Path | None = None) -> Setup:
         held: Table = getattr(setup, name)
         if (named := getattr(held, key)) is not None:
             beside[name] = held.model_copy(update={key: str(user_path(named, path.parent))})
-    return setup.model_copy(update=beside)
+    setup = setup.model_copy(update=beside)
+    setup._file = path
+    return setup
 
 
 def _misplaced(setup: Setup, sources: Sources) -> Iterator[Diagnostic]:

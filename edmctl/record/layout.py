@@ -172,7 +172,11 @@ SCALARS = (
     Scalar("/entry/profile/sim_sha256", "sim_sha256", "text", TEXT, "SHA-256 of `[sim]` in effect"),
     Scalar("/entry/profile/overrides", "profile_overrides", "text", TEXT, "overrides, one a line"),
     Scalar("/entry/machine/toml", "setup_toml", "text", TEXT, "setup in effect, every value"),
-    Scalar("/entry/machine/setup_file", "setup_text", "text", TEXT, "the --setup file; empty without"),
+    Scalar("/entry/machine/setup_file", "setup_text", "text", TEXT, "the setup file; empty without"),
+    Scalar(
+        "/entry/machine/setup_path", "setup_path", "text", TEXT, "where the setup was found; empty without"
+    ),
+    Scalar("/entry/machine/setup_sha256", "setup_sha256", "text", TEXT, "hash of the setup's values"),
     Scalar("/entry/machine/host", "host", "text", TEXT, "host name"),
     Scalar("/entry/machine/serial", "controller_serial", "text", TEXT, "serial number of the controller"),
     Scalar("/entry/machine/firmware", "firmware_version", "text", TEXT, "firmware version"),

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-VERSION = 3
+VERSION = 4
 """Since 2 touches of the pad come with `home_um`: what the sensor showed then of a tool at home. Since 3 lines of a
-virtual bench have its own time, `bench_s`."""
+virtual bench have its own time, `bench_s`. Since 4 references and jobs state their setup."""
 UNFINISHED = "unfinished"
 LARGEST = 1e12
 """Of any number in a line: in µm or s it is beyond all machines, and what is reckoned from it stays finite."""
@@ -39,7 +39,8 @@ class ReferenceTouched:
     """Z1: where a tool met the reference pad at `x_um`, `y_um`, by sensor (`z_um`) and actuator model (`model_um`).
 
     Without a sensor `z_um` is the model's too. `time_s` counts in the run. `doubt_u_um` is a standard uncertainty on
-    top, of touches that were in doubt; `truth` what a virtual bench knows.
+    top, of touches that were in doubt; `truth` what a virtual bench knows. `park_x_um` and `park_y_um` are where the
+    tool is parked, NaN before version 4, `setup_sha256` the hash of the setup's values.
     """
 
     tool: str
@@ -57,6 +58,9 @@ class ReferenceTouched:
     home_um: float = math.nan
     doubt_u_um: float = 0.0
     truth: Mapping[str, float] | None = None
+    park_x_um: float = math.nan
+    park_y_um: float = math.nan
+    setup_sha256: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +75,7 @@ class JobBegun:
     radius_um: float
     places: tuple[tuple[str, float, float], ...]
     wear_um: float = math.nan
+    setup_sha256: str = ""
 
 
 @dataclass(frozen=True, slots=True)

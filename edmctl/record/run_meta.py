@@ -93,6 +93,8 @@ class RunMeta:
     """The setup file verbatim; empty for the stock machine."""
     setup_toml: str = ""
     """Every value of the setup in effect."""
+    setup_path: str = ""
+    setup_sha256: str = ""
     protocol_version: str = ""
     firmware_version: str = ""
     controller_serial: str = ""

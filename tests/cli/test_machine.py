@@ -57,7 +57,8 @@ def test_the_table_is_on_stdout_and_the_rest_on_stderr(piped: tuple[Said, Path])
     assert "measured   from voltage" in said.out
     assert "Simulated, seed 7. Run file runs/r.h5" in said.out
     assert said.err.startswith(
-        "profile: cu270 (shipped with edmctl)\nsimulated run on the virtual machine, seed 7, into runs/r.h5\n"
+        "profile: cu270 (shipped with edmctl)\n"
+        "simulated run on the virtual machine, seed 7, into runs/r.h5; default setup\n"
     )
     assert "machining; gap" in said.err
 

@@ -161,7 +161,7 @@ def test_a_last_line_that_nobody_can_read_is_left_out_and_taken_away(tmp_path: P
 
 
 def test_a_line_of_a_later_version_is_told_from_damage(tmp_path: Path) -> None:
-    (tmp_path / FILE_NAME).write_text('{"v": 4, "kind": "dream"}\n', encoding="utf-8")
+    (tmp_path / FILE_NAME).write_text('{"v": 5, "kind": "dream"}\n', encoding="utf-8")
     with pytest.raises(RunFileError) as caught:
         Ledger.open(tmp_path)
     assert caught.value.code == "E9032"
@@ -272,7 +272,7 @@ def test_lines_are_json_that_anybody_reads(tmp_path: Path) -> None:
     Ledger.open(tmp_path).append(SERIAL, site())
     (text,) = (tmp_path / FILE_NAME).read_text(encoding="utf-8").splitlines()
     line = json.loads(text)
-    assert (line["v"], line["kind"], line["serial"], line["tool"]) == (3, "site", SERIAL, "Cu")
+    assert (line["v"], line["kind"], line["serial"], line["tool"]) == (4, "site", SERIAL, "Cu")
     assert line["z3_um"] is None
 
 

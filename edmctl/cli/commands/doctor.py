@@ -75,7 +75,10 @@ def _look(
     selector = port or setup.port
     checks.add(*doctor_host.line_settings(selector))
     try:
-        with machine_at(setup, port, wait_s, say, shell()) as machine:
+        with machine_at(setup, port, wait_s, say, shell()) as bench:
+            machine = bench.machine
+            if bench.own_setup is not None:
+                setup = bench.own_setup
             outcome.simulated = machine.identity.simulated
             doctor_machine.look(checks, machine, setup)
             checks.add(doctor_host.calibration(os.environ, setup, machine.identity.serial, port or ""))
@@ -90,4 +93,7 @@ def _look(
     except EdmError as error:
         checks.fail("port", error)
         return error if isinstance(error, LinkLost) else None
+    finally:
+        if all(check.name != "setup" for check in checks.done):
+            checks.add(doctor_host.setup_used(setup))
     return None

@@ -39,7 +39,8 @@ def measure_drift(
 
     The pad is touched and the tool rests in turn for a quarter of an hour, without sparks, with a hold at depth
     beside the work: creep after it moves rests and no touches. Later jobs on the machine correct their wear by the
-    drift of their rests. Without a profile the tool last in use is meant.
+    drift of their rests. Without a profile it measures with the tool last in use, by the
+    recipe of its last run.
     """
     from edmctl.console.procedure_tables import render_drift_plan
     from edmctl.jobs.measure_drift import DriftRun, drift_forecast

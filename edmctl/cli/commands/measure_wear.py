@@ -37,7 +37,8 @@ def measure_wear(
     """Touch pad, hole and pad again: tool wear, depth and feed.
 
     They count from the reference, the first touch of a tool: that of its first job, or of --reference. It is kept in
-    the job ledger beside the run files. Without a profile the tool last in use is meant.
+    the job ledger beside the run files. Without a profile it measures the tool last in use, by the recipe of the
+    run that made the hole.
     """
     from edmctl.console.procedure_tables import render_wear_plan
     from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun, wear_forecast
@@ -51,7 +52,7 @@ def measure_wear(
         return
     if (identity := identity_before(outcome, plan)) is not None:
         wear.look(identity, Ledger.open(run.out), outcome.warn)
-    forecast = wear_forecast(plan, reference=reference)
+    forecast = wear_forecast(wear.plan, reference=reference)
     outcome.result = {"forecast": forecast}
     outcome.text = render_wear_plan(**forecast, style=stream_style(sys.stdout))
 

@@ -44,7 +44,8 @@ def reset(
             hint="Name the machine that holds the fault with --port or EDMCTL_PORT.",
             code="E8013",
         )
-    with machine_at(settings, port, wait, partial(tell, outcome.output), shell()) as machine:
+    with machine_at(settings, port, wait, partial(tell, outcome.output), shell()) as bench:
+        machine = bench.machine
         outcome.simulated = machine.identity.simulated
         _clear(outcome, machine, ack, lasting=lasting)
 

@@ -102,7 +102,7 @@ def calibrate_machine(
 ) -> CalibrationReport:
     """Drive the machine, fit, and save. What was measured is kept where it comes to no calibration."""
     from edmctl.jobs.creep_left import CreepNote
-    from edmctl.procedures.actuator.calibration import measure_actuator
+    from edmctl.procedures.actuator.calibration import measure_actuator, plan_calibration
     from edmctl.process.rest_drift import CreepLeft
     from edmctl.profile.folders import default_path, fresh_path
 
@@ -114,8 +114,10 @@ def calibrate_machine(
         note = CreepNote(bench, checked.where, checked.surroundings.environ)
         note.take_away()
         bench.begin()
-        observer.note(introduction(checked.where, bench))
-        measured = measure_actuator(bench.machine, checked.setup, plan, observer)
+        setup = checked.setup if bench.own_setup is None else bench.own_setup
+        plan = plan if bench.own_setup is None else plan_calibration(setup)
+        observer.note(f"{introduction(checked.where, bench)}; {setup.in_words()}")
+        measured = measure_actuator(bench.machine, setup, plan, observer)
         note.leave(CreepLeft.none(0.0))
     with _kept_on_failure(measured.record, path, warn):
         warn(_doubts(measured))

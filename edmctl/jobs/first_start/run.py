@@ -49,6 +49,9 @@ def first_start(
     with ExitStack() as held:
         bench = held.enter_context(connected(None, setup, seed, say, where, surroundings, wires_known=False))
         bench.begin()
+        if bench.own_setup is not None:
+            setup = bench.own_setup
+        say(f"first-start: {setup.in_words()}")
         machine, asked = bench.machine, person(bench.machine)
         stands: Person = asked
         if bench.virtual is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import Diagnostic
 from edmctl.jobs.drift_choice import choose_drift, doubts_of_use
 from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
-from edmctl.jobs.ledger.tool import tool_identity
+from edmctl.jobs.ledger.tool import reference_setup, tool_identity
 from edmctl.process.next_cut import COVERAGE
 from edmctl.record.ledger_entries import (
     UNFINISHED,
@@ -85,7 +85,9 @@ class JobLedger:
             return
         changed = [ToolChanged(self._tool)] if self.plan.new_tool else []
         radius_um, wear_um = hole_radius_um(self.plan.loaded.profile), self.plan.forecast.tool_wear_um
-        begun = JobBegun(self._tool, self.name.path.name, radius_um, self._places, wear_um)
+        begun = JobBegun(
+            self._tool, self.name.path.name, radius_um, self._places, wear_um, self.plan.setup.sha256
+        )
         self.session.write_down(self._ledger, *changed, begun)
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
@@ -111,7 +113,6 @@ class JobLedger:
 
     def _keep_reference(self, z1: JobState) -> None:
         """Write down the first touch where the tool has no reference yet: at once, as the job may be killed."""
-        setup = self.plan.setup
         if self._ledger is None or self.name is None or not self._wants_reference:
             return
         reference = ReferenceTouched(
@@ -121,13 +122,11 @@ class JobLedger:
             sd_um=z1.z1_sd_um,
             touches=z1.z1_touches,
             model_um=z1.z1_model_um,
-            sensor=setup.sensor.fitted,
-            x_um=setup.stage.reference_x_um,
-            y_um=setup.stage.reference_y_um,
             speed_um_s=self.plan.loaded.profile.measure.speed_um_s,
             time_s=z1.z1_time_s,
             home_um=z1.home_um,
             truth=self.truth,
+            **reference_setup(self.plan.setup),
         )
         self.session.write_down(self._ledger, reference)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, EdmError, PreconditionError
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now
 from edmctl.jobs.runs.opening import command_to_go_on, on_machine
-from edmctl.wording import length
+from edmctl.wording import coordinates, length
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
     from edmctl.record.ledger import Ledger
+    from edmctl.record.ledger_entries import ReferenceTouched
     from edmctl.record.tool_account import MachineHistory, ToolAccount
     from edmctl.simulator.bench import VirtualBench
 
@@ -77,7 +78,8 @@ def _identity_of(bench: VirtualBench) -> ToolIdentity:
 def not_seen(where: MachineAddress) -> str:
     """Return what a dry run says of a machine that it would have to connect to."""
     return (
-        f"job ledger and bench were not looked at: {where.selector} tells who it is only once it is connected"
+        "job ledger, bench and the machine's own setup were not looked at: the serial number of "
+        f"{where.selector} is known only once it is connected"
     )
 
 
@@ -152,6 +154,54 @@ def name_tool(plan: Plan, session: MachineSession, ledger: Ledger | None) -> Non
         return
     if is_unnamed(identity.tool, identity.diameter_um, tool):
         ledger.append(identity.serial, ToolNamed(tool.label, NAMELESS))
+
+
+def reference_setup(setup: Setup) -> dict[str, Any]:
+    """Return what a reference states of the setup that it was touched under."""
+    stage = setup.stage
+    return {
+        "sensor": setup.sensor.fitted,
+        "x_um": stage.reference_x_um,
+        "y_um": stage.reference_y_um,
+        "park_x_um": stage.park_x_um,
+        "park_y_um": stage.park_y_um,
+        "setup_sha256": setup.sha256,
+    }
+
+
+def setup_differences(reference: ReferenceTouched | None, setup: Setup) -> list[str]:
+    """Return what differs from the setup that the reference was touched under; places unknown then do not count."""
+    if reference is None:
+        return []
+    stage = setup.stage
+    places = (
+        ("the reference pad", reference.x_um, reference.y_um, stage.reference_x_um, stage.reference_y_um),
+        ("the parking place", reference.park_x_um, reference.park_y_um, stage.park_x_um, stage.park_y_um),
+    )
+    found = [
+        f"{name} was at {coordinates(x_um, y_um)} and is at {coordinates(now_x_um, now_y_um)}"
+        for name, x_um, y_um, now_x_um, now_y_um in places
+        if math.hypot(now_x_um - x_um, now_y_um - y_um) > stage.repeatability_um
+    ]
+    if reference.sensor != setup.sensor.fitted:
+        was = "with" if reference.sensor else "without"
+        found.append(f"it was read {was} a displacement sensor (sensor.fitted)")
+    return found
+
+
+def refuse_other_setup(account: ToolAccount, setup: Setup, folder: Path, port: str) -> None:
+    """Raise PreconditionError E8059 where the tool's reference was touched under another setup."""
+    reference = account.reference
+    if reference is None or not (differences := setup_differences(reference, setup)):
+        return
+    anew = on_machine("edmctl measure-wear --reference", port)
+    raise PreconditionError(
+        f"The reference of {account.label} in {folder / reference.run_file} was touched under another setup; "
+        f"with the {setup.in_words()} {', and '.join(differences)}.",
+        hint="Name its setup with --setup or EDMCTL_SETUP. If the machine was changed, touch the pad anew with "
+        f"`{anew}`; keep the runs of another machine in another folder with --out.",
+        code="E8059",
+    )
 
 
 NEAR_UM = 10.0

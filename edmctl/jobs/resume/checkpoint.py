@@ -123,7 +123,6 @@ class JobCheckpoint:
         return status.x_um, status.y_um
 
     def _job(self, job: Job) -> JournalledJob:
-        from edmctl.jobs.resume.selection import setup_hash
         from edmctl.record.journal import JournalledJob
 
         assert self.name is not None
@@ -137,7 +136,7 @@ class JobCheckpoint:
             profile_sha256=plan.loaded.sha256,
             sim_sha256=plan.loaded.sim_sha256,
             setup=str(request.setup.resolve()) if request.setup else "",
-            setup_sha256=setup_hash(plan),
+            setup_sha256=plan.setup.sha256,
             calibration=str(request.calibration.resolve()) if request.calibration else "",
             allow_model=request.allow_model,
             port=plan.where.selector,

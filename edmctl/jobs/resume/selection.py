@@ -108,8 +108,7 @@ def checked(
         raise _changed("profile", job.profile, "is not there any more", job) from error
     if (plan.loaded.sha256, plan.loaded.sim_sha256) != (job.profile_sha256, job.sim_sha256):
         raise _changed("profile", job.profile, "says something else by now", job)
-    if setup_hash(plan) != job.setup_sha256:
-        raise _changed("setup", job.setup or "of the stock machine", "says something else by now", job)
+    refuse_other_setup_of_run(plan, job)
     refuse_untouchable(resumption, plan)
     refuse_used_tool(resumption, Ledger.open(resumption.path.parent).lines)
     bench_file = plan.where.bench_file
@@ -118,13 +117,11 @@ def checked(
     return replace(plan, names_tool=False, resumed=resumption)
 
 
-def setup_hash(plan: Plan) -> str:
-    """Hash of the setup in effect, save for the port that it names."""
-    import hashlib
-    import json
-
-    values = plan.setup.model_dump(mode="json", exclude={"port"})
-    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+def refuse_other_setup_of_run(plan: Plan, job: JournalledJob) -> None:
+    """Raise PreconditionError E8053 where the setup in effect is not that of the interrupted run."""
+    if plan.setup.sha256 != job.setup_sha256:
+        now = "" if plan.setup.file is None else f"; {plan.setup.file} is used now"
+        raise _changed("setup", job.setup or "of the stock machine", f"has changed{now}", job)
 
 
 def _journal_named(named: str, folder: Path) -> Path:

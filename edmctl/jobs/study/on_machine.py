@@ -30,6 +30,7 @@ from edmctl.jobs.study.evaluate import refuse_other_recipe, row_of, run_name
 from edmctl.jobs.study.places_and_tools import grid_of
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.study.rows import MACHINE, PAUSED, bench_of
+from edmctl.profile.folders import SETUP_VARIABLE
 from edmctl.results.study import RunKind, RunState, StudyRun
 from edmctl.wording import coordinates, plural, settings_words
 
@@ -231,7 +232,9 @@ class _Series:
 
     def _fresh(self, run: StudyRun, name: RunName) -> _Begun:
         options, planned = self._options, run.planned
-        base = replace(self._folder.base, port=options.port, wait_s=options.wait_s)
+        named = options.surroundings.environ.get(SETUP_VARIABLE)
+        setup = self._folder.base.setup or (Path(named) if named else None)
+        base = replace(self._folder.base, setup=setup, port=options.port, wait_s=options.wait_s)
         recipe = self._folder.recipes.get(planned.point)
         without_place = check(request_of(base, planned.settings), options.surroundings)
         refuse_other_recipe(without_place, recipe, planned)
