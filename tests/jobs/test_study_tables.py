@@ -46,12 +46,14 @@ DESIGNS = {
     "a machine each": (levels(TWO_LEVELS[:2]), "kind = 'full'\nseeds = 'run'\nreplicates = 2"),
     "tools": (levels(TWO_LEVELS), f"kind = 'full'\n{MACHINE}"),
     "fractional": (levels(TWO_LEVELS), "kind = 'fractional'\nresolution = 3\nreplicates = 2"),
+    "half": (levels(TWO_LEVELS), "kind = 'fractional'\nresolution = 3\ncenter_points = 1"),
     "taguchi": (levels(THREE_LEVELS), "kind = 'taguchi'\nreplicates = 2"),
     "bbd": (RANGES, "kind = 'bbd'\ncenter_points = 3\nseeds = 'run'"),
     "ccd": (RANGES, "kind = 'ccd'\ncenter_points = 1\nreplicates = 2"),
     "lhs": (RANGES, "kind = 'lhs'\nruns = 20\nseeds = 'run'"),
     "sobol": (RANGES, "kind = 'sobol'\nruns = 16\nblocks = 2"),
     "sensitivity": (RANGES, "kind = 'sensitivity'\nbase = 4"),
+    "tools and replicates": (levels(TWO_LEVELS), f"kind = 'full'\nreplicates = 2\n{MACHINE}"),
     "csv": (RANGES, "kind = 'csv'\nfile = 'points.csv'\nreplicates = 2"),
 }
 
@@ -176,6 +178,50 @@ def test_the_analysis_of_variance_is_that_of_statsmodels_with_and_without_sugges
         assert [row.adjusted_ss for row in rows] == pytest.approx(expected["sum_sq"].tolist(), rel=1e-9)
         assert [row.f for row in rows[:-1]] == pytest.approx(expected["F"].tolist()[:-1], rel=1e-9)
         assert [row.p for row in rows[:-1]] == pytest.approx(expected["PR(>F)"].tolist()[:-1], rel=1e-9)
+
+
+def test_an_added_replicate_is_a_block_of_the_design(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two added replicates give the table of a design of three, whatever was suggested between them."""
+    folder = study(tmp_path, "full of levels")
+    make(folder)
+    add(folder, 3)
+    assert main(["study", "extend", str(folder.path)]) == 0
+    assert "`edmctl study resume" in capsys.readouterr().out
+    added = [run.planned for run in folder.read().runs if run.planned.replicate == 3]
+    assert len(added) == 9
+    assert {run.point for run in added} == {run.point for run in folder.plan.runs}
+    used = {run.seed for run in folder.plan.runs} | {run.planned.seed for run in folder.read().runs[18:21]}
+    assert len({run.seed for run in added} - used) == len({run.block for run in added}) == 1
+    make(folder)
+    one = analysis_of(folder.read()).responses[1]
+    assert one.anova is not None
+    assert {row.name: row.dof for row in one.anova.rows}["block"] == 2
+    assert one.anova.total.dof == 26
+    assert all(level.means for level in one.level_means)
+    page = page_of(folder.read(), analysis_of(folder.read()), None, [], analysis_of(folder.read()).notes)
+    assert "Runs 22–30 are replicates or fold-overs of the design" in page
+
+
+def test_a_fold_over_exchanges_the_levels_and_keeps_the_centre(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Main effects and products of two, mixed in a half of resolution III, are told apart afterwards."""
+    folder = study(tmp_path, "half")
+    assert main(["study", "extend", str(folder.path), "--fold-over"]) == 0
+    runs = [run.planned for run in folder.read().runs]
+    assert len(runs) == 10
+    designed = {tuple(run.settings.values()) for run in runs if run.kind == "design"}
+    assert len(designed) == 8
+    assert len({run.point for run in runs if run.kind == "center"}) == 1
+    make(folder)
+    assert len(analysis_of(folder.read()).runs) == 10
+    capsys.readouterr()
+    (tmp_path / "other").mkdir()
+    other = study(tmp_path / "other", "taguchi")
+    assert main(["study", "extend", str(other.path), "--fold-over"]) == 2
+    assert "E2114" in capsys.readouterr().err
 
 
 def test_table_page_and_json_name_the_runs_that_they_use(

@@ -29,6 +29,10 @@ CountOption = Annotated[
 AddOption = Annotated[
     bool, typer.Option("--add", help="Add them to the study's runs, to be made by `resume`.")
 ]
+FoldOverOption = Annotated[
+    bool,
+    typer.Option("--fold-over", help="Exchange the two levels of every factor; else a replicate is added."),
+]
 ConfirmRunsOption = Annotated[
     int, typer.Option("--runs", "-n", metavar="N", min=1, max=1000, help="How many confirmation runs.")
 ]
@@ -221,6 +225,23 @@ def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, ad
     words = [_suggested(one, state) for one in found]
     after = f"Make them: `{way_on(study.read())}`." if add else "Nothing was added; --add does."
     outcome.text = "\n".join([*words, after])
+
+
+@command("study extend")
+def extend(outcome: Outcome, folder: FolderArgument, fold_over: FoldOverOption = False) -> None:
+    """Add one more replicate of the design, or its fold-over, in a block of its own; `resume` makes the runs."""
+    from edmctl.jobs.study.confirming import extension_runs
+    from edmctl.jobs.study.waiting import way_on
+
+    study = opened(folder)
+    with study.claimed("suggestions"), study.writer() as writer:
+        found = extension_runs(study.read(), shell(), is_folded=fold_over)
+        writer.planned(found)
+    outcome.result = {"added": found}
+    what = "the fold-over" if fold_over else "a replicate"
+    outcome.text = (
+        f"Added {plural(len(found), 'run')}: {what} of the design. Make them: `{way_on(study.read())}`."
+    )
 
 
 def _suggested(run: "PlannedRun", state: "StudyState", which: str = "") -> str:

@@ -305,6 +305,11 @@ def _notes(state: StudyState, designed: Sequence[StudyRun], added: Sequence[Stud
     if failed:
         numbers = ", ".join(str(run.planned.number) for run in failed[:10])
         notes.append(f"runs that failed are left out until somebody judges them: {numbers}")
+    if extended := [run for run in designed if run.planned.number > len(plan.runs)]:
+        notes.append(
+            f"runs {number_ranges(extended)} are replicates or fold-overs of the design that were added later, in "
+            "blocks of their own"
+        )
     if added:
         notes.append(
             f"the tables of each response use the {plural(len(designed), 'run')} of the design; "

@@ -9,7 +9,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.errors import PreconditionError
+from edmctl.errors import PreconditionError, UsageError
+from edmctl.jobs.plan import check
 from edmctl.jobs.study.analysis import (
     analysis_of,
     broken_limits,
@@ -22,6 +23,8 @@ from edmctl.jobs.study.analysis import (
 from edmctl.jobs.study.expectations import expected_at, tells_little
 from edmctl.jobs.study.factors import settings_key
 from edmctl.jobs.study.places_and_tools import grid_of
+from edmctl.jobs.study.planning import request_of
+from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.results.study import (
     Confirmation,
     ConfirmedResponse,
@@ -33,10 +36,12 @@ from edmctl.results.study import (
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from numpy.random import Generator
 
     from edmctl.jobs.study.folder import StudyState
-    from edmctl.results.study import Choice, StudyPlan, Value
+    from edmctl.results.study import Choice, FactorInfo, StudyPlan, Value
 
 MOST_NAMED = 5
 FRESH_SEEDS = 1_000_003
@@ -107,8 +112,74 @@ def refuse_without_room(state: StudyState, count: int) -> None:
 
 def suggested_runs(state: StudyState, settings: Sequence[Mapping[str, Value]]) -> list[PlannedRun]:
     """Return new runs, one at each of `settings`, on machines that come after those of the design."""
-    seed = max(run.planned.seed for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION) + 1
-    return _added(state, RunKind.SUGGESTED, settings, seed)
+    return _added(state, RunKind.SUGGESTED, settings, _next_seed(state))
+
+
+def _next_seed(state: StudyState) -> int:
+    return 1 + max(run.planned.seed for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION)
+
+
+def extension_runs(
+    state: StudyState, surroundings: Surroundings = NONE, *, is_folded: bool = False
+) -> list[PlannedRun]:
+    """Return the runs of one more replicate of the design, or of its fold-over, in blocks of their own.
+
+    Each machine (seed), block and tool of the first replicate becomes a new one; design runs are shuffled in each
+    block. A fold-over takes the other of the two levels of every factor. Raises UsageError E2114 if a factor has
+    other levels, ProfileError if the rules refuse a recipe, PreconditionError E8207 if the grid has no room.
+    """
+    import numpy as np
+
+    plan, file = state.folder.plan, state.folder.source.file
+    first = [run for run in plan.runs if run.replicate == 1]
+    refuse_without_room(state, len(first))
+    replicate = max(plan.replicates, *(run.planned.replicate for run in state.runs)) + 1
+    runs = (
+        _shuffled(first, np.random.default_rng([file.design.seed, replicate]))
+        if file.design.order == "random"
+        else first
+    )
+    points = {settings_key(run.planned.settings): run.planned.point for run in state.runs}
+    last = max(run.planned.number for run in state.runs)
+    seeds = _renumbered((run.seed for run in first), _next_seed(state))
+    blocks = _renumbered((run.block for run in first), max(run.planned.block for run in state.runs) + 1)
+    tools = _renumbered((run.tool for run in first), max(run.tool for run in state.runs) + 1)
+    are_blocks = file.machine is not None and file.machine.holes_per_tool is not None
+    found = []
+    for number, run in enumerate(runs, last + 1):
+        settings, point = run.settings, run.point
+        if is_folded and run.kind is RunKind.DESIGN:
+            settings = {factor.key: _other_level(factor, settings[factor.key]) for factor in plan.factors}
+            check(request_of(state.folder.base, settings), surroundings)
+            point = points.setdefault(settings_key(settings), max(points.values()) + 1)
+        tool = tools[run.tool] if are_blocks else run.tool
+        block = tool if are_blocks else blocks[run.block]
+        found.append(PlannedRun(number, run.kind, point, replicate, block, seeds[run.seed], settings, tool))
+    return found
+
+
+def _shuffled(runs: Sequence[PlannedRun], rng: Generator) -> list[PlannedRun]:
+    """Return runs with the settings of the design runs shuffled in each block; centre runs keep their places."""
+    found = list(runs)
+    for block in dict.fromkeys(run.block for run in runs):
+        places = [n for n, run in enumerate(runs) if run.block == block and run.kind is RunKind.DESIGN]
+        for place, other in zip(places, rng.permutation(places).tolist(), strict=True):
+            found[place] = replace(runs[place], settings=runs[other].settings, point=runs[other].point)
+    return found
+
+
+def _renumbered(numbers: Iterable[int], first: int) -> dict[int, int]:
+    return {number: first + n for n, number in enumerate(dict.fromkeys(numbers))}
+
+
+def _other_level(factor: FactorInfo, value: Value) -> Value:
+    if factor.is_range or len(factor.values) != 2:
+        raise UsageError(
+            f"A fold-over exchanges the two levels of every factor, and {factor.name} has others.",
+            hint="Add a replicate instead: leave out --fold-over.",
+            code="E2114",
+        )
+    return factor.values[1] if value == factor.values[0] else factor.values[0]
 
 
 def opening_run(state: StudyState, tool: int) -> PlannedRun:

@@ -70,8 +70,9 @@ def next_batch(state: StudyState, surroundings: Surroundings = NONE) -> list[Pla
 
 
 def counted(state: StudyState) -> int:
-    """Return how many runs count against the number in [optimize]: those of the plan, and suggestions."""
-    return len(state.folder.plan.runs) + sum(run.planned.kind is RunKind.SUGGESTED for run in state.runs)
+    """Return how many runs count against the number in [optimize]: those of the design, and suggestions."""
+    is_of_design = state.folder.plan.is_of_design
+    return sum(run.planned.kind is RunKind.SUGGESTED or is_of_design(run.planned) for run in state.runs)
 
 
 def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE) -> list[PlannedRun]:

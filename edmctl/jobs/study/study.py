@@ -16,7 +16,7 @@ from edmctl.jobs.parallel import pool_of, process_pool, silent_program
 from edmctl.jobs.plan import check
 from edmctl.jobs.study import responses
 from edmctl.jobs.study.analysis import analysis_of
-from edmctl.jobs.study.confirming import suggested_runs
+from edmctl.jobs.study.confirming import extension_runs, suggested_runs
 from edmctl.jobs.study.evaluate import bare_row, row_of
 from edmctl.jobs.study.factors import value_within
 from edmctl.jobs.study.folder import ADDING_S, StudyFolder, create_folder, open_folder
@@ -145,6 +145,13 @@ class Study:
         own = {factor.key: value_within(factor, settings[factor.key]) for factor in factors}
         check(request_of(folder.base, own))
         return self._added(lambda state: suggested_runs(state, [own]))[-1]
+
+    def extend(self, *, fold_over: bool = False) -> list[PlannedRun]:
+        """Add one more replicate of the design, or its fold-over, in a block of its own; return its runs.
+
+        Raises UsageError E2114 if a fold-over has a factor without two levels.
+        """
+        return self._added(lambda state: extension_runs(state, is_folded=fold_over))
 
     def _added(self, runs_of: Callable[[StudyState], list[PlannedRun]]) -> list[PlannedRun]:
         """Add runs that follow from the rows; others who add wait for it."""
