@@ -22,7 +22,7 @@ TEXT_BYTES = 2_000_000
 RECORD_BYTES = 200_000_000
 """Measured data as text, an hour at 1 kHz; longer records stand in HDF5."""
 
-_WITHOUT_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
+_WITHOUT_WAITING = sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_BINARY", "O_CLOEXEC"))
 
 
 def user_path(text: str | os.PathLike[str], folder: Path = Path()) -> Path:
@@ -53,17 +53,24 @@ def user_path(text: str | os.PathLike[str], folder: Path = Path()) -> Path:
 
 def open_regular(path: Path) -> BufferedReader:
     """Open a file for reading. Raises OSError, also for a folder, a pipe or a device, which stays untouched."""
+    return os.fdopen(open_descriptor(path, os.O_RDONLY), "rb")
+
+
+def open_descriptor(path: Path, flags: int) -> int:
+    """Open a file with flags of `os.open`; return its descriptor. Raises OSError as `open_regular` does."""
     try:
         _refuse_other(path.stat().st_mode)
+    except FileNotFoundError:
+        pass  # os.O_CREAT makes it
     except ValueError as error:  # a null byte
         raise OSError(errno.EINVAL, str(error)) from None
-    number = os.open(path, os.O_RDONLY | _WITHOUT_WAITING)
+    number = os.open(path, flags | _WITHOUT_WAITING, 0o666)
     try:
         _refuse_other(os.fstat(number).st_mode)  # it may be another one by now
-        return os.fdopen(number, "rb")
     except BaseException:
         os.close(number)
         raise
+    return number
 
 
 def read_bytes(path: Path, most_bytes: int = TEXT_BYTES) -> bytes:
@@ -122,6 +129,15 @@ def _described(pid: int) -> str:
         words = words[words.index("edmctl") :]
     text = " ".join([Path(words[0]).name, *words[1:]])
     return f"process {pid} ({text if len(text) <= 60 else text[:59] + '…'})"
+
+
+def sync(place: Path) -> None:
+    """Wait until the disk has a file, or the names in a folder. Raises OSError."""
+    descriptor = os.open(place, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _refuse_other(mode: int) -> None:

@@ -15,12 +15,15 @@ from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any, Self
 
 from edmctl.errors import RunFileError
+from edmctl.files import open_descriptor, read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
 SUFFIX = ".jsonl"
+ROWS_BYTES = 100_000_000
+"""Rows of 40,000 runs by one writer; reading them takes a second or two."""
 
 
 class RowWriter:
@@ -69,8 +72,7 @@ class RowWriter:
         self._folder.mkdir(parents=True, exist_ok=True)
         host = "".join(c if c.isalnum() else "-" for c in socket.gethostname())[:40]
         name = f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{host}-{os.getpid()}-{secrets.token_hex(3)}{SUFFIX}"
-        flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_APPEND | getattr(os, "O_CLOEXEC", 0)
-        return os.open(self._folder / name, flags, 0o644)
+        return open_descriptor(self._folder / name, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_APPEND)
 
 
 def later_than(newest: str) -> str:
@@ -100,10 +102,11 @@ def _dated(folder: Path) -> tuple[list[tuple[str, str, int, dict[str, Any]]], in
     """Time, file and line number of each row, with the row, and how many lines were none."""
     lines: list[tuple[str, str, int, dict[str, Any]]] = []
     torn = 0
+    file = folder
     try:
         files = sorted(folder.glob(f"*{SUFFIX}")) if folder.is_dir() else []
         for file in files:
-            for number, line in enumerate(file.read_bytes().splitlines(keepends=True)):
+            for number, line in enumerate(read_bytes(file, ROWS_BYTES).splitlines(keepends=True)):
                 found = _parsed(line)
                 if found is None:
                     torn += 1
@@ -111,8 +114,8 @@ def _dated(folder: Path) -> tuple[list[tuple[str, str, int, dict[str, Any]]], in
                     lines.append((str(found.pop("when", "")), file.name, number, found))
     except OSError as refused:
         raise RunFileError(
-            f"Cannot read the rows in {folder}: {refused.strerror}.",
-            hint="Check its permissions.",
+            f"Cannot read the rows in {file}: {refused.strerror}.",
+            hint="Check its permissions; a file that no study has written does not belong there.",
             code="E9111",
         ) from refused
     return lines, torn

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.errors import RunFileError
-from edmctl.files import lock_holder, open_regular, refuse_locked
+from edmctl.files import lock_holder, open_descriptor, open_regular, refuse_locked
 from edmctl.record import locks
 from edmctl.record.disk import HDF5_ERRORS, reason
 from edmctl.record.hdf5 import image_of, open_hdf5, refuse_endless
@@ -159,7 +159,7 @@ def _locked(lock: Path, until_s: float, held: ExitStack) -> None:
 def _locked_now(lock: Path, held: ExitStack) -> None:
     while True:
         with ExitStack() as mine:
-            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            descriptor = open_descriptor(lock, os.O_RDWR | os.O_CREAT)
             mine.callback(os.close, descriptor)
             mine.enter_context(locks.exclusive(descriptor, lock.with_name(f"{lock.name}.by")))
             # The one who had it before may have taken it away meanwhile.

@@ -18,6 +18,7 @@ import numpy as np
 from h5py import h5a, h5d, h5ds, h5g, h5o, h5p, h5s
 
 from edmctl.errors import RunFileError
+from edmctl.files import sync
 from edmctl.record.disk import HDF5_ERRORS, cannot_name, rename_without_replacing
 from edmctl.record.hdf5 import open_hdf5, refuse_endless
 from edmctl.record.integrity import append_checksum
@@ -57,19 +58,11 @@ def compact(
             for path, value in (values or {}).items():
                 file[path][()] = value
         append_checksum(target)
-        _sync(target)
+        sync(target)
     except BaseException as error:
         if not isinstance(error, FileExistsError):
             target.unlink(missing_ok=True)
         raise
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 class _Copy:

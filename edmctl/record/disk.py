@@ -15,6 +15,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
+from edmctl.files import sync
 from edmctl.record.integrity import read_superblock
 
 if TYPE_CHECKING:
@@ -60,11 +61,7 @@ def make_lasting(path: Path) -> None:
     """Wait until the disk itself holds the file at `path` and its name; where neither can be asked for, do not."""
     for place in (path, path.parent):
         with contextlib.suppress(OSError):
-            descriptor = os.open(place, os.O_RDONLY)
-            try:
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
+            sync(place)
 
 
 def close_without_writing(file: h5py.File) -> None:

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from edmctl.files import open_regular
+
 if TYPE_CHECKING:
     from pathlib import Path
     from typing import BinaryIO
@@ -37,7 +39,7 @@ class Superblock:
 
 def read_superblock(path: Path) -> Superblock:
     """Read the superblock at the beginning of the file. Raises OSError."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         head = file.read(_READ_BYTES)
     version = head[_VERSION] if len(head) > _FLAGS else -1
     offset = _END_ADDRESS.get(version, _READ_BYTES)
@@ -68,7 +70,7 @@ def append_checksum(path: Path) -> None:
 
 def verify_checksum(path: Path) -> Checksum:
     """Compare the file at `path` with its check sum. Raises OSError."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         length = file.seek(0, 2) - SEAL_BYTES
         if length < 0:
             return Checksum.NONE
@@ -126,7 +128,7 @@ def _breaks(path: Path) -> list[tuple[int, int]]:
     if path.stat().st_size == 0:
         return []
     found = []
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+    with open_regular(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         begin = content.find(_BEGIN)
         while begin >= 0:
             place, end = _go_through(content, begin)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.errors import PreconditionError, RunFileError
-from edmctl.files import read_bytes
+from edmctl.files import read_bytes, sync
 from edmctl.record.disk_thread import DiskThread
 
 if TYPE_CHECKING:
@@ -175,7 +175,8 @@ def write_journal(path: Path, journal: Journal, texts: Texts | None = None) -> N
             new.replace(path)
         finally:
             new.unlink(missing_ok=True)
-        _sync_folder(path.parent)
+        with suppress(OSError):  # some file systems cannot
+            sync(path.parent)
     except OSError as refused:
         raise _unwritable(path, refused) from refused
 
@@ -184,7 +185,8 @@ def remove_journal(path: Path) -> None:
     """Remove a journal that may be gone already. Raises RunFileError E9040."""
     try:
         path.unlink(missing_ok=True)
-        _sync_folder(path.parent)
+        with suppress(OSError):  # some file systems cannot
+            sync(path.parent)
     except OSError as refused:
         raise _unwritable(path, refused) from refused
 
@@ -335,16 +337,6 @@ def _not_null(value: object) -> object:
     if isinstance(value, list):
         return [_not_null(item) for item in value]
     return math.nan if value is None else value
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make sure that the name is on the disk, too; some file systems know no such thing."""
-    with suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def _unwritable(path: Path, refused: OSError) -> RunFileError:

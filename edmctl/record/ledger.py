@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
-from edmctl.files import read_bytes
+from edmctl.files import open_descriptor, read_bytes
 from edmctl.record.ledger_entries import (
     VERSION,
     Entry,
@@ -133,7 +133,7 @@ def _lines(path: Path, data: bytes) -> Iterator[Line]:
 @contextmanager
 def _locked(path: Path) -> Iterator[int]:
     """Open the ledger for appending while nobody else does."""
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
+    descriptor = open_descriptor(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
     until_s = time.monotonic() + LONGEST_WAIT_S
     with ExitStack() as held:
         held.callback(os.close, descriptor)

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
-from edmctl.files import read_bytes
+from edmctl.files import open_descriptor, read_bytes
 from edmctl.record.disk import PARTIAL
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def are_known(folder: Path) -> bool:
 def of_hdf5(path: Path) -> bool | None:
     """Return h5py's `locking` for a file at `path`: None, its own way, where there are locks, else False."""
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | getattr(os, "O_NONBLOCK", 0))
+        descriptor = open_descriptor(path, os.O_RDONLY)
     except OSError:
         return None if are_known(path.parent) else False
     try:
@@ -211,7 +211,7 @@ def hold(path: Path) -> int | None:
         import fcntl  # noqa: F401 - Windows has none
     except ImportError:
         return None
-    descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    descriptor = open_descriptor(path, os.O_RDWR)
     try:
         _lock_record(descriptor, exclusive=True)
     except OSError:
@@ -235,7 +235,7 @@ def is_live(path: Path) -> bool:
         import fcntl  # noqa: F401 - Windows has none
     except ImportError:
         return _is_fresh(path)
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    descriptor = open_descriptor(path, os.O_RDONLY)
     try:
         _lock_record(descriptor, exclusive=False)
     except OSError as error:

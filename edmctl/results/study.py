@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping  # noqa: TC003 - plans are validated by their annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    Value = bool | int | float | str
+Value = bool | int | float | str
 
 
 class RunKind(StrEnum):
@@ -233,6 +231,21 @@ class StudyPlan:
         from dataclasses import asdict
 
         return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class PlanDocument:
+    """The contents of `plan.json`. The annotations are its schema."""
+
+    schema: str
+    edmctl: str
+    """Version that planned the study."""
+    sha256: Mapping[str, str]
+    """Hash of each other file, by name."""
+    recipes: Mapping[int, tuple[str, str]]
+    """By point: hashes of the recipe and of the `[sim]` table in effect."""
+    plan: StudyPlan
+    changes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from edmctl.files import open_regular
 from edmctl.simulator.injection import parse_injection
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ class ActsFile:
         """Look at the file, and do what is new in it, whole lines alone."""
         if self._path.stat().st_size <= self._at:
             return
-        with self._path.open("rb") as acts:
+        with open_regular(self._path) as acts:
             acts.seek(self._at)
             new = acts.read()
         whole = new[: new.rfind(b"\n") + 1]

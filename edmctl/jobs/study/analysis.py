@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
-from edmctl.jobs.study.design import AS_LEVELS, terms_of
+from edmctl.jobs.study.design import AS_LEVELS, SENSITIVITY, terms_of
 from edmctl.jobs.study.expectations import predicted
 from edmctl.jobs.study.factors import BLOCK, settings_key, settings_matrix
 from edmctl.jobs.study.responses import TRUTHS
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from edmctl.doe.sensitivity import SobolIndices
     from edmctl.jobs.study.folder import StudyState
     from edmctl.results.study import ConstraintInfo, ResponseInfo, StudyPlan, StudyRun
-
-SENSITIVITY = "sensitivity"
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 MOST_RUNS = 20_000
 MOST_ALIASES = 40
-LEVELS, PAIRS, QUADRATIC = "levels", "level pairs", "quadratic"
+LEVELS, PAIRS, QUADRATIC, SENSITIVITY = "levels", "level pairs", "quadratic", "sensitivity"
 AS_LEVELS = (LEVELS, PAIRS)
 """Models in which numbers are levels without order."""
 

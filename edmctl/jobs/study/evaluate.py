@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Interrupted, PreconditionError, RunFileError
 from edmctl.exitcodes import error_exit_code
+from edmctl.files import open_regular
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import check
 from edmctl.jobs.run_header import RunName, run_path
@@ -150,7 +151,7 @@ def bare_row(run: PlannedRun, attempt: int, seed: int | None, started: datetime)
 
 def _sha256(file: Path) -> str:
     digest = hashlib.sha256()
-    with file.open("rb") as opened:
+    with open_regular(file) as opened:
         while block := opened.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()

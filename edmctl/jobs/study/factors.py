@@ -131,17 +131,22 @@ def value_at(factor: FactorInfo, coded: float, step: float | None = None) -> Val
     return round(value) if is_whole else value
 
 
+def is_within(factor: FactorInfo, value: object) -> bool:
+    """Return whether a factor can have a value: one of its categories, or a number within its bounds."""
+    if not factor.is_number:
+        return any(value == one and type(value) is type(one) for one in factor.values)
+    low, high = _bounds(factor)
+    return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
+
+
 def value_within(factor: FactorInfo, value: object) -> Value:
     """Return a value that somebody gives a factor, as a plain one. Raises UsageError E2110 for one beyond it."""
     plain = value.item() if hasattr(value, "item") else value
-    if factor.is_number:
-        low, high = _bounds(factor)
-        fits = isinstance(plain, int | float) and not isinstance(plain, bool) and low <= plain <= high
+    if not is_within(factor, plain):
+        low, high = _bounds(factor) if factor.is_number else (0.0, 0.0)
         allowed = f"a number from {low:g} to {high:g}"
-    else:
-        fits = any(plain == one and type(plain) is type(one) for one in factor.values)
-        allowed = f"one of {', '.join(map(repr, factor.values))}"
-    if not fits:
+        if not factor.is_number:
+            allowed = f"one of {', '.join(map(repr, factor.values))}"
         raise UsageError(
             f"{factor.key} = {value!r} is not {allowed}.",
             hint="The study varies it within that; another study has other bounds.",

@@ -18,19 +18,13 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from edmctl.errors import Diagnostic, EdmError, PreconditionError, RunFileError, UsageError
-from edmctl.files import user_path
+from edmctl.errors import Diagnostic, EdmError, PreconditionError, ProfileError, RunFileError, UsageError
+from edmctl.files import open_descriptor, read_bytes, user_path
 from edmctl.jobs.output_files import make_folder, unwritable, write
-from edmctl.jobs.study.planning import PlannedStudy, base_request
-from edmctl.jobs.study.rows import StudyWriter, planned_run, read_rows
-from edmctl.results.study import (
-    ConstraintInfo,
-    FactorInfo,
-    PlanCosts,
-    ResponseInfo,
-    StudyPlan,
-    StudyRun,
-)
+from edmctl.jobs.study.planning import PlannedStudy, base_request, check_plan
+from edmctl.jobs.study.rows import StudyWriter, is_run_of, need, read_rows
+from edmctl.profile.study_file import study_of
+from edmctl.results.study import PlanDocument
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -39,9 +33,11 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import JobRequest
     from edmctl.jobs.study.rows import Rows
     from edmctl.profile.study_file import StudySource
-    from edmctl.results.study import PlannedRun
+    from edmctl.results.study import StudyPlan, StudyRun
 
 SCHEMA = "edmctl-study/1"
+PLAN_BYTES = 40_000_000
+"""A plan of 20,000 runs with 24 factors."""
 MOMENT_S, LOOKS_EVERY_S = 0.5, 0.02
 ADDING_S = 30.0
 """Runs are added one after the other: reading all rows takes a moment."""
@@ -69,6 +65,7 @@ class StudyFolder:
     """Hash of all that the study is, without the version that planned it."""
     changes: tuple[str, ...] = ()
     """What holds for every run beside what the file says."""
+    has_setup: bool = False
 
     @property
     def rows(self) -> Path:
@@ -84,9 +81,9 @@ class StudyFolder:
     def base(self) -> JobRequest:
         """The job that all runs begin with, from the folder's own files."""
         folder = self.path.resolve()  # for workers that stand in another one
-        setup = folder / SETUP
         request = base_request(self.source, self.changes)
-        return replace(request, profile=str(folder / PROFILE), setup=setup if setup.is_file() else None)
+        setup = folder / SETUP if self.has_setup else None
+        return replace(request, profile=str(folder / PROFILE), setup=setup)
 
     def command(self, name: str, *words: str) -> str:
         """Return the command `edmctl study NAME` about this study, as a shell takes it."""
@@ -95,8 +92,8 @@ class StudyFolder:
     def read(self) -> StudyState:
         """Return how far the study has come, by the rows that are there now."""
         rows = read_rows(self.rows, self.identity)
-        keys = {factor.key for factor in self.plan.factors}
-        added = [run for run in rows.added if set(run.settings) == keys]
+        planned, factors = len(self.plan.runs), self.plan.factors
+        added = [run for run in rows.added if run.number > planned and is_run_of(run, factors)]
         runs = (*self.plan.runs, *added)
         return StudyState(self, rows, tuple(map(rows.of, runs)), rows.strangers(runs))
 
@@ -132,6 +129,10 @@ class StudyFolder:
                 if time.monotonic() < end_s:
                     time.sleep(LOOKS_EVERY_S)
                     continue
+            except OSError as refused:
+                raise RunFileError(
+                    f"Cannot lock {path}: {refused.strerror}.", hint="Check the folder.", code="E9110"
+                ) from refused
             raise PreconditionError(
                 f"Another command runs the study in {self.path} just now.",
                 hint=f"Wait for it, or stop it; `{self.command('status')}` tells how far it is.",
@@ -143,7 +144,7 @@ class StudyFolder:
 def _locked(path: Path) -> Iterator[None]:
     from edmctl.record.locks import exclusive
 
-    descriptor = os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
+    descriptor = open_descriptor(path, os.O_CREAT | os.O_RDWR)
     try:
         with exclusive(descriptor, path.with_suffix(".held")):
             yield
@@ -302,45 +303,60 @@ def _toml(table: dict[str, object]) -> str:
 def open_folder(path: Path) -> StudyFolder:
     """Open the folder of a study.
 
-    Raises UsageError E2101 where it is none, PreconditionError E8202 where what it stands on was changed.
+    Raises UsageError E2101 if it is none, PreconditionError E8202 if a file of it was changed since the study began,
+    or if its plan is not one of this version.
     """
-    from edmctl.profile.study_file import study_of
-
     try:
-        document = json.loads((path / PLAN).read_text(encoding="utf-8"))
-        digest, study = document["sha256"], document["study"]
-    except (OSError, UnicodeDecodeError) as refused:
+        content = read_bytes(path / PLAN, PLAN_BYTES)
+    except OSError as refused:
         raise UsageError(
-            f"{path} has no study.",
+            f"{path} has no study: {PLAN}: {refused.strerror}.",
             hint="Name the folder that `edmctl study run FILE --out DIR` has made.",
             code="E2101",
         ) from refused
-    except (ValueError, KeyError, TypeError):
-        raise _changed(path, PLAN) from None
-    body = json.dumps(study, ensure_ascii=False, allow_nan=False)
-    if hashlib.sha256(body.encode()).hexdigest() != digest:
+    try:
+        document = json.loads(content)
+        study = document["study"]
+        body = json.dumps(study, ensure_ascii=False, allow_nan=False).encode()
+        is_whole = hashlib.sha256(body).hexdigest() == document["sha256"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        is_whole = False
+    if not is_whole:
         raise _changed(path, PLAN)
-    if study.get("schema") != SCHEMA:
+    try:
+        return _folder_of(path, study, body)
+    except (ValueError, ProfileError, UsageError) as refused:
+        made_by = study.get("edmctl") if isinstance(study, dict) else None
         raise PreconditionError(
-            f"{path} was made by another version of edmctl ({study.get('schema')}).",
-            hint="Go on with that version.",
+            f"{path / PLAN} is not a plan of this version of edmctl.",
+            hint=f"Open the folder with the version that made it ({made_by}), or plan the study into a new folder.",
             code="E8202",
-        )
+        ) from refused
+
+
+def _folder_of(path: Path, document: dict[str, Any], body: bytes) -> StudyFolder:
+    """Return the study of a document, which `body` is as JSON. Raises ValueError, ProfileError or UsageError."""
+    from pydantic import TypeAdapter
+
+    study = TypeAdapter(PlanDocument).validate_json(body, strict=True)
+    names = study.sha256.keys()
+    need(study.schema == SCHEMA and {STUDY, PROFILE} <= names <= {STUDY, PROFILE, SETUP, CALIBRATION})
     texts = {}
-    for name, wanted in study["sha256"].items():
+    for name, digest in study.sha256.items():
         try:
-            texts[name] = (path / name).read_bytes()
+            texts[name] = read_bytes(path / name)
         except OSError:
             raise _changed(path, name) from None
-        if hashlib.sha256(texts[name]).hexdigest() != wanted:
+        if hashlib.sha256(texts[name]).hexdigest() != digest:
             raise _changed(path, name)
     source = study_of(texts[STUDY].decode(), path / STUDY)
-    recipes = {int(point): (one[0], one[1]) for point, one in study["recipes"].items()}
-    changes = tuple(study.get("changes", ()))
-    own = json.dumps([study["sha256"], study["plan"], *changes], ensure_ascii=False)
+    check_plan(study.plan, source)
+    need(study.recipes.keys() == {run.point for run in study.plan.runs})
+    own = json.dumps([study.sha256, document["plan"], *study.changes], ensure_ascii=False)
     identity = hashlib.sha256(own.encode()).hexdigest()[:16]
-    plan = _plan_of(study["plan"])
-    return StudyFolder(path, source, plan, recipes, str(study["edmctl"]), identity, changes)
+    return StudyFolder(
+        path, source, study.plan, study.recipes, study.edmctl, identity, study.changes, SETUP in names
+    )
 
 
 def _changed(path: Path, name: str) -> PreconditionError:
@@ -360,24 +376,3 @@ def version_warning(folder: StudyFolder) -> list[Diagnostic]:
     message = f"The study began with edmctl {folder.version}; this is {__version__}."
     hint = "Compare runs of both versions with care, or go on with the version that began it."
     return [Diagnostic("W8203", message, hint, is_warning=True)]
-
-
-def _plan_of(values: dict[str, Any]) -> StudyPlan:
-    factors = tuple(FactorInfo(**{**one, "values": tuple(one["values"])}) for one in values.pop("factors"))
-    responses = tuple(ResponseInfo(**one) for one in values.pop("responses"))
-    constraints = tuple(ConstraintInfo(**one) for one in values.pop("constraints"))
-    objectives = tuple((one[0], one[1]) for one in values.pop("objectives"))
-    runs: tuple[PlannedRun, ...] = tuple(planned_run(one) for one in values.pop("runs"))
-    costs = values.pop("costs")
-    aliases, notes = (tuple(values.pop(name)) for name in ("aliases", "notes"))
-    return StudyPlan(
-        **values,
-        aliases=aliases,
-        notes=notes,
-        factors=factors,
-        responses=responses,
-        constraints=constraints,
-        objectives=objectives,
-        runs=runs,
-        costs=PlanCosts(**{**costs, "tool_wear_um": tuple(costs["tool_wear_um"])}) if costs else None,
-    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, EdmError, ProfileError
 from edmctl.files import user_path
@@ -14,6 +14,7 @@ from edmctl.jobs.study.design import (
     AS_LEVELS,
     LEVELS,
     PAIRS,
+    SENSITIVITY,
     Points,
     Refused,
     center_of,
@@ -31,6 +32,7 @@ from edmctl.jobs.study.places_and_tools import (
     refuse_undoable,
     wear_by_tool,
 )
+from edmctl.jobs.study.rows import is_run_of, need
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.profile.findings import Code
 from edmctl.profile.folders import as_value, is_path
@@ -54,7 +56,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
     from edmctl.profile.model import Profile
     from edmctl.profile.positions import KeyPath
-    from edmctl.profile.study_file import StudySource
+    from edmctl.profile.study_file import Response, StudySource
     from edmctl.results.study import FactorInfo, Value
 
 MOST_REFUSED = 5
@@ -292,8 +294,8 @@ def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list
     design, machine = source.file.design, source.file.machine
     rng = np.random.default_rng(design.seed)
     of_center = len(points.settings)
-    point_of = _point_numbers([*points.settings, center], are_ordered=design.kind == "sensitivity")
-    makes_twins = machine is None and design.seeds != "run" and design.kind != "sensitivity"
+    point_of = _point_numbers([*points.settings, center], are_ordered=design.kind == SENSITIVITY)
+    makes_twins = machine is None and design.seeds != "run" and design.kind != SENSITIVITY
     runs: list[PlannedRun] = []
     for replicate in range(design.replicates):
         for block in range(design.blocks):
@@ -480,22 +482,10 @@ def _plan(
     profile = next(iter(checked.values())).loaded.profile
     notes = [*points.notes, *notes, *_notes(source, points, runs), *_adapted(factors, profile)]
     return StudyPlan(
-        name=file.study.name,
-        description=file.study.description,
+        **stated_in(source, factors),
         kind=points.name,
-        factors=factors,
-        responses=tuple(_response(source, number) for number in range(len(file.responses))),
-        constraints=tuple(
-            ConstraintInfo(
-                one.response, one.at_most if one.at_most is not None else one.at_least or 0.0, sign
-            )
-            for one in file.constraints
-            for sign in [1 if one.at_most is not None else -1]
-        ),
-        objectives=tuple((one.response, one.weight) for one in file.objectives),
         runs=tuple(runs),
         points=len({run.point for run in runs}),
-        replicates=file.design.replicates,
         model=model,
         dof=dof,
         aliases=points.aliases,
@@ -504,8 +494,39 @@ def _plan(
     )
 
 
-def _response(source: StudySource, number: int) -> ResponseInfo:
-    one = source.file.responses[number]
+def check_plan(plan: StudyPlan, source: StudySource) -> None:
+    """Raise ValueError if a plan that was read is none of its study file: other factors, runs beyond them."""
+    factors, wrong = factors_of(source)
+    need(not wrong and replace(plan, **stated_in(source, factors)) == plan)
+    need((plan.model == SENSITIVITY) == (source.file.design.kind == SENSITIVITY))
+    need(plan.model in (SENSITIVITY, *LADDERS[0], *LADDERS[1]))
+    need(plan.points == len({run.point for run in plan.runs}) > 0)
+    for number, run in enumerate(plan.runs, 1):
+        need(run.number == number and is_run_of(run, factors) and run.replicate <= plan.replicates)
+        need(run.kind in (RunKind.DESIGN, RunKind.CENTER))
+
+
+def stated_in(source: StudySource, factors: tuple[FactorInfo, ...]) -> dict[str, Any]:
+    """Return the fields of a plan that the study file states, by name."""
+    file = source.file
+    return {
+        "name": file.study.name,
+        "description": file.study.description,
+        "factors": factors,
+        "responses": tuple(map(_response, file.responses)),
+        "constraints": tuple(
+            ConstraintInfo(
+                one.response, one.at_most if one.at_most is not None else one.at_least or 0.0, sign
+            )
+            for one in file.constraints
+            for sign in [1 if one.at_most is not None else -1]
+        ),
+        "objectives": tuple((one.response, one.weight) for one in file.objectives),
+        "replicates": file.design.replicates,
+    }
+
+
+def _response(one: Response) -> ResponseInfo:
     is_manual = one.source == "manual"
     unit = one.unit if is_manual else responses.unit_of(one.name)
     return ResponseInfo(one.name, unit, one.better, is_manual, one.log, one.target)
@@ -522,8 +543,8 @@ def _model(
 
     Raises ProfileError where the model that was asked for needs other runs.
     """
-    if source.file.design.kind == "sensitivity":
-        return "sensitivity", {"error": 0}, []
+    if source.file.design.kind == SENSITIVITY:
+        return SENSITIVITY, {"error": 0}, []
     first = model_of(source, factors, points)
     asked = source.file.analysis.model != "auto"
     ladder = next((one for one in LADDERS if first in one), (first,))
@@ -563,7 +584,7 @@ def _refuse_mixed(source: StudySource, factors: Sequence[FactorInfo], runs: Sequ
     """Raise ProfileError where no run tells a factor's effect from that of the blocks."""
     own = [run for run in runs if run.kind is RunKind.DESIGN]
     blocks = [run.block for run in own]
-    if len(set(blocks)) < 2 or source.file.design.kind == "sensitivity":
+    if len(set(blocks)) < 2 or source.file.design.kind == SENSITIVITY:
         return
     terms = terms_of(LEVELS, factors, blocks=True)
     _, lost = degrees_of_freedom(terms, factors, [run.settings for run in own], blocks, as_levels=False)
@@ -602,7 +623,7 @@ def _adapted(factors: Sequence[FactorInfo], profile: Profile) -> list[str]:
 def _notes(source: StudySource, points: Points, runs: Sequence[PlannedRun]) -> list[str]:
     notes = []
     rows, distinct = len(points.settings), len(set(map(settings_key, points.settings)))
-    if distinct < rows and source.file.design.kind != "sensitivity":
+    if distinct < rows and source.file.design.kind != SENSITIVITY:
         again = (
             "a virtual machine would make them alike, so each machine makes them once; replicates make them anew"
             if source.file.machine is None and source.file.design.seeds != "run"

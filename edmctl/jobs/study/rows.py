@@ -7,12 +7,15 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from edmctl.jobs.plan import SIMULATOR, MachineAddress
+from edmctl.jobs.study.factors import is_within
 from edmctl.record.appended_rows import RowWriter, read_lines
 from edmctl.results.study import Judgement, PlannedRun, RunKind, RunRow, StudyRun
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
+
+    from edmctl.results.study import FactorInfo
 
     Expected = Mapping[str, tuple[float, float, float]]
     """By response: what is expected of a run, and the bounds of its 95 % interval."""
@@ -147,6 +150,7 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
                     if added.setdefault(run.number, run) is run and own is not None:
                         expected[run.number] = own
             elif kind == PAUSED:
+                need(_is_count(values["number"]) and isinstance(values["why"], str))
                 paused.append(values)
             elif kind == MACHINE:
                 port = _port_of(**values)
@@ -170,7 +174,7 @@ def _said(kind: str, values: Mapping[str, Any]) -> Said:
         judgement = Judgement(values["judgement"])
         return Said(int(values["attempt"]), which, judgement=judgement, reason=str(values["reason"]))
     given = {str(name): value for name, value in values["values"].items()}
-    _need(all(value is None or _is_number(value) for value in given.values()))
+    need(all(value is None or _is_number(value) for value in given.values()))
     told = {name: None if value is None else float(value) for name, value in given.items()}
     return Said(max(1, int(values.get("attempt", 1))), which, told)
 
@@ -195,26 +199,33 @@ def _run_row(values: dict[str, Any]) -> RunRow:
     site = values.pop("site_um")
     files = tuple(values.pop("run_files", ()))
     row = RunRow(**values, site_um=tuple(site) if site else None, run_files=files)
-    for name in ("number", "point", "replicate", "block", "tool", "attempt", "exit_code"):
-        _need(type(getattr(row, name)) is int)
+    for name in ("number", "point", "replicate", "block", "tool", "attempt", "order"):
+        need(_is_count(getattr(row, name)))
+    need(type(row.exit_code) is int and (row.seed is None or _is_count(row.seed)))
     for given in (row.responses, row.u95, row.truth):
-        _need(all(value is None or _is_number(value) for value in given.values()))
-    _need(row.seed is None or type(row.seed) is int)
-    _need(isinstance(row.settings, dict) and isinstance(row.bases, dict))
+        need(all(value is None or _is_number(value) for value in given.values()))
+    texts = (row.kind, row.run_sha256, row.started, row.host, row.error or "", *files, *row.bases.values())
+    need(all(isinstance(text, str) for text in texts) and isinstance(row.settings, dict))
+    need(_is_number(row.duration_s) and (site is None or (len(site) == 2 and all(map(_is_number, site)))))
     return row
 
 
 def _expected(values: Mapping[str, Any]) -> Expected:
     found: dict[str, tuple[float, float, float]] = {}
     for name, (value, low, high) in values.items():
-        _need(all(map(_is_number, (value, low, high))))
+        need(all(map(_is_number, (value, low, high))))
         found[str(name)] = float(value), float(low), float(high)
     return found
 
 
-def _need(is_right: bool) -> None:
+def need(is_right: bool) -> None:
+    """Raise ValueError if something in the folder of a study is not as this version writes it."""
     if not is_right:
-        raise ValueError("no row of a run")
+        raise ValueError("not of this version")
+
+
+def _is_count(value: object) -> bool:
+    return type(value) is int and 0 <= value < 2**63
 
 
 def _is_number(value: object) -> bool:
@@ -227,7 +238,15 @@ def planned_run(values: Mapping[str, Any]) -> PlannedRun:
     own["kind"] = RunKind(own["kind"])
     own.pop("site_um", None)  # of folders that were made before places were chosen when a run begins
     run = PlannedRun(**own)
-    for name in ("number", "point", "replicate", "block", "seed", "tool"):
-        _need(type(getattr(run, name)) is int)
-    _need(isinstance(run.settings, dict))
+    need(isinstance(run.settings, dict))
     return run
+
+
+def is_run_of(run: PlannedRun, factors: Sequence[FactorInfo]) -> bool:
+    """Return whether a run has a value of each factor, and numbers that can be."""
+    counts = (run.number, run.point, run.replicate, run.block, run.seed, run.tool)
+    return (
+        all(map(_is_count, counts))
+        and run.settings.keys() == {factor.key for factor in factors}
+        and all(is_within(factor, run.settings[factor.key]) for factor in factors)
+    )
