@@ -77,7 +77,7 @@ def calls(tree: ast.AST, function: str = "") -> list[tuple[str, ast.Call]]:
 
 
 def test_files_are_opened_in_one_place() -> None:
-    found = {}
+    found: dict[str, list[str]] = {}
     for path in sorted(PACKAGE.rglob("*.py")):
         file = path.relative_to(PACKAGE).as_posix()
         for function, call in calls(ast.parse(path.read_text(encoding="utf-8"))):

@@ -150,7 +150,7 @@ def test_what_has_no_hash_was_changed(whole: Path, text: str) -> None:
     assert refused.value.code == "E8202"
 
 
-HOSTILE = st.sampled_from(
+HOSTILE: st.SearchStrategy[Any] = st.sampled_from(
     [
         None,
         True,
