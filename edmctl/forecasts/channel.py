@@ -100,34 +100,33 @@ def _given(value_um: float | None) -> float:
     return math.nan if value_um is None else value_um
 
 
-def channel_machining_s(profile: Profile, setup: Setup, path: PathTable) -> float:
-    """Machining time of the channel of a profile, s."""
-    return channel_passes(profile, setup, path) * pass_time_s(profile, path, channel(profile, path))
-
-
-def channel_passes(profile: Profile, setup: Setup, path: PathTable) -> int:
-    """The passes of every layer, and those that even it out before a measuring stop."""
+def channel_passes(profile: Profile, setup: Setup, path: PathTable, done: int = 0) -> int:
+    """Return the passes of the layers after the first `done`, and those that even the floor out before a stop."""
     whole = channel(profile, path)
-    evening = EVEN_OUT_PASSES * len(stops_after(profile, setup, path))
-    return math.ceil(whole.layers * passes_per_layer(profile, path, whole)) + evening
+    evening = EVEN_OUT_PASSES * sum(layer > done for layer in stops_after(profile, setup, path))
+    return math.ceil((whole.layers - done) * passes_per_layer(profile, path, whole)) + evening
 
 
-def channel_measuring_s(profile: Profile, setup: Setup, path: PathTable) -> float:
-    """Everything else of a channel's job, s: the face before; pad, floor and pad again at every stop."""
+def channel_measuring_s(profile: Profile, setup: Setup, path: PathTable, done: int = 0) -> float:
+    """Return the time of a channel's job besides machining after the first `done` layers, s.
+
+    That is the surface before, and pad, floor and pad again at every measurement cycle.
+    """
     whole = channel(profile, path)
     offset_um = profile.approach.offset_um
     centre, across = Stand(path.x_um, path.y_um), Stand(path.x_um + _across_um(path), path.y_um)
     pad_s, across_s = between_s(pad_of(setup), centre, setup), between_s(centre, across, setup)
     total_s = touch_time_s(profile, setup) + pad_s
     total_s += FACE_TOUCHES * (across_s + face_time_s(profile, offset_um))
-    after = stops_after(profile, setup, path)
-    for layers in after:
-        done = layers / whole.layers
-        place_um = offset_um + done * (whole.depth_um + whole.wear_um)
+    for layers in stops_after(profile, setup, path):
+        if layers <= done:
+            continue
+        share = layers / whole.layers
+        place_um = offset_um + share * (whole.depth_um + whole.wear_um)
         places = PLACES_AT_THE_END if layers == whole.layers else PLACES
         total_s += 2.0 * pad_s + pad_time_s(profile) + descent_time_s(profile, place_um)
         total_s += places * (across_s + reading_time_s(profile, place_um))
-        total_s += stop_time_s(profile, 0.0, done * whole.wear_um, pad_s, bottom=False)
+        total_s += stop_time_s(profile, 0.0, share * whole.wear_um, pad_s, bottom=False)
     return total_s
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.channel import (
     channel,
-    channel_machining_s,
     channel_measuring_s,
     channel_passes,
+    pass_time_s,
     stops_after,
 )
 from edmctl.forecasts.erosion import expected_ra_um
@@ -82,11 +82,22 @@ class Course:
     depth_u95_um: float = math.nan
 
 
-def course_of(profile: Profile, setup: Setup, places: Sequence[Place]) -> Course:
-    """The expected course of a job: a channel, the holes at these places, or one hole beside the pad."""
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """How deep an earlier run has made a hole, by its name, or the channel."""
+
+    site: str = ""
+    depth_um: float = 0.0
+
+
+def course_of(
+    profile: Profile, setup: Setup, places: Sequence[Place], reached: Reached | None = None
+) -> Course:
+    """Return the expected course of a job: a channel, the holes at these places, or one hole beside the pad."""
+    reached = reached or Reached()
     if profile.path is not None:
-        return _channel_course(profile, setup, profile.path)
-    return _holes_course(profile, setup, places)
+        return _channel_course(profile, setup, profile.path, reached.depth_um)
+    return _holes_course(profile, setup, places, reached)
 
 
 def working_order(profile: Profile, setup: Setup, places: Sequence[Place]) -> list[Place]:
@@ -110,8 +121,10 @@ def nearest_first(places_um: Sequence[tuple[float, float]], start_um: tuple[floa
     return tuple(order)
 
 
-def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Course:
+def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place], reached: Reached) -> Course:
     ordered = working_order(profile, setup, places)
+    names = [place.name for place in ordered] or [reached.site]
+    reached_um = [reached.depth_um if name == reached.site else 0.0 for name in names]
     holes = [hole(profile, place.depth_um) for place in ordered] or [hole(profile)]
     stands = [Stand(one.x_um, one.y_um, one.theta_deg) for one in ordered] or [
         Stand(*beside_pad_um(profile, setup))
@@ -125,9 +138,18 @@ def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Co
     measuring_s = touch_time_s(profile, setup) + (_plane_time_s(profile, setup, stands) if plane else 0.0)
     worn_um, reaches_um, known_stands = 0.0, [], [pad]
     has_bottom = profile.target.kind != "through"
-    for one, stand, planned in zip(holes, stands, cuts, strict=True):
-        bottom_um = profile.approach.offset_um + worn_um
-        if not plane and has_bottom and is_tilt_limited(setup, stand, known_stands):
+    times_s, tool_wear_um, cuts_left = list[float](), 0.0, list[Cut]()
+    for one, stand, whole, done_um in zip(holes, stands, cuts, reached_um, strict=True):
+        done = replace(one, depth_um=done_um, wear_um=one.wear_um * done_um / one.depth_um, completion_um=0.0)
+        times_s.append(hole_time_s(profile, one, done_um))
+        tool_wear_um += one.wear_um - done.wear_um
+        planned = _after(whole, done.feed_um)
+        cuts_left += planned
+        bottom_um = profile.approach.offset_um + worn_um + done.feed_um
+        if done_um > 0.0:  # pad and bottom are touched again
+            pad_s = between_s(stand, pad, setup)
+            measuring_s += stop_time_s(profile, done.feed_um, worn_um, pad_s, bottom=has_bottom)
+        elif not plane and has_bottom and is_tilt_limited(setup, stand, known_stands):
             measuring_s += between_s(here, stand, setup) + face_time_s(profile, bottom_um)
             known_stands.append(stand)
             here = stand
@@ -143,14 +165,14 @@ def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place]) -> Co
         reaches_um.append(worn_um + one.feed_um)
         worn_um += one.wear_um
     return Course(
-        machining_s=math.fsum(hole_time_s(profile, one) for one in holes),
+        machining_s=math.fsum(times_s),
         measuring_s=measuring_s,
-        cuts=sum(len(planned) for planned in cuts),
-        stops=sum(cut.measured for planned in cuts for cut in planned),
+        cuts=len(cuts_left),
+        stops=sum(cut.measured for cut in cuts_left),
         holes=len(holes),
         deepest=max(holes, key=lambda one: one.depth_um),
         lowest_um=max(reaches_um),
-        tool_wear_um=worn_um,
+        tool_wear_um=tool_wear_um,
         depth_min_um=min(one.depth_um for one in holes),
         reaches_um=tuple(reaches_um),
         depth_u95_um=max(planned[-1].depth_u95_um for planned in cuts),
@@ -163,12 +185,29 @@ def is_tilt_limited(setup: Setup, stand: Stand, known: Sequence[Stand]) -> bool:
     return 1e-3 * setup.surface.tilt_u_mrad * away_um > FACE_LIMIT_UM
 
 
-def hole_time_s(profile: Profile, one: Hole) -> float:
-    """Machining time of one hole, s; after a breakthrough the tool goes on through what is left of the rim."""
+def _after(cuts: Sequence[Cut], feed_um: float) -> list[Cut]:
+    """Return the cuts that remain after so much feed: the last one in any case, its bottom is measured."""
+    left = []
+    for cut in cuts:
+        remaining_um = max(0.0, cut.feed_um - feed_um)
+        if remaining_um > 0.0 or cut is cuts[-1]:
+            left.append(replace(cut, feed_um=remaining_um))
+        feed_um = max(0.0, feed_um - cut.feed_um)
+    return left
+
+
+def hole_time_s(profile: Profile, one: Hole, reached_um: float = 0.0) -> float:
+    """Return the machining time of one hole from a depth on, s; after a breakthrough the tool opens the exit."""
     if profile.regimes:
-        return math.fsum(regime_time_s(recipe) for recipe in recipes_of(profile))
-    rate_um_s = feed_rate_um_s(profile, one.depth_um)
-    feed_s = (one.depth_um + one.wear_um) / rate_um_s / machining_share(profile)
+        return math.fsum(regime_time_s(recipe, reached_um) for recipe in recipes_of(profile))
+
+    def time_to_s(depth_um: float) -> float:
+        rate_um_s = feed_rate_um_s(profile, depth_um)
+        return (depth_um + one.wear_um * (depth_um / one.depth_um)) / rate_um_s / machining_share(profile)
+
+    feed_s = time_to_s(one.depth_um)
+    if reached_um > 0.0:
+        feed_s = max(0.0, feed_s - time_to_s(reached_um))
     return feed_s + one.completion_um / profile.servo.forward_um_s
 
 
@@ -179,11 +218,12 @@ def _cuts_of(recipe: Recipe, setup: Setup, away_um: Sequence[float]) -> list[Cut
     return cuts
 
 
-def regime_time_s(recipe: Recipe) -> float:
-    """Machining time of one regime, s."""
+def regime_time_s(recipe: Recipe, reached_um: float = 0.0) -> float:
+    """Return the machining time of one regime from a depth of the hole on, s."""
     profile = recipe.profile
     rate_um_s = feed_rate_um_s(profile, recipe.to_um) * machining_share(profile)
-    return (recipe.depth_um + recipe.wear_um) / rate_um_s
+    remaining = min(1.0, max(0.0, (recipe.to_um - reached_um) / recipe.depth_um))
+    return remaining * (recipe.depth_um + recipe.wear_um) / rate_um_s
 
 
 def _regimes(profile: Profile) -> tuple[RegimeForecast, ...]:
@@ -201,17 +241,19 @@ def _regimes(profile: Profile) -> tuple[RegimeForecast, ...]:
     )
 
 
-def _channel_course(profile: Profile, setup: Setup, path: PathTable) -> Course:
+def _channel_course(profile: Profile, setup: Setup, path: PathTable, reached_um: float) -> Course:
     whole = channel(profile, path)
+    done = min(whole.layers - 1, int(reached_um / whole.depth_um * whole.layers))
+    passes = channel_passes(profile, setup, path, done)
     return Course(
-        machining_s=channel_machining_s(profile, setup, path),
-        measuring_s=channel_measuring_s(profile, setup, path),
-        cuts=channel_passes(profile, setup, path),
-        stops=len(stops_after(profile, setup, path)),
+        machining_s=passes * pass_time_s(profile, path, whole),
+        measuring_s=channel_measuring_s(profile, setup, path, done),
+        cuts=passes,
+        stops=len([layer for layer in stops_after(profile, setup, path) if layer > done]),
         holes=0,
         deepest=Hole(whole.depth_um, whole.wear_um),
         lowest_um=whole.depth_um + whole.wear_um,
-        tool_wear_um=whole.wear_um,
+        tool_wear_um=whole.wear_um * (1.0 - done / whole.layers),
         depth_min_um=whole.depth_um,
         channel_um=whole.length_um,
         layers=whole.layers,
@@ -240,7 +282,7 @@ def _removal_um3_s(profile: Profile, course: Course) -> float:
     if not profile.regimes:
         return removal_um3_s(profile, course.deepest.depth_um)
     area_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
-    return course.deepest.depth_um * area_um2 / course.machining_s
+    return course.deepest.depth_um * area_um2 / hole_time_s(profile, course.deepest)
 
 
 def _pulse_uj(pulse: Pulse) -> float:
@@ -258,14 +300,18 @@ def _frequency_hz(recipes: Sequence[Recipe]) -> float:
     return pulses / math.fsum(times_s)
 
 
-def forecast(profile: Profile, setup: Setup, places: Sequence[Place] = ()) -> Forecast:
+def forecast(
+    profile: Profile, setup: Setup, places: Sequence[Place] = (), reached: Reached | None = None
+) -> Forecast:
     """Forecast a job from its recipe, the machine's settings and the places of its holes.
 
-    Without places it is one hole beside the reference pad, or the channel of `[path]`. Machining time follows the
-    mean-voltage law of the pulse process (see `edmctl.process.discharge`) and counts jumps; measuring time counts
-    conditioning, approaches, touches and stage moves.
+    Without places it is one hole beside the reference pad, or the channel of `[path]`. `reached` is the hole or
+    channel that the job resumes: times, cuts, stops, pulses and `tool_wear_um` are of what remains.
+
+    Machining time follows the mean-voltage law of the pulse process (see `edmctl.process.discharge`) and counts
+    jumps; measuring time counts conditioning, approaches, touches and stage moves.
     """
-    course = course_of(profile, setup, places)
+    course = course_of(profile, setup, places, reached)
     deepest, available_um = course.deepest, stroke_available_um(profile, setup)
     cycle = servo_swing(profile, setup)
     regimes, recipes = _regimes(profile), recipes_of(profile)

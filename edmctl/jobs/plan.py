@@ -177,17 +177,23 @@ class Plan:
     recipe_of: str = ""
 
     def forecast_left(self) -> Forecast:
-        """Return the forecast of what is left of the job: holes that earlier runs have finished are left out.
+        """Return the forecast of what remains of the job: of the other holes, and of the one that was interrupted.
 
-        The one that was interrupted counts as a whole one, and so does a channel.
+        If all holes are finished, the last one is measured again.
         """
-        from edmctl.forecasts.forecast import forecast
+        from edmctl.forecasts.forecast import Reached, forecast
 
         if self.resumed is None:
             return self.forecast
-        done = {str(site["name"]) for site in self.resumed.state.done}
-        left = [place for place in self.loaded.places if place.name not in done]
-        return forecast(self.loaded.profile, self.setup, left) if left else self.forecast
+        state, places = self.resumed.state, self.loaded.places
+        done = {str(site["name"]) for site in state.done}
+        remaining = [place for place in places if place.name not in done]
+        is_begun = state.begun and not self.resumed.restart_hole
+        reached = Reached(state.site, state.depth_um) if is_begun else None
+        if places and not remaining:
+            remaining = [places[-1]]
+            reached = Reached(places[-1].name, self.forecast.depth_um)
+        return forecast(self.loaded.profile, self.setup, remaining, reached)
 
     def tool_for(self) -> LoadedProfile | None:
         """What goes onto a virtual bench; None where a bench that is kept stays as it is."""

@@ -313,6 +313,18 @@ def test_a_run_has_several_names_and_a_dry_run_touches_nothing(here: Here, kille
     assert f"goes on with  {way_on}" in here("run", "show", "a").out
 
 
+def test_a_dry_run_forecasts_what_remains(here: Here, killed: Path) -> None:
+    before_s = read_journal(Path("runs/a.journal")).state["machining_time_s"]
+    dry = here(*RESUME, *BENCH, "--dry-run").document["result"]["forecast"]
+    whole = here(*MACHINE, "--dry-run", "--json").document["result"]["forecast"]
+    said = here(*RESUME, *BENCH)
+    assert_on_target(said)
+    (site,) = said.document["result"]["sites"]
+    left_s = site["machining_time_s"] - float(before_s)  # type: ignore[arg-type]
+    assert dry["machining_time_s"] < whole["machining_time_s"]
+    assert dry["machining_time_s"] == pytest.approx(left_s, rel=0.2)
+
+
 def test_a_restarted_controller_needs_somebody_who_homed_its_stages(here: Here, killed: Path) -> None:
     bench = restored_bench(read_bench(Path("bench.h5")))
     with serving(bench) as port:

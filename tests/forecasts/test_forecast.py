@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.forecasts.forecast import forecast
+from edmctl.forecasts.forecast import Reached, forecast
 from edmctl.forecasts.measuring import approach_time_s, jumps_time_s, touch_time_s
 from edmctl.forecasts.removal import approach_speed_um_s, feed_rate_um_s
 from edmctl.profile.setup import Sensor, Setup
@@ -205,3 +205,40 @@ def test_the_approach_is_faster_where_sparks_erode_faster() -> None:
     )
     assert approach_speed_um_s(weak) == weak.approach.speed_um_s
     assert approach_speed_um_s(strong) > feed_rate_um_s(strong, 0.0) > strong.approach.speed_um_s
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("cu270", ()),
+        ("foil-through", ()),
+        ("channel-circle", ()),
+        ("array-3x3", ()),
+        ("cu270", ("regimes=[{name='a',share=0.9},{name='b',share=0.1,current_a=0.06}]",)),
+    ],
+)
+def test_what_remains_of_a_resumed_job_is_forecast(name: str, overrides: tuple[str, ...]) -> None:
+    loaded = load_profile(name, overrides)
+    whole, setup = loaded.forecast, Setup()
+    site = loaded.places[0].name if loaded.places else "hole"
+    rest = [
+        forecast(loaded.profile, setup, loaded.places, Reached(site, share * whole.depth_um))
+        for share in (0.0, 0.3, 0.6, 0.95)
+    ]
+    assert rest[0] == whole
+    assert [one.machining_time_s for one in rest] == sorted(
+        (one.machining_time_s for one in rest), reverse=True
+    )
+    assert [one.tool_wear_um for one in rest] == sorted((one.tool_wear_um for one in rest), reverse=True)
+    assert [one.cuts for one in rest] == sorted((one.cuts for one in rest), reverse=True)
+    # What earlier runs have machined and what remains are the whole job.
+    done_s = [whole.machining_time_s - one.machining_time_s for one in rest]
+    of_hole_s = whole.machining_time_s / max(1, whole.holes)
+    assert 0.1 * of_hole_s < done_s[1] < 0.5 * of_hole_s
+    assert 0.3 * of_hole_s < done_s[2] < 0.8 * of_hole_s
+    assert done_s[3] < of_hole_s
+    for one in rest[1:]:
+        assert one.pulses == pytest.approx(
+            whole.pulses * one.machining_time_s / whole.machining_time_s, rel=0.2
+        )
+        assert (one.depth_um, one.stroke_um, one.ra_um) == (whole.depth_um, whole.stroke_um, whole.ra_um)
