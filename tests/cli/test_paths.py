@@ -17,6 +17,7 @@ from edmctl.files import user_path
 from edmctl.firmware.build import cache_folder
 from edmctl.jobs.connect import secret_of
 from edmctl.jobs.plan import MachineAddress
+from edmctl.jobs.runs.opening import find_run
 from edmctl.jobs.study.design import points_of
 from edmctl.jobs.study.factors import factors_of
 from edmctl.jobs.study.planning import base_request
@@ -219,3 +220,14 @@ def test_a_group_without_a_command_writes_its_help_to_stderr(group: str, here: H
     assert said.exit_code == ExitCode.USAGE
     assert said.out == ""
     assert said.err == here(group, "--help").out
+
+
+def test_a_bare_word_is_the_id_of_a_run_and_a_name_with_an_ending_a_file(tmp_path: Path, home: Path) -> None:
+    Path("runs").mkdir()
+    for path in (Path("runs/a.h5"), Path("a"), Path("b.h5.partial")):
+        path.write_bytes(b"")
+    assert find_run(Path("a")) == Path("runs/a.h5")
+    assert find_run(Path("a.h5")) == Path("a.h5")  # no such file: opening it reports that
+    assert find_run(Path("b.h5")) == Path("b.h5.partial")
+    assert find_run(Path("runs/a")) == Path("runs/a.h5")
+    assert find_run(Path("c")) == Path("c")

@@ -21,21 +21,18 @@ _COMPLETE, _PARTIAL = ".h5", ".partial"
 
 
 def find_run(named: Path) -> Path:
-    """Return the run file that is meant: one at that path, with or without its endings, or the run of that id.
+    """Return the run file that is meant: a path, with or without its endings, or the id of a run in `RUNS`.
 
-    What is not found is returned as it was named, so that opening it says so.
+    A name with an ending of run files is a path. What is not found is returned as it was named, so that opening it
+    reports it.
     """
     from edmctl.record.reader import present_name
 
-    at_path = present_name(named)
-    if at_path.is_file() or (named.name.endswith((_COMPLETE, _PARTIAL)) and named.name != str(named)):
-        return at_path
-    if named.name != str(named):
-        with_ending = present_name(named.with_name(f"{named.name}{_COMPLETE}"))
-        return with_ending if with_ending.is_file() else at_path
-    file_name = named.name if named.name.endswith((_COMPLETE, _PARTIAL)) else f"{named.name}{_COMPLETE}"
-    of_id = present_name(RUNS / file_name)
-    return of_id if of_id.is_file() else named
+    if named.name.endswith((_COMPLETE, _PARTIAL)):
+        return present_name(named)
+    folder = RUNS if named.name == str(named) else named.parent
+    with_ending = present_name(folder / f"{named.name}{_COMPLETE}")
+    return with_ending if with_ending.is_file() else named
 
 
 @contextmanager
