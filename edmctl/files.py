@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from io import BufferedReader
 
 TEXT_BYTES = 2_000_000
@@ -49,6 +50,11 @@ def user_path(text: str | os.PathLike[str], folder: Path = Path()) -> Path:
     if fault:
         raise UsageError(f"{written!r} is no path: {fault}.", hint="Correct the name.", code="E2007")
     return path
+
+
+def path_variable(name: str, environ: Mapping[str, str]) -> Path | None:
+    """Return the path in an environment variable; None if it is not set or empty. Raises UsageError E2007."""
+    return user_path(written) if (written := environ.get(name)) else None
 
 
 def open_regular(path: Path) -> BufferedReader:

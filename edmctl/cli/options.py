@@ -177,10 +177,7 @@ class JobOptions:
         )
         plan = check(request, shell())
         outcome.simulated = plan.simulated
-        if self.profile:
-            outcome.uses(profile=plan.loaded.path)
-        if plan.setup.file is not None:
-            outcome.uses(setup=plan.setup.file)
+        outcome.uses(profile=plan.loaded.path if self.profile else None, setup=plan.setup.file)
         outcome.warn([*plan.loaded.warnings, *controller_warning(plan.where, self.controller)])
         return plan
 

@@ -62,11 +62,13 @@ class Outcome:
     result: object = None
     text: str = ""
 
-    def uses(self, **files: Path) -> None:
+    def uses(self, **files: Path | None) -> None:
         """Report on stderr which files the command uses, and keep their absolute paths for the JSON object."""
         from edmctl.profile.folders import file_in_words
 
         for what, path in files.items():
+            if path is None:
+                continue
             self.files[what] = str(path.absolute())
             note(self.output, f"{what}: {file_in_words(path)}")
 

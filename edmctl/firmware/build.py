@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, installing
-from edmctl.files import user_path
+from edmctl.files import path_variable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -121,8 +121,8 @@ def _suffix() -> str:
 
 
 def cache_folder(environ: Mapping[str, str]) -> Path:
-    if named := environ.get(CACHE_VARIABLE):
-        return user_path(named)
+    if named := path_variable(CACHE_VARIABLE, environ):
+        return named
     import platformdirs
 
     return platformdirs.user_cache_path("edmctl", appauthor=False) / "firmware"

@@ -9,10 +9,11 @@ from __future__ import annotations
 import os
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, UsageError
-from edmctl.files import read_bytes, user_path
+from edmctl.files import path_variable, read_bytes
 from edmctl.jobs.plan import FRESH, MachineAddress, where_is
 from edmctl.jobs.session import ConnectedMachine
 from edmctl.jobs.surroundings import NONE, Surroundings
@@ -23,7 +24,6 @@ from edmctl.profile.folders import is_file, own_setup_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
-    from pathlib import Path
 
     from edmctl.jobs.surroundings import Surroundings
     from edmctl.link.transport import Transport
@@ -274,8 +274,8 @@ def asks_for_secret(*ports: str) -> bool:
 
 def secret_of(named: str | None, environ: Mapping[str, str]) -> bytes:
     """Return the secret in the file that $EDMCTL_SECRET_FILE names, else in that `named`; empty without either."""
-    path = environ.get(SECRET_VARIABLE) or named
-    return read_secret(user_path(path)) if path else b""
+    path = path_variable(SECRET_VARIABLE, environ) or named
+    return read_secret(Path(path)) if path else b""
 
 
 def read_secret(path: Path) -> bytes:

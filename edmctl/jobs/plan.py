@@ -74,6 +74,8 @@ def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> MachineAd
     selector = option or setup.port or SIMULATOR
     if selector == SIMULATOR.rstrip(":"):
         selector = SIMULATOR
+    if selector.startswith("~"):
+        selector = str(user_path(selector))
     return MachineAddress(selector, wait_s)
 
 

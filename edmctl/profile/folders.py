@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from edmctl.errors import UsageError
-from edmctl.files import user_path
+from edmctl.files import path_variable, user_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -106,9 +106,8 @@ def _is_there(path: Path) -> bool:
 
 def data_folder(environ: Mapping[str, str]) -> Path:
     """Folder of what edmctl keeps: $EDMCTL_HOME, else where the system wants such data of a user."""
-    home = environ.get(HOME_VARIABLE)
-    if home:
-        return user_path(home)
+    if home := path_variable(HOME_VARIABLE, environ):
+        return home
     import platformdirs
 
     return platformdirs.user_data_path("edmctl", appauthor=False)
@@ -117,8 +116,8 @@ def data_folder(environ: Mapping[str, str]) -> Path:
 def own_setup_path(serial: str, environ: Mapping[str, str]) -> Path:
     """File of the settings of the machine with that serial number, in $EDMCTL_HOME or the user's configuration."""
     name = f"setup-{quote(serial, safe=' ')}.toml"
-    if home := environ.get(HOME_VARIABLE):
-        return Path(home) / name
+    if home := path_variable(HOME_VARIABLE, environ):
+        return home / name
     import platformdirs
 
     return platformdirs.user_config_path("edmctl", appauthor=False) / name
@@ -158,10 +157,8 @@ def find_drift(environ: Mapping[str, str], stated: str | None, serial: str | Non
 
     `serial` is None for a machine that has none of its own.
     """
-    if named := environ.get(DRIFT_VARIABLE):
-        return user_path(named)
-    if stated:
-        return Path(stated)
+    if named := path_variable(DRIFT_VARIABLE, environ) or stated:
+        return Path(named)
     if serial is None:
         return None
     own = default_drift_path(serial, environ)
@@ -176,12 +173,8 @@ def find_calibration(
     `stated` is that of the setup, `serial` None for a machine that has none of its own. Only the last need not
     exist: without it there is none. The others were asked for, and loading them says what is wrong with them.
     """
-    if option:
-        return option
-    if named := environ.get(CALIBRATION_VARIABLE):
-        return user_path(named)
-    if stated:
-        return Path(stated)
+    if named := option or path_variable(CALIBRATION_VARIABLE, environ) or stated:
+        return Path(named)
     if serial is None:
         return None
     own = default_path(serial, environ)

@@ -19,6 +19,7 @@ from edmctl.cli.options import (
 )
 from edmctl.cli.outcome import Outcome, stream_style, watching
 from edmctl.cli.signals import ignore_signals, shell
+from edmctl.files import path_variable
 from edmctl.jobs.sweep import seed_to_use, simulated_by
 
 if TYPE_CHECKING:
@@ -214,7 +215,7 @@ def _whereabouts(done: "CalibrationReport", checked: "CheckedCalibration", seed:
     saved = f"{made_by}{'Replaced' if done.replaced else 'Saved in'} {done.path}"
     if not done.is_own:
         return f"{saved}: `edmctl machine --profile PROFILE{again} --calibration {done.path}` uses it."
-    other = os.environ.get(CALIBRATION_VARIABLE) or checked.setup.actuator.calibration
+    other = path_variable(CALIBRATION_VARIABLE, os.environ) or checked.setup.actuator.calibration
     if other:
         return f"{saved}; `edmctl machine` uses {other}, which the environment or the setup names."
     return f"{saved}: `edmctl machine --profile PROFILE{again}` uses it on {done.serial} from now on."

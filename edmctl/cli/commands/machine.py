@@ -82,7 +82,7 @@ def machine(
             outcome.warn(recovered_before(resumption))
         name = name_of_resumed(resumption, run.run_id, datetime.now(UTC))
         outcome.simulated = plan.simulated
-        outcome.uses(profile=plan.loaded.path)
+        outcome.uses(profile=plan.loaded.path, setup=plan.setup.file)
         outcome.warn(plan.loaded.warnings)
     elif homed or restart_hole:
         lone = "--homed" if homed else "--restart-hole"

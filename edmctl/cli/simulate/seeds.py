@@ -130,7 +130,7 @@ def simulate(
         series = Series(request, tuple(sweep or ()), many, seed_to_use(seed, many))
     first_seed = series.first_seed
     cases = cases_of(series.request, series.sweeps, series.runs, shell())
-    outcome.uses(profile=cases[0].plan.loaded.path)
+    outcome.uses(profile=cases[0].plan.loaded.path, setup=cases[0].plan.setup.file)
     outcome.warn(dict.fromkeys(warning for case in cases for warning in case.plan.loaded.warnings))
     if series.sweeps and series.runs == 1:
         outcome.warn([_one_machine(first_seed)])

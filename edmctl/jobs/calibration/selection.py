@@ -127,15 +127,13 @@ def _refuse_unconditioned(setup: Setup) -> None:
 
 def look_at_named(option: Path | None, environ: Mapping[str, str], setup: Setup, profile: Profile) -> None:
     """Load a calibration that was asked for, so that what is wrong with it is said before anything is connected."""
-    from edmctl.profile.folders import CALIBRATION_VARIABLE, find_calibration
+    from edmctl.profile.folders import find_calibration
 
     _refuse_unconditioned(setup)
-    if option or environ.get(CALIBRATION_VARIABLE) or setup.actuator.calibration:
+    if named := find_calibration(option, environ, setup.actuator.calibration, None):
         from edmctl.profile.calibration import load_calibration
 
-        named = find_calibration(option, environ, setup.actuator.calibration, None)
-        if named is not None:
-            _refuse_narrow(named, load_calibration(named), setup, profile)
+        _refuse_narrow(named, load_calibration(named), setup, profile)
 
 
 def choose(

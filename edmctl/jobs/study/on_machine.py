@@ -22,6 +22,7 @@ from edmctl.errors import (
     RunFileError,
     UsageError,
 )
+from edmctl.files import path_variable
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.ledger.places_taken import WALL_UM
 from edmctl.jobs.plan import MachineAddress, check
@@ -232,8 +233,7 @@ class _Series:
 
     def _fresh(self, run: StudyRun, name: RunName) -> _Begun:
         options, planned = self._options, run.planned
-        named = options.surroundings.environ.get(SETUP_VARIABLE)
-        setup = self._folder.base.setup or (Path(named) if named else None)
+        setup = self._folder.base.setup or path_variable(SETUP_VARIABLE, options.surroundings.environ)
         base = replace(self._folder.base, setup=setup, port=options.port, wait_s=options.wait_s)
         recipe = self._folder.recipes.get(planned.point)
         without_place = check(request_of(base, planned.settings), options.surroundings)
