@@ -1,9 +1,7 @@
-"""Whether a measured record can be one: mistakes of recording, units and sign, each named with its remedy.
+"""Checks of measured records: mistakes of recording, units and sign, each with its remedy.
 
-What is certainly wrong raises; what may be right and is worth a second look (clock, gaps, spikes) is a warning.
-Bounds stand far from anything that a tool feed or a positioning stage measures: a check that refuses a good record
-does more harm than one that misses a bad one. How well the record covers the voltages to be used is judged with
-the identified model.
+Certain mistakes raise; doubtful values (clock, gaps, spikes) are warnings. The bounds are wide, because a refused
+good record does more harm than an accepted bad one.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""The two slow parameters on top of a frozen model: Z = gain · y + offset, learned at trusted events only.
+"""Slow gain and offset of a model, Z = gain · y + offset, learned at trusted events by a Kalman filter.
 
-Temperature moves the zero by a µm in ten minutes and the gain by half a percent in an hour; between days the
-gain of a piezo stage has been seen to move by 2.5 %. Both are random walks here, followed by a Kalman filter of
-two states whose readings are scalar: what the model said before correction, what was measured, how well.
+Temperature moves the zero by a µm in ten minutes and the gain by half a percent in an hour; gain differs by 2.5 %
+between days.
 """
 
 from __future__ import annotations

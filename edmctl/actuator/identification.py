@@ -1,12 +1,9 @@
-"""From measured records to an actuator model, with held-out errors and bands of uncertainty.
+"""Identification of an actuator model from measured records, with held-out errors and bands of uncertainty.
 
-Thresholds, knots and time constants are chosen from what the records cover; then everything is one convex
-problem (`fitting`) on triangles of the data (`design`). Errors are given for blocks of the record that the model
-did not see, because errors on the training data flatter every model.
-
-Two corners of the same class are what an actuator is measured against, identified and judged by the same code on the
-same held-out blocks: one play of threshold 0 is the straight line, ten plays without hinges and without creep are
-the Maxwell slip model of Muralidhara et al. 2009, §2.1, in its equivalent form (`maxwell`).
+Thresholds, knots and time constants are chosen from the range of the records; the weights solve one convex problem
+(`fitting`) on triangles of the data (`design`). The baselines are special cases of the same class: one play of
+threshold 0 is the straight line; ten plays without hinges and creep are the Maxwell slip model of Muralidhara et al.
+2009, §2.1 (`maxwell`).
 """
 
 from __future__ import annotations

@@ -1,14 +1,11 @@
-"""The exact inverse: which voltage brings the tool where it is wanted (feed-forward), at once or by a whole move.
+"""The exact inverse: the voltage for a displacement (feed-forward), for one sample or a whole move.
 
-The displacement rises strictly with the voltage from any state, so there is one answer, found by a bracketed
-root search to the last bit. For one hinge per play and no creep it is the Maxwell form of `maxwell`. The
-model's pure delay is left out: nothing can act before it is asked. Its lag is inverted where every sample counts,
-and left out of moves, which are over when it has passed.
+The displacement rises strictly with the voltage from any state, so a bracketed root search finds the one answer. The
+model's delay is left out. Its lag is inverted sample by sample, and left out of moves, which outlast it.
 
-A voltage that gives a height at once gives a greater one after the seconds of a ramp, because creep goes on
-meanwhile (3 % of the way per decade of time). So a move is solved as a path in time, from the estimator's present
-state, which stays as it is. Moves are distances, so the zeros of sensor and model cancel. The voltage keeps to the
-model's range: where no voltage in it is enough, a move ends short.
+Creep continues during a ramp (3 % of the way per decade of time), so a move is solved as a path in time from the
+estimator's present state. Moves are distances: the zeros of sensor and model cancel. If no voltage in the model's
+range is enough, a move ends short.
 """
 
 from __future__ import annotations

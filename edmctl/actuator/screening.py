@@ -1,8 +1,6 @@
-"""Which samples of a record count: not those at its start while something rings, nor single ones that stand out.
+"""Samples without weight: those at the start while something rings, and single ones that stand out.
 
-Both decide a largest error and say nothing about the actuator. They are looked for in what a first fit leaves of a
-record, and get no weight after that, neither in the fit nor in its errors. What goes on for longer, a knock or a
-jump of the sensor, stays: it is for the reader to judge.
+They are found in the residual of a first fit. Knocks and jumps of the sensor last longer and keep their weight.
 """
 
 from __future__ import annotations

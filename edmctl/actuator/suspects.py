@@ -1,8 +1,7 @@
-"""Records as without samples that stand out, a wrong memory, a shift of the displacement, or its drift.
+"""Records without suspected faults: outliers, ringing, a wrong memory, a shift or a drift of the displacement.
 
-Plays and slow creep take up part of a shift or a drift, so that what a fit leaves no longer looks like either. Both
-are therefore fitted together with what the model uses: its features are projected out, and a step at each sample, or
-a polynomial of time, is judged by what it has beside them. Whether a record is better without is for others to say.
+Plays and slow creep absorb part of a shift or drift. So a step or a polynomial of time is fitted together with the
+features that the model uses.
 """
 
 from __future__ import annotations

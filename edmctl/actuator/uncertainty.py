@@ -1,12 +1,8 @@
-"""How sure an identified model is: what it misses on blocks that a fit did not see, and the scatter of refits.
+"""Uncertainty of an identified model: held-out errors, and the scatter of refits to resampled blocks.
 
-The smoothness that predicts best is found by blocked cross-validation. Resampling contiguous blocks shows how far
-noise moves the fit. It cannot show what the class of model cannot follow, nor drift that is slower than a block:
-the held-out error stands for those, added in quadrature. The sensor's own gain error is in neither: no record
-through that sensor shows it.
-
-Single weights are not identifiable (many sets of them draw the same loops), so bands are given for what they add up
-to: the displacement, the gain, the width of the loop and the creep.
+Resampling shows the effect of noise. The held-out error, added in quadrature, covers the class of model and slow
+drift. The sensor's gain error is in neither. Bands are given for displacement, gain, loop width and creep, because
+single weights are not identifiable.
 """
 
 from __future__ import annotations
@@ -81,7 +77,9 @@ def smoothest(
     for smoothness in SMOOTHNESS:
         best = fit(design, reduction, smoothness=smoothness, start=start)
         start = best.weights
-        held_out = _held_out(design, reduction, records, best, delay_s, smoothness, folds)
+        held_out = _held_out(
+            design, reduction, records, best, delay_s, smoothness, _contiguous(reduction, folds)
+        )
         tried.append((smoothness, best, held_out))
     least_um = min(held_out.rms_um for _, _, held_out in tried)
     return [one for one in tried if one[2].rms_um <= SMOOTHNESS_COST * least_um][-1]
@@ -98,7 +96,7 @@ def held_out_of(
     """Held-out errors of those samples of records that are used, at a smoothness that is known."""
     reduction = reduce_records(design, records, np.array([delay_s]), used)
     best = fit(design, reduction, smoothness=smoothness)
-    return _held_out(design, reduction, records, best, delay_s, smoothness, folds)
+    return _held_out(design, reduction, records, best, delay_s, smoothness, _contiguous(reduction, folds))
 
 
 def whole_records(
@@ -111,37 +109,36 @@ def whole_records(
 ) -> ErrorFigures | None:
     """Return held-out errors of whole records, each predicted by a fit of the others.
 
-    A record takes part if others swing as far, at rates on both sides of its own or near it, and hold as long.
-    None if no record does.
+    A record takes part if others swing as far, at such rates, and hold as long. None if no record does.
     """
-    errors: list[Array] = []
+    groups = []
     for number, record in enumerate(records):
         others = [other for k, other in enumerate(records) if k != number]
-        if not others or not _prepares(others, record):
-            continue
-        inside = [k for k, block in enumerate(reduction.blocks) if block.record == number]
-        times = [int(block.record != number) for block in reduction.blocks]
-        found = fit(design, reduction, smoothness=smoothness, times=times, start=best.weights)
-        missed = _missed_um(records, reduction, design.model(found.weights, 0.0, delay_s), found, inside)
-        reached = _reached(design, reduction, inside)
-        errors += [one[kept] for one, kept in zip(missed, reached, strict=True)]
-    missed_um = np.concatenate(errors) if errors else np.zeros(0)
-    return ErrorFigures.over(missed_um, _widest_um(records)) if len(missed_um) else None
+        if others and _prepares(others, record):
+            groups.append([k for k, block in enumerate(reduction.blocks) if block.record == number])
+    if not groups:
+        return None
+    return _held_out(design, reduction, records, best, delay_s, smoothness, groups).errors
 
 
 def _prepares(others: Sequence[Record], record: Record) -> bool:
-    """Whether records swing as far, as fast, as slowly and hold as long as another one."""
-    rates_s = [half_periods_s(one) for one in (record, *others)]
-    if not all(map(len, rates_s)):
-        return False
-    own_s, *others_s = (float(np.median(one)) for one in rates_s)
+    """Whether records swing as far, at such rates, and hold as long as another one."""
     margin_v = REACH_SHARE * float(np.ptp(record.u_v))
     return (
-        min(others_s) / NEAR_RATE <= own_s <= max(others_s) * NEAR_RATE
+        within_rates(record, others)
         and min(float(one.u_v.min()) for one in others) <= record.u_v.min() + margin_v
         and max(float(one.u_v.max()) for one in others) >= record.u_v.max() - margin_v
         and max(map(longest_hold_s, others)) >= longest_hold_s(record) / NEAR_RATE
     )
+
+
+def within_rates(record: Record, others: Sequence[Record]) -> bool:
+    """Whether a record swings at rates between those of others, or near them."""
+    swings_s = [half_periods_s(one) for one in (record, *others)]
+    if not all(map(len, swings_s)):
+        return False
+    own_s, *others_s = (float(np.median(one)) for one in swings_s)
+    return min(others_s) / NEAR_RATE <= own_s <= max(others_s) * NEAR_RATE
 
 
 def apart(
@@ -169,16 +166,14 @@ def _held_out(
     best: Fit,
     delay_s: float,
     smoothness: float,
-    folds: int,
+    groups: Sequence[Sequence[int]],
 ) -> HeldOut:
-    """Errors of blocked cross-validation: each contiguous fold is predicted by a fit of all the others."""
-    count = len(reduction.blocks)
+    """Return the errors of cross-validation: each group of blocks is predicted by a fit of all others."""
     errors: list[Array] = []
     reached: list[Flags] = []
     at_v: list[Array] = []
-    for fold in range(folds):
-        inside = range(fold * count // folds, (fold + 1) * count // folds)
-        times = [0 if k in inside else 1 for k in range(count)]
+    for inside in groups:
+        times = [int(k not in inside) for k in range(len(reduction.blocks))]
         found = fit(design, reduction, smoothness=smoothness, times=times, start=best.weights)
         errors += _missed_um(records, reduction, design.model(found.weights, 0.0, delay_s), found, inside)
         reached += _reached(design, reduction, inside)
@@ -198,6 +193,12 @@ def _held_out(
         high_v=float(judged_v.max()),
         rms_um=float(np.sqrt(np.mean(missed_um**2))),
     )
+
+
+def _contiguous(reduction: Reduction, folds: int) -> list[range]:
+    """Return the blocks of each contiguous fold."""
+    count = len(reduction.blocks)
+    return [range(fold * count // folds, (fold + 1) * count // folds) for fold in range(folds)]
 
 
 def _reached(design: Design, reduction: Reduction, inside: Sequence[int]) -> list[Flags]:

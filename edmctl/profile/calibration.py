@@ -1,8 +1,6 @@
-"""The calibration file: its tables, made of an identification, written whole or not at all, checked when it is read.
+"""The calibration file: TOML with a hash, written atomically, checked when it is read.
 
-TOML, so that people can read it, and hashed, because a model that was edited or cut short would still move the
-tool. It holds a model, how good that is, and what it was made of. The arrays are those of `ActuatorModel`; numbers
-are written so that they are read back exactly.
+The arrays are those of `ActuatorModel`; numbers are read back exactly.
 """
 
 from __future__ import annotations

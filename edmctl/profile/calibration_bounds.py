@@ -1,8 +1,4 @@
-"""What a calibration can say of an actuator that feeds a tool, wide on every side.
-
-The hash tells that a file is as it was written, not that a program wrote it from a record. Numbers beyond these
-bounds overflow where they are used, or would move the tool by what no actuator does.
-"""
+"""Wide bounds for the numbers of a calibration: beyond them no actuator feeds a tool, or arithmetic overflows."""
 
 from __future__ import annotations
 
@@ -36,51 +32,33 @@ reading a file does not load."""
 
 
 class Errors(Protocol):
-    """Errors that a file states, `edmctl.profile.calibration.Figures`."""
+    """Errors as `ErrorFigures` and the tables of a calibration file state them."""
 
     @property
-    def max_um(self) -> float:
-        """Largest."""
-
+    def max_um(self) -> float: ...
     @property
-    def rms_um(self) -> float:
-        """RMS."""
-
+    def rms_um(self) -> float: ...
     @property
-    def max_pct(self) -> float:
-        """Largest, % of the range."""
-
+    def max_pct(self) -> float: ...
     @property
-    def rms_pct(self) -> float:
-        """RMS, % of the range."""
-
+    def rms_pct(self) -> float: ...
     @property
-    def range_um(self) -> float:
-        """Range of displacement."""
+    def range_um(self) -> float: ...
 
 
 class Stated(Protocol):
-    """What a file states of its model, `edmctl.profile.calibration.Quality`."""
+    """Quality as `Identification` and the table `[quality]` state it."""
 
     @property
-    def accepted(self) -> bool:
-        """Whether nothing stands against using it."""
-
+    def accepted(self) -> bool: ...
     @property
-    def problems(self) -> Sequence[str]:
-        """What stands against it."""
-
+    def problems(self) -> Sequence[str]: ...
     @property
-    def stroke_um(self) -> float:
-        """Displacement between the ends of the range."""
-
+    def stroke_um(self) -> float: ...
     @property
-    def held_out(self) -> Errors:
-        """On blocks that it did not see."""
-
+    def held_out(self) -> Errors: ...
     @property
-    def train(self) -> Errors:
-        """On the records themselves."""
+    def train(self) -> Errors: ...
 
 
 def contradictions(

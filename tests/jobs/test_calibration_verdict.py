@@ -64,7 +64,7 @@ def test_a_validation_file_above_the_limits_refuses_the_model() -> None:
     assert file.max_pct > 2.0
     (problem,) = found.identification.problems
     assert problem.startswith("8 Hz (--validate): ")
-    assert "one rate (1 Hz), this one at another (8 Hz): fit records of both" in problem
+    assert "at another rate (8 Hz) than the fitted records (1 Hz): fit records of such rates too" in problem
     assert not fit.find([slow], [], ("zero",), None).identification.problems
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.actuator.acceptance import DIFFERING, excess_of, rate_in_words, restrictions_on
 from edmctl.actuator.identification import fit_line, fit_maxwell, identify
-from edmctl.actuator.record import has_several_rates
+from edmctl.actuator.uncertainty import within_rates
 from edmctl.actuator.validation import ErrorFigures, validate
 from edmctl.errors import Diagnostic, RecordError
 
@@ -216,10 +216,10 @@ def _verified(
             passed.append(record)
             continue
         cause = DIFFERING if found.accepted else "the fitted records show a fault already"
-        if not has_several_rates(records) and has_several_rates([*records, record]):
+        if not within_rates(record, records):
             cause = (
-                f"the fitted records swing at one rate{rate_in_words(records)}, this one at another"
-                f"{rate_in_words([record])}: fit records of both"
+                f"it swings at another rate{rate_in_words([record])} than the fitted records"
+                f"{rate_in_words(records)}: fit records of such rates too"
             )
         problems.append(f"{record.name} (--validate): {excess}; {cause}.")
     return replace(

@@ -1,9 +1,8 @@
 """Drive the record that an actuator is identified from: at the parking place, without pulses.
 
-Full swings, first-order reversal curves, minor loops, holds and cycles from 1 s to 50 s, because one frequency
-cannot tell hysteresis, creep and delay apart. Then swings of up to 50 Hz, sampled ten times as fast as they are,
-which tell a lag from a delay; and in the end a part of every use, because small moves that add up let some
-actuators slide, which no large swing shows.
+Full swings, first-order reversal curves, minor loops, holds and cycles of 1 s to 50 s separate hysteresis, creep and
+delay. Swings of up to 50 Hz, sampled ten times as fast, separate lag from delay. A part of every use follows,
+because small moves that add up let some actuators slide.
 """
 
 from __future__ import annotations

@@ -1,13 +1,8 @@
-"""A machine without a displacement sensor, made to speak in displacements again by its calibrated actuator.
+"""A machine without a displacement sensor: its calibrated actuator converts between voltage and displacement.
 
-Its controller knows volts alone: every displacement on its wire is the mean gain times the voltage applied. Here
-each one is turned, both ways, by the estimator on the voltage that telemetry says was applied, and by its exact
-inverse:
-
-- samples, events and touches come with the estimate at their time;
-- heights that a motion must not pass go out as the voltage that the inverse gives, with a margin for its error;
-- the end of a cut is watched here, ten times a second, because over minutes of creep no voltage fixed in advance
-  would be the right one. The controller keeps a limit beyond it.
+The controller reports the mean gain times the voltage. Here samples, events and touches get the estimate at their
+time. Heights that a motion must not pass are sent as the voltage of the exact inverse, with a margin for its error.
+The end of a cut is watched ten times a second, because creep changes its voltage; the controller has a limit beyond.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""The estimator of a run and its slow correction: where a run may learn from the sensor, and where it may not.
+"""The estimator of a run and its slow correction.
 
-Trusted events are the conditioning swings (`home`), every rest at 0 V before the tool goes to work, which sets the
-zero and nothing else, and the touches of a hole that is finished. Between two rests the estimator never looks at
-the sensor: what it says of a touch or a cut is its own, counted from the last rest.
+It learns from the sensor during the conditioning swings (`home`), at every rest at 0 V before the tool works (zero
+only), and from the touches of a finished hole. Between rests its displacements do not depend on the sensor.
 """
 
 from __future__ import annotations
