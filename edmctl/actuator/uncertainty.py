@@ -154,9 +154,7 @@ def apart(
         held_out_of(design, [record], [counts], delay_s, smoothness, folds).errors
         for record, counts in zip(records, used, strict=True)
     ]
-    samples = [int(counts.sum()) for counts in used]
-    mean_square = sum(n * one.rms_um**2 for n, one in zip(samples, alone, strict=True)) / sum(samples)
-    return ErrorFigures(max(one.max_um for one in alone), math.sqrt(mean_square), _widest_um(records))
+    return ErrorFigures.pooled(alone, [int(counts.sum()) for counts in used])
 
 
 def _held_out(

@@ -32,21 +32,34 @@ AT_ONCE = 3
 
 @dataclass(frozen=True, slots=True)
 class ErrorFigures:
-    """Largest and RMS error, and the range of displacement that percentages refer to, µm."""
+    """Largest and RMS error, in µm and in % of the range of displacement."""
 
     max_um: float
     rms_um: float
+    max_pct: float
+    rms_pct: float
     range_um: float
 
-    @property
-    def max_pct(self) -> float:
-        """Largest error, % of the range."""
-        return 100.0 * self.max_um / self.range_um
+    @classmethod
+    def of_range(cls, max_um: float, rms_um: float, range_um: float) -> ErrorFigures:
+        """Figures of such errors on displacements of such a range, µm."""
+        return cls(max_um, rms_um, 100.0 * max_um / range_um, 100.0 * rms_um / range_um, range_um)
 
-    @property
-    def rms_pct(self) -> float:
-        """RMS error, % of the range."""
-        return 100.0 * self.rms_um / self.range_um
+    @classmethod
+    def pooled(cls, figures: Sequence[ErrorFigures], samples: Sequence[int]) -> ErrorFigures:
+        """Figures of several records: worst maximum, RMS over all samples, widest range."""
+
+        def rms(values: Sequence[float]) -> float:
+            squares = (n * value**2 for n, value in zip(samples, values, strict=True))
+            return math.sqrt(sum(squares) / sum(samples))
+
+        return cls(
+            max_um=max(f.max_um for f in figures),
+            rms_um=rms([f.rms_um for f in figures]),
+            max_pct=max(f.max_pct for f in figures),
+            rms_pct=rms([f.rms_pct for f in figures]),
+            range_um=max(f.range_um for f in figures),
+        )
 
     @classmethod
     def of(cls, errors_um: Array, displacement_um: Array) -> ErrorFigures:
@@ -56,7 +69,7 @@ class ErrorFigures:
     @classmethod
     def over(cls, errors_um: Array, range_um: float) -> ErrorFigures:
         """Figures of errors, shape (n,), on displacements of such a range."""
-        return cls(float(np.abs(errors_um).max()), float(np.sqrt(np.mean(errors_um**2))), range_um)
+        return cls.of_range(float(np.abs(errors_um).max()), float(np.sqrt(np.mean(errors_um**2))), range_um)
 
     @classmethod
     def without_noise(cls, stretches_um: Sequence[Array], range_um: float) -> ErrorFigures:
@@ -72,7 +85,7 @@ class ErrorFigures:
         means_um = np.concatenate(
             [np.convolve(one, np.full(AT_ONCE, 1.0 / AT_ONCE), "valid") for one in long]
         )
-        return cls(float(np.abs(means_um).max()), math.sqrt(max(0.0, mean_square)), range_um)
+        return cls.of_range(float(np.abs(means_um).max()), math.sqrt(max(0.0, mean_square)), range_um)
 
 
 @dataclass(frozen=True, slots=True)

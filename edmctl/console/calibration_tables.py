@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from edmctl.actuator.identification import Identification
     from edmctl.actuator.validation import ErrorFigures
     from edmctl.jobs.actuator_trial import WaveformResult
-    from edmctl.jobs.calibration.fit import Figures, FileFigures, Findings
+    from edmctl.jobs.calibration.fit import FileFigures, Findings
     from edmctl.jobs.calibration.request import LeverFound
     from edmctl.procedures.actuator.calibration import CalibrationPlan
 
-    Errors = ErrorFigures | Figures | FileFigures
+    Errors = ErrorFigures | FileFigures
 
 _MAXWELL = "Maxwell, no creep"
 MODEL_NAMES = {"line": "straight line", "maxwell": _MAXWELL, "paper": _MAXWELL, "ours": "edmctl"}

@@ -8,7 +8,8 @@ from typing import Any, cast
 
 from edmctl.actuator.diagnosis import Noise
 from edmctl.actuator.uncertainty import Bands
-from edmctl.jobs.calibration.fit import Figures, FileFigures, Findings
+from edmctl.actuator.validation import ErrorFigures
+from edmctl.jobs.calibration.fit import FileFigures, Findings
 from edmctl.jobs.calibration.request import LeverFound
 from edmctl.labels import Basis, Verdict
 from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
@@ -111,9 +112,9 @@ def made_job(**changes: Any) -> JobResult:
     return replace(JobResult((made_site(),), 1141.0, 902.4, 238.6, 70.03), **changes)
 
 
-def made_figures(**changes: Any) -> Figures:
+def made_figures(**changes: Any) -> ErrorFigures:
     """Errors of a model."""
-    return replace(Figures(2.26, 0.438, 0.5, 0.097, 451.3), **changes)
+    return replace(ErrorFigures(2.26, 0.438, 0.5, 0.097, 451.3), **changes)
 
 
 def made_file(name: str, max_um: float = 2.26) -> FileFigures:
@@ -142,23 +143,23 @@ class Found:
     restrictions: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     noise: Noise = field(default_factory=lambda: Noise(0.15, 0.7))
-    held_out_model: Figures = field(default_factory=lambda: made_figures(max_um=1.9, rms_um=0.41))
+    held_out_model: ErrorFigures = field(default_factory=lambda: made_figures(max_um=1.9, rms_um=0.41))
 
 
 BASELINES = {
-    "line": Figures(44.07, 16.39, 9.77, 3.63, 451.3),
-    "maxwell": Figures(26.29, 4.92, 5.83, 1.09, 451.3),
+    "line": ErrorFigures(44.07, 16.39, 9.77, 3.63, 451.3),
+    "maxwell": ErrorFigures(26.29, 4.92, 5.83, 1.09, 451.3),
 }
 
 
 @dataclass(frozen=True, slots=True)
 class _Findings:
     identification: Found = field(default_factory=Found)
-    train: Figures = field(default_factory=made_figures)
-    held_out: Figures = field(default_factory=made_figures)
-    held_out_baselines: dict[str, Figures] = field(default_factory=lambda: BASELINES)
-    validated: Figures | None = None
-    validated_baselines: dict[str, Figures] = field(default_factory=dict)
+    train: ErrorFigures = field(default_factory=made_figures)
+    held_out: ErrorFigures = field(default_factory=made_figures)
+    held_out_baselines: dict[str, ErrorFigures] = field(default_factory=lambda: BASELINES)
+    validated: ErrorFigures | None = None
+    validated_baselines: dict[str, ErrorFigures] = field(default_factory=dict)
     files: tuple[FileFigures, ...] = ()
     refit: tuple[str, ...] = ("zero",)
 

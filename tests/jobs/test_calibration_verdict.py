@@ -84,7 +84,7 @@ def found() -> Identification:
 
 
 figures = st.builds(
-    ErrorFigures,
+    ErrorFigures.of_range,
     max_um=st.floats(0.0, 20.0),
     rms_um=st.floats(0.0, 5.0),
     range_um=st.just(400.0),

@@ -74,9 +74,9 @@ def an_identification(
 ) -> Identification:
     return Identification(
         model=make_model(creeping=creeping, rounded=rounded),
-        train=ErrorFigures(1.5, 0.3, 445.0),
-        held_out=ErrorFigures(2.0, 0.5, 445.0),
-        held_out_model=ErrorFigures(1.8, 0.4, 445.0),
+        train=ErrorFigures.of_range(1.5, 0.3, 445.0),
+        held_out=ErrorFigures.of_range(2.0, 0.5, 445.0),
+        held_out_model=ErrorFigures.of_range(1.8, 0.4, 445.0),
         bands=Bands(0.1, 0.3, 2.9, 0.01, 0.15, 0.002, 0.017, 0.001),
         problems=problems,
         notes=("The records swing at one rate.",),
@@ -85,7 +85,7 @@ def an_identification(
 
 
 def a_calibration() -> Calibration:
-    return calibration_of(an_identification(), MADE, {"line": ErrorFigures(40.0, 18.0, 445.0)})
+    return calibration_of(an_identification(), MADE, {"line": ErrorFigures.of_range(40.0, 18.0, 445.0)})
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -27,38 +26,6 @@ BEYOND_SHARE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
-    """Largest and RMS error in µm and in % of the range of displacement that was measured."""
-
-    max_um: float
-    rms_um: float
-    max_pct: float
-    rms_pct: float
-    range_um: float
-
-    @classmethod
-    def of(cls, errors: ErrorFigures) -> Figures:
-        """Figures of one record."""
-        return cls(errors.max_um, errors.rms_um, errors.max_pct, errors.rms_pct, errors.range_um)
-
-    @classmethod
-    def pooled(cls, figures: Sequence[Figures], samples: Sequence[int]) -> Figures:
-        """Of several records: worst maximum, RMS over all samples, widest range."""
-
-        def rms(values: Sequence[float]) -> float:
-            squares = (n * value**2 for n, value in zip(samples, values, strict=True))
-            return math.sqrt(sum(squares) / sum(samples))
-
-        return cls(
-            max_um=max(f.max_um for f in figures),
-            rms_um=rms([f.rms_um for f in figures]),
-            max_pct=max(f.max_pct for f in figures),
-            rms_pct=rms([f.rms_pct for f in figures]),
-            range_um=max(f.range_um for f in figures),
-        )
-
-
-@dataclass(frozen=True, slots=True)
 class FileFigures:
     """Errors on one validation file, with the gain and zero that were set for it.
 
@@ -77,7 +44,7 @@ class FileFigures:
     range_um: float
     gain: float
     zero_um: float
-    screened: Figures | None = None
+    screened: ErrorFigures | None = None
     rung_s: float = 0.0
     outliers: int = 0
     note: str = ""
@@ -92,9 +59,9 @@ class Findings:
 
     identification: Identification
     held_out_baselines: Mapping[str, ErrorFigures]
-    validated: Figures | None
-    validated_screened: Figures | None
-    validated_baselines: Mapping[str, Figures]
+    validated: ErrorFigures | None
+    validated_screened: ErrorFigures | None
+    validated_baselines: Mapping[str, ErrorFigures]
     files: tuple[FileFigures, ...]
     refit: tuple[Refit, ...]
     warnings: tuple[Diagnostic, ...]
@@ -110,31 +77,23 @@ class Findings:
         return self.identification.held_out
 
     @property
-    def held_out_figures(self) -> Figures:
-        """The same as figures."""
-        return Figures.of(self.held_out)
-
-    @property
-    def baselines(self) -> Mapping[str, Figures]:
+    def baselines(self) -> Mapping[str, ErrorFigures]:
         """Errors of the simpler models: on the validation files, else on held-out blocks."""
-        held_out = {name: Figures.of(errors) for name, errors in self.held_out_baselines.items()}
-        return self.validated_baselines or held_out
+        return self.validated_baselines or self.held_out_baselines
 
     def as_mapping(self) -> dict[str, object]:
         """Return the `result` of the JSON object, but for the files."""
         found = self.identification
         return {
-            "train": Figures.of(self.train),
+            "train": self.train,
             "validate": self.validated,
             "validate_screened": self.validated_screened,
             "validate_files": self.files,
             "refit": self.refit,
-            "held_out": self.held_out_figures,
-            "held_out_model": Figures.of(found.held_out_model),
-            "held_out_records": None
-            if found.held_out_records is None
-            else Figures.of(found.held_out_records),
-            "beyond": None if found.beyond is None else Figures.of(found.beyond),
+            "held_out": self.held_out,
+            "held_out_model": found.held_out_model,
+            "held_out_records": found.held_out_records,
+            "beyond": found.beyond,
             "beyond_share": found.beyond_share,
             "noise_sd_um": found.noise.sd_um,
             "noise_max_um": found.noise.largest_um,
@@ -236,21 +195,20 @@ def _judged(
 
 
 def _of_file(record: Record, judged: Validation) -> FileFigures:
-    screened = None if judged.screened is None else Figures.of(judged.screened)
     return FileFigures(
         name=record.name,
         judged_from_s=float(record.t_s[judged.first]),
         gain=judged.gain,
         zero_um=judged.zero_um,
-        screened=screened,
+        screened=judged.screened,
         rung_s=judged.rung_s,
         outliers=judged.outliers,
-        note="" if screened is None else _without(record, judged, screened),
-        **asdict(Figures.of(judged.errors)),
+        note="" if judged.screened is None else _without(record, judged, judged.screened),
+        **asdict(judged.errors),
     )
 
 
-def _without(record: Record, judged: Validation, screened: Figures) -> str:
+def _without(record: Record, judged: Validation, screened: ErrorFigures) -> str:
     """Say what a file's errors are without what an identification would give no weight."""
     left_out = []
     if judged.rung_s:
@@ -266,10 +224,10 @@ def _without(record: Record, judged: Validation, screened: Figures) -> str:
     )
 
 
-def _pooled(judged: Sequence[tuple[Record, Validation]], *, screened: bool = False) -> Figures:
+def _pooled(judged: Sequence[tuple[Record, Validation]], *, screened: bool = False) -> ErrorFigures:
     samples = [len(record.t_s) - one.first for record, one in judged]
     errors = [one.screened if screened and one.screened else one.errors for _, one in judged]
-    return Figures.pooled([Figures.of(one) for one in errors], samples)
+    return ErrorFigures.pooled(errors, samples)
 
 
 def _problems(found: Identification) -> list[Diagnostic]:

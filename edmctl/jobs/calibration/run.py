@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
     from edmctl.actuator.model import ActuatorModel
     from edmctl.actuator.record import Record
-    from edmctl.jobs.calibration.fit import Figures, Findings
+    from edmctl.actuator.validation import ErrorFigures
+    from edmctl.jobs.calibration.fit import Findings
     from edmctl.jobs.calibration.request import CheckedCalibration, LeverFound
     from edmctl.jobs.surroundings import Warn
     from edmctl.jsonout import JsonValue
@@ -66,12 +67,12 @@ class CalibrationReport(Result):
         return tuple(self.findings.identification.problems)
 
     @property
-    def held_out(self) -> Figures:
+    def held_out(self) -> ErrorFigures:
         """Errors on blocks of the records that the model did not see."""
-        return self.findings.held_out_figures
+        return self.findings.held_out
 
     @property
-    def validated(self) -> Figures | None:
+    def validated(self) -> ErrorFigures | None:
         """Errors on the files to validate, None without any."""
         return self.findings.validated
 
