@@ -2,13 +2,15 @@
 
 Each command is a process of its own, with what `tests/cli/test_files_read.py` gives it, a gigabyte that is really on
 the disk, a file that nobody may read, and one that comes and goes all the time. Exit code 1 where one took over 2 s
-or 300 MB, or ended without a message or with status 1.
+or 300 MB, or ended without a message or with status 1. `--studies` tries the files in the folder of a study.
 """
 
 from __future__ import annotations
 
 import ctypes
+import itertools
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -20,6 +22,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.serving import environment
 from tests.cli.test_files_read import KINDS, READERS, is_refused, made, name_in_files
+from tests.cli.test_study_folder_read import FILES, STUDY_READERS, finished, is_tried, put, write_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -101,7 +104,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         gigabyte = Path(folder) / GIGABYTE
         written_gigabyte(gigabyte)
-        return _tried(gigabyte)
+        return _tried_studies(gigabyte) if "--studies" in sys.argv else _tried(gigabyte)
 
 
 def _tried(gigabyte: Path) -> int:
@@ -134,6 +137,38 @@ def _tried(gigabyte: Path) -> int:
             flush=True,
         )
     print(f"{missed} missed")
+    return int(missed > 0)
+
+
+def _tried_studies(gigabyte: Path) -> int:
+    """Every command that reads a study, with each file of its folder replaced; return the exit code."""
+    missed = tried = 0
+    worst_s = worst_mb = 0.0
+    with tempfile.TemporaryDirectory() as kept:
+        study = finished(Path(kept))
+        for kind, file, reader in itertools.product(ALL_KINDS, FILES, STUDY_READERS):
+            if not is_tried(reader, file, kind) or (kind == GIGABYTE and file.endswith(".lock")):
+                continue
+            with tempfile.TemporaryDirectory() as folder:
+                os.chdir(folder)
+                Path(folder).chmod(0o777)
+                shutil.copytree(study, "DIR")
+                write_names("ra.csv")
+                put(Path("DIR"), file, named(kind, gigabyte))
+                with flickering(Path(kind)) if kind == FLICKERING else nullcontext():
+                    took_s, memory_mb, code, err = ran(STUDY_READERS[reader], Path(folder))
+                os.chdir("/")
+            tried += 1
+            is_refusal = code > 1 and "error[E" in err and "Internal" not in err
+            if kind == FLICKERING and code == 0:
+                continue  # it was there when it was read
+            worst_s, worst_mb = max(worst_s, took_s), max(worst_mb, memory_mb)
+            if took_s > BAR_S or memory_mb > BAR_MB or not is_refusal:
+                missed += 1
+                print(
+                    f"{kind} as {file}, {reader}: {took_s:.1f} s, {memory_mb:.0f} MB, exit {code}: {err[:200]}"
+                )
+    print(f"{tried} tried, {missed} missed, worst {worst_s:.1f} s (bar {BAR_S:g} s), {worst_mb:.0f} MB")
     return int(missed > 0)
 
 
