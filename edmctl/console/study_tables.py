@@ -11,7 +11,6 @@ from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.report.study_words import differing_words, points_needed, why_not_predicted
 from edmctl.results.study import RunKind, RunState
 from edmctl.wording import (
-    count,
     duration,
     length,
     plural,
@@ -363,8 +362,3 @@ def approval_words(run: StudyRun, time_s: float) -> str:
     """Return the question before sparks of a run."""
     settings = shortened(settings_words(run.planned.settings))
     return f"run {run.planned.number} ({run.planned.kind}): {settings}; takes {duration(time_s)}"
-
-
-def counted(runs: int) -> str:
-    """Return a number of runs."""
-    return f"{count(runs)} runs" if runs != 1 else "1 run"

@@ -50,19 +50,6 @@ class OrthogonalArray:
         return tuple(int(column.max()) + 1 for column in self.levels.T)
 
 
-def unbalanced_pairs(levels: Levels) -> list[tuple[int, int]]:
-    """Return the pairs of columns in which not every pair of levels stands equally often."""
-    found = []
-    for one, other in itertools.combinations(range(levels.shape[1]), 2):
-        wide = int(levels[:, other].max()) + 1
-        seen = np.bincount(
-            levels[:, one] * wide + levels[:, other], minlength=(int(levels[:, one].max()) + 1) * wide
-        )
-        if len(set(seen.tolist())) > 1:
-            found.append((one, other))
-    return found
-
-
 @cache
 def arrays() -> dict[str, OrthogonalArray]:
     """Return every array by its name, smaller ones first."""

@@ -13,8 +13,6 @@ import numpy as np
 from edmctl.doe.fractional import fraction_for
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     Coded = NDArray[np.float64]
@@ -27,11 +25,6 @@ BOX_BEHNKEN = {
     7: ("456", "167", "257", "124", "347", "135", "236"),
 }
 """Factors that vary together in each block of runs (Box and Behnken, Technometrics 2, 1960, table 4)."""
-
-
-def full_factorial(counts: Sequence[int]) -> NDArray[np.int64]:
-    """Return every combination of levels, numbered from 0, the first factor slowest: (runs, factors)."""
-    return np.array(list(itertools.product(*(range(count) for count in counts))), dtype=np.int64)
 
 
 def box_behnken(factors: int) -> Coded:

@@ -91,11 +91,6 @@ class GaussianProcess:
         """Standard deviation of what a block adds to the expected response; 0 where runs are in none."""
         return self.scale * float(np.sqrt(self.weights @ self.block_effects**2))
 
-    @property
-    def length_scales(self) -> Values:
-        """Length scale of each factor, as geometric means over the draws."""
-        return np.asarray(np.exp(self.weights @ np.log(self.lengths)))
-
     @one_blas_thread()
     def predict(self, points: ArrayLike) -> tuple[Values, Values]:
         """Return the expected response at (m, d) points and its standard error, of a new block on average.

@@ -162,24 +162,6 @@ class Fit:
         effect = self.coefficients[span]
         return float(effect @ np.linalg.solve(self.unscaled_covariance[span, span], effect))
 
-    def predict(self, settings: Settings) -> tuple[Values, Values]:
-        """Return the expected response at `settings`, and its standard error without that of a single run."""
-        columns = model_matrix(settings, list(self.model.spans)).columns
-        variance = np.einsum("ij,jk,ik->i", columns, self.unscaled_covariance, columns)
-        return columns @ self.coefficients, np.sqrt(variance * self.error_variance)
-
-    def interval(
-        self, settings: Settings, level: float = 0.95, runs: int | None = 1
-    ) -> tuple[Values, Values]:
-        """Return the expected response and half the width of its interval.
-
-        It is that of the mean of `runs` new runs; None asks for that of the expected response itself.
-        """
-        expected, error = self.predict(settings)
-        variance = error**2 + (self.error_variance / runs if runs else 0.0)
-        quantile = special.stdtrit(self.error_dof, (1 + level) / 2) if self.error_dof else float("nan")
-        return expected, quantile * np.sqrt(variance)
-
 
 def fit(model: ModelMatrix, response: ArrayLike) -> Fit:
     """Fit `model` to one response a run.
@@ -227,13 +209,3 @@ class LackOfFit:
     def p(self) -> float:
         """Probability of such a ratio where the model is right."""
         return float(special.fdtrc(self.dof, self.pure_dof, self.f))
-
-
-def lack_of_fit(fitted: Fit, points: Sequence[object]) -> LackOfFit:
-    """Split the error of a fit: `points` says of each run where it was made; equal ones are replicates."""
-    pure_ss, distinct = 0.0, list(dict.fromkeys(points))
-    for point in distinct:
-        values = fitted.response[[one == point for one in points]]
-        pure_ss += float(((values - values.mean()) ** 2).sum())
-    pure_dof = len(points) - len(distinct)
-    return LackOfFit(fitted.error_dof - pure_dof, max(0.0, fitted.error_ss - pure_ss), pure_dof, pure_ss)

@@ -181,28 +181,28 @@ class ResponseAnalysis:
     values: tuple[float, ...]
     mean: float
     sd: float
-    anova: Anova | None
-    pooled: Anova | None
-    coefficients: tuple[Coefficient, ...]
-    r2: float
-    adjusted_r2: float
-    predicted_r2: float
-    error_sd: float
-    lack: LackOfFit | None
-    level_means: tuple[LevelMeans, ...]
-    noise_means: tuple[LevelMeans, ...]
+    notes: tuple[str, ...] = ()
+    anova: Anova | None = None
+    pooled: Anova | None = None
+    coefficients: tuple[Coefficient, ...] = ()
+    r2: float = math.nan
+    adjusted_r2: float = math.nan
+    predicted_r2: float = math.nan
+    error_sd: float = math.nan
+    lack: LackOfFit | None = None
+    level_means: tuple[LevelMeans, ...] = ()
+    noise_means: tuple[LevelMeans, ...] = ()
     """Means of the signal-to-noise ratio by level, dB."""
-    interactions: tuple[Interaction, ...]
-    fitted: tuple[float, ...]
-    residuals: tuple[float, ...]
-    block_effects: Mapping[object, float]
-    held: int
-    left_out: int
-    scatter: Scatter | None
-    """None where nothing is fitted."""
-    model: ResponseModel | None
-    """None where nothing is fitted, or no point can be left out."""
-    notes: tuple[str, ...] = field(default=())
+    interactions: tuple[Interaction, ...] = ()
+    fitted: tuple[float, ...] = ()
+    residuals: tuple[float, ...] = ()
+    block_effects: Mapping[object, float] = field(default_factory=dict)
+    held: int = 0
+    left_out: int = 0
+    scatter: Scatter | None = None
+    """None if nothing is fitted."""
+    model: ResponseModel | None = None
+    """None if nothing is fitted, or if no point can be left out."""
 
     def without_block(self, value: float, block: object) -> float:
         """Return a value corrected by the effect of its block; unchanged if the model has no such block."""
@@ -272,25 +272,6 @@ def analyse(
         values=tuple(values.tolist()),
         mean=float(values.mean()) if len(values) else math.nan,
         sd=float(values.std(ddof=1)) if len(values) > 1 else math.nan,
-        anova=None,
-        pooled=None,
-        coefficients=(),
-        r2=math.nan,
-        adjusted_r2=math.nan,
-        predicted_r2=math.nan,
-        error_sd=math.nan,
-        lack=None,
-        level_means=(),
-        noise_means=(),
-        interactions=(),
-        fitted=(),
-        residuals=(),
-        block_effects={},
-        held=0,
-        left_out=0,
-        scatter=None,
-        model=None,
-        notes=tuple(notes),
     )
     if len(used) < 2:
         return replace(base, notes=(*notes, "fewer than two runs have a value"))

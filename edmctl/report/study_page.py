@@ -34,8 +34,15 @@ FEW_ALIASES = 4
 
 
 @dataclass(frozen=True, slots=True)
-class _Parts:
-    """What a page is made from; as the arguments of `render_study_page`."""
+class StudyPage:
+    """The content of a page.
+
+    state : all runs of the study, with how far each has come
+    runs : the runs of the design, in the order of the rows of every analysis
+    truths : analyses of the virtual machine's true values, by response
+    indices : Sobol indices by response
+    notes : what a reader has to know before the tables; those of the plan are added
+    """
 
     plan: StudyPlan
     state: Sequence[StudyRun]
@@ -44,9 +51,9 @@ class _Parts:
     truths: Mapping[str, ResponseAnalysis]
     indices: Mapping[str, SobolIndices]
     choices: Sequence[Choice]
-    confirmations: Sequence[Confirmation]
-    recommendation: Recommendation | None
-    notes: Sequence[str]
+    confirmations: Sequence[Confirmation] = ()
+    recommendation: Recommendation | None = None
+    notes: Sequence[str] = ()
 
     def info(self, name: str) -> ResponseInfo:
         """Return how a response was asked for."""
@@ -54,57 +61,33 @@ class _Parts:
 
 
 def render_study_page(
-    plan: StudyPlan,
-    state: Sequence[StudyRun],
-    runs: Sequence[StudyRun],
-    responses: Sequence[ResponseAnalysis],
-    truths: Mapping[str, ResponseAnalysis],
-    indices: Mapping[str, SobolIndices],
-    choices: Sequence[Choice],
-    confirmations: Sequence[Confirmation] = (),
-    recommendation: Recommendation | None = None,
-    notes: Sequence[str] = (),
-    *,
-    title: str = "",
-    source: str = "",
-    with_figures: bool = True,
+    parts: StudyPage, *, title: str = "", source: str = "", with_figures: bool = True
 ) -> str:
-    """Return the page of a study that was analysed.
-
-    state : all runs of the study, with how far each has come
-    runs : those that were analysed, in the order of the rows of every analysis
-    truths : analyses of what the virtual machine knows, by response
-    indices : Sobol indices by response
-    notes : what a reader has to know before the tables; those of the plan are added
-    source : what the page was made from, for its foot
-    """
-    parts = _Parts(
-        plan, state, runs, responses, truths, indices, choices, confirmations, recommendation, notes
-    )
+    """Return the page of a study that was analysed; `source` is the folder that its foot names."""
     numbers = itertools.count(1)
     sections: list[tuple[str, str, Sequence[PageTable | str | None]]] = [
         ("studied", "What was studied", _studied(parts)),
         ("brief", "Result in brief", _brief(parts)),
     ]
-    for n, one in enumerate(responses, 1):
+    for n, one in enumerate(parts.responses, 1):
         pictures = _pictures(parts, one, f"r{n}") if with_figures else []
         sections.append((f"response-{n}", one.name, _response(parts, one, pictures, numbers)))
     pictures = [_front(parts)] if with_figures else []
     sections.append(("choice", "What to choose", _choice(parts, pictures, numbers)))
-    if indices:
+    if parts.indices:
         pictures = list(_sobol_pictures(parts)) if with_figures else []
         sections.append(("sobol", "Sensitivity", _sobol(parts, pictures, numbers)))
-    sections.append(("runs", "All runs", [study_tables.all_runs(plan, state)]))
-    title = title or plan.name
-    done = sum(run.state is RunState.DONE for run in state) == len(state)
-    simulated = any(run.row is not None and run.row.truth for run in state)
-    status = f"{study_words.progress_words(state)}{' · simulated' if simulated else ''}"
+    sections.append(("runs", "All runs", [study_tables.all_runs(parts.plan, parts.state)]))
+    title = title or parts.plan.name
+    done = sum(run.state is RunState.DONE for run in parts.state) == len(parts.state)
+    simulated = any(run.row is not None and run.row.truth for run in parts.state)
+    status = f"{study_words.progress_words(parts.state)}{' · simulated' if simulated else ''}"
     header = [
         f"<h1>{escape(title)}</h1>",
         html.paragraph(_subtitle(parts), "sub"),
         f'<p><span class="status {"done" if done else "other"}">{escape(status)}</span></p>',
     ]
-    if study_words.held(confirmations) is False:
+    if study_words.held(parts.confirmations) is False:
         header.append(html.paragraph("Confirmation did not hold: see the result in brief.", "trouble"))
     contents = [(name, heading) for name, heading, _ in sections]
     body = [html.section(name, heading, inside) for name, heading, inside in sections]
@@ -112,7 +95,7 @@ def render_study_page(
     return html.document(title, header, contents, body, footer)
 
 
-def _subtitle(parts: _Parts) -> str:
+def _subtitle(parts: StudyPage) -> str:
     plan = parts.plan
     started = min(
         (run.row.started for run in parts.state if run.row is not None and run.row.started), default=""
@@ -121,7 +104,7 @@ def _subtitle(parts: _Parts) -> str:
     return " · ".join([*words, *([started[:16].replace("T", " ")] if started else [])])
 
 
-def _studied(parts: _Parts) -> list[PageTable | str]:
+def _studied(parts: StudyPage) -> list[PageTable | str]:
     plan = parts.plan
     found: list[PageTable | str] = [html.paragraph(plan.description)] if plan.description else []
     found += [
@@ -142,7 +125,7 @@ def _studied(parts: _Parts) -> list[PageTable | str]:
     return found
 
 
-def _brief(parts: _Parts) -> list[PageTable | str]:
+def _brief(parts: StudyPage) -> list[PageTable | str]:
     plan = parts.plan
     acting = [" ".join(study_words.what_matters(parts.info(one.name), one)) for one in parts.responses]
     found: list[PageTable | str] = [html.sentences(acting)]
@@ -153,7 +136,7 @@ def _brief(parts: _Parts) -> list[PageTable | str]:
 
 
 def _response(
-    parts: _Parts, one: ResponseAnalysis, pictures: Sequence[Picture], numbers: Iterator[int]
+    parts: StudyPage, one: ResponseAnalysis, pictures: Sequence[Picture], numbers: Iterator[int]
 ) -> list[PageTable | str | None]:
     plan, info = parts.plan, parts.info(one.name)
     found: list[PageTable | str | None] = []
@@ -199,7 +182,7 @@ def _numbered(pictures: Sequence[Picture], numbers: Iterator[int]) -> list[str]:
     return html.figures(pictures, taken[0] if taken else 1)
 
 
-def _pictures(parts: _Parts, one: ResponseAnalysis, prefix: str) -> list[Picture]:
+def _pictures(parts: StudyPage, one: ResponseAnalysis, prefix: str) -> list[Picture]:
     """Draw all figures of one response."""
     from edmctl.report.figures import study_choice, study_effects, study_fit
 
@@ -264,7 +247,7 @@ def _pictures(parts: _Parts, one: ResponseAnalysis, prefix: str) -> list[Picture
     ]
 
 
-def _front(parts: _Parts) -> Picture:
+def _front(parts: StudyPage) -> Picture:
     from edmctl.report.figures import study_choice
 
     more = len(parts.plan.objectives or parts.plan.responses) - 2
@@ -284,7 +267,7 @@ def _front(parts: _Parts) -> Picture:
 
 
 def _choice(
-    parts: _Parts, pictures: Sequence[Picture], numbers: Iterator[int]
+    parts: StudyPage, pictures: Sequence[Picture], numbers: Iterator[int]
 ) -> list[PageTable | str | None]:
     plan = parts.plan
     found: list[PageTable | str | None] = []
@@ -297,7 +280,7 @@ def _choice(
 
 
 def _sobol(
-    parts: _Parts, pictures: Sequence[Picture], numbers: Iterator[int]
+    parts: StudyPage, pictures: Sequence[Picture], numbers: Iterator[int]
 ) -> list[PageTable | str | None]:
     tables = [
         study_tables.sobol(parts.plan, parts.info(name), found) for name, found in parts.indices.items()
@@ -305,7 +288,7 @@ def _sobol(
     return [*tables, *_numbered(pictures, numbers)]
 
 
-def _sobol_pictures(parts: _Parts) -> Iterator[Picture]:
+def _sobol_pictures(parts: StudyPage) -> Iterator[Picture]:
     from edmctl.report.figures import study_choice
 
     for n, (name, found) in enumerate(parts.indices.items(), 1):

@@ -57,13 +57,11 @@ def confirm(
     best: Recommendation,
     runs: int = 3,
     *,
-    is_kept: bool = True,
     arc_share: float = 0.01,
 ) -> None:
-    """Confirm a recommendation as the command does, or as it did before it kept what was expected."""
+    """Confirm a recommendation as the command does."""
     with folder.writer() as writer:
-        expected = best.intervals if is_kept else None
-        writer.planned(confirmation_runs(folder.read(), best.settings, runs), expected)
+        writer.planned(confirmation_runs(folder.read(), best.settings, runs), best.intervals)
     tell(folder, 2, arc_share)
 
 
@@ -96,13 +94,12 @@ def test_what_is_not_expected_has_no_table_and_is_not_refuted(tmp_path: Path) ->
     assert "held" not in render_confirmation(replace(found, responses=()))
 
 
-@pytest.mark.parametrize("is_kept", [True, False])
-def test_what_a_confirmation_was_to_confirm_does_not_change_afterwards(tmp_path: Path, is_kept: bool) -> None:
+def test_what_a_confirmation_was_to_confirm_does_not_change_afterwards(tmp_path: Path) -> None:
     """Suggestions let Gaussian processes tell from then on; what was expected before them stays."""
     folder = made(tmp_path, f"{SATURATED}[[objectives]]\nresponse = 'machining_time_s'\n")
     tell(folder)
     best = recommended(folder.read())
-    confirm(folder, best, is_kept=is_kept)
+    confirm(folder, best)
     (before,) = confirmations_of(folder.read())
     one = before.responses[0]
     assert (one.expected, one.low, one.high) == pytest.approx(best.intervals["machining_time_s"])

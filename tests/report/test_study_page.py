@@ -21,7 +21,7 @@ from edmctl.jobs.study.analysis import doe_runs
 from edmctl.jobs.study.design import terms_of
 from edmctl.report.figures import study_choice, study_effects, study_fit
 from edmctl.report.html import picture_of
-from edmctl.report.study_page import render_study_page
+from edmctl.report.study_page import StudyPage, render_study_page
 from edmctl.report.study_tables import all_runs
 from edmctl.report.study_words import p_text, p_words
 from edmctl.report.style import NothingToDraw
@@ -89,7 +89,9 @@ class Made:
             "indices": {},
             "choices": self.choices,
         }
-        return render_study_page(**{**parts, **others}, with_figures=with_figures)  # type: ignore[arg-type]
+        texts = {name: str(others.pop(name, "")) for name in ("title", "source")}
+        page = StudyPage(**{**parts, **others})  # type: ignore[arg-type]
+        return render_study_page(page, **texts, with_figures=with_figures)
 
     def one(self, name: str) -> ResponseAnalysis:
         """The analysis of a response."""

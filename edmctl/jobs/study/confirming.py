@@ -60,7 +60,7 @@ def confirmations_of(state: StudyState) -> list[Confirmation]:
         for expected in [one for n, one in enumerate(kept) if one not in kept[:n]]:
             members = [run for run, own in zip(there, kept, strict=True) if own == expected]
             numbers = tuple(run.planned.number for run in members)
-            of_then = _expected_before(state, settings, numbers[0]) if expected is None else expected
+            of_then = expected or {}
             responses = []
             for name in (one.name for one in state.folder.plan.responses):
                 measured = tuple(value for run in members if (value := run.value(name)) is not None)
@@ -69,17 +69,6 @@ def confirmations_of(state: StudyState) -> list[Confirmation]:
                     responses.append(ConfirmedResponse(name, *interval, measured))
             found.append(Confirmation(settings, numbers, tuple(responses), limits))
     return found
-
-
-def _expected_before(
-    state: StudyState, settings: Mapping[str, Value], number: int
-) -> dict[str, tuple[float, float, float]]:
-    """What was to be expected before a run was planned, where that was not kept with it: by the runs before it."""
-    before = replace(state, runs=tuple(run for run in state.runs if run.planned.number < number))
-    try:
-        return expected_at(before, analysis_of(before).responses, settings)
-    except PreconditionError:
-        return {}
 
 
 def confirmation_runs(state: StudyState, settings: Mapping[str, Value], runs: int) -> list[PlannedRun]:

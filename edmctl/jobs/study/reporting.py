@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from edmctl.doe.anova import Anova
     from edmctl.doe.response_analysis import ResponseAnalysis
+    from edmctl.doe.signal_to_noise import LevelMeans
     from edmctl.jobs.study.analysis import StudyAnalysis
     from edmctl.jobs.study.folder import StudyState
     from edmctl.results.study import Confirmation, Recommendation
@@ -85,14 +86,8 @@ def _response(one: ResponseAnalysis, analysis: StudyAnalysis) -> dict[str, Any]:
     }
 
 
-def _means(row: Any) -> dict[str, Any]:
-    return {
-        "factor": row.factor,
-        "levels": list(row.levels),
-        "means": list(row.means),
-        "delta": row.delta,
-        "rank": row.rank,
-    }
+def _means(row: LevelMeans) -> dict[str, Any]:
+    return {**asdict(row), "delta": row.delta}
 
 
 def _anova(table: Anova | None) -> dict[str, Any] | None:
@@ -107,21 +102,12 @@ def page_of(
     notes: Sequence[str],
 ) -> str:
     """Return the HTML page of a study."""
-    from edmctl.report.study_page import render_study_page
+    from edmctl.report.study_page import StudyPage, render_study_page
 
-    return render_study_page(
-        plan=analysis.plan,
-        state=state.runs,
-        runs=analysis.runs,
-        responses=analysis.responses,
-        truths=analysis.truths,
-        indices=analysis.indices,
-        choices=analysis.choices,
-        confirmations=confirmations,
-        recommendation=best,
-        notes=notes,
-        source=str(state.folder.path),
-    )
+    found = analysis
+    results = (found.responses, found.truths, found.indices, found.choices)
+    page = StudyPage(found.plan, state.runs, found.runs, *results, confirmations, best, notes)
+    return render_study_page(page, source=str(state.folder.path))
 
 
 def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) -> list[Path]:
