@@ -171,9 +171,9 @@ def _meant(message: str, path: str, arguments: Sequence[str]) -> str:
         return f"A profile is named with an option: `{path} --profile {stray[1].split()[0]}`."
     unknown = re.search(r"No such command '(.+)'", message)
     groups = [
-        f"`edmctl {group.name} {unknown[1]}`"
-        for group in app.registered_groups
-        if unknown is not None and path == "edmctl" and unknown[1] in _commands_of(group.typer_instance)
+        f"`edmctl {name} {unknown[1]}`"
+        for name, group in _commands().commands.items()
+        if unknown is not None and path == "edmctl" and unknown[1] in getattr(group, "commands", {})
     ]
     return f"Did you mean {' or '.join(groups)}?" if groups else ""
 
@@ -195,10 +195,6 @@ def _parameters(path: str) -> list[Any]:
     for word in path.split()[1:]:
         command = getattr(command, "commands", {}).get(word, command)
     return list(command.params)
-
-
-def _commands_of(group: typer.Typer | None) -> list[str]:
-    return [command.name or "" for command in group.registered_commands] if group is not None else []
 
 
 def _command_of(arguments: Sequence[str]) -> str:

@@ -43,6 +43,7 @@ _CODES = {
     "less_than_equal": Code.OUT_OF_RANGE,
     "finite_number": Code.OUT_OF_RANGE,
     "multiple_of": Code.NOT_A_MULTIPLE,
+    "file_name": Code.UNREADABLE,
     "string_too_short": Code.OUT_OF_RANGE,
     "string_too_long": Code.OUT_OF_RANGE,
     "string_pattern_mismatch": Code.OUT_OF_RANGE,
@@ -163,6 +164,7 @@ _COMPLAINTS = {
     Code.OUT_OF_RANGE: "is out of range",
     Code.NOT_A_CHOICE: "is not one of the choices",
     Code.NOT_A_MULTIPLE: "lies between two permitted steps",
+    Code.UNREADABLE: "is no path: it is too long, or its home folder is unknown",
     Code.SCHEMA_VERSION: "is not a profile format that this version reads",
 }
 
@@ -179,7 +181,7 @@ def _hint_unknown(path: KeyPath, model: type[BaseModel], data: TomlTable) -> str
     known, of_any_kind = keys_of_kind(model, table, _value(data, table)), keys_at(model, table)
     if key in of_any_kind:
         return f"it does not go with this kind of {dotted(table)}: remove it, or change kind"
-    close = _same_quantity(key, known) or nearest(key, known) or nearest(key, of_any_kind)
+    close = nearest(key, known) or nearest(key, of_any_kind)
     if close:
         return _hint_quantity(
             (*table, close), model, _value(data, path), f"did you mean {close}?", split(key)[1]
@@ -189,16 +191,6 @@ def _hint_unknown(path: KeyPath, model: type[BaseModel], data: TomlTable) -> str
         return f"{key} belongs to [{home}]"
     where = _header(table) if table else "the file"
     return f"remove it; {where} may hold {', '.join(known)}"
-
-
-def _same_quantity(key: str, known: Sequence[str]) -> str | None:
-    """Return the known key that has the same name, and a unit of the same dimension if the key has a unit."""
-    name, unit = split(key)
-    for candidate in known:
-        stem, own = split(candidate)
-        if stem == name and own.symbol and (own.dimension == unit.dimension or unit == NO_UNIT):
-            return candidate
-    return None
 
 
 def _hint_quantity(

@@ -7,7 +7,12 @@ import types
 from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic_core import PydanticCustomError
+
+from edmctl.errors import UsageError
+from edmctl.files import user_path
+from edmctl.profile.units import NO_UNIT, split
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -18,9 +23,19 @@ ONE_LINE = r"^[^\x00-\x1f\x7f]*$"
 """No control characters: HDF5 texts end at a NUL, and a terminal obeys the others."""
 
 
+def _possible(text: str) -> str:
+    try:
+        user_path(text)
+    except UsageError as error:
+        raise PydanticCustomError("file_name", "{message}", {"message": error.message}) from None
+    return text
+
+
 NAMES_FILE = "names a file"
 """Marks keys whose text `edmctl.files.user_path` makes a path of, relative to the file that has the key."""
-FileName: TypeAlias = Annotated[str, Field(min_length=1, max_length=1000, pattern=ONE_LINE), NAMES_FILE]
+FileName: TypeAlias = Annotated[
+    str, Field(min_length=1, max_length=1000, pattern=ONE_LINE), AfterValidator(_possible), NAMES_FILE
+]
 
 
 class Table(BaseModel):
@@ -103,11 +118,11 @@ def lists_tables(model: type[BaseModel], path: KeyPath) -> bool:
 
 
 def nearest(key: str, candidates: list[str]) -> str | None:
-    """The candidate that is spelt most like the key, or is the key with a unit; never the same of another axis."""
-    with_unit = [
-        name for name in candidates if name.startswith(f"{key}_") and "_" not in name[len(key) + 1 :]
-    ]
-    close = with_unit or difflib.get_close_matches(key, candidates, n=len(candidates) or 1, cutoff=0.6)
+    """Return the candidate that is the key in another unit or is spelled most like it, of the same axis."""
+    stem, unit = split(key)
+    units = {name: split(name)[1] for name in candidates if split(name)[0] == stem}
+    close = [name for name, own in units.items() if unit == NO_UNIT or own.dimension == unit.dimension]
+    close = close or difflib.get_close_matches(key, candidates, n=len(candidates) or 1, cutoff=0.6)
     return next((name for name in close if not _is_other_axis(key, name)), None)
 
 

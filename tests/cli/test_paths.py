@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from edmctl import api
 from edmctl.cli.app import _commands
-from edmctl.errors import UsageError
+from edmctl.errors import ProfileError, UsageError
 from edmctl.exitcodes import ExitCode
 from edmctl.files import user_path
 from edmctl.firmware.build import cache_folder
@@ -21,6 +21,7 @@ from edmctl.jobs.runs.opening import find_run
 from edmctl.jobs.study.design import points_of
 from edmctl.jobs.study.factors import factors_of
 from edmctl.jobs.study.planning import base_request
+from edmctl.profile.findings import Code
 from edmctl.profile.folders import data_folder, find_calibration, find_drift, shipped_folder
 from edmctl.profile.profile_file import ProfileFile
 from edmctl.profile.setup import Setup, load_setup
@@ -178,6 +179,20 @@ def test_a_home_folder_that_is_unknown_is_refused(home: Path, here: Here) -> Non
     with pytest.raises(UsageError, match=r"U\+0000"):
         user_path("a\0b")
     assert user_path("a~b/~") == Path("a~b/~")
+
+
+@pytest.mark.parametrize("name", ["~nosuchuser/c.toml", "x" * 300])
+def test_a_key_with_an_impossible_path_is_refused_with_its_place(name: str, tmp_path: Path) -> None:
+    setup = tmp_path / "setup.toml"
+    setup.write_text(f'[actuator]\ncalibration = "{name}"\n', encoding="utf-8")
+    array = tmp_path / "array.toml"
+    array.write_text(f'extends = "cu150"\n[[sites]]\nkind = "file"\npath = "{name}"\n', encoding="utf-8")
+    for read, line in ((lambda: load_setup(setup), 2), (lambda: load_profile(str(array)), 4)):
+        with pytest.raises(ProfileError) as caught:
+            read()
+        assert caught.value.code == Code.UNREADABLE
+        assert caught.value.where is not None
+        assert caught.value.where.line == line
 
 
 def test_the_python_interface_expands_the_home_folder(home: Path) -> None:

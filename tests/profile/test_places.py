@@ -164,7 +164,7 @@ def test_all_wrong_lines_are_told_at_once_with_the_violated_rules(tmp_path: Path
     assert sorted(d.code for d in found) == [Code.PLACES_FILE, Code.PLACES_FILE, Code.OFFSET]
 
 
-@pytest.mark.parametrize("name", ["gone.csv", ".", "x" * 300])
+@pytest.mark.parametrize("name", ["gone.csv", "."])
 def test_a_file_that_cannot_be_read_is_told_where_it_is_named(tmp_path: Path, name: str) -> None:
     profile = sheet(tmp_path, "x_um,y_um\n500,0\n")
     profile.write_text(profile.read_text(encoding="utf-8").replace("places.csv", name), encoding="utf-8")
