@@ -1,8 +1,10 @@
-"""Every option that reads a file, given what is none: `python -m benchmarks.hostile_files`.
+"""Hostile files and every reader of them: `python -m benchmarks.hostile_files [SECTION ...]`.
 
-Each command is a process of its own, with what `tests/cli/test_files_read.py` gives it, a gigabyte that is really on
-the disk, a file that nobody may read, and one that comes and goes all the time. Exit code 1 where one took over 2 s
-or 300 MB, or ended without a message or with status 1. `--studies` tries the files in the folder of a study.
+`kept` tries run files, benches, ledgers, journals, calibration and drift files (`benchmarks.hostile_kept`).
+`options` runs a command for each option that reads a file, in a process of its own, with the files of
+`tests/cli/test_files_read.py`, a gigabyte that is really on the disk, a file without permission, and one that comes
+and goes all the time. The exit code is 1 if a reader took more than 2 s or 300 MB, or ended with status 1 or without
+a message. `studies` tries the files in the folder of a study.
 """
 
 from __future__ import annotations
@@ -17,15 +19,17 @@ import tempfile
 import threading
 import time
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmarks import hostile_kept
 from benchmarks.serving import environment
 from tests.cli.test_files_read import KINDS, READERS, is_refused, made, name_in_files
 from tests.cli.test_study_folder_read import FILES, STUDY_READERS, finished, is_tried, put, write_names
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
 BAR_S, BAR_MB = 2.0, 300.0
 PR_CAPBSET_DROP, OVERRIDES = 24, (1, 2)
@@ -100,11 +104,25 @@ def ran(arguments: Sequence[str], home: Path) -> tuple[float, float, int, str]:
 
 
 def main() -> int:
-    """Try all of them, print the worst of each kind and all that miss, and return the exit code."""
-    with tempfile.TemporaryDirectory() as folder:
-        gigabyte = Path(folder) / GIGABYTE
-        written_gigabyte(gigabyte)
-        return _tried_studies(gigabyte) if "--studies" in sys.argv else _tried(gigabyte)
+    """Try the sections, print what misses and a line for each, and return the exit code."""
+    missed = 0
+    for name in sys.argv[1:] or SECTIONS:
+        with tempfile.TemporaryDirectory() as folder:
+            missed += SECTIONS[name](Path(folder))
+            os.chdir("/")
+    return int(missed > 0)
+
+
+def _with_gigabyte(tried: Callable[[Path], int], folder: Path) -> int:
+    gigabyte = folder / GIGABYTE
+    written_gigabyte(gigabyte)
+    return tried(gigabyte)
+
+
+def _tried_kept(folder: Path) -> int:
+    tally = hostile_kept.tried(folder)
+    print(f"run files, benches, ledgers, journals, calibration and drift files: {tally}", flush=True)
+    return tally.hangs + tally.bugs
 
 
 def _tried(gigabyte: Path) -> int:
@@ -136,8 +154,8 @@ def _tried(gigabyte: Path) -> int:
             f"{kind:12} worst {worst_s:4.1f} s (bar {BAR_S:g} s), {worst_mb:4.0f} MB (bar {BAR_MB:g} MB)",
             flush=True,
         )
-    print(f"{missed} missed")
-    return int(missed > 0)
+    print(f"options: {missed} missed")
+    return missed
 
 
 def _tried_studies(gigabyte: Path) -> int:
@@ -171,6 +189,13 @@ def _tried_studies(gigabyte: Path) -> int:
     print(f"{tried} tried, {missed} missed, worst {worst_s:.1f} s (bar {BAR_S:g} s), {worst_mb:.0f} MB")
     return int(missed > 0)
 
+
+SECTIONS: dict[str, Callable[[Path], int]] = {
+    "kept": _tried_kept,
+    "studies": partial(_with_gigabyte, _tried_studies),
+    "options": partial(_with_gigabyte, _tried),
+}
+"""What tries the readers of some files, with a folder for it; the number of misses is returned."""
 
 if __name__ == "__main__":
     sys.exit(main())

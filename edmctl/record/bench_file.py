@@ -75,8 +75,8 @@ def _lock_of(path: Path) -> Path:
 
 
 def refuse_place(path: Path) -> None:
-    """Raise RunFileError E9024 where no bench can be kept because there is no folder for it."""
-    if not path.resolve().parent.is_dir():
+    """Raise RunFileError E9024 if there is no folder for a bench, E9020 if no file can have its name."""
+    if not _lock_of(path).parent.is_dir():
         raise _unwritable(path, FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)))
 
 

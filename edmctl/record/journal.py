@@ -221,7 +221,7 @@ def read_journal(path: Path) -> Journal:
             hint="Take the run up again with that version of edmctl.",
             code="E8052",
         ) from None
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
         raise PreconditionError(
             f"The journal {path} is damaged: {error}.", hint=_START_ANEW, code="E8052"
         ) from error
@@ -291,6 +291,7 @@ def _journal(data: bytes) -> Journal:
     if envelope["sha256"] != _hash_of(_canonical(content)):
         raise ValueError("its content does not fit its check sum")
     job = content["job"]
+    _refuse_other_types(job)
     return Journal(
         job=JournalledJob(
             **{
@@ -307,6 +308,23 @@ def _journal(data: bytes) -> Journal:
         truth=content["truth"],
         clock_s=_number(content.get("clock_s")),
     )
+
+
+def _refuse_other_types(job: Mapping[str, object]) -> None:
+    """Raise TypeError for a member of a job that has another type than its field."""
+    types: dict[str, tuple[type, ...]] = {
+        "str": (str,),
+        "bool": (bool,),
+        "int": (int,),
+        "int | None": (int, type(None)),
+    }
+    for field in dataclasses.fields(JournalledJob):
+        value, kind = job.get(field.name), str(field.type)
+        if kind in types and type(value) not in types[kind]:
+            raise TypeError(f"{field.name} is no {kind.partition(' ')[0]}")
+        texts = value if kind == "tuple[str, ...]" and isinstance(value, list) else []
+        if any(not isinstance(text, str) for text in texts):
+            raise TypeError(f"{field.name} holds what is no text")
 
 
 def _plain(value: object) -> object:

@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
-from edmctl.files import open_descriptor, read_bytes
+from edmctl.files import lock_holder, open_descriptor, read_bytes
 from edmctl.record.ledger_entries import (
     VERSION,
     Entry,
@@ -96,8 +96,10 @@ class Ledger:
                 _mend_end(descriptor)
                 _write(descriptor, text)
         except OSError as refused:
+            holder = lock_holder(self.path) if isinstance(refused, BlockingIOError) else ""
+            why = f"{holder} has locked it" if holder else refused.strerror or refused
             raise RunFileError(
-                f"Cannot write the job ledger {self.path}: {refused.strerror or refused}.",
+                f"Cannot write the job ledger {self.path}: {why}.",
                 hint="Check that the folder can be written and has space.",
                 code="E9033",
             ) from refused

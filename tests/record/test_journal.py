@@ -210,6 +210,25 @@ def damaged(text: str, how: str) -> str:
 
 
 @pytest.mark.parametrize(
+    "other",
+    [
+        {"overrides": (5,)},
+        {"profile": 3},
+        {"boots": "1"},
+        {"seed": 1.5},
+        {"allow_model": 1},
+        {"parents": (None,)},
+    ],
+)
+def test_a_job_with_a_member_of_another_type_is_refused(tmp_path: Path, other: dict[str, Any]) -> None:
+    path = tmp_path / "a.journal"
+    write_journal(path, Journal(replace(JOB, **other), {}, 0.0, 0.0, 0.0))
+    with pytest.raises(PreconditionError, match=f"is damaged: {next(iter(other))}") as refused:
+        read_journal(path)
+    assert refused.value.code == "E8052"
+
+
+@pytest.mark.parametrize(
     "how", ["cut off", "empty", "one digit", "another file", "a part missing", "no version"]
 )
 def test_a_damaged_journal_is_refused(tmp_path: Path, how: str) -> None:

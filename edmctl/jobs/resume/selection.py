@@ -79,7 +79,7 @@ def find_run(named: str, folder: Path, *, homed: bool = False, restart_hole: boo
         raise _without_journal(path) from None
     try:
         state = job_state(journal.state)
-    except (TypeError, ValueError, KeyError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise PreconditionError(
             f"The journal {path} does not fit this version: {error}.",
             hint="Take the run up again with the version of edmctl that wrote it.",
