@@ -42,9 +42,9 @@ def user_path(text: str | os.PathLike[str], folder: Path = Path()) -> Path:
         )
     path, fault = folder / expanded, ""
     try:
-        path.lstat()
+        path.stat()
     except OSError as error:  # every other failure is reported where the file is read or written
-        fault = "it is too long" if error.errno == errno.ENAMETOOLONG else ""
+        fault = str(error.strerror) if error.errno in (errno.ENAMETOOLONG, errno.ELOOP) else ""
     except ValueError:
         fault = "it contains U+0000"
     if fault:
