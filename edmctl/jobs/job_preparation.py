@@ -103,7 +103,8 @@ def prepared_job(
         return PreparedJob(job, identity.serial, ToolAccount(loaded.profile.tool.label))
     history = history_of(ledger.lines, identity.serial)
     account = account_of(plan, identity, history)
-    refuse_other_setup(account, setup, ledger.path.parent, plan.where.selector)
+    if plan.resumed is None:
+        refuse_other_setup(account, history, setup, ledger.path.parent, plan.where.selector)
     left = plan.resumed.state if plan.resumed else None
     # A job that has touched knows its pad from the journal, and the stroke was enough when it began.
     touched = left is not None and (left.site or left.done)

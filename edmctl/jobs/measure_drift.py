@@ -12,7 +12,6 @@ from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.recipe import last_run_of, with_recipe_of
 from edmctl.jobs.ledger.tool import (
-    NAMELESS,
     account_of,
     refuse_other_setup,
     refuse_unknown_length,
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from edmctl.jobs.ledger.tool import ToolIdentity
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
     from edmctl.jobs.session import MachineSession
@@ -37,7 +35,6 @@ if TYPE_CHECKING:
     from edmctl.procedures.run import JobRun
     from edmctl.process.rest_drift import DriftModel
     from edmctl.record.ledger import Ledger
-    from edmctl.record.tool_account import MachineHistory
     from edmctl.results.measurements import DriftResult
 
 
@@ -96,13 +93,12 @@ class DriftRun:
         check_writable(self.path)
         self._ledger = ledger_of(self.plan, name)
         history = history_of(self._ledger.lines if self._ledger else (), serial)
-        self._account = self._account_of(tool_identity(session), history)
+        self._account = account_of(self.plan, tool_identity(session), history)
         if self._ledger is not None:
-            refuse_other_setup(
-                self._account, self.plan.setup, self._ledger.path.parent, self.plan.where.selector
-            )
-            refuse_unknown_length(self._account, self._ledger.path.parent, self.plan.where.selector)
-            self.plan = with_recipe_of(self.plan, self._ledger.path.parent, last_run_of(self._account))
+            folder, port = self._ledger.path.parent, self.plan.where.selector
+            refuse_other_setup(self._account, history, self.plan.setup, folder, port)
+            refuse_unknown_length(self._account, folder, port)
+            self.plan = with_recipe_of(self.plan, folder, last_run_of(self._account))
         self._planned = plan_drift(self.plan.loaded.profile, self.plan.setup, self.duration_s)
         actuator = session.choice.actuator if session.choice else None
         job = job_of(self.plan.loaded.profile, self.plan.setup, (), actuator)
@@ -160,12 +156,6 @@ class DriftRun:
         """The steady drifts of a virtual bench; None on any other machine."""
         virtual = self._session.bench.virtual if self._session else None
         return virtual.true_drifts_um_per_s if virtual else None
-
-    def _account_of(self, identity: ToolIdentity, history: MachineHistory) -> ToolAccount:
-        """Account of the profile's tool, of that on a virtual bench, or of that last in use."""
-        if self.plan.names_tool:
-            return account_of(self.plan, identity, history)
-        return history.account((identity.tool if self.plan.where.lasting else "") or history.tool or NAMELESS)
 
     def _save(self, session: MachineSession) -> None:
         from edmctl.profile.drift_file import MadeBy, drift_file, save_drift

@@ -227,13 +227,13 @@ class WearRun:
         """
         self._ledger, self._warn = ledger, warn
         history = history_of(ledger.lines if ledger else (), identity.serial)
-        account = self._account = self._account_of(identity, history)
+        account = self._account = account_of(self.plan, identity, history)
         run_file = last_run_of(account)
         if not self.is_reference:
             reference = _reference_of(account, ledger, identity, self.plan.where)
             self._reference = _aged(reference, account, identity.now)
             folder = ledger.path.parent if ledger is not None else Path()
-            refuse_other_setup(account, self.plan.setup, folder, self.plan.where.selector)
+            refuse_other_setup(account, history, self.plan.setup, folder, self.plan.where.selector)
             refuse_unknown_length(account, folder, self.plan.where.selector)
             self._bottom = bottom_of(self.site, history, account, self._diameter_um(), folder)
             run_file = self._bottom.run_file if self._bottom is not None else run_file
@@ -345,13 +345,6 @@ class WearRun:
             nearest = min(holes, key=lambda h: math.hypot(h.x_um - bottom.x_um, h.y_um - bottom.y_um))
             depth_um = nearest.depth_um
         return {"wear_um": wear_um, "depth_um": depth_um, "feed_um": depth_um + wear_um}
-
-    def _account_of(self, identity: ToolIdentity, history: MachineHistory) -> ToolAccount:
-        """Account of the profile's tool, of that on a virtual bench, or of that last in use."""
-        if self.plan.names_tool:
-            return account_of(self.plan, identity, history)
-        label = (identity.tool if self.plan.where.lasting else "") or history.tool or NAMELESS
-        return ToolAccount(label) if self.plan.new_tool else history.account(label)
 
     def _diameter_um(self) -> float:
         """Of the tool, NaN where nobody named it."""

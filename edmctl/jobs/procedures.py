@@ -14,7 +14,7 @@ from edmctl.jobs.connected_run import connected_run
 from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
 from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import refuse_pad, refuse_taken, refuse_unreachable
-from edmctl.jobs.ledger.tool import refuse_too_short, tool_identity
+from edmctl.jobs.ledger.tool import account_of, refuse_other_setup, refuse_too_short, tool_identity
 from edmctl.jobs.run_header import name_run
 from edmctl.procedures.job import job_of
 from edmctl.procedures.jump_series import least_period_s, run_jumps
@@ -365,6 +365,8 @@ class Jumps:
         if ledger is None:
             return job
         history = history_of(ledger.lines, session.bench.machine.identity.serial)
+        account = account_of(self.plan, tool_identity(session), history)
+        refuse_other_setup(account, history, self.plan.setup, name.path.parent, self.plan.where.selector)
         return with_home(job, history, session.bench.now)
 
     def act(self, run: JobRun) -> None:

@@ -76,13 +76,14 @@ class HomeSeen:
 class MachineHistory:
     """One machine: its holes, its tools, the tool last in use ("" before the first).
 
-    `homes` are all that were seen of the tool's home, the newest last.
+    `homes` are all that were seen of the tool's home, the newest last. `reference` is the last of any tool.
     """
 
     holes: list[SiteMachined] = field(default_factory=list)
     tools: dict[str, ToolAccount] = field(default_factory=dict)
     tool: str = ""
     homes: list[HomeSeen] = field(default_factory=list)
+    reference: ReferenceTouched | None = None
 
     def account(self, label: str) -> ToolAccount:
         """The account of a tool, a new one where nothing is known of it."""
@@ -132,7 +133,7 @@ def history_of(lines: Iterable[Line], serial: str) -> MachineHistory:
 
 def _take_reference(history: MachineHistory, entry: ReferenceTouched, line: Line) -> None:
     account = history.account(entry.tool)
-    account.reference = entry
+    history.reference = account.reference = entry
     account.reference_utc_s, account.reference_bench_s = line.utc_s, line.bench_s
     account.lost_before_um = account.lost_um
     account.pad_um = from_home_um(entry.z_um, entry.home_um)

@@ -89,14 +89,23 @@ def is_unnamed(label: str, diameter_um: float, tool: Tool) -> bool:
 
 
 def account_of(plan: Plan, identity: ToolIdentity, history: MachineHistory) -> ToolAccount:
-    """Return the account of the profile's tool; that of the unnamed tool which is in the machine, if it is that."""
+    """Return the account of the profile's tool; that of the unnamed tool which is in the machine, if it is that.
+
+    If no profile was named it is that of the tool on a virtual bench, or of the one last in use.
+    """
     from edmctl.record.tool_account import ToolAccount
 
-    tool = plan.loaded.profile.tool
+    tool, label = plan.loaded.profile.tool, plan.loaded.profile.tool.label
+    if not plan.names_tool and plan.resumed is None:
+        label = (identity.tool if plan.where.lasting else "") or history.tool or NAMELESS
     if plan.new_tool:
-        return ToolAccount(tool.label)
-    account = history.account(tool.label)
-    if account.reference is None and is_unnamed(identity.tool, identity.diameter_um, tool):
+        return ToolAccount(label)
+    account = history.account(label)
+    if (
+        label == tool.label
+        and account.reference is None
+        and is_unnamed(identity.tool, identity.diameter_um, tool)
+    ):
         return replace(history.account(NAMELESS), label=tool.label)
     return account
 
@@ -115,6 +124,8 @@ def as_found(plan: Plan, session: MachineSession, ledger: Ledger | None, command
     named = _LABEL.fullmatch(label)
     diameter_um = float(named["um"]) if named else identity.diameter_um
     tool = {"id": label, "material": named["material"] if named else "?", "diameter_um": diameter_um}
+    if plan.recipe_of and profile.tool.label == label:
+        tool = {}
     found = profile.model_copy(
         update={
             "meta": profile.meta.model_copy(update={"name": command, "description": ""}),
@@ -189,14 +200,21 @@ def setup_differences(reference: ReferenceTouched | None, setup: Setup) -> list[
     return found
 
 
-def refuse_other_setup(account: ToolAccount, setup: Setup, folder: Path, port: str) -> None:
-    """Raise PreconditionError E8059 where the tool's reference was touched under another setup."""
-    reference = account.reference
-    if reference is None or not (differences := setup_differences(reference, setup)):
+def refuse_other_setup(
+    account: ToolAccount, history: MachineHistory, setup: Setup, folder: Path, port: str
+) -> None:
+    """Raise PreconditionError E8059 if the tool's reference, or the machine's last one, has another setup."""
+    found = [
+        (reference, differences)
+        for reference in (account.reference, history.reference)
+        if reference is not None and (differences := setup_differences(reference, setup))
+    ]
+    if not found:
         return
+    reference, differences = found[0]
     anew = on_machine("edmctl measure-wear --reference", port)
     raise PreconditionError(
-        f"The reference of {account.label} in {folder / reference.run_file} was touched under another setup; "
+        f"The reference of {reference.tool} in {folder / reference.run_file} was touched under another setup; "
         f"with the {setup.in_words()} {', and '.join(differences)}.",
         hint="Name its setup with --setup or EDMCTL_SETUP. If the machine was changed, touch the pad anew with "
         f"`{anew}`; keep the runs of another machine in another folder with --out.",
