@@ -271,7 +271,7 @@ def test_wear_that_no_job_accounts_for_is_told(machined: Here) -> None:
     book = Ledger.open(Path("runs"))
     tool = next(line.entry for line in book.lines if isinstance(line.entry, ReferenceTouched))
     hole = SiteMachined(
-        "Cu 270 µm", "x.h5", "x", 500.0, 0.0, 143.0, "done", 8.0, 40.0, 0.5, z3_um=tool.z_um + 3.0
+        "Cu 270 µm", tool.run_file, "x", 500.0, 0.0, 143.0, "done", 8.0, 40.0, 0.5, z3_um=tool.z_um + 3.0
     )
     book.append("SIM-4", hole)
     said = machined("measure-wear", *KEPT, "--json")
