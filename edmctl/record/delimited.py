@@ -10,7 +10,6 @@ A column is called by its quantity and unit: t_s, u_V, y_um. Case and the two Un
 from __future__ import annotations
 
 import csv
-import io
 import re
 import warnings
 from dataclasses import dataclass
@@ -49,6 +48,7 @@ BLANKS = " "
 COMMENT = "#"
 MOST_PREAMBLE = 1000
 """Lines above a header; oscilloscopes write some twenty."""
+LONGEST_LINE = 100_000
 LONGEST_SHOWN = 200
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 
@@ -119,6 +119,9 @@ def read_delimited(path: Path, content: bytes, needed: Sequence[str] = WANTED) -
     Raises RecordError with line and column: E3602 no table, E3603 columns, E3604 a cell or row, E3605 no rows.
     """
     lines = text_of(path, content).split("\n")
+    if (longest := max(map(len, lines))) > LONGEST_LINE:
+        message = f"{path} has a line of {longest} characters."
+        raise RecordError(message, hint="Give a row per sample.", code="E3602")
     header = _header(lines, needed) or _refuse_header(path, lines, needed)
     columns = find_columns(header.names, needed)
     plain = [_plain(name) for name in header.names]
@@ -135,11 +138,15 @@ def read_delimited(path: Path, content: bytes, needed: Sequence[str] = WANTED) -
     first = _cut(lines[begin]) if begin < len(lines) else ""
     fitting = [one for one in (header.separator, *SEPARATORS, BLANKS) if len(cells_of(first, one)) == width]
     separator = fitting[0] if fitting else header.separator
-    body = "\n".join(lines[begin:])
-    decimal_commas = separator != "," and "," in body
+    rows = lines[begin:]
+    if separator != "," and any("," in row for row in rows):
+        rows = [row.replace(",", ".") for row in rows]
     try:
-        values = _load(body.replace(",", ".") if decimal_commas else body, separator, list(columns.values()))
-        cells = len(body.split()) if separator == BLANKS else body.count(separator) + len(values)
+        values = _load(rows, separator, list(columns.values()))
+        if separator == BLANKS:
+            cells = sum(len(row.split()) for row in rows)
+        else:
+            cells = sum(row.count(separator) for row in rows) + len(values)
         if cells != len(values) * width:
             _check_rows(path, lines, begin, header.names, columns, separator)
     except ValueError as error:
@@ -163,7 +170,7 @@ def _header(lines: Sequence[str], needed: Sequence[str]) -> _Header | None:
 
 def _refuse_header(path: Path, lines: Sequence[str], needed: Sequence[str]) -> _Header:
     """Raise RecordError: E3602 without a table, E3603 with the names above the first numbers."""
-    told = [index for index, line in enumerate(lines) if _cut(line)]
+    told = [index for index, line in enumerate(lines) if _cut(line)][:MOST_PREAMBLE]
     above = list(takewhile(lambda index: not _is_numeric(lines[index]), told))
     hint = columns_hint(needed)
     if not told:
@@ -207,16 +214,12 @@ def _are_units(cells: Sequence[str], columns: Mapping[str, int]) -> bool:
     )
 
 
-def _load(body: str, separator: str, columns: list[int]) -> Array:
+def _load(rows: Sequence[str], separator: str, columns: list[int]) -> Array:
+    delimiter = None if separator == BLANKS else separator
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "loadtxt: input contained no data", UserWarning)
         return np.loadtxt(
-            io.StringIO(body),
-            delimiter=None if separator == BLANKS else separator,
-            usecols=columns,
-            comments=COMMENT,
-            quotechar='"',
-            ndmin=2,
+            rows, delimiter=delimiter, usecols=columns, comments=COMMENT, quotechar='"', ndmin=2
         )
 
 

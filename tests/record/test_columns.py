@@ -100,6 +100,7 @@ def test_numbers_that_are_not_finite_are_left_to_the_checks(tmp_path: Path) -> N
         (b"PK\x03\x04\0\0\0", "E3602", "neither text nor HDF5"),
         ("t_s,u_V\n".encode("utf-16"), "E3602", "UTF-16"),
         (ROWS, "E3602", "no header"),
+        ("1," * 1_000_000, "E3602", "a line of 2000000 characters"),
         (HEADER, "E3605", "holds 0 rows"),
         (HEADER + "0,1,2\n", "E3605", "holds 1 row"),
         ("t_s,t_s,u_V,y_um\n0,0,1,2\n", "E3603", "column t_s twice"),
