@@ -367,13 +367,7 @@ RESULTS = Table(
         Column("r_normal", "ratios.normal", "f8", PURE, "share of normal discharges"),
         Column("r_arc", "ratios.arc", "f8", PURE, "share of arcs"),
         Column("r_short", "ratios.short", "f8", PURE, "share of shorts"),
-        Column(
-            "energy",
-            "energy_j",
-            "f8",
-            "J",
-            "mean gap current × plateau of a normal discharge × time of all cuts",
-        ),
+        Column("energy", "energy_j", "f8", "J", "energy of all discharges, arcs included"),
         Column(
             "wear_ratio_lin", "wear_ratio_lin", "f8", PURE, "wear over depth, or over the sheet's thickness"
         ),

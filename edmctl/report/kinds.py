@@ -113,8 +113,7 @@ KINDS = (
         "(a) Energy of normal discharges and arcs, and (b) the removed volume over it, by depths that "
         "were touched and by estimated ones. κ, volume over energy, is that of the last touched point "
         "of each place; its ± is that of the depth alone, for the width is the tool's and the side "
-        "gap's of the profile, whose own κ is dashed. The discharge energy of the results is somewhat "
-        "more: it counts shorts too, and all charge at the plateau of a normal discharge.",
+        "gap's of the profile, whose own κ is dashed.",
         ("/entry/pulses", "/entry/results"),
     ),
     Kind(

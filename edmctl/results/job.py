@@ -35,8 +35,7 @@ class ChannelResult:
     tell roughness below the tool's face. One that is not `finished` was under way when its job ended early; if it
     was cut on since its last stop, it is estimated and `floor` is empty. `verdict` is None until the channel is
     done. `width_um` is planned. `layers` are those cut, `passes` the times that the path was gone along. `energy_j`
-    is mean gap current × plateau voltage of a normal discharge × time, over all passes; `working_gap_um` the gap
-    between the held tool and the floor that it left.
+    is the energy of all discharges; `working_gap_um` the gap between the held tool and the floor that it left.
     """
 
     name: str
@@ -110,7 +109,7 @@ class SiteResult:
     it ended, and the hole is as long as the sheet is thick.
 
     `wear_ratio_lin` is wear per depth, `wear_ratio_vol` tool volume per hole volume, both NaN without a depth;
-    `energy_j` is mean gap current × plateau voltage of a normal discharge × time, over all cuts.
+    `energy_j` is the energy of all discharges, arcs included; shorts burn nothing.
 
     The `*_model_um` values come from the actuator voltage through the actuator model, counted from the rest at 0 V
     before each touch, and never enter the others. `zero_drift_um` is how far that rest moved from Z1 to Z3 on the

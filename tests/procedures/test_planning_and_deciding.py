@@ -13,6 +13,7 @@ from edmctl.procedures.hole.cut import CutEnd, CutResult, Decision, decide
 from edmctl.procedures.hole.cut_planning import (
     CutPlan,
     CutStart,
+    discharge_energy_j,
     energy_of,
     first_plan,
     learned_gap_um,
@@ -216,14 +217,18 @@ def test_a_cut_that_ended_early_says_what_to_change(end: CutEnd, fault: str, cod
     assert remedy in missed.hint
 
 
-def test_energies_of_arcs_and_shorts_are_not_taken_for_normal_ones() -> None:
+def test_energy_is_that_of_discharges_however_many_arcs_and_shorts_there_are() -> None:
     pulse = profile().pulse
-    full_j = 1e-6 * 22.0 * 0.12 * pulse.on_time_us
-    alone = energy_of(pulse, (0, 1000, 0, 0), 1000 * full_j)
-    assert alone.normal_uj == pytest.approx(1e9 * full_j, rel=1e-6)
-    short_j = full_j * 40.0 / 18.0
-    mixed = energy_of(pulse, (0, 1000, 0, 100), 1000 * full_j + 100 * short_j)
-    assert mixed.normal_uj == pytest.approx(alone.normal_uj, rel=1e-6)
-    arcing = energy_of(pulse, (0, 1000, 50, 0), 1000 * full_j + 50 * full_j * 23.06 / 18.0)
-    assert arcing.normal_uj == pytest.approx(alone.normal_uj, rel=1e-3)
-    assert arcing.arc_uj > 0.0
+    siemens, on_us = pulse.current_a / 18.0, pulse.on_time_us
+
+    def charge_c(plateau_v: float) -> float:
+        return 1e-6 * siemens * (40.0 - plateau_v) * on_us
+
+    counts = (0, 1000, 50, 100)
+    energy_j = discharge_energy_j(
+        pulse, counts, 1000 * charge_c(22.0) + 50 * charge_c(16.94) + 100 * charge_c(0.0)
+    )
+    assert energy_j == pytest.approx(1000 * 22.0 * charge_c(22.0) + 50 * 16.94 * charge_c(16.94))
+    divided = energy_of(pulse, counts, energy_j)
+    assert divided.normal_uj == pytest.approx(1e9 * 22.0 * charge_c(22.0))
+    assert divided.arc_uj == pytest.approx(5e7 * 16.94 * charge_c(16.94))

@@ -246,7 +246,6 @@ class PassFollower(TelemetrySums):
         self._step = f"pass {number}" if number else ""
         self._start_s = start_s
         self._machined_before_s = run.tally.machining_time_s
-        self._duty_v = run.profile.pulse.duty_voltage_v
         self._reference_v = gap_reference_v(run.profile)
         self._ratio_limits = RatioLimits(run, RATIO_WINDOW_S)
         self.displacement_um = math.nan
@@ -265,10 +264,10 @@ class PassFollower(TelemetrySums):
     def on_telemetry(self, block: TelemetryBlock) -> None:
         """Take the samples of one slice."""
         now_s, gap_v = float(block.time_s[-1]), float(block.gap_v.mean())
-        self.add(block, self.plateau_v * float(block.current_a.mean()))
+        self.add(block, float(block.current_a.mean()))
         self.shorted = self.ratios.short > 0.5
         if block.state[0] == block.state[-1] == MachineState.MACHINING:
-            self.add_gap_ratio(gap_v / self._duty_v, len(block.time_s))
+            self.add_gap_ratio(gap_v / self.duty_v, len(block.time_s))
             self.displacement_um = float(block.displacement_um.mean())
         over = self._ratio_limits.update(now_s, self.ratios, window_is_full=self.window_is_full)
         if over:
@@ -297,5 +296,5 @@ class PassFollower(TelemetrySums):
             warning=tally.warning,
             warned_s=tally.warned_s,
         )
-        self.record(progress, self._duty_v)
+        self.record(progress)
         self._run.observer.progress(progress)

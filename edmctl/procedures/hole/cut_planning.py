@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 ARC_SHARE_OF_DISCHARGE_VOLTAGE = 0.77
-"""An arc burns at 17 V where a normal discharge stands at 22 V."""
+"""An arc burns at 17 V where a normal discharge burns at 22 V."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,19 +126,33 @@ class CutPlan:
 
 
 def energy_of(pulse: Pulse, counts: tuple[int, int, int, int] | list[int], energy_j: float) -> Energy:
-    """Divide the energy of a cut among its classes of pulses (open, normal, arc, short).
+    """Divide the energy of discharges between normal ones and arcs; `counts` are open, normal, arc and short pulses.
 
-    `energy_j` is all charge times the plateau voltage of a normal discharge. Arcs and shorts burn from the start of
-    the pulse through the generator's resistance, so their charge follows from their number; the rest is normal.
+    An arc burns from the start of its pulse through the generator's resistance, so its energy is known.
     """
-    _, _, arcs, shorts = counts
-    plateau_v = pulse.discharge_voltage_v
-    arc_v = ARC_SHARE_OF_DISCHARGE_VOLTAGE * plateau_v
-    siemens, burning_us = pulse.current_a / max(pulse.open_voltage_v - plateau_v, 0.1), pulse.burning_time_us
-    arc_uc = arcs * siemens * (pulse.open_voltage_v - arc_v) * burning_us
-    short_uc = shorts * siemens * pulse.open_voltage_v * burning_us
-    normal_uc = max(0.0, 1e6 * energy_j / plateau_v - arc_uc - short_uc)
-    return Energy(normal_uc * plateau_v, arc_uc * arc_v)
+    arc_uj = counts[2] * _full_pulse_uc(pulse, _arc_v(pulse)) * _arc_v(pulse)
+    return Energy(max(0.0, 1e6 * energy_j - arc_uj), arc_uj)
+
+
+def discharge_energy_j(pulse: Pulse, counts: tuple[int, int, int, int], charge_c: float) -> float:
+    """Return the energy of the discharges among pulses (open, normal, arc, short) that passed a charge, in J.
+
+    Charge times the plateau voltage of a normal discharge counts arcs too high, and shorts, which burn nothing.
+    """
+    plateau_v, arc_v = pulse.discharge_voltage_v, _arc_v(pulse)
+    excess_uj = counts[2] * _full_pulse_uc(pulse, arc_v) * (plateau_v - arc_v)
+    excess_uj += counts[3] * _full_pulse_uc(pulse, 0.0) * plateau_v
+    return plateau_v * charge_c - 1e-6 * excess_uj
+
+
+def _arc_v(pulse: Pulse) -> float:
+    return ARC_SHARE_OF_DISCHARGE_VOLTAGE * pulse.discharge_voltage_v
+
+
+def _full_pulse_uc(pulse: Pulse, plateau_v: float) -> float:
+    """Return the charge of a pulse that burns at this voltage from its start, µC."""
+    siemens = pulse.current_a / max(pulse.open_voltage_v - pulse.discharge_voltage_v, 0.1)
+    return siemens * (pulse.open_voltage_v - plateau_v) * pulse.burning_time_us
 
 
 def first_plan(

@@ -65,8 +65,8 @@ class Supervisor(TelemetrySums):
     """Follows the telemetry of one cut that begins at `start_s`; keeps its sums and the tally of the job.
 
     `stop_reason` is set when the cut should end, and `message` says then what was seen. `adaptive` holds what the
-    machine and the generator should be set to. Whoever jumps sets `jumps` and `last_jump_s`; `reference_v` and
-    `duty_v` are the mean gap voltages that the servo holds and that an open gap has, `status` has the dielectric.
+    machine and the generator should be set to. Whoever jumps sets `jumps` and `last_jump_s`; `reference_v` is the
+    mean gap voltage that the servo keeps, `status` has the dielectric.
     """
 
     def __init__(self, run: JobRun, plan: CutPlan, start_s: float) -> None:
@@ -75,7 +75,6 @@ class Supervisor(TelemetrySums):
         self._start_s = start_s
         self._machined_before_s = run.tally.machining_time_s
         profile = run.profile
-        self.duty_v = profile.pulse.duty_voltage_v
         self.reference_v = gap_reference_v(profile)
         self._forecast_feed_um_s = forecast(profile, run.setup).feed_rate_um_s
         self._track: deque[tuple[float, float]] = deque()
@@ -139,10 +138,8 @@ class Supervisor(TelemetrySums):
         gaps_v, heights_um = block.gap_v.tolist(), block.displacement_um.tolist()
         gap_v = sum(gaps_v) / len(gaps_v)
         machining = bool(block.state[0] == block.state[-1] == _MACHINING)
-        fresh, duration_s = (
-            self.add(block, self.plateau_v * sum(block.current_a.tolist()) / len(gaps_v)),
-            self.duration_s(block),
-        )
+        fresh = self.add(block, sum(block.current_a.tolist()) / len(gaps_v))
+        duration_s = self.duration_s(block)
         self._note_sparks(block, heights_um)
         if machining:
             self._follow_tool(heights_um, gap_v, now_s)
@@ -192,7 +189,7 @@ class Supervisor(TelemetrySums):
             warning=tally.warning,
             warned_s=tally.warned_s,
         )
-        self.record(progress, self.duty_v, self.status)
+        self.record(progress, self.status)
         if machining:
             self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
         self._run.observer.progress(progress)

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
+from edmctl.procedures.hole.cut_planning import discharge_energy_j
 from edmctl.procedures.settings import telemetry_settings
 from edmctl.record.rows import SlowRow
 from edmctl.results.telemetry import PulseShares, pulse_shares
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from edmctl.machine.interface import MachineStatus
     from edmctl.procedures.job_state import Counts
     from edmctl.procedures.run import JobRun
+    from edmctl.profile.model import Pulse
     from edmctl.results.progress import Progress
     from edmctl.results.telemetry import TelemetryBlock
 
@@ -24,13 +26,13 @@ RATIO_WINDOW_S = 2.0
 class TelemetrySums:
     """Sums over the slices of one cut or pass.
 
-    `counts` are its pulses by class (open, normal, arc, short); `energy_j` is their energy, by the mean gap current
-    at the plateau voltage of a normal discharge, `power_w` that of the newest slice.
+    `counts` are its pulses by class (open, normal, arc, short), `energy_j` is the energy of its discharges and
+    `power_w` their mean power in the newest slice. `duty_v` is the mean voltage of an open gap.
     """
 
     def __init__(self, run: JobRun) -> None:
         self._run = run
-        self.plateau_v = run.profile.pulse.discharge_voltage_v
+        self.duty_v = run.profile.pulse.duty_voltage_v
         self._sample_s = 1e-6 * telemetry_settings(run.profile, run.setup).period_us
         self._window: deque[tuple[float, Counts]] = deque()
         self._window_counts = [0, 0, 0, 0]
@@ -65,17 +67,19 @@ class TelemetrySums:
         """Return the time that the samples of a slice stand for."""
         return len(block.time_s) * self._sample_s
 
-    def add(self, block: TelemetryBlock, power_w: float) -> Counts:
-        """Add a slice with its mean power; return its pulses."""
+    def add(self, block: TelemetryBlock, current_a: float) -> Counts:
+        """Add a slice with its mean gap current; return its pulses."""
         self._newest_s = block.time_s.item(-1)
-        self.power_w = power_w
-        self.energy_j += power_w * len(block.time_s) * self._sample_s
         fresh = (
             sum(block.n_open.tolist()),
             sum(block.n_normal.tolist()),
             sum(block.n_arc.tolist()),
             sum(block.n_short.tolist()),
         )
+        duration_s = self.duration_s(block)
+        energy_j = discharge_energy_j(self._pulse(), fresh, current_a * duration_s)
+        self.energy_j += energy_j
+        self.power_w = energy_j / duration_s
         self._window.append((self._newest_s, fresh))
         for i, number in enumerate(fresh):
             self.counts[i] += number
@@ -90,9 +94,16 @@ class TelemetrySums:
         self._gap_ratio_sum += gap_ratio * samples
         self._gap_samples += samples
 
-    def record(self, progress: Progress, duty_v: float, status: MachineStatus | None = None) -> None:
-        """Record what is shown, with the power and the state of the dielectric; `duty_v` is that of an open gap."""
-        run, ratios = self._run, progress.ratios
+    def _pulse(self) -> Pulse:
+        """Return the pulses of the recipe at the duty in use."""
+        pulse = self._run.profile.pulse
+        if self.duty_v == pulse.duty_voltage_v:
+            return pulse
+        return pulse.model_copy(update={"duty": self.duty_v / pulse.open_voltage_v})
+
+    def record(self, progress: Progress, status: MachineStatus | None = None) -> None:
+        """Record what is shown, with the power and the state of the dielectric."""
+        run, ratios, duty_v = self._run, progress.ratios, self.duty_v
         run.recorder.append(
             SlowRow(
                 time_s=progress.time_s,
