@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 
 UNKNOWN = "–"
-TIP = "tip below the face"
-"""What is known instead of a depth where a hole goes through the sheet."""
+BEYOND_EXIT = "feed beyond the exit"
+"""A hole through the sheet has this instead of a depth."""
 
 _UNITS = {
     "um_s": "µm/s",

@@ -10,7 +10,7 @@ from edmctl.console.style import PLAIN, Style
 from edmctl.labels import Basis, Seen, heading, is_doubtful, marked, meanings
 from edmctl.quantity import half_width
 from edmctl.wording import (
-    TIP,
+    BEYOND_EXIT,
     UNKNOWN,
     count,
     decimal,
@@ -78,14 +78,13 @@ def render_sites(
 
 
 def _site_lines(pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style, columns: int) -> str:
-    through = sum(site.through for site, _ in pairs)
     bases = {basis for site, _ in pairs for basis in (site.depth_basis, site.wear_basis)}
-    what = TIP if through == len(pairs) else "depth"
     table: dict[str, list[str]] = {
         "site": [printable(site.name) for site, _ in pairs],
-        f"{what} µm": [
-            f"{f'{TIP} ' if 0 < through < len(pairs) and site.through else ''}"
-            f"{marked(with_u95(site.depth_um, site.depth_u95_um), site.depth_basis)}"
+        "depth µm": [
+            "through"
+            if site.through
+            else marked(with_u95(site.depth_um, site.depth_u95_um), site.depth_basis)
             for site, _ in pairs
         ],
         "tool wear µm": [
@@ -107,9 +106,11 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
     bases = (site.depth_basis, site.wear_basis)
     header = [printable(site.name), heading(bases)]
     depth_um, wear_um = length(site.depth_um, site.depth_u95_um), length(site.wear_um, site.wear_u95_um)
+    if site.through:
+        depth_um = length(site.beyond_exit_um, site.beyond_exit_u95_um)
     if site.depth_basis != site.wear_basis:
         depth_um, wear_um = marked(depth_um, site.depth_basis), marked(wear_um, site.wear_basis)
-    depth = [TIP if site.through else "depth", depth_um]
+    depth = [BEYOND_EXIT if site.through else "depth", depth_um]
     wear = ["tool wear", wear_um]
     from_voltage = (length(site.depth_model_um), length(site.wear_model_um))
     # Lengths by the model alone would stand there twice.

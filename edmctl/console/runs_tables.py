@@ -66,9 +66,6 @@ def render_runs(runs: Sequence[RunHead | Unreadable], style: Style = PLAIN) -> s
         shown["status"] = [_cell(run, "status", _short_status) for run in runs]
     text = render_table(shown, style, left=_WORDS, cut_first="run")
     notes = [
-        "tip: of a hole through a sheet, how far the tip went below the face."
-        if any(run.through for run in heads)
-        else "",
         *meanings({basis for run in heads for basis in _bases(run)}),
         "Depth and wear of several sites are their means." if any(run.sites > 1 for run in heads) else "",
         not_shown(table, shown),
@@ -107,8 +104,9 @@ def _status(run: RunHead) -> str:
 def _depth(run: RunHead) -> str:
     if not math.isfinite(run.depth_um) and math.isfinite(run.est_depth_um):
         return marked(decimal(run.est_depth_um, 1), Basis.ESTIMATED)
-    depth_um = marked(with_u95(run.depth_um, run.depth_u95_um), run.depth_basis)
-    return f"{'tip ' if run.through else ''}{depth_um}"
+    if run.through and run.through == run.sites:
+        return "through"
+    return marked(with_u95(run.depth_um, run.depth_u95_um), run.depth_basis)
 
 
 def _bases(run: RunHead) -> tuple[str, ...]:

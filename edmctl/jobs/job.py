@@ -269,7 +269,7 @@ def truths_of(
 ) -> tuple[SiteTruth, ...]:
     """The true hole of each site, in µm: the nearest one, and what the tool lost while it was made.
 
-    A hole through the sheet has no depth that a tip below the face could be compared with.
+    A hole through the sheet has no depth.
     """
     truths = []
     for site in sites:
@@ -285,9 +285,10 @@ def truths_of(
 
 
 def _depth(made: SiteResult | ChannelResult) -> str:
-    """The depth with its mark; through a sheet it is how far the tip went."""
-    text = marked(length(made.depth_um, made.depth_u95_um), made.depth_basis)
-    return f"{text} (through)" if isinstance(made, SiteResult) and made.through else text
+    """Return the depth with its mark, or that the hole goes through the sheet."""
+    if isinstance(made, SiteResult) and made.through:
+        return "through"
+    return marked(length(made.depth_um, made.depth_u95_um), made.depth_basis)
 
 
 def _apart_um(hole: HoleTruth, site: SiteResult) -> float:

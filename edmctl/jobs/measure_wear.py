@@ -77,13 +77,19 @@ def bottom_of(
     """
     if asked is None:
         made = [hole for hole in account.holes if hole.status != UNFINISHED]
-        return _bottom(made[-1]) if made else None
+        return _bottom(made[-1]) if made and not made[-1].through else None
     hole = _asked(asked, history.holes)
     if hole is None:
         names = "; ".join(_hole_in_words(hole) for hole in history.holes[-MOST_NAMES:]) or "none"
         raise PreconditionError(
             f"The ledger knows no hole {asked!r}; it knows: {names}.",
             hint="Name one of them, its run id, or say --site X,Y within its rim.",
+            code="E8045",
+        )
+    if hole.through:
+        raise PreconditionError(
+            f"{hole.name} goes through the sheet and has no bottom to touch.",
+            hint="Leave --site out to measure the wear alone.",
             code="E8045",
         )
     if math.isnan(hole.depth_um):

@@ -347,13 +347,7 @@ RESULTS = Table(
         Column("z1", "z1_um", "f8", "um", "surface before machining"),
         Column("z2", "z2_um", "f8", "um", "bottom of the hole; where it goes through, the tip at the end"),
         Column("z3", "z3_um", "f8", "um", "surface after machining"),
-        Column(
-            "depth",
-            "depth_um",
-            "f8",
-            "um",
-            "depth, z2 − z3; where it goes through, tip below the face",
-        ),
+        Column("depth", "depth_um", "f8", "um", "depth, z2 − z3; NaN where it goes through"),
         Column("depth_u95", "depth_u95_um", "f8", "um", "95 % uncertainty of the depth"),
         Column("wear", "wear_um", "f8", "um", "tool wear, z3 − z1"),
         Column("wear_u95", "wear_u95_um", "f8", "um", "95 % uncertainty of the wear"),
@@ -419,6 +413,10 @@ RESULTS = Table(
             "drift of the pad from Z1 to Z3 by the rests, taken off z2, z3 and wear",
         ),
         Column("drift_left_u", "drift_left_u_um", "f8", "um", "standard uncertainty of what is left of it"),
+        Column(
+            "beyond_exit", "beyond_exit_um", "f8", "um", "feed beyond the exit of a hole through the sheet"
+        ),
+        Column("beyond_exit_u95", "beyond_exit_u95_um", "f8", "um", "95 % uncertainty of that"),
         Column("drift_by_rests", "drift_by_rests", "u1", PURE, "1 when the rests tell it, by a drift file"),
     ),
     at_once=True,

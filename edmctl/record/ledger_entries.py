@@ -80,7 +80,10 @@ class JobBegun:
 
 @dataclass(frozen=True, slots=True)
 class SiteMachined:
-    """A hole. Where `status` is "unfinished" its depth and wear are estimates; NaN where nothing is known."""
+    """A hole. Where `status` is "unfinished" its depth and wear are estimates; NaN where nothing is known.
+
+    A hole `through` the sheet has no depth.
+    """
 
     tool: str
     run_file: str
@@ -97,6 +100,7 @@ class SiteMachined:
     z3_um: float = math.nan
     home_um: float = math.nan
     depth_u95_um: float = math.nan
+    through: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +186,8 @@ def line_of(row: bytes) -> Line:
         raise ValueError(f"it has no place for {', '.join(sorted(strange))}")
     fields = {name: _value(name, str(known[name].type), raw) for name, raw in values.items()}
     entry = kind(**fields)  # type: ignore[arg-type]
-    if isinstance(entry, SiteMachined) and entry.status != UNFINISHED and math.isnan(entry.depth_um):
+    measured = isinstance(entry, SiteMachined) and entry.status != UNFINISHED and not entry.through
+    if measured and math.isnan(entry.depth_um):
         raise ValueError("its hole is measured, but has no depth_um")
     own_s = math.nan if bench_s is None else _number("bench_s", bench_s)
     return Line(serial, _number("utc_s", utc_s), entry, own_s)

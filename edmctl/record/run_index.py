@@ -95,6 +95,7 @@ def _head(run: RunFile) -> RunHead:
         finished = [row["site"] != left.encode()[:32] for row in results]
         labels = [one for one, done in zip(labels, finished, strict=True) if done]
         results = results[finished]
+    blind = results[results["through"] == 0] if len(results) else results
     estimated = estimated_depth(run)
     return RunHead(
         path=run.path,
@@ -114,10 +115,8 @@ def _head(run: RunFile) -> RunHead:
         tool=run.text("/entry/tool/material"),
         sites=len(results),
         through=int(np.sum(results["through"])),
-        depth_um=_mean(results["depth"]) if len(results) else plain_number(touched.get("depth_um")),
-        depth_u95_um=_mean(results["depth_u95"])
-        if len(results)
-        else plain_number(touched.get("depth_u95_um")),
+        depth_um=_mean(blind["depth"]) if len(results) else plain_number(touched.get("depth_um")),
+        depth_u95_um=_mean(blind["depth_u95"]) if len(results) else plain_number(touched.get("depth_u95_um")),
         est_depth_um=estimated.depth_um,
         est_depth_u95_um=estimated.depth_u95_um,
         wear_um=_mean(results["wear"]) if len(results) else plain_number(touched.get("wear_um")),

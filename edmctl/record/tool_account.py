@@ -165,7 +165,7 @@ def _take_site(history: MachineHistory, entry: SiteMachined) -> None:
 
 
 def _found(hole: SiteMachined) -> tuple[str, float, float]:
-    return hole.status, hole.depth_um, hole.wear_um
+    return hole.status, _known(hole.depth_um), _known(hole.wear_um)
 
 
 def _known(value: float) -> float:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.labels import weakest
 from edmctl.record.results import estimated_depth
 from edmctl.report.numbers import CLASSES, numbers_of
 from edmctl.results.comparison import Amount, ComparedRun, Comparison, Quantity, Setting
-from edmctl.wording import TIP, plain_number
+from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -108,7 +108,6 @@ def _leaves(table: dict[str, object], prefix: str) -> list[tuple[str, str]]:
 def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[Quantity]:
     several = any(len(n.sites) > 1 for n in numbers)
     mean, total = ("mean ", "total ") if several else ("", "")
-    depth = _depth_name([n.depth_name for n in numbers])
     nothing, nobody = [math.nan] * len(runs), [""] * len(runs)
 
     def means(key: str) -> list[float]:
@@ -125,7 +124,7 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
     sums = [n.totals for n in numbers]
     mrr = [of_run.mrr_mm3_min for of_run in sums]
     lengths, volumes = [of_run.wear_ratio_lin for of_run in sums], [of_run.wear_ratio_vol for of_run in sums]
-    depth_shown = _Shown("depth_um", f"{mean}{depth}, µm")
+    depth_shown = _Shown("depth_um", f"{mean}depth, µm")
     wear_shown = _Shown("wear_um", f"{mean}tool wear, µm")
     rows = [
         (depth_shown, means("depth_um"), means("depth_u95_um")),
@@ -172,7 +171,6 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
     }
     bases |= {shown: bases[depth_shown] for shown, _, _ in rows if shown.key == "mrr_mm3_min"}
     found = [_quantity(shown, values, u95s, bases.get(shown, nobody)) for shown, values, u95s in rows]
-    found[0] = _of_a_kind(found[0], [n.depth_name for n in numbers])
     return [quantity for quantity in found if any(math.isfinite(a.value) for a in quantity.amounts)]
 
 
@@ -184,17 +182,16 @@ def _places(numbers: Sequence[RunNumbers]) -> list[Quantity]:
     found = []
     for name in (site.name for site in numbers[0].sites if all(site.name in sites for sites in by_name)):
         there = [sites[name] for sites in by_name]
-        ways = [TIP if site.through else "depth" for site in there]
-        depths, wears = (
+        found += [
             _quantity(
                 _Shown(f"{key}_um", f"{name} {called}, µm"),
                 [getattr(site, f"{key}_um") for site in there],
                 [getattr(site, f"{key}_u95_um") for site in there],
                 [getattr(site, f"{key}_basis") for site in there],
             )
-            for key, called in (("depth", _depth_name(ways)), ("wear", "tool wear"))
-        )
-        found += [_of_a_kind(depths, ways), wears]
+            for key, called in (("depth", "depth"), ("wear", "tool wear"))
+            if key == "wear" or not all(site.through for site in there)
+        ]
     return found
 
 
@@ -206,21 +203,6 @@ def _quantity(
         difference, u95_of_it = value - values[0], math.hypot(u95, u95s[0])
         amounts.append(Amount(value, u95, difference, u95_of_it, abs(difference) > u95_of_it, basis))
     return Quantity(shown.key, shown.name, shown.decimals, shown.factor, tuple(amounts))
-
-
-def _depth_name(names: Sequence[str]) -> str:
-    return names[0] if len(set(names)) == 1 else f"depth or {TIP}"
-
-
-def _of_a_kind(quantity: Quantity, kinds: Sequence[str]) -> Quantity:
-    """The quantity without differences between what is not the same: a depth, and a tip below a sheet."""
-    amounts = [
-        amount
-        if kind == kinds[0]
-        else replace(amount, difference=math.nan, difference_u95=math.nan, beyond=False)
-        for amount, kind in zip(quantity.amounts, kinds, strict=True)
-    ]
-    return replace(quantity, amounts=tuple(amounts))
 
 
 def _estimates(runs: Sequence[RunFile]) -> tuple[list[float], list[float]]:

@@ -11,7 +11,7 @@ from edmctl.labels import weakest
 from edmctl.record.results import labels_of
 from edmctl.results.run_file import SiteNumbers, Totals
 from edmctl.results.telemetry import PulseShares
-from edmctl.wording import TIP, plain_number
+from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -48,14 +48,6 @@ class RunNumbers:
     def total(self, name: str) -> float:
         """Sum of a field of the sites."""
         return math.fsum(getattr(site, name) for site in self.sites) if self.sites else math.nan
-
-    @property
-    def depth_name(self) -> str:
-        """What `depth_um` is of these sites: a depth, or how far the tip went below the face of a sheet."""
-        through = sum(site.through for site in self.sites)
-        if not through:
-            return "depth"
-        return TIP if through == len(self.sites) else f"depth or {TIP}"
 
     @property
     def totals(self) -> Totals:
@@ -111,6 +103,13 @@ def _site(
 ) -> SiteNumbers:
     name = row["site"].decode(errors="ignore")
     through = bool(_later(row, "through"))
+    depth_um, depth_u95_um = float(row["depth"]), float(row["depth_u95"])
+    beyond_um, beyond_u95_um = math.nan, math.nan
+    if through:
+        # Files of older versions have the way of the tip below the surface as depth.
+        beyond_um = _later(row, "beyond_exit", depth_um - thickness_um)
+        beyond_u95_um = _later(row, "beyond_exit_u95", depth_u95_um)
+        depth_um = depth_u95_um = math.nan
     place = places.get(name, {})
     told = place.get("truth")
     truth = told if isinstance(told, Mapping) else {}
@@ -122,8 +121,8 @@ def _site(
         z2_um=float(row["z2"]),
         z3_um=float(row["z3"]),
         face_um=_later(row, "face"),
-        depth_um=float(row["depth"]),
-        depth_u95_um=float(row["depth_u95"]),
+        depth_um=depth_um,
+        depth_u95_um=depth_u95_um,
         wear_um=float(row["wear"]),
         wear_u95_um=float(row["wear_u95"]),
         feed_um=float(row["feed"]),
@@ -140,11 +139,13 @@ def _site(
         measuring_stops=int(_later(row, "stops")),
         estimated_um=_later(row, "estimated"),
         through=through,
-        length_um=thickness_um if through else float(row["depth"]),
+        beyond_exit_um=beyond_um,
+        beyond_exit_u95_um=beyond_u95_um,
+        length_um=thickness_um if through else depth_um,
         depth_basis=labels.depth_basis,
         wear_basis=labels.wear_basis,
         verdict=labels.verdict,
-        truth_depth_um=math.nan if through else plain_number(truth.get("depth_um")),
+        truth_depth_um=plain_number(truth.get("depth_um")),
         **{f"truth_{name}": plain_number(truth.get(name)) for name in TRUE_SURFACE},
         truth_wear_um=plain_number(truth.get("wear_um")),
         feed_u95_um=_later(row, "feed_u95", math.nan),

@@ -13,7 +13,6 @@ from edmctl.report import html, page_tables
 from edmctl.report.kinds import KINDS, draw
 from edmctl.report.numbers import numbers_of, target_depths_um
 from edmctl.wording import (
-    TIP,
     UNKNOWN,
     about,
     count,
@@ -125,22 +124,25 @@ def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, 
     several = len(sites) > 1
     of_many = f"mean of {len(sites)} sites" if several else ""
     wanted = f"wanted {target[0]:g} ± {target[1]:g} µm" if target and not several else of_many
-    if numbers.depth_name == TIP and not several:
-        wanted = f"through the sheet of {sites[0].length_um:g} µm"
-    for called, name, of_what in ((numbers.depth_name, "depth", wanted), ("tool wear", "wear", of_many)):
+    shown = [("depth", "depth", wanted), ("tool wear", "wear", of_many)]
+    through = all(site.through for site in sites)
+    if through:
+        yield "depth", "through", f"the sheet of {sites[0].length_um:g} µm"
+        del shown[0]
+    for called, name, of_what in shown:
         text = with_u95(numbers.mean(f"{name}_um"), numbers.mean(f"{name}_u95_um"))
         basis = weakest(getattr(site, f"{name}_basis") for site in sites)
         yield called, f"{marked(text, basis)} µm", of_what
-    if several:
-        depths_um = [site.depth_um for site in sites if math.isfinite(site.depth_um)]
+    depths_um = [site.depth_um for site in sites if math.isfinite(site.depth_um)]
+    if several and depths_um:
         yield (
-            f"{numbers.depth_name}, range",
+            "depth, range",
             f"{decimal(min(depths_um))} to {decimal(max(depths_um))} µm",
             "the least and the greatest",
         )
     yield "machining", duration(numbers.total("machining_time_s")), "with the servo on"
     yield "removal rate", removal_rate(totals.mrr_mm3_min), "volume over machining time"
-    per = "the sheet's thickness" if numbers.depth_name == TIP else "depth"
+    per = "the sheet's thickness" if through else "depth"
     yield "wear ratio", decimal(totals.wear_ratio_lin, 3), f"wear over {per}"
     yield (
         "arcs",

@@ -10,7 +10,7 @@ from edmctl.labels import heading, is_doubtful, marked, meanings, weakest
 from edmctl.report.html import PageTable
 from edmctl.report.numbers import CLASSES, numbers_of
 from edmctl.wording import (
-    TIP,
+    BEYOND_EXIT,
     UNKNOWN,
     count,
     decimal,
@@ -41,14 +41,16 @@ def results(numbers: RunNumbers) -> PageTable | None:
     if len(numbers.sites) == 1:
         return _one_site(numbers.sites[0])
     has_truth = any(site.truth for site in numbers.sites)
-    header = ["site", "x", "y", numbers.depth_name, "tool wear", "feed", "machining", "cuts", "wear ratio"]
+    header = ["site", "x", "y", "depth", "tool wear", "feed", "machining", "cuts", "wear ratio"]
     header += ["true depth (simulated)", "true wear (simulated)"] if has_truth else []
     rows = [
         [
             site.name,
             decimal(site.x_um, 1),
             decimal(site.y_um, 1),
-            marked(with_u95(site.depth_um, site.depth_u95_um), site.depth_basis),
+            "through"
+            if site.through
+            else marked(with_u95(site.depth_um, site.depth_u95_um), site.depth_basis),
             marked(with_u95(site.wear_um, site.wear_u95_um), site.wear_basis),
             marked(decimal(site.feed_um), _weaker(site)),
             f"{duration(site.machining_time_s)}{', through' if site.through else ''}",
@@ -58,7 +60,7 @@ def results(numbers: RunNumbers) -> PageTable | None:
         ]
         for site in numbers.sites
     ]
-    per = "the thickness of the sheet" if numbers.depth_name == TIP else "depth"
+    per = "the thickness of the sheet" if all(site.through for site in numbers.sites) else "depth"
     marks = meanings({basis for site in numbers.sites for basis in (site.depth_basis, site.wear_basis)})
     note = " ".join([U95_NOTE, FEED_NOTE, f"Wear ratio is wear over {per}.", *marks])
     if any(is_doubtful(site.verdict) for site in numbers.sites):
@@ -76,7 +78,11 @@ def _one_site(site: SiteNumbers) -> PageTable:
     truth = site.truth
     bases = (site.depth_basis, site.wear_basis)
     header = [site.name, heading(bases), "from voltage alone", *([TRUTH] if truth else [])]
-    depth_um = with_u95(site.depth_um, site.depth_u95_um)
+    depth_um = (
+        with_u95(site.beyond_exit_um, site.beyond_exit_u95_um)
+        if site.through
+        else with_u95(site.depth_um, site.depth_u95_um)
+    )
     wear_um = with_u95(site.wear_um, site.wear_u95_um)
     of_depth = of_both = ""
     if site.depth_basis != site.wear_basis:
@@ -90,7 +96,7 @@ def _one_site(site: SiteNumbers) -> PageTable:
     cuts = f"{duration(site.machining_time_s)} in {plural(site.cuts, 'cut')}"
     rows = [
         row(
-            f"{TIP}, Z2 − Z3" if site.through else "depth, Z2 − Z3",
+            BEYOND_EXIT if site.through else "depth, Z2 − Z3",
             depth_um,
             decimal(site.depth_model_um),
             site.truth_depth_um,

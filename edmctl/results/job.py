@@ -105,8 +105,8 @@ class SiteResult:
     bottom was touched, and the pad after it; `estimated_um` is the part of the depth that was cut after the last of
     them, known from feed, energy and wear ratio: then Z2 and Z3 are where contact would be.
 
-    `through`: the hole goes through the sheet. Then `depth_um` is how far the tip went below the face, `z2_um` where
-    it ended, and the hole is as long as the sheet is thick.
+    `through`: the hole goes through the sheet and has no depth (NaN). `z2_um` is where the tip ended, and
+    `beyond_exit_um` how far it was fed beyond the other side of a sheet as thick as the profile states.
 
     `wear_ratio_lin` is wear per depth, `wear_ratio_vol` tool volume per hole volume, both NaN without a depth;
     `energy_j` is the energy of all discharges, arcs included; shorts burn nothing.
@@ -155,6 +155,8 @@ class SiteResult:
     wear_ratio_vol: float
     mrr_mm3_min: float
     through: bool = False
+    beyond_exit_um: float = math.nan
+    beyond_exit_u95_um: float = math.nan
     depth_basis: Basis = Basis.TOUCHED
     wear_basis: Basis = Basis.TOUCHED
     verdict: Verdict | None = None

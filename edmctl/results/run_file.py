@@ -102,7 +102,9 @@ class SiteNumbers:
     estimated_um: float
     """Part of the depth that was cut after the last touch."""
     through: bool
-    """The hole goes through the sheet: `depth_um` is how far the tip went below the face, `z2_um` where it ended."""
+    """The hole goes through the sheet and has no depth (NaN); `z2_um` is where the tip ended."""
+    beyond_exit_um: float
+    beyond_exit_u95_um: float
     length_um: float
     """How long the hole is: its depth, or the thickness of the sheet that it goes through."""
     depth_basis: str

@@ -120,7 +120,7 @@ def test_readings_and_decisions_are_recorded(done: Done) -> None:
 
 
 def test_the_energy_of_a_hole_is_that_of_its_discharges(done: Done) -> None:
-    """Per discharge, because the first sparks of an approach come before the cut. 4 % of the pulses are shorts here."""
+    """Per discharge, because the first sparks of an approach come before the cut; 4 % of the pulses are shorts."""
     (site,) = done.result.sites
     blocks = done.shop.seen.pulses
     pulses_uj = sum(float(block.energy_uj.sum()) for block in blocks)

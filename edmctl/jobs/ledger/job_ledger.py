@@ -19,6 +19,7 @@ from edmctl.record.ledger_entries import (
     SiteMachined,
     ToolChanged,
 )
+from edmctl.results.job import SiteResult
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState, StateStore
     from edmctl.record.ledger import Ledger
-    from edmctl.results.job import ChannelResult, JobResult, SiteResult
+    from edmctl.results.job import ChannelResult, JobResult
 
 DONE = "done"
 
@@ -198,6 +199,7 @@ def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMac
         z1_um=found.z1_um,
         z2_um=found.z3_um + found.drift_correction_um + found.depth_um,
         z3_um=found.z3_um + found.drift_correction_um,
+        through=isinstance(found, SiteResult) and found.through,
     )
 
 

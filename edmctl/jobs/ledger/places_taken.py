@@ -82,6 +82,8 @@ def refuse_pad(place: Place, job: Job) -> None:
 def hole_in_words(hole: SiteMachined, folder: Path) -> str:
     """A hole in words: name, depth, place, and the run file in `folder` that tells of it."""
     depth = "of unknown depth" if math.isnan(hole.depth_um) else f"{length(hole.depth_um)} deep"
+    if hole.through:
+        depth = "through the sheet"
     where = coordinates(hole.x_um, hole.y_um)
     return f"{hole.name}, {depth} at {where}, {hole.status}, recorded in {folder / hole.run_file}"
 

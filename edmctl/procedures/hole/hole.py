@@ -195,13 +195,16 @@ class OpenHole:
         self.found = found
         run.tally.depth_um, run.tally.unmeasured_site = found.depth_um, ""
         ratio_lin, ratio_vol, mrr = _erosion(run.profile, found, total.time_s, through=through)
+        beyond_um = found.depth_um - run.profile.work.thickness_um
         run.tally.sites[self.site.name] = SiteResult(
             name=self.site.name,
             x_um=self.site.x_um,
             y_um=self.site.y_um,
             theta_deg=self.site.theta_deg,
-            depth_um=found.depth_um,
-            depth_u95_um=found.depth_u95_um,
+            depth_um=math.nan if through else found.depth_um,
+            depth_u95_um=math.nan if through else found.depth_u95_um,
+            beyond_exit_um=beyond_um if through else math.nan,
+            beyond_exit_u95_um=found.depth_u95_um if through else math.nan,
             wear_um=found.wear_um,
             wear_u95_um=found.wear_u95_um,
             feed_um=found.feed_um,
@@ -212,7 +215,9 @@ class OpenHole:
             face_um=self.face_um,
             measuring_stops=self.stops,
             estimated_um=estimated_um,
-            depth_model_um=z2.model_um + fed_um - (z3.model_um + worn_um) - self.face_um,
+            depth_model_um=math.nan
+            if through
+            else z2.model_um + fed_um - (z3.model_um + worn_um) - self.face_um,
             wear_model_um=z3.model_um + worn_um - z1.model_um,
             zero_drift_um=z3.zero_um - z1.zero_um,
             feed_model_error_max_um=error.max_um,

@@ -70,9 +70,7 @@ def draw(runs: Sequence[RunFile], names: Sequence[str]) -> Figure:
     several = any(len(n.sites) > 1 for n in numbers)
     _results(end_depth, names, numbers, "depth")
     _results(end_wear, names, numbers, "wear")
-    names_of_depth = {n.depth_name for n in numbers if n.sites}
-    quantity = names_of_depth.pop() if len(names_of_depth) == 1 else "depth"
-    end_depth.set_ylabel(f"{quantity}, mean of sites (µm)" if several else f"{quantity} (µm)")
+    end_depth.set_ylabel("depth, mean of sites (µm)" if several else "depth (µm)")
     end_wear.set_ylabel("tool wear, mean of sites (µm)" if several else "tool wear (µm)")
     _band(end_depth, runs)
     letter_panels((depth, end_depth, end_wear))

@@ -29,7 +29,7 @@ from edmctl.report.style import (
     NothingToDraw,
     new_figure,
 )
-from edmctl.wording import TIP, plain_number, with_u95
+from edmctl.wording import BEYOND_EXIT, plain_number, with_u95
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -82,6 +82,11 @@ class Section:
     def end_um(self) -> float:
         """Where the hole ends below the face: at its floor, or at the other face of the sheet."""
         return self.sheet_um if self.site.through else self.site.depth_um
+
+    @property
+    def tip_um(self) -> float:
+        """Where the tip of the tool is in the end, below the surface."""
+        return self.sheet_um + self.site.beyond_exit_um if self.site.through else self.site.depth_um
 
     @property
     def lost_um(self) -> float:
@@ -192,7 +197,7 @@ def _widest_um(section: Section) -> float:
 def _ends(section: Section) -> tuple[float, float, float, float]:
     """Return the left, right, lower and upper end of what is shown, µm."""
     widest_um = _widest_um(section)
-    lowest_um = max(section.end_um, section.site.depth_um + section.lost_um)
+    lowest_um = max(section.end_um, section.tip_um + section.lost_um)
     return -1.35 * widest_um, 2.7 * widest_um, 1.16 * lowest_um, -0.28 * lowest_um
 
 
@@ -250,7 +255,7 @@ def _draw_work(axes: Axes, section: Section, ends_um: tuple[float, float], botto
 
 def _draw_tool(axes: Axes, section: Section, top_um: float) -> None:
     """The tool with its tip where it touched last, and what it was longer before."""
-    radius_um, tip_um = 0.5 * section.tool_diameter_um, section.site.depth_um
+    radius_um, tip_um = 0.5 * section.tool_diameter_um, section.tip_um
     across = [-radius_um, radius_um, radius_um, -radius_um]
     axes.fill(
         across,
@@ -277,18 +282,17 @@ def _draw_tool(axes: Axes, section: Section, top_um: float) -> None:
 def _draw_lengths(axes: Axes, section: Section, at_um: float) -> None:
     """Arrows of depth and wear beside the hole, with their numbers."""
     site = section.site
-    depth = marked(with_u95(site.depth_um, site.depth_u95_um, 1), site.depth_basis)
-    lengths: list[tuple[str, float, float, str]] = [
-        (
-            f"{TIP.replace(' the', chr(10) + 'the') if site.through else 'depth'}\n{depth} µm",
-            0.0,
-            site.depth_um,
-            BLUE,
-        )
-    ]
+    lengths: list[tuple[str, float, float, str]]
+    if site.through:
+        beyond = marked(with_u95(site.beyond_exit_um, site.beyond_exit_u95_um, 1), site.depth_basis)
+        words = BEYOND_EXIT.replace(" the", "\nthe")
+        lengths = [(f"{words}\n{beyond} µm", section.end_um, section.tip_um, BLUE)]
+    else:
+        depth = marked(with_u95(site.depth_um, site.depth_u95_um, 1), site.depth_basis)
+        lengths = [(f"depth\n{depth} µm", 0.0, site.depth_um, BLUE)]
     if math.isfinite(site.wear_um):
         wear = marked(with_u95(site.wear_um, site.wear_u95_um, 1), site.wear_basis)
-        lengths.append((f"wear\n{wear} µm", site.depth_um, site.depth_um + site.wear_um, VERMILION))
+        lengths.append((f"wear\n{wear} µm", section.tip_um, section.tip_um + site.wear_um, VERMILION))
     for words, begin_um, end_um, colour in lengths:
         arrow = {"arrowstyle": "<|-|>,head_length=0.28,head_width=0.14", "color": colour, "linewidth": 0.8}
         axes.annotate(

@@ -149,14 +149,15 @@ def _draw_site(axes: Axes, readings: _Readings, left: float, words: str, *, alon
         ("depth", BLUE, high, (z_um[2], z_um[1])),
         ("wear", VERMILION, high, (z_um[0], z_um[2])),
     ):
+        if name == "depth" and site.through:
+            continue
         _arrow(axes, at, ends, colour)
         if alone:
-            called = "tip below\nthe face" if name == "depth" and site.through else name
             number_um = _number(site, name)
             if name == "feed":  # between its arrow and the step there is little room
                 number_um = number_um.replace(" ±", "\n±")
             axes.annotate(
-                f"{called}\n{number_um} µm",
+                f"{name}\n{number_um} µm",
                 (at, 0.5 * (ends[0] + ends[1])),
                 xytext=(3.0, 0.0),
                 textcoords="offset points",
@@ -209,11 +210,10 @@ def _draw_columns(axes: Axes, sites: Sequence[SiteNumbers]) -> None:
         return
     axes.set_xticks(middles, names)
     axes.tick_params(axis="x", labelsize=6.0)
-    through = all(site.through for site in sites)
     for row, (name, colour) in enumerate(QUANTITIES):
         down = -15.0 - 9.0 * row
         axes.annotate(
-            "tip below face (µm)" if through and name == "depth" else f"{name} (µm)", (0.0, 0.0),
+            f"{name} (µm)", (0.0, 0.0),
             xytext=(-4.0, down), xycoords="axes fraction", textcoords="offset points",
             ha="right", va="center", color=colour, fontsize=6.0,
         )  # fmt: skip
