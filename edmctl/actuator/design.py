@@ -108,7 +108,7 @@ class Design:
 
     def with_pieces(self, pieces: int) -> Design:
         """Return it with so many pieces a play."""
-        return replace(self, knots_v=_knots(self.thresholds_v, self.low_v, self.high_v, pieces))
+        return replace(self, knots_v=knots(self.thresholds_v, self.low_v, self.high_v, pieces))
 
     def with_rounded(self, rounded: Array) -> Design:
         """Return it with rounded plays, shape (k, 4), which creep."""
@@ -241,7 +241,7 @@ def choose_design(
     creeping = [int(np.abs(thresholds_v - share * thresholds_v[-1]).argmin()) for share in CREEPING_SHARES]
     return Design(
         thresholds_v=thresholds_v,
-        knots_v=_knots(thresholds_v, low_v, high_v, hinges),
+        knots_v=knots(thresholds_v, low_v, high_v, hinges),
         creep_plays=np.unique(creeping).astype(np.int64) if len(taus_s) else np.empty(0, dtype=np.int64),
         time_constants_s=taus_s,
         column_of=column_of,
@@ -250,7 +250,8 @@ def choose_design(
     )
 
 
-def _knots(thresholds_v: Array, low_v: float, high_v: float, pieces: int) -> Array:
+def knots(thresholds_v: Array, low_v: float, high_v: float, pieces: int) -> Array:
+    """Return where equal pieces of each play begin and end, shape (plays, pieces + 1), V."""
     return np.linspace(low_v + thresholds_v, high_v - thresholds_v, pieces + 1, axis=1)
 
 

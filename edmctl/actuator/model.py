@@ -418,6 +418,11 @@ class Estimator:
             raise ValueError(f"a gain is positive and finite, a zero is finite: {gain}, {offset_um}")
         self.gain, self.offset_um = gain, offset_um
 
+    def creep_um(self, slower_than_s: float) -> float:
+        """Return how much of the displacement is creep with time constants above `slower_than_s`, µm."""
+        slow = self.model.time_constants_s > slower_than_s
+        return self.gain * float(np.sum(self.model.creep_um_per_v[:, slow] * self.state.lags_v[:, slow]))
+
     def tick(self, u_v: float, dt_s: float) -> float:
         """Displacement in µm when the voltage is `u_v`, `dt_s` after the last sample; raises as `advance`."""
         t_s, volts = np.array([self.state.t_s + dt_s], np.float64), np.array([u_v], np.float64)

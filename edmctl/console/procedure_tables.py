@@ -111,9 +111,9 @@ def render_wear(
     # Lengths by the model alone would stand there twice.
     if found.wear_basis != Basis.MODEL:
         header.append("from voltage")
-        wear.append(length(found.wear_model_um))
-        depth.append(length(found.depth_model_um))
-        feed.append(length(found.feed_model_um))
+        wear.append(length(found.wear_model_um, found.wear_model_u95_um))
+        depth.append(length(found.depth_model_um, found.depth_model_u95_um))
+        feed.append(length(found.feed_model_um, found.feed_model_u95_um))
     if truth is not None:
         header.append("truth")
         wear.append(length(truth["wear_um"]))

@@ -112,9 +112,12 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
         depth_um, wear_um = marked(depth_um, site.depth_basis), marked(wear_um, site.wear_basis)
     depth = [BEYOND_EXIT if site.through else "depth", depth_um]
     wear = ["tool wear", wear_um]
-    from_voltage = (length(site.depth_model_um), length(site.wear_model_um))
-    # Lengths by the model alone would stand there twice.
-    if from_voltage not in ((length(site.depth_um), length(site.wear_um)), (UNKNOWN, UNKNOWN)):
+    from_voltage = (
+        length(site.depth_model_um, site.depth_model_u95_um),
+        length(site.wear_model_um, site.wear_model_u95_um),
+    )
+    # Without a sensor all lengths are the model's.
+    if Basis.MODEL not in bases and isfinite(site.wear_model_um):
         header.append("from voltage")
         depth.append(from_voltage[0])
         wear.append(from_voltage[1])

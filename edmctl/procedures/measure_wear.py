@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
+from edmctl.procedures.hole.hole import model_u95_um
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
@@ -153,6 +154,8 @@ def _found(
     model3_um = 0.5 * (before.model_um + after.model_um)
     model2_um = z2.model_um if z2 else math.nan
     hole = z2 is not None
+    creep_um = z2.creep_um - 0.5 * (before.creep_um + after.creep_um) if z2 else 0.0
+    depth_model_u95_um, wear_model_u95_um = model_u95_um(run, found, creep_um)
     return WearResult(
         z1_um=reference.z_um,
         z2_um=bottom.mean_um if hole else math.nan,
@@ -174,8 +177,11 @@ def _found(
         feed_um=found.feed_um if hole else math.nan,
         feed_u95_um=found.feed_u95_um if hole else math.nan,
         wear_model_um=model3_um - reference.model_um,
+        wear_model_u95_um=wear_model_u95_um,
         depth_model_um=model2_um - model3_um - face_um,
+        depth_model_u95_um=depth_model_u95_um if hole else math.nan,
         feed_model_um=model2_um - reference.model_um,
+        feed_model_u95_um=math.hypot(depth_model_u95_um, wear_model_u95_um) if hole else math.nan,
         depth_basis=run.job.touch_basis if hole else None,
         wear_basis=run.job.touch_basis,
         budget=(

@@ -290,7 +290,7 @@ def _start_estimator(run: JobRun, block: TelemetryBlock) -> None:
                 "controller.telemetry_hz in the setup.",
                 code="E8036",
             ) from error
-        tracker, errors = home(model, record, quick.rms_um)
+        tracker, errors = home(model, record, quick.rms_um, float(np.ptp(record.t_s)))
     else:
         return
     run.watch.estimate_with(tracker)

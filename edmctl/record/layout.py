@@ -417,6 +417,8 @@ RESULTS = Table(
             "beyond_exit", "beyond_exit_um", "f8", "um", "feed beyond the exit of a hole through the sheet"
         ),
         Column("beyond_exit_u95", "beyond_exit_u95_um", "f8", "um", "95 % uncertainty of that"),
+        Column("depth_model_u95", "depth_model_u95_um", "f8", "um", "95 % uncertainty of depth_model"),
+        Column("wear_model_u95", "wear_model_u95_um", "f8", "um", "95 % uncertainty of wear_model"),
         Column("drift_by_rests", "drift_by_rests", "u1", PURE, "1 when the rests tell it, by a drift file"),
     ),
     at_once=True,

@@ -102,6 +102,11 @@ class SiteMachined:
     depth_u95_um: float = math.nan
     through: bool = False
 
+    @property
+    def lacks_depth(self) -> bool:
+        """Whether it should have a depth and has none."""
+        return self.status != UNFINISHED and not self.through and math.isnan(self.depth_um)
+
 
 @dataclass(frozen=True, slots=True)
 class WearMeasured:
@@ -186,8 +191,7 @@ def line_of(row: bytes) -> Line:
         raise ValueError(f"it has no place for {', '.join(sorted(strange))}")
     fields = {name: _value(name, str(known[name].type), raw) for name, raw in values.items()}
     entry = kind(**fields)  # type: ignore[arg-type]
-    measured = isinstance(entry, SiteMachined) and entry.status != UNFINISHED and not entry.through
-    if measured and math.isnan(entry.depth_um):
+    if isinstance(entry, SiteMachined) and entry.lacks_depth:
         raise ValueError("its hole is measured, but has no depth_um")
     own_s = math.nan if bench_s is None else _number("bench_s", bench_s)
     return Line(serial, _number("utc_s", utc_s), entry, own_s)

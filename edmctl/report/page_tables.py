@@ -98,13 +98,13 @@ def _one_site(site: SiteNumbers) -> PageTable:
         row(
             BEYOND_EXIT if site.through else "depth, Z2 − Z3",
             depth_um,
-            decimal(site.depth_model_um),
+            with_u95(site.depth_model_um, site.depth_model_u95_um),
             site.truth_depth_um,
         ),
         row(
             "tool wear, Z3 − Z1",
             wear_um,
-            decimal(site.wear_model_um),
+            with_u95(site.wear_model_um, site.wear_model_u95_um),
             site.truth_wear_um,
         ),
         *([row("hole, as long as the sheet is thick", decimal(site.length_um))] if site.through else []),

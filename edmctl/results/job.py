@@ -138,7 +138,9 @@ class SiteResult:
     measuring_stops: int
     estimated_um: float
     depth_model_um: float
+    depth_model_u95_um: float
     wear_model_um: float
+    wear_model_u95_um: float
     zero_drift_um: float
     feed_model_error_max_um: float
     feed_model_error_rms_um: float

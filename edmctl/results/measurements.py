@@ -148,8 +148,11 @@ class WearResult:
     feed_um: float
     feed_u95_um: float
     wear_model_um: float
+    wear_model_u95_um: float
     depth_model_um: float
+    depth_model_u95_um: float
     feed_model_um: float
+    feed_model_u95_um: float
     budget: tuple[UncertaintyPart, ...]
     depth_basis: Basis | None
     wear_basis: Basis

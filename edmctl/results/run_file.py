@@ -88,7 +88,9 @@ class SiteNumbers:
     wear_u95_um: float
     feed_um: float
     depth_model_um: float
+    depth_model_u95_um: float
     wear_model_um: float
+    wear_model_u95_um: float
     machining_time_s: float
     cuts: int
     pulses: int

@@ -31,6 +31,16 @@ HOME_READINGS = 32
 """The swings are compared in so many pieces."""
 PIECES_ALIKE = 4
 """So many neighbouring pieces share one error of the model, which bends slowly along a swing."""
+RECORD_SHARE = 0.2
+"""A record shows creep with time constants up to this share of its length; slower creep is extrapolated."""
+CALIBRATION_S = 390.0
+"""Length of the record of `edmctl calibrate`."""
+CREEP_U_REL = 0.05
+"""Standard uncertainty of extrapolated creep, relative: one rate per decade explains the steps and sines of
+Muralidhara et al. 2009 (figs. 3 and 4) within 5 to 10 % [assumed]."""
+HISTORY_U_UM = 0.5
+"""Standard uncertainty of a difference between touches before and after a cut: plays that the swings do not move
+[assumed]."""
 LEAST_SD_UM = 0.05
 """A model is never trusted further than the sensor itself repeats."""
 SPAN_S = 15.0
@@ -45,10 +55,19 @@ class Tracker:
     """An estimator with gain and zero learned at trusted events.
 
     sd_um : how well the model follows the sensor, rms
+    record_s : length of the record that the model was identified from
     """
 
-    def __init__(self, estimator: Estimator, correction: SlowCorrection, sd_um: float) -> None:
+    def __init__(
+        self,
+        estimator: Estimator,
+        correction: SlowCorrection,
+        sd_um: float,
+        record_s: float = CALIBRATION_S,
+    ) -> None:
         self.estimator = estimator
+        self._slow_s = RECORD_SHARE * record_s
+        self._creep_at_rest_um = 0.0
         self.correction = correction
         self.sd_um = max(sd_um, LEAST_SD_UM)
         self._noted: list[tuple[float, float]] = []
@@ -57,6 +76,15 @@ class Tracker:
         """Set the zero where the tool rests at 0 V."""
         self.correction.observe(time_s, self._raw_um(estimated_um), measured_um, self.sd_um, keep_gain=True)
         self.estimator.correct(self.correction.gain, self.correction.offset_um)
+        self._creep_at_rest_um = self.estimator.creep_um(self._slow_s)
+
+    def creep_um(self) -> float:
+        """Return the extrapolated creep since the last rest, µm."""
+        return self.estimator.creep_um(self._slow_s) - self._creep_at_rest_um
+
+    def depth_u_um(self, creep_um: float) -> float:
+        """Return the standard uncertainty of a depth by the model, where extrapolated creep is `creep_um` of it."""
+        return math.hypot(math.sqrt(2.0) * self.sd_um, CREEP_U_REL * creep_um)
 
     def zero_um(self, estimated_um: float, measured_um: float) -> float:
         """Return what the sensor shows at a rest beyond the actuator's own displacement."""
@@ -95,8 +123,10 @@ def at_rest(model: ActuatorModel, time_s: float, u_v: float = 0.0) -> Estimator:
     return Estimator(model, state)
 
 
-def home(model: ActuatorModel, record: Record, sd_um: float) -> tuple[Tracker, ErrorFigures]:
+def home(model: ActuatorModel, record: Record, sd_um: float, record_s: float) -> tuple[Tracker, ErrorFigures]:
     """Follow the conditioning swings from rest, and learn gain and zero from them; errors on them after that.
+
+    The model was identified from `record_s` of samples, with errors of `sd_um` rms.
 
     What comes before the first maximum is left out: it depends on a history that nobody recorded.
     """
@@ -104,7 +134,7 @@ def home(model: ActuatorModel, record: Record, sd_um: float) -> tuple[Tracker, E
     estimator = at_rest(model, start_s, float(record.u_v[0]))
     y_um = estimator.advance(record.t_s, record.u_v)
     first = int(np.argmax(record.u_v >= record.u_v.max() - 0.01 * np.ptp(record.u_v)))
-    tracker = Tracker(estimator, SlowCorrection(start_s), sd_um)
+    tracker = Tracker(estimator, SlowCorrection(start_s), sd_um, record_s)
     pieces = np.array_split(np.arange(first, len(y_um)), min(HOME_READINGS, len(y_um) - first))
     readings = [
         (float(record.t_s[part[-1]]), float(y_um[part].mean()), float(record.y_um[part].mean()))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import FACE_LIMIT_UM, estimate_of
 from edmctl.labels import Basis
+from edmctl.procedures.actuator.tracker import HISTORY_U_UM
 from edmctl.procedures.hole.cut_planning import CutStart, energy_of
 from edmctl.procedures.hole.site_result import CutSums
 from edmctl.procedures.job_state import RegimeBegun
@@ -23,6 +24,7 @@ from edmctl.process.discharge import (
     tool_area_um2,
 )
 from edmctl.process.touches import Deviation, share_u
+from edmctl.quantity import half_width
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import pulse_shares
 
@@ -195,6 +197,8 @@ class OpenHole:
         self.found = found
         run.tally.depth_um, run.tally.unmeasured_site = found.depth_um, ""
         ratio_lin, ratio_vol, mrr = _erosion(run.profile, found, total.time_s, through=through)
+        depth_model_u95_um, wear_model_u95_um = model_u95_um(run, found, z2.creep_um - z3.creep_um)
+        pad_model_um = z3.model_um + worn_um - self.drift_um
         beyond_um = found.depth_um - run.profile.work.thickness_um
         run.tally.sites[self.site.name] = SiteResult(
             name=self.site.name,
@@ -217,8 +221,10 @@ class OpenHole:
             estimated_um=estimated_um,
             depth_model_um=math.nan
             if through
-            else z2.model_um + fed_um - (z3.model_um + worn_um) - self.face_um,
-            wear_model_um=z3.model_um + worn_um - z1.model_um,
+            else z2.model_um + fed_um - self.bottom_drift_um - pad_model_um - self.face_um,
+            depth_model_u95_um=math.nan if through else depth_model_u95_um,
+            wear_model_um=pad_model_um - z1.model_um,
+            wear_model_u95_um=wear_model_u95_um,
             zero_drift_um=z3.zero_um - z1.zero_um,
             feed_model_error_max_um=error.max_um,
             feed_model_error_rms_um=error.rms_um,
@@ -267,7 +273,9 @@ class OpenHole:
             z2_um=math.nan,
             z3_um=math.nan,
             depth_model_um=math.nan,
+            depth_model_u95_um=math.nan,
             wear_model_um=math.nan,
+            wear_model_u95_um=math.nan,
         )
         tally.unmeasured_site = name
 
@@ -334,6 +342,23 @@ def start_of(run: JobRun, hole: OpenHole, knowledge: JobKnowledge) -> CutStart:
         drift_u_um_per_s=sensor_u.drift_u_um_per_s,
         depth_u_um=math.hypot(sensor_u.linearity_u_um, sensor_u.gain_u_rel * length_um),
         gap_u_um=knowledge.gap_u_um,
+    )
+
+
+def model_u95_um(run: JobRun, found: DepthAndWear, creep_um: float) -> tuple[float, float]:
+    """Return half the 95 % intervals of depth and wear by the actuator model, NaN without a model.
+
+    Its zero is set by the sensor, so everything that is uncertain of a measured value counts as well. `creep_um` is
+    the extrapolated creep in the depth.
+    """
+    tracker = run.watch.tracker()
+    if tracker is None:
+        return math.nan, math.nan
+    if not run.setup.sensor.fitted:
+        return found.depth_u95_um, found.wear_u95_um
+    return (
+        math.hypot(found.depth_u95_um, half_width(tracker.depth_u_um(creep_um))),
+        math.hypot(found.wear_u95_um, half_width(math.hypot(HISTORY_U_UM, tracker.depth_u_um(0.0)))),
     )
 
 

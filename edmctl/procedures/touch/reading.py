@@ -42,7 +42,8 @@ _DISTRUST = "Look at sensor and line with `edmctl doctor`; the controller's touc
 class SurfaceReading:
     """Where the tool met a surface: by the sensor (`reading`), and by the model (`model_um`).
 
-    Without a sensor both are the model's. `zero_um` is the zero that the model had from the rest before.
+    Without a sensor both are the model's. `zero_um` is the zero that the model had from the rest before,
+    and `creep_um` the creep since then that the model extrapolates.
     `doubt_u_um` is a standard uncertainty that comes on top where the touches could not be believed outright;
     `debris_um` is how high something lies where the surface was touched first, found by touching beside it; `step`
     tells how much further the second of two spots lies than the first, where both count; `rest` is the rest before,
@@ -55,6 +56,7 @@ class SurfaceReading:
     actuator_v: float
     time_s: float
     zero_um: float
+    creep_um: float = 0.0
     doubt_u_um: float = 0.0
     debris_um: float = 0.0
     step: Step | None = None
@@ -172,14 +174,15 @@ def _request(run: JobRun, search: Search) -> TouchRequest:
 def _reduced(run: JobRun, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:
     """Return the mean of the touches; the model is read at first contact, where the voltage peaks."""
     models_um = [run.watch.model_at(touch.time_s) for touch in touches]
-    estimator = run.watch.estimator()
+    tracker = run.watch.tracker()
     return SurfaceReading(
         kind=kind,
         reading=reading_of(tuple(touch.displacement_um for touch in touches)),
         model_um=sum(models_um) / len(models_um),
         actuator_v=sum(touch.actuator_v for touch in touches) / len(touches),
         time_s=touches[-1].time_s,
-        zero_um=math.nan if estimator is None else estimator.offset_um,
+        zero_um=math.nan if tracker is None else tracker.estimator.offset_um,
+        creep_um=0.0 if tracker is None else tracker.creep_um(),
         rest=run.watch.last_rest,
     )
 
