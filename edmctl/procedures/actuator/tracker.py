@@ -123,7 +123,9 @@ def at_rest(model: ActuatorModel, time_s: float, u_v: float = 0.0) -> Estimator:
     return Estimator(model, state)
 
 
-def home(model: ActuatorModel, record: Record, sd_um: float, record_s: float) -> tuple[Tracker, ErrorFigures]:
+def home(
+    model: ActuatorModel, record: Record, sd_um: float, record_s: float = CALIBRATION_S
+) -> tuple[Tracker, ErrorFigures]:
     """Follow the conditioning swings from rest, and learn gain and zero from them; errors on them after that.
 
     The model was identified from `record_s` of samples, with errors of `sd_um` rms.
