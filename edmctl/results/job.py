@@ -138,9 +138,7 @@ class SiteResult:
     measuring_stops: int
     estimated_um: float
     depth_model_um: float
-    depth_model_u95_um: float
     wear_model_um: float
-    wear_model_u95_um: float
     zero_drift_um: float
     feed_model_error_max_um: float
     feed_model_error_rms_um: float
@@ -159,6 +157,8 @@ class SiteResult:
     through: bool = False
     beyond_exit_um: float = math.nan
     beyond_exit_u95_um: float = math.nan
+    depth_model_u95_um: float = math.nan
+    wear_model_u95_um: float = math.nan
     depth_basis: Basis = Basis.TOUCHED
     wear_basis: Basis = Basis.TOUCHED
     verdict: Verdict | None = None

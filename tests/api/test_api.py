@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import signal
 import subprocess
@@ -18,6 +19,7 @@ from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.errors import Interrupted, PreconditionError, ProfileError
 from edmctl.jobs.runs.explanation import wanted
 from edmctl.jobs.surroundings import Unobserved
+from edmctl.labels import Verdict
 from edmctl.machine.stop import StopRequest
 from edmctl.results.progress import Phase, Progress
 from edmctl.simulator.actuator import HIGH_V, RATE_HZ, VirtualActuator
@@ -223,7 +225,7 @@ def test_a_value_without_a_form_in_profiles_is_told_with_its_key() -> None:
 
 def test_a_forecast_is_a_result() -> None:
     ahead = edmctl.forecast("cu270")
-    assert repr(ahead) == "<Forecast: 17 min 36 s, depth 180.00 µm, tool wear 70.02 µm>"
+    assert repr(ahead) == "<Forecast: 17 min 15 s, depth 180.00 µm, tool wear 70.02 µm>"
     assert ahead._repr_html_().startswith("<table>")
     assert ahead.to_dict()["time_s"] == ahead.to_frame()["time_s"][0]
 
@@ -247,12 +249,17 @@ def test_an_observer_that_raises_leaves_a_safe_machine_and_all_that_was_heard(
 
 def test_a_sheet_is_told_as_gone_through_and_what_was_not_touched_is_marked() -> None:
     report = edmctl.connect(seed=2).machine("foil-through")
-    assert re.fullmatch(r"<Report: depth ~\d+\.\d+ ± \d+\.\d+ µm \(through\)>", repr(report))
-    assert " µm (through)</td>" in report._repr_html_()
+    (site,) = report.sites
+    assert math.isnan(site.depth_um)
+    assert site.verdict is Verdict.SHOWN
+    assert site.beyond_exit_um > 0.0
+    assert site.z2_um - site.z3_um - site.face_um == pytest.approx(50.0 + site.beyond_exit_um, abs=0.5)
+    assert repr(report) == "<Report: depth through>"
+    assert "<td>through</td>" in report._repr_html_()
 
 
 def test_a_forecast_shows_its_times_and_a_run_file_what_it_is(tmp_path: Path) -> None:
-    assert "<td>time</td><td>17 min 36 s</td>" in edmctl.forecast("cu270")._repr_html_()
+    assert "<td>time</td><td>17 min 15 s</td>" in edmctl.forecast("cu270")._repr_html_()
     edmctl.connect(seed=1).jump_flush("cu270", count=1, out=tmp_path, run_id="jumps")
     with edmctl.open_run(tmp_path / "jumps.h5") as run:
         assert repr(run) == f"<RunFile {tmp_path / 'jumps.h5'}: Cu 270 µm on Cu, 180 µm deep, done>"

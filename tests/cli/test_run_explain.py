@@ -233,11 +233,12 @@ def test_a_way_through_a_sheet_ends_by_itself_behind_the_breakthrough(here: Here
 
 
 def sheet_is_known_by_its_tip(here: Here, file: Path) -> None:
-    """The tip's travel is no depth, and the hole is as long as the sheet is thick."""
+    """It has no depth, and the hole is as long as the sheet is thick."""
     shown = here("run", "show", str(file), "--json")
     (site,) = shown.document["result"]["sites"]
     assert site["through"] is True
-    assert site["depth_um"] > 30.0
+    assert site["depth_um"] is None
+    assert site["beyond_exit_um"] > 5.0
     assert site["truth_depth_um"] is None
     area_mm2 = math.pi / 4.0 * (0.150 + 2.0 * site_gap_mm(shown.document)) ** 2
     assert site["mrr_mm3_min"] * site["machining_time_s"] / 60.0 == pytest.approx(area_mm2 * 0.025)
@@ -245,15 +246,14 @@ def sheet_is_known_by_its_tip(here: Here, file: Path) -> None:
     assert site["wear_ratio_lin"] == pytest.approx(site["wear_um"] / 25.0, abs=3e-5)
     assert shown.document["result"]["totals"]["wear_ratio_lin"] == pytest.approx(site["wear_um"] / 25.0)
     text = here("run", "show", str(file)).out
-    assert "tip below the face" in text
+    assert "feed beyond the exit" in text
     assert "Z2 tip at the end" in text
-    assert f"tip ~{site['depth_um']:.2f} ±" in here("run", "list", str(file)).out
-    compared = here("run", "compare", str(file), str(file)).out
-    assert "tip below the face, µm" in compared
+    assert " through " in here("run", "list", str(file)).out
+    assert "\ndepth, µm" not in here("run", "compare", str(file), str(file)).out
     exported = here(
         "run", "export", str(file), "-t", "results", "--format", "csv", "-o", "-"
     ).out.splitlines()
-    assert "through" in exported[0]
+    assert {"through", "beyond_exit_um"} <= set(exported[0].split(","))
 
 
 def site_gap_mm(document: dict[str, Any]) -> float:

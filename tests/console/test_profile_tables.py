@@ -65,5 +65,5 @@ def test_the_list_of_profiles_and_a_sweep_fit_a_narrow_terminal() -> None:
         profiles, forecasts = render_profiles(found, style), render_forecasts(sweep, style)
         assert ("tool wear" in profiles) == ("stroke µm" in forecasts) == (columns is None)
         assert columns is None or max(map(len, [*profiles.splitlines(), *forecasts.splitlines()])) <= columns
-        assert "17 min 36 s" in profiles
+        assert "17 min 15 s" in profiles
     assert "Rectangular chann… on Cu, 20 µm deep" in profiles

@@ -17,8 +17,8 @@ from tests.console.views import CHANNEL_TRUTH, TRUTH, made_channel, made_job, ma
 def test_measured_modelled_and_true_values_stand_side_by_side() -> None:
     lines = render_job(made_job(), [TRUTH]).splitlines()
     assert lines[0].split() == ["site", "1", "measured", "from", "voltage", "truth"]
-    assert lines[1].split() == ["depth", "180.21", "±", "0.62", "µm", "180.94", "µm", "180.05", "µm"]
-    assert lines[2].split() == ["tool", "wear", "70.03", "±", "0.55", "µm", "70.41", "µm", "70.11", "µm"]
+    assert " ".join(lines[1].split()) == "depth 180.21 ± 0.62 µm 180.94 ± 1.60 µm 180.05 µm"
+    assert " ".join(lines[2].split()) == "tool wear 70.03 ± 0.55 µm 70.41 ± 2.10 µm 70.11 µm"
     assert lines[3].split() == ["feed", "250.24", "µm", "250.16", "µm"]
     assert lines[3].index("250.16") == lines[1].index("180.05")
 
@@ -120,7 +120,10 @@ def test_what_was_not_touched_does_not_stand_under_measured() -> None:
 def test_lengths_by_the_model_alone_stand_there_once() -> None:
     alone = made_site(depth_basis="model", wear_basis="model", depth_model_um=180.21, wear_model_um=70.03)
     assert "from voltage" not in render_job(made_job(sites=(alone,)))
-    assert "from voltage" in render_job(made_job())
+    text = render_job(made_job())
+    assert "from voltage" in text
+    assert "180.94 ± 1.60 µm" in text
+    assert "70.41 ± 2.10 µm" in text
 
 
 def test_a_line_of_many_sites_marks_what_was_not_touched() -> None:
@@ -166,9 +169,14 @@ def test_a_job_that_was_taken_up_tells_the_time_before_and_the_pause(pause_s: fl
     assert max(map(len, text.splitlines())) <= 80
 
 
-def test_a_through_hole_has_a_tip_below_the_face_and_no_bottom() -> None:
-    text = render_job(made_job(sites=(made_site(through=True),)))
-    assert "tip below the face" in text
+def test_a_through_hole_has_no_depth_and_no_bottom() -> None:
+    site = made_site(
+        through=True, depth_um=math.nan, depth_u95_um=math.nan, beyond_exit_um=12.3, beyond_exit_u95_um=1.2
+    )
+    text = render_job(made_job(sites=(site,)))
+    assert "feed beyond the exit" in text
+    assert "12.30 ± 1.20 µm" in text
+    assert not any(line.lstrip().startswith("depth") for line in text.splitlines())
     assert "Z2 bottom" not in text
     assert "through the sheet" in text
 

@@ -57,6 +57,8 @@ def made_site(**changes: Any) -> SiteResult:
         estimated_um=0.0,
         depth_model_um=180.94,
         wear_model_um=70.41,
+        depth_model_u95_um=1.6,
+        wear_model_u95_um=2.1,
         zero_drift_um=0.0,
         feed_model_error_max_um=math.nan,
         feed_model_error_rms_um=math.nan,

@@ -103,12 +103,12 @@ def test_what_was_not_touched_with_a_sensor_is_said(
 
 def test_a_hole_through_the_sheet_has_no_floor(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path)
-    writer.append(replace(a_site_row(), depth_um=1080.0, wear_um=200.0, through=True))
+    writer.append(replace(a_site_row(), depth_um=np.nan, beyond_exit_um=80.0, wear_um=200.0, through=True))
     path = writer.finish("done", 0)
     (axes,) = panels(path)
     assert not [name for name in axes.get_legend_handles_labels()[1] if name.startswith("floor")]
     assert line(axes, "wall by the profile's side gap")[:, 1].tolist() == [0.0, 1000.0]
-    assert "tip below" in "\n".join(texts(section.draw, path))
+    assert "beyond" in "\n".join(texts(section.draw, path))
 
 
 def test_of_many_holes_the_last_three_are_drawn_and_counted(tmp_path: Path) -> None:

@@ -87,7 +87,7 @@ def _holes(run: RunFile) -> _Holes:
     values = run.profile_values()
     if "path.kind" in values:
         raise NothingToDraw("The run made a channel, no holes: `--kind channel` draws it.")
-    sites = [site for site in numbers_of(run).sites if np.isfinite(site.depth_um)]
+    sites = [site for site in numbers_of(run).sites if np.isfinite(site.length_um)]
     if not sites:
         raise NothingToDraw("No hole was measured: the run ended before its first measuring stop.")
     sites = [site for site in sites if not site.through]

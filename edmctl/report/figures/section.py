@@ -155,7 +155,7 @@ def _sections(run: RunFile) -> tuple[list[Section], int]:
     values = run.profile_values()
     if "path.kind" in values:
         raise NothingToDraw("The run made a channel, no hole: `--kind channel` draws it.")
-    sites = [site for site in numbers_of(run).sites if math.isfinite(site.depth_um)]
+    sites = [site for site in numbers_of(run).sites if math.isfinite(site.length_um)]
     if not sites:
         raise NothingToDraw(
             "No hole of this run has a depth, so there is no section; a job that reaches its first measuring stop "
