@@ -261,11 +261,11 @@ def test_impossible_wishes_are_refused(wrong: dict[str, Any]) -> None:
         identify([record._replace(previous_v=np.nan)])
 
 
-def test_a_few_swings_give_a_plain_model() -> None:
+def test_a_few_swings_give_a_model_that_bends() -> None:
     wave = waves.triangle(0.0, 150.0, 0.2, 2, 100.0)
     driven = VirtualActuator(16).drive(np.repeat(wave.u_v, 10))
     record = Record(wave.t_s, driven.applied_v[9::10], driven.sensor_um[9::10])
     model, errors = identify_quick(record)
     assert errors.rms_pct < 2.0
-    assert model.slopes_um_per_v.shape[1] == 1
+    assert model.slopes_um_per_v.shape[1] == 3
     assert model.gamma_per_decade > 0.005
