@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
-from edmctl.files import open_regular, refuse_locked
+from edmctl.files import open_regular, refuse_holes, refuse_locked
 from edmctl.record import layout
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL
 from edmctl.record.hdf5 import open_hdf5, open_swmr
@@ -68,6 +68,7 @@ def refuse_unreadable(path: Path) -> None:
         if begin != MAGIC:
             raise RunFileError(f"{path} is not an HDF5 file.", code="E9005", hint=_ANOTHER)
         refuse_locked(path)
+        refuse_holes(path)
     except BlockingIOError as error:
         hint = "Close it in that program, or read a copy."
         raise RunFileError(f"{path} is in use: {error.strerror}.", code="E9016", hint=hint) from None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import pytest
 
-from edmctl.errors import EdmError
+from edmctl.errors import EdmError, RunFileError
 from edmctl.jobs.runs.recovery import recover_file
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.columns import read_record
@@ -47,6 +47,15 @@ def test_every_reader_of_a_run_file_names_the_holder(run_path: Path) -> None:
     assert verify_checksum(run_path) is Checksum.FITS
     with open_run(run_path) as run:
         assert run.rows("/entry/servo")
+
+
+def test_a_file_of_holes_is_not_read_to_its_end(run_path: Path) -> None:
+    with run_path.open("r+b") as file:
+        file.truncate(1 << 40)
+    for read in (open_run, read_head, recover_file):
+        with pytest.raises(RunFileError, match="almost nothing was written") as error:
+            read(run_path)
+        assert error.value.code == "E9005"
 
 
 def test_a_bench_in_use_is_not_called_damaged(tmp_path: Path) -> None:
