@@ -112,7 +112,7 @@ def _studied(parts: StudyPage) -> list[PageTable | str]:
         html.sentences(study_words.unknowns(plan, parts.runs, parts.responses, parts.notes)),
         "<h3>Design</h3>",
         html.paragraph(study_words.design_words(plan)),
-        html.paragraph(f"Model: {study_words.model_words(plan)}."),
+        html.paragraph(f"Model: {study_words.MODELS.get(plan.model, plan.model)}."),
         study_tables.factors(plan),
         study_tables.responses(plan),
         study_tables.degrees_of_freedom(plan),

@@ -316,7 +316,9 @@ def choices(plan: StudyPlan, found: Sequence[Choice]) -> PageTable | None:
             *([_yes(one.is_feasible)] if named else []),
             _yes(one.is_pareto),
         ]
-        for one in _best_first(found)
+        for one in sorted(
+            found, key=lambda one: (not one.is_pareto, not one.is_feasible, -(one.grey_grade or 0.0))
+        )
     ]
     header = ["point", *(factor.name for factor in plan.factors), "runs"]
     header += [info.label for info in plan.responses]
@@ -349,10 +351,6 @@ def _bound_name(response: str, limit: float, sign: int) -> str:
 
 def _yes(is_so: bool) -> str:
     return "yes" if is_so else "no"
-
-
-def _best_first(found: Sequence[Choice]) -> list[Choice]:
-    return sorted(found, key=lambda one: (not one.is_pareto, not one.is_feasible, -(one.grey_grade or 0.0)))
 
 
 def preferences(plan: StudyPlan, found: Sequence[Choice]) -> PageTable | None:

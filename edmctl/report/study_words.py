@@ -32,7 +32,7 @@ SURE = 0.05
 LARGE = 36.0
 """Sum of squares over the error variance of a term that has an effect of six standard errors."""
 LONGEST = 60
-_MODELS = {
+MODELS = {
     "levels": "main effects, with every level of a factor free",
     "main": "main effects, straight in every number",
     "interactions": "main effects and products of two factors",
@@ -108,11 +108,6 @@ def wanted(info: ResponseInfo) -> str:
 def with_unit(text: str, info: ResponseInfo | None) -> str:
     """Return a number with the unit of its response."""
     return f"{text} {info.unit}" if info is not None and info.unit else text
-
-
-def model_words(plan: StudyPlan) -> str:
-    """Return which model is fitted."""
-    return _MODELS.get(plan.model, plan.model)
 
 
 def design_words(plan: StudyPlan) -> str:

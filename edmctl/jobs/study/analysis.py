@@ -179,7 +179,10 @@ def _choices(
         point: upper_bounds(plan, members, means[point], analyses) for point, members in by_point.items()
     }
     feasible = [
-        all(_keeps(bound, upper[point].get(str(bound))) for bound in plan.constraints)
+        all(
+            ConfirmedLimit(bound, means[point][bound.response], upper[point][str(bound)]).is_shown
+            for bound in plan.constraints
+        )
         and not broken.get(settings_key(members[0].planned.settings))
         for point, members in by_point.items()
     ]
@@ -287,10 +290,6 @@ def broken_limits(state: StudyState) -> dict[str, tuple[str, ...]]:
         for key, runs in confirmed_settings(state).items()
     }
     return {key: texts for key, texts in found.items() if texts}
-
-
-def _keeps(bound: ConstraintInfo, upper: float | None) -> bool:
-    return upper is not None and bound.sign * (upper - bound.limit) <= 0
 
 
 def _notes(state: StudyState, designed: Sequence[StudyRun], added: Sequence[StudyRun]) -> tuple[str, ...]:

@@ -309,27 +309,16 @@ def _ccd(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
     return _coded_design(f"central composite, {name}", rows.tolist(), source, factors)
 
 
-def _runs_asked(source: StudySource) -> int:
-    runs = source.file.design.runs
-    if runs is None:
+def _sampled(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
+    from edmctl.doe.designs import latin_hypercube, sobol_points
+
+    design = source.file.design
+    if design.runs is None:
         raise Refused("how many points there are is not said", "add runs = 20 to [design]")
-    return runs
-
-
-def _lhs(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
-    from edmctl.doe.designs import latin_hypercube
-
-    runs = _runs_asked(source)
-    rows = latin_hypercube(len(factors), runs, source.file.design.seed)
-    return _coded_design(f"Latin hypercube of {runs}", rows.tolist(), source, factors)
-
-
-def _sobol(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
-    from edmctl.doe.designs import sobol_points
-
-    runs = _runs_asked(source)
-    rows = sobol_points(len(factors), runs, source.file.design.seed)
-    return _coded_design(f"Sobol sequence of {runs}", rows.tolist(), source, factors)
+    is_lhs = design.kind == "lhs"
+    rows = (latin_hypercube if is_lhs else sobol_points)(len(factors), design.runs, design.seed)
+    name = f"{'Latin hypercube' if is_lhs else 'Sobol sequence'} of {design.runs}"
+    return _coded_design(name, rows.tolist(), source, factors)
 
 
 def _sensitivity(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
@@ -400,8 +389,8 @@ _MAKERS = {
     "taguchi": _taguchi,
     "bbd": _bbd,
     "ccd": _ccd,
-    "lhs": _lhs,
-    "sobol": _sobol,
+    "lhs": _sampled,
+    "sobol": _sampled,
     "sensitivity": _sensitivity,
     "csv": _csv,
 }

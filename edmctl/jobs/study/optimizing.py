@@ -261,7 +261,10 @@ def _candidates(
 
     plan, file = state.folder.plan, state.folder.source.file
     steps = {factor.key: factor.step for factor in file.factors}
-    ranges = [replace(factor, is_number=False) if _has_levels(factor) else factor for factor in plan.factors]
+    ranges = [
+        replace(factor, is_number=False) if factor.is_number and not factor.is_range else factor
+        for factor in plan.factors
+    ]
 
     def settings_at(row: Sequence[float]) -> dict[str, Value]:
         return {
@@ -300,10 +303,6 @@ def _ends(factors: Sequence[FactorInfo]) -> list[list[float]]:
 
 def _slices(count: int) -> tuple[float, ...]:
     return tuple((2 * n + 1) / count - 1 for n in range(count))
-
-
-def _has_levels(factor: FactorInfo) -> bool:
-    return factor.is_number and not factor.is_range
 
 
 def _is_allowed(state: StudyState, settings: Mapping[str, Value], surroundings: Surroundings) -> bool:

@@ -79,12 +79,8 @@ class PlannedStudy:
 
 def request_of(base: JobRequest, settings: Mapping[str, Value]) -> JobRequest:
     """Return the request of a study with the settings of a run."""
-    return replace(base, overrides=(*base.overrides, *overrides_of(settings)))
-
-
-def overrides_of(settings: Mapping[str, Value]) -> tuple[str, ...]:
-    """Return settings as `--set` takes them."""
-    return tuple(f"{key}={toml_value(value)}" for key, value in settings.items())
+    own = (f"{key}={toml_value(value)}" for key, value in settings.items())
+    return replace(base, overrides=(*base.overrides, *own))
 
 
 def base_request(source: StudySource, changes: Sequence[str] = ()) -> JobRequest:

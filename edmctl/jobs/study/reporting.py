@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from edmctl.doe.anova import Anova
     from edmctl.doe.response_analysis import ResponseAnalysis
-    from edmctl.doe.signal_to_noise import LevelMeans
     from edmctl.jobs.study.analysis import StudyAnalysis
     from edmctl.jobs.study.folder import StudyState
     from edmctl.results.study import Confirmation, Recommendation
@@ -63,35 +61,25 @@ def mapping_of(
 
 
 def _response(one: ResponseAnalysis, analysis: StudyAnalysis) -> dict[str, Any]:
+    lack = one.lack
     return {
-        "name": one.name,
+        **{name: getattr(one, name) for name in AS_ANALYSED},
         "runs": [analysis.runs[row].planned.number for row in one.used],
-        "is_log": one.is_log,
-        "mean": one.mean,
-        "sd": one.sd,
-        "anova": _anova(one.anova),
-        "pooled_anova": _anova(one.pooled),
-        "coefficients": one.coefficients,
-        "r2": one.r2,
-        "adjusted_r2": one.adjusted_r2,
-        "predicted_r2": one.predicted_r2,
-        "error_sd": one.error_sd,
-        "lack_of_fit": None
-        if one.lack is None
-        else {"dof": one.lack.dof, "f": one.lack.f, "p": one.lack.p, "pure_dof": one.lack.pure_dof},
-        "level_means": [_means(row) for row in one.level_means],
-        "signal_to_noise_db": [_means(row) for row in one.noise_means],
+        "pooled_anova": one.pooled,
+        "lack_of_fit": {name: getattr(lack, name) for name in ("dof", "f", "p", "pure_dof")}
+        if lack
+        else None,
+        "level_means": [{**asdict(row), "delta": row.delta} for row in one.level_means],
+        "signal_to_noise_db": [{**asdict(row), "delta": row.delta} for row in one.noise_means],
         "left_out": {"held": one.held, "of": one.left_out},
-        "notes": one.notes,
     }
 
 
-def _means(row: LevelMeans) -> dict[str, Any]:
-    return {**asdict(row), "delta": row.delta}
-
-
-def _anova(table: Anova | None) -> dict[str, Any] | None:
-    return None if table is None else asdict(table)
+AS_ANALYSED = (
+    *("name", "is_log", "mean", "sd", "anova", "coefficients"),
+    *("r2", "adjusted_r2", "predicted_r2", "error_sd", "notes"),
+)
+"""Fields of an analysis that the JSON object has under the same name."""
 
 
 def page_of(

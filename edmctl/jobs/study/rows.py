@@ -236,7 +236,6 @@ def planned_run(values: Mapping[str, Any]) -> PlannedRun:
     """Return a planned run as JSON keeps it. Raises TypeError, KeyError or ValueError where it is none."""
     own = dict(values)
     own["kind"] = RunKind(own["kind"])
-    own.pop("site_um", None)  # of folders that were made before places were chosen when a run begins
     run = PlannedRun(**own)
     need(isinstance(run.settings, dict))
     return run

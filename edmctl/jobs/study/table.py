@@ -35,10 +35,12 @@ _NOTHING: Mapping[str, tuple[str, str]] = MappingProxyType({})
 
 def table_of(state: StudyState) -> list[dict[str, Cell]]:
     """Return a row a run, in the order of their numbers; None where nothing is known."""
-    return [_row(state, run) for run in sorted(state.runs, key=lambda run: run.planned.number)]
+    with_u95 = {"depth_um", "wear_um"}
+    with_u95 |= {name for run in state.runs if run.row is not None for name in run.row.u95}
+    return [_row(state, run, with_u95) for run in sorted(state.runs, key=lambda run: run.planned.number)]
 
 
-def _row(state: StudyState, run: StudyRun) -> dict[str, Cell]:
+def _row(state: StudyState, run: StudyRun, with_u95: set[str]) -> dict[str, Cell]:
     planned, row, plan = run.planned, run.row, state.folder.plan
     site = row.site_um if row is not None else None
     cells: dict[str, Cell] = {
@@ -65,7 +67,7 @@ def _row(state: StudyState, run: StudyRun) -> dict[str, Cell]:
     for name in dict.fromkeys((*asked, *RESPONSES)):
         told = run.told.get(name)
         cells[name] = told if told is not None else (row.responses.get(name) if row is not None else None)
-        if name in ("depth_um", "wear_um") or (row is not None and name in row.u95) or _has_u95(state, name):
+        if name in with_u95:
             cells[f"{name}{U95}"] = row.u95.get(name) if row is not None else None
     for name in ("depth_um", "wear_um"):
         cells[f"{name.removesuffix('_um')}_basis"] = row.bases.get(name) if row is not None else None
@@ -77,10 +79,6 @@ def _row(state: StudyState, run: StudyRun) -> dict[str, Cell]:
     cells["duration_s"] = row.duration_s if row is not None else None
     cells["host"] = row.host if row is not None else None
     return cells
-
-
-def _has_u95(state: StudyState, name: str) -> bool:
-    return any(run.row is not None and name in run.row.u95 for run in state.runs)
 
 
 def columns_of(state: StudyState) -> dict[str, tuple[str, str]]:
