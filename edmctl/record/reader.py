@@ -243,10 +243,13 @@ class RunFile:
         return self._opened[table.path]
 
     def _dataset(self, path: str) -> h5py.Dataset:
-        """Return a dataset. Raises KeyError if there is none, ValueError as `refuse_endless`."""
+        """Return a dataset. Raises KeyError if there is none, RunFileError E9007 if it is endless."""
         if path not in self._checked:
             dataset = self._file[path]
-            refuse_endless(dataset.id)
+            try:
+                refuse_endless(dataset.id)
+            except ValueError as error:
+                raise damaged(self.path, str(error)) from None
             self._checked[path] = dataset
         return self._checked[path]
 

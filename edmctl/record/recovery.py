@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 RECOVERED = "recovered"
 RECOVERING = ".recovering"
 """Ending of the new file while it is written."""
-BROKEN = (*HDF5_ERRORS, KeyError, AttributeError, TypeError)
+BROKEN = (*HDF5_ERRORS, LookupError, AttributeError, TypeError)
 """What h5py raises on files that are not what they were, from which call depends."""
 
 
