@@ -71,19 +71,9 @@ class Transducer:
         return self.coupling_factor * math.sqrt(permittivity * self.compliance_m2_per_n)
 
     @property
-    def material_stack_n_per_m(self) -> float:
-        """Stiffness of one stack from its material, A/(s33·n·t)."""
-        return self.wafer_area_m2 / (self.compliance_m2_per_n * self.wafers * self.wafer_thickness_m)
-
-    @property
     def material_transformer_n_per_v(self) -> float:
         """T from the material, 2·n·d33·(k_p + k_a): 13.95 for the printed 14."""
         return 2.0 * self.wafers * self.d33_m_per_v * self.stiffness_n_per_m
-
-    @property
-    def material_um_per_v(self) -> float:
-        """Tool displacement per volt without hysteresis from the material, 2·n·d33·D_a."""
-        return 2.0 * self.wafers * self.d33_m_per_v * self.lever * UM_PER_M
 
     @property
     def transduction_v_per_um(self) -> float:
@@ -96,27 +86,6 @@ class Transducer:
         return self.transformer_n_per_v + (
             self.capacitance_f * self.stiffness_n_per_m / self.transformer_n_per_v
         )
-
-    @property
-    def effective_coupling(self) -> float:
-        """Coupling factor of the stacks with C taken as clamped; must stay below 1, and near the material's."""
-        transduced_f = self.transformer_n_per_v**2 / self.stack_n_per_m
-        return math.sqrt(transduced_f / (self.capacitance_f + transduced_f))
-
-    @property
-    def output_n_per_um(self) -> float:
-        """Stiffness at the tool with the transducer's voltage held, (k_p + k_a)/D_a²."""
-        return self.stiffness_n_per_m / (self.lever**2 * UM_PER_M)
-
-    @property
-    def resonance_hz(self) -> float:
-        """Undamped resonance of the table's mass with the transducer's voltage held."""
-        return math.sqrt(self.stiffness_n_per_m / self.mass_kg) / (2.0 * math.pi)
-
-    @property
-    def damping_ratio(self) -> float:
-        """Damping of that resonance."""
-        return self.damping_n_s_per_m / (2.0 * math.sqrt(self.stiffness_n_per_m * self.mass_kg))
 
 
 TABLE_1 = Transducer()

@@ -75,6 +75,14 @@ def test_copper_feeds_250_um_into_180_um_of_depth_and_70_um_of_wear(cu270: list[
     assert wear_um / depth_um == pytest.approx(wear.expected_ratio, rel=wear.ratio_u_rel)
 
 
+def test_depth_by_the_model_of_the_conditioning_swings_has_no_bias(cu270: list[Hole]) -> None:
+    errors_um = [hole.measured.depth_model_um - hole.true_depth_um for hole in cu270]
+    assert abs(fmean(errors_um)) < 1.0
+    assert all(
+        abs(error) <= hole.measured.depth_model_u95_um for error, hole in zip(errors_um, cu270, strict=True)
+    )
+
+
 def test_tungsten_feeds_250_um_into_240_um_of_depth_and_10_um_of_wear() -> None:
     holes = [machine("w252", seed, *NOMINAL) for seed in (1, 2)]
     assert fmean(hole.true_depth_um for hole in holes) == pytest.approx(240.0, abs=1.5)

@@ -31,7 +31,6 @@ def test_the_printed_transformer_ratio_follows_from_the_material() -> None:
 def test_the_printed_stack_stiffness_would_need_another_transformer_ratio() -> None:
     printed = replace(TABLE_1, stack_n_per_m=6e6)
     assert printed.material_transformer_n_per_v < 0.2 * printed.transformer_n_per_v
-    assert printed.effective_coupling > 0.94
 
 
 def test_the_printed_flexure_stiffness_would_need_another_transformer_ratio() -> None:
@@ -43,14 +42,8 @@ def test_the_printed_flexure_stiffness_would_need_another_transformer_ratio() ->
     ("name", "value"),
     [
         ("d33_m_per_v", 528.5e-12),
-        ("material_stack_n_per_m", 5.63e7),
-        ("material_um_per_v", 3.805),
         ("transduction_v_per_um", 0.2619),
         ("charge_c_per_m", 32.86),
-        ("output_n_per_um", 0.2037),
-        ("effective_coupling", 0.670),
-        ("resonance_hz", 18643.0),
-        ("damping_ratio", 0.1331),
     ],
 )
 def test_what_follows_from_table_1(name: str, value: float) -> None:
@@ -116,7 +109,8 @@ def test_a_push_of_the_work_moves_the_tool_back_by_its_compliance() -> None:
     pushed = MODEL.simulate(np.full(3, 100.0), 1.0, 1.0, state)
     moved_um = pushed.y_um[-1] - free.y_um[-1]
     lost_v = pushed.transducer_v[-1] - free.transducer_v[-1]
-    expected_um = -1.0 / TABLE_1.output_n_per_um + lost_v / TABLE_1.transduction_v_per_um
+    output_n_per_um = 1e-6 * TABLE_1.stiffness_n_per_m / TABLE_1.lever**2
+    expected_um = -1.0 / output_n_per_um + lost_v / TABLE_1.transduction_v_per_um
     assert moved_um == pytest.approx(expected_um, abs=1e-6)
     assert -5.0 < moved_um < -2.0
 
