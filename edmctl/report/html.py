@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -148,7 +149,7 @@ def figures(pictures: Sequence[Picture], first: int = 1) -> list[str]:
     )
     if absent:
         reasons = "".join(
-            f"<li>{escape(picture.title)}: {escape(picture.why_not)}</li>" for picture in absent
+            f"<li>{escape(picture.title)}: {_prose(picture.why_not)}</li>" for picture in absent
         )
         parts.append(f'<details class="absent"><summary>Not drawn</summary>\n<ul>{reasons}</ul>\n</details>')
     return parts
@@ -157,11 +158,12 @@ def figures(pictures: Sequence[Picture], first: int = 1) -> list[str]:
 def _figure(number: int, picture: Picture) -> str:
     wide = ' class="wide"' if picture.width_mm > WIDE_MM else ""
     width, height = (round(mm * PX_PER_MM) for mm in (picture.width_mm, picture.height_mm))
+    seen = escape(picture.sees.replace("`", ""))
     source = ", ".join(f"<code>{path}</code>" for path in picture.datasets)
     return (
         f'<figure id="{picture.name}"{wide}><img src="{picture.address}" width="{width}" height="{height}" '
-        f'alt="{escape(picture.sees)}">\n'
-        f"<figcaption><b>Fig. {number}: {escape(picture.title)}.</b> {escape(picture.sees)}"
+        f'alt="{seen}">\n'
+        f"<figcaption><b>Fig. {number}: {escape(picture.title)}.</b> {_prose(picture.sees)}"
         f"{f' From {source}.' if source else ''}</figcaption></figure>"
     )
 
@@ -173,7 +175,7 @@ def folded(summary: str, inside: str) -> str:
 
 def sentences(lines: Iterable[str]) -> str:
     """Return a list of sentences; empty without any."""
-    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    items = "".join(f"<li>{_prose(line)}</li>" for line in lines)
     return f"<ul>{items}</ul>" if items else ""
 
 
@@ -194,7 +196,7 @@ def table(made: PageTable) -> str:
         for row in made.rows
     )
     kind = "words" if made.words else "numbers"
-    note = f'\n<p class="note">{escape(made.note)}</p>' if made.note else ""
+    note = f'\n<p class="note">{_prose(made.note)}</p>' if made.note else ""
     name = escape(made.caption or "table")
     return (
         f'<div class="scroll" tabindex="0" role="group" aria-label="{name}"><table class="{kind}">{caption}{header}'
@@ -204,4 +206,9 @@ def table(made: PageTable) -> str:
 
 def paragraph(text: str, name: str = "") -> str:
     """Return a paragraph, of a class of the style sheet."""
-    return f'<p class="{name}">{escape(text)}</p>' if name else f"<p>{escape(text)}</p>"
+    return f'<p class="{name}">{_prose(text)}</p>' if name else f"<p>{_prose(text)}</p>"
+
+
+def _prose(text: str) -> str:
+    """Return text for HTML; what stands between backticks is code."""
+    return re.sub("`([^`]*)`", r"<code>\1</code>", escape(text))

@@ -249,5 +249,5 @@ def shared_legend(figure: Figure, panels: Iterable[Axes], ncols: int = 2) -> Non
         handles += drawn[0]
         names += drawn[1]
     figure.legend(
-        handles, names, loc="outside upper center", ncols=ncols, handlelength=1.8, columnspacing=1.5
+        handles, names, loc="outside upper center", ncols=ncols, handlelength=1.8, columnspacing=1.0
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -64,6 +64,38 @@ def _machine(folder: Path, options: tuple[str, ...], exit_code: int, inject: str
 def _coarse_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw at a third of the resolution: where things are does not depend on it, and it takes half the time."""
     monkeypatch.setattr(style, "PNG_DPI", 100)
+
+
+SLACK_INCH = 0.01
+"""Hinting moves text by a quarter of a millimetre."""
+
+
+@pytest.fixture(autouse=True)
+def _text_within_the_canvas(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fail a test that writes a figure, of whatever kind, with text that leaves its canvas."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+    outside: dict[str, list[float]] = {}
+    save, draw = Figure.savefig, Text.draw
+
+    def watched_draw(self: Text, renderer: Any, *arguments: Any, **options: Any) -> None:
+        if self.get_visible() and self.get_text().strip():
+            left, lower, right, upper = self.get_window_extent(renderer).extents
+            width, height = renderer.get_canvas_width_height()
+            if max(-left, -lower, right - width, upper - height) > SLACK_INCH * renderer.dpi:
+                outside[self.get_text()] = [left, lower, right, upper, width, height]
+        draw(self, renderer, *arguments, **options)
+
+    def watched_save(self: Figure, *arguments: Any, **options: Any) -> None:
+        save(self, *arguments, **options)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Text, "draw", watched_draw)
+            FigureCanvasAgg(self).draw()
+        assert not outside
+
+    monkeypatch.setattr(Figure, "savefig", watched_save)
 
 
 @pytest.fixture(scope="session")

@@ -43,10 +43,10 @@ if TYPE_CHECKING:
     from edmctl.report.style import Dash
     from edmctl.results.run_file import SiteNumbers
 
-HEIGHT_MM, ROW_MM = 92.0, 84.0
-"""Of one hole at most, and of several side by side."""
-ACROSS_MM, AROUND_MM = 72.0, 40.0
-"""Width of the panel of one hole, and height of legend and words around it."""
+HEIGHT_MM = 92.0
+"""Greatest height of the figure."""
+BESIDE_MM, AROUND_MM = 13.0, 40.0
+"""Width of the axis labels beside a panel, and height of legend and words around it."""
 MOST_HOLES = 3
 """As many fit side by side; of more, the last ones are drawn."""
 TALLEST, FLATTEST = 1.3, 0.45
@@ -109,25 +109,30 @@ class Section:
         else:
             corner_um = site.truth_corner_um if math.isfinite(site.truth_corner_um) else 0.0
             corner_um = min(corner_um, low_um, depth_um)
-            angle = np.linspace(0.0, 0.5 * math.pi, ARC_POINTS)
-            arc = np.column_stack(
-                [
-                    low_um - corner_um * (1.0 - np.cos(angle)),
-                    depth_um - corner_um * (1.0 - np.sin(angle)),
-                ]
-            )
-            half = np.vstack([[mouth_um, 0.0], arc])
+            half = np.vstack([[mouth_um, 0.0], _rounded(low_um, depth_um, corner_um)])
         mirrored = half[::-1] * [-1.0, 1.0]
         outline: Array = np.vstack([half, mirrored])
         return outline
+
+    def tool_tip(self) -> Array:
+        """Return the end of the tool from right to left, shape (n, 2) of across and depth.
+
+        Its edge is as round as that of the true floor, and square if that is unknown.
+        """
+        radius_um, corner_um = 0.5 * self.tool_diameter_um, self.site.truth_corner_um
+        corner_um = 0.0 if self.site.through or not math.isfinite(corner_um) else corner_um
+        half = _rounded(radius_um, self.tip_um, min(corner_um, radius_um))
+        tip: Array = np.vstack([half, half[::-1] * [-1.0, 1.0]])
+        return tip
 
 
 def draw(run: RunFile) -> Figure:
     """Draw the last holes of the run: one 85 mm wide, up to three 180 mm. Raises NothingToDraw."""
     sections, count = _sections(run)
     alone = len(sections) == 1
-    height_mm = min(HEIGHT_MM, AROUND_MM + ACROSS_MM * _drawn_ratio(sections[0])) if alone else ROW_MM
-    figure = new_figure(height_mm, COLUMN_MM if alone else PAGE_MM)
+    width_mm = COLUMN_MM if alone else PAGE_MM
+    panel_mm = (width_mm / len(sections) - BESIDE_MM) * max(map(_drawn_ratio, sections))
+    figure = new_figure(min(HEIGHT_MM, AROUND_MM + panel_mm), width_mm)
     panels = figure.subplots(1, len(sections), squeeze=False)[0]
     named: dict[str, Artist] = {}
     first = count - len(sections) + 1
@@ -145,7 +150,7 @@ def draw(run: RunFile) -> Figure:
         loc="outside upper center",
         ncols=2 if alone else 4,
         handlelength=1.8,
-        columnspacing=1.5,
+        columnspacing=1.0,
     )
     return figure
 
@@ -255,11 +260,11 @@ def _draw_work(axes: Axes, section: Section, ends_um: tuple[float, float], botto
 
 def _draw_tool(axes: Axes, section: Section, top_um: float) -> None:
     """The tool with its tip where it touched last, and what it was longer before."""
-    radius_um, tip_um = 0.5 * section.tool_diameter_um, section.tip_um
-    across = [-radius_um, radius_um, radius_um, -radius_um]
+    radius_um, tip_um, tip = 0.5 * section.tool_diameter_um, section.tip_um, section.tool_tip()
+    across = [-radius_um, radius_um]
     axes.fill(
-        across,
-        [top_um, top_um, tip_um, tip_um],
+        [*across, *tip[:, 0]],
+        [top_um, top_um, *tip[:, 1]],
         facecolor=GREY,
         alpha=0.45,
         linewidth=0.0,
@@ -268,14 +273,14 @@ def _draw_tool(axes: Axes, section: Section, top_um: float) -> None:
     gap_um = math.nan if section.site.through else section.site.working_gap_um
     if math.isfinite(gap_um):
         axes.plot(
-            across[:2], [tip_um - gap_um] * 2, color=GREY, linewidth=0.8, linestyle=(0, (1.0, 1.0)),
+            across, [tip_um - gap_um] * 2, color=GREY, linewidth=0.8, linestyle=(0, (1.0, 1.0)),
             label="tip while sparking",
         )  # fmt: skip
     if section.lost_um > 0.0:
         lost_um = tip_um + section.lost_um
         axes.fill(
-            across, [tip_um, tip_um, lost_um, lost_um], facecolor="none", edgecolor=VERMILION, hatch="/////",
-            linewidth=0.6, linestyle=":", label="worn off the tool",
+            [*tip[:, 0], *across], [*tip[:, 1], lost_um, lost_um], facecolor="none", edgecolor=VERMILION,
+            hatch="/////", linewidth=0.6, linestyle=":", label="worn off the tool",
         )  # fmt: skip
 
 
@@ -330,6 +335,15 @@ def _words(section: Section) -> list[str]:
     if truth:
         lines += [f"truth: {truth[0]}", ", ".join(truth[1:])]
     return lines
+
+
+def _rounded(across_um: float, depth_um: float, corner_um: float) -> Array:
+    """Return a corner of that radius below a vertical wall, shape (ARC_POINTS, 2) of across and depth."""
+    angle = np.linspace(0.0, 0.5 * math.pi, ARC_POINTS)
+    arc: Array = np.column_stack(
+        [across_um - corner_um * (1.0 - np.cos(angle)), depth_um - corner_um * (1.0 - np.sin(angle))]
+    )
+    return arc
 
 
 def _scale(height_over_width: float) -> float:
