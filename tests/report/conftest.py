@@ -90,9 +90,10 @@ def _text_within_the_canvas(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def watched_save(self: Figure, *arguments: Any, **options: Any) -> None:
         save(self, *arguments, **options)
+        canvas: Any = FigureCanvasAgg(self)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Text, "draw", watched_draw)
-            FigureCanvasAgg(self).draw()
+            canvas.draw()
         assert not outside
 
     monkeypatch.setattr(Figure, "savefig", watched_save)
