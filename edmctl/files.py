@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +16,6 @@ from typing import TYPE_CHECKING
 from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from io import BufferedReader
 
 TEXT_BYTES = 2_000_000

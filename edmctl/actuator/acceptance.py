@@ -5,22 +5,15 @@ A model is verified where the rest of its record has been. What lies beyond is e
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from edmctl.actuator.design import OWN_TAU_SHARE
-from edmctl.actuator.diagnosis import cause_of
-from edmctl.actuator.record import half_periods_s, has_several_rates, length_s, longest_hold_s
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from edmctl.actuator.design import Design
-    from edmctl.actuator.diagnosis import Left, Noise
-    from edmctl.actuator.record import Record
-    from edmctl.actuator.uncertainty import HeldOut
-    from edmctl.actuator.validation import ErrorFigures
+from edmctl.actuator.design import OWN_TAU_SHARE, Design
+from edmctl.actuator.diagnosis import Left, Noise, cause_of
+from edmctl.actuator.record import Record, half_periods_s, has_several_rates, length_s, longest_hold_s
+from edmctl.actuator.uncertainty import HeldOut
+from edmctl.actuator.validation import ErrorFigures
 
 ACCEPTED_RMS_PCT, ACCEPTED_MAX_PCT = 0.5, 2.0
 COVERED_BINS = 10

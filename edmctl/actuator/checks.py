@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.record import half_periods_s
+from edmctl.actuator.record import Record, half_periods_s
 from edmctl.errors import RecordError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from edmctl.actuator.record import Record
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]

@@ -8,6 +8,7 @@ among them, and never touches the samples again.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -15,14 +16,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.actuator.model import ActuatorModel, none_of
-from edmctl.actuator.record import length_s, sample_s
+from edmctl.actuator.record import Record, length_s, sample_s
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
-
-    from edmctl.actuator.record import Record
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]

@@ -7,20 +7,18 @@ without them is predicted so much better (`suspects`); a knock is short in what 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmctl.actuator.checks import noise_sd
+from edmctl.actuator.record import Record
+from edmctl.actuator.validation import ErrorFigures
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from numpy.typing import NDArray
-
-    from edmctl.actuator.record import Record
-    from edmctl.actuator.validation import ErrorFigures
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]

@@ -23,12 +23,10 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 
 from edmctl.actuator.compiling import cached
-from edmctl.actuator.maxwell import UM_PER_M, change_for, move
+from edmctl.actuator.maxwell import UM_PER_M, HysteresisBlock, MaxwellModel, change_for, move
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from edmctl.actuator.maxwell import HysteresisBlock, MaxwellModel
 
     Array: TypeAlias = NDArray[np.float64]
 

@@ -13,19 +13,16 @@ because importing `scipy.optimize` takes 0.2 s, a fifth of a whole virtual run; 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.design import triangle_of
+from edmctl.actuator.design import Design, Reduction, triangle_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
-
-    from edmctl.actuator.design import Design, Reduction
 
     Array = NDArray[np.float64]
 

@@ -8,6 +8,7 @@ threshold 0 is the straight line; ten plays without hinges and creep are the Max
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -27,20 +28,17 @@ from edmctl.actuator.design import (
 )
 from edmctl.actuator.diagnosis import Left, Noise
 from edmctl.actuator.fitting import fit
+from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record, check_numbers, half_periods_s, sample_s
 from edmctl.actuator.screening import PASSES, Screening, residual_um, screened, settled
 from edmctl.actuator.search import extended
 from edmctl.actuator.suspects import suspects
 from edmctl.actuator.uncertainty import Bands, apart, bands_of, figures, held_out_of, smoothest, whole_records
+from edmctl.actuator.validation import ErrorFigures
 from edmctl.blas import one_blas_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
-
-    from edmctl.actuator.model import ActuatorModel
-    from edmctl.actuator.validation import ErrorFigures
 
     Array = NDArray[np.float64]
 

@@ -15,12 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.model import consecutive
+from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator, consecutive
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
 
     Array = NDArray[np.float64]
 

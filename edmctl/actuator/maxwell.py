@@ -12,6 +12,7 @@ model cannot do: its loops are symmetric and the same everywhere in the range, a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -20,8 +21,6 @@ import numpy as np
 from edmctl.actuator.compiling import cached, compiled
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     Array: TypeAlias = NDArray[np.float64]

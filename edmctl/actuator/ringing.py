@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from edmctl.actuator.record import Record
+
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
-
-    from edmctl.actuator.record import Record
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]

@@ -5,6 +5,7 @@ They are found in the residual of a first fit. Knocks and jumps of the sensor la
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,15 +13,11 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from edmctl.actuator.checks import noise_sd
-from edmctl.actuator.record import settled_from
+from edmctl.actuator.model import ActuatorModel
+from edmctl.actuator.record import Record, settled_from
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
-
-    from edmctl.actuator.model import ActuatorModel
-    from edmctl.actuator.record import Record
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]

@@ -8,21 +8,17 @@ That is too coarse for weights and good enough to compare: the weights of what i
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from edmctl.actuator.design import features_of
-from edmctl.actuator.record import sample_s
+from edmctl.actuator.design import Design, features_of
+from edmctl.actuator.record import Record, sample_s
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from numpy.typing import NDArray
-
-    from edmctl.actuator.design import Design
-    from edmctl.actuator.record import Record
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]

@@ -6,23 +6,20 @@ features that the model uses.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from edmctl.actuator.design import features_of
+from edmctl.actuator.design import Design, features_of
+from edmctl.actuator.model import ActuatorModel
+from edmctl.actuator.record import Record
 from edmctl.actuator.ringing import ringing_of
 from edmctl.actuator.screening import residual_um, standing_out
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
-
-    from edmctl.actuator.design import Design
-    from edmctl.actuator.model import ActuatorModel
-    from edmctl.actuator.record import Record
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]

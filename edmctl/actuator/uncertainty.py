@@ -8,25 +8,20 @@ single weights are not identifiable.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.design import reduce_records
+from edmctl.actuator.design import Design, Reduction, reduce_records
 from edmctl.actuator.fitting import Fit, fit
-from edmctl.actuator.model import CREEP_FROM_S, CREEP_TO_S
-from edmctl.actuator.record import half_periods_s, longest_hold_s
+from edmctl.actuator.model import CREEP_FROM_S, CREEP_TO_S, ActuatorModel
+from edmctl.actuator.record import Record, half_periods_s, longest_hold_s
 from edmctl.actuator.validation import ErrorFigures
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
-
-    from edmctl.actuator.design import Design, Reduction
-    from edmctl.actuator.model import ActuatorModel
-    from edmctl.actuator.record import Record
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]

@@ -6,21 +6,18 @@ Held-out errors count after the zero, or gain and zero, are set again.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from edmctl.actuator.record import check_numbers, settled_from
+from edmctl.actuator.model import ActuatorModel
+from edmctl.actuator.record import Record, check_numbers, settled_from
 from edmctl.actuator.screening import looked_through
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-
     from numpy.typing import NDArray
-
-    from edmctl.actuator.model import ActuatorModel
-    from edmctl.actuator.record import Record
 
     Array = NDArray[np.float64]
 

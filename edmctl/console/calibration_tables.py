@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from edmctl.console.layout import render_columns
@@ -10,8 +11,6 @@ from edmctl.quantity import half_width
 from edmctl.wording import count, decimal, duration, with_u95
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from edmctl.actuator.identification import Identification
     from edmctl.actuator.validation import ErrorFigures
     from edmctl.jobs.actuator_trial import WaveformResult

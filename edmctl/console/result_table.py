@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite, isnan
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -9,6 +10,9 @@ from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_colu
 from edmctl.console.style import PLAIN, Style
 from edmctl.labels import Basis, Seen, heading, is_doubtful, marked, meanings
 from edmctl.quantity import half_width
+from edmctl.results.job import Belief, ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
+from edmctl.results.run_file import SiteNumbers
+from edmctl.results.telemetry import PulseShares
 from edmctl.wording import (
     BEYOND_EXIT,
     UNKNOWN,
@@ -24,12 +28,6 @@ from edmctl.wording import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.results.job import Belief, ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
-    from edmctl.results.run_file import SiteNumbers
-    from edmctl.results.telemetry import PulseShares
-
     Site: TypeAlias = SiteResult | SiteNumbers
 
 _LABEL = 21

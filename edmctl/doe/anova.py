@@ -7,20 +7,18 @@ Design and Analysis of Experiments, 2017, chapter 13).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import special
 
-from edmctl.doe.linear_model import MEAN, fit, model_matrix, term_name, undetermined
+from edmctl.doe.linear_model import MEAN, Settings, Term, fit, model_matrix, term_name, undetermined
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import ArrayLike
 
-    from edmctl.doe.linear_model import Settings, Term
 
 ERROR = "error"
 STANDS_OUT = 0.05

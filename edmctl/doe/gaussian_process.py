@@ -17,6 +17,7 @@ a block are spread more, by a factor of e each way.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -26,8 +27,6 @@ from scipy import linalg, optimize, special
 from edmctl.blas import one_blas_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import ArrayLike, NDArray
 
     Values = NDArray[np.float64]

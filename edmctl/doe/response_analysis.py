@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -18,19 +19,13 @@ import numpy as np
 from scipy import special
 
 from edmctl.blas import one_blas_thread
-from edmctl.doe.anova import anova, differing, pooled_anova
-from edmctl.doe.linear_model import LackOfFit, Settings, fit, model_matrix, term_name, undetermined
-from edmctl.doe.signal_to_noise import response_table, signal_to_noise_db
+from edmctl.doe.anova import Anova, anova, differing, pooled_anova
+from edmctl.doe.linear_model import Fit, LackOfFit, Settings, Term, fit, model_matrix, term_name, undetermined
+from edmctl.doe.signal_to_noise import Better, LevelMeans, response_table, signal_to_noise_db
 from edmctl.quantity import coverage_factor
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from numpy.typing import ArrayLike, NDArray
-
-    from edmctl.doe.anova import Anova
-    from edmctl.doe.linear_model import Fit, Term
-    from edmctl.doe.signal_to_noise import Better, LevelMeans
 
     Values = NDArray[np.float64]
 

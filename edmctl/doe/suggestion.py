@@ -10,6 +10,7 @@ predicts that from 0 and 1 (least-squares classification, Rasmussen and Williams
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -19,8 +20,6 @@ from scipy import special
 from edmctl.doe.gaussian_process import GaussianProcess, fit_process
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import ArrayLike, NDArray
 
     Values = NDArray[np.float64]

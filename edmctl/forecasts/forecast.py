@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -45,8 +46,6 @@ from edmctl.process.erosion import roughness_rz_um
 from edmctl.results.forecast import Forecast, RegimeForecast
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from edmctl.profile.model import Profile, Pulse
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import TYPE_CHECKING
@@ -11,8 +12,6 @@ from edmctl.forecasts.erosion import expected_gap, expected_side_gap_um, usual_d
 from edmctl.process.erosion import SURFACE_UM, roughness_ra_um
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from edmctl.profile.model import Profile, Regime
 
 STAGE_TOLERANCE = 0.03

@@ -7,27 +7,25 @@ noise. What they say is judged by the truth.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from edmctl.actuator.identification import fit_line, fit_maxwell, identify
+from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import judge
 from edmctl.actuator.waveforms import calibration_waveform, sine
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.jobs import output_files
+from edmctl.jobs.actuator_waveforms import Waveform
 from edmctl.jobs.calibration import selection
 from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, SLEW_V_S, DrivenTicks, VirtualActuator
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
     import numpy as np
     from numpy.typing import NDArray
-
-    from edmctl.actuator.model import ActuatorModel
-    from edmctl.jobs.actuator_waveforms import Waveform
 
     Array = NDArray[np.float64]
 

@@ -3,31 +3,24 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from edmctl.errors import Interrupted, ProfileError, RunFileError, UsageError
 from edmctl.exitcodes import error_exit_code
 from edmctl.jobs.job import carry_out
-from edmctl.jobs.parallel import Lost, compile_told, cores, process_pool
+from edmctl.jobs.parallel import Lost, Program, compile_told, cores, process_pool
 from edmctl.jobs.parallel import perform as side_by_side
-from edmctl.jobs.plan import check
+from edmctl.jobs.plan import JobRequest, Plan, check
 from edmctl.jobs.run_header import name_run, plain_name, run_path
 from edmctl.jobs.statistics import run_of
-from edmctl.jobs.surroundings import Unobserved
+from edmctl.jobs.surroundings import Surroundings, Unobserved
 from edmctl.jobs.sweep import grid_of, of_sweep
+from edmctl.results.progress import Observer, SeriesObserver
 from edmctl.results.simulation import SimulatedRun
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from edmctl.jobs.parallel import Program
-    from edmctl.jobs.plan import JobRequest, Plan
-    from edmctl.jobs.surroundings import Surroundings
-    from edmctl.results.progress import Observer, SeriesObserver
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, LinkLost, PreconditionError, ProtocolMismatch, UsageError
 from edmctl.files import lock_holder
-from edmctl.firmware.boards import board_name, board_of
-from edmctl.firmware.flash_tools import Flashed, find_tool, flash, no_board, several_boards, wrong_chip
+from edmctl.firmware.boards import Board, board_name, board_of
+from edmctl.firmware.flash_tools import Flashed, Tool, find_tool, flash, no_board, several_boards, wrong_chip
+from edmctl.firmware.image import Image
 from edmctl.jobs.connect import line_to
 from edmctl.jobs.doctor_host import fail, ok, warn
 from edmctl.jobs.plan import where_is
@@ -18,16 +20,10 @@ from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH
 from edmctl.link.ports import same_port, st_links
 from edmctl.link.session import Session
 from edmctl.results.equipment import Check, CheckStatus
-from edmctl.results.firmware import BoardFacts, dotted, hexadecimal, settings_text
+from edmctl.results.firmware import BoardFacts, ImageFacts, dotted, hexadecimal, settings_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from edmctl.firmware.boards import Board
-    from edmctl.firmware.flash_tools import Tool
-    from edmctl.firmware.image import Image
     from edmctl.profile.setup import Setup
-    from edmctl.results.firmware import ImageFacts
 
 AT_REST = ("BOOT", "IDLE", "FAULT", "ESTOP")
 """States in which no job runs: pulses are off, and nothing moves but a tool that is taken back."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, EdmError, RunFileError
@@ -11,26 +13,20 @@ from edmctl.jobs.calibration.selection import choose
 from edmctl.jobs.connect import connected, introduction
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.tool import as_found, name_tool
-from edmctl.jobs.plan import under
+from edmctl.jobs.plan import Plan, under
 from edmctl.jobs.resume.selection import refuse_other_setup_of_run
-from edmctl.jobs.run_header import run_meta
+from edmctl.jobs.run_header import RunName, run_meta
 from edmctl.jobs.runs.opening import on_machine
 from edmctl.jobs.session import MachineSession
 from edmctl.jsonout import render_json
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
 from edmctl.record.disk_thread import DiskThread
-from edmctl.record.rows import Summary
+from edmctl.record.rows import Recorder, Summary
+from edmctl.record.run_meta import RunMeta
+from edmctl.results.progress import Observer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-    from pathlib import Path
-
-    from edmctl.jobs.plan import Plan
-    from edmctl.jobs.run_header import RunName
     from edmctl.jobs.surroundings import Warn
-    from edmctl.record.rows import Recorder
-    from edmctl.record.run_meta import RunMeta
-    from edmctl.results.progress import Observer
 
     Act = Callable[[Recorder], None]
 

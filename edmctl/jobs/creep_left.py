@@ -9,20 +9,19 @@ from __future__ import annotations
 import json
 import math
 import time
+from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
 from edmctl.files import read_bytes
+from edmctl.jobs.session import ConnectedMachine
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.profile.folders import creep_path
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
     from edmctl.jobs.plan import MachineAddress
-    from edmctl.jobs.session import ConnectedMachine
 
 SCHEMA = "edmctl-creep/1"
 

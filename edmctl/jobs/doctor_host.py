@@ -6,6 +6,7 @@ import dataclasses
 import os
 import platform
 import shutil
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
@@ -18,8 +19,6 @@ from edmctl.results.equipment import Check, CheckStatus
 from edmctl.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from edmctl.profile.setup import Setup
 
 

@@ -6,11 +6,12 @@ import time
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, Interrupted, LinkLost, stages_by_hand
-from edmctl.jobs.doctor_host import fail, ok, warn
+from edmctl.jobs.doctor_host import Checks, fail, ok, warn
+from edmctl.results.equipment import Check
+from edmctl.results.telemetry import LinkReport
 from edmctl.wording import coordinates, decimal
 
 if TYPE_CHECKING:
-    from edmctl.jobs.doctor_host import Checks
     from edmctl.link.messages import HelloReply
     from edmctl.machine.controller import LinkMachine
     from edmctl.machine.interface import (
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
         TelemetryBlock,
     )
     from edmctl.profile.setup import Setup
-    from edmctl.results.equipment import Check
-    from edmctl.results.telemetry import LinkReport
 
 QUESTIONS = 100
 SLOW_S = 0.01

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -10,8 +11,6 @@ from edmctl.errors import Diagnostic
 from edmctl.wording import duration, plural
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from edmctl.process.rest_drift import DriftModel
     from edmctl.profile.setup import Setup
 

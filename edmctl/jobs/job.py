@@ -4,38 +4,35 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import zip_longest
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.errors import PreconditionError, RunFileError
+from edmctl.errors import EdmError, PreconditionError, RunFileError
+from edmctl.jobs.calibration.selection import ModelUsed
 from edmctl.jobs.connected_run import connected_run, ending
+from edmctl.jobs.ledger.job_ledger import JobLedger
+from edmctl.jobs.plan import Plan
+from edmctl.jobs.resume.checkpoint import JobCheckpoint
+from edmctl.jobs.run_header import RunName
+from edmctl.jobs.session import MachineSession
+from edmctl.jobs.truth import TrueWear
+from edmctl.jsonout import JsonValue
 from edmctl.labels import marked
+from edmctl.procedures.job_state import JobTally, StateStore
 from edmctl.process.erosion import corner_radius_um, roughness_rz_um
-from edmctl.results.job import SiteResult, SiteTruth
+from edmctl.record.rows import Recorder
+from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
+from edmctl.results.progress import Observer
 from edmctl.results.result import Result, html_table
 from edmctl.wording import length
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
-
-    from edmctl.errors import EdmError
-    from edmctl.jobs.calibration.selection import ModelUsed
-    from edmctl.jobs.ledger.job_ledger import JobLedger
-    from edmctl.jobs.plan import Plan
-    from edmctl.jobs.resume.checkpoint import JobCheckpoint
-    from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.session import MachineSession
     from edmctl.jobs.surroundings import Warn
-    from edmctl.jobs.truth import TrueWear
-    from edmctl.jsonout import JsonValue
     from edmctl.procedures.job import Job
-    from edmctl.procedures.job_state import JobTally, StateStore
-    from edmctl.record.rows import Recorder
-    from edmctl.results.job import ChannelResult, ChannelTruth, JobResult
-    from edmctl.results.progress import Observer
     from edmctl.simulator.bench import HoleTruth
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.errors import Diagnostic
 from edmctl.jobs.ledger.elapsed import with_home
-from edmctl.jobs.ledger.places_taken import next_free_x_um, refuse_taken, refuse_unreachable
+from edmctl.jobs.ledger.places_taken import Place, next_free_x_um, refuse_taken, refuse_unreachable
 from edmctl.jobs.ledger.tool import (
+    ToolIdentity,
     account_of,
     left_to_finish,
     on_worn_tool,
@@ -19,20 +23,14 @@ from edmctl.jobs.ledger.tool import (
     refuse_worn_out,
 )
 from edmctl.record.ledger import Ledger
+from edmctl.record.ledger_entries import SiteMachined
 from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
-
-    from edmctl.errors import Diagnostic
-    from edmctl.jobs.ledger.places_taken import Place
-    from edmctl.jobs.ledger.tool import ToolIdentity
     from edmctl.jobs.plan import Plan
     from edmctl.jobs.run_header import RunName
     from edmctl.procedures.job import CalibratedActuator, Job
     from edmctl.profile.model import Profile
-    from edmctl.record.ledger_entries import SiteMachined
 
 
 def ledger_of(plan: Plan, name: RunName | None) -> Ledger | None:

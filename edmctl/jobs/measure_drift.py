@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.jobs.calibration.request import check_writable
@@ -17,25 +19,20 @@ from edmctl.jobs.ledger.tool import (
     refuse_unknown_length,
     tool_identity,
 )
-from edmctl.procedures.measure_drift import drift_result, drift_time_s, measure_drift, plan_drift
-from edmctl.process.rest_drift import model_of
+from edmctl.jobs.plan import Plan
+from edmctl.jobs.run_header import RunName
+from edmctl.jobs.session import MachineSession
+from edmctl.procedures.job import Job
+from edmctl.procedures.measure_drift import DriftPlan, drift_result, drift_time_s, measure_drift, plan_drift
+from edmctl.procedures.run import JobRun
+from edmctl.process.rest_drift import DriftModel, model_of
+from edmctl.record.ledger import Ledger
 from edmctl.record.ledger_entries import RunEnded, WearMeasured
 from edmctl.record.tool_account import ToolAccount, history_of
+from edmctl.results.measurements import DriftResult
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from edmctl.jobs.plan import Plan
-    from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.session import MachineSession
     from edmctl.jobs.surroundings import Warn
-    from edmctl.procedures.job import Job
-    from edmctl.procedures.measure_drift import DriftPlan
-    from edmctl.procedures.run import JobRun
-    from edmctl.process.rest_drift import DriftModel
-    from edmctl.record.ledger import Ledger
-    from edmctl.results.measurements import DriftResult
 
 
 def drift_forecast(plan: Plan, duration_s: float | None) -> dict[str, Any]:

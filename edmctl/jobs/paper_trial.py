@@ -8,10 +8,12 @@ waveforms.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from edmctl.actuator.electromechanical import TABLE_1, ElectromechanicalModel
+from edmctl.actuator.electromechanical import TABLE_1, ElectromechanicalModel, Transducer
 from edmctl.actuator.identification import fit_maxwell
 from edmctl.actuator.maxwell import MaxwellModel
 from edmctl.actuator.model import ActuatorState, Estimator
@@ -20,17 +22,12 @@ from edmctl.actuator.validation import ErrorFigures
 from edmctl.errors import Diagnostic, PreconditionError
 from edmctl.jobs import output_files
 from edmctl.jobs.actuator_trial import ModelErrors, Trace, Truth, slow_cycle, slowed
+from edmctl.jobs.actuator_waveforms import Waveform
 from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, VirtualActuator
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
     import numpy as np
     from numpy.typing import NDArray
-
-    from edmctl.actuator.electromechanical import Transducer
-    from edmctl.jobs.actuator_waveforms import Waveform
 
     Array = NDArray[np.float64]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import threading
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -22,12 +23,11 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from edmctl.errors import PreconditionError, installing
 from edmctl.exitcodes import ExitCode
 from edmctl.jobs.surroundings import Surroundings
+from edmctl.results.progress import Observer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
     from concurrent.futures import Future
 
-    from edmctl.results.progress import Observer
 
 TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")

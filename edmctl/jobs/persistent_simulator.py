@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import UsageError
 from edmctl.jobs.ledger.tool import is_unnamed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
     from edmctl.rules.load import LoadedProfile
     from edmctl.simulator import BenchConfig, VirtualBench
 

@@ -3,45 +3,45 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from edmctl.errors import UsageError
+from edmctl.errors import EdmError, UsageError
 from edmctl.forecasts.forecast import STROKE_RESERVE_UM
 from edmctl.forecasts.removal import approach_speed_um_s
+from edmctl.jobs.calibration.selection import ModelUsed
 from edmctl.jobs.connected_run import connected_run
-from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
+from edmctl.jobs.job_preparation import PreparedJob, hole_radius_um, ledger_of, prepared_job
 from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import refuse_pad, refuse_taken, refuse_unreachable
-from edmctl.jobs.ledger.tool import account_of, refuse_other_setup, refuse_too_short, tool_identity
-from edmctl.jobs.run_header import name_run
-from edmctl.procedures.job import job_of
+from edmctl.jobs.ledger.tool import (
+    ToolIdentity,
+    account_of,
+    refuse_other_setup,
+    refuse_too_short,
+    tool_identity,
+)
+from edmctl.jobs.plan import Plan
+from edmctl.jobs.run_header import RunName, name_run
+from edmctl.jobs.session import MachineSession
+from edmctl.jsonout import JsonValue
+from edmctl.procedures.job import Job, job_of
 from edmctl.procedures.jump_series import least_period_s, run_jumps
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.profile.places import Place
+from edmctl.record.rows import Recorder
 from edmctl.record.tool_account import history_of
+from edmctl.results.measurements import JumpSeries, SurfaceFound
+from edmctl.results.progress import Observer
 from edmctl.results.result import Result
 from edmctl.wording import facts
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
-
-    from edmctl.errors import EdmError
-    from edmctl.jobs.calibration.selection import ModelUsed
-    from edmctl.jobs.job_preparation import PreparedJob
-    from edmctl.jobs.ledger.tool import ToolIdentity
-    from edmctl.jobs.plan import Plan
-    from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.session import MachineSession
     from edmctl.jobs.surroundings import Warn
-    from edmctl.jsonout import JsonValue
-    from edmctl.procedures.job import Job
-    from edmctl.procedures.run import JobRun
-    from edmctl.record.rows import Recorder
-    from edmctl.results.measurements import JumpSeries, SurfaceFound
-    from edmctl.results.progress import Observer
 
 MOST_UM = 1e6
 """Stages and profiles know no place further off."""

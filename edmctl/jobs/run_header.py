@@ -8,16 +8,16 @@ import socket
 import threading
 from dataclasses import dataclass
 from datetime import timedelta
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import UsageError
+from edmctl.jobs.calibration.selection import Choice
 from edmctl.toml_text import toml_scalar, toml_tables
 
 if TYPE_CHECKING:
     from datetime import datetime
-    from pathlib import Path
 
-    from edmctl.jobs.calibration.selection import Choice
     from edmctl.jobs.plan import Plan
     from edmctl.machine.interface import MachineIdentity
     from edmctl.profile.setup import Setup

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +20,6 @@ from edmctl.record.appended_rows import RowWriter, read_lines
 from edmctl.results.simulation import SimulatedRun, run_of_mapping
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from edmctl.jobs.batch import Task
 
 ROWS = "series"

@@ -6,16 +6,13 @@ import glob
 import json
 import os
 import socket
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.link.ports import PortInfo
 from edmctl.profile.folders import data_folder
 from edmctl.record.locks import is_alive
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
 
 
 @contextmanager

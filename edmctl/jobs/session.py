@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.errors import EdmError
+from edmctl.jobs.calibration.selection import Choice
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from edmctl.errors import EdmError
-    from edmctl.jobs.calibration.selection import Choice
     from edmctl.jobs.drift_choice import DriftChoice
     from edmctl.jobs.plan import Plan
     from edmctl.machine.controller import LinkMachine

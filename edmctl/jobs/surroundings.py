@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import sys
 import warnings
-from contextlib import nullcontext
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from edmctl.errors import EdmWarning
+from edmctl.errors import Diagnostic, EdmWarning
 from edmctl.machine.stop import StopRequest
+from edmctl.results.progress import Progress
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from contextlib import AbstractContextManager
-
-    from edmctl.errors import Diagnostic
-    from edmctl.results.progress import Progress
-
     Warn = Callable[[Sequence[Diagnostic]], None]
 
 

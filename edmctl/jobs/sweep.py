@@ -8,16 +8,12 @@ import math
 import operator
 import re
 import secrets
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, SupportsIndex
+from typing import SupportsIndex
 
-from edmctl.errors import UsageError
+from edmctl.errors import Diagnostic, UsageError
 from edmctl.wording import plural
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.errors import Diagnostic
 
 # Nine digits at most: short enough to read out and type again.
 _NEW_SEEDS = 1_000_000_000

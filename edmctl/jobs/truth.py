@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import RunFileError
+from edmctl.procedures.job_state import JobState, StateStore
+from edmctl.record.rows import Recorder
 from edmctl.results.job import ChannelTruth
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from edmctl.procedures.job_state import JobState, StateStore
     from edmctl.profile.model import Profile
-    from edmctl.record.rows import Recorder
     from edmctl.simulator import VirtualBench
 
 STEP_UM = 5.0

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.process.touches import TouchScatter
-from edmctl.results.job import JobResult, Reached, SiteResult
+from edmctl.results.job import Belief, ChannelResult, JobResult, Reached, SiteResult
 from edmctl.results.progress import Phase
+from edmctl.results.telemetry import LinkReport
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
     from edmctl.process.rest_drift import CreepLeft
-    from edmctl.results.job import Belief, ChannelResult
-    from edmctl.results.telemetry import LinkReport
 
 PERIOD_S = 5.0
 """Between two states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the touch of the bottom looks for."""

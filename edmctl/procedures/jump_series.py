@@ -7,25 +7,21 @@ The tool hangs as low as at the end of a hole, beside the work and without pulse
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.forecasts.removal import jump_time_s
-from edmctl.machine.interface import MachineState
+from edmctl.machine.interface import MachineState, TelemetryBlock
 from edmctl.procedures.hole.running_cut import jump_request
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.record.rows import RunEvent
 from edmctl.results.measurements import JumpMeasured, JumpSeries, JumpSummary
 from edmctl.results.progress import Phase
 from edmctl.results.telemetry import joined
 from edmctl.wording import signed
-
-if TYPE_CHECKING:
-    from edmctl.machine.interface import TelemetryBlock
-    from edmctl.procedures.run import JobRun
 
 Floats = NDArray[np.float64]
 

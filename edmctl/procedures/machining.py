@@ -5,38 +5,29 @@ What one place teaches, the next one uses.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from edmctl.forecasts.forecast import working_order
+from edmctl.machine.interface import Machine
 from edmctl.procedures.channel.procedure import machine_path, record_left_channel
 from edmctl.procedures.hole.cut import Decision
 from edmctl.procedures.hole.hole import JobKnowledge, begin_hole, initial_knowledge
 from edmctl.procedures.hole.resuming import check_last_hole, resume_hole, resume_through_hole
 from edmctl.procedures.hole.site import keep_hole_begun, machine_hole
 from edmctl.procedures.hole.site_result import judge_holes, open_site, record_left, record_results
-from edmctl.procedures.job import target_of
-from edmctl.procedures.job_state import JobTally
+from edmctl.procedures.job import Job, target_of
+from edmctl.procedures.job_state import JobTally, StateStore
 from edmctl.procedures.monitoring.beliefs import judge_job
-from edmctl.procedures.run import MOVING
+from edmctl.procedures.run import MOVING, JobRun
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.session import running
 from edmctl.procedures.touch.surface_plane import touch_plane, touch_where_unknown
 from edmctl.process.plane import TOUCHES_FOR_A_PLANE
-from edmctl.record.rows import EventLevel, RunEvent
-from edmctl.results.job import ObjectiveMissed
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.machine.interface import Machine
-    from edmctl.procedures.job import Job
-    from edmctl.procedures.job_state import StateStore
-    from edmctl.procedures.run import JobRun
-    from edmctl.profile.places import Place
-    from edmctl.record.rows import Recorder
-    from edmctl.results.job import JobResult
-    from edmctl.results.progress import Observer
+from edmctl.profile.places import Place
+from edmctl.record.rows import EventLevel, Recorder, RunEvent
+from edmctl.results.job import JobResult, ObjectiveMissed
+from edmctl.results.progress import Observer
 
 
 def run_job(

@@ -8,27 +8,30 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached, PreconditionError, UsageError
 from edmctl.forecasts.measuring import again_s, move_time_s, park_to_pad_um, touch_time_s
 from edmctl.procedures.monitoring.beliefs import judge
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to, retract
 from edmctl.procedures.touch.approach import lower_to
-from edmctl.procedures.touch.reading import take_reading
+from edmctl.procedures.touch.reading import SurfaceReading, take_reading
 from edmctl.procedures.touch.spots import read_pad
-from edmctl.process.rest_drift import LEAST_TOUCHES, PadTouch, fit_drift, model_of, refuse_creep
+from edmctl.process.rest_drift import (
+    LEAST_TOUCHES,
+    DriftFit,
+    PadTouch,
+    Rest,
+    fit_drift,
+    model_of,
+    refuse_creep,
+)
+from edmctl.profile.model import Profile
+from edmctl.profile.setup import Setup
 from edmctl.record.rows import RunEvent
 from edmctl.results.measurements import DriftResult
 from edmctl.results.progress import Phase
 from edmctl.wording import decimal
-
-if TYPE_CHECKING:
-    from edmctl.procedures.run import JobRun
-    from edmctl.procedures.touch.reading import SurfaceReading
-    from edmctl.process.rest_drift import DriftFit, Rest
-    from edmctl.profile.model import Profile
-    from edmctl.profile.setup import Setup
 
 PAD_U_UM = 3.5
 """Standard uncertainty with which the first touch of the pad is foreseen."""

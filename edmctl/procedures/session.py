@@ -13,41 +13,31 @@ sets today's gain and zero of a calibration. Without a calibration a plain model
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmctl.actuator.inverse import jump_volts
 from edmctl.actuator.record import Record
+from edmctl.actuator.validation import ErrorFigures
 from edmctl.errors import EdmError, LinkLost, MachineFault, PreconditionError, ProtocolMismatch, RunFileError
-from edmctl.machine.interface import joined
+from edmctl.machine.interface import Machine, TelemetryBlock, joined
 from edmctl.procedures.actuator.sensorless import SensorlessMachine
-from edmctl.procedures.actuator.tracker import home
+from edmctl.procedures.actuator.tracker import Tracker, home
 from edmctl.procedures.hole.regimes import take_recipe
-from edmctl.procedures.job_state import NoStateStore
+from edmctl.procedures.job import CalibratedActuator, Job
+from edmctl.procedures.job_state import JobTally, NoStateStore, StateStore
 from edmctl.procedures.monitoring.monitors import IdleMonitor, LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.monitoring.watch import Watch
-from edmctl.procedures.run import JobRun, JobStateKeeper, rest_and_look, total_pause_s
+from edmctl.procedures.run import Args, JobRun, JobStateKeeper, rest_and_look, total_pause_s
 from edmctl.procedures.settings import controller_settings, pulse_settings, recorded_every, telemetry_settings
 from edmctl.procedures.stages import move_to
-from edmctl.record.rows import EventLevel, EventRow, RunEvent
+from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent
 from edmctl.results.job import site_result_of
-from edmctl.results.progress import Phase
+from edmctl.results.progress import Observer, Phase
 from edmctl.wording import signed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from edmctl.actuator.validation import ErrorFigures
-    from edmctl.machine.interface import Machine, TelemetryBlock
-    from edmctl.procedures.actuator.tracker import Tracker
-    from edmctl.procedures.job import CalibratedActuator, Job
-    from edmctl.procedures.job_state import JobTally, StateStore
-    from edmctl.procedures.run import Args
-    from edmctl.record.rows import Recorder
-    from edmctl.results.progress import Observer
 
 LEAST_GAIN_UM_PER_V = 0.05
 """Half the least mean gain that a setup may have."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.machine.interface import Axis
 from edmctl.procedures.job import REPORT_DELAY_S
-from edmctl.procedures.run import rest_and_look
+from edmctl.procedures.run import JobRun, rest_and_look
 from edmctl.procedures.settings import controller_settings, retract_v_s
 from edmctl.procedures.touch.home import (
     CLEAR_UM,
@@ -19,14 +18,11 @@ from edmctl.procedures.touch.home import (
     home_now,
     most_over_um,
 )
+from edmctl.profile.places import Place
 from edmctl.profile.setup import ARRIVAL_RUN_UM
 from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase
 from edmctl.wording import coordinates, duration
-
-if TYPE_CHECKING:
-    from edmctl.procedures.run import JobRun
-    from edmctl.profile.places import Place
 
 ROTARY_REPEATABILITY_DEG = 0.1
 """Of the rotary table (Muralidhara et al. 2009, §3.1): a smaller turn is no turn."""

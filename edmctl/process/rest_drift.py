@@ -13,8 +13,8 @@ of the tool: less the creep that this brings, the change of its rests is drift.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,6 @@ from numpy.typing import NDArray
 from edmctl.blas import one_blas_thread
 from edmctl.process.touches import Drift, Reading, TouchScatter, share_u
 from edmctl.quantity import Value
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 Floats = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ single pulses of the virtual machine; the laws are the same.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from operator import mul
-from typing import TYPE_CHECKING
 
 from edmctl.process.discharge import delay_over_on_time, pulse_energy_uj, tool_area_um2
 from edmctl.process.erosion import LAW, molten_uj, tool_um3_per_uj, work_um3_per_uj
@@ -29,9 +29,6 @@ from edmctl.process.gap_conditions import (
     flush_time_s,
     working_gap_um,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
 
 _STEPS = 24
 _ROUNDS, _TRIES, _ARC_ROUNDS = 12, 60, 4

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Iterator, Sequence
+from typing import Protocol
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from edmctl.actuator.model import ActuatorModel
+from edmctl.actuator.model import ActuatorModel
 
 MOST_V = 10_000.0
 LEAST_SPAN_SHARE = 0.01

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from edmctl.errors import Diagnostic
-from edmctl.profile.findings import Code
+from edmctl.errors import Diagnostic, Location
+from edmctl.profile.findings import Code, Finding
+from edmctl.profile.positions import KeyPath, Sources, TomlTable
 from edmctl.profile.read import dotted
 from edmctl.profile.tables import (
     accepts,
@@ -22,14 +24,9 @@ from edmctl.toml_text import toml_value
 from edmctl.wording import shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from pydantic import BaseModel, ValidationError
     from pydantic_core import ErrorDetails
 
-    from edmctl.errors import Location
-    from edmctl.profile.findings import Finding
-    from edmctl.profile.positions import KeyPath, Sources, TomlTable
 
 _CODES = {
     "missing": Code.MISSING_KEY,

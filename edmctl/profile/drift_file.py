@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Final, Literal
+from pathlib import Path
+from typing import Final, Literal
 
 import numpy as np
 from pydantic import Field, ValidationError
@@ -16,11 +17,7 @@ from edmctl.process.touches import share_u
 from edmctl.profile.calibration import HASH, content_hash, write_whole
 from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import ONE_LINE, Table
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.results.measurements import DriftResult
+from edmctl.results.measurements import DriftResult
 
 SCHEMA: Final = "edmctl-drift/1"
 AGAIN = "Run edmctl measure-drift again, or say use = false under [drift] in the setup."

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from edmctl.errors import Location
+
 if TYPE_CHECKING:
-    from edmctl.errors import Location
     from edmctl.profile.positions import KeyPath
 
 PAD_MARGIN_UM = 50.0

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import difflib
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from edmctl.errors import UsageError
 from edmctl.files import path_variable, user_path
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 HOME_VARIABLE = "EDMCTL_HOME"
 CALIBRATION_VARIABLE = "EDMCTL_CALIBRATION"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.csv_text import plain_text
@@ -14,9 +16,6 @@ from edmctl.profile.findings import Code
 from edmctl.profile.folders import is_file
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
     from edmctl.profile.model import Profile
     from edmctl.profile.sites import CircleSites, GridSites, PointSite
 

@@ -5,24 +5,19 @@ from __future__ import annotations
 import re
 import tomllib
 import unicodedata
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from edmctl.errors import Diagnostic, Location, ProfileError, UsageError
 from edmctl.files import read_bytes
 from edmctl.profile.findings import Code
 from edmctl.profile.folders import find_profile
-from edmctl.profile.positions import SET_OPTION, Source, TomlTable
+from edmctl.profile.positions import SET_OPTION, KeyPath, Source, TomlTable
 from edmctl.profile.units import NO_UNIT, in_unit_of_key, quantity
 from edmctl.toml_text import toml_value
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from edmctl.profile.positions import KeyPath
 
 MOST_PARENTS = 20
 MOST_KEYS = 20_000

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterable
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from pathlib import Path
+from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
 from edmctl.errors import Diagnostic, ProfileError, UsageError
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
 from edmctl.profile.findings import Code
-from edmctl.profile.positions import Source, Sources
+from edmctl.profile.positions import KeyPath, Source, Sources, TomlTable
 from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import ONE_LINE, FileName, Table, field_at
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    from edmctl.profile.positions import KeyPath, TomlTable
 
 NAME = r"^[A-Za-z_][A-Za-z0-9_.-]*$"
 """Names of responses: they head columns."""

@@ -12,8 +12,10 @@ from __future__ import annotations
 import csv
 import re
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,9 +25,6 @@ from edmctl.errors import Location, RecordError
 from edmctl.files import read_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]

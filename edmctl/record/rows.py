@@ -7,20 +7,17 @@ so its arrays must not be changed afterwards.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from edmctl.results.job import SiteResult
-from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
+from edmctl.results.telemetry import LinkReport, PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     import numpy as np
     from numpy.typing import NDArray
-
-    from edmctl.results.telemetry import LinkReport
 
     FloatArray = NDArray[np.floating]
     IntArray = NDArray[np.integer]

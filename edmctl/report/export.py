@@ -8,6 +8,7 @@ block, and the units in its metadata.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -16,15 +17,13 @@ import numpy as np
 from edmctl.csv_text import header_line, row_lines, text_cell
 from edmctl.errors import PreconditionError, installing
 from edmctl.record import layout
+from edmctl.record.layout import Column, Table
 from edmctl.report.numbers import numbers_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
     import pyarrow as pa
     from numpy.typing import NDArray
 
-    from edmctl.record.layout import Column, Table
     from edmctl.record.reader import RunFile
 
     Block = list[NDArray[np.generic]]

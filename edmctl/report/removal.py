@@ -7,6 +7,7 @@ the end. So the last value of each hole is that of its result.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,15 +18,13 @@ from edmctl.record import layout
 from edmctl.record.events import RecordedCode, recorded_events
 from edmctl.report.numbers import numbers_of
 from edmctl.report.signals import ROW_S, floats, intervals
+from edmctl.results.run_file import SiteNumbers
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
     from edmctl.report.signals import Array
-    from edmctl.results.run_file import SiteNumbers
 
     Flags = NDArray[np.bool_]
     Values = Mapping[str, float | int | str | bool]

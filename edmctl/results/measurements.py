@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.labels import Basis
+
 if TYPE_CHECKING:
-    from edmctl.labels import Basis
     from edmctl.results.job import Belief
 
 

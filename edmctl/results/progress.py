@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-if TYPE_CHECKING:
-    from edmctl.results.telemetry import PulseShares
+from edmctl.results.telemetry import PulseShares
 
 
 class Phase(StrEnum):

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from edmctl.errors import installing
-from edmctl.jsonout import to_json_value
+from edmctl.errors import EdmError, installing
+from edmctl.jsonout import JsonValue, to_json_value
 from edmctl.wording import facts
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import pandas
 
-    from edmctl.errors import EdmError
-    from edmctl.jsonout import JsonValue
 
 MOST_FACTS = 4
 """As many values stand in a short representation."""

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+from edmctl.errors import RunFileError
 from edmctl.results.job import SiteTruth
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from edmctl.errors import RunFileError
-    from edmctl.results.telemetry import PulseShares
+from edmctl.results.telemetry import PulseShares
 
 
 @dataclass(frozen=True, slots=True)

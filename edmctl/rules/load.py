@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ValidationError
 
@@ -14,14 +14,15 @@ from edmctl.errors import Diagnostic, ProfileError
 from edmctl.forecasts.erosion import with_expected_erosion
 from edmctl.forecasts.forecast import Job
 from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics, schema_problems
+from edmctl.profile.findings import Finding
 from edmctl.profile.folders import find_profile, shipped_profiles
 from edmctl.profile.model import Profile
-from edmctl.profile.places import places
-from edmctl.profile.positions import SET_OPTION, Sources
+from edmctl.profile.places import Place, places
+from edmctl.profile.positions import SET_OPTION, Sources, TomlTable
 from edmctl.profile.profile_file import ProfileFile, SimSettings
 from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.profile.setup import Setup
-from edmctl.results.forecast import ProfileSummary
+from edmctl.results.forecast import Forecast, ProfileSummary
 from edmctl.rules.materials import sim_agrees
 from edmctl.rules.target import time_limit
 from edmctl.rules.violations import (
@@ -30,14 +31,6 @@ from edmctl.rules.violations import (
     violations,
     with_time_limit,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.profile.findings import Finding
-    from edmctl.profile.places import Place
-    from edmctl.profile.positions import TomlTable
-    from edmctl.results.forecast import Forecast
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.erosion import (
@@ -16,8 +17,6 @@ from edmctl.process.materials import material, materials
 from edmctl.profile.findings import Code, Finding
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from edmctl.forecasts.forecast import Job
     from edmctl.profile.model import Profile
     from edmctl.profile.profile_file import SimSettings

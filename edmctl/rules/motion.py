@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.forecast import (
@@ -25,8 +26,6 @@ from edmctl.forecasts.removal import (
 from edmctl.profile.findings import PAD_MARGIN_UM, Code, Finding, rounded_down, rounded_up
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from edmctl.profile.model import Profile
 
 SLOPE_PER_FEED_MIN, SLOPE_PER_FEED_GOOD = 1.2, 3.0

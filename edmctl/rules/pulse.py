@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.regimes import in_pulses
@@ -10,8 +11,6 @@ from edmctl.process.erosion import LAW
 from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX, Code, Finding, rounded_down
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from edmctl.forecasts.forecast import Job
     from edmctl.profile.model import Profile
 

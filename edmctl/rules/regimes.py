@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from edmctl.forecasts.forecast import Job
 from edmctl.forecasts.regimes import recipes_of, with_regimes
 from edmctl.profile.findings import Code, Finding
 from edmctl.rules import materials, motion, pulse
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
 
 OF_PULSES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     pulse.reference_window,

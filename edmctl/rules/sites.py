@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.forecast import STROKE_RESERVE_UM, Job, stroke_available_um, working_order
@@ -12,8 +13,6 @@ from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Code, Finding, round
 from edmctl.wording import coordinates
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Limit, Setup
     from edmctl.profile.sites import PathTable

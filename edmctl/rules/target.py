@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 from edmctl.forecasts.channel import waiting_speed_um_s
 from edmctl.forecasts.forecast import Job, depth_and_wear_um
 from edmctl.profile.findings import Code, Finding, rounded_up
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 SPARE = 1.25
 """A tolerance has to be wider than the forecast of the interval by this: touches scatter from job to job."""

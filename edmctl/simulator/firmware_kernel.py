@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from numba import types
@@ -10,13 +11,11 @@ from numba.extending import intrinsic
 from edmctl.actuator.compiling import cached
 from edmctl.simulator.controller_state import NOTHING
 from edmctl.simulator.kernel import LOOK
+from edmctl.simulator.plant_interface import Drive, Readings
 from edmctl.simulator.plant_kernel import follow_drive, plant_tick
+from edmctl.simulator.plant_state import PlantState, Scope, Unit
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from edmctl.simulator.plant_interface import Drive, Readings
-    from edmctl.simulator.plant_state import PlantState, Scope, Unit
     from edmctl.simulator.records import Floats
 
 

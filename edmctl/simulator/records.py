@@ -15,6 +15,7 @@ names.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
@@ -23,8 +24,6 @@ import numpy as np
 from edmctl.actuator.compiling import COMPILES
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,8 +18,6 @@ from edmctl.process.erosion import roughness_ra_um, widening_um
 from edmctl.simulator.workpiece import Footprint, Tip, Workpiece
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from edmctl.simulator.config import BenchConfig

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING
 
 from edmctl.actuator.acceptance import DIFFERING, excess_of, rate_in_words, restrictions_on
-from edmctl.actuator.identification import fit_line, fit_maxwell, identify
+from edmctl.actuator.identification import Identification, fit_line, fit_maxwell, identify
+from edmctl.actuator.model import ActuatorModel
+from edmctl.actuator.record import Record
 from edmctl.actuator.uncertainty import within_rates
-from edmctl.actuator.validation import ErrorFigures, validate
+from edmctl.actuator.validation import ErrorFigures, Refit, Validation, validate
 from edmctl.errors import Diagnostic, RecordError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from edmctl.actuator.identification import Identification
-    from edmctl.actuator.model import ActuatorModel
-    from edmctl.actuator.record import Record
-    from edmctl.actuator.validation import Refit, Validation
 
 HELD_OUT, VALIDATION = "held-out blocks", "validation files"
 REMEDY = "`edmctl machine` uses such a calibration, and warns each time."

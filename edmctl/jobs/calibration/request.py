@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from edmctl.errors import Diagnostic, RecordError, RunFileError, UsageError
@@ -14,9 +16,6 @@ from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.quantity import half_width
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
     import numpy as np
     from numpy.typing import NDArray
 

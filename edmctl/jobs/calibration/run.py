@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -9,23 +10,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, EdmError
-from edmctl.jobs.calibration.request import check_writable, doubtful
+from edmctl.jobs.calibration.request import CheckedCalibration, LeverFound, check_writable, doubtful
 from edmctl.jobs.connect import connected, introduction
-from edmctl.jsonout import to_json_value
+from edmctl.jsonout import JsonValue, to_json_value
+from edmctl.results.progress import Observer
 from edmctl.results.result import Result
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
     from edmctl.actuator.model import ActuatorModel
     from edmctl.actuator.record import Record
     from edmctl.actuator.validation import ErrorFigures
     from edmctl.jobs.calibration.fit import Findings
-    from edmctl.jobs.calibration.request import CheckedCalibration, LeverFound
     from edmctl.jobs.surroundings import Warn
-    from edmctl.jsonout import JsonValue
     from edmctl.procedures.actuator.calibration import CalibrationPlan, MeasuredActuator
-    from edmctl.results.progress import Observer
 
 
 @dataclass(frozen=True, slots=True, repr=False)

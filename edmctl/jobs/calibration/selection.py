@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.errors import Diagnostic, PreconditionError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
     from edmctl.procedures.job import CalibratedActuator
     from edmctl.profile.calibration import Calibration
     from edmctl.profile.model import Profile

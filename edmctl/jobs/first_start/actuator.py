@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import linear_regression
-from typing import TYPE_CHECKING
 
 from edmctl.jobs.first_start import nets
 from edmctl.jobs.first_start.checklist import Checklist, Found, Spec, mean
 from edmctl.jobs.first_start.nets import cause
 from edmctl.procedures.settings import motion_settings
 from edmctl.wording import decimal, signed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 PART = "actuator"
 SMALL_V = (0.5, 1.0, 1.5, 2.0)

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from edmctl.errors import EdmError, LinkLost, MachineFault
 from edmctl.jobs.first_start import nets
 from edmctl.jobs.first_start.nets import cause
 from edmctl.link.faults import FaultCode
-
-if TYPE_CHECKING:
-    from edmctl.results.first_start import Cause
+from edmctl.results.first_start import Cause
 
 
 def cause_of(error: EdmError) -> tuple[Cause, ...]:

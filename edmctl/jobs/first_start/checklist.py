@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, Interrupted, LinkLost, MachineFault, UsageError
-from edmctl.jobs.first_start.person import ACTS, QUESTIONS, Done
+from edmctl.jobs.first_start.person import ACTS, QUESTIONS, Done, Person
 from edmctl.link.faults import FaultCode
 from edmctl.machine.faults import FaultLatched
+from edmctl.machine.interface import MachineStatus
 from edmctl.results.first_start import Cause, Item, ItemStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.jobs.first_start.person import Person
     from edmctl.machine.controller import LinkMachine
-    from edmctl.machine.interface import MachineStatus
     from edmctl.profile.setup import Setup
 
 SETTLE_S = 0.3

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from statistics import pstdev
-from typing import TYPE_CHECKING
 
 from edmctl.jobs.first_start import nets
 from edmctl.jobs.first_start.checklist import Checklist, Found, Skip, Spec, mean
@@ -15,11 +14,8 @@ from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.messages import SCHEMA_HASH, ResetCause
 from edmctl.machine.faults import INTERLOCKS
 from edmctl.machine.interface import Interlock, TelemetryFlag
-from edmctl.results.first_start import ItemStatus
+from edmctl.results.first_start import Cause, ItemStatus
 from edmctl.wording import decimal
-
-if TYPE_CHECKING:
-    from edmctl.results.first_start import Cause
 
 PART = "high voltage off"
 LINE_S = 0.5

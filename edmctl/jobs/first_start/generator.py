@@ -15,10 +15,14 @@ from edmctl.link.faults import FaultCode
 from edmctl.machine.interface import (
     ControllerSettings,
     CutRequest,
+    MachineEvent,
     MotionSettings,
+    PulseBlockBatch,
     PulseLog,
     PulseMode,
     PulseSettings,
+    PulseTrain,
+    TelemetryBlock,
     TelemetryFlag,
     TelemetrySettings,
     TouchRequest,
@@ -27,12 +31,11 @@ from edmctl.machine.interface import (
 )
 from edmctl.machine.requests import default_settings, settings_by_name
 from edmctl.procedures.settings import motion_settings
+from edmctl.results.first_start import Cause
 from edmctl.wording import decimal
 
 if TYPE_CHECKING:
-    from edmctl.machine.interface import MachineEvent, PulseBlockBatch, PulseTrain, TelemetryBlock
     from edmctl.profile.setup import Setup
-    from edmctl.results.first_start import Cause
 
 PART = "generator"
 GAP_PULSES = PulseSettings(100.0, 300.0, 40.0, 0.1, PulseMode.ISOFREQUENCY, 0.0)

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from pathlib import Path
 
-from edmctl.jobs.first_start.person import ACTS, Done
+from edmctl.jobs.first_start.person import ACTS, Act, Asked, Done, Question
 from edmctl.link.messages import Axis
+from edmctl.simulator import VirtualBench
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.injector import BATTERY_V, LOW_BATTERY_V
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from edmctl.jobs.first_start.person import Act, Asked, Question
-    from edmctl.simulator import VirtualBench
 
 BEFORE = ("+HV_SUPPLY", "+AMPLIFIER_DEAD")
 """What a machine is at the begin: both supplies off."""

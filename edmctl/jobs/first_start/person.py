@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Protocol
+from pathlib import Path
+from typing import Protocol
 
 from edmctl.errors import UsageError
 from edmctl.files import read_bytes
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
 
 CHAIN_HIGH_V, CHAIN_LOW_V = 2.3, 0.8
 """Of the break chain, at the pin: what is high and what is low to the chip."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, ObjectiveNotReached, PreconditionError, UsageError
@@ -12,19 +14,15 @@ from edmctl.jobs.first_start import actuator, cold, generator, stages
 from edmctl.jobs.first_start.causes import cause_of
 from edmctl.jobs.first_start.checklist import Checklist
 from edmctl.jobs.first_start.hands import VirtualHands, WrittenHands
+from edmctl.jobs.first_start.person import Asked, Person
+from edmctl.jobs.plan import MachineAddress
+from edmctl.jobs.surroundings import Surroundings
 from edmctl.link.messages import Clock
-from edmctl.results.first_start import FirstStartReport, ItemStatus
+from edmctl.machine.controller import LinkMachine
+from edmctl.results.first_start import FirstStartReport, Item, ItemStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from edmctl.jobs.first_start.person import Asked, Person
-    from edmctl.jobs.plan import MachineAddress
-    from edmctl.jobs.surroundings import Surroundings
-    from edmctl.machine.controller import LinkMachine
     from edmctl.profile.setup import Setup
-    from edmctl.results.first_start import Item
 
 
 def first_start(

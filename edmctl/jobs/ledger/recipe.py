@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, RunFileError
 from edmctl.profile.model import Profile
 from edmctl.profile.read import Merged, apply_overrides, put
+from edmctl.record.tool_account import ToolAccount
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from edmctl.jobs.plan import Plan
-    from edmctl.record.tool_account import ToolAccount
 
 _LISTS = ("sites", "regimes")
 """Run files keep lists as JSON."""

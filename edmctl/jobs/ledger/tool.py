@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, EdmError, PreconditionError
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now
 from edmctl.jobs.runs.opening import command_to_go_on, on_machine
+from edmctl.jobs.session import MachineSession
 from edmctl.wording import coordinates, length
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
     from edmctl.jobs.plan import MachineAddress, Plan
-    from edmctl.jobs.session import MachineSession
     from edmctl.profile.model import Profile, Tool
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.errors import ObjectiveNotReached, PreconditionError, RunFileError
+from edmctl.errors import EdmError, ObjectiveNotReached, PreconditionError, RunFileError
 from edmctl.jobs.job_preparation import ledger_of
+from edmctl.jobs.plan import Plan
 from edmctl.jobs.resume.selection import taken_up
+from edmctl.jobs.run_header import RunName
+from edmctl.jobs.session import MachineSession
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from edmctl.errors import EdmError
-    from edmctl.jobs.plan import Plan
-    from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.session import MachineSession
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState
     from edmctl.record.journal import JournalFile, JournalledJob

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, stages_by_hand
+from edmctl.jobs.session import MachineSession
 from edmctl.wording import coordinates
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
     from edmctl.jobs.plan import Plan, Resumption
-    from edmctl.jobs.session import MachineSession
     from edmctl.record.ledger import Line
 
 HOMED_WITHIN_UM = 2.0

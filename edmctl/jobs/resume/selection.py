@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, RunFileError, UsageError
 from edmctl.files import user_path
-from edmctl.jobs.ledger.elapsed import with_home_left
-from edmctl.jobs.plan import Resumption
+from edmctl.jobs.ledger.elapsed import Now, with_home_left
+from edmctl.jobs.plan import Plan, Resumption
 from edmctl.jobs.resume.checks import refuse_untouchable, refuse_used_tool
 from edmctl.jobs.run_header import RunName, run_path
 from edmctl.jobs.surroundings import NONE, Surroundings
@@ -22,8 +22,6 @@ from edmctl.jobs.surroundings import NONE, Surroundings
 if TYPE_CHECKING:
     from datetime import datetime
 
-    from edmctl.jobs.ledger.elapsed import Now
-    from edmctl.jobs.plan import Plan
     from edmctl.procedures.job import Job
     from edmctl.record.journal import Journal, JournalledJob
 

@@ -6,6 +6,7 @@ Many jumps come to few sentences: intervals in which arcs had shortened the peri
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
@@ -15,8 +16,6 @@ from edmctl.results.run_file import FileEvent, Sentence
 from edmctl.wording import duration, plural
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from edmctl.record.reader import RunFile
 
 LEFT_OUT = frozenset({"READING", "LINK", "STAGE_MOVED", "CONTROLLER_LOG", "JUMP_PERIOD", "APPROACHED"})

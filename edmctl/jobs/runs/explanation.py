@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 from edmctl.jobs.runs.events import event_sentences, events_of, holes_of
 from edmctl.labels import PAD
-from edmctl.results.run_file import Sentence
+from edmctl.results.run_file import FileEvent, Sentence
 from edmctl.wording import duration, earlier, ended_as, facts, plain_number, with_u95
 
 if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
-    from edmctl.results.run_file import FileEvent
 
     Values = dict[str, float | int | str | bool]
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import UsageError
 from edmctl.jobs.output_files import check_free
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 STDOUT = Path("-")
 REPLACE_HINT = "Give another place with -o, or replace it with --overwrite."

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.labels import PAD
+from edmctl.results.progress import Extremes, Observer, Phase, Progress
 from edmctl.wording import duration, plain_number
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
     import numpy as np
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
-    from edmctl.results.progress import Extremes, Observer, Phase, Progress
     from edmctl.results.run_file import FileEvent
 
 SLICE_S = 0.1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,8 +11,6 @@ from typing import TYPE_CHECKING
 from edmctl.errors import EdmError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from edmctl.jobs.plan import Resumption
     from edmctl.record.reader import RunFile
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from edmctl.errors import UsageError
 from edmctl.jobs import output_files
 from edmctl.report.kinds import KINDS, NAMES, REPORT, Kind, kind_called
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
 
 FORMATS = ("png", "svg", "pdf")
 PAGE_SUFFIX = ".html"

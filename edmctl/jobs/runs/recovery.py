@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, RunFileError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from edmctl.jobs.plan import Resumption
     from edmctl.record.recovery import Recovered
 

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from edmctl.results.run_file import JumpTimes, RunSummary, Sentence
+from edmctl.results.run_file import FileEvent, JumpTimes, RunSummary, Sentence
 from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from edmctl.record.reader import RunFile
-    from edmctl.results.run_file import FileEvent
 
 TIME_LINE = frozenset(
     {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,16 +13,23 @@ from edmctl.jobs.study.design import AS_LEVELS, SENSITIVITY, terms_of
 from edmctl.jobs.study.expectations import predicted
 from edmctl.jobs.study.factors import BLOCK, settings_key, settings_matrix
 from edmctl.jobs.study.responses import TRUTHS
-from edmctl.results.study import TRUTH, Choice, ConfirmedLimit, RunKind, RunState
+from edmctl.results.study import (
+    TRUTH,
+    Choice,
+    ConfirmedLimit,
+    ConstraintInfo,
+    ResponseInfo,
+    RunKind,
+    RunState,
+    StudyPlan,
+    StudyRun,
+)
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from edmctl.doe.response_analysis import ResponseAnalysis, Runs
     from edmctl.doe.sensitivity import SobolIndices
     from edmctl.jobs.study.folder import StudyState
-    from edmctl.results.study import ConstraintInfo, ResponseInfo, StudyPlan, StudyRun
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ Nothing is remembered but the rows: a suggestion follows from the study and the 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -26,22 +27,23 @@ from edmctl.jobs.study.places_and_tools import grid_of
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.results.study import (
+    Choice,
     Confirmation,
     ConfirmedResponse,
+    FactorInfo,
     PlannedRun,
     Recommendation,
     RunKind,
     RunState,
+    StudyPlan,
+    Value,
 )
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
     from numpy.random import Generator
 
     from edmctl.jobs.study.folder import StudyState
-    from edmctl.results.study import Choice, FactorInfo, StudyPlan, Value
 
 MOST_NAMED = 5
 FRESH_SEEDS = 1_000_003

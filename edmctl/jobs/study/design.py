@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import RecordError
 from edmctl.files import user_path
 from edmctl.jobs.study.factors import BLOCK, middle, settings_matrix, value_at
+from edmctl.results.study import FactorInfo, Value
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import Any
-
     from edmctl.doe.linear_model import Term
     from edmctl.profile.study_file import StudySource
-    from edmctl.results.study import FactorInfo, Value
 
 MOST_RUNS = 20_000
 MOST_ALIASES = 40

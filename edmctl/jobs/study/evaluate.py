@@ -5,29 +5,25 @@ from __future__ import annotations
 import hashlib
 import socket
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.errors import Interrupted, PreconditionError, RunFileError
+from edmctl.errors import EdmError, Interrupted, PreconditionError, RunFileError
 from edmctl.exitcodes import error_exit_code
 from edmctl.files import open_regular
 from edmctl.jobs.job import carry_out
-from edmctl.jobs.plan import check
+from edmctl.jobs.plan import JobRequest, Plan, check
 from edmctl.jobs.run_header import RunName, run_path
 from edmctl.jobs.study.responses import responses_of, truth_of
 from edmctl.jobs.surroundings import NONE, Unobserved
-from edmctl.results.study import RunRow
+from edmctl.jsonout import JsonValue
+from edmctl.results.study import PlannedRun, RunRow
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from edmctl.errors import EdmError
     from edmctl.jobs.parallel import Program
-    from edmctl.jobs.plan import JobRequest, Plan
-    from edmctl.jsonout import JsonValue
-    from edmctl.results.study import PlannedRun
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from edmctl.jobs.study.design import AS_LEVELS
 from edmctl.jobs.study.factors import settings_key, settings_matrix, unit_points
 from edmctl.jobs.study.responses import range_of
-from edmctl.results.study import RunKind, RunState
+from edmctl.results.study import RunKind, RunState, StudyPlan, StudyRun, Value
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from edmctl.doe.gaussian_process import GaussianProcess
     from edmctl.doe.response_analysis import ResponseAnalysis, ResponseModel
     from edmctl.jobs.study.folder import StudyState
     from edmctl.profile.study_file import Response
-    from edmctl.results.study import StudyPlan, StudyRun, Value
 
 LEAST_RUNS = 5
 """Fewer runs with a response make no model."""

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from edmctl.errors import UsageError
+from edmctl.errors import Diagnostic, UsageError
 from edmctl.profile.profile_file import ProfileFile
 from edmctl.profile.tables import field_at
-from edmctl.results.study import FactorInfo
+from edmctl.results.study import FactorInfo, Value
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from edmctl.doe.linear_model import Settings
-    from edmctl.errors import Diagnostic
     from edmctl.profile.positions import KeyPath
     from edmctl.profile.study_file import Factor, StudySource
-    from edmctl.results.study import Value
 
 DIGITS = 4
 """Significant digits of values that a design puts between two bounds: what a person would set."""

@@ -14,26 +14,20 @@ import secrets
 import shlex
 import shutil
 import time
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from edmctl.errors import Diagnostic, EdmError, PreconditionError, ProfileError, RunFileError, UsageError
 from edmctl.files import open_descriptor, read_bytes, user_path
 from edmctl.jobs.output_files import make_folder, unwritable, write
+from edmctl.jobs.plan import JobRequest
 from edmctl.jobs.study.planning import PlannedStudy, base_request, check_plan
-from edmctl.jobs.study.rows import StudyWriter, is_run_of, need, read_rows
-from edmctl.profile.study_file import study_of
-from edmctl.results.study import PlanDocument
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
-
-    from edmctl.jobs.plan import JobRequest
-    from edmctl.jobs.study.rows import Rows
-    from edmctl.profile.study_file import StudySource
-    from edmctl.results.study import StudyPlan, StudyRun
+from edmctl.jobs.study.rows import Rows, StudyWriter, is_run_of, need, read_rows
+from edmctl.profile.study_file import StudySource, study_of
+from edmctl.results.study import PlanDocument, StudyPlan, StudyRun
 
 SCHEMA = "edmctl-study/1"
 PLAN_BYTES = 40_000_000

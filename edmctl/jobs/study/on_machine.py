@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,27 +26,22 @@ from edmctl.errors import (
 from edmctl.files import path_variable
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.ledger.places_taken import WALL_UM
-from edmctl.jobs.plan import MachineAddress, check
+from edmctl.jobs.plan import JobRequest, MachineAddress, Plan, check
+from edmctl.jobs.run_header import RunName
 from edmctl.jobs.study.confirming import opening_run
 from edmctl.jobs.study.evaluate import refuse_other_recipe, row_of, run_name
 from edmctl.jobs.study.places_and_tools import grid_of
 from edmctl.jobs.study.planning import request_of
-from edmctl.jobs.study.rows import MACHINE, PAUSED, bench_of
+from edmctl.jobs.study.rows import MACHINE, PAUSED, StudyWriter, bench_of
+from edmctl.jsonout import JsonValue
 from edmctl.profile.folders import SETUP_VARIABLE
-from edmctl.results.study import RunKind, RunState, StudyRun
+from edmctl.results.progress import SeriesObserver
+from edmctl.results.study import RunKind, RunRow, RunState, StudyRun
 from edmctl.wording import coordinates, plural, settings_words
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from edmctl.jobs.plan import JobRequest, Plan
-    from edmctl.jobs.run_header import RunName
     from edmctl.jobs.study.folder import StudyFolder, StudyState
-    from edmctl.jobs.study.rows import StudyWriter
     from edmctl.jobs.surroundings import Surroundings, Warn
-    from edmctl.jsonout import JsonValue
-    from edmctl.results.progress import SeriesObserver
-    from edmctl.results.study import RunRow
 
 WORN_OUT = "E8043"
 JOB_RESUMED = re.compile(r"Go on with `edmctl machine --resume[^`]*`[^.]*\.")

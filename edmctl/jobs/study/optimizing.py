@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -25,23 +26,22 @@ from edmctl.jobs.study.expectations import LEAST_RUNS, expected_at, fitting_runs
 from edmctl.jobs.study.factors import coded, settings_key, unit_points, value_at
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.surroundings import NONE, Surroundings
-from edmctl.results.study import RunKind, RunState
+from edmctl.results.study import (
+    ConstraintInfo,
+    FactorInfo,
+    PlannedRun,
+    Recommendation,
+    ResponseInfo,
+    RunKind,
+    RunState,
+    StudyPlan,
+    StudyRun,
+    Value,
+)
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from edmctl.jobs.study.folder import StudyState
-    from edmctl.results.study import (
-        ConstraintInfo,
-        FactorInfo,
-        PlannedRun,
-        Recommendation,
-        ResponseInfo,
-        StudyPlan,
-        StudyRun,
-        Value,
-    )
 
 CANDIDATES = 1024
 AROUND, BEST, NEAR = 64, 4, 0.15

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, ProfileError
 from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM
+from edmctl.results.study import PlannedRun
 from edmctl.wording import length, plural
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from edmctl.jobs.plan import Plan
     from edmctl.profile.study_file import StudyMachine, StudySource
-    from edmctl.results.study import PlannedRun
 
 
 def parts_of(members: int, machine: StudyMachine | None) -> int:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, EdmError, ProfileError
 from edmctl.files import user_path
-from edmctl.jobs.plan import JobRequest, check
+from edmctl.jobs.plan import JobRequest, Plan, check
 from edmctl.jobs.study import responses
 from edmctl.jobs.study.design import (
     AS_LEVELS,
@@ -36,28 +37,25 @@ from edmctl.jobs.study.rows import is_run_of, need
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.profile.findings import Code
 from edmctl.profile.folders import as_value, is_path
-from edmctl.profile.positions import SET_OPTION
+from edmctl.profile.model import Profile
+from edmctl.profile.positions import SET_OPTION, KeyPath
+from edmctl.profile.study_file import Response, StudySource
 from edmctl.results.study import (
     TRUTH,
     ConstraintInfo,
+    FactorInfo,
     PlanCosts,
     PlannedRun,
     ResponseInfo,
     RunKind,
     StudyPlan,
+    Value,
 )
 from edmctl.toml_text import toml_value
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
     from numpy.random import Generator
 
-    from edmctl.jobs.plan import Plan
-    from edmctl.profile.model import Profile
-    from edmctl.profile.positions import KeyPath
-    from edmctl.profile.study_file import Response, StudySource
-    from edmctl.results.study import FactorInfo, Value
 
 MOST_REFUSED = 5
 """So many refused settings are told; the others are counted."""

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import EdmError, PreconditionError
 from edmctl.jobs import output_files
-from edmctl.jobs.study.analysis import analysis_of
+from edmctl.jobs.study.analysis import StudyAnalysis, analysis_of
 from edmctl.jobs.study.optimizing import recommended
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.results.study import Confirmation, Recommendation
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
     from edmctl.doe.response_analysis import ResponseAnalysis
-    from edmctl.jobs.study.analysis import StudyAnalysis
     from edmctl.jobs.study.folder import StudyState
-    from edmctl.results.study import Confirmation, Recommendation
 
 
 def recommendation_or_why(

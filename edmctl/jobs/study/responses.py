@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import difflib
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
 
-from edmctl.jsonout import to_json_value
+from edmctl.jsonout import JsonValue, to_json_value
 from edmctl.labels import Basis, weakest
 from edmctl.results.study import TRUTH
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from edmctl.jsonout import JsonValue
 
 RESPONSES = {
     "depth_um": "depth, mean of the holes, µm",

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.jobs.plan import SIMULATOR, MachineAddress
 from edmctl.jobs.study.factors import is_within
 from edmctl.record.appended_rows import RowWriter, read_lines
-from edmctl.results.study import Judgement, PlannedRun, RunKind, RunRow, StudyRun
+from edmctl.results.study import FactorInfo, Judgement, PlannedRun, RunKind, RunRow, StudyRun
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from edmctl.results.study import FactorInfo
-
     Expected = Mapping[str, tuple[float, float, float]]
     """By response: what is expected of a run, and the bounds of its 95 % interval."""
 

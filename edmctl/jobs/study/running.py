@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.errors import UsageError
-from edmctl.jobs.parallel import Lost, Pool, compile_told, perform
+from edmctl.jobs.parallel import Lost, Pool, Program, compile_told, perform
 from edmctl.jobs.plan import FRESH
 from edmctl.jobs.study.evaluate import RunTask, evaluate, lost_row
 from edmctl.jobs.study.on_machine import refuse_mixture
 from edmctl.jobs.study.planning import request_of
-from edmctl.results.study import RunState
+from edmctl.results.progress import SeriesObserver
+from edmctl.results.study import RunRow, RunState, StudyRun
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.jobs.parallel import Program
     from edmctl.jobs.study.folder import StudyFolder, StudyState
-    from edmctl.results.progress import SeriesObserver
-    from edmctl.results.study import RunRow, StudyRun
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from numbers import Real
@@ -19,7 +20,7 @@ from edmctl.jobs.study.analysis import analysis_of
 from edmctl.jobs.study.confirming import extension_runs, suggested_runs
 from edmctl.jobs.study.evaluate import bare_row, row_of
 from edmctl.jobs.study.factors import value_within
-from edmctl.jobs.study.folder import ADDING_S, StudyFolder, create_folder, open_folder
+from edmctl.jobs.study.folder import ADDING_S, StudyFolder, StudyState, create_folder, open_folder
 from edmctl.jobs.study.on_machine import without_port
 from edmctl.jobs.study.optimizing import next_batch, recommended, suggestions
 from edmctl.jobs.study.planning import PlannedStudy, plan_study, request_of
@@ -28,21 +29,18 @@ from edmctl.jobs.study.table import in_words, refuse_untellable, table_of
 from edmctl.jobs.surroundings import Unobserved, python_warnings
 from edmctl.profile.folders import as_value, find_study
 from edmctl.profile.study_file import read_study
+from edmctl.results.progress import SeriesObserver
 from edmctl.results.result import need_pandas
-from edmctl.results.study import PlannedRun, RunRow, RunState
+from edmctl.results.study import PlannedRun, Recommendation, RunRow, RunState, StudyPlan, StudyRun, Value
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
     from concurrent.futures import Executor
     from os import PathLike
 
     import pandas
 
     from edmctl.doe.response_analysis import ResponseAnalysis
-    from edmctl.jobs.study.folder import StudyState
     from edmctl.jobs.study.table import Cell
-    from edmctl.results.progress import SeriesObserver
-    from edmctl.results.study import Recommendation, StudyPlan, StudyRun, Value
 
 
 class _Uncounted(Unobserved):

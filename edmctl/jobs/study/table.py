@@ -5,23 +5,21 @@ from __future__ import annotations
 import io
 import json
 import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from edmctl.csv_text import table_text
 from edmctl.errors import RecordError, UsageError
 from edmctl.jobs.study.responses import RESPONSES, TRUTHS, unit_of
-from edmctl.results.study import TRUTH, RunState
+from edmctl.results.study import TRUTH, RunState, StudyRun
 from edmctl.wording import plural, unit_in
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
     from edmctl.jobs.study.folder import StudyState
     from edmctl.profile.study_file import Response
     from edmctl.record.delimited import TextTable
-    from edmctl.results.study import StudyRun
 
     Cell = bool | int | float | str | None
 

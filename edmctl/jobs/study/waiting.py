@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from edmctl.jobs.study.on_machine import wants_new_tool
@@ -11,8 +12,6 @@ from edmctl.results.study import RunState
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
-
     from edmctl.jobs.study.folder import StudyState
 
 MOST_NAMED = 8

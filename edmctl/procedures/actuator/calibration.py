@@ -8,33 +8,31 @@ because small moves that add up let some actuators slide.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from edmctl.actuator.checks import check_record
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
 from edmctl.errors import LinkLost, PreconditionError, stages_by_hand
-from edmctl.machine.interface import Axis, PulseLog, TelemetrySettings, joined
+from edmctl.machine.interface import (
+    Axis,
+    Machine,
+    MachineEvent,
+    PulseBlockBatch,
+    PulseLog,
+    PulseTrain,
+    TelemetryBlock,
+    TelemetrySettings,
+    joined,
+)
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
 from edmctl.procedures.run import NO_PULSES
 from edmctl.procedures.session import safe_state_on_error
 from edmctl.procedures.settings import motion_settings, retract_v_s
 from edmctl.procedures.touch.home import CREEP_LOOK_S, CREEP_WAIT_S, READING_MARGIN_UM
-from edmctl.results.progress import Phase, Progress
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.machine.interface import (
-        Machine,
-        MachineEvent,
-        PulseBlockBatch,
-        PulseTrain,
-        TelemetryBlock,
-    )
-    from edmctl.profile.setup import Setup
-    from edmctl.results.progress import Observer
+from edmctl.profile.setup import Setup
+from edmctl.results.progress import Observer, Phase, Progress
 
 RATE_HZ = 200.0
 """60 000 samples in five minutes; the fastest swing, of 1 s, has 200 of them."""

@@ -37,10 +37,10 @@ from edmctl.machine.interface import (
     WaveformBatch,
 )
 from edmctl.procedures.actuator.tracker import Trace, Tracker, at_rest
+from edmctl.results.telemetry import LinkReport
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import CalibratedActuator
-    from edmctl.results.telemetry import LinkReport
 
 MARGIN_SHARE = 0.03
 """Error of a height by the inverse, as a share of the way there: 2.5 % of gain between days, and the model's own."""

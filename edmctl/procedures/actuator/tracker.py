@@ -8,22 +8,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.actuator.correction import SlowCorrection
-from edmctl.actuator.model import ActuatorState, Estimator
+from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
+from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.machine.interface import MachineState
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from edmctl.actuator.model import ActuatorModel
-    from edmctl.actuator.record import Record
-    from edmctl.results.telemetry import TelemetryBlock
+from edmctl.results.telemetry import TelemetryBlock
 
 Floats = NDArray[np.float64]
 

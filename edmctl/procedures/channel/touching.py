@@ -4,29 +4,25 @@ from __future__ import annotations
 
 import math
 import statistics
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.procedures.channel.scan import PassPlan, PassResult
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
 from edmctl.procedures.touch.spots import OFFSET_U_UM, ToolLength, read_pad, refuse_grown_tool
 from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface, touch_plane
+from edmctl.process.channel import ToolWear
 from edmctl.process.path import Way, even_places
+from edmctl.process.plane import Plane
 from edmctl.process.touches import against_sparks, is_short
 from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel, RejectedTouch, RunEvent
 from edmctl.results.job import FloorPlace
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.procedures.channel.scan import PassPlan, PassResult
-    from edmctl.procedures.run import JobRun
-    from edmctl.process.channel import ToolWear
-    from edmctl.process.plane import Plane
 
 FACE_CANDIDATES = 24
 """Places of the path among which those for the plane are chosen."""

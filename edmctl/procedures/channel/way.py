@@ -6,9 +6,9 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.process import path as ways
+from edmctl.process.path import Way
 
 if TYPE_CHECKING:
-    from edmctl.process.path import Way
     from edmctl.profile.sites import PathTable
 
 PIECE_UM = 25.0

@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING
 from edmctl.forecasts.measuring import estimate_of
 from edmctl.forecasts.regimes import Recipe, recipes_of
 from edmctl.procedures.job_state import RegimeBegun
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.settings import pulse_settings
 from edmctl.process.discharge import first_gap_u_um
-from edmctl.process.live_erosion import LEAST_RATIO
+from edmctl.process.live_erosion import LEAST_RATIO, ErosionEstimate
+from edmctl.process.touches import DepthAndWear
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.hole import JobKnowledge, OpenHole
-    from edmctl.procedures.run import JobRun
-    from edmctl.process.live_erosion import ErosionEstimate
-    from edmctl.process.touches import DepthAndWear
     from edmctl.profile.model import Profile
 
 

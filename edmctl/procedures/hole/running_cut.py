@@ -14,17 +14,16 @@ from typing import TYPE_CHECKING
 from edmctl.actuator.inverse import jump_volts
 from edmctl.errors import MachineFault
 from edmctl.forecasts.removal import approach_speed_um_s, least_jump_um
-from edmctl.machine.interface import CutRequest, EventCode
+from edmctl.machine.interface import CutRequest, EventCode, MachineEvent
 from edmctl.machine.requests import JumpRequest
+from edmctl.procedures.hole.cut_planning import CutPlan
 from edmctl.procedures.job import target_of
+from edmctl.procedures.run import Args, JobRun
 from edmctl.procedures.settings import pulse_settings
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS, lower_to
 from edmctl.record.rows import EventLevel, EventRow, RunEvent
 
 if TYPE_CHECKING:
-    from edmctl.machine.interface import MachineEvent
-    from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.run import Args, JobRun
     from edmctl.procedures.servo.supervisor import Supervisor
 
 JUMP_RESERVE_UM = 5.0

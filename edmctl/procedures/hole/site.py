@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
 from edmctl.labels import Basis
@@ -26,20 +25,16 @@ from edmctl.procedures.hole.hole_estimate import (
 )
 from edmctl.procedures.hole.measuring_stop import estimate_hole, measure_hole, measured, touch_pad
 from edmctl.procedures.hole.site_result import close_site
-from edmctl.procedures.job_state import RunningCut, UnderWay
-from edmctl.procedures.run import MACHINING, MEASURING
+from edmctl.procedures.job import HoleTarget
+from edmctl.procedures.job_state import JobState, RunningCut, UnderWay
+from edmctl.procedures.run import MACHINING, MEASURING, JobRun
+from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import approach_bottom
 from edmctl.procedures.touch.reading import NO_CONTACT, SurfaceReading, search_near, take_reading_in
 from edmctl.procedures.touch.spots import ToolLength
+from edmctl.process.touches import DepthAndWear
 from edmctl.record.rows import EventLevel, RunEvent
-
-if TYPE_CHECKING:
-    from edmctl.procedures.job import HoleTarget
-    from edmctl.procedures.job_state import JobState
-    from edmctl.procedures.run import JobRun
-    from edmctl.procedures.servo.limits import TimeLimits
-    from edmctl.process.touches import DepthAndWear
 
 
 def machine_hole(

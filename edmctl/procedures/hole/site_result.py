@@ -8,26 +8,19 @@ that a hole is judged when nothing can correct it any more. A channel is judged 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from edmctl.labels import NOT_SHOWN_CODE, Basis, Verdict
 from edmctl.procedures.actuator.tracker import FeedError
-from edmctl.procedures.hole.cut import Decision, remedy
-from edmctl.procedures.job import target_of, verdict_of
-from edmctl.procedures.job_state import CutTotals
+from edmctl.procedures.hole.cut import CutResult, Decision, remedy
+from edmctl.procedures.job import HoleTarget, Job, target_of, verdict_of
+from edmctl.procedures.job_state import CutTotals, RunningCut
+from edmctl.procedures.run import Args, JobRun
+from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel, RunEvent
+from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.wording import length
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.procedures.hole.cut import CutResult
-    from edmctl.procedures.job import HoleTarget, Job
-    from edmctl.procedures.job_state import RunningCut
-    from edmctl.procedures.run import Args, JobRun
-    from edmctl.profile.places import Place
-    from edmctl.results.job import ChannelResult, SiteResult
 
 MOST_NAMED = 5
 """So many holes a message names; of the others it says how many they are."""

@@ -8,6 +8,7 @@ everything alike, so that nothing in a job can show it.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from edmctl.labels import Seen
@@ -16,8 +17,6 @@ from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.job import Belief
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from edmctl.procedures.run import Args, JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
 

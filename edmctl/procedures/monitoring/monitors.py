@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from edmctl.forecasts.forecast import stroke_um
 from edmctl.machine.faults import host_fault
+from edmctl.machine.interface import TelemetryBlock
 from edmctl.record.rows import EventLevel, EventRow, LinkRow, RunEvent
 from edmctl.results.progress import Extremes, Phase
-from edmctl.results.telemetry import pulse_shares
+from edmctl.results.telemetry import LinkReport, pulse_shares
 
 if TYPE_CHECKING:
-    from edmctl.machine.interface import TelemetryBlock
     from edmctl.procedures.run import JobRun
-    from edmctl.results.telemetry import LinkReport
 
 Floats = NDArray[np.float64]
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl.actuator.model import Estimator
 from edmctl.machine.interface import (
     EventCode,
     MachineEvent,
@@ -18,18 +19,10 @@ from edmctl.machine.interface import (
     TelemetryFlag,
     joined,
 )
-from edmctl.procedures.actuator.tracker import FeedError, Trace
+from edmctl.procedures.actuator.tracker import FeedError, Trace, Tracker
 from edmctl.procedures.monitoring.drift import Rests
 from edmctl.process.rest_drift import CreepLags, CreepLeft, Rest
-from edmctl.record.rows import EventLevel, EventRow, RunEvent, ServoBlock
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.actuator.model import Estimator
-    from edmctl.procedures.actuator.tracker import Tracker
-    from edmctl.record.rows import Recorder
-    from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
+from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent, ServoBlock
 
 Floats = NDArray[np.float64]
 

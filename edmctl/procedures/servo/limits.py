@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from edmctl.forecasts.forecast import forecast
 from edmctl.record.rows import EventLevel, RunEvent
+from edmctl.results.telemetry import PulseShares
 
 if TYPE_CHECKING:
     from edmctl.actuator.model import Estimator
     from edmctl.procedures.run import JobRun
-    from edmctl.results.telemetry import PulseShares
 
 UNSTABLE_S = 30.0
 """A cut over its arc or short limit for so long is ended. Badly flushed holes that come out well are over it for up

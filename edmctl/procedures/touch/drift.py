@@ -6,16 +6,12 @@ on before the touch where that pays.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to
+from edmctl.procedures.touch.reading import SurfaceReading
+from edmctl.process.touches import Drift
 from edmctl.record.rows import RunEvent
 from edmctl.wording import duration
-
-if TYPE_CHECKING:
-    from edmctl.procedures.run import JobRun
-    from edmctl.procedures.touch.reading import SurfaceReading
-    from edmctl.process.touches import Drift
 
 
 def drift_between(run: JobRun, first: SurfaceReading, last: SurfaceReading) -> Drift | None:

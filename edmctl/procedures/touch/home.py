@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.procedures.channel.way import is_on_way, way_of_path
@@ -20,13 +19,10 @@ from edmctl.procedures.hole.hole_estimate import (
     expected_of_left,
 )
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, displacement_uncertainty, first_home_um
-from edmctl.procedures.run import rest_and_look
+from edmctl.procedures.run import JobRun, rest_and_look
 from edmctl.procedures.settings import controller_settings, retract_v_s
 from edmctl.procedures.touch.reading import BEYOND_PREDICTION_UM, Search, take_reading_in
 from edmctl.results.progress import Phase
-
-if TYPE_CHECKING:
-    from edmctl.procedures.run import JobRun
 
 CLEAR_UM = 10.0
 """A stage moves only if the tool is certainly this far above the untouched surface: half of what it normally is
