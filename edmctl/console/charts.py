@@ -7,16 +7,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from edmctl.console.layout import Span
 from edmctl.console.style import Ink
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.console.layout import Span
-    from edmctl.results.telemetry import PulseShares
+from edmctl.results.telemetry import PulseShares
 
 BEYOND = 1.08
 """The depth bar goes so far beyond its target, so that a hole that comes out too deep is seen."""

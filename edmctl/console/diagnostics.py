@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from edmctl.console.style import PLAIN, Ink, Style
+from edmctl.errors import Diagnostic, Location
 from edmctl.wording import shortened
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.errors import Diagnostic, Location
 
 MOST_COLUMNS = 300
 """Of a source line; a caret further on is not drawn."""

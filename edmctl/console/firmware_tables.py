@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from edmctl.console.layout import render_columns
 from edmctl.console.style import PLAIN, Style
-from edmctl.results.firmware import dotted, hexadecimal, settings_text
-
-if TYPE_CHECKING:
-    from edmctl.results.firmware import BoardFacts, ImageFacts
+from edmctl.results.firmware import BoardFacts, ImageFacts, dotted, hexadecimal, settings_text
 
 
 def render_image(image: ImageFacts, style: Style = PLAIN) -> str:

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from edmctl.console.style import PLAIN, Ink, Style
-from edmctl.results.first_start import ItemStatus
-
-if TYPE_CHECKING:
-    from edmctl.results.first_start import FirstStartReport, Item
+from edmctl.results.first_start import FirstStartReport, Item, ItemStatus
 
 _INKS = {
     ItemStatus.PASS: Ink.SIGNAL,

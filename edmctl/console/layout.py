@@ -5,12 +5,10 @@ from __future__ import annotations
 import re
 import textwrap
 import unicodedata
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TypeAlias
 
 from edmctl.console.style import PLAIN, Ink, Style
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
 
 Span: TypeAlias = "tuple[str, Ink | None]"
 """Text in one ink, None for that of the terminal."""

@@ -9,21 +9,16 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
 from edmctl.console.charts import count_bar
-from edmctl.console.layout import plain_ascii, render_line, wrapped
+from edmctl.console.layout import Span, plain_ascii, render_line, wrapped
 from edmctl.console.live_view import Histories, draw_view
 from edmctl.console.progress import Pacer, Reporter, left_words
-from edmctl.console.style import Ink
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from edmctl.console.layout import Span
-    from edmctl.console.style import Style
-    from edmctl.results.progress import Progress
+from edmctl.console.style import Ink, Style
+from edmctl.results.progress import Progress
 
 REDRAW_EVERY_S = 0.1
 _RUNS_WORDS = 48

@@ -7,20 +7,15 @@ few, the charts become lower first, and then what matters least is left out.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from edmctl.console.charts import PULSE_INKS, SPAN_S, History, chart, depth_bar, pulse_bar
-from edmctl.console.layout import cells_of, cut, plain_ascii, render_line
+from edmctl.console.layout import Span, cells_of, cut, plain_ascii, render_line
 from edmctl.console.progress import depth_words, has_pulses, while_cutting
 from edmctl.console.style import Ink, Style
+from edmctl.results.progress import Progress
 from edmctl.wording import duration, printable
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.console.layout import Span
-    from edmctl.results.progress import Progress
 
 LABEL = 8
 GAP = 2

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 from edmctl.console.layout import USUAL_COLUMNS, render_columns, wrapped
 from edmctl.console.result_table import beliefs_in_words
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.labels import Basis, heading
 from edmctl.quantity import half_width
+from edmctl.results.equipment import Check, PortRow
+from edmctl.results.measurements import DriftResult, JumpSeries, SurfaceFound, WearResult
 from edmctl.wording import coordinates, decimal, duration, length, percent, plural, with_u95
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from edmctl.results.equipment import Check, PortRow
-    from edmctl.results.measurements import DriftResult, JumpSeries, SurfaceFound, WearResult
-
 
 MOST_ROWS = 20
 """More jumps are in the JSON object and in the run file."""

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from edmctl.console.layout import narrowed, not_shown, render_columns, render_table
 from edmctl.console.style import PLAIN, Ink, Style
+from edmctl.results.forecast import Forecast, ProfileSummary
 from edmctl.toml_text import toml_value
 from edmctl.wording import count, decimal, duration, length, percent, plural, removal_rate
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.results.forecast import Forecast, ProfileSummary
 
 _COMMENT_COLUMN = 36
 LEAST_BEYOND_UM = 0.1

@@ -7,18 +7,15 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, TextIO
+from collections.abc import Callable, Mapping
+from typing import TextIO
 
 from edmctl.console.result_table import render_ratios
 from edmctl.jsonout import render_json_line
 from edmctl.labels import Basis, marked
+from edmctl.results.progress import Progress
+from edmctl.results.telemetry import PulseShares
 from edmctl.wording import duration
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from edmctl.results.progress import Progress
-    from edmctl.results.telemetry import PulseShares
 
 PASSING_PHASE = "jumping"
 """Comes and goes every few seconds of machining, so it is no news of its own."""

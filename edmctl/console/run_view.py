@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 from edmctl.console.layout import USUAL_COLUMNS, labelled, wrapped
 from edmctl.console.result_table import render_ratios, render_sites
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.labels import marked, weakest
+from edmctl.results.run_file import RunSummary, Sentence
 from edmctl.wording import (
     about,
     count,
@@ -25,11 +25,6 @@ from edmctl.wording import (
     removal_rate,
     start_utc,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.results.run_file import RunSummary, Sentence
 
 MOST_MOMENTS = 24
 """Lines of the time line; where there are more, those in the middle are left out."""

@@ -8,8 +8,8 @@ trust what is measured.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from string import ascii_uppercase
-from typing import TYPE_CHECKING
 
 from edmctl.console.layout import (
     NARROW_GAP,
@@ -22,7 +22,9 @@ from edmctl.console.layout import (
 )
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.labels import Basis, marked, meanings
+from edmctl.results.comparison import Amount, ComparedRun, Comparison, Quantity
 from edmctl.results.run_file import RunHead, Unreadable
+from edmctl.results.simulation import Case, Statistics
 from edmctl.wording import (
     UNKNOWN,
     count,
@@ -40,12 +42,6 @@ from edmctl.wording import (
     start_utc,
     with_u95,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from edmctl.results.comparison import Amount, ComparedRun, Comparison, Quantity
-    from edmctl.results.simulation import Case, Statistics
 
 FIRST_TO_GO = ("size", "seed", "sites", "work, tool", "machining", "profile", "wear µm", "start (UTC)")
 """Columns that a narrow terminal does without, one after the other."""

@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.report.study_words import differing_words, points_needed, why_not_predicted
-from edmctl.results.study import RunKind, RunState
+from edmctl.results.study import (
+    Choice,
+    Confirmation,
+    PlannedRun,
+    Recommendation,
+    RunKind,
+    RunState,
+    StudyPlan,
+    StudyRun,
+    Value,
+)
 from edmctl.wording import (
     duration,
     length,
@@ -21,19 +32,8 @@ from edmctl.wording import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from edmctl.doe.anova import Anova, AnovaRow
     from edmctl.doe.response_analysis import ResponseAnalysis
-    from edmctl.results.study import (
-        Choice,
-        Confirmation,
-        PlannedRun,
-        Recommendation,
-        StudyPlan,
-        StudyRun,
-        Value,
-    )
 
 MOST_RUNS_SHOWN = 60
 MOST_POINTS_SHOWN = 12

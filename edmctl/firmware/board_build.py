@@ -8,20 +8,15 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, RunFileError, installing
+from edmctl.firmware.boards import Board
 from edmctl.firmware.build import compiler_environment, source_folder, version_of
-from edmctl.firmware.image import read_image, seal
+from edmctl.firmware.image import Image, read_image, seal
 from edmctl.firmware.settings import flags_of, parse_settings, settings_of
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.firmware.boards import Board
-    from edmctl.firmware.image import Image
 
 ENTRY = "reset_handler"
 COMPILERS = ("zig", "gcc")

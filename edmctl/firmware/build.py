@@ -11,17 +11,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, installing
 from edmctl.files import path_variable
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 CACHE_VARIABLE = "EDMCTL_FIRMWARE_CACHE"
 ZIG_CACHE_VARIABLE = "ZIG_GLOBAL_CACHE_DIR"

@@ -17,19 +17,14 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, UsageError, installing
 from edmctl.files import open_regular
-from edmctl.firmware.boards import CHIPS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from edmctl.firmware.boards import Board
+from edmctl.firmware.boards import CHIPS, Board
 
 _IDCODE = 0xE004_2000
 """DBGMCU_IDCODE, RM0090 38.6.1."""

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from edmctl.errors import RecordError
 from edmctl.files import read_bytes
@@ -18,10 +19,6 @@ from edmctl.firmware.elf import Elf, ForeignElf
 from edmctl.firmware.hex_file import hex_of, parse_hex
 from edmctl.firmware.settings import told_settings
 from edmctl.results.firmware import ImageFacts, Section
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 SYMBOL = "edm_image"
 MAGIC = b"EDMI"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from ctypes import (
     CFUNCTYPE,
     POINTER,
@@ -17,12 +18,9 @@ from ctypes import (
     c_void_p,
 )
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from edmctl.firmware.build import Build, built, failed
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 OUT_BYTES = 256 * 1024
 """What the core's memory for bytes to be sent holds."""

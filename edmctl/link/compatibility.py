@@ -6,13 +6,11 @@ import json
 import struct
 import zlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from edmctl.errors import EdmError, ProtocolMismatch
 from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH, GetSchema, Hello
-
-if TYPE_CHECKING:
-    from edmctl.link.wire import Request
+from edmctl.link.wire import Request
 
 # The first ten bytes of a HELLO reply mean the same in every version.
 _FIXED_PART = struct.Struct("<BBII")

@@ -7,12 +7,9 @@ controller's watchdog makes the machine safe. A host that hangs must not look al
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from edmctl.errors import LinkLost
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 HUNG_S = 1.0
 """A main loop that has not moved for so long hangs."""

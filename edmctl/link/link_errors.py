@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import struct
 from dataclasses import fields
-from typing import TYPE_CHECKING
 
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.link.faults import FAULTS, FaultCode
+from edmctl.link.frame import Frame
 from edmctl.link.messages import (
     REQUESTS,
+    Boot,
     Hello,
     Interlocks,
     PathMove,
@@ -17,13 +18,8 @@ from edmctl.link.messages import (
     StageMove,
     Status,
 )
-
-if TYPE_CHECKING:
-    from edmctl.link.frame import Frame
-    from edmctl.link.messages import Boot
-    from edmctl.link.statistics import Statistics
-    from edmctl.link.wire import Request
-
+from edmctl.link.statistics import Statistics
+from edmctl.link.wire import Request
 
 _CAUSES: dict[int, str] = {
     ResetCause.POWER_ON: "its supply failed and came back",

@@ -6,19 +6,17 @@ import errno
 import re
 import stat
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from time import monotonic, sleep
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from edmctl.errors import LinkLost, installing
 from edmctl.files import lock_holder
 from edmctl.link.gate import GateBusy, pass_gate
 from edmctl.link.ports import DEVICE, SOCKET, listed_ports, scheme_of
 from edmctl.link.serial_line import SCHEMES, SerialLine, open_port, reason_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 DEFAULT_BAUD = 500_000
 BOARD_BAUD = 921_600

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING, TypeVar
+from collections.abc import Callable
+from typing import TypeVar
 
 from edmctl.link.frame import Frame, FrameDecoder
 from edmctl.link.messages import (
@@ -18,11 +19,7 @@ from edmctl.link.messages import (
     Pulses,
     Tlm,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.link.statistics import Statistics
+from edmctl.link.statistics import Statistics
 
 REPLY = 0x40
 _COUNTER_WRAP = 1 << 16

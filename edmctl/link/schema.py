@@ -9,12 +9,10 @@ from __future__ import annotations
 import json
 import tomllib
 import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+from typing import cast
 
 SCHEMA_PATH = Path(__file__).with_name("edmlink1.toml")
 TEXT_TYPE = "utf8"

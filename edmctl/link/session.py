@@ -7,15 +7,16 @@ when the caller does not come back.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf
 from random import Random, SystemRandom
 from threading import RLock
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from edmctl.errors import LinkLost, ProtocolMismatch
 from edmctl.link.clock import ClockFit, ControllerClock
 from edmctl.link.compatibility import UPDATE, Introduction, check_hello, introduction
-from edmctl.link.frame import ABORT, encode_frame
+from edmctl.link.frame import ABORT, Frame, encode_frame
 from edmctl.link.heartbeat import HeartbeatThread
 from edmctl.link.link_errors import (
     CommandRefused,
@@ -31,6 +32,7 @@ from edmctl.link.messages import (
     PROTO_MAJOR,
     PROTO_MINOR,
     SCHEMA_HASH,
+    Boot,
     Clock,
     Heartbeat,
     HeartbeatReply,
@@ -41,16 +43,9 @@ from edmctl.link.messages import (
 )
 from edmctl.link.receiver import Receiver, Subscriptions
 from edmctl.link.statistics import LONGEST_S, RetransmitTimer, Statistics, link_report
-from edmctl.link.transport import SteppedLine
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.link.frame import Frame
-    from edmctl.link.messages import Boot
-    from edmctl.link.transport import Transport
-    from edmctl.link.wire import Request
-    from edmctl.results.telemetry import LinkReport
+from edmctl.link.transport import SteppedLine, Transport
+from edmctl.link.wire import Request
+from edmctl.results.telemetry import LinkReport
 
 __all__ = ["DEADLINE_S", "HEARTBEAT_S", "SILENCE_S", "CommandRefused", "Session"]
 

@@ -6,10 +6,10 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from edmctl.link.clock import ClockLine
 from edmctl.results.telemetry import LinkReport
 
 if TYPE_CHECKING:
-    from edmctl.link.clock import ClockLine
     from edmctl.link.messages import HeartbeatReply
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from edmctl.errors import LinkLost
-from edmctl.link.frame import FrameDecoder, encode_frame
+from edmctl.link.frame import Frame, FrameDecoder, encode_frame
 from edmctl.link.messages import Advance, AdvanceReply, Status
-
-if TYPE_CHECKING:
-    from edmctl.link.frame import Frame
 
 
 class Transport(Protocol):

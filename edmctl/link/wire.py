@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from dataclasses import fields as dataclass_fields
 from functools import cache
@@ -11,8 +12,6 @@ from typing import TYPE_CHECKING, ClassVar, Generic, Self, TypeVar, cast
 from edmctl.link.frame import MAX_PAYLOAD
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy as np
 
 STRUCT_CODES = {

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, LinkLost
 from edmctl.link.link_errors import CommandRefused
@@ -11,6 +11,7 @@ from edmctl.link.messages import (
     Approach,
     Arm,
     Disarm,
+    HelloReply,
     Jump,
     PathMove,
     PiezoSet,
@@ -27,11 +28,13 @@ from edmctl.link.messages import (
     TouchOff,
     param_crc,
 )
-from edmctl.machine.faults import latched_error
+from edmctl.link.session import Session
+from edmctl.machine.faults import FaultLatched, latched_error
 from edmctl.machine.inbox import Inbox
 from edmctl.machine.interface import (
     MachineEvent,
     MachineIdentity,
+    MachineListener,
     MachineStatus,
     TelemetryBlock,
     Touch,
@@ -63,15 +66,7 @@ from edmctl.machine.requests import (
 from edmctl.machine.states import Axis, EventCode, MachineState
 from edmctl.machine.stop import StopRequest
 from edmctl.machine.waits import CUT_ENDS, GRACE_S, SLOWEST, Waits, touch_time_s
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.link.messages import HelloReply
-    from edmctl.link.session import Session
-    from edmctl.machine.faults import FaultLatched
-    from edmctl.machine.interface import MachineListener
-    from edmctl.results.telemetry import LinkReport
+from edmctl.results.telemetry import LinkReport
 
 SELF_TEST_S = 1.0
 """A self-test takes no longer: it averages the gap voltage twice for some tenths of a second."""

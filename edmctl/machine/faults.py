@@ -10,7 +10,7 @@ UsageError
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 from edmctl.errors import (
     EdmError,
@@ -21,13 +21,8 @@ from edmctl.errors import (
     RunFileError,
     UsageError,
 )
-from edmctl.link.faults import FAULTS, FaultCode
+from edmctl.link.faults import FAULTS, FaultCode, FaultRow
 from edmctl.machine.states import Interlock
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from edmctl.link.faults import FaultRow
 
 _NO_PORT = "sim:"
 _ERRORS: dict[int, type[EdmError]] = {

@@ -6,18 +6,13 @@ left out, and replies to heartbeats say what time it is. All that must agree. `d
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
-from edmctl.link.messages import PulseBlocks, Pulses
+from edmctl.errors import EdmError
+from edmctl.link.messages import PulseBlocks, Pulses, Tlm
+from edmctl.link.session import Session
 from edmctl.machine.faults import host_fault
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.errors import EdmError
-    from edmctl.link.messages import Tlm
-    from edmctl.link.session import Session
-    from edmctl.machine.requests import TelemetrySettings
+from edmctl.machine.requests import TelemetrySettings
 
 OLDEST_SAMPLE_S = 1.0
 """A host whose newest sample is older than this knows too little to go on. Ten frames of 0.1 s in a row are lost by

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
+from edmctl.errors import EdmError
 from edmctl.link.messages import Event, EventCode, Fault, Log, PulseBlocks, Pulses, Tlm
+from edmctl.link.session import Session
 from edmctl.machine.decode import ToSeconds, lost_frames, pulse_batches, pulse_block_batch, telemetry_block
 from edmctl.machine.frame_sequence import PulseFrames, SampleStream
-from edmctl.machine.interface import MachineEvent, MachineListener, MachineState
+from edmctl.machine.interface import MachineEvent, MachineListener, MachineState, TelemetryBlock
 from edmctl.machine.plausibility import (
     impossible,
     wrong_block,
@@ -17,14 +19,7 @@ from edmctl.machine.plausibility import (
     wrong_fault,
     wrong_pulses,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from edmctl.errors import EdmError
-    from edmctl.link.session import Session
-    from edmctl.machine.interface import TelemetryBlock
-    from edmctl.machine.requests import TelemetrySettings
+from edmctl.machine.requests import TelemetrySettings
 
 _PULSE_FRAMES = 16
 """Pulse frames gathered before they are handed on: they are only recorded, so they may wait."""

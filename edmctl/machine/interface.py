@@ -6,7 +6,7 @@ Everything a procedure needs of the machine is imported from here.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from edmctl.machine.faults import host_fault
 from edmctl.machine.requests import (
@@ -31,16 +31,13 @@ from edmctl.machine.states import (
     TelemetryFlag,
 )
 from edmctl.results.telemetry import (
+    LinkReport,
     PulseBlockBatch,
     PulseTrain,
     TelemetryBlock,
     WaveformBatch,
     joined,
 )
-
-if TYPE_CHECKING:
-    from edmctl.results.telemetry import LinkReport
-
 
 __all__ = [
     "Axis",

@@ -6,22 +6,21 @@ Each check returns what cannot be, in words, and nothing where all can; `impossi
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.errors import EdmError
 from edmctl.link.faults import FAULTS, FaultCode
+from edmctl.link.messages import Event, Fault, GetStatusReply
 from edmctl.machine.faults import host_fault
+from edmctl.machine.interface import MachineEvent
+from edmctl.machine.requests import TouchRequest
 from edmctl.machine.states import EventCode, Interlock, MachineState, PulseClass, TelemetryFlag
 from edmctl.results.telemetry import joined
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.errors import EdmError
-    from edmctl.link.messages import Event, Fault, GetStatusReply
-    from edmctl.machine.interface import MachineEvent
-    from edmctl.machine.requests import TouchRequest
     from edmctl.results.telemetry import Floats, PulseBlockBatch, PulseTrain, TelemetryBlock
 
 FARTHEST_UM = 2000.0

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from collections.abc import Callable, Iterator
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -15,19 +16,14 @@ from edmctl.link.messages import (
     Status,
     Tlm,
     WaveformRead,
+    WaveformReadReply,
 )
-from edmctl.machine.decode import telemetry_block, waveform_batch
+from edmctl.link.session import Session
+from edmctl.link.wire import Request
+from edmctl.machine.decode import ToSeconds, telemetry_block, waveform_batch
 from edmctl.machine.interface import MachineIdentity, MachineStatus, TelemetryBlock, WaveformBatch
 from edmctl.machine.plausibility import impossible, wrong_block, wrong_status
 from edmctl.machine.states import Interlock, MachineState, TelemetryFlag
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from edmctl.link.messages import WaveformReadReply
-    from edmctl.link.session import Session
-    from edmctl.link.wire import Request
-    from edmctl.machine.decode import ToSeconds
 
 SIMULATED_BOARD = 0
 """Board number of the virtual controller."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 from edmctl.errors import MachineFault
 from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import ClearFault, Status
+from edmctl.link.session import Session
 from edmctl.machine.faults import (
     InterlockOpen,
     NothingLatched,
@@ -15,14 +16,9 @@ from edmctl.machine.faults import (
     interlocks_in_words,
     reset_command,
 )
+from edmctl.machine.interface import MachineStatus
 from edmctl.machine.queries import read_status, request_patiently
 from edmctl.machine.states import MachineState
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from edmctl.link.session import Session
-    from edmctl.machine.interface import MachineStatus
 
 PATIENCE_S = 5.0
 """A tool that retracts is back by then: 150 V at the slowest retraction in use take 2 s."""

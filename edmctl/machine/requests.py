@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError
 from edmctl.link.messages import PARAMS, CommitProfile, PulseConfig, SetParam, param_crc
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from edmctl.link.session import Session
-    from edmctl.machine.states import PulseLog, PulseMode, ServoLaw
+from edmctl.link.session import Session
+from edmctl.machine.states import PulseLog, PulseMode, ServoLaw
 
 
 @dataclass(frozen=True, slots=True)

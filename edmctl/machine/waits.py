@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
-from edmctl.errors import MachineFault
+from edmctl.errors import EdmError, MachineFault
 from edmctl.link.link_errors import CommandRefused
-from edmctl.link.messages import Status
+from edmctl.link.messages import Fault, Status
+from edmctl.link.session import Session
+from edmctl.link.wire import Request
 from edmctl.machine.faults import fault_error
+from edmctl.machine.inbox import Inbox
+from edmctl.machine.interface import MachineEvent, MachineListener
 from edmctl.machine.plausibility import impossible
 from edmctl.machine.queries import read_status
+from edmctl.machine.requests import TouchRequest
 from edmctl.machine.states import EventCode, MachineState
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from edmctl.errors import EdmError
-    from edmctl.link.messages import Fault
-    from edmctl.link.session import Session
-    from edmctl.link.wire import Request
-    from edmctl.machine.inbox import Inbox
-    from edmctl.machine.interface import MachineEvent, MachineListener
-    from edmctl.machine.requests import TouchRequest
-    from edmctl.machine.stop import StopRequest
+from edmctl.machine.stop import StopRequest
 
 SLICE_S = 0.1
 """A wait looks around this often."""

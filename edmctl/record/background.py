@@ -11,20 +11,15 @@ import contextlib
 import threading
 import time
 from collections import deque
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from edmctl.errors import RunFileError
 from edmctl.record import layout
 from edmctl.record.disk import make_lasting
 from edmctl.record.disk_thread import GIVE_UP_S, leave_signals_to_the_main_thread
-from edmctl.record.rows import TruthMap
+from edmctl.record.rows import Row, TruthMap
+from edmctl.record.run_meta import RunMeta
 from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.record.rows import Row
-    from edmctl.record.run_meta import RunMeta
 
 BACKLOG_BYTES = 64 * 1024 * 1024
 """Rows that may wait in memory: about six minutes of the full log (1 kHz servo and every pulse at 2.3 kHz are

@@ -14,8 +14,9 @@ import json
 import math
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,9 +29,6 @@ from edmctl.record.hdf5 import image_of, open_hdf5, refuse_endless
 from edmctl.record.integrity import MAGIC
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
     import h5py
 
 State = Mapping[str, object]

@@ -11,24 +11,20 @@ from __future__ import annotations
 import os
 import zlib
 from collections import deque
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+import h5py
 import numpy as np
 from h5py import h5a, h5d, h5ds, h5g, h5o, h5p, h5s
+from numpy.typing import NDArray
 
 from edmctl.errors import RunFileError
 from edmctl.files import sync
 from edmctl.record.disk import HDF5_ERRORS, cannot_name, rename_without_replacing
 from edmctl.record.hdf5 import open_hdf5, refuse_endless
 from edmctl.record.integrity import append_checksum
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
-
-    import h5py
-    from numpy.typing import NDArray
 
 CHUNK_ROWS = 1 << 16
 LEVEL = 4

@@ -8,23 +8,17 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.record import layout
 from edmctl.record.hdf5 import image_of
 from edmctl.record.layout import PURE, TEXT, Grid, Scalar, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from edmctl.record.run_meta import RunMeta
-
+from edmctl.record.run_meta import RunMeta
 
 RUNNING = "running"
 NO_EXIT_CODE = -1

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.errors import RunFileError
 from edmctl.record import layout
@@ -25,6 +26,7 @@ from edmctl.record.create import LIBRARY_VERSIONS, empty_run_file
 from edmctl.record.disk import reason, write_new
 from edmctl.record.hdf5 import open_hdf5, refuse_endless
 from edmctl.record.integrity import are_sound, end_at_breaks, read_superblock
+from edmctl.record.layout import Scalar, Table
 from edmctl.record.opening import open_unjudged, refuse_foreign
 from edmctl.record.recovery import (
     BROKEN,
@@ -40,9 +42,6 @@ from edmctl.record.run_meta import Leaf, RunMeta, SourceText
 
 if TYPE_CHECKING:
     import h5py
-    from numpy.typing import NDArray
-
-    from edmctl.record.layout import Scalar, Table
 
 _LONGEST_BYTES = 1 << 40
 """A length beyond this is part of the damage."""

@@ -12,6 +12,7 @@ import errno
 import os
 import re
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
@@ -19,8 +20,6 @@ from edmctl.files import sync
 from edmctl.record.integrity import read_superblock
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import h5py
 
 HDF5_ERRORS = (OSError, RuntimeError, ValueError)

@@ -9,13 +9,10 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 from edmctl.errors import EdmError, LinkLost, RunFileError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 GIVE_UP_S = 10.0
 """A disk that has not answered for so long hangs, and the job ends safely."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
@@ -11,8 +12,6 @@ from typing import TYPE_CHECKING
 from edmctl.record import layout
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from edmctl.record.reader import RunFile
 
 

@@ -5,19 +5,16 @@ from __future__ import annotations
 import ctypes
 import math
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from threading import get_ident
-from typing import TYPE_CHECKING
 
 import h5py
 from h5py import h5d, h5f, h5i, h5l, h5p
 
 from edmctl.record import locks
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 
 def open_hdf5(path: Path, mode: str = "r", **how: object) -> h5py.File:

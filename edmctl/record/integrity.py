@@ -14,13 +14,10 @@ import struct
 import zlib
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import BinaryIO
 
 from edmctl.files import open_regular
-
-if TYPE_CHECKING:
-    from pathlib import Path
-    from typing import BinaryIO
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 _VERSION, _FLAGS = 8, 11

@@ -12,17 +12,15 @@ import json
 import math
 import os
 import time
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from pathlib import Path
+from typing import Protocol
 
 from edmctl.errors import PreconditionError, RunFileError
 from edmctl.files import read_bytes, sync
 from edmctl.record.disk_thread import DiskThread
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
 
 SCHEMA = "edmctl-journal"
 VERSION = 2
@@ -31,6 +29,7 @@ PERIOD_S = 5.0
 SUFFIX = ".journal"
 Texts = dict[int, tuple[object, str]]
 """Canonical JSON text of values by their identity; the value is kept so that its identity is not reused."""
+_SEPARATOR = ","
 _START_ANEW = "Without it nobody knows how deep the hole is. Machine it at another place or on new work."
 
 
@@ -242,7 +241,7 @@ def _text(journal: Journal, texts: Texts) -> bytes:
     state = {name: _canonical(value) for name, value in journal.state.items() if name != "done"}
     done = journal.state.get("done")
     if isinstance(done, list | tuple):
-        state["done"] = f"[{','.join(cached(site) for site in done)}]"
+        state["done"] = f"[{_SEPARATOR.join(cached(site) for site in done)}]"
     members = {
         "job": cached(journal.job),
         "state": _object(state),
@@ -270,12 +269,13 @@ def _hash_of(canonical: str) -> str:
 
 def _canonical(value: object) -> str:
     """Return the JSON text with sorted keys over which a journal is hashed; null replaces NaN and infinity."""
-    return json.dumps(_plain(value), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return json.dumps(_plain(value), sort_keys=True, separators=(_SEPARATOR, ":"), allow_nan=False)
 
 
 def _object(members: Mapping[str, str]) -> str:
     """Return the JSON object of texts by name, with sorted names."""
-    return f"{{{','.join(f'{json.dumps(name)}:{members[name]}' for name in sorted(members))}}}"
+    texts = (f"{json.dumps(name)}:{members[name]}" for name in sorted(members))
+    return f"{{{_SEPARATOR.join(texts)}}}"
 
 
 def _journal(data: bytes) -> Journal:

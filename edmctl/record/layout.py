@@ -11,25 +11,21 @@ compression leaves 3. Everything else is in its plain unit.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from edmctl.record.rows import (
     EventLevel,
     EventRow,
     LinkRow,
     RejectedTouch,
+    Row,
     ServoBlock,
     SlowRow,
     TouchRow,
 )
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from edmctl.record.rows import Row
 
 SCHEMA = "edmctl-run/2"
 READABLE = ("edmctl-run/1", SCHEMA)

@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from edmctl.errors import RunFileError
 from edmctl.files import lock_holder, open_descriptor, read_bytes
@@ -29,10 +30,6 @@ from edmctl.record.ledger_entries import (
     text_of,
 )
 from edmctl.record.locks import exclusive
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 __all__ = [
     "Entry",

@@ -5,11 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from typing import TypeAlias
 
 VERSION = 4
 """Since 2 touches of the pad come with `home_um`: what the sensor showed then of a tool at home. Since 3 lines of a

@@ -17,16 +17,13 @@ import socket
 import struct
 import tempfile
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
 from edmctl.files import open_descriptor, read_bytes
 from edmctl.record.disk import PARTIAL
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 UNWRITTEN_S = 10.0
 """A lock that still says nothing after so long was left by whoever was killed, or met a full disk, as it made it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
@@ -12,8 +13,6 @@ from edmctl.record.hdf5 import open_hdf5, open_swmr
 from edmctl.record.integrity import MAGIC, Checksum, are_sound, read_superblock, verify_checksum
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import h5py
 
 _ANOTHER = "Give a file that a run has written (.h5 or .h5.partial)."

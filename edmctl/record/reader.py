@@ -5,12 +5,16 @@ from __future__ import annotations
 import difflib
 import json
 import math
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Self
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
 
 import h5py
 import numpy as np
 from h5py import h5d, h5s
+from numpy.typing import NDArray
 
 from edmctl.errors import EdmError, RunFileError
 from edmctl.record import layout
@@ -18,18 +22,10 @@ from edmctl.record.compaction import CLOSING
 from edmctl.record.disk import PARTIAL, partial_path
 from edmctl.record.hdf5 import refuse_endless
 from edmctl.record.integrity import Checksum, verify_checksum
+from edmctl.record.layout import Column, Table
 from edmctl.record.locks import interrupted, is_live
 from edmctl.record.opening import damaged, open_file
 from edmctl.record.rows import TruthMap
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
-    from types import TracebackType
-
-    from numpy.typing import NDArray
-
-    from edmctl.record.layout import Column, Table
 
 TABLES = {table.path: table for table in layout.TABLES}
 _WORD = h5py.string_dtype("utf-8", 16)

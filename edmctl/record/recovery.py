@@ -7,8 +7,10 @@ shortest, as they were written one after another.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
@@ -24,9 +26,6 @@ from edmctl.version import __version__
 from edmctl.wording import iso_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
     import h5py
 
 RECOVERED = "recovered"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.errors import RunFileError
 from edmctl.labels import weakest, worst
@@ -14,18 +16,10 @@ from edmctl.record.disk import PARTIAL
 from edmctl.record.events import error_code_of
 from edmctl.record.layout import RESULTS
 from edmctl.record.locks import is_live
-from edmctl.record.reader import reading_unverified
+from edmctl.record.reader import RunFile, reading_unverified
 from edmctl.record.results import estimated_depth, labels_of, left_site
 from edmctl.results.run_file import RunHead, Unreadable
 from edmctl.wording import plain_number
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from edmctl.record.reader import RunFile
 
 ENDINGS = (".h5", f".h5{PARTIAL}")
 RUNNING, INTERRUPTED = "running", "interrupted"

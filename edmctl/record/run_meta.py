@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from edmctl.record.layout import PURE, TEXT
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
 
 UNIT_SUFFIXES = {
     "um3_per_uj": "um3/uJ",

@@ -8,19 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import h5py
 import numpy as np
 from h5py import h5s, h5t
+from numpy.typing import NDArray
 
 from edmctl.record.create import compound_dtype
-
-if TYPE_CHECKING:
-    import h5py
-    from numpy.typing import NDArray
-
-    from edmctl.record.layout import Table
-    from edmctl.results.telemetry import PulseTrain
+from edmctl.record.layout import Table
+from edmctl.results.telemetry import PulseTrain
 
 CHUNKS_PER_WRITE = 4
 """A store writes when this many chunks wait: fewer and larger calls into HDF5. The flush does not wait."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from edmctl.record.ledger_entries import (
     UNFINISHED,
     JobBegun,
+    Line,
     ReferenceTouched,
     RunEnded,
     SiteMachined,
@@ -17,11 +18,6 @@ from edmctl.record.ledger_entries import (
     WearMeasured,
     from_home_um,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from edmctl.record.ledger_entries import Line
 
 SAME_PLACE_UM = 1.0
 """Two holes of one name so close together are one hole that was taken up again: what a stage repeats to."""

@@ -11,8 +11,10 @@ import contextlib
 import json
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,20 +37,14 @@ from edmctl.record.disk import (
 )
 from edmctl.record.hdf5 import open_hdf5
 from edmctl.record.locks import hold, release
-from edmctl.record.rows import EventRow, RejectedTouch, Summary, TruthMap
-from edmctl.record.stores import Segment, store_of
+from edmctl.record.rows import EventRow, RejectedTouch, Row, Summary, TruthMap
+from edmctl.record.run_meta import RunMeta
+from edmctl.record.stores import RowStore, Segment, store_of
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseTrain
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
     import h5py
-
-    from edmctl.record.rows import Row
-    from edmctl.record.run_meta import RunMeta
-    from edmctl.record.stores import RowStore
 
 FLUSH_INTERVAL_S = 0.5
 """Rows reach the disk at most this long, plus one block, after they were handed over."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -12,8 +13,6 @@ from typing import TYPE_CHECKING
 from edmctl.report.style import NothingToDraw, house_style, rendered
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
     from matplotlib.figure import Figure
 
 WIDE_MM = 120.0

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.labels import weakest
-from edmctl.record.results import labels_of
+from edmctl.record.results import Labels, labels_of
 from edmctl.results.run_file import SiteNumbers, Totals
 from edmctl.results.telemetry import PulseShares
 from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     import numpy as np
 
     from edmctl.record.reader import RunFile
-    from edmctl.record.results import Labels
 
 CLASSES = ("open", "normal", "arc", "short")
 

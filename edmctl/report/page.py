@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from html import escape
 from typing import TYPE_CHECKING
@@ -10,8 +11,10 @@ from typing import TYPE_CHECKING
 from edmctl.labels import marked, weakest
 from edmctl.record.results import estimated_depth
 from edmctl.report import html, page_tables
+from edmctl.report.html import PageTable, Picture
 from edmctl.report.kinds import KINDS, draw
-from edmctl.report.numbers import numbers_of, target_depths_um
+from edmctl.report.numbers import RunNumbers, numbers_of, target_depths_um
+from edmctl.results.run_file import Sentence
 from edmctl.wording import (
     UNKNOWN,
     about,
@@ -25,12 +28,7 @@ from edmctl.wording import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
     from edmctl.record.reader import RunFile
-    from edmctl.report.html import PageTable, Picture
-    from edmctl.report.numbers import RunNumbers
-    from edmctl.results.run_file import Sentence
 
 NARROW = "\u202f"
 """A narrow space that a line does not break."""

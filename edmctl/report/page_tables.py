@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.labels import heading, is_doubtful, marked, meanings, weakest
 from edmctl.report.html import PageTable
-from edmctl.report.numbers import CLASSES, numbers_of
+from edmctl.report.numbers import CLASSES, RunNumbers, numbers_of
+from edmctl.results.run_file import SiteNumbers
 from edmctl.wording import (
     BEYOND_EXIT,
     UNKNOWN,
@@ -24,8 +25,6 @@ from edmctl.wording import (
 
 if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
-    from edmctl.report.numbers import RunNumbers
-    from edmctl.results.run_file import SiteNumbers
 
 U95_NOTE = "± is half the 95 % interval of a result; lengths in µm."
 FEED_NOTE = "Feed is depth and wear together; its ± is at most the sum of theirs."

@@ -3,31 +3,30 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
 from typing import TYPE_CHECKING
 
+from edmctl.doe.sensitivity import SobolIndices
 from edmctl.report import html, study_tables, study_words
-from edmctl.results.study import RunState
+from edmctl.report.html import PageTable, Picture
+from edmctl.results.study import (
+    Choice,
+    Confirmation,
+    Recommendation,
+    ResponseInfo,
+    RunState,
+    StudyPlan,
+    StudyRun,
+)
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
     from matplotlib.figure import Figure
 
     from edmctl.doe.response_analysis import ResponseAnalysis
-    from edmctl.doe.sensitivity import SobolIndices
-    from edmctl.report.html import PageTable, Picture
-    from edmctl.results.study import (
-        Choice,
-        Confirmation,
-        Recommendation,
-        ResponseInfo,
-        StudyPlan,
-        StudyRun,
-    )
 
 FEW_ALIASES = 4
 """More of them stand behind a line to open."""

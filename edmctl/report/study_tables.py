@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from edmctl.doe.sensitivity import SobolIndices
+from edmctl.doe.signal_to_noise import LevelMeans
 from edmctl.report.html import PageTable
 from edmctl.report.study_words import (
     BLOCK,
@@ -18,25 +21,21 @@ from edmctl.report.study_words import (
     wanted,
     why_not_predicted,
 )
-from edmctl.results.study import TRUTH
+from edmctl.results.study import (
+    TRUTH,
+    Choice,
+    Confirmation,
+    FactorInfo,
+    Recommendation,
+    ResponseInfo,
+    StudyPlan,
+    StudyRun,
+)
 from edmctl.wording import UNKNOWN, decimal, plain_number, plural, significant, to_its_u95
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from edmctl.doe.anova import Anova, AnovaRow
     from edmctl.doe.response_analysis import ResponseAnalysis
-    from edmctl.doe.sensitivity import SobolIndices
-    from edmctl.doe.signal_to_noise import LevelMeans
-    from edmctl.results.study import (
-        Choice,
-        Confirmation,
-        FactorInfo,
-        Recommendation,
-        ResponseInfo,
-        StudyPlan,
-        StudyRun,
-    )
 
 MOST_CHOICES, MOST_RUNS = 60, 1000
 """Rows of the longest tables; the rest is counted."""

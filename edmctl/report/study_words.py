@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from edmctl.results.study import RunKind, RunState
+from edmctl.results.study import (
+    Confirmation,
+    FactorInfo,
+    Recommendation,
+    ResponseInfo,
+    RunKind,
+    RunState,
+    StudyPlan,
+    StudyRun,
+    Value,
+)
 from edmctl.wording import UNKNOWN, decimal, plural, printable, shortened, significant, unit_in
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
     from edmctl.doe.anova import Anova, AnovaRow
     from edmctl.doe.response_analysis import ResponseAnalysis
     from edmctl.doe.signal_to_noise import LevelMeans
-    from edmctl.results.study import (
-        Confirmation,
-        FactorInfo,
-        Recommendation,
-        ResponseInfo,
-        StudyPlan,
-        StudyRun,
-        Value,
-    )
 
 BLOCK = "block"
 HARD = "\u00a0"

@@ -6,23 +6,21 @@ Colours are those of Okabe & Ito, which the colour-blind can tell apart; lines d
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from edmctl.errors import PreconditionError, UsageError, installing
+from edmctl.report.signals import Envelope
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
-    from numpy.typing import ArrayLike, NDArray
-
-    from edmctl.report.signals import Envelope
 
 Dash: TypeAlias = "str | tuple[float, tuple[float, ...]]"
 SUFFIXES = (".png", ".svg", ".pdf")

@@ -5,16 +5,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 from edmctl.files import open_regular
+from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.injection import parse_injection
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from edmctl.simulator.bench import VirtualBench
 
 
 class ActsFile:

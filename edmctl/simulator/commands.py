@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING
 
 from edmctl.link import messages as m
 from edmctl.link.messages import State, Status
-from edmctl.link.wire import saturated
+from edmctl.link.wire import Message, saturated
+from edmctl.simulator.controller import VirtualController
 from edmctl.simulator.controller_state import HOLD
 from edmctl.simulator.injection import Trigger
-from edmctl.simulator.link_endpoint import OK
+from edmctl.simulator.link_endpoint import OK, Outcome
 from edmctl.simulator.motion_commands import MotionCommands
 from edmctl.simulator.telemetry import bytes_per_second
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.link.wire import Message
-    from edmctl.simulator.controller import VirtualController
-    from edmctl.simulator.link_endpoint import Outcome
 
 FIRMWARE = (1, 0, 0)
 SERVO_HZ = 1000

@@ -6,7 +6,7 @@ whatever goes wrong, pulses go off first, then the tool retracts, then everythin
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
@@ -18,18 +18,12 @@ from edmctl.simulator.fault_recorder import BlackBox, Waveforms
 from edmctl.simulator.guards import KERNEL_FAULTS, Guards, input_fault
 from edmctl.simulator.injector import Injector
 from edmctl.simulator.kernel import LOOK, run
-from edmctl.simulator.link_endpoint import HostWait, LinkEndpoint
+from edmctl.simulator.link_endpoint import Executor, HostWait, LinkEndpoint
 from edmctl.simulator.motion import Motion
 from edmctl.simulator.parameters import Parameters
-from edmctl.simulator.plant import USUAL_PULSES
+from edmctl.simulator.plant import USUAL_PULSES, Plant
 from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.telemetry import SLICE_TICKS, Telemetry
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.simulator.link_endpoint import Executor
-    from edmctl.simulator.plant import Plant
 
 EVENT_REPEAT_TICKS = 100
 NEVER = 1 << 62

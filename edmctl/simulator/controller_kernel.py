@@ -9,7 +9,16 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import compiled
-from edmctl.simulator.controller_state import ARC, DISPLACEMENT_FAILED_UM, NORMAL, NOTHING, OPEN, SHORT
+from edmctl.simulator.controller_state import (
+    ARC,
+    DISPLACEMENT_FAILED_UM,
+    NORMAL,
+    NOTHING,
+    OPEN,
+    SHORT,
+    LoopState,
+    Settings,
+)
 from edmctl.simulator.gap_monitor import (
     CHARGE_MOST_UC,
     count_of,
@@ -19,12 +28,10 @@ from edmctl.simulator.gap_monitor import (
     wait_for_pulse,
     watch_monitor,
 )
-from edmctl.simulator.plant_interface import STEPS_PER_V
+from edmctl.simulator.plant_interface import STEPS_PER_V, Drive, Readings
 from edmctl.simulator.sequences import follow_path, sequence_tick
 
 if TYPE_CHECKING:
-    from edmctl.simulator.controller_state import LoopState, Settings
-    from edmctl.simulator.plant_interface import Drive, Readings
     from edmctl.simulator.records import Floats, Rows
 
 BOX_TICKS = 2048  # milliseconds in the fault recorder; a power of two

@@ -14,12 +14,10 @@ from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import compiled
 from edmctl.process.gap_conditions import MOST_DEBRIS
-from edmctl.simulator.plant_interface import TICK_NS
-from edmctl.simulator.plant_state import BURNING, SCOPE_PULSES, STUCK_AT_CONTACT
+from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
+from edmctl.simulator.plant_state import BURNING, SCOPE_PULSES, STUCK_AT_CONTACT, PlantState, Scope, Unit
 
 if TYPE_CHECKING:
-    from edmctl.simulator.plant_interface import Drive, Readings
-    from edmctl.simulator.plant_state import PlantState, Scope, Unit
     from edmctl.simulator.records import Floats
 
 TABLE = 1024  # values in each table of a distribution

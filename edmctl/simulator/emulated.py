@@ -9,7 +9,8 @@ import sys
 import tempfile
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import ModuleType
+from typing import Any
 
 from edmctl.errors import PreconditionError
 from edmctl.firmware.board_build import build_board, toolchain
@@ -17,11 +18,7 @@ from edmctl.firmware.boards import BOARDS
 from edmctl.firmware.build import cache_folder, source_folder
 from edmctl.firmware.elf import Elf
 from edmctl.link.messages import SCHEMA_HASH
-
-if TYPE_CHECKING:
-    from types import ModuleType
-
-    from edmctl.simulator.plant import Plant
+from edmctl.simulator.plant import Plant
 
 PACKAGE = "firmware_sim"
 """Name under which firmware/sim is loaded."""

@@ -8,18 +8,16 @@ import secrets
 import select
 import socket
 import tty
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from edmctl.errors import LinkLost
 from edmctl.link import gate
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 SILENT_S = 5.0
 """A client that has sent no valid frame for so long makes room for the next one that comes."""

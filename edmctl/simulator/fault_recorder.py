@@ -6,8 +6,9 @@ delay, discharge time and plateau; `pulse_shape` makes of it what an oscilloscop
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +16,9 @@ from numpy.typing import NDArray
 from edmctl.link.messages import BlackboxReadReply, Tlm, WaveformReadReply
 from edmctl.simulator.controller_kernel import BOX_COLUMNS, BOX_TICKS
 from edmctl.simulator.controller_state import ARC, NORMAL, OPEN, PACK, SHORT
+from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import STEPS_PER_V, TICK_NS
 from edmctl.simulator.pulse_shape import CURRENT_NOISE_A, PLATEAU_NOISE, VOLTAGE_NOISE_V, pulse_signals
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from edmctl.simulator.plant import Plant
 
 Floats: TypeAlias = NDArray[np.float64]
 

@@ -7,13 +7,15 @@ does: injections, a driven clock, the end of slices of time.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable, Mapping
 from copy import deepcopy
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from edmctl.errors import RunFileError
 from edmctl.firmware.library import CALLBACKS, Callbacks, Inputs, Seen, library
+from edmctl.link.faults import FaultCode
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import ResetCause, State, Tlm
 from edmctl.simulator.controller import NEVER
@@ -23,14 +25,9 @@ from edmctl.simulator.injection import Trigger
 from edmctl.simulator.injector import Injector
 from edmctl.simulator.kernel import LOOK
 from edmctl.simulator.link_endpoint import HostWait
+from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.telemetry import SLICE_TICKS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from edmctl.link.faults import FaultCode
-    from edmctl.simulator.plant import Plant
 
 MOST_AT_ONCE = 4096
 """Bytes that the core gets at once: the answers to them fit into its memory."""

@@ -27,12 +27,12 @@ from edmctl.simulator.controller_state import (
     SHORT,
     TOUCH_BACK,
     TOUCH_FAST,
+    LoopState,
+    Settings,
 )
-from edmctl.simulator.plant_interface import TICK_NS
+from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
 
 if TYPE_CHECKING:
-    from edmctl.simulator.controller_state import LoopState, Settings
-    from edmctl.simulator.plant_interface import Drive, Readings
     from edmctl.simulator.records import Rows
 
 MISREAD_HIGH = 0.97  # of the open voltage: more is none that a discharge has

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING
 
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import Interlocks
 from edmctl.simulator import controller_state as c
-
-if TYPE_CHECKING:
-    from edmctl.simulator.parameters import Parameters
-    from edmctl.simulator.plant import Plant
+from edmctl.simulator.parameters import Parameters
+from edmctl.simulator.plant import Plant
 
 NOISE_TICKS = 1000
 FLOW_MOST_LPM, COLDEST_C = 1000.0, -100.0  # beyond these a reading has failed

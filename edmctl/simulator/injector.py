@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from edmctl.link.messages import ResetCause, State
 from edmctl.simulator.controller_state import PACK
 from edmctl.simulator.injection import CHIPS, Injection, LineState, Trigger
+from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.plant_state import STUCK_AT_CONTACT, STUCK_AT_GENERATOR
-
-if TYPE_CHECKING:
-    from edmctl.simulator.plant import Plant
 
 NEVER = 1 << 62
 HUGE = 1e12

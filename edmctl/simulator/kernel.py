@@ -6,22 +6,19 @@ Compiled by numba, readable as plain Python.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import cached
 from edmctl.simulator.controller_kernel import judge_tick
-from edmctl.simulator.controller_state import NOTHING
+from edmctl.simulator.controller_state import NOTHING, LoopState, Settings
 from edmctl.simulator.gap_monitor import close_block
-from edmctl.simulator.plant_interface import TICK_S, on_grid
+from edmctl.simulator.plant_interface import TICK_S, Drive, Readings, on_grid
 from edmctl.simulator.plant_kernel import actuator_tick, follow_drive, plant_tick, sensor
+from edmctl.simulator.plant_state import PlantState, Scope, Unit
 from edmctl.simulator.servo import command_tick
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.simulator.controller_state import LoopState, Settings
-    from edmctl.simulator.plant_interface import Drive, Readings
-    from edmctl.simulator.plant_state import PlantState, Scope, Unit
     from edmctl.simulator.records import Floats, Rows
 
 LOOK = 99

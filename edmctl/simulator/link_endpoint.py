@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict, deque
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable
+from typing import Protocol
 
 from edmctl.link.frame import ABORT_RUN, Frame, FrameDecoder, encode_frame
-from edmctl.link.messages import REQUESTS, Advance, GetSchema, Heartbeat, Hello, Status
-from edmctl.link.wire import saturated
+from edmctl.link.messages import REQUESTS, Advance, Event, Fault, GetSchema, Heartbeat, Hello, Status
+from edmctl.link.wire import Message, saturated
 from edmctl.simulator.plant_interface import TICK_S
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.link.messages import Event, Fault
-    from edmctl.link.wire import Message
 
 REPLY_BIT = 0x40
 REPLIES_KEPT = 8

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from edmctl.simulator.controller_state import DISPLACEMENT_FAILED_UM, HOLD, RAMP, TEST_OFF
+from edmctl.simulator.controller_state import (
+    DISPLACEMENT_FAILED_UM,
+    HOLD,
+    RAMP,
+    TEST_OFF,
+    LoopState,
+    Settings,
+)
+from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import PATH_LINES, TICK_S
-
-if TYPE_CHECKING:
-    from edmctl.simulator.controller_state import LoopState, Settings
-    from edmctl.simulator.plant import Plant
 
 STAGE_SETTLE_TICKS = 50
 

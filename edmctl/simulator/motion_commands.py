@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import State, Status
+from edmctl.simulator.controller import VirtualController
 from edmctl.simulator.controller_state import APPROACH, HOLD, JUMP_UP, SERVO, TOUCH_FAST
 from edmctl.simulator.injection import Trigger
-from edmctl.simulator.link_endpoint import OK
+from edmctl.simulator.link_endpoint import OK, Outcome
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.servo import BLEND_TICKS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.simulator.controller import VirtualController
-    from edmctl.simulator.link_endpoint import Outcome
 
 # What the virtual generator can do.
 PERIOD_NS_MIN, PERIOD_NS_MAX = 20_000, 1_000_000_000

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from edmctl.link.messages import PARAMS, param_crc
+from edmctl.simulator.controller_state import Settings
 from edmctl.simulator.plant_interface import TICK_S
-
-if TYPE_CHECKING:
-    from edmctl.simulator.controller_state import Settings
 
 TICK_US = 1000  # this controller decides on whole milliseconds
 FULL_SCALE_V = 150.0  # what track_error is a share of

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,19 +22,13 @@ from edmctl.process.gap_conditions import (
     side_gap_um,
     working_gap_um,
 )
-from edmctl.simulator.config import drawn
+from edmctl.simulator.config import BenchConfig, DischargeConstants, drawn
 from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
 from edmctl.simulator.plant_kernel import run_plant
 from edmctl.simulator.plant_state import BURNING, PlantState, Scope, Unit
 from edmctl.simulator.unit import RandomBlocks, draw_actuator, set_actuator
 from edmctl.simulator.wiring import Inputs, Wiring
-from edmctl.simulator.work_under_tool import Chips, WorkUnderTool
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.simulator.config import BenchConfig, DischargeConstants
-    from edmctl.simulator.work_under_tool import Hole
+from edmctl.simulator.work_under_tool import Chips, Hole, WorkUnderTool
 
 Floats = NDArray[np.float64]
 

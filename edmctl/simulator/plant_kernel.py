@@ -6,20 +6,17 @@ It knows nothing of the controller but `Drive`, and shows it nothing but `Readin
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import cached, compiled
 from edmctl.process.erosion import SURFACE_UM
 from edmctl.process.gap_conditions import CLEARING
 from edmctl.simulator.discharge import strike_pulses
-from edmctl.simulator.plant_interface import PATH_LINES, TICK_S
-from edmctl.simulator.plant_state import STUCK_AT_GENERATOR
+from edmctl.simulator.plant_interface import PATH_LINES, TICK_S, Drive, Readings
+from edmctl.simulator.plant_state import STUCK_AT_GENERATOR, PlantState, Scope, Unit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.simulator.plant_interface import Drive, Readings
-    from edmctl.simulator.plant_state import PlantState, Scope, Unit
     from edmctl.simulator.records import Floats
 
 FLUSH_THROUGH_S = 0.02  # debris clearance of a gap that is all open below [assumed]

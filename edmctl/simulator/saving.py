@@ -10,9 +10,9 @@ import dataclasses
 import json
 from collections.abc import Mapping
 from copy import deepcopy
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.errors import RunFileError
 from edmctl.link.messages import ResetCause
@@ -23,15 +23,11 @@ from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConst
 from edmctl.simulator.controller import VirtualController
 from edmctl.simulator.controller_kernel import BOX_COLUMNS
 from edmctl.simulator.fault_recorder import PULSE, PULSE_COLUMNS, RecentPulses, Waveforms
+from edmctl.simulator.firmware_controller import FirmwareController
+from edmctl.simulator.plant import Plant
+from edmctl.simulator.records import Record
 from edmctl.simulator.work_under_tool import Hole
 from edmctl.simulator.workpiece import TILE
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from edmctl.simulator.firmware_controller import FirmwareController
-    from edmctl.simulator.plant import Plant
-    from edmctl.simulator.records import Record
 
 State = Mapping[str, object]
 """Names of arrays, numbers, texts and further states."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import compiled
 from edmctl.simulator.controller_state import (
@@ -40,13 +39,11 @@ from edmctl.simulator.controller_state import (
     TOUCH_SLOW,
     TOUCHED,
     TOUCHES_DONE,
+    LoopState,
+    Settings,
 )
-from edmctl.simulator.plant_interface import PATH_LINES, TICK_S
+from edmctl.simulator.plant_interface import PATH_LINES, TICK_S, Drive, Readings
 from edmctl.simulator.servo import SETTLE_TICKS, hold_at_limit, servo_tick
-
-if TYPE_CHECKING:
-    from edmctl.simulator.controller_state import LoopState, Settings
-    from edmctl.simulator.plant_interface import Drive, Readings
 
 LIMIT_TICKS_MAX = 500
 HELD_WITHIN_UM = 1.0

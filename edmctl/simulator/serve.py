@@ -10,19 +10,15 @@ from __future__ import annotations
 
 import re
 import select
+from collections.abc import Callable
 from dataclasses import dataclass
 from time import monotonic
-from typing import TYPE_CHECKING
 
 from edmctl.link.faults import FAULTS, FaultCode
+from edmctl.simulator.bench import VirtualBench
+from edmctl.simulator.endpoints import Endpoint
 from edmctl.simulator.injection import LineDamage
 from edmctl.simulator.plant_interface import TICK_S
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.simulator.bench import VirtualBench
-    from edmctl.simulator.endpoints import Endpoint
 
 SLICE_S = 0.004
 """How long the clock waits for bytes before it goes on."""

@@ -5,8 +5,6 @@ Muralidhara et al. 2009, Fig. 6: filtered mean gap voltage, comparator, ramp up 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from edmctl.actuator.compiling import compiled
 from edmctl.link.messages import State
 from edmctl.simulator.controller_state import (
@@ -23,12 +21,10 @@ from edmctl.simulator.controller_state import (
     TOUCH_FAST,
     TOUCH_HUNT,
     TOUCH_SLOW,
+    LoopState,
+    Settings,
 )
-from edmctl.simulator.plant_interface import TICK_S, on_grid
-
-if TYPE_CHECKING:
-    from edmctl.simulator.controller_state import LoopState, Settings
-    from edmctl.simulator.plant_interface import Drive, Readings
+from edmctl.simulator.plant_interface import TICK_S, Drive, Readings, on_grid
 
 SETTLE_TICKS = 100  # generator on before the approach judges the gap voltage
 SHORT_HURRY_TICKS = 500  # a short this long retracts four times as fast

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.link.messages import PulseBlocks, PulseLog, Pulses, Tlm, TlmStart
-from edmctl.simulator.plant_interface import TICK_NS
+from edmctl.link.wire import Message
+from edmctl.simulator.controller_state import LoopState, Settings
+from edmctl.simulator.plant_interface import TICK_NS, Readings
 from edmctl.simulator.records import rows
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from edmctl.link.wire import Message
-    from edmctl.simulator.controller_state import LoopState, Settings
-    from edmctl.simulator.plant_interface import Readings
 
 SAMPLE_BYTES, BLOCK_BYTES, PULSE_BYTES = 16, 12, 6
 BLOCKS_PER_FRAME, PULSES_PER_FRAME = 19, 38

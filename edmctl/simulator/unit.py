@@ -17,10 +17,9 @@ import numpy as np
 
 from edmctl.simulator.discharge import TABLE
 from edmctl.simulator.plant_interface import TICK_S
-from edmctl.simulator.plant_state import CREEP_TERMS, PLAYS
+from edmctl.simulator.plant_state import CREEP_TERMS, PLAYS, PlantState, Unit
 
 if TYPE_CHECKING:
-    from edmctl.simulator.plant_state import PlantState, Unit
     from edmctl.simulator.records import Floats
 
 BLOCK = 32768

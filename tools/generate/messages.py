@@ -23,16 +23,13 @@ Fields carry physical values; the comment beside each says type and size of one 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from struct import pack
-from typing import TYPE_CHECKING
 from zlib import crc32
 
 from edmctl.link.wire import Ack, Message, Param, Request
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 PROTO_MAJOR = {major}
 PROTO_MINOR = {minor}

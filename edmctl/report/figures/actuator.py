@@ -6,6 +6,7 @@ magnified. Colours are those of Okabe & Ito, which the colour-blind can tell apa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -28,8 +29,6 @@ from edmctl.report.style import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import numpy as np
     from matplotlib.figure import Figure
     from numpy.typing import NDArray

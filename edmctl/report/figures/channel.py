@@ -7,10 +7,12 @@ in its stead.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.report.removal import along, lengths_um, planned_path
 from edmctl.report.style import (
@@ -29,13 +31,10 @@ from edmctl.report.style import (
 from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
     from edmctl.report.signals import Array

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmctl.labels import is_open, open_marks
-from edmctl.report.numbers import numbers_of, target_depths_um
+from edmctl.report.numbers import RunNumbers, numbers_of, target_depths_um
 from edmctl.report.signals import envelopes
 from edmctl.report.style import (
     BLACK,
@@ -30,13 +31,10 @@ from edmctl.report.style import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from edmctl.record.reader import RunFile
-    from edmctl.report.numbers import RunNumbers
     from edmctl.report.signals import Array
 
 HEIGHT_MM = 70.0

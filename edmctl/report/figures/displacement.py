@@ -5,9 +5,11 @@ Like Figs 3, 7 and 9(b) of Muralidhara et al. 2009. The numbers are those of `/e
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from edmctl.record.events import RecordedState
 from edmctl.report.signals import Envelope, envelopes, rows_worked, without_jumps
@@ -26,11 +28,8 @@ from edmctl.report.style import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import ArrayLike, NDArray
 
     from edmctl.record.reader import RunFile
     from edmctl.report.signals import Columns, Floats

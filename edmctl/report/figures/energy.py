@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.report.pulse_statistics import cuts_with_pulses, spark_energies
-from edmctl.report.removal import cumulated, in_this_run, kappa, removal
+from edmctl.report.pulse_statistics import SparkEnergies, cuts_with_pulses, spark_energies
+from edmctl.report.removal import Removal, cumulated, in_this_run, kappa, removal
 from edmctl.report.style import (
     ARC,
     BLACK,
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from edmctl.record.reader import RunFile
-    from edmctl.report.pulse_statistics import SparkEnergies
-    from edmctl.report.removal import Removal
     from edmctl.report.signals import Array
 
 

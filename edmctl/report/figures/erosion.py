@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmctl.record import layout
 from edmctl.record.results import has_sensor
-from edmctl.report.removal import hole_starts_s, known_depths
+from edmctl.report.removal import KnownDepth, hole_starts_s, known_depths
 from edmctl.report.signals import MEAN_S, broken, floats, running_mean
 from edmctl.report.style import (
     BLACK,
@@ -27,13 +28,10 @@ from edmctl.report.style import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from edmctl.record.reader import RunFile
-    from edmctl.report.removal import KnownDepth
     from edmctl.report.signals import Array
 
 COLUMNS = ("time", "est_depth", "est_depth_u95", "est_wear", "est_wear_u95", "feed_um_s")

@@ -5,6 +5,7 @@ The displacement is that of Fig. 7 of Muralidhara et al. 2009; the voltage is wh
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,8 +27,6 @@ from edmctl.report.style import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

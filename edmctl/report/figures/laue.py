@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.report.pulse_statistics import STEP_US, delays, has_every_pulse, random_ignition
+from edmctl.report.pulse_statistics import (
+    STEP_US,
+    Delays,
+    RandomIgnition,
+    delays,
+    has_every_pulse,
+    random_ignition,
+)
 from edmctl.report.signals import cuts_s
 from edmctl.report.style import (
     BLACK,
@@ -31,7 +38,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from edmctl.record.reader import RunFile
-    from edmctl.report.pulse_statistics import Delays, RandomIgnition
 
 BARS = 50
 LEAST_PULSES = 100

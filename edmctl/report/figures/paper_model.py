@@ -7,10 +7,12 @@ no step crosses it. Bars in the error show what the paper reads there, dots what
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.report.signals import POINTS, broken
 from edmctl.report.style import (
@@ -31,11 +33,8 @@ from edmctl.report.style import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from edmctl.report.signals import Array
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.report.numbers import CLASSES
 from edmctl.report.pulse_statistics import ARC, SHORT, cuts_with_pulses, has_every_pulse, pulse_counts
@@ -23,7 +24,6 @@ from edmctl.wording import count, percent
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
     from edmctl.report.signals import Array

@@ -9,6 +9,7 @@ its own.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -26,22 +27,20 @@ from edmctl.report.style import (
     LIGHT,
     PAGE_MM,
     VERMILION,
+    Dash,
     NothingToDraw,
     new_figure,
 )
+from edmctl.results.run_file import SiteNumbers
 from edmctl.wording import BEYOND_EXIT, plain_number, with_u95
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from edmctl.record.reader import RunFile
     from edmctl.report.signals import Array
-    from edmctl.report.style import Dash
-    from edmctl.results.run_file import SiteNumbers
 
 HEIGHT_MM = 92.0
 """Greatest height of the figure."""

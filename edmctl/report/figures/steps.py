@@ -7,6 +7,7 @@ So feed = Z2 − Z1, depth = Z2 − Z3 and wear = Z3 − Z1.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -28,16 +29,14 @@ from edmctl.report.style import (
     new_figure,
     shared_legend,
 )
+from edmctl.results.run_file import SiteNumbers
 from edmctl.wording import with_u95
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from edmctl.record.reader import RunFile
-    from edmctl.results.run_file import SiteNumbers
 
 HEIGHT_MM = 72.0
 COLUMN_SITES = 3

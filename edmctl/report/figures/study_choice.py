@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from edmctl.doe.linear_model import Settings, term_name
+from edmctl.doe.response_analysis import ResponseAnalysis
+from edmctl.doe.sensitivity import SobolIndices
 from edmctl.report.figures.study_effects import plain_ticks, wrapped
 from edmctl.report.study_words import factor_label, level_text, wanted
 from edmctl.report.style import (
@@ -24,18 +28,12 @@ from edmctl.report.style import (
     plain_log_ticks,
     shared_legend,
 )
+from edmctl.results.study import Choice, FactorInfo, ResponseInfo, StudyPlan, StudyRun
 from edmctl.wording import plain_number, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import ArrayLike, NDArray
-
-    from edmctl.doe.response_analysis import ResponseAnalysis
-    from edmctl.doe.sensitivity import SobolIndices
-    from edmctl.results.study import Choice, FactorInfo, ResponseInfo, StudyPlan, StudyRun
 
 GRID = 41
 LEVELS = 9

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import special
 
+from edmctl.doe.response_analysis import Interaction, ResponseAnalysis
 from edmctl.report.study_words import factor_label, in_order, level_text
 from edmctl.report.style import (
     BLACK,
@@ -25,16 +27,12 @@ from edmctl.report.style import (
     draw_points,
     new_figure,
 )
+from edmctl.results.study import ResponseInfo, StudyPlan, StudyRun
 from edmctl.wording import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from edmctl.doe.response_analysis import Interaction, ResponseAnalysis
-    from edmctl.results.study import ResponseInfo, StudyPlan, StudyRun
 
 LETTER_MM, SMALL_LETTER_MM = 1.45, 1.35
 """Mean widths of a letter of a label, and of a tick."""

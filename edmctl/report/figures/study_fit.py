@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
+from edmctl.doe.response_analysis import ResponseAnalysis
 from edmctl.report.figures.study_effects import plain_ticks, wrapped
 from edmctl.report.style import (
     BLUE,
@@ -21,18 +24,12 @@ from edmctl.report.style import (
     new_figure,
     shared_legend,
 )
-from edmctl.results.study import RunKind
+from edmctl.results.study import ResponseInfo, RunKind, StudyRun
 from edmctl.wording import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
-
-    from edmctl.doe.response_analysis import ResponseAnalysis
-    from edmctl.results.study import ResponseInfo, StudyRun
 
 _NO_MODEL = "No model was fitted to this response."
 MOST_BLOCKS = 8

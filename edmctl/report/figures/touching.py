@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.record.events import RecordedCode, RecordedState
 from edmctl.report.signals import envelopes, floats, without_jumps
@@ -30,7 +31,6 @@ from edmctl.wording import plain_number, signed
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
-    from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
     from edmctl.report.signals import Array, Columns, Floats

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.record.events import RecordedState
 from edmctl.report.signals import Envelope, envelopes, within
@@ -20,11 +22,8 @@ from edmctl.report.style import (
 from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
     from edmctl.report.signals import Array, Columns, Floats
