@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
+from typing import Any
 
 _PANELS = 64
 """Panels of Simpson's rule: quantiles up to 95 % are within 1e-5."""
@@ -23,6 +24,16 @@ class Value:
     def u95(self) -> float:
         """Half width of the 95 % interval."""
         return half_width(self.u, self.dof)
+
+    def widened(self, u: float) -> Value:
+        """Return the same with an independent standard uncertainty `u` added, of infinite degrees of freedom."""
+        combined = math.hypot(self.u, u)
+        dof = self.dof * (combined / self.u) ** 4 if self.u > 0.0 else math.inf
+        return Value(self.value, combined, dof)
+
+    def columns(self, name: str) -> dict[str, Any]:
+        """Return estimate, u95 and u by the names of a result's fields: `name` is such as "depth_{}um"."""
+        return {name.format(""): self.value, name.format("u95_"): self.u95, name.format("u_"): self.u}
 
     def interval(self, p: float = 0.95) -> tuple[float, float]:
         """Return the limits between which the true value lies with probability `p`."""

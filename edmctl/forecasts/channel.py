@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import (
-    READING_U_UM,
     Stand,
     between_s,
     descent_time_s,
@@ -20,6 +19,7 @@ from edmctl.forecasts.measuring import (
 )
 from edmctl.forecasts.removal import hole, removal_um3_s, time_share_of_jumps
 from edmctl.process.discharge import hole_area_um2
+from edmctl.process.touches import TOUCH_U_UM
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile
@@ -167,7 +167,7 @@ def stops_after(profile: Profile, setup: Setup, path: PathTable) -> list[int]:
             since * whole.wear_um / whole.layers,
             setup.sensor.drift_um_per_s * since * layer_s,
         )
-        u_um = math.hypot(READING_U_UM, u_rel * worn_um, drift_um)
+        u_um = math.hypot(TOUCH_U_UM, u_rel * worn_um, drift_um)
         early = not found and layers >= LAYERS_BEFORE_FIRST_STOP
         unknown_um = tolerance_um / (4.0 if layers == whole.layers - 1 else 2.0)
         if early or layers == whole.layers or u_um > unknown_um:

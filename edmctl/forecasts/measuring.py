@@ -20,7 +20,9 @@ from edmctl.forecasts.removal import (
 )
 from edmctl.process.discharge import first_gap_u_um, hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
-from edmctl.process.next_cut import COVERAGE, GAP_U_UM, is_done, largest_first_um, next_cut
+from edmctl.process.next_cut import GAP_U_UM, is_done, largest_first_um, next_cut
+from edmctl.process.touches import TOUCH_U_UM, Displacement
+from edmctl.quantity import half_width
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,13 +31,11 @@ if TYPE_CHECKING:
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
 
-READING_U_UM = 0.15
-"""Standard uncertainty of one reading of a surface."""
-SET_U_UM = 0.10
+SET_U_UM = math.sqrt(2.0) * TOUCH_U_UM
 """Of the difference of two readings taken one after the other, by their scatter."""
-FACE_U_UM = 0.20
+FACE_U_UM = 0.10
 """Of the face at a place after a plane was fitted to three touches."""
-FACE_LIMIT_UM = 2.0 * READING_U_UM
+FACE_LIMIT_UM = 0.3
 """Of the face at a place where tilt would make it worse: it is touched there then, and a touch knows it better. At
 0.3 mrad it takes a millimetre to get there."""
 BETWEEN_S = 60.0
@@ -120,23 +120,15 @@ def planned_cuts(
 def channel_depth_u95_um(setup: Setup, depth_um: float) -> float:
     """Half the 95 % interval of a channel's mean depth, whose face is touched along its way."""
     known = displacement(setup)
-    return COVERAGE * math.hypot(SET_U_UM, FACE_U_UM, known.gain_u_rel * depth_um, known.linearity_u_um)
-
-
-@dataclass(frozen=True, slots=True)
-class Displacement:
-    """Standard uncertainties of a displacement: of its scale, of any one length besides, of its drift."""
-
-    gain_u_rel: float
-    linearity_u_um: float
-    drift_u_um_per_s: float
+    return half_width(math.hypot(SET_U_UM, FACE_U_UM, known.length_u_um(depth_um)))
 
 
 def displacement(setup: Setup) -> Displacement:
     """What the setup says of its sensor; without one, what a calibration of another day keeps of it at best."""
     sensor = setup.sensor
     if sensor.fitted:
-        return Displacement(sensor.gain_u_rel, sensor.linearity_u_um, sensor.drift_um_per_s)
+        walk = setup.drift.walk_um_per_sqrt_s
+        return Displacement(sensor.gain_u_rel, sensor.linearity_u_um, sensor.drift_um_per_s, walk)
     return Displacement(
         math.hypot(sensor.gain_u_rel, GAIN_SD_BETWEEN_DAYS),
         sensor.linearity_u_um,
@@ -164,17 +156,17 @@ class _Plan:
             return [Cut(one.feed_um, measured=True)]
         if cut_budget(self._profile) == 1:
             found_u_um, _ = self._found_u_um(one.depth_um, self._face_u_um(away_um))
-            return [Cut(one.feed_um, measured=True, depth_u95_um=COVERAGE * found_u_um)]
+            return [Cut(one.feed_um, measured=True, depth_u95_um=half_width(found_u_um))]
         counted = wear.remeasure not in ("auto", "sparing")
         touches_final = counted or (is_single and wear.remeasure == "auto")
         fresh = self._estimate.fits == 0
-        before = self._estimate if fresh else self._estimate.next_hole()
+        before = self._estimate if fresh else self._estimate.next_hole(one.depth_um)
         estimate, face_u_um = before, self._face_u_um(away_um)
         cut_s = one.depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(self._profile, one.depth_um)
         known = self._displacement
-        sensed_u_um = math.hypot(known.linearity_u_um, known.gain_u_rel * one.depth_um)
+        sensed_u_um = known.length_u_um(one.depth_um)
         drift_um = self._drift_um(cut_s)
-        start_u_um = math.hypot(READING_U_UM, self._wear_u_um, drift_um, face_u_um, sensed_u_um)
+        start_u_um = math.hypot(TOUCH_U_UM, self._wear_u_um, drift_um, face_u_um, sensed_u_um)
         gap_u_um = first_gap_u_um(self._profile.pulse.open_voltage_v) if fresh else GAP_U_UM
         cut = next_cut(
             estimate,
@@ -192,9 +184,9 @@ class _Plan:
             measured = cut.measured or touches_final or (is_last and not cuts)
             depth_u_um, worn_u_um = self._found_u_um(depth_um + cut.depth_um, face_u_um)
             # A later touch of the pad corrects what was not measured, by its own uncertainty.
-            settled_u_um = math.hypot(start_u_um, gap_u_um, READING_U_UM) if cuts else 0.0
+            settled_u_um = math.hypot(start_u_um, gap_u_um, TOUCH_U_UM) if cuts else 0.0
             known_u_um = depth_u_um if measured else max(cut.depth_u_um, settled_u_um)
-            cuts.append(Cut(cut.feed_um, measured, COVERAGE * known_u_um))
+            cuts.append(Cut(cut.feed_um, measured, half_width(known_u_um)))
             self._since_s += cut.feed_um / feed_rate_um_s(self._profile, one.depth_um)
             if not measured:
                 split = estimate.split(
@@ -238,10 +230,8 @@ class _Plan:
         known = self._displacement
         wear_um = self._profile.wear.expected_ratio * depth_um
         between_um = known.drift_u_um_per_s * BETWEEN_S
-        depth_u_um = math.hypot(
-            SET_U_UM, known.gain_u_rel * depth_um, known.linearity_u_um, face_u_um, between_um
-        )
-        wear_u_um = math.hypot(SET_U_UM, known.gain_u_rel * wear_um, known.linearity_u_um, self._drift_um())
+        depth_u_um = math.hypot(SET_U_UM, known.length_u_um(depth_um), face_u_um, between_um)
+        wear_u_um = math.hypot(SET_U_UM, known.length_u_um(wear_um), self._drift_um())
         return depth_u_um, wear_u_um
 
 

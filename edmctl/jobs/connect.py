@@ -191,9 +191,26 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
     from edmctl.process.gap_conditions import GapLaw
     from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
 
+    sensor = setup.sensor
+    sensors = SensorConstants(
+        fitted=sensor.fitted,
+        noise_um=sensor.noise_um,
+        gain_sd=sensor.gain_u_rel,
+        nonlinearity_um=2.0 * sensor.linearity_u_um,
+        drift_sd_um_s=sensor.drift_um_per_s,
+        walk_um=setup.drift.walk_um_per_sqrt_s,
+        tilt_sd_mrad=setup.surface.tilt_u_mrad,
+        stage_sd_um=0.5 * setup.stage.repeatability_um,
+    )
     if loaded is None:
-        return BenchConfig(sensors=SensorConstants(fitted=setup.sensor.fitted))
+        return BenchConfig(sensors=sensors)
     sim = loaded.sim
+    drawn: dict[str, Any] = {
+        "gain_sd": sim.sensor_gain_sd,
+        "drift_sd_um_s": sim.sensor_drift_sd_um_s,
+        "machine_drift_sd_um_s": sim.machine_drift_sd_um_s,
+        "tilt_sd_mrad": sim.tilt_sd_mrad,
+    }
     removal, wear = of_work(loaded.profile).factor, of_tool(loaded.profile).factor
 
     def part(kind: type[Any]) -> Any:
@@ -212,13 +229,7 @@ def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
         offset_um=loaded.profile.approach.offset_um,
         thickness_um=loaded.profile.work.thickness_um,
         discharge=replace(part(DischargeConstants), erosion=part(ErosionLaw), gap=part(GapLaw)),
-        sensors=SensorConstants(
-            fitted=setup.sensor.fitted,
-            gain_sd=sim.sensor_gain_sd,
-            drift_sd_um_s=sim.sensor_drift_sd_um_s,
-            machine_drift_sd_um_s=sim.machine_drift_sd_um_s,
-            tilt_sd_mrad=sim.tilt_sd_mrad,
-        ),
+        sensors=replace(sensors, **{name: sd for name, sd in drawn.items() if sd is not None}),
     )
 
 

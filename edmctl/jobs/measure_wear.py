@@ -33,7 +33,6 @@ from edmctl.procedures.measure_wear import (
     touch_pad,
 )
 from edmctl.procedures.monitoring.drift import counted_pause_s
-from edmctl.process.next_cut import COVERAGE
 from edmctl.record.ledger_entries import (
     UNFINISHED,
     Entry,
@@ -137,7 +136,7 @@ def _hole_in_words(hole: SiteMachined) -> str:
 
 def _bottom(hole: SiteMachined) -> Bottom:
     known = Bottom(hole.name, hole.x_um, hole.y_um, hole.depth_um, run_file=hole.run_file)
-    return known if math.isnan(hole.depth_u95_um) else replace(known, depth_u_um=hole.depth_u95_um / COVERAGE)
+    return known if math.isnan(hole.depth_u_um) else replace(known, depth_u_um=hole.depth_u_um)
 
 
 TOUCHES_LIKE = "cu270"

@@ -46,9 +46,9 @@ class Job:
     when the hole that it left is to be made from an untouched face. `tool_wear_before_um` is what the tool has
     lost in earlier jobs, as far as anybody knows.
     `home_um` is what the sensor showed of a tool at home `home_age_s` ago; NaN is since the controller came up.
-    `drift_seen_um_s` is how fast the homes of earlier jobs allow it to move, `drift` what rests and touches have in
-    common where that was measured, `creep_left` what an earlier use of the actuator has left, None where nothing
-    has used it.
+    `drift_seen_um_s` is the drift by which homes of earlier jobs contradict the setup, else 0; `drift` is what rests
+    and touches have in common where that was measured, `creep_left` what an earlier use of the actuator has left,
+    None where nothing has used it.
     """
 
     profile: Profile

@@ -16,9 +16,9 @@ from edmctl.procedures.hole.hole import model_u95_um
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
-from edmctl.procedures.touch.spots import TOUCH_U_UM, pad_u_um, read_pad, refuse_grown_tool
+from edmctl.procedures.touch.spots import pad_u_um, read_pad, refuse_grown_tool
 from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface
-from edmctl.process.touches import Reading, measure, share_u
+from edmctl.process.touches import TOUCH_U_UM, Reading, measure, share_u
 from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.measurements import UncertaintyPart, WearResult
@@ -27,9 +27,9 @@ from edmctl.wording import signed
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.forecasts.measuring import Displacement
     from edmctl.procedures.run import JobRun
     from edmctl.procedures.touch.reading import SurfaceReading
+    from edmctl.process.touches import Displacement
 
 LEAST_TOUCHES = 3
 """Of every Z: the scatter of two says next to nothing."""
@@ -139,13 +139,11 @@ def _found(
         z1,
         bottom,
         z3,
-        gain_u_rel=sensor_u.gain_u_rel,
+        sensor_u,
         tilt_u_um=face_u_um,
-        drift_u_um_per_s=sensor_u.drift_u_um_per_s,
         z1_to_z3_s=age_s,
         z2_to_z3_s=depth_s,
         pad_u_um=meeting_u_um,
-        linearity_u_um=sensor_u.linearity_u_um,
         height_um=face_um,
         doubts_u_um=doubts_u_um,
     )
@@ -171,11 +169,11 @@ def _found(
             after.reading.sd_um,
         ),
         wear_um=found.wear_um,
-        wear_u95_um=found.wear_u95_um,
+        wear_u95_um=found.wear.u95,
         depth_um=found.depth_um if hole else math.nan,
-        depth_u95_um=found.depth_u95_um if hole else math.nan,
+        depth_u95_um=found.depth.u95 if hole else math.nan,
         feed_um=found.feed_um if hole else math.nan,
-        feed_u95_um=found.feed_u95_um if hole else math.nan,
+        feed_u95_um=found.feed.u95 if hole else math.nan,
         wear_model_um=model3_um - reference.model_um,
         wear_model_u95_um=wear_model_u95_um,
         depth_model_um=model2_um - model3_um - face_um,
@@ -242,7 +240,7 @@ def _budget(
     """Return the parts that `process.touches.measure` adds up; lengths are of wear, depth, feed in this order."""
     z1, z2, z3 = (1.0 / reading.touches for reading in readings)
     age_s, depth_s = times_s
-    drift = sensor_u.drift_u_um_per_s
+    spans_s = (age_s, depth_s, age_s - depth_s)
     gains = [sensor_u.gain_u_rel * abs(length_um) for length_um in lengths_um]
     return (
         UncertaintyPart(
@@ -251,8 +249,10 @@ def _budget(
             noise_um * math.sqrt(z2 + z3),
             noise_um * math.sqrt(z1 + z2),
         ),
-        UncertaintyPart("drift of the sensor", drift * age_s, drift * depth_s, drift * (age_s - depth_s)),
+        UncertaintyPart("drift of the sensor", *[sensor_u.drifted_u_um(seconds) for seconds in spans_s]),
         UncertaintyPart("gain of the sensor", *gains),
-        UncertaintyPart("linearity of the sensor", *[sensor_u.linearity_u_um] * 3),
+        UncertaintyPart(
+            "linearity of the sensor", *[sensor_u.bend_u_um(length_um) for length_um in lengths_um]
+        ),
         UncertaintyPart("tilt and stages", pad_u_um, tilt_u_um, tilt_u_um),
     )

@@ -19,11 +19,11 @@ from edmctl.results.progress import Extremes, Observer, Phase, Progress
 from edmctl.results.telemetry import PulseShares
 
 if TYPE_CHECKING:
-    from edmctl.forecasts.measuring import Displacement
     from edmctl.machine.interface import Machine, TelemetryBlock
     from edmctl.procedures.job import HoleTarget, Job
     from edmctl.procedures.job_state import JobTally, StateStore, SurfaceTouch, UnderWay
     from edmctl.procedures.monitoring.watch import Watch
+    from edmctl.process.touches import Displacement
     from edmctl.profile.model import Profile
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup

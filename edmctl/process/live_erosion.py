@@ -22,8 +22,11 @@ ARC_WEAR = GAP_LAW.arc_tool / GAP_LAW.arc_work
 USUAL_ARCS = 0.04
 """Energy of arcs over that of normal discharges in a clean gap (1.5 % of the pulses): what a recipe's wear ratio
 holds, until a hole has shown its own."""
-SCATTER_BETWEEN_HOLES = 0.02
+SCATTER_BETWEEN_HOLES = 0.015
 """Standard deviation of the wear ratio's logarithm from hole to hole [assumed]."""
+CHANGE_WITH_DEPTH = 0.03
+"""Standard uncertainty of the ratio's logarithm where a hole is e times as deep as the one that told it [assumed]:
+debris and arcs change with depth."""
 REMOVAL_SCATTER = 0.03
 """The same of the volume per energy: more discharges burn at the wall the deeper the hole [assumed]."""
 LEAST_U_REL = 0.005
@@ -151,6 +154,8 @@ class ErosionEstimate:
         self._known = _Known(math.log(removal_um3_per_uj), ratio, removal_u_rel**2, ratio_u_rel**2, 0.0)
         self._hole_area_um2 = hole_area_um2
         self._fits = 0
+        self._learned_um = math.nan
+        self._depth_u_rel = 0.0
         self.contradicted = False
 
     @property
@@ -179,10 +184,10 @@ class ErosionEstimate:
         other.contradicted = False
         return other
 
-    def next_hole(self) -> ErosionEstimate:
-        """Return what is known of another hole, which erodes a little differently."""
+    def next_hole(self, depth_um: float) -> ErosionEstimate:
+        """Return what is known of another hole of such a depth, which erodes a little differently."""
         known = self._known
-        return self._with(
+        other = self._with(
             _Known(
                 known.removal,
                 known.ratio,
@@ -192,6 +197,9 @@ class ErosionEstimate:
             ),
             self._fits,
         )
+        if depth_um > 0.0 and self._learned_um > 0.0:
+            other._depth_u_rel = CHANGE_WITH_DEPTH * abs(math.log(depth_um / self._learned_um))
+        return other
 
     def split(self, feed_um: float, feed_u_um: float, energy: Energy | None = None) -> LiveErosion:
         """Depth and wear that make up a feed, with what the energy says of it; without energy by the ratio alone."""
@@ -207,13 +215,14 @@ class ErosionEstimate:
                     known = known.seen(*step)
         ratio = math.exp(known.ratio + arc_log)
         share = 1.0 / (1.0 + ratio)
-        split_u_um = feed_um * ratio * share**2 * math.sqrt(known.var_ratio)
+        per_ratio_um = feed_um * ratio * share**2
+        split_u_um, by_depth_um = per_ratio_um * math.sqrt(known.var_ratio), per_ratio_um * self._depth_u_rel
         return LiveErosion(
             depth_um=feed_um * share,
-            depth_u_um=math.hypot(split_u_um, share * feed_u_um),
+            depth_u_um=math.hypot(split_u_um, by_depth_um, share * feed_u_um),
             wear_um=feed_um * ratio * share,
             wear_ratio_u_um=split_u_um,
-            wear_own_u_um=ratio * share * feed_u_um,
+            wear_own_u_um=math.hypot(by_depth_um, ratio * share * feed_u_um),
         )
 
     def contradicts(self, feed_um: float, feed_u_um: float, energy: Energy) -> bool:
@@ -288,6 +297,7 @@ class ErosionEstimate:
             self._fits + 1,
         )
         learned._arcs, learned.contradicted = arcs, sds > CONTRADICTION_SDS
+        learned._learned_um, learned._depth_u_rel = depth_um, 0.0
         return learned
 
     def _with(self, known: _Known, fits: int) -> ErosionEstimate:

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from edmctl.process.live_erosion import ErosionEstimate
 
-COVERAGE = 2.0
-"""Standard uncertainties in an interval of 95 %."""
-GAP_U_UM = 0.3
+CLEAR_SIGMAS = 2.0
+"""Standard uncertainties by which a decision stays clear of a limit. The interval of a result has its own factor."""
+GAP_U_UM = 0.15
 """Standard uncertainty of the working gap that a cut ends with, measured once: servo swing and sensor noise."""
 NOISE_FLOOR_SIGMAS = 2.0
 """A rest below this many standard deviations of the depth is noise; chasing it only cuts too deep."""
@@ -75,12 +75,12 @@ def next_cut(
     if estimate.contradicted or (begun and estimate.fits == 0):
         largest_um = min(largest_um, remaining_um / (1.0 + estimate.wear_ratio))
     whole = _cut(estimate, remaining_um, start_u_um, gap_u_um)
-    known = COVERAGE * whole.depth_u_um <= tolerance_um and remaining_um <= largest_um
+    known = CLEAR_SIGMAS * whole.depth_u_um <= tolerance_um and remaining_um <= largest_um
     if known:
         small = begun and remaining_um <= max(LEAST_FINISH_UM, FINISH_SHARE * target_um)
         skip = small or (not begun and estimate.fits > 0 and not estimate.contradicted)
         return NextCut(whole.depth_um, whole.feed_um, whole.depth_u_um, measured=not skip)
-    short_um = max(remaining_um - COVERAGE * whole.depth_u_um, 0.5 * remaining_um)
+    short_um = max(remaining_um - CLEAR_SIGMAS * whole.depth_u_um, 0.5 * remaining_um)
     return _cut(estimate, min(short_um, largest_um), start_u_um, gap_u_um)
 
 

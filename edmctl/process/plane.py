@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.process.touches import TOUCH_SD_PRIOR_UM
+from edmctl.process.touches import TOUCH_CHECK_SD_UM
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,7 +58,7 @@ class Step:
     touches: tuple[int, int]
     sensed_u_um: float = 0.0
 
-    def u_um(self, touch_u_um: float = TOUCH_SD_PRIOR_UM) -> float:
+    def u_um(self, touch_u_um: float = TOUCH_CHECK_SD_UM) -> float:
         """Standard uncertainty, with that of one touch."""
         return math.hypot(touch_u_um * math.sqrt(math.fsum(1.0 / n for n in self.touches)), self.sensed_u_um)
 

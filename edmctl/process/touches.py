@@ -14,19 +14,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from edmctl.quantity import coverage_factor, half_width
+from edmctl.quantity import Value, coverage_factor
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-TOUCH_SD_PRIOR_UM = 0.2
-"""Repeatability of one touch expected before any was made: sensor noise and contact hunting."""
-MOST_RATIO = 1e3
-"""Of an uncertainty to the touches' noise: beyond, its degrees of freedom are as good as infinite."""
-TOUCH_PRIOR_DOF = 2.0
-"""Weight of that expectation, as if it came from three earlier touches."""
+TOUCH_SD_PRIOR_UM = 0.06
+"""Repeatability of one touch expected before any was made: roughness of both faces, and sensor noise averaged while
+the tool hunts at contact."""
+TOUCH_U_UM = 0.06
+"""Standard uncertainty of a reading of three touches, with what the zero walks between two readings."""
+TOUCH_CHECK_SD_UM = 0.2
+"""A touch is not doubted for a scatter of this much, which a rougher face than usual has."""
+LINEARITY_LENGTH_UM = 200.0
+"""A length from which all of the nonlinearity counts [assumed]."""
+TOUCH_PRIOR_DOF = 1.0
+"""Weight of that expectation, as if it came from two earlier touches."""
 LEAST_SCATTER_DOF = 3
 """Fewer degrees of freedom tell less of the scatter of the touches than what is expected of it beforehand."""
 SPOT_SIGMAS = 3.0
@@ -58,6 +63,36 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True)
+class Displacement:
+    """Standard uncertainties of what measures displacements: the sensor, or an actuator model without one.
+
+    `gain_u_rel` is of the scale, `linearity_u_um` of the sensor's characteristic, `model_u_um` of any length by a
+    model, `drift_u_um_per_s` of a steady drift of the zero; `walk_um_per_sqrt_s` is the zero's random walk.
+    """
+
+    gain_u_rel: float = 0.0
+    linearity_u_um: float = 0.0
+    drift_u_um_per_s: float = 0.0
+    walk_um_per_sqrt_s: float = 0.0
+    model_u_um: float = 0.0
+
+    def length_u_um(self, length_um: float) -> float:
+        """Return the standard uncertainty of a length, without drift.
+
+        A characteristic bends over hundreds of micrometres: a short length has a part of its nonlinearity.
+        """
+        return math.hypot(self.gain_u_rel * length_um, self.bend_u_um(length_um), self.model_u_um)
+
+    def bend_u_um(self, length_um: float) -> float:
+        """Return the part of that which is the characteristic's."""
+        return self.linearity_u_um * min(abs(length_um) / LINEARITY_LENGTH_UM, 1.0)
+
+    def drifted_u_um(self, seconds: float) -> float:
+        """Return the standard uncertainty of the zero after a time."""
+        return math.hypot(self.drift_u_um_per_s * seconds, self.walk_um_per_sqrt_s * math.sqrt(abs(seconds)))
+
+
+@dataclass(frozen=True, slots=True)
 class Drift:
     """How far a touch of the same place drifted between two moments, and the standard uncertainty of that, µm."""
 
@@ -67,7 +102,7 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class DepthAndWear:
-    """Depth, wear and total feed, each with the half-width of its 95 % interval, µm.
+    """Depth, wear and total feed, µm.
 
     `depth_noise_um` is the part of the depth's standard uncertainty that another set of touches would redraw.
     `drift_um` is what the pad after the cut was corrected by, `drift_to_bottom_um` the bottom before it, and
@@ -75,17 +110,37 @@ class DepthAndWear:
     touches tell the wear. `drift_by_rests` says that the drift was known, if only to be nothing.
     """
 
-    depth_um: float
-    depth_u95_um: float
-    wear_um: float
-    wear_u95_um: float
-    feed_um: float
-    feed_u95_um: float
+    depth: Value
+    wear: Value
+    feed: Value
     depth_noise_um: float
     drift_um: float = 0.0
     drift_to_bottom_um: float = 0.0
     drift_left_u_um: float = math.nan
     drift_by_rests: bool = False
+
+    @property
+    def depth_um(self) -> float:
+        """Estimate of the depth."""
+        return self.depth.value
+
+    @property
+    def wear_um(self) -> float:
+        """Estimate of the wear."""
+        return self.wear.value
+
+    @property
+    def feed_um(self) -> float:
+        """Estimate of the feed."""
+        return self.feed.value
+
+    def columns(self) -> dict[str, Any]:
+        """Return the lengths by the names of a result's fields."""
+        return {
+            **self.depth.columns("depth_{}um"),
+            **self.wear.columns("wear_{}um"),
+            **self.feed.columns("feed_{}um"),
+        }
 
     @property
     def wear_ratio(self) -> float:
@@ -130,7 +185,7 @@ class TouchScatter:
     def u_um(self) -> float:
         """Standard uncertainty of one touch: the wider the fewer there are, as Student's t is; before, the prior."""
         if self.dof < LEAST_SCATTER_DOF:
-            return TOUCH_SD_PRIOR_UM
+            return TOUCH_CHECK_SD_UM
         return (
             math.sqrt(self.squares_um2 / self.dof) * coverage_factor(0.95, self.dof) / coverage_factor(0.95)
         )
@@ -163,12 +218,9 @@ class _Noise:
     def of_difference(self, a: Reading, b: Reading) -> float:
         return self.sd_um * math.sqrt(1.0 / a.touches + 1.0 / b.touches)
 
-    def u95(self, noise_um: float, systematic_um: tuple[float, ...]) -> float:
-        """Half-width of the 95 % interval; effective degrees of freedom after Welch and Satterthwaite."""
-        combined = math.hypot(noise_um, *systematic_um)
-        if noise_um == 0.0:
-            return half_width(combined)
-        return half_width(combined, self.dof * min(combined / noise_um, MOST_RATIO) ** 4)
+    def value(self, um: float, noise_um: float, systematic_um: tuple[float, ...]) -> Value:
+        """Return a length with all its uncertainties."""
+        return Value(um, noise_um, self.dof).widened(math.hypot(*systematic_um))
 
 
 def _pooled(readings: tuple[Reading, ...], prior_sd_um: float) -> _Noise:
@@ -181,63 +233,58 @@ def measure(
     z1: Reading,
     z2: Reading,
     z3: Reading,
+    sensor: Displacement,
     *,
-    gain_u_rel: float,
     tilt_u_um: float,
-    drift_u_um_per_s: float,
     z1_to_z3_s: float,
     z2_to_z3_s: float,
     pad_u_um: float = 0.0,
-    linearity_u_um: float = 0.0,
     height_um: float = 0.0,
     z1_u_um: float = 0.0,
     doubts_u_um: tuple[float, float, float] = (0.0, 0.0, 0.0),
     touch_sd_prior_um: float = TOUCH_SD_PRIOR_UM,
     drift: Drift | None = None,
 ) -> DepthAndWear:
-    """Depth, wear and feed with 95 % intervals.
+    """Return depth, wear and feed with their uncertainties; degrees of freedom after Welch and Satterthwaite.
 
     `z1`, `z2`, `z3` are the touches of the pad before, of the bottom and of the pad after the cut, with
-    `z1_to_z3_s` and `z2_to_z3_s` between them. The rest are standard uncertainties: `gain_u_rel` of the
-    sensor's gain, which grows with the length; `linearity_u_um` of its characteristic; `drift_u_um_per_s` of
-    its drift; `tilt_u_um` of the height between pad and site, which enters depth and feed but not wear;
-    `pad_u_um` of meeting the same pad again (stage repeatability through tilt). `touch_sd_prior_um` is the
-    repeatability of one touch expected beforehand, because three touches alone know it badly. `height_um` is how
-    much further than the pad the face at the site lies, `z1_u_um` what a Z1 that was not touched right before adds,
-    `doubts_u_um` what each of the three adds where its touches were in doubt. A known `drift` from Z1 to Z3 is taken
-    off the pad after the cut, and off the bottom as far as it had come by then; what is left of it counts in place
-    of `drift_u_um_per_s`, but for the time between these two: how it came nobody has seen.
+    `z1_to_z3_s` and `z2_to_z3_s` between them, by a `sensor`. The rest are standard uncertainties: `tilt_u_um` of
+    the height between pad and site, which enters depth and feed but not wear; `pad_u_um` of meeting the same pad
+    again (stage repeatability through tilt). `touch_sd_prior_um` is the repeatability of one touch expected
+    beforehand, because three touches alone know it badly. `height_um` is how much further than the pad the face at
+    the site lies, `z1_u_um` what a Z1 that was not touched right before adds, `doubts_u_um` what each of the three
+    adds where its touches were in doubt. A known `drift` from Z1 to Z3 is taken off the pad after the cut, and off
+    the bottom in proportion to the time; what is left of it counts in place of that of the sensor, except between
+    the last two touches.
     """
     by_bottom = 1.0 - z2_to_z3_s / z1_to_z3_s if z1_to_z3_s > 0.0 else 1.0
     drift_um = drift.um if drift else 0.0
     drift_to_bottom_um = by_bottom * drift_um
     bottom_um, pad_um = z2.mean_um - height_um - drift_to_bottom_um, z3.mean_um - drift_um
     depth_um, wear_um, feed_um = bottom_um - pad_um, pad_um - z1.mean_um, bottom_um - z1.mean_um
-    left_u_um = drift.left_u_um if drift else drift_u_um_per_s * z1_to_z3_s
-    to_bottom_u_um = drift_u_um_per_s * (z1_to_z3_s - z2_to_z3_s)
-    if drift:
-        to_bottom_u_um = math.hypot(by_bottom * drift.left_u_um, drift_u_um_per_s * z2_to_z3_s)
     noise = _pooled((z1, z2, z3), touch_sd_prior_um)
     depth_noise = noise.of_difference(z2, z3)
-
-    def sensor_um(length_um: float, drift_u_um: float) -> float:
-        return math.hypot(gain_u_rel * length_um, linearity_u_um, drift_u_um)
-
+    left_u_um = drift.left_u_um if drift else sensor.drifted_u_um(z1_to_z3_s)
+    to_bottom_u_um = sensor.drifted_u_um(z1_to_z3_s - z2_to_z3_s)
+    if drift:
+        to_bottom_u_um = math.hypot(by_bottom * drift.left_u_um, sensor.drifted_u_um(z2_to_z3_s))
     doubt1, doubt2, doubt3 = doubts_u_um
-    depth_u95 = noise.u95(
-        depth_noise, (sensor_um(depth_um, drift_u_um_per_s * z2_to_z3_s), tilt_u_um, doubt2, doubt3)
+    depth_parts = (
+        sensor.length_u_um(depth_um),
+        sensor.drifted_u_um(z2_to_z3_s),
+        tilt_u_um,
+        doubt2,
+        doubt3,
     )
-    wear_parts = (sensor_um(wear_um, left_u_um), pad_u_um, z1_u_um, doubt1, doubt3)
-    wear_u95 = noise.u95(noise.of_difference(z3, z1), wear_parts)
-    feed_parts = (sensor_um(feed_um, to_bottom_u_um), tilt_u_um, z1_u_um, doubt1, doubt2)
-    feed_u95 = noise.u95(noise.of_difference(z2, z1), feed_parts)
+    depth = noise.value(depth_um, depth_noise, depth_parts)
+    wear_parts = (sensor.length_u_um(wear_um), left_u_um, pad_u_um, z1_u_um, doubt1, doubt3)
+    wear = noise.value(wear_um, noise.of_difference(z3, z1), wear_parts)
+    feed_parts = (sensor.length_u_um(feed_um), to_bottom_u_um, tilt_u_um, z1_u_um, doubt1, doubt2)
+    feed = noise.value(feed_um, noise.of_difference(z2, z1), feed_parts)
     return DepthAndWear(
-        depth_um,
-        depth_u95,
-        wear_um,
-        wear_u95,
-        feed_um,
-        feed_u95,
+        depth,
+        wear,
+        feed,
         depth_noise,
         drift_um=drift_um,
         drift_to_bottom_um=drift_to_bottom_um,
@@ -269,10 +316,10 @@ def is_constant(readings: Sequence[Reading]) -> bool:
 def between_spots(a: Reading, b: Reading, place_u_um: float) -> Deviation:
     """How much longer the reading at one spot of a surface is than at another.
 
-    Expected is zero. The touches scatter by TOUCH_SD_PRIOR_UM each, and `place_u_um` is how far the spots may really
+    Expected is zero. The touches scatter by TOUCH_CHECK_SD_UM each, and `place_u_um` is how far the spots may really
     differ: tilt between them, and drift meanwhile.
     """
-    noise_um = TOUCH_SD_PRIOR_UM * math.sqrt(1.0 / a.touches + 1.0 / b.touches)
+    noise_um = TOUCH_CHECK_SD_UM * math.sqrt(1.0 / a.touches + 1.0 / b.touches)
     return Deviation(a.mean_um - b.mean_um, math.hypot(noise_um, place_u_um))
 
 
@@ -292,12 +339,12 @@ def against_sparks(bottom_um: float, end_um: float, gap_um: float, gap_u_um: flo
 
     Drift between the two is seconds old and left out.
     """
-    return Deviation(bottom_um - (end_um + gap_um), math.hypot(gap_u_um, TOUCH_SD_PRIOR_UM))
+    return Deviation(bottom_um - (end_um + gap_um), math.hypot(gap_u_um, TOUCH_CHECK_SD_UM))
 
 
 def is_short(bottom: Deviation, gap_um: float) -> bool:
     """Whether something lies on the bottom: it is too short, or not even where the tool has just sparked."""
-    return bottom.sigmas < -SHORT_SIGMAS or gap_um + bottom.um < -SPOT_SIGMAS * TOUCH_SD_PRIOR_UM
+    return bottom.sigmas < -SHORT_SIGMAS or gap_um + bottom.um < -SPOT_SIGMAS * TOUCH_CHECK_SD_UM
 
 
 def is_long(bottom: Deviation) -> bool:

@@ -37,17 +37,26 @@ class SimSettings(Table):
     spread: float = Field(
         0.03, ge=0.0, le=0.5, description="relative sd by which every machine differs from the figures below"
     )
-    sensor_gain_sd: float = Field(
-        0.003, ge=0.0, le=0.2, description="sd of the draw of the displacement sensor's gain, relative"
+    sensor_gain_sd: float | None = Field(
+        None,
+        ge=0.0,
+        le=0.2,
+        description="sd of the draw of the sensor's gain, relative; else by the setup",
     )
-    sensor_drift_sd_um_s: float = Field(
-        1.0 / 600.0, ge=0.0, le=1.0, description="sd of the draw of its steady drift, µm/s"
+    sensor_drift_sd_um_s: float | None = Field(
+        None,
+        ge=0.0,
+        le=1.0,
+        description="sd of the draw of its steady drift, µm/s; else by the setup",
     )
     machine_drift_sd_um_s: float = Field(
         0.0, ge=0.0, le=1.0, description="the same of the work against the tool, which no sensor sees, µm/s"
     )
-    tilt_sd_mrad: float = Field(
-        0.3, ge=0.0, le=50.0, description="sd of the draw of the slope of the work, along x and y, mrad"
+    tilt_sd_mrad: float | None = Field(
+        None,
+        ge=0.0,
+        le=50.0,
+        description="sd of the draw of the slope of the work, along x and y, mrad; else by the setup",
     )
     discharge_v: float = Field(22.0, gt=0.0, le=100.0, description="plateau of a normal discharge, V")
     arc_v: float = Field(17.0, gt=0.0, le=100.0, description="plateau of an arc, V")

@@ -86,7 +86,7 @@ class Drift(Table):
     hold_um: float = Field(250.0, ge=20.0, le=1000.0, description="depth of the hold between them, µm")
     hold_s: float = Field(300.0, ge=30.0, le=7200.0, description="its time, s")
     walk_um_per_sqrt_s: float = Field(
-        0.01,
+        0.008,
         ge=0.0,
         le=10.0,
         description="random walk of the sensor's zero besides its steady drift, µm per square root of a second",
@@ -118,7 +118,9 @@ class Stage(Table):
     y_max_um: float = Field(1e6, ge=-1e6, le=1e6, description="greatest y within travel, µm")
     speed_um_s: float = Field(1000.0, gt=0.0, le=1e6, description="travel, µm/s")
     rotary_deg_s: float = Field(10.0, gt=0.0, le=1000.0, description="turning of the rotary table, degrees/s")
-    repeatability_um: float = Field(1.0, ge=0.0, le=100.0, description="coming back to a place, µm")
+    repeatability_um: float = Field(
+        1.0, ge=0.0, le=100.0, description="coming back to a place, ±2 standard deviations, µm"
+    )
 
 
 class Controller(Table):

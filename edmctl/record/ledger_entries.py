@@ -98,6 +98,7 @@ class SiteMachined:
     z3_um: float = math.nan
     home_um: float = math.nan
     depth_u95_um: float = math.nan
+    depth_u_um: float = math.nan
     through: bool = False
 
     @property

@@ -29,7 +29,7 @@ class FloorPlace:
 
 @dataclass(frozen=True, slots=True)
 class ChannelResult:
-    """One channel, measured by touches: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
+    """One channel, measured by touches: `feed = depth + wear`, with standard uncertainties u and half intervals u95.
 
     `depth_um` is the mean over the places of `floor`, `floor_sd_um` their standard deviation; the touches cannot
     tell roughness below the tool's face. One that is not `finished` was under way when its job ended early; if it
@@ -63,6 +63,9 @@ class ChannelResult:
     verdict: Verdict | None = None
     finished: bool = False
     feed_u95_um: float = math.nan
+    depth_u_um: float = math.nan
+    wear_u_um: float = math.nan
+    feed_u_um: float = math.nan
     drift_correction_um: float = 0.0
     drift_left_u_um: float = math.nan
     drift_by_rests: bool = False
@@ -94,7 +97,7 @@ class ChannelTruth:
 
 @dataclass(frozen=True, slots=True)
 class SiteResult:
-    """One hole: `feed = depth + wear`, u95 are half-widths of 95 % intervals.
+    """One hole: `feed = depth + wear`, u is a standard uncertainty, u95 half a 95 % interval.
 
     `depth_basis` and `wear_basis` say what depth and wear rest on. `verdict` is None until the hole is judged, and
     where no depth was wanted of it. One that is not `finished` was under way when its job ended early: it is not
@@ -165,6 +168,9 @@ class SiteResult:
     finished: bool = True
     in_doubt: bool = False
     feed_u95_um: float = math.nan
+    depth_u_um: float = math.nan
+    wear_u_um: float = math.nan
+    feed_u_um: float = math.nan
     drift_correction_um: float = 0.0
     drift_left_u_um: float = math.nan
     drift_by_rests: bool = False
@@ -289,9 +295,11 @@ class SiteTruth:
 def site_result_of(mapping: Mapping[str, object]) -> SiteResult:
     """Return the result whose fields a journal has kept. Raises TypeError where they are not those of a result.
 
-    What an older journal does not say was touched counts as estimated.
+    Without a basis in the journal a result is estimated; without standard uncertainties they are its 95 % half
+    widths, which is too much.
     """
-    values = dict(mapping)
+    values = {f"{name}_u_um": mapping.get(f"{name}_u95_um", math.nan) for name in ("depth", "wear", "feed")}
+    values.update(mapping)
     ratios = values.pop("ratios")
     if not isinstance(ratios, Mapping):
         raise TypeError("ratios have to be a mapping")

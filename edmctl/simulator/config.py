@@ -46,12 +46,15 @@ def drawn(book: DischargeConstants, spread: float, draw: np.random.Generator) ->
 
 @dataclass(frozen=True, slots=True)
 class SensorConstants:
-    """Inductive displacement sensor, contact and stages. Standard deviations are of the unit-to-unit draw."""
+    """Inductive displacement sensor, contact and stages. Standard deviations are of the unit-to-unit draw.
+
+    A job takes them from the setup, so that a machine is drawn as the setup states it.
+    """
 
     fitted: bool = True  # without a sensor its input reads noise about zero
     noise_um: float = 0.15  # rms of one 1 kHz sample
     gain_sd: float = 0.003  # calibration error
-    nonlinearity_um: float = 0.1
+    nonlinearity_um: float = 0.2  # of its characteristic, a cubic over the stroke
     drift_sd_um_s: float = 1.0 / 600.0  # steady thermal drift
     machine_drift_sd_um_s: float = 0.0  # the same of the work against the tool, which no sensor sees
     walk_um: float = 0.008  # random walk, per square root of a second

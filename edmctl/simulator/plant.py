@@ -66,6 +66,7 @@ class Plant:
         self._set_discharge()
         self._set_sensors(build)
         frame = np.random.default_rng(frame_seed)
+        self.unit.sensor_bend_um *= frame.standard_normal()
         self.unit.machine_drift_um_s = frame.normal(0.0, config.sensors.machine_drift_sd_um_s)
         draw_actuator(self.unit, build)
         set_actuator(self.unit, self.state)

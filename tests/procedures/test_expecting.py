@@ -22,6 +22,7 @@ from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
 from edmctl.procedures.run import total_pause_s
 from edmctl.process.touches import DepthAndWear
 from edmctl.profile.setup import Sensor, Setup
+from edmctl.quantity import Value
 from edmctl.rules.load import load_profile
 
 PROFILE = load_profile("cu270").profile
@@ -40,8 +41,8 @@ LEFT = JobState(
 )
 
 
-def found(depth_um: float, wear_um: float, u95_um: float = 0.6) -> DepthAndWear:
-    return DepthAndWear(depth_um, u95_um, wear_um, u95_um, depth_um + wear_um, u95_um, 0.1)
+def found(depth_um: float, wear_um: float, u_um: float = 0.3) -> DepthAndWear:
+    return DepthAndWear(Value(depth_um, u_um), Value(wear_um, u_um), Value(depth_um + wear_um, u_um), 0.1)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +99,7 @@ def test_what_was_fed_unseen_is_depth_and_wear_even_of_a_hole_that_has_just_begu
 
 def test_a_drift_over_the_pause_hides_no_other_work() -> None:
     expected = expected_of_left(LEFT, PROFILE)
-    drifted = DepthAndWear(-0.2, 0.6, 90.0, 300.0, 89.8, 300.0, 0.1)
+    drifted = DepthAndWear(Value(-0.2, 0.3), Value(90.0, 150.0), Value(89.8, 150.0), 0.1)
     assert not expected.depth_fits(drifted)
     assert expected.tool_fits(drifted)
 

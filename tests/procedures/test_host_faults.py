@@ -18,6 +18,7 @@ from edmctl.procedures.hole.cut import refuse_wrong_setup
 from edmctl.procedures.monitoring.monitors import LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.servo.limits import LEAST_S, LONGEST_SHARE, TimeLimits
 from edmctl.process.touches import DepthAndWear
+from edmctl.quantity import Value
 from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.progress import Phase
@@ -52,7 +53,7 @@ REPORT = LinkReport(
     clock_rate_ppm=-123.456,
     clock_residual_us=123.456,
 )
-FOUND = DepthAndWear(20.0, 1.0, 8.0, 1.0, 28.0, 1.0, 0.1)
+FOUND = DepthAndWear(Value(20.0, 0.5), Value(8.0, 0.5), Value(28.0, 0.5), 0.1)
 
 
 class Line:
@@ -158,9 +159,11 @@ def test_a_mismatch_that_passes_stops_nothing(shop: OpenShop) -> None:
     "found",
     [
         FOUND,
-        replace(FOUND, wear_um=24.0),  # 3 times 0.389 of 20 µm is 23.3 µm; the measurement is not that good
-        replace(FOUND, depth_um=-0.5, wear_um=0.5),
-        replace(FOUND, depth_um=0.0, wear_um=0.5),
+        replace(
+            FOUND, wear=Value(24.0, 0.5)
+        ),  # 3 times 0.389 of 20 µm is 23.3 µm; the measurement is not that good
+        replace(FOUND, depth=Value(-0.5, 0.5), wear=Value(0.5, 0.5)),
+        replace(FOUND, depth=Value(0.0, 0.5), wear=Value(0.5, 0.5)),
     ],
 )
 def test_what_the_measurement_cannot_tell_apart_is_no_wrong_setup(
@@ -169,7 +172,9 @@ def test_what_the_measurement_cannot_tell_apart_is_no_wrong_setup(
     refuse_wrong_setup(shop().run(), found)
 
 
-@pytest.mark.parametrize("found", [replace(FOUND, wear_um=26.0), replace(FOUND, depth_um=-1.5)])
+@pytest.mark.parametrize(
+    "found", [replace(FOUND, wear=Value(26.0, 0.5)), replace(FOUND, depth=Value(-1.5, 0.5))]
+)
 def test_wear_far_too_fast_or_a_hill_is_a_wrong_setup(shop: OpenShop, found: DepthAndWear) -> None:
     s = shop()
     with pytest.raises(MachineFault) as caught:

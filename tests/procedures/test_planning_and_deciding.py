@@ -21,9 +21,9 @@ from edmctl.procedures.hole.cut_planning import (
 from edmctl.procedures.job import HoleTarget, target_of
 from edmctl.process.discharge import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
-from edmctl.process.next_cut import COVERAGE
 from edmctl.process.touches import DepthAndWear
 from edmctl.profile.places import Place
+from edmctl.quantity import Value
 from edmctl.rules.load import load_profile
 
 from .conftest import CU270
@@ -32,12 +32,9 @@ if TYPE_CHECKING:
     from edmctl.profile.model import Profile
 
 FOUND = DepthAndWear(
-    depth_um=150.0,
-    depth_u95_um=1.0,
-    wear_um=60.0,
-    wear_u95_um=2.0,
-    feed_um=210.0,
-    feed_u95_um=2.0,
+    depth=Value(150.0, 0.5),
+    wear=Value(60.0, 1.0),
+    feed=Value(210.0, 1.0),
     depth_noise_um=0.1,
 )
 SURFACE = CutStart(bottom_um=50.0, bottom_u_um=0.2, gap_um=3.4, gap_u_um=0.8)
@@ -92,8 +89,8 @@ def test_the_first_cut_is_not_too_deep_even_of_a_tool_that_does_not_wear() -> No
 def test_what_a_touch_has_contradicted_is_not_relied_on_in_the_next_hole() -> None:
     believed = estimate_of(profile())
     energy = Energy(100.0 * hole_area_um2(270.0, 8.0) / 0.0424, 0.0)
-    as_believed = believed.fitted(energy, 100.0, 0.3, 38.9, 0.5).next_hole()
-    contradicted = believed.fitted(energy, 100.0, 0.3, 12.0, 0.5).next_hole()
+    as_believed = believed.fitted(energy, 100.0, 0.3, 38.9, 0.5).next_hole(100.0)
+    contradicted = believed.fitted(energy, 100.0, 0.3, 12.0, 0.5).next_hole(100.0)
     shallow = goal(profile(), replace(SITE, depth_um=20.0))
     assert first_plan(profile(), SURFACE, shallow, as_believed).measured is False
     again = first_plan(profile(), SURFACE, shallow, contradicted)
@@ -103,7 +100,7 @@ def test_what_a_touch_has_contradicted_is_not_relied_on_in_the_next_hole() -> No
 
 def test_drift_until_the_end_of_a_cut_counts_before_it() -> None:
     shallow = goal(profile(), replace(SITE, depth_um=20.0))
-    estimate = learned().next_hole()
+    estimate = learned().next_hole(100.0)
     drifting = replace(SURFACE, drift_u_um_per_s=0.02)
     assert first_plan(profile(), SURFACE, shallow, estimate).measured is False
     assert first_plan(profile(), drifting, shallow, estimate).measured
@@ -156,12 +153,11 @@ def test_estimates_split_the_feed_by_the_wear_ratio() -> None:
 
 
 def test_the_wear_of_a_later_cut_is_no_better_known_than_what_was_measured_before() -> None:
-    start = replace(start_of(), wear_u_um=FOUND.wear_u95_um / COVERAGE)
+    start = replace(start_of(), wear_u_um=FOUND.wear.u)
     later = CutPlan(2, 40.0, start, learned(), 180.0)
     live = later.at(290.0)
-    own_u95_um = COVERAGE * live.wear_u_um
-    assert own_u95_um < FOUND.wear_u95_um
-    assert later.wear_u95_um(live) == pytest.approx(math.hypot(FOUND.wear_u95_um, own_u95_um))
+    assert live.wear_u_um < FOUND.wear.u
+    assert later.stated(live)[1].u == pytest.approx(math.hypot(FOUND.wear.u, live.wear_u_um))
     assert live.depth_u_um >= start.u_at(0.0)
 
 
@@ -179,7 +175,7 @@ def test_what_is_left_is_cut_with_the_wear_ratio_measured() -> None:
 
 
 def test_a_small_rest_is_finished_without_a_touch_unless_the_recipe_counts_them() -> None:
-    near = replace(FOUND, depth_um=172.0, wear_um=68.8)
+    near = replace(FOUND, depth=Value(172.0, 0.5), wear=Value(68.8, 1.0))
     auto = decision(profile(), plan(), found=near).plan
     counted = decision(profile("wear.remeasure=3"), plan(), found=near).plan
     assert auto is not None
@@ -188,7 +184,7 @@ def test_a_small_rest_is_finished_without_a_touch_unless_the_recipe_counts_them(
 
 
 def test_a_depth_in_tolerance_is_the_end() -> None:
-    end = decision(profile(), plan(), found=replace(FOUND, depth_um=179.4))
+    end = decision(profile(), plan(), found=replace(FOUND, depth=Value(179.4, 0.5)))
     assert (end.plan, end.missed) == (None, "")
 
 

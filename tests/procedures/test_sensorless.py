@@ -53,9 +53,7 @@ def test_the_uncertainty_is_wider_by_what_the_model_does_not_know(blind: Done, d
     assert job.calibration is not None
     known = displacement_uncertainty(job)
     assert known.gain_u_rel == pytest.approx(math.hypot(0.003, 0.025))
-    assert known.linearity_u_um == pytest.approx(
-        math.hypot(0.1, math.sqrt(2) * job.calibration.held_out_rms_um)
-    )
+    assert known.model_u_um == pytest.approx(math.sqrt(2) * job.calibration.held_out_rms_um)
     assert blind.result.sites[0].depth_u95_um > 1.2 * done.result.sites[0].depth_u95_um
 
 

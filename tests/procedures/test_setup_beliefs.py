@@ -14,7 +14,7 @@ from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.plane import Step
 from edmctl.process.touches import (
     LEAST_SCATTER_DOF,
-    TOUCH_SD_PRIOR_UM,
+    TOUCH_CHECK_SD_UM,
     Reading,
     TouchScatter,
     reading_of,
@@ -68,7 +68,7 @@ def test_few_touches_that_agree_by_chance_are_not_believed_to_scatter_so_little(
             scatter.add(reading_of(tuple(TOUCH_SD_UM * noise.standard_normal(2))))
         held += abs(TOUCH_SD_UM * noise.standard_normal()) <= 1.96 * scatter.u_um
     assert held >= 0.93 * trials
-    assert TouchScatter().u_um == TOUCH_SD_PRIOR_UM
+    assert TouchScatter().u_um == TOUCH_CHECK_SD_UM
 
 
 @pytest.mark.parametrize(

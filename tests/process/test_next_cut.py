@@ -54,7 +54,7 @@ def test_a_tool_that_hardly_wears_goes_for_the_whole_depth() -> None:
 
 
 def test_a_later_hole_is_not_measured_where_the_first_one_has_told_enough() -> None:
-    known = estimate().fitted(energy(20.0), 20.0, 0.2, 7.8, 0.2).next_hole()
+    known = estimate().fitted(energy(20.0), 20.0, 0.2, 7.8, 0.2).next_hole(20.0)
     cut = next_cut(known, target_um=20.0, remaining_um=20.0, tolerance_um=2.0, start_u_um=0.3, begun=False)
     assert (cut.depth_um, cut.measured) == (20.0, False)
     unsure = next_cut(known, target_um=20.0, remaining_um=20.0, tolerance_um=2.0, start_u_um=1.5, begun=False)

@@ -8,8 +8,9 @@ from random import Random
 import pytest
 
 from edmctl.process.touches import (
-    TOUCH_SD_PRIOR_UM,
+    TOUCH_CHECK_SD_UM,
     Deviation,
+    Displacement,
     Reading,
     against_sparks,
     agreeing_spots,
@@ -28,7 +29,7 @@ TRIES = 20_000
 
 def touched(random: Random, z_um: float, touches: int) -> Reading:
     """A set of touches that scatter as expected."""
-    return reading_of(tuple(random.gauss(z_um, TOUCH_SD_PRIOR_UM) for _ in range(touches)))
+    return reading_of(tuple(random.gauss(z_um, TOUCH_CHECK_SD_UM) for _ in range(touches)))
 
 
 def test_two_clean_spots_disagree_in_a_third_of_a_percent() -> None:
@@ -79,14 +80,13 @@ def test_what_was_doubted_widens_depth_and_wear_but_not_what_it_does_not_enter()
             z1,
             z2,
             z3,
-            gain_u_rel=0.003,
+            Displacement(0.003),
             tilt_u_um=0.1,
-            drift_u_um_per_s=0.0,
             z1_to_z3_s=100.0,
             z2_to_z3_s=20.0,
             doubts_u_um=(doubts_u_um[0], doubts_u_um[1], doubts_u_um[2]),
         )
-        return one.depth_u95_um, one.wear_u95_um, one.feed_u95_um
+        return one.depth.u95, one.wear.u95, one.feed.u95
 
     sure = found(0.0, 0.0, 0.0)
     assert found(2.0, 0.0, 0.0)[0] == sure[0]

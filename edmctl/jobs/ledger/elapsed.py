@@ -48,13 +48,13 @@ def with_home(job: Job, history: MachineHistory, now: Now) -> Job:
     moved before is known all the same.
     """
     from edmctl.procedures.job import REPORT_DELAY_S
-    from edmctl.procedures.monitoring.drift import displacement_uncertainty, seen_between_jobs_um_s
+    from edmctl.procedures.monitoring.drift import contradicting_between_jobs_um_s, displacement_uncertainty
 
     if not history.homes:
         return job
     drift_u_um_per_s = displacement_uncertainty(job).drift_u_um_per_s
     seen = [(now.time_of(home.utc_s, home.bench_s), home.um) for home in history.homes]
-    job = replace(job, drift_seen_um_s=seen_between_jobs_um_s(seen, drift_u_um_per_s))
+    job = replace(job, drift_seen_um_s=contradicting_between_jobs_um_s(seen, drift_u_um_per_s))
     last = history.homes[-1]
     passed_s = now.since_s(last.utc_s, last.bench_s)
     return (

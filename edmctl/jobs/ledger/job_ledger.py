@@ -10,7 +10,7 @@ from edmctl.errors import Diagnostic
 from edmctl.jobs.drift_choice import choose_drift, doubts_of_use
 from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
 from edmctl.jobs.ledger.tool import reference_setup, tool_identity
-from edmctl.process.next_cut import COVERAGE
+from edmctl.quantity import half_width
 from edmctl.record.ledger_entries import (
     UNFINISHED,
     JobBegun,
@@ -182,9 +182,10 @@ def _left(place: SiteMachined, state: JobState) -> SiteMachined:
     return replace(
         place,
         depth_um=state.depth_um,
-        depth_u95_um=COVERAGE * state.depth_u_um,
+        depth_u95_um=half_width(state.depth_u_um),
+        depth_u_um=state.depth_u_um,
         wear_um=state.wear_um,
-        wear_u95_um=COVERAGE * state.wear_u_um,
+        wear_u95_um=half_width(state.wear_u_um),
     )
 
 
@@ -194,6 +195,7 @@ def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMac
         status=DONE,
         depth_um=found.depth_um,
         depth_u95_um=found.depth_u95_um,
+        depth_u_um=found.depth_u_um,
         wear_um=found.wear_um,
         wear_u95_um=found.wear_u95_um,
         z1_um=found.z1_um,
@@ -206,9 +208,11 @@ def _machined(place: SiteMachined, found: SiteResult | ChannelResult) -> SiteMac
 def _floor_at(place: SiteMachined, found: ChannelResult) -> SiteMachined:
     """A place of a channel: its floor is as deep as that on average, and as uneven."""
     floor_sd_um = found.floor_sd_um if found.floor else 0.0
-    u95_um = math.hypot(found.depth_u95_um, COVERAGE * floor_sd_um)
     return replace(
-        _machined(place, found), depth_u95_um=u95_um, status=DONE if found.finished else UNFINISHED
+        _machined(place, found),
+        depth_u95_um=math.hypot(found.depth_u95_um, half_width(floor_sd_um)),
+        depth_u_um=math.hypot(found.depth_u_um, floor_sd_um),
+        status=DONE if found.finished else UNFINISHED,
     )
 
 

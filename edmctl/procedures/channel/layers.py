@@ -13,9 +13,9 @@ from edmctl.procedures.channel.touching import learned_gap_um
 from edmctl.procedures.job_state import CutTotals, RunningCut
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import approach_bottom
-from edmctl.procedures.touch.spots import TOUCH_U_UM
 from edmctl.process.channel import HeldTool, ToolWear, channel_width_um, passes_needed
 from edmctl.process.discharge import hole_area_um2
+from edmctl.process.touches import TOUCH_U_UM
 from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel, RunEvent
 

@@ -33,9 +33,9 @@ from edmctl.procedures.hole.site_result import REMEDIES, judged_channel, not_sho
 from edmctl.procedures.job import HoleTarget, target_of
 from edmctl.procedures.job_state import UnderWay
 from edmctl.procedures.servo.limits import TimeLimits
-from edmctl.procedures.touch.spots import TOUCH_U_UM
 from edmctl.process.channel import layer_depths_um
-from edmctl.process.next_cut import COVERAGE, NOISE_FLOOR_SIGMAS
+from edmctl.process.next_cut import NOISE_FLOOR_SIGMAS
+from edmctl.process.touches import TOUCH_U_UM
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.wording import length, plural, signed
 
@@ -207,7 +207,7 @@ class _MeasuringStops:
     def _keep_result(self, found: FloorReading, result: ChannelResult) -> ChannelResult:
         self._number += 1
         self.result = result
-        self.layers.measured_u_um = result.wear_u95_um / COVERAGE
+        self.layers.measured_u_um = result.wear_u_um
         self.run.tally.depth_um, self.run.tally.unmeasured_site = found.depth_um, ""
         self.keep(result)
         self._keep_state("measuring")

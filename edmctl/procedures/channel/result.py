@@ -12,7 +12,7 @@ from edmctl.procedures.touch.spots import pad_u_um
 from edmctl.process.channel import channel_width_um
 from edmctl.process.discharge import mrr_mm3_min
 from edmctl.process.touches import TOUCH_PRIOR_DOF, Drift
-from edmctl.quantity import half_width
+from edmctl.quantity import Value
 from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.results.telemetry import pulse_shares
 
@@ -44,21 +44,18 @@ def channel_result(
     """
     job, z1 = run.job, surface.z1
     seconds, by_rests = found.pad.time_s - z1.time_s, drift_between(run, z1, found.pad)
-    drift = by_rests or Drift(0.0, run.uncertainty.drift_u_um_per_s * seconds)
-    depth_u95_um, wear_u95_um = _uncertainties(run, surface, found, uneven_um, drift)
-    wear_um = found.pad.z_um - drift.um - z1.z_um
+    drift = by_rests or Drift(0.0, run.uncertainty.drifted_u_um(seconds))
+    depth, wear, feed = _lengths(run, surface, found, uneven_um, drift)
     return ChannelResult(
         name=job.profile.meta.name,
         length_um=length_um,
         width_um=channel_width_um(job.profile.tool.diameter_um, job.profile.work.side_gap_um),
         layers=layers,
         passes=sums.number,
-        depth_um=found.depth_um,
-        depth_u95_um=depth_u95_um,
+        **depth.columns("depth_{}um"),
+        **wear.columns("wear_{}um"),
+        **feed.columns("feed_{}um"),
         floor_sd_um=found.sd_um,
-        wear_um=wear_um,
-        wear_u95_um=wear_u95_um,
-        feed_um=found.depth_um + wear_um,
         z1_um=z1.z_um,
         z3_um=found.pad.z_um - drift.um,
         machining_time_s=sums.time_s,
@@ -70,7 +67,6 @@ def channel_result(
         floor=found.places,
         depth_basis=job.touch_basis,
         wear_basis=job.touch_basis,
-        feed_u95_um=math.hypot(depth_u95_um, wear_u95_um),
         drift_correction_um=drift.um,
         drift_left_u_um=drift.left_u_um,
         drift_by_rests=by_rests is not None,
@@ -96,18 +92,17 @@ def channel_left(
     cut_um = max(most_um, depth_um) - measured.depth_um
     per_um = 1.0 / measured.depth_um if measured.depth_um > 0.0 else 0.0
     worn_um = max(wear_um - measured.wear_um, measured.wear_um * per_um * cut_um, 0.0)
-    missed_um = cut_um * min(measured.wear_u95_um * per_um, 1.0) if per_um else cut_um
+    missed_um = cut_um * min(measured.wear_u_um * per_um, 1.0) if per_um else cut_um
+    wear_u_um = math.hypot(measured.wear_u_um + missed_um, worn_um)
+    feed_um = depth_um + measured.wear_um + worn_um
     return replace(
         measured,
         layers=layers,
         passes=sums.number,
-        depth_um=depth_um,
-        depth_u95_um=math.hypot(measured.depth_u95_um, cut_um),
+        **Value(depth_um, math.hypot(measured.depth_u_um, cut_um)).columns("depth_{}um"),
+        **Value(measured.wear_um + worn_um, wear_u_um).columns("wear_{}um"),
+        **Value(feed_um, math.hypot(measured.depth_u_um, cut_um, wear_u_um)).columns("feed_{}um"),
         floor_sd_um=math.nan,
-        wear_um=measured.wear_um + worn_um,
-        wear_u95_um=math.hypot(measured.wear_u95_um + missed_um, worn_um),
-        feed_um=depth_um + measured.wear_um + worn_um,
-        feed_u95_um=math.hypot(measured.depth_u95_um, cut_um, measured.wear_u95_um + missed_um, worn_um),
         z3_um=math.nan,
         machining_time_s=sums.time_s,
         pulses=sum(sums.counts),
@@ -119,10 +114,10 @@ def channel_left(
     )
 
 
-def _uncertainties(
+def _lengths(
     run: JobRun, surface: ChannelSurface, found: FloorReading, uneven_um: float, drift: Drift
-) -> tuple[float, float]:
-    """Return half the 95 % intervals of mean depth and wear: touches, doubts, sensor, drift, face, stages.
+) -> tuple[Value, Value, Value]:
+    """Return mean depth, wear and feed, with what is unknown of touches, doubts, sensor, drift, face, stages.
 
     How much the floor varies from place to place counts too, as only some were touched. The pad is touched before
     and after the floor, so a steady drift is no part of the depth.
@@ -140,8 +135,7 @@ def _uncertainties(
         0.5 * uneven_um,
         before_u_um / 2.0,
         after_u_um / 2.0,
-        sensor_u.gain_u_rel * found.depth_um,
-        sensor_u.linearity_u_um,
+        sensor_u.length_u_um(found.depth_um),
         face_u_um,
         surface.doubt_u_um,
         meeting_u_um,
@@ -152,14 +146,22 @@ def _uncertainties(
     wear_u_um = math.hypot(
         z1_u_um,
         after_u_um,
-        sensor_u.gain_u_rel * wear_um,
-        sensor_u.linearity_u_um,
+        sensor_u.length_u_um(wear_um),
         drift.left_u_um,
         meeting_u_um,
         z1.doubt_u_um,
         found.pad.doubt_u_um,
     )
-    return half_width(depth_u_um, dof), half_width(wear_u_um, dof)
+    feed_um, feed_u_um = found.depth_um + wear_um, math.hypot(depth_u_um, wear_u_um)
+    return (
+        Value(found.depth_um, depth_u_um, dof),
+        Value(wear_um, wear_u_um, dof),
+        Value(feed_um, feed_u_um, dof),
+    )
+
+
+LENGTHS = tuple(f"{name}_{kind}um" for name in ("depth", "wear", "feed") for kind in ("", "u95_", "u_"))
+"""Fields that results of holes and channels have in common."""
 
 
 def channel_row(run: JobRun, result: ChannelResult) -> SiteResult:
@@ -173,12 +175,7 @@ def channel_row(run: JobRun, result: ChannelResult) -> SiteResult:
         x_um=path.x_um,
         y_um=path.y_um,
         theta_deg=math.nan,
-        depth_um=result.depth_um,
-        depth_u95_um=result.depth_u95_um,
-        wear_um=result.wear_um,
-        wear_u95_um=result.wear_u95_um,
-        feed_um=result.feed_um,
-        feed_u95_um=result.feed_u95_um,
+        **{name: getattr(result, name) for name in LENGTHS},
         drift_correction_um=result.drift_correction_um,
         drift_left_u_um=result.drift_left_u_um,
         drift_by_rests=result.drift_by_rests,

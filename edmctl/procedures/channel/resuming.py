@@ -38,9 +38,9 @@ from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT
 from edmctl.procedures.touch.surface_plane import level_surface
 from edmctl.process.channel import HeldTool, wearing_uj
 from edmctl.process.discharge import first_gap_u_um
-from edmctl.process.next_cut import COVERAGE
 from edmctl.process.touches import DepthAndWear, share_u
 from edmctl.profile.places import Place
+from edmctl.quantity import Value
 
 if TYPE_CHECKING:
     from edmctl.errors import MachineFault
@@ -185,19 +185,14 @@ def refuse_other_channel(
     Raises PreconditionError E8060, E8061 where it cannot.
     """
     expected = expected_of_channel(state)
-    depth_u95_um = math.hypot(result.depth_u95_um, uneven_um)
-    found = DepthAndWear(
-        depth_um=result.depth_um,
-        depth_u95_um=depth_u95_um,
-        wear_um=result.wear_um,
-        wear_u95_um=result.wear_u95_um,
-        feed_um=result.feed_um,
-        feed_u95_um=math.hypot(depth_u95_um, result.wear_u95_um),
-        depth_noise_um=result.depth_u95_um / COVERAGE,
+    even = DepthAndWear(
+        depth=Value(result.depth_um, result.depth_u_um),
+        wear=Value(result.wear_um, result.wear_u_um),
+        feed=Value(result.feed_um, result.feed_u_um),
+        depth_noise_um=result.depth_u_um,
     )
-    untouched = (
-        is_untouched(replace(found, depth_u95_um=result.depth_u95_um)) and result.floor_sd_um < FACE_SD_UM
-    )
+    found = replace(even, depth=even.depth.widened(uneven_um), feed=even.feed.widened(uneven_um))
+    untouched = is_untouched(even) and result.floor_sd_um < FACE_SD_UM
     path = run.profile.path
     assert path is not None
     site = Place(result.name, path.x_um, path.y_um)

@@ -21,7 +21,7 @@ from edmctl.procedures.servo.limits import RatioLimits
 from edmctl.procedures.servo.telemetry_sums import RATIO_WINDOW_S, TelemetrySums
 from edmctl.procedures.settings import gap_reference_v
 from edmctl.process.channel import wearing_uj
-from edmctl.process.next_cut import COVERAGE
+from edmctl.quantity import half_width
 from edmctl.results.progress import Phase, Progress
 
 if TYPE_CHECKING:
@@ -230,7 +230,7 @@ class _Feeder:
             follower.depth_um = max(0.0, plan.held.depth_um + min(0.0, below_um))
         used_uj = plan.since_uj + follower.wearing_uj
         follower.wear_um = self._wear.um(used_uj)
-        follower.wear_u95_um = COVERAGE * math.hypot(plan.wear_u_um, self._wear.u_um(used_uj))
+        follower.wear_u95_um = half_width(math.hypot(plan.wear_u_um, self._wear.u_um(used_uj)))
         follower.time_left_s = plan.rest_s + (plan.way.length_um - self._here_um) / plan.speed_um_s
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from edmctl.process.next_cut import COVERAGE
+from edmctl.process.next_cut import CLEAR_SIGMAS
 
 FEED_WINDOW_S = 2.0
 BASE_S = 20.0
@@ -90,7 +90,7 @@ class Breakthrough:
         return True
 
     def _is_near(self, depth_um: float, depth_u_um: float) -> bool:
-        reach_um = DEPTH_SHARE * self._thickness_um + COVERAGE * depth_u_um
+        reach_um = DEPTH_SHARE * self._thickness_um + CLEAR_SIGMAS * depth_u_um
         return abs(depth_um - self._thickness_um) <= reach_um
 
     def _follow(self, duration_s: float, speed_um_s: float, open_share: float) -> None:

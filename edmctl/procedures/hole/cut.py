@@ -306,7 +306,7 @@ def _final(profile: Profile, target: HoleTarget, number: int, found: DepthAndWea
     off_um = found.depth_um - target.depth_um
     cuts = plural(number, "cut")
     message = f"Depth {decimal(found.depth_um)} µm, {signed(off_um)} µm from the target, after {cuts}."
-    verdict = verdict_of(target, found.depth_um, found.depth_u95_um, through=False)
+    verdict = verdict_of(target, found.depth_um, found.depth.u95, through=False)
     if verdict is not Verdict.MISSED:
         return Decision(None, message)
     return Decision(
@@ -334,8 +334,8 @@ def refuse_wrong_setup(run: JobRun, found: DepthAndWear) -> None:
     Only what is beyond the uncertainty of the measurement counts.
     """
     expected = max(run.profile.wear.expected_ratio, LEAST_EXPECTED)
-    least_wear_um = found.wear_um - found.wear_u95_um
-    most_depth_um = found.depth_um + found.depth_u95_um
+    least_wear_um = found.wear.interval()[0]
+    most_depth_um = found.depth.interval()[1]
     if most_depth_um >= 0.0 and least_wear_um <= LARGEST_FACTOR * expected * most_depth_um:
         return
     error = host_fault(

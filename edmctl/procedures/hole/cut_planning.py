@@ -10,7 +10,8 @@ from edmctl.forecasts.measuring import cut_budget, estimate_of
 from edmctl.forecasts.removal import feed_rate_um_s
 from edmctl.procedures.job import HoleTarget, target_of
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
-from edmctl.process.next_cut import COVERAGE, NextCut, largest_first_um, next_cut
+from edmctl.process.next_cut import CLEAR_SIGMAS, NextCut, largest_first_um, next_cut
+from edmctl.quantity import Value
 
 if TYPE_CHECKING:
     from edmctl.profile.model import Profile, Pulse
@@ -83,7 +84,7 @@ class CutPlan:
     def at(self, displacement_um: float, energy: Energy | None = None, now_s: float = 0.0) -> LiveErosion:
         """Depth and wear of the hole while sparking at a displacement, after discharges of that energy.
 
-        `wear_u_um` is what this cut adds; see `wear_u95_um` for that of the hole.
+        `wear_u_um` is what this cut adds; see `stated` for that of the hole.
         """
         split = self.estimate.split(self.fed_um(displacement_um), self.start.gap_u_um, energy)
         return LiveErosion(
@@ -102,23 +103,19 @@ class CutPlan:
         """Wear of this cut by feed and energy less that by the ratio; 0 where chance may make them so different."""
         return self.estimate.off_by_energy_um(self.fed_um(displacement_um), self.start.gap_u_um, energy)
 
-    def stated_u95_um(self, live: LiveErosion) -> tuple[float, float]:
-        """Return half the 95 % intervals of depth and wear as they are shown in a cut.
+    def stated(self, live: LiveErosion) -> tuple[Value, Value]:
+        """Return depth and wear as they are shown in a cut.
 
         How the feed of this cut divides is as unknown as any recipe's, until a touch has confirmed it.
         """
         unconfirmed_um = 0.0
         if self.estimate.fits == 0:
             worn_um = live.wear_um - self.start.wear_um
-            unconfirmed_um = COVERAGE * RECIPE_U_REL * worn_um / (1.0 + self.wear_ratio)
+            unconfirmed_um = RECIPE_U_REL * worn_um / (1.0 + self.wear_ratio)
         return (
-            math.hypot(COVERAGE * live.depth_u_um, unconfirmed_um),
-            math.hypot(self.wear_u95_um(live), unconfirmed_um),
+            Value(live.depth_um, math.hypot(live.depth_u_um, unconfirmed_um)),
+            Value(live.wear_um, math.hypot(self.start.wear_u_um, live.wear_u_um, unconfirmed_um)),
         )
-
-    def wear_u95_um(self, live: LiveErosion) -> float:
-        """Return half the 95 % interval of the hole's wear in this cut: what was unknown before it counts too."""
-        return COVERAGE * math.hypot(self.start.wear_u_um, live.wear_u_um)
 
     def depth_at(self, displacement_um: float) -> float:
         """Estimated depth while sparking at this displacement, from the expected gap and wear ratio."""
@@ -189,7 +186,7 @@ def through_plan(number: int, start: CutStart, target: HoleTarget, estimate: Ero
 
     The breakthrough ends it: the limit leaves room for a tool that wears more than the recipe says.
     """
-    worst = estimate.wear_ratio * (1.0 + (0.0 if estimate.fits else COVERAGE * RECIPE_U_REL))
+    worst = estimate.wear_ratio * (1.0 + (0.0 if estimate.fits else CLEAR_SIGMAS * RECIPE_U_REL))
     left_um = max(0.0, target.depth_um - start.depth_um) + target.tolerance_um
     return CutPlan(number, left_um * (1.0 + worst) + target.completion_um, start, estimate, target.depth_um)
 

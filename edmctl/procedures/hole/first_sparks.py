@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 from edmctl.procedures.hole.hole import DoubtedSurface, FirstSparks
 from edmctl.process.discharge import FIRST_GAP_U_UM
-from edmctl.process.next_cut import COVERAGE, GAP_U_UM
+from edmctl.process.next_cut import CLEAR_SIGMAS, GAP_U_UM
 from edmctl.process.touches import share_u
+from edmctl.quantity import half_width
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.wording import signed
 
@@ -92,7 +93,7 @@ def judge_again(run: JobRun, hole: OpenHole, surface: SurfacePlane, gap_um: floa
         return
     hole.doubted = None
     off = doubted.sparks.off(run.profile.pulse.open_voltage_v, gap_um, GAP_U_UM)
-    is_another = abs(gap_um - doubted.gap_um) > COVERAGE * doubted.gap_u_um
+    is_another = abs(gap_um - doubted.gap_um) > CLEAR_SIGMAS * doubted.gap_u_um
     if not is_another or abs(off.sigmas) > FIRST_SPARKS_SIGMAS:
         return
     hole.face_u_um = doubted.face_u_um
@@ -101,7 +102,7 @@ def judge_again(run: JobRun, hole: OpenHole, surface: SurfacePlane, gap_um: floa
     run.decide(
         RunEvent.DOUBT_WITHDRAWN,
         f"The working gap is {gap_um:.2f} µm, not the {doubted.gap_um:.2f} µm believed, and with it the first "
-        f"sparks are {signed(off.um, 1)} ± {COVERAGE * off.u_um:.1f} µm from where the touched surface puts them: "
+        f"sparks are {signed(off.um, 1)} ± {half_width(off.u_um):.1f} µm from where the touched surface puts them: "
         "no touch of it was wrong.",
         {"gap_um": gap_um, "believed_um": doubted.gap_um, "off_um": off.um},
     )

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from edmctl.quantity import Value
 from edmctl.forecasts.measuring import FACE_LIMIT_UM, estimate_of
 from edmctl.labels import Basis
 from edmctl.procedures.actuator.tracker import HISTORY_U_UM
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
     from edmctl.profile.model import Profile
     from edmctl.profile.places import Place
 
+NO_DEPTH = Value(math.nan, math.nan)
+"""Depth of a hole through the sheet."""
 LEFT_U_UM = 4.0
 """Standard uncertainty of the distance to the pad where an earlier run of the job has left the tool, with wear that
 it only estimated; without drift."""
@@ -205,14 +208,9 @@ class OpenHole:
             x_um=self.site.x_um,
             y_um=self.site.y_um,
             theta_deg=self.site.theta_deg,
-            depth_um=math.nan if through else found.depth_um,
-            depth_u95_um=math.nan if through else found.depth_u95_um,
+            **replace(found, depth=NO_DEPTH if through else found.depth).columns(),
             beyond_exit_um=beyond_um if through else math.nan,
-            beyond_exit_u95_um=found.depth_u95_um if through else math.nan,
-            wear_um=found.wear_um,
-            wear_u95_um=found.wear_u95_um,
-            feed_um=found.feed_um,
-            feed_u95_um=found.feed_u95_um,
+            beyond_exit_u95_um=found.depth.u95 if through else math.nan,
             z1_um=z1.z_um,
             z2_um=z2.z_um + fed_um - self.bottom_drift_um,
             z3_um=z3.z_um + worn_um - self.drift_um,
@@ -323,7 +321,9 @@ def hole_at(
         z1_u_um=z1_u_um,
         face_um=face_um,
         face_u_um=knowledge.surface.height_u_um(site),
-        estimate=knowledge.estimate if knowledge.estimate.fits == 0 else knowledge.estimate.next_hole(),
+        estimate=knowledge.estimate
+        if knowledge.estimate.fits == 0
+        else knowledge.estimate.next_hole(run.target_at(site).depth_um),
         bottom=z1.shifted(face_um),
         pad=z1,
     )
@@ -340,7 +340,7 @@ def start_of(run: JobRun, hole: OpenHole, knowledge: JobKnowledge) -> CutStart:
         gap_um=knowledge.gap_um,
         time_s=tool.pad.time_s,
         drift_u_um_per_s=sensor_u.drift_u_um_per_s,
-        depth_u_um=math.hypot(sensor_u.linearity_u_um, sensor_u.gain_u_rel * length_um),
+        depth_u_um=sensor_u.length_u_um(length_um),
         gap_u_um=knowledge.gap_u_um,
     )
 

@@ -16,8 +16,9 @@ from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.forecasts.removal import feed_rate_um_s
 from edmctl.procedures.job_state import PERIOD_S, JobState
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy
-from edmctl.process.next_cut import COVERAGE
+from edmctl.process.next_cut import CLEAR_SIGMAS
 from edmctl.process.touches import DepthAndWear, share_u
+from edmctl.quantity import Value, half_width
 from edmctl.wording import coordinates, with_u95
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class Estimate:
         ratio = self.wear_um / self.depth_um if self.depth_um > 0.0 else wear_ratio
         share, believed_um = ratio / (1.0 + ratio), 0.0
         if not touched:
-            share *= 1.0 + COVERAGE * RECIPE_U_REL
+            share *= 1.0 + CLEAR_SIGMAS * RECIPE_U_REL
             believed_um = RECIPE_U_REL * self.wear_um
         return replace(
             self,
@@ -68,12 +69,9 @@ class Estimate:
     def as_found(self) -> DepthAndWear:
         """Return the same as if it had been measured."""
         return DepthAndWear(
-            depth_um=self.depth_um,
-            depth_u95_um=COVERAGE * self.depth_u_um,
-            wear_um=self.wear_um,
-            wear_u95_um=COVERAGE * self.wear_u_um,
-            feed_um=self.depth_um + self.wear_um,
-            feed_u95_um=COVERAGE * self.feed_u_um,
+            depth=Value(self.depth_um, self.depth_u_um),
+            wear=Value(self.wear_um, self.wear_u_um),
+            feed=Value(self.depth_um + self.wear_um, self.feed_u_um),
             depth_noise_um=self.depth_u_um,
         )
 
@@ -103,18 +101,18 @@ class ExpectedHole:
     def depth_fits(self, found: DepthAndWear) -> bool:
         """Return whether this can be the hole."""
         estimate = self.estimate
-        return self._fits(found.depth_um - estimate.depth_um, estimate.depth_u_um, found.depth_u95_um)
+        return self._fits(found.depth_um - estimate.depth_um, estimate.depth_u_um, found.depth.u)
 
     def tool_fits(self, found: DepthAndWear) -> bool:
         """Return whether this can be the tool that made it, where it was left."""
         estimate = self.estimate
         more_um = found.feed_um - estimate.depth_um - estimate.wear_um
-        return self.wear_fits(found) and self._fits(more_um, estimate.feed_u_um, found.feed_u95_um)
+        return self.wear_fits(found) and self._fits(more_um, estimate.feed_u_um, found.feed.u)
 
     def wear_fits(self, found: DepthAndWear) -> bool:
         """Return the same by the wear alone, where no bottom tells of the feed."""
         estimate = self.estimate
-        return self._fits(found.wear_um - estimate.wear_um, estimate.wear_u_um, found.wear_u95_um)
+        return self._fits(found.wear_um - estimate.wear_um, estimate.wear_u_um, found.wear.u)
 
     def through_at_most(self, thickness_um: float) -> ExpectedHole:
         """Return the same of a hole through a sheet: behind it the tool is fed on and neither cuts nor wears."""
@@ -124,14 +122,14 @@ class ExpectedHole:
         wear_um = estimate.wear_um * thickness_um / estimate.depth_um
         return replace(self, estimate=replace(estimate, depth_um=thickness_um, wear_um=wear_um))
 
-    def _fits(self, more_um: float, known_u_um: float, found_u95_um: float) -> bool:
-        reach_um = STANDARD_UNCERTAINTIES * math.hypot(known_u_um, found_u95_um / COVERAGE)
+    def _fits(self, more_um: float, known_u_um: float, found_u_um: float) -> bool:
+        reach_um = STANDARD_UNCERTAINTIES * math.hypot(known_u_um, found_u_um)
         return -reach_um <= more_um <= reach_um + self.unseen_um
 
 
 def is_untouched(found: DepthAndWear) -> bool:
     """Return whether touches found a face and no hole."""
-    return abs(found.depth_um) <= STANDARD_UNCERTAINTIES * found.depth_u95_um / COVERAGE
+    return abs(found.depth_um) <= STANDARD_UNCERTAINTIES * found.depth.u
 
 
 def expected_of_left(state: JobState, profile: Profile) -> ExpectedHole:
@@ -153,7 +151,7 @@ def expected_of_finished(site: SiteResult) -> ExpectedHole:
     believed_um = 0.0
     if site.estimated_um and site.depth_um > 0.0:
         believed_um = BELIEF_U_REL * site.wear_um * site.estimated_um / site.depth_um
-    depth_u_um = math.hypot(site.depth_u95_um / COVERAGE, believed_um)
+    depth_u_um = math.hypot(site.depth_u_um, believed_um)
     return ExpectedHole(Estimate(site.depth_um, depth_u_um))
 
 
@@ -175,10 +173,10 @@ def estimate_touched(found: DepthAndWear) -> Estimate:
     """After the touches of a measuring stop."""
     return Estimate(
         found.depth_um,
-        found.depth_u95_um / COVERAGE,
+        found.depth.u,
         found.wear_um,
-        found.wear_u95_um / COVERAGE,
-        found.feed_u95_um / COVERAGE,
+        found.wear.u,
+        found.feed.u,
     )
 
 
@@ -195,8 +193,8 @@ def other_work(site: Place, found: DepthAndWear, expected: Estimate, *, begun: b
         otherwise = "For new work, order the places that are left as a job of their own."
     return PreconditionError(
         f"{site.name} at {coordinates(site.x_um, site.y_um)} is "
-        f"{with_u95(found.depth_um, found.depth_u95_um)} µm deep; the journal expects "
-        f"{with_u95(expected.depth_um, COVERAGE * expected.depth_u_um)} µm.",
+        f"{with_u95(found.depth_um, found.depth.u95)} µm deep; the journal expects "
+        f"{with_u95(expected.depth_um, half_width(expected.depth_u_um))} µm.",
         hint=f"Put the workpiece back as it was. {otherwise} {stages_by_hand()}",
         code="E8060",
     )
@@ -205,8 +203,8 @@ def other_work(site: Place, found: DepthAndWear, expected: Estimate, *, begun: b
 def other_tool(found: DepthAndWear, expected: Estimate) -> PreconditionError:
     """Return E8061: the hole is that deep, but the tool is not as long as it was left."""
     return PreconditionError(
-        f"The tool is {with_u95(found.wear_um, found.wear_u95_um)} µm shorter than before the hole; the journal "
-        f"expects {with_u95(expected.wear_um, COVERAGE * expected.wear_u_um)} µm.",
+        f"The tool is {with_u95(found.wear_um, found.wear.u95)} µm shorter than before the hole; the journal "
+        f"expects {with_u95(expected.wear_um, half_width(expected.wear_u_um))} µm.",
         hint="It was changed or seated anew, and only the tool that began a hole can tell its own wear by touching. "
         "Machine another hole, at another place.",
         code="E8061",
@@ -216,7 +214,7 @@ def other_tool(found: DepthAndWear, expected: Estimate) -> PreconditionError:
 def hole_found(site: Place, found: DepthAndWear) -> PreconditionError:
     """Return E8062: there is a hole where one is to be begun."""
     return PreconditionError(
-        f"There is no untouched face at {site.name}: it is {with_u95(found.depth_um, found.depth_u95_um)} µm deep.",
+        f"There is no untouched face at {site.name}: it is {with_u95(found.depth_um, found.depth.u95)} µm deep.",
         hint="Go on with the hole without --restart-hole, or put untouched work in.",
         code="E8062",
     )

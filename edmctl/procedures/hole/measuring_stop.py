@@ -25,16 +25,16 @@ from edmctl.procedures.hole.regimes import next_regime, regime_text
 from edmctl.procedures.touch.approach import CLEAR_OF_BOTTOM_UM, ExpectedBottom, raise_by, read_expected
 from edmctl.procedures.touch.drift import drift_between, rest_before_pad
 from edmctl.procedures.touch.spots import (
-    TOUCH_U_UM,
     ToolLength,
     pad_u_um,
     read_pad,
     refuse_grown_tool,
 )
 from edmctl.process.live_erosion import CONTRADICTION_SDS, SCATTER_BETWEEN_HOLES
-from edmctl.process.next_cut import COVERAGE, GAP_U_UM
+from edmctl.process.next_cut import GAP_U_UM
 from edmctl.process.shared_wear import SharedWear, WearShare, share_wear
-from edmctl.process.touches import DepthAndWear, Deviation, measure, share_u
+from edmctl.process.touches import TOUCH_U_UM, DepthAndWear, Deviation, measure, share_u
+from edmctl.quantity import Value
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.wording import decimal, length, signed
 
@@ -136,7 +136,7 @@ def touch_pad(
     u_um = math.hypot(PAD_U_UM, live.wear_u_um, hole.z1_u_um, more_u_um)
     expected_um = hole.z1.z_um + live.wear_um + hole.drift_um
     # A recipe that no touch has confirmed may be wrong by more than what it believes itself.
-    deepest_um = expected_um + plan.stated_u95_um(live)[1]
+    deepest_um = expected_um + plan.stated(live)[1].u95
     rest_before_pad(run, hole.z1)
     z3 = read_pad(run, "Z3", hole.site.name, expected_um, u_um, deepest_um)
     before_u_um = math.hypot(hole.z1_u_um, hole.z1.doubt_u_um)
@@ -146,18 +146,16 @@ def touch_pad(
 
 def measured(run: JobRun, hole: OpenHole, z2: SurfaceReading, z3: SurfaceReading) -> DepthAndWear:
     """Return what bottom and pad say of a hole, against where it began."""
-    sensor_u, z1 = run.uncertainty, hole.z1
+    z1 = hole.z1
     return measure(
         z1.reading,
         z2.reading,
         z3.reading,
-        gain_u_rel=sensor_u.gain_u_rel,
+        run.uncertainty,
         tilt_u_um=hole.face_u_um,
-        drift_u_um_per_s=sensor_u.drift_u_um_per_s,
         z1_to_z3_s=z3.time_s - z1.time_s,
         z2_to_z3_s=z3.time_s - z2.time_s,
         pad_u_um=pad_u_um(run.setup),
-        linearity_u_um=sensor_u.linearity_u_um,
         height_um=hole.face_um,
         z1_u_um=hole.z1_u_um,
         doubts_u_um=(z1.doubt_u_um, z2.doubt_u_um, z3.doubt_u_um),
@@ -182,8 +180,8 @@ def learn(
     found = measured(run, hole, z2, z3)
     if settled is not None:
         # How much of the uncertainty is drift the touch of several holes does not tell of one.
-        settled_u95_um = COVERAGE * settled.wear_u_um
-        found = replace(found, wear_um=settled.wear_um, wear_u95_um=settled_u95_um, drift_left_u_um=math.nan)
+        settled_wear = Value(settled.wear_um, settled.wear_u_um)
+        found = replace(found, wear=settled_wear, drift_left_u_um=math.nan)
     stated = found if settled is not None else with_doubt_of_wear(run, hole, knowledge.estimate, found)
     hole.stops += 1
     knowledge.pads.append(z3)
@@ -196,9 +194,9 @@ def learn(
     learned = hole.estimate.fitted(
         None if hole.interrupted else hole.energy(run),
         found.depth_um - hole.regime.depth_um,
-        found.depth_u95_um / COVERAGE,
+        found.depth.u,
         found.wear_um - hole.regime.wear_um,
-        found.wear_u95_um / COVERAGE,
+        found.wear.u,
     )
     # What one stop has taught against the recipe, the next one may confirm.
     is_confirmed = settled is None and hole.stops - hole.regime.stops > 1 and stated is found
@@ -218,15 +216,15 @@ def with_doubt_of_wear(
     before_depth_um = before_um = before_u_um = 0.0
     if hole.touched is not None:
         before_depth_um, before_um = hole.touched.depth_um, hole.touched.wear_um
-        before_u_um = hole.touched.wear_u95_um / COVERAGE
+        before_u_um = hole.touched.wear.u
     added_um = estimate.wear_ratio * max(0.0, found.depth_um - before_depth_um)
     off = Deviation(
         found.wear_um - before_um - added_um,
-        math.hypot(estimate.wear_ratio_u_rel * added_um, before_u_um, found.wear_u95_um / COVERAGE),
+        math.hypot(estimate.wear_ratio_u_rel * added_um, before_u_um, found.wear.u),
     )
     if abs(off.sigmas) <= CONTRADICTION_SDS:
         return found
-    doubt_u95_um = COVERAGE * share_u(off.um)
+    doubt_u_um = share_u(off.um)
     run.decide(
         RunEvent.TOUCH_DOUBTED,
         f"The wear is {decimal(found.wear_um)} µm, {signed(off.um)} µm from what was believed: the belief is wrong, "
@@ -236,9 +234,9 @@ def with_doubt_of_wear(
     )
     return replace(
         found,
-        wear_u95_um=math.hypot(found.wear_u95_um, doubt_u95_um),
-        depth_u95_um=math.hypot(found.depth_u95_um, doubt_u95_um if off.um < 0.0 else 0.0),
-        feed_u95_um=math.hypot(found.feed_u95_um, doubt_u95_um),
+        wear=found.wear.widened(doubt_u_um),
+        depth=found.depth.widened(doubt_u_um if off.um < 0.0 else 0.0),
+        feed=found.feed.widened(doubt_u_um),
     )
 
 
@@ -253,9 +251,9 @@ def next_start(run: JobRun, hole: OpenHole, knowledge: JobKnowledge) -> CutStart
         time_s=hole.bottom.time_s,
         drift_u_um_per_s=run.uncertainty.drift_u_um_per_s,
         depth_um=found.depth_um,
-        depth_u_um=found.depth_u95_um / COVERAGE,
+        depth_u_um=found.depth.u,
         wear_um=found.wear_um,
-        wear_u_um=found.wear_u95_um / COVERAGE,
+        wear_u_um=found.wear.u,
         gap_u_um=knowledge.gap_u_um,
     )
 
@@ -268,20 +266,13 @@ def estimate_hole(
     energy = energy_of(run.profile.pulse, cut.counts, cut.energy_j)
     live = plan.at(cut.end_displacement_um, energy, now_s)
     worn_um = live.wear_um - plan.start.wear_um
-    depth_u95_um, wear_u95_um = plan.stated_u95_um(live)
+    feed_um = live.depth_um + live.wear_um
+    feed_u_um = math.hypot(plan.start.u_at(now_s), plan.start.gap_u_um, sensor_u.length_u_um(feed_um))
+    depth, wear = plan.stated(live)
     found = DepthAndWear(
-        depth_um=live.depth_um,
-        depth_u95_um=depth_u95_um,
-        wear_um=live.wear_um,
-        wear_u95_um=wear_u95_um,
-        feed_um=live.depth_um + live.wear_um,
-        feed_u95_um=COVERAGE
-        * math.hypot(
-            plan.start.u_at(now_s),
-            plan.start.gap_u_um,
-            sensor_u.gain_u_rel * (live.depth_um + live.wear_um),
-            sensor_u.linearity_u_um,
-        ),
+        depth=depth,
+        wear=wear,
+        feed=Value(feed_um, feed_u_um),
         depth_noise_um=live.depth_u_um,
     )
     assert knowledge.tool is not None
@@ -299,14 +290,14 @@ def estimate_hole(
     )
     run.decide(
         RunEvent.SITE_ESTIMATED,
-        f"Depth ~{length(found.depth_um, found.depth_u95_um)}, "
-        f"wear ~{length(found.wear_um, found.wear_u95_um)} by feed and energy: known well enough without another "
+        f"Depth ~{length(found.depth_um, found.depth.u95)}, "
+        f"wear ~{length(found.wear_um, found.wear.u95)} by feed and energy: known well enough without another "
         "touch.",
         {
             "depth_um": found.depth_um,
             "wear_um": found.wear_um,
-            "depth_u95_um": found.depth_u95_um,
-            "wear_u95_um": found.wear_u95_um,
+            "depth_u95_um": found.depth.u95,
+            "wear_u95_um": found.wear.u95,
         },
     )
     off_um = found.depth_um - hole.target.depth_um
@@ -319,13 +310,13 @@ def _report(run: JobRun, found: DepthAndWear, gap_um: float, decision: Decision)
     """Tell what a stop measured, and what follows."""
     run.decide(
         RunEvent.SITE_MEASURED,
-        f"Depth {length(found.depth_um, found.depth_u95_um)}, "
-        f"wear {length(found.wear_um, found.wear_u95_um)}, working gap {gap_um:.2f} µm.",
+        f"Depth {length(found.depth_um, found.depth.u95)}, "
+        f"wear {length(found.wear_um, found.wear.u95)}, working gap {gap_um:.2f} µm.",
         {
             "depth_um": found.depth_um,
             "wear_um": found.wear_um,
-            "depth_u95_um": found.depth_u95_um,
-            "wear_u95_um": found.wear_u95_um,
+            "depth_u95_um": found.depth.u95,
+            "wear_u95_um": found.wear.u95,
             "wear_ratio": found.wear_ratio,
             "gap_um": gap_um,
         },
@@ -382,11 +373,16 @@ def settle_unmeasured(
     before, sensor_u = knowledge.tool.pad, run.uncertainty
     cuts = [*knowledge.unmeasured, unmeasured(run, hole, before.time_s, plan, cut, live)]
     seconds, drift = pad.time_s - before.time_s, drift_between(run, before, pad)
+    worn_um = pad.z_um - before.z_um - (drift.um if drift else 0.0)
     found = share_wear(
         [one.share for one in cuts],
-        pad.z_um - before.z_um - (drift.um if drift else 0.0),
+        worn_um,
         seconds,
-        touch_u_um=math.hypot(TOUCH_U_UM * math.sqrt(2.0), sensor_u.linearity_u_um),
+        touch_u_um=math.hypot(
+            TOUCH_U_UM * math.sqrt(2.0),
+            sensor_u.length_u_um(worn_um),
+            sensor_u.walk_um_per_sqrt_s * math.sqrt(seconds),
+        ),
         drift_u_um_per_s=drift.left_u_um / seconds if drift else sensor_u.drift_u_um_per_s,
     )
     shorter_um = 0.0
@@ -406,28 +402,20 @@ def _correct(run: JobRun, cut: Unmeasured, own_um: float, before_um: float, now:
     hole = cut.hole
     result, found = run.tally.sites[hole.site.name], hole.found
     assert found is not None
-    z3_um, depth_um = result.z3_um + before_um + own_um, result.depth_um - now.tip_um
+    z3_um = result.z3_um + before_um + own_um
     feed_um = result.feed_um - now.tip_um + own_um
     gain_u_um = run.uncertainty.gain_u_rel * feed_um
-    changed = replace(
-        result,
-        z1_um=result.z1_um + before_um,
-        z2_um=z3_um + result.face_um + depth_um,
-        z3_um=z3_um,
-        depth_um=depth_um,
-        depth_u95_um=COVERAGE * math.hypot(cut.depth_u_um, now.tip_u_um),
-        wear_um=cut.wear_before_um + now.wear_um,
-        wear_u95_um=COVERAGE * math.hypot(cut.wear_before_u_um, now.wear_u_um),
-        feed_um=feed_um,
-        feed_u95_um=COVERAGE * math.hypot(cut.depth_u_um, cut.wear_before_u_um, now.feed_u_um, gain_u_um),
-    )
-    run.tally.sites[hole.site.name] = changed
-    hole.found = replace(
+    corrected = replace(
         found,
-        depth_um=changed.depth_um,
-        depth_u95_um=changed.depth_u95_um,
-        wear_um=changed.wear_um,
-        wear_u95_um=changed.wear_u95_um,
-        feed_um=changed.feed_um,
-        feed_u95_um=changed.feed_u95_um,
+        depth=Value(result.depth_um - now.tip_um, math.hypot(cut.depth_u_um, now.tip_u_um)),
+        wear=Value(cut.wear_before_um + now.wear_um, math.hypot(cut.wear_before_u_um, now.wear_u_um)),
+        feed=Value(feed_um, math.hypot(cut.depth_u_um, cut.wear_before_u_um, now.feed_u_um, gain_u_um)),
     )
+    run.tally.sites[hole.site.name] = replace(
+        result,
+        **corrected.columns(),
+        z1_um=result.z1_um + before_um,
+        z2_um=z3_um + result.face_um + corrected.depth_um,
+        z3_um=z3_um,
+    )
+    hole.found = corrected

@@ -213,7 +213,7 @@ def _start_again(
     run.tally.depth_um, run.tally.unmeasured_site = 0.0, ""
     run.decide(
         RunEvent.RESUMED,
-        f"The face at {site.name} is untouched ({length(found.depth_um, found.depth_u95_um)}): the hole is "
+        f"The face at {site.name} is untouched ({length(found.depth_um, found.depth.u95)}): the hole is "
         "made from the start.",
         {"depth_um": found.depth_um},
     )

@@ -11,8 +11,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.forecasts.measuring import Displacement, displacement
-from edmctl.process.touches import Drift, share_u
+from edmctl.forecasts.measuring import displacement
+from edmctl.process.touches import Displacement, Drift, share_u
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +32,8 @@ CREEP_UM = 0.6
 CREEP_SHARE = 0.01
 """Creep on top that the actuator model leaves in a rest, per way that the tool was driven since the first one: it
 holds the tool lower for minutes, and hides a drift that goes the other way [assumed]."""
+SEEN_SDS = 2.0
+"""A drift beyond so many standard deviations contradicts the setup: one machine in twenty by chance."""
 DRIFT_SDS = 4.0
 """A drift of more than so many standard deviations is none."""
 UNCERTAINTIES_IN_STROKE = 3.0
@@ -72,11 +74,6 @@ class Rests:
         """Return time and zero of the first and of the newest rest; none before the first."""
         return (self._rests[0], self._rests[-1]) if self._rests else ()
 
-    @property
-    def _crept_um(self) -> float:
-        """How much lower creep may hold the tool at the newest rest than at the first."""
-        return CREEP_UM + CREEP_SHARE * max(0.0, self._high_um - self._low_um)
-
     def drifted(self) -> tuple[float, Drift]:
         """Return the time from the first rest to the newest, and the drift of the zero less what creep may be of it.
 
@@ -86,54 +83,61 @@ class Rests:
         if not self._rests:
             return 0.0, Drift(0.0, 0.0)
         (first_s, first_um), (last_s, last_um) = self.ends()
-        shift_um = 0.5 * (self._crept_um - CREEP_UM)
-        return last_s - first_s, Drift(last_um - first_um - shift_um, share_u(CREEP_UM + shift_um))
+        return last_s - first_s, self._less_creep(last_um - first_um)
 
-    def rate_um_s(self) -> float:
-        """Fastest drift that the zeros allow, over the whole job or lately, µm/s; 0 before the second rest."""
-        return _fastest_um_s(self._rests, RECENT_S, self._crept_um)
+    def _less_creep(self, shift_um: float) -> Drift:
+        way_um = max(0.0, self._high_um - self._low_um)
+        creep_um = 0.5 * CREEP_SHARE * way_um
+        return Drift(shift_um - creep_um, share_u(CREEP_UM + creep_um))
+
+    def contradicting_um_s(self, believed_um_s: float) -> float:
+        """Return the drift that contradicts the setup, µm/s, as `_contradicting` does.
+
+        The zeros of the whole run tell it, and those since the newest that is `RECENT_S` old.
+        """
+        if len(self._rests) < 2:
+            return 0.0
+        last_s, last_um = self._rests[-1]
+        recent = next(
+            (zero for zero in reversed(self._rests) if last_s - zero[0] >= RECENT_S), self._rests[0]
+        )
+        return max(
+            _contradicting(believed_um_s, last_s - time_s, self._less_creep(last_um - zero_um))
+            for time_s, zero_um in (self._rests[0], recent)
+        )
 
 
-def seen_between_jobs_um_s(homes: Sequence[Zero], drift_u_um_per_s: float) -> float:
-    """Fastest drift that the homes of earlier jobs allow, the oldest first, µm/s; 0 where they lie too close.
+def _contradicting(believed_um_s: float, span_s: float, seen: Drift) -> float:
+    """Return a drift that was seen in a time where the setup's standard uncertainty does not explain it, µm/s.
 
-    What no drift explains, `drift_u_um_per_s` being its standard uncertainty, is a sensor that was set anew, and a
-    time that goes back a clock that was: the newest homes that go together and lie far enough apart tell. Homes
-    without a time, NaN, go with no others.
+    0 within `SEEN_SDS` standard deviations. What lies beyond is the new standard uncertainty: the setup is as
+    uncertain as it was wrong.
+    """
+    allowed_um = SEEN_SDS * math.hypot(believed_um_s * span_s, seen.left_u_um)
+    return abs(seen.um) / max(LEAST_SPAN_S, span_s) if abs(seen.um) > allowed_um else 0.0
+
+
+def contradicting_between_jobs_um_s(homes: Sequence[Zero], believed_um_s: float) -> float:
+    """Return the drift of the homes of earlier jobs, the oldest first, that contradicts the setup, µm/s.
+
+    `believed_um_s` is what the setup states. What no drift explains is a sensor that was set anew, and a time that
+    goes back a clock that was: the newest homes that go together and lie far enough apart tell. Homes without a
+    time, NaN, go with no others.
     """
     together: list[list[Zero]] = []
     for time_s, um in homes:
         before_s, before_um = together[-1][-1] if together else (math.nan, math.nan)
-        most_um = HOMES_ALIKE_UM + DRIFT_SDS * drift_u_um_per_s * (time_s - before_s)
+        most_um = HOMES_ALIKE_UM + DRIFT_SDS * believed_um_s * (time_s - before_s)
         if time_s >= before_s and abs(um - before_um) <= most_um:
             together[-1].append((time_s, um))
         else:
             together.append([(time_s, um)])
     for since in reversed(together):
-        if since[-1][0] - since[0][0] >= HOMES_APART_S:
-            return _fastest_um_s(since, HOMES_APART_S)
+        (first_s, first_um), (last_s, last_um) = since[0], since[-1]
+        if last_s - first_s >= HOMES_APART_S:
+            seen = Drift(last_um - first_um, share_u(CREEP_UM))
+            return _contradicting(believed_um_s, last_s - first_s, seen)
     return 0.0
-
-
-def _fastest_um_s(zeros: Sequence[Zero], recent_s: float, crept_um: float = 0.0) -> float:
-    """Fastest drift from the first zero to the last, and to it from the newest that is `recent_s` old, µm/s.
-
-    Up to `crept_um` of what the zeros show may be creep, which hides as much of a drift the other way.
-    """
-    if len(zeros) < 2:
-        return 0.0
-    last_s, last_um = zeros[-1]
-    recent = next((zero for zero in reversed(zeros) if last_s - zero[0] >= recent_s), zeros[0])
-    rates = []
-    for time_s, zero_um in (zeros[0], recent):
-        span_s, seen_um = last_s - time_s, last_um - zero_um
-        most_um = abs(seen_um)
-        if span_s >= LEAST_SPAN_S / 2.0:
-            most_um = max(most_um, abs(seen_um - crept_um))
-        if span_s >= RECENT_S:
-            most_um = max(most_um, abs(seen_um) + CREEP_UM)
-        rates.append(most_um / max(LEAST_SPAN_S, span_s))
-    return max(rates)
 
 
 def first_home_um(rest_um: float, expected_um: float, drift_um: float) -> float:
@@ -151,11 +155,10 @@ def displacement_uncertainty(job: Job) -> Displacement:
     A calibration inherits scale and linearity of the sensor that it was made with. Its gain may have moved by
     2.5 % since then, its zero walks by 1 µm in ten minutes, and a length is the difference of two estimates.
     """
-    sensor = job.setup.sensor
-    if sensor.fitted or job.calibration is None:
-        return Displacement(sensor.gain_u_rel, sensor.linearity_u_um, sensor.drift_um_per_s)
-    linearity_u_um = math.hypot(sensor.linearity_u_um, math.sqrt(2.0) * job.calibration.held_out_rms_um)
-    return replace(displacement(job.setup), linearity_u_um=linearity_u_um)
+    known = displacement(job.setup)
+    if job.setup.sensor.fitted or job.calibration is None:
+        return known
+    return replace(known, model_u_um=math.sqrt(2.0) * job.calibration.held_out_rms_um)
 
 
 def uncertainty_now(job: Job, rests: Rests) -> Displacement:
@@ -164,9 +167,10 @@ def uncertainty_now(job: Job, rests: Rests) -> Displacement:
     A drift between tool and work that was measured comes on top: no rest shows it, and touches do.
     """
     sensor_u = displacement_uncertainty(job)
-    seen_um_s = share_u(max(rests.rate_um_s(), job.drift_seen_um_s))
     apart_um_s = job.drift.apart_u_um_per_s if job.drift is not None else 0.0
-    drift_um_s = math.hypot(max(sensor_u.drift_u_um_per_s, seen_um_s), apart_um_s)
+    believed_um_s = sensor_u.drift_u_um_per_s
+    seen_um_s = max(rests.contradicting_um_s(believed_um_s), job.drift_seen_um_s)
+    drift_um_s = math.hypot(max(believed_um_s, seen_um_s), apart_um_s)
     return replace(sensor_u, drift_u_um_per_s=drift_um_s)
 
 

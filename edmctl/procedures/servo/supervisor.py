@@ -158,7 +158,7 @@ class Supervisor(TelemetrySums):
         cut_s = max(0.0, now_s - self._start_s)
         tally.machining_time_s = self._machined_before_s + cut_s
         tally.cut = RunningCut(self.total, self.energy_j, cut_s, self.sparked_at_um)
-        depth_u95_um, wear_u95_um = self._plan.stated_u95_um(erosion)
+        depth, wear = self._plan.stated(erosion)
         progress = Progress(
             phase=_PHASE[machining],
             time_s=now_s,
@@ -169,14 +169,14 @@ class Supervisor(TelemetrySums):
             depth_target_um=self._plan.target_um,
             displacement_um=self.displacement_um,
             time_left_s=self._time_left_s(now_s, depth_um),
-            depth_u95_um=depth_u95_um,
+            depth_u95_um=depth.u95,
             site=self._run.site_among_many,
             step=f"cut {self._plan.number}",
             feed_um=depth_um + erosion.wear_um,
             feed_target_um=self._feed_target_um,
             feed_um_s=feed_um_s,
             wear_um=erosion.wear_um,
-            wear_u95_um=wear_u95_um,
+            wear_u95_um=wear.u95,
             gap_low_v=min(gaps_v),
             gap_high_v=max(gaps_v),
             displacement_low_um=min(heights_um),

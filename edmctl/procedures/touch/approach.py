@@ -17,8 +17,8 @@ from edmctl.procedures.run import rest_and_look
 from edmctl.procedures.settings import first_sparks_v
 from edmctl.procedures.stages import move_to, retract
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
-from edmctl.process.next_cut import COVERAGE
-from edmctl.process.touches import TOUCH_SD_PRIOR_UM, Deviation, against_sparks, between, is_long, is_short
+from edmctl.process.touches import TOUCH_CHECK_SD_UM, Deviation, against_sparks, between, is_long, is_short
+from edmctl.quantity import half_width
 from edmctl.record.rows import EventLevel, RejectedTouch, RunEvent
 from edmctl.results.measurements import SurfaceFound
 from edmctl.results.progress import Phase
@@ -170,11 +170,11 @@ def read_expected(run: JobRun, place: str, expected: ExpectedBottom) -> SurfaceR
         wash(run, above_um)
         again = take_reading(run, "Z2", place, expected.z_um, u_um)
         # Nothing under the tool makes a reading longer; of two within their noise the newer one is told.
-        used, other = (z2, again) if z2.z_um > again.z_um + TOUCH_SD_PRIOR_UM else (again, z2)
+        used, other = (z2, again) if z2.z_um > again.z_um + TOUCH_CHECK_SD_UM else (again, z2)
         run.recorder.append(RejectedTouch(other.time_s))
         z2 = used
     middle_um, doubt_u_um = between(z2.z_um, above_um, way_um, u_um)
-    message = f"It is taken to be at {middle_um:.2f} ± {COVERAGE * doubt_u_um:.2f} µm."
+    message = f"It is taken to be at {middle_um:.2f} ± {half_width(doubt_u_um):.2f} µm."
     _report_doubt(run, z2, off, expected.source, message)
     return replace(z2.shifted(middle_um - z2.z_um), doubt_u_um=doubt_u_um)
 
@@ -187,7 +187,7 @@ def wash(run: JobRun, bottom_um: float) -> None:
 
 
 def _report_doubt(run: JobRun, z2: SurfaceReading, off: Deviation, source: str, what_now: str) -> None:
-    way = f"{abs(off.um):.2f} ± {COVERAGE * off.u_um:.2f} µm {'short of' if off.um < 0.0 else 'beyond'}"
+    way = f"{abs(off.um):.2f} ± {half_width(off.u_um):.2f} µm {'short of' if off.um < 0.0 else 'beyond'}"
     chip = " (a chip?)" if off.um < 0.0 else ""
     run.decide(
         RunEvent.TOUCH_DOUBTED,

@@ -25,6 +25,8 @@ from edmctl.procedures.touch.reading import (
 from edmctl.process.plane import Step
 from edmctl.process.rest_drift import mean_rest
 from edmctl.process.touches import (
+    TOUCH_CHECK_SD_UM,
+    TOUCH_U_UM,
     Deviation,
     agreeing_spots,
     has_grown,
@@ -52,8 +54,6 @@ OFFSET_U_UM = 3.5
 """Return the standard uncertainty of the distance to the pad before the first touch."""
 PAD_TURNS_DEG = (0.0, 60.0, -60.0)
 """Directions of the further spots as seen from the pad, from that away from the holes: all are equally far apart."""
-TOUCH_U_UM = 0.15
-"""Return the standard uncertainty of a reading of three touches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,8 +163,8 @@ def _place_u_um(run: JobRun, found: Sequence[SurfaceReading]) -> float:
 def _sensed_u_um(run: JobRun, found: Sequence[SurfaceReading]) -> float:
     sensor_u = run.uncertainty
     return math.hypot(
-        sensor_u.drift_u_um_per_s * (found[-1].time_s - found[0].time_s),
-        0.0 if run.setup.sensor.fitted else sensor_u.linearity_u_um,
+        sensor_u.drifted_u_um(found[-1].time_s - found[0].time_s),
+        sensor_u.model_u_um,
     )
 
 
@@ -278,7 +278,7 @@ def refuse_grown_tool(
     `z1_um` is the pad `age_s` ago, with a standard uncertainty of `more_u_um` besides drift and touches.
     """
     drift_um = run.uncertainty.drift_u_um_per_s * age_s
-    u_um = math.hypot(TOUCH_U_UM, TOUCH_U_UM, more_u_um, z3.doubt_u_um, drift_um)
+    u_um = math.hypot(TOUCH_CHECK_SD_UM, more_u_um, z3.doubt_u_um, drift_um)
     wear = Deviation(z3.z_um - z1_um, u_um)
     if not has_grown(wear):
         return

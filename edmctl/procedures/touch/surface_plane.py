@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import FACE_LIMIT_UM
-from edmctl.procedures.touch.spots import TOUCH_U_UM, Spots, beside, pad_middle_um, read_at_spots
+from edmctl.procedures.touch.spots import Spots, beside, pad_middle_um, read_at_spots
 from edmctl.process.plane import (
     CONTRADICTION_SDS,
     TOUCHES_FOR_A_PLANE,
@@ -17,7 +17,7 @@ from edmctl.process.plane import (
     spread_out,
     unknown_plane,
 )
-from edmctl.process.touches import Deviation, share_u
+from edmctl.process.touches import TOUCH_U_UM, Deviation, share_u
 from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.wording import signed
