@@ -121,7 +121,8 @@ class Hole:
             if basis is Basis.ESTIMATED and not self.known:
                 kind += ", tool untouched"
             value, u95, u = (getattr(said, f"{name}_{mark}um") for mark in ("", "u95_", "u_"))
-            yield kind, value - true_um, u95, u
+            if math.isfinite(value):
+                yield kind, value - true_um, u95, u
 
 
 @dataclass

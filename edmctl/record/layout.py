@@ -401,6 +401,9 @@ RESULTS = Table(
         Column("wear_basis", "wear_basis", "S9", TEXT, "the same of the wear"),
         Column("verdict", "verdict", "S9", TEXT, "`shown`, `missed` or `not shown`; empty for a feed"),
         Column("feed_u95", "feed_u95_um", "f8", "um", "95 % uncertainty of the feed"),
+        Column("depth_u", "depth_u_um", "f8", "um", "standard uncertainty of the depth"),
+        Column("wear_u", "wear_u_um", "f8", "um", "standard uncertainty of the wear"),
+        Column("feed_u", "feed_u_um", "f8", "um", "standard uncertainty of the feed"),
         Column(
             "drift_correction",
             "drift_correction_um",

@@ -138,12 +138,12 @@ def test_the_interval_of_the_depth_is_foretold() -> None:
     assert math.isnan(forecast_of("foil-through").depth_u95_um)
 
 
-@pytest.mark.parametrize(("tolerance_um", "u95_um"), [(0.8, 0.85), (1.2, 1.0)])
+@pytest.mark.parametrize(("tolerance_um", "u95_um"), [(0.6, 0.53), (1.2, 1.04)])
 def test_the_interval_of_holes_that_are_not_touched_is_foretold(tolerance_um: float, u95_um: float) -> None:
-    """As a later touch of the pad leaves them: with seed 9, at most ± 0.85 and ± 0.89 µm."""
+    """As a later touch of the pad leaves them: at a tolerance of 0.6 µm, seed 9 ends with at most ± 0.52 µm."""
     found = array_of(f"target.tolerance_um={tolerance_um}").depth_u95_um
     assert found == pytest.approx(u95_um, abs=0.15)
-    assert (found > tolerance_um) is (tolerance_um == 0.8)
+    assert found <= tolerance_um
 
 
 def test_a_machine_without_a_sensor_knows_its_depths_by_the_gain_of_its_calibration() -> None:

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from edmctl.quantity import Value
 from edmctl.forecasts.measuring import FACE_LIMIT_UM, estimate_of
 from edmctl.labels import Basis
 from edmctl.procedures.actuator.tracker import HISTORY_U_UM
@@ -25,7 +24,7 @@ from edmctl.process.discharge import (
     tool_area_um2,
 )
 from edmctl.process.touches import Deviation, share_u
-from edmctl.quantity import half_width
+from edmctl.quantity import Value
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import pulse_shares
 
@@ -355,10 +354,10 @@ def model_u95_um(run: JobRun, found: DepthAndWear, creep_um: float) -> tuple[flo
     if tracker is None:
         return math.nan, math.nan
     if not run.setup.sensor.fitted:
-        return found.depth_u95_um, found.wear_u95_um
+        return found.depth.u95, found.wear.u95
     return (
-        math.hypot(found.depth_u95_um, half_width(tracker.depth_u_um(creep_um))),
-        math.hypot(found.wear_u95_um, half_width(math.hypot(HISTORY_U_UM, tracker.depth_u_um(0.0)))),
+        found.depth.widened(tracker.depth_u_um(creep_um)).u95,
+        found.wear.widened(math.hypot(HISTORY_U_UM, tracker.depth_u_um(0.0))).u95,
     )
 
 
