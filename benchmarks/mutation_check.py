@@ -284,7 +284,7 @@ DECISION = (
     Mutation(
         "a cut goes to the target on half the certainty",
         "next_cut",
-        "COVERAGE * whole.depth_u_um <= tolerance_um",
+        "CLEAR_SIGMAS * whole.depth_u_um <= tolerance_um",
         "whole.depth_u_um <= tolerance_um",
         "process/test_next_cut.py",
     ),
