@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from edmctl.errors import RunFileError
-from edmctl.files import lock_holder, open_descriptor, read_bytes
+from edmctl.files import lock_holder, open_descriptor, read_bytes, refuse_locked
 from edmctl.record.ledger_entries import (
     VERSION,
     Entry,
@@ -46,7 +46,9 @@ __all__ = [
 LEDGER_BYTES = 200_000_000
 FILE_NAME = "ledger.jsonl"
 LONGEST_WAIT_S = 10.0
-"""Another program holds it only while it writes some lines."""
+"""Longest wait to add the result of a job: a slow disk must not cost it."""
+OPENING_WAIT_S = 1.0
+"""Longest wait to open: a ledger that stays locked is refused before anything moves."""
 _RETRY_S = 0.05
 
 
@@ -67,13 +69,14 @@ class Ledger:
         """
         path = folder / FILE_NAME
         try:
+            _retried(lambda: refuse_locked(path), OPENING_WAIT_S)
             data = read_bytes(path, LEDGER_BYTES)
         except FileNotFoundError:
             return cls(path, ())
         except OSError as refused:
             raise RunFileError(
                 f"The job ledger {path} cannot be read: {refused.strerror}.",
-                hint="Check its permissions, or keep run files elsewhere with --out.",
+                hint="Close the program that has locked it, check its permissions, or give another --out.",
                 code="E9030",
             ) from refused
         return cls(path, tuple(_lines(path, data)))
@@ -133,18 +136,24 @@ def _lines(path: Path, data: bytes) -> Iterator[Line]:
 def _locked(path: Path) -> Iterator[int]:
     """Open the ledger for appending while nobody else does."""
     descriptor = open_descriptor(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
-    until_s = time.monotonic() + LONGEST_WAIT_S
+    lock = path.with_name(f".{path.name}.lock")
     with ExitStack() as held:
         held.callback(os.close, descriptor)
-        while True:
-            try:
-                held.enter_context(exclusive(descriptor, path.with_name(f".{path.name}.lock")))
-                break
-            except BlockingIOError:
-                if time.monotonic() > until_s:
-                    raise
-                time.sleep(_RETRY_S)
+        _retried(lambda: held.enter_context(exclusive(descriptor, lock)), LONGEST_WAIT_S)
         yield descriptor
+
+
+def _retried(attempt: Callable[[], object], longest_s: float) -> None:
+    """Call until it no longer raises BlockingIOError; raise it after `longest_s`."""
+    until_s = time.monotonic() + longest_s
+    while True:
+        try:
+            attempt()
+            return
+        except BlockingIOError:
+            if time.monotonic() > until_s:
+                raise
+            time.sleep(_RETRY_S)
 
 
 def _mend_end(descriptor: int) -> None:

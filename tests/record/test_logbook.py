@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import math
 import multiprocessing
+import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.errors import RunFileError
+from edmctl.record import ledger
 from edmctl.record.ledger import FILE_NAME, Ledger
 from edmctl.record.ledger_entries import (
     UNFINISHED,
@@ -176,6 +179,19 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RunFileError) as caught:
         Ledger(tmp_path / "file" / FILE_NAME, ()).append(SERIAL, site())
     assert caught.value.code == "E9033"
+
+
+def test_a_ledger_that_stays_locked_is_refused_before_a_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ledger, "OPENING_WAIT_S", 0.0)
+    Ledger.open(tmp_path).append(SERIAL, site())
+    with (tmp_path / FILE_NAME).open() as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with pytest.raises(RunFileError, match=f"process {os.getpid()}.* has it open for writing") as caught:
+            Ledger.open(tmp_path)
+        assert caught.value.code == "E9030"
+    assert len(Ledger.open(tmp_path).lines) == 1
 
 
 def _append_many(folder: Path, serial: str) -> None:
