@@ -87,7 +87,8 @@ def cause_of(
     left, words = min((excess(one), words) for words, one in judged_without())
     if left**2 <= (1.0 - MAIN_SHARE) * excess(errors) ** 2:
         return words
-    left_um = math.sqrt(_squares(parts) / sum(len(part.errors_um) for part in parts))
+    squares = sum(float(part.errors_um @ part.errors_um) for part in parts)
+    left_um = math.sqrt(squares / sum(len(part.errors_um) for part in parts))
     if left_um <= most_rms_um and max(float(np.abs(part.errors_um).max()) for part in parts) <= most_um:
         return (
             "a fit of all of it misses far less, so no part of the record tells what the others hold. Record "
@@ -102,10 +103,6 @@ def cause_of(
         "the tool or a voltage that is not the one applied; without any of these the actuator is of a kind that "
         "this model does not hold"
     )
-
-
-def _squares(parts: Sequence[Left]) -> float:
-    return sum(float(part.errors_um @ part.errors_um) for part in parts)
 
 
 def _knocks(parts: Sequence[Left], most_rms_um: float, most_um: float) -> list[str]:

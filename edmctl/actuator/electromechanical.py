@@ -16,7 +16,6 @@ resonance, 1 s where only the quasi-static motion matters.
 from __future__ import annotations
 
 import cmath
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -30,12 +29,10 @@ if TYPE_CHECKING:
 
     Array: TypeAlias = NDArray[np.float64]
 
-VACUUM_F_PER_M = 8.8541878128e-12
-
 
 @dataclass(frozen=True, slots=True)
 class Transducer:
-    """Table 1 of the paper, in SI units, and what follows from it.
+    """Table 1 of the paper without the material, in SI units, and what follows from it.
 
     Two entries differ from the print. k_p is 6e7 N/m, not 6e6: the row's own material gives 5.6e7 for one
     stack, and only so do T and C make a possible coupling factor. k_a is 6 N/µm, not 6 N/mm: with both, the
@@ -43,12 +40,6 @@ class Transducer:
     k_p and k_a: they are not to be fitted.
     """
 
-    wafers: int = 200
-    wafer_thickness_m: float = 1e-4
-    wafer_area_m2: float = 25e-6
-    relative_permittivity: float = 2900.0
-    coupling_factor: float = 0.7
-    compliance_m2_per_n: float = 2.22e-11
     mass_kg: float = 0.00481
     stack_n_per_m: float = 6e7
     damping_n_s_per_m: float = 150.0
@@ -61,17 +52,6 @@ class Transducer:
     def stiffness_n_per_m(self) -> float:
         """Stacks and flexure together, k_p + k_a."""
         return self.stack_n_per_m + self.flexure_n_per_m
-
-    @property
-    def d33_m_per_v(self) -> float:
-        """Piezoelectric constant of the material, k33·√(ε33·s33)."""
-        permittivity = self.relative_permittivity * VACUUM_F_PER_M
-        return self.coupling_factor * math.sqrt(permittivity * self.compliance_m2_per_n)
-
-    @property
-    def material_transformer_n_per_v(self) -> float:
-        """T from the material, 2·n·d33·(k_p + k_a): 13.95 for the printed 14."""
-        return 2.0 * self.wafers * self.d33_m_per_v * self.stiffness_n_per_m
 
     @property
     def transduction_v_per_um(self) -> float:

@@ -102,15 +102,6 @@ class MaxwellModel:
         stiffness = weights[1:] / (compliance[:-1] * compliance[1:])
         return cls(float(1.0 / compliance[-1]), stiffness, loading_um[1:])
 
-    def to_plays(self) -> tuple[Array, Array]:
-        """Return thresholds in V and weights in µm/V of the equivalent plays, shape (n + 1,) each."""
-        softer = np.cumsum(self.stiffness_v_per_um[::-1])[::-1]
-        slopes = self.base_v_per_um + np.concatenate([softer, [0.0]])
-        thresholds = np.cumsum(slopes[:-1] * np.diff(self.limits_um, prepend=0.0))
-        compliance = 1.0 / slopes
-        weights = np.diff(compliance, prepend=0.0)
-        return np.concatenate([[0.0], thresholds]), weights
-
     def virgin(self) -> MaxwellState:
         """State of a model that was never driven."""
         return MaxwellState(0.0, np.zeros(len(self.limits_um)))

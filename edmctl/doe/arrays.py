@@ -8,6 +8,7 @@ Taguchi's tables (System of Experimental Design, 1987), so that column numbers o
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -89,7 +90,7 @@ def array_for(counts: Sequence[int], wanted: str | None = None) -> tuple[Orthogo
         columns = _columns_for(counts, one.counts)
         if columns is not None:
             return one, columns
-    asked = ", ".join(f"{n} of {levels}" for levels, n in sorted(_tally(counts).items()))
+    asked = ", ".join(f"{n} of {levels}" for levels, n in sorted(Counter(counts).items()))
     raise ValueError(
         f"{wanted or 'No array up to L36'} has no columns for these factors by their levels: {asked}."
     )
@@ -105,10 +106,6 @@ def _columns_for(counts: Sequence[int], columns: Sequence[int]) -> tuple[int, ..
         free.remove(column)
         chosen.append(column)
     return tuple(chosen)
-
-
-def _tally(counts: Sequence[int]) -> dict[int, int]:
-    return {count: list(counts).count(count) for count in counts}
 
 
 def _digits(base: int, order: int) -> Levels:

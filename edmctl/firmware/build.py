@@ -95,7 +95,8 @@ def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Buil
         content.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
     digest = content.hexdigest()[:16]
     maker = hashlib.sha256(repr((command, version)).encode()).hexdigest()[:8]
-    library = cache_folder(environ) / f"edmlink-{real}-{digest}-{maker}{_suffix()}"
+    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+    library = cache_folder(environ) / f"edmlink-{real}-{digest}-{maker}{suffix}"
     said = f"{shlex.join(command)} ({version})"
     if library.is_file():
         return Build(library, real, digest, said, is_new=False)
@@ -111,10 +112,6 @@ def _defines(real: str) -> list[str]:
         raise ValueError(f"the firmware calculates in {' or '.join(REALS)}, not in {real}")
     kind = ["-DEDM_REAL_DOUBLE"] if real == "double" else []
     return [*kind, f"-DEDM_LINGER_TICKS={_LINGER_TICKS}", "-DEDM_BOX_LASTS=0", "-DEDM_OFF_NS_MIN=0"]
-
-
-def _suffix() -> str:
-    return {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
 def cache_folder(environ: Mapping[str, str]) -> Path:

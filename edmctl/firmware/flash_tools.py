@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -337,7 +337,8 @@ def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> 
         tool.read_back(board, len(data))
         read = _first_bytes(tool.folder / _BACK, len(data) + 1)
         if read != data:
-            first = next(_differences(read, data), min(len(read), len(data)))
+            differences = (at for at, (a, b) in enumerate(zip(read, data, strict=False)) if a != b)
+            first = next(differences, min(len(read), len(data)))
             raise PreconditionError(
                 f"{len(read)} bytes were read back, and they differ from the image at "
                 f"0x{board.flash.address + first:08X}. The board was not reset.",
@@ -353,10 +354,6 @@ def _first_bytes(file: Path, count: int) -> bytes:
     with suppress(OSError), open_regular(file) as opened:
         return opened.read(count)
     return b""
-
-
-def _differences(read: bytes, written: bytes) -> Iterator[int]:
-    return (at for at, (a, b) in enumerate(zip(read, written, strict=False)) if a != b)
 
 
 def _id_in(said: str, pattern: str, tool: str) -> int:

@@ -8,16 +8,7 @@ from dataclasses import fields
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.frame import Frame
-from edmctl.link.messages import (
-    REQUESTS,
-    Boot,
-    Hello,
-    Interlocks,
-    PathMove,
-    ResetCause,
-    StageMove,
-    Status,
-)
+from edmctl.link.messages import REQUESTS, Boot, Hello, Interlocks, PathMove, ResetCause, StageMove, Status
 from edmctl.link.statistics import Statistics
 from edmctl.link.wire import Request
 

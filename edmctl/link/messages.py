@@ -149,8 +149,6 @@ class Interlocks(IntFlag):
 
 @dataclass(slots=True)
 class HelloReply(Message):
-    """Reply to HELLO."""
-
     ID, NAME = 0x01, "HELLO_REPLY"
     WIRE = "u8 u8 u32 u32 u8 u8 u8 u32 s12 u16 u16 u16 u8 u32 u8 u16 u8 u8 u32"
 
@@ -191,8 +189,6 @@ class Hello(Request[HelloReply]):
 
 @dataclass(slots=True)
 class HeartbeatReply(Message):
-    """Reply to HEARTBEAT."""
-
     ID, NAME = 0x02, "HEARTBEAT_REPLY"
     WIRE = "u64 u64 u8 u16 u16 u16"
 
@@ -220,8 +216,6 @@ class Heartbeat(Request[HeartbeatReply]):
 
 @dataclass(slots=True)
 class GetSchemaReply(Message):
-    """Reply to GET_SCHEMA."""
-
     ID, NAME = 0x03, "GET_SCHEMA_REPLY"
     WIRE = "u16 u8 records"
     RECORD = (("data", "u8", 1),)
@@ -246,8 +240,6 @@ class GetSchema(Request[GetSchemaReply]):
 
 @dataclass(slots=True)
 class AdvanceReply(Message):
-    """Reply to ADVANCE."""
-
     ID, NAME = 0x05, "ADVANCE_REPLY"
     WIRE = "u64"
 
@@ -270,8 +262,6 @@ class Advance(Request[AdvanceReply]):
 
 @dataclass(slots=True)
 class GetStatusReply(Message):
-    """Reply to GET_STATUS."""
-
     ID, NAME = 0x04, "GET_STATUS_REPLY"
     WIRE = "u8 u16 u16 i32/1000 i32/1000 i32/1000 i32/1000 u16/400 u16/200 i16/10 u16/100 i16/100 u8"
 
@@ -340,8 +330,6 @@ class SetParam(Request[Ack]):
 
 @dataclass(slots=True)
 class GetParamReply(Message):
-    """Reply to GET_PARAM."""
-
     ID, NAME = 0x0C, "GET_PARAM_REPLY"
     WIRE = "i32"
 
@@ -575,8 +563,6 @@ class TlmStop(Request[Ack]):
 
 @dataclass(slots=True)
 class BlackboxReadReply(Message):
-    """Reply to BLACKBOX_READ."""
-
     ID, NAME = 0x30, "BLACKBOX_READ_REPLY"
     WIRE = "u16 u32 u8 records"
     RECORD = (
@@ -613,8 +599,6 @@ class BlackboxRead(Request[BlackboxReadReply]):
 
 @dataclass(slots=True)
 class WaveformReadReply(Message):
-    """Reply to WAVEFORM_READ."""
-
     ID, NAME = 0x31, "WAVEFORM_READ_REPLY"
     WIRE = "u32 u32 u32 u8 records"
     RECORD = (

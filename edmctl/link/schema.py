@@ -255,12 +255,9 @@ def _check_layout(name: str, layout: Layout, max_payload: int) -> None:
         raise SchemaError(f"{name}: text must be the last field")
     if layout.size + layout.record_size > max_payload:
         raise SchemaError(f"{name}: payload exceeds {max_payload} bytes")
-    if layout.record and (layout.fields[-1].type == TEXT_TYPE or ("n", "u8") not in _names_and_types(layout)):
+    has_count = ("n", "u8") in [(f.name, f.type) for f in layout.fields]
+    if layout.record and (layout.fields[-1].type == TEXT_TYPE or not has_count):
         raise SchemaError(f"{name}: records need a header field n of type u8")
-
-
-def _names_and_types(layout: Layout) -> list[tuple[str, str]]:
-    return [(f.name, f.type) for f in layout.fields]
 
 
 def _check_scale(name: str, scale: float) -> None:

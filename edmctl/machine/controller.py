@@ -41,13 +41,7 @@ from edmctl.machine.interface import (
     WaveformBatch,
 )
 from edmctl.machine.plausibility import impossible, wrong_touch
-from edmctl.machine.queries import (
-    identity_of,
-    read_black_box,
-    read_status,
-    read_unbelieved,
-    read_waveforms,
-)
+from edmctl.machine.queries import identity_of, read_black_box, read_status, read_unbelieved, read_waveforms
 from edmctl.machine.recovery import clear_fault, wait_for_rest
 from edmctl.machine.requests import (
     ControllerSettings,

@@ -56,7 +56,11 @@ def _build_tree(file: h5py.File, meta: RunMeta) -> None:
     values = _scalar_values(meta)
     for scalar in layout.SCALARS:
         _create_scalar(file, scalar, values[scalar.path])
-    _write_leaves(file["/entry/profile/values"].id, meta)
+    values_group = file["/entry/profile/values"].id
+    for leaf in meta.profile_leaves:
+        _put_attributes(values_group, {leaf.key: leaf.value})
+        if leaf.units not in (PURE, TEXT):
+            _put_attributes(values_group, {f"{leaf.key}_units": leaf.units})
     for table in layout.TABLES:
         if table.is_compound:
             _create_compound(file, table)
@@ -190,13 +194,6 @@ def _make_plottable(group: h5py.h5g.GroupID, signal: str, axis: str, auxiliary: 
         _put_attributes(group, {"axes": [axis]})
     if auxiliary:
         _put_attributes(group, {"auxiliary_signals": list(auxiliary)})
-
-
-def _write_leaves(group: h5py.h5g.GroupID, meta: RunMeta) -> None:
-    for leaf in meta.profile_leaves:
-        _put_attributes(group, {leaf.key: leaf.value})
-        if leaf.units not in (PURE, TEXT):
-            _put_attributes(group, {f"{leaf.key}_units": leaf.units})
 
 
 # A file has 105 datasets with two texts each. h5py's low-level calls take a third of the time off that every run

@@ -82,6 +82,14 @@ def verify_checksum(path: Path) -> Checksum:
     return Checksum.FITS if crc == int(found[2], 16) else Checksum.BROKEN
 
 
+def is_whole(path: Path) -> bool:
+    """Return whether `path` is a file with a check sum that fits."""
+    try:
+        return verify_checksum(path) is Checksum.FITS
+    except OSError:
+        return False
+
+
 _MARK = slice(20, 24)
 """Bytes of a superblock of version 0 or 1 that HDF5 sets while a program has the file open for writing."""
 

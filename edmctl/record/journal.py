@@ -301,7 +301,7 @@ def _journal(data: bytes) -> Journal:
                 "places": tuple((name, *map(_number, numbers)) for name, *numbers in job["places"]),
             }
         ),
-        state=_with_numbers(content["state"]),
+        state={name: _not_null(value) for name, value in content["state"].items()},
         written_utc_s=float(content["written_utc_s"]),
         x_um=_number(content["x_um"]),
         y_um=_number(content["y_um"]),
@@ -344,12 +344,8 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
-def _with_numbers(state: Mapping[str, object]) -> dict[str, object]:
-    """A state with NaN where the file has null."""
-    return {name: _not_null(value) for name, value in state.items()}
-
-
 def _not_null(value: object) -> object:
+    """Return a value of the file with NaN in the place of null."""
     if isinstance(value, dict):
         return {name: _not_null(item) for name, item in value.items()}
     if isinstance(value, list):

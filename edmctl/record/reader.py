@@ -21,7 +21,7 @@ from edmctl.record import layout
 from edmctl.record.compaction import CLOSING
 from edmctl.record.disk import PARTIAL, partial_path
 from edmctl.record.hdf5 import refuse_endless
-from edmctl.record.integrity import Checksum, verify_checksum
+from edmctl.record.integrity import is_whole
 from edmctl.record.layout import Column, Table
 from edmctl.record.locks import interrupted, is_live
 from edmctl.record.opening import damaged, open_file
@@ -305,17 +305,10 @@ def _blamed(path: Path) -> Iterator[None]:
     except EdmError:
         raise
     except Exception as error:
-        if _is_whole(path):
+        if is_whole(path):
             raise
         why = next(iter(str(error).splitlines()), "") or type(error).__name__
         raise damaged(path, why.rstrip(".")) from error
-
-
-def _is_whole(path: Path) -> bool:
-    try:
-        return verify_checksum(path) is Checksum.FITS
-    except OSError:
-        return False
 
 
 LONGEST_CLOSING_LOOKS = 240

@@ -18,7 +18,7 @@ from edmctl.record import layout
 from edmctl.record.compaction import CLOSING, compact
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL, error_number, reason, rename_without_replacing
 from edmctl.record.hdf5 import refuse_endless
-from edmctl.record.integrity import Checksum, verify_checksum
+from edmctl.record.integrity import is_whole
 from edmctl.record.locks import is_live
 from edmctl.record.opening import damaged, open_file
 from edmctl.record.stores import fit_utf8
@@ -59,14 +59,7 @@ def recovered_name(path: Path) -> Path:
 
 def is_complete(path: Path) -> bool:
     """Whether there is nothing to recover: a file with an end and a check sum that fits."""
-    return path.suffix != PARTIAL and _seal_of(path) is Checksum.FITS
-
-
-def _seal_of(path: Path) -> Checksum:
-    try:
-        return verify_checksum(path) if path.is_file() else Checksum.NONE
-    except OSError:
-        return Checksum.NONE
+    return path.suffix != PARTIAL and is_whole(path)
 
 
 def recover(path: Path, target: Path | None = None) -> Recovered:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from edmctl.actuator.electromechanical import TABLE_1, ElectromechanicalModel
+from edmctl.actuator.electromechanical import TABLE_1, ElectromechanicalModel, Transducer
 from edmctl.actuator.maxwell import MaxwellModel
 from edmctl.actuator.waveforms import sine
 
@@ -23,25 +24,30 @@ MAXWELL = MaxwellModel.from_plays(
 MODEL = ElectromechanicalModel.from_maxwell(MAXWELL)
 
 
+def material_transformer_n_per_v(transducer: Transducer) -> float:
+    """T from the material of Table 1, 2·n·d33·(k_p + k_a) with d33 = k33·√(ε33·s33)."""
+    d33_m_per_v = 0.7 * math.sqrt(2900.0 * 8.8541878128e-12 * 2.22e-11)
+    return 2.0 * 200 * d33_m_per_v * transducer.stiffness_n_per_m
+
+
 def test_the_printed_transformer_ratio_follows_from_the_material() -> None:
-    assert TABLE_1.material_transformer_n_per_v == pytest.approx(13.95, abs=0.01)
-    assert TABLE_1.material_transformer_n_per_v == pytest.approx(TABLE_1.transformer_n_per_v, rel=0.004)
+    assert material_transformer_n_per_v(TABLE_1) == pytest.approx(13.95, abs=0.01)
+    assert material_transformer_n_per_v(TABLE_1) == pytest.approx(TABLE_1.transformer_n_per_v, rel=0.004)
 
 
 def test_the_printed_stack_stiffness_would_need_another_transformer_ratio() -> None:
     printed = replace(TABLE_1, stack_n_per_m=6e6)
-    assert printed.material_transformer_n_per_v < 0.2 * printed.transformer_n_per_v
+    assert material_transformer_n_per_v(printed) < 0.2 * printed.transformer_n_per_v
 
 
 def test_the_printed_flexure_stiffness_would_need_another_transformer_ratio() -> None:
     printed = replace(TABLE_1, flexure_n_per_m=6e3)
-    assert printed.material_transformer_n_per_v == pytest.approx(12.7, abs=0.05)
+    assert material_transformer_n_per_v(printed) == pytest.approx(12.7, abs=0.05)
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("d33_m_per_v", 528.5e-12),
         ("transduction_v_per_um", 0.2619),
         ("charge_c_per_m", 32.86),
     ],

@@ -52,13 +52,6 @@ def test_a_displacement_is_reached_by_the_voltage_for_it(bank: Plays, y_um: Arra
     assert np.abs(model.displacement(model.voltage(y_um)) - y_um).max() <= 1e-9
 
 
-@given(plays())
-def test_the_conversion_round_trip_is_exact(bank: Plays) -> None:
-    thresholds_v, weights = MaxwellModel.from_plays(*bank).to_plays()
-    assert np.abs(thresholds_v - bank[0]).max() <= 1e-9
-    assert np.abs(weights - bank[1]).max() <= 1e-9
-
-
 def test_limits_are_the_initial_loading_curve() -> None:
     loading_um = MODEL.displacement(THRESHOLDS_V[1:])
     assert MODEL.limits_um == pytest.approx(loading_um, abs=1e-12)

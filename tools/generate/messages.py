@@ -100,8 +100,8 @@ def _class(message: MessageSpec, layout: Layout, suffix: str) -> str:
     lines = [
         "@dataclass(slots=True)\n" if layout.fields else "",
         f"class {message.class_name}{suffix}({base}):\n",
-        _docstring(f"Reply to {message.name}." if suffix else message.note),
-        f'\n    ID, NAME = 0x{message.id:02X}, "{name}"\n',
+        "" if suffix else f"{_docstring(message.note)}\n",
+        f'    ID, NAME = 0x{message.id:02X}, "{name}"\n',
         f"    REPLY = {reply}\n" if is_request and reply != "Ack" else "",
     ]
     if layout.fields:

@@ -115,17 +115,15 @@ def plan_study(
         wrong.append(source.refusal(("design", refused.key), refused.message, refused.hint))
     if wrong:
         wrong += _wrong_values(source, base, factors, surroundings)
-        raise ProfileError(tuple(sorted(dict.fromkeys(wrong), key=_line)))
+        raise ProfileError(
+            tuple(sorted(dict.fromkeys(wrong), key=lambda one: one.where.line if one.where else 0))
+        )
     runs = _runs(source, points, center_of(source, factors))
     checked = _checked(source, base, factors, runs, surroundings, observe)
     refuse_undoable(source, runs, checked)
     plan = _plan(source, factors, points, runs, checked)
     recipes = {point: (one.loaded.sha256, one.loaded.sim_sha256) for point, one in checked.items()}
     return PlannedStudy(source, plan, base, recipes, _warnings(source, runs, checked, factors), changes)
-
-
-def _line(one: Diagnostic) -> int:
-    return one.where.line if one.where is not None else 0
 
 
 def _wrong_values(
