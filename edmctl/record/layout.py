@@ -145,7 +145,8 @@ SCALARS = (
     _text(
         "/entry/procedure",
         "procedure",
-        "what was done: `machine`, `approach`, `contact touch`, `measure-wear`, `wear reference`, `jump-flush`, `measure-drift`",
+        "what was done: `machine`, `approach`, `contact touch`, `measure-wear`, `wear reference`, "
+        "`jump-flush`, `measure-drift`",
     ),
     _text("/entry/start_time", "start_time", "start, ISO 8601"),
     Scalar("/entry/end_time", "", "S40", TEXT, "end, ISO 8601; empty while running"),
