@@ -13,7 +13,7 @@ Names of `edmctl` itself are loaded when they are used.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from operator import index
@@ -21,17 +21,19 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, SupportsIndex
 
-from edmctl.errors import UsageError, refuse_wrong_clock
+from edmctl.errors import Diagnostic, UsageError, refuse_wrong_clock
 from edmctl.files import user_path
 from edmctl.jobs.connect import controller_warning, seed_warning
-from edmctl.jobs.job import carry_out
-from edmctl.jobs.plan import SIMULATOR, JobRequest, check, where_is
-from edmctl.jobs.resume.selection import name_of_resumed
+from edmctl.jobs.job import Report, carry_out
+from edmctl.jobs.plan import SIMULATOR, JobRequest, Plan, check, where_is
+from edmctl.jobs.resume.selection import checked, find_run, name_of_resumed
 from edmctl.jobs.run_header import name_run, plain_name
-from edmctl.jobs.surroundings import Surroundings, Unobserved, python_warnings
+from edmctl.jobs.surroundings import Surroundings, Unobserved, Warn, python_warnings
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.machine.stop import StopRequest
-from edmctl.profile.folders import as_value
+from edmctl.profile.folders import HOME_VARIABLE, as_value
+from edmctl.results.forecast import Forecast
+from edmctl.results.progress import Observer
 from edmctl.toml_text import toml_value
 
 __all__ = [
@@ -46,19 +48,12 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from types import TracebackType
 
-    from edmctl.errors import Diagnostic
     from edmctl.jobs.calibration.request import CalibrationRequest, CheckedCalibration
     from edmctl.jobs.calibration.run import CalibrationReport
-    from edmctl.jobs.job import Report
-    from edmctl.jobs.plan import Plan
     from edmctl.jobs.procedures import Procedure, ProcedureReport
-    from edmctl.jobs.surroundings import Warn
     from edmctl.record.reader import RunFile
-    from edmctl.results.forecast import Forecast
-    from edmctl.results.progress import Observer
     from edmctl.rules.load import LoadedProfile
 
     Overrides = Mapping[str, object] | Iterable[str]
@@ -168,7 +163,6 @@ class Machine:
         is made from the start. Raises PreconditionError E8050 to E8062 where nobody knows how far it came, and what
         `machine` raises.
         """
-        from edmctl.jobs.resume.selection import checked, find_run
         from edmctl.jobs.runs.recovery import recovered_before
 
         doubts = _doubts(warn)
@@ -352,8 +346,6 @@ class Machine:
 
     def _surroundings(self, stop: StopRequest | None) -> Surroundings:
         """The program around a call: no terminal, no environment, no signals."""
-        from edmctl.profile.folders import HOME_VARIABLE
-
         if not isinstance(stop, StopRequest | None):
             raise TypeError(f"stop has to be an edmctl.StopRequest, not {type(stop).__name__}")
         environ = {} if self._home is None else {HOME_VARIABLE: str(self._home)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+from collections.abc import Sequence
 from functools import cache
 from io import TextIOWrapper
 from itertools import takewhile
@@ -15,15 +16,12 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from edmctl.cli.commands import (
-    approach,
     calibrate,
     doctor,
     first_start,
-    jump_flush,
     machine,
-    measure_drift,
-    measure_wear,
     ports,
+    procedures,
     profile,
     reset,
 )
@@ -35,9 +33,9 @@ from edmctl.cli.simulate import seeds as simulate
 from edmctl.cli.study import app as studies
 from edmctl.errors import EdmError, UsageError
 from edmctl.exitcodes import ExitCode, exit_code_table
+from edmctl.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from typing import NoReturn
 
 app = typer.Typer(
@@ -48,11 +46,11 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("calibrate")(calibrate.calibrate)
-app.command("approach")(approach.approach)
+app.command("approach")(procedures.approach)
 app.command("machine")(machine.machine)
-app.command("measure-wear")(measure_wear.measure_wear)
-app.command("measure-drift")(measure_drift.measure_drift)
-app.command("jump-flush")(jump_flush.jump_flush)
+app.command("measure-wear")(procedures.measure_wear)
+app.command("measure-drift")(procedures.measure_drift)
+app.command("jump-flush")(procedures.jump_flush)
 app.command("reset")(reset.reset)
 app.command("doctor")(doctor.doctor)
 app.command("first-start")(first_start.first_start)
@@ -77,8 +75,6 @@ def edmctl(
 ) -> None:
     """Controller for a micro-EDM machine with a piezo-driven tool."""
     if version:
-        from edmctl.version import __version__
-
         sys.stdout.write(f"edmctl {__version__}\n")
         raise typer.Exit
     if context.invoked_subcommand is None:

@@ -175,7 +175,7 @@ class JobOptions:
             wait_s=self.wait,
             new_tool=new_tool,
         )
-        plan = check(request, shell())
+        plan = dataclasses.replace(check(request, shell()), names_tool=self.profile is not None)
         outcome.simulated = plan.simulated
         outcome.uses(profile=plan.loaded.path if self.profile else None, setup=plan.setup.file)
         outcome.warn([*plan.loaded.warnings, *controller_warning(plan.where, self.controller)])

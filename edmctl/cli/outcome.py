@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TextIO
+from pathlib import Path
+from typing import TextIO
 
 from edmctl.cli.signals import SignalArrived, ignore_signals, signal_name
 from edmctl.console.diagnostics import render_diagnostics, summary_line
@@ -24,11 +26,6 @@ from edmctl.errors import (
 )
 from edmctl.exitcodes import ExitCode, error_exit_code
 from edmctl.jsonout import SCHEMA, render_json, render_json_line
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-    from pathlib import Path
-
 
 _watching: list[Reporter] = []
 """Who is writing to stderr at present."""

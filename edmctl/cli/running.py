@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
 
-from edmctl.cli.outcome import note, stream_style, watching
+from edmctl.cli.outcome import Outcome, note, stream_style, watching
 from edmctl.cli.signals import ignore_signals
+from edmctl.console.progress import Reporter
+from edmctl.console.style import Style
 from edmctl.jobs.sweep import seed_to_use, simulated_by
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from edmctl.cli.options import JobOptions, RunOptions
-    from edmctl.cli.outcome import Outcome
-    from edmctl.console.progress import Reporter
-    from edmctl.console.style import Style
     from edmctl.jobs.job import Report
     from edmctl.jobs.ledger.tool import ToolIdentity
     from edmctl.jobs.plan import Plan

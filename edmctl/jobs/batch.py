@@ -19,6 +19,7 @@ from edmctl.jobs.run_header import name_run, plain_name, run_path
 from edmctl.jobs.statistics import run_of
 from edmctl.jobs.surroundings import Surroundings, Unobserved
 from edmctl.jobs.sweep import grid_of, of_sweep
+from edmctl.record.disk import refuse_place
 from edmctl.results.progress import Observer, SeriesObserver
 from edmctl.results.simulation import SimulatedRun
 
@@ -96,8 +97,6 @@ def check_names(tasks: Sequence[Task]) -> None:
 
     UsageError E2005 where two of them were the same.
     """
-    from edmctl.record.disk import refuse_place
-
     names = [task.run_id for task in tasks if task.out is not None]
     if again := [name for name in names if names.count(name) > 1]:
         raise UsageError(

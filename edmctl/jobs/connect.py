@@ -7,6 +7,7 @@ but the wire.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
@@ -14,18 +15,18 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.files import path_variable, read_bytes
+from edmctl.forecasts.erosion import of_tool, of_work
 from edmctl.jobs.plan import FRESH, MachineAddress, where_is
 from edmctl.jobs.session import ConnectedMachine
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.link.gate import LEAST_SECRET
 from edmctl.link.ports import SOCKET, scheme_of
+from edmctl.process.erosion import ErosionLaw
+from edmctl.process.gap_conditions import GapLaw
 from edmctl.profile.folders import is_file, own_setup_path
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
-    from edmctl.jobs.surroundings import Surroundings
     from edmctl.link.transport import Transport
     from edmctl.machine.controller import LinkMachine
     from edmctl.profile.setup import Setup
@@ -186,9 +187,6 @@ def known_controller(name: str) -> str:
 
 def bench_config(loaded: LoadedProfile | None, setup: Setup) -> BenchConfig:
     """Put the profile's tool and work on a bench that erodes by its `[sim]` table, with or without a sensor."""
-    from edmctl.forecasts.erosion import of_tool, of_work
-    from edmctl.process.erosion import ErosionLaw
-    from edmctl.process.gap_conditions import GapLaw
     from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
 
     sensor = setup.sensor

@@ -18,16 +18,17 @@ from edmctl.jobs.resume.selection import refuse_other_setup_of_run
 from edmctl.jobs.run_header import RunName, run_meta
 from edmctl.jobs.runs.opening import on_machine
 from edmctl.jobs.session import MachineSession
+from edmctl.jobs.surroundings import Warn
 from edmctl.jsonout import render_json
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
+from edmctl.record.disk import refuse_place
 from edmctl.record.disk_thread import DiskThread
-from edmctl.record.rows import Recorder, Summary
+from edmctl.record.locks import are_known
+from edmctl.record.rows import NullRecorder, Recorder, Summary
 from edmctl.record.run_meta import RunMeta
 from edmctl.results.progress import Observer
 
 if TYPE_CHECKING:
-    from edmctl.jobs.surroundings import Warn
-
     Act = Callable[[Recorder], None]
 
 
@@ -50,9 +51,6 @@ def connected_run(
 
     Raises LinkLost, ProtocolMismatch and RunFileError where there was no machine to act on.
     """
-    from edmctl.record.disk import refuse_place
-    from edmctl.record.locks import are_known
-
     if name is not None:
         refuse_place(name.path)
         if warn is not None and not are_known(name.path.parent):
@@ -174,8 +172,6 @@ def recorded(
     file is called then. `waits` says that the machine's time stands still while a slow disk is waited for.
     """
     if name is None:
-        from edmctl.record.rows import NullRecorder
-
         yield NullRecorder()
         return
     from edmctl.record.background import BackgroundWriter

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, PreconditionError, installing
 from edmctl.jobs.runs.opening import on_machine
+from edmctl.link.ports import is_adapter
+from edmctl.profile.folders import find_calibration
 from edmctl.results.equipment import Check, CheckStatus
 from edmctl.version import __version__
 
@@ -129,7 +131,6 @@ def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str
     """Whether the calibration that a job would use is there, can be read, and is of this machine."""
     from edmctl.jobs.plan import where_is
     from edmctl.profile.calibration import load_calibration
-    from edmctl.profile.folders import find_calibration
 
     fresh = not where_is(port or None, setup).lasting
     path = find_calibration(None, environ, setup.actuator.calibration, None if fresh else serial)
@@ -157,8 +158,6 @@ def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str
 
 def line_settings(selector: str | None, sys: Path = _SYS, proc: Path = _PROC) -> Sequence[Check]:
     """What Linux tells about a serial port: the wait of an FTDI adapter, and ModemManager, which types into it."""
-    from edmctl.link.ports import is_adapter
-
     device = os.path.realpath(selector or "")
     if selector is None or not device.startswith("/dev/") or not is_adapter(device):
         return ()

@@ -6,13 +6,18 @@ import time
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, Interrupted, LinkLost, stages_by_hand
+from edmctl.firmware.boards import board_of
+from edmctl.firmware.build import source_version
 from edmctl.jobs.doctor_host import Checks, fail, ok, warn
+from edmctl.link.messages import SCHEMA_HASH, Clock, HelloReply, ResetCause
+from edmctl.link.ports import is_adapter
+from edmctl.machine.faults import INTERLOCKS
 from edmctl.results.equipment import Check
+from edmctl.results.firmware import dotted
 from edmctl.results.telemetry import LinkReport
 from edmctl.wording import coordinates, decimal
 
 if TYPE_CHECKING:
-    from edmctl.link.messages import HelloReply
     from edmctl.machine.controller import LinkMachine
     from edmctl.machine.interface import (
         MachineEvent,
@@ -86,8 +91,6 @@ def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
 
 
 def _identity(machine: LinkMachine) -> list[Check]:
-    from edmctl.link.messages import SCHEMA_HASH, Clock, ResetCause
-
     hello, identity = machine.hello, machine.identity
     kind = "virtual machine" if identity.simulated else f"board {hello.board}"
     rate = f", {hello.baud} baud" if hello.baud else ""
@@ -110,10 +113,6 @@ def _identity(machine: LinkMachine) -> list[Check]:
 
 def _firmware(hello: HelloReply, port: str) -> Check:
     """Whether the board runs what this edmctl builds; of another schema there would be no session."""
-    from edmctl.firmware.boards import board_of
-    from edmctl.firmware.build import source_version
-    from edmctl.results.firmware import dotted
-
     runs = (hello.fw_major, hello.fw_minor, hello.fw_patch)
     board = board_of(hello.board)
     if board is None:
@@ -134,8 +133,6 @@ def _firmware(hello: HelloReply, port: str) -> Check:
 
 
 def _name(reset_cause: int) -> str:
-    from edmctl.link.messages import ResetCause
-
     try:
         return ResetCause(reset_cause).name.lower().replace("_", " ")
     except ValueError:
@@ -143,8 +140,6 @@ def _name(reset_cause: int) -> str:
 
 
 def _round_trip(machine: LinkMachine) -> Check:
-    from edmctl.link.ports import is_adapter
-
     times_s, port = [], machine.identity.transport
     for _ in range(QUESTIONS):
         start_s = time.perf_counter()
@@ -218,8 +213,6 @@ def _line(machine: LinkMachine, before: LinkReport) -> Check:
 
 
 def _interlocks(status: MachineStatus) -> list[Check]:
-    from edmctl.machine.faults import INTERLOCKS
-
     return [
         fail(f"interlock {name}", f"Open: {words}.", fix)
         if bit in status.interlocks

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
+from edmctl.profile.folders import find_drift
 from edmctl.wording import duration, plural
 
 if TYPE_CHECKING:
@@ -41,7 +42,6 @@ def choose_drift(
     and is warned of. Raises RecordError where one that was found cannot be used.
     """
     from edmctl.profile.drift_file import load_drift
-    from edmctl.profile.folders import find_drift
     from edmctl.profile.read import read_source
 
     if not (setup.drift.use and setup.sensor.fitted):

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING
 from edmctl.errors import EdmError, PreconditionError, RunFileError
 from edmctl.jobs.calibration.selection import ModelUsed
 from edmctl.jobs.connected_run import connected_run, ending
-from edmctl.jobs.ledger.job_ledger import JobLedger
+from edmctl.jobs.ledger.job_ledger import DONE, JobLedger
 from edmctl.jobs.plan import Plan
-from edmctl.jobs.resume.checkpoint import JobCheckpoint
+from edmctl.jobs.resume.checkpoint import JobCheckpoint, tell_way_on
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.session import MachineSession
-from edmctl.jobs.truth import TrueWear
+from edmctl.jobs.surroundings import Warn
+from edmctl.jobs.truth import TrueWear, channel_truth, keep_truth_map
 from edmctl.jsonout import JsonValue
 from edmctl.labels import marked
 from edmctl.procedures.job_state import JobTally, StateStore
@@ -31,7 +32,6 @@ from edmctl.results.result import Result, html_table
 from edmctl.wording import length
 
 if TYPE_CHECKING:
-    from edmctl.jobs.surroundings import Warn
     from edmctl.procedures.job import Job
     from edmctl.simulator.bench import HoleTruth
 
@@ -135,11 +135,6 @@ def carry_out(
     machine that the job is for, another one is refused (E8214). Expected errors come back in the report, with what
     was reached until then.
     """
-    from edmctl.jobs.ledger.job_ledger import JobLedger
-    from edmctl.jobs.resume.checkpoint import JobCheckpoint, tell_way_on
-    from edmctl.jobs.truth import TrueWear
-    from edmctl.procedures.job_state import JobTally
-
     tally = JobTally()
     true_wear: TrueWear | None = None
 
@@ -169,8 +164,6 @@ def carry_out(
             _run(session, entries, kept, job, recorder, observer, tally, journal)
         finally:
             if session.bench.virtual and session.plan.loaded.profile.path is not None:
-                from edmctl.jobs.truth import keep_truth_map
-
                 keep_truth_map(recorder, session.bench.virtual)
 
     def summary(session: MachineSession) -> dict[str, object]:
@@ -207,7 +200,6 @@ def _run(
 
     Its journal comes first: whoever finds a job in the ledger can go on with it.
     """
-    from edmctl.jobs.ledger.job_ledger import DONE
     from edmctl.procedures.machining import run_job
 
     job = kept.begin(job)
@@ -244,8 +236,6 @@ def _report(session: MachineSession, tally: JobTally, true_wear: TrueWear | None
     used = session.choice.used if session.choice else None
     channel = None
     if virtual and true_wear and job.channel is not None:
-        from edmctl.jobs.truth import channel_truth
-
         channel = channel_truth(plan.loaded.profile, virtual, virtual.tool_wear_um - true_wear.before_um)
     drift = session.drift.text if session.drift else ""
     seed = session.bench.seed

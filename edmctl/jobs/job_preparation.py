@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
+from edmctl.forecasts.forecast import forecast
 from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import Place, next_free_x_um, refuse_taken, refuse_unreachable
 from edmctl.jobs.ledger.tool import (
@@ -64,8 +65,6 @@ class PreparedJob:
         Raises PreconditionError: E8042 a place is taken, E8043 the tool is worn out, E8044 too short, E8048 of
         unknown length.
         """
-        from edmctl.forecasts.forecast import forecast
-
         job, account = self.job, self.account
         warnings: list[Diagnostic] = []
         if job.profile.approach is not plan.loaded.profile.approach:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from edmctl.jobs.calibration.request import check_writable
 from edmctl.jobs.job_preparation import ledger_of
@@ -22,17 +22,18 @@ from edmctl.jobs.ledger.tool import (
 from edmctl.jobs.plan import Plan
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.session import MachineSession
-from edmctl.procedures.job import Job
+from edmctl.jobs.surroundings import Warn
+from edmctl.procedures.job import Job, job_of
 from edmctl.procedures.measure_drift import DriftPlan, drift_result, drift_time_s, measure_drift, plan_drift
 from edmctl.procedures.run import JobRun
 from edmctl.process.rest_drift import DriftModel, model_of
+from edmctl.profile.drift_file import MadeBy, drift_file, save_drift
+from edmctl.profile.folders import default_drift_path, fresh_drift_path
 from edmctl.record.ledger import Ledger
 from edmctl.record.ledger_entries import RunEnded, WearMeasured
 from edmctl.record.tool_account import ToolAccount, history_of
 from edmctl.results.measurements import DriftResult
-
-if TYPE_CHECKING:
-    from edmctl.jobs.surroundings import Warn
+from edmctl.version import __version__
 
 
 def drift_forecast(plan: Plan, duration_s: float | None) -> dict[str, Any]:
@@ -80,9 +81,6 @@ class DriftRun:
         Raises PreconditionError: E8048 a tool whose job was killed, E8059 a reference under another setup, E8063 a
         run whose recipe is unknown.
         """
-        from edmctl.procedures.job import job_of
-        from edmctl.profile.folders import default_drift_path, fresh_drift_path
-
         serial = session.bench.machine.identity.serial
         self._session, self._run_file = session, name.path.name
         place = default_drift_path if self.plan.where.lasting else fresh_drift_path
@@ -155,9 +153,6 @@ class DriftRun:
         return virtual.true_drifts_um_per_s if virtual else None
 
     def _save(self, session: MachineSession) -> None:
-        from edmctl.profile.drift_file import MadeBy, drift_file, save_drift
-        from edmctl.version import __version__
-
         assert self.found is not None
         assert self._model is not None
         assert self.path is not None

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, PreconditionError, UsageError
+from edmctl.forecasts.measuring import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
 from edmctl.jobs.job_preparation import ledger_of
-from edmctl.jobs.ledger.elapsed import with_home
+from edmctl.jobs.ledger.elapsed import Now, with_home
 from edmctl.jobs.ledger.places_taken import coordinates_in
 from edmctl.jobs.ledger.recipe import last_run_of, with_recipe_of
 from edmctl.jobs.ledger.tool import (
@@ -24,6 +26,8 @@ from edmctl.jobs.ledger.tool import (
     tool_identity,
 )
 from edmctl.jobs.runs.opening import command_to_go_on, on_machine
+from edmctl.jobs.session import MachineSession
+from edmctl.procedures.job import Job, job_of
 from edmctl.procedures.measure_wear import (
     LEAST_TOUCHES,
     Bottom,
@@ -33,33 +37,27 @@ from edmctl.procedures.measure_wear import (
     touch_pad,
 )
 from edmctl.procedures.monitoring.drift import counted_pause_s
+from edmctl.procedures.run import JobRun
+from edmctl.procedures.touch.reading import SurfaceReading
+from edmctl.profile.model import Profile
+from edmctl.record.ledger import Ledger
 from edmctl.record.ledger_entries import (
     UNFINISHED,
     Entry,
     ReferenceTouched,
     RunEnded,
+    SiteMachined,
     ToolChanged,
     WearMeasured,
 )
 from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
+from edmctl.results.measurements import WearResult
 from edmctl.wording import length
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from edmctl.jobs.ledger.elapsed import Now
     from edmctl.jobs.plan import MachineAddress, Plan
     from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.session import MachineSession
     from edmctl.jobs.surroundings import Warn
-    from edmctl.procedures.job import Job
-    from edmctl.procedures.run import JobRun
-    from edmctl.procedures.touch.reading import SurfaceReading
-    from edmctl.profile.model import Profile
-    from edmctl.record.ledger import Ledger
-    from edmctl.record.ledger_entries import SiteMachined
-    from edmctl.record.tool_account import MachineHistory
-    from edmctl.results.measurements import WearResult
 
 MOST_NAMES = 8
 """More of them nobody reads in a message."""
@@ -154,8 +152,6 @@ def measuring_profile(profile: Profile, speed_um_s: float = math.nan) -> Profile
 
 def wear_forecast(plan: Plan, *, reference: bool) -> dict[str, Any]:
     """Return what is touched, how, and how long it takes."""
-    from edmctl.forecasts.measuring import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
-
     profile, setup = measuring_profile(plan.loaded.profile), plan.setup
     time_s = touch_time_s(profile, setup)
     if not reference:
@@ -209,8 +205,6 @@ class WearRun:
 
     def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
         """Return what is measured. Raises what `look` raises."""
-        from edmctl.procedures.job import job_of
-
         self._session, self._run_file = session, name.path.name
         profile = self.look(tool_identity(session), ledger_of(self.plan, name), warn)
         self._temperature_c = session.bench.machine.status().temperature_c

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 from edmctl.errors import EdmError, RunFileError
+from edmctl.record.disk import make_folder as make
+from edmctl.record.disk import write_new
 
 _ANOTHER = "Choose another name."
 
@@ -20,8 +22,6 @@ def check_free(path: Path, hint: str = _ANOTHER) -> None:
 
 def write(path: Path, content: bytes, hint: str = _ANOTHER) -> None:
     """Write a file of that name. Raises RunFileError: E9011 it exists, E9012 it cannot be written."""
-    from edmctl.record.disk import write_new
-
     try:
         write_new(path, content)
     except FileExistsError:
@@ -54,8 +54,6 @@ def check_folder(folder: Path) -> None:
 
 def make_folder(folder: Path) -> None:
     """Make the folder that files are to go into. Raises RunFileError E9012."""
-    from edmctl.record.disk import make_folder as make
-
     try:
         make(folder)
     except OSError as refused:

@@ -7,10 +7,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from edmctl.errors import EdmError, UsageError
 from edmctl.forecasts.forecast import STROKE_RESERVE_UM
+from edmctl.forecasts.measuring import (
+    approach_time_s,
+    beside_pad_um,
+    conditioning_time_s,
+    jumps_time_s,
+    touch_time_s,
+)
 from edmctl.forecasts.removal import approach_speed_um_s
 from edmctl.jobs.calibration.selection import ModelUsed
 from edmctl.jobs.connected_run import connected_run
@@ -27,21 +34,22 @@ from edmctl.jobs.ledger.tool import (
 from edmctl.jobs.plan import Plan
 from edmctl.jobs.run_header import RunName, name_run
 from edmctl.jobs.session import MachineSession
+from edmctl.jobs.surroundings import Warn
 from edmctl.jsonout import JsonValue
 from edmctl.procedures.job import Job, job_of
-from edmctl.procedures.jump_series import least_period_s, run_jumps
+from edmctl.procedures.job_state import JobTally
+from edmctl.procedures.jump_series import SETTLE_AT_DEPTH_S, least_period_s, run_jumps
 from edmctl.procedures.run import JobRun
+from edmctl.procedures.session import running
 from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.profile.places import Place
+from edmctl.record.ledger import Ledger
 from edmctl.record.rows import Recorder
 from edmctl.record.tool_account import history_of
 from edmctl.results.measurements import JumpSeries, SurfaceFound
 from edmctl.results.progress import Observer
 from edmctl.results.result import Result
 from edmctl.wording import facts
-
-if TYPE_CHECKING:
-    from edmctl.jobs.surroundings import Warn
 
 MOST_UM = 1e6
 """Stages and profiles know no place further off."""
@@ -56,33 +64,26 @@ class Procedure(Protocol):
     @property
     def name(self) -> str:
         """First word of the run file's name."""
-        ...
 
     @property
     def kind(self) -> str:
         """What its run file says was done."""
-        ...
 
     @property
     def pulses(self) -> bool:
         """Whether it makes sparks."""
-        ...
 
     def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
         """Return what the machine is made ready for; refuse what cannot be done on it."""
-        ...
 
     def act(self, run: JobRun) -> None:
         """Do it on an armed and conditioned machine."""
-        ...
 
     def close(self, time_s: float) -> None:
         """Keep what is to be known by later commands; the machine is retracted and idle, after `time_s`."""
-        ...
 
     def result(self) -> Mapping[str, object] | None:
         """What was reached, for scripts; None where there is nothing."""
-        ...
 
 
 _MAIN_VALUES = ("kind", "displacement", "height of the jumps, mean", "Z1", "wear", "depth")
@@ -135,9 +136,6 @@ def perform(
     Expected errors come back with what was reached. Raises LinkLost, ProtocolMismatch and RunFileError where there
     was no machine to act on.
     """
-    from edmctl.procedures.job_state import JobTally
-    from edmctl.procedures.session import running
-
     tally = JobTally()
 
     def prepare(session: MachineSession) -> Callable[[Recorder], None]:
@@ -224,9 +222,6 @@ def approach_forecast(
 
     Raises PreconditionError as the approach would.
     """
-    from edmctl.forecasts.measuring import approach_time_s, beside_pad_um, touch_time_s
-    from edmctl.record.ledger import Ledger
-
     profile, setup = plan.loaded.profile, plan.setup
     if place is not None:
         refuse_unreachable(("the place", *place), job_of(profile, setup))
@@ -325,9 +320,6 @@ def end_um(plan: Plan) -> float:
 
 def jumps_forecast(plan: Plan, count: int) -> dict[str, float]:
     """Return what a series of jumps is, and how long it takes."""
-    from edmctl.forecasts.measuring import conditioning_time_s, jumps_time_s
-    from edmctl.procedures.jump_series import SETTLE_AT_DEPTH_S
-
     profile, jump = plan.loaded.profile, plan.loaded.profile.jump
     before_s = conditioning_time_s(profile, plan.setup) + SETTLE_AT_DEPTH_S
     return {

@@ -7,21 +7,20 @@ import re
 import socket
 import threading
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import UsageError
 from edmctl.jobs.calibration.selection import Choice
+from edmctl.record.run_meta import RunMeta, SourceText, profile_leaves
 from edmctl.toml_text import toml_scalar, toml_tables
+from edmctl.version import __version__
 
 if TYPE_CHECKING:
-    from datetime import datetime
-
     from edmctl.jobs.plan import Plan
     from edmctl.machine.interface import MachineIdentity
     from edmctl.profile.setup import Setup
-    from edmctl.record.run_meta import RunMeta, SourceText
     from edmctl.rules.load import LoadedProfile
 
 
@@ -114,9 +113,6 @@ def run_meta(
     drift_text: str = "",
 ) -> RunMeta:
     """Describe a run for its file; `drift_text` is the drift file that it goes by."""
-    from edmctl.record.run_meta import RunMeta, profile_leaves
-    from edmctl.version import __version__
-
     loaded, profile = plan.loaded, plan.loaded.profile
     values = profile.model_dump(mode="json", by_alias=True, exclude_none=True)
     return RunMeta(
@@ -174,7 +170,6 @@ def _title(loaded: LoadedProfile) -> str:
 def _parents(loaded: LoadedProfile) -> tuple[SourceText, ...]:
     """The files that the profile extends, read again: a loaded profile keeps its own text only."""
     from edmctl.profile.read import read_chain
-    from edmctl.record.run_meta import SourceText
 
     return tuple(SourceText(source.name, source.text) for source in read_chain(loaded.path).sources[1:])
 

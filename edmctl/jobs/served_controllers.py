@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from edmctl.files import read_bytes
 from edmctl.link.ports import PortInfo
 from edmctl.profile.folders import data_folder
 from edmctl.record.locks import is_alive
@@ -52,8 +53,6 @@ def _folder(environ: Mapping[str, str]) -> Path:
 
 
 def _read(note: Path) -> tuple[str, str] | None:
-    from edmctl.files import read_bytes
-
     try:
         noted = json.loads(read_bytes(note))
         return str(noted["port"]), str(noted["serial"])

@@ -24,15 +24,6 @@ if TYPE_CHECKING:
     from edmctl.simulator import VirtualBench
 
 
-def _nothing() -> None:
-    """What there is to begin or to keep on a machine that no file keeps."""
-
-
-def _no_time() -> float:
-    """The time of a bench that no file keeps."""
-    return math.nan
-
-
 @dataclass(frozen=True, slots=True)
 class ConnectedMachine:
     """A connected machine, and the virtual bench behind it where that is in this process.
@@ -46,10 +37,10 @@ class ConnectedMachine:
     machine: LinkMachine
     virtual: VirtualBench | None = None
     seed: int | None = None
-    begin: Callable[[], None] = _nothing
-    keep: Callable[[], None] = _nothing
-    keep_all: Callable[[], None] = _nothing
-    kept_s: Callable[[], float] = _no_time
+    begin: Callable[[], None] = lambda: None
+    keep: Callable[[], None] = lambda: None
+    keep_all: Callable[[], None] = lambda: None
+    kept_s: Callable[[], float] = lambda: math.nan
     own_setup: Setup | None = None
 
     @property

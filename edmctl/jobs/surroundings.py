@@ -7,26 +7,16 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, EdmWarning
 from edmctl.machine.stop import StopRequest
 from edmctl.results.progress import Progress
 
-if TYPE_CHECKING:
-    Warn = Callable[[Sequence[Diagnostic]], None]
+Warn = Callable[[Sequence[Diagnostic]], None]
 
 
 def _unguarded(stop: StopRequest, abort: Callable[[], None]) -> AbstractContextManager[None]:
     return nullcontext()
-
-
-def _nothing() -> None:
-    """What there is to do once a result stands."""
-
-
-def _silent_stop(say: Callable[[str], None]) -> StopRequest:
-    return StopRequest()
 
 
 def python_warnings(found: Sequence[Diagnostic]) -> None:
@@ -60,9 +50,9 @@ class Surroundings:
 
     command: tuple[str, ...] = ("edmctl",)
     environ: Mapping[str, str] = field(default_factory=dict)
-    stop: Callable[[Callable[[str], None]], StopRequest] = _silent_stop
+    stop: Callable[[Callable[[str], None]], StopRequest] = lambda _: StopRequest()
     guard: Callable[[StopRequest, Callable[[], None]], AbstractContextManager[None]] = _unguarded
-    settled: Callable[[], None] = _nothing
+    settled: Callable[[], None] = lambda: None
 
 
 NONE = Surroundings()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import RunFileError
 from edmctl.procedures.job_state import JobState, StateStore
-from edmctl.record.rows import Recorder
+from edmctl.record.rows import Recorder, TruthMap
 from edmctl.results.job import ChannelTruth
 
 if TYPE_CHECKING:
@@ -43,8 +43,6 @@ def channel_truth(profile: Profile, bench: VirtualBench, wear_um: float) -> Chan
 
 def keep_truth_map(recorder: Recorder, bench: VirtualBench) -> None:
     """Write the height map of the work into the run file. A disk that failed is told at the end of the file."""
-    from edmctl.record.rows import TruthMap
-
     with suppress(RunFileError):
         recorder.append(TruthMap(*bench.truth_map()))
 

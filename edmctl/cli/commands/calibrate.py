@@ -21,6 +21,7 @@ from edmctl.cli.outcome import Outcome, stream_style, watching
 from edmctl.cli.signals import ignore_signals, shell
 from edmctl.files import path_variable
 from edmctl.jobs.sweep import seed_to_use, simulated_by
+from edmctl.profile.folders import CALIBRATION_VARIABLE
 
 if TYPE_CHECKING:
     from edmctl.jobs.calibration.request import CheckedCalibration, MeasuredRecord
@@ -206,8 +207,6 @@ def _again(where: "MachineAddress", seed: int | None) -> str:
 
 def _whereabouts(done: "CalibrationReport", checked: "CheckedCalibration", seed: int | None) -> str:
     """Where the file is, and how `machine` comes to use it."""
-    from edmctl.profile.folders import CALIBRATION_VARIABLE
-
     if done.path is None:
         return "Nothing was saved."
     made_by = simulated_by(seed) if done.simulated else ""

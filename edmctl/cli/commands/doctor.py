@@ -11,9 +11,9 @@ import typer
 from edmctl.cli.options import NOTES, PortOption, SetupOption, WaitOption, command
 from edmctl.cli.outcome import Outcome, stream_style, tell
 from edmctl.cli.signals import shell
+from edmctl.errors import EdmError, Interrupted, LinkLost, ProtocolMismatch
 
 if TYPE_CHECKING:
-    from edmctl.errors import EdmError
     from edmctl.jobs.doctor_host import Checks
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the run files.")]
@@ -62,7 +62,6 @@ def _look(
     sensors: bool,
 ) -> "EdmError | None":
     """Do every check that can be done; the error of the line or the protocol, if that is what fails."""
-    from edmctl.errors import EdmError, Interrupted, LinkLost, ProtocolMismatch
     from edmctl.jobs import doctor_host as doctor_host
     from edmctl.jobs import doctor_machine as doctor_machine
     from edmctl.jobs.connect import machine_at

@@ -3,6 +3,7 @@
 import queue
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -22,10 +23,9 @@ from edmctl.cli.options import (
 from edmctl.cli.outcome import Outcome, mutter, stream_style, tell
 from edmctl.cli.signals import shell
 from edmctl.errors import UsageError
+from edmctl.jsonout import render_json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from edmctl.jobs.first_start.person import Act, Asked, Done, Question
     from edmctl.machine.controller import LinkMachine
     from edmctl.results.first_start import FirstStartReport, Item
@@ -139,9 +139,8 @@ def _line(item: "Item") -> str:
 
 def _leave(outcome: Outcome, report: "FirstStartReport", out: Path) -> None:
     """Write the report, as text and as JSON, and leave it as the result."""
-    from edmctl.console.first_start_table import render_first_start
+    from edmctl.console.procedure_tables import render_first_start
     from edmctl.jobs.output_files import make_folder, write
-    from edmctl.jsonout import render_json
 
     make_folder(out)
     stem = "first-start-" + "".join(c for c in report.started if c.isalnum())[:15]

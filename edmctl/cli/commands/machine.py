@@ -11,6 +11,7 @@ from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, 
 from edmctl.cli.outcome import Outcome, stream_style
 from edmctl.cli.running import identity_before, run_and_tell
 from edmctl.cli.signals import shell
+from edmctl.console.result_table import render_job
 from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -112,7 +113,6 @@ def _forecast(outcome: Outcome, plan: "Plan", name: "RunName") -> None:
 
 
 def _run(outcome: Outcome, plan: "Plan", name: "RunName", seed: int | None) -> None:
-    from edmctl.console.result_table import render_job
     from edmctl.jobs.job import carry_out
 
     run_and_tell(

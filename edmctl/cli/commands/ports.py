@@ -9,6 +9,7 @@ import typer
 from edmctl.cli.options import SetupOption, command
 from edmctl.cli.outcome import Outcome, stream_style
 from edmctl.cli.signals import shell
+from edmctl.files import lock_holder
 
 if TYPE_CHECKING:
     from edmctl.link.messages import HelloReply
@@ -74,7 +75,6 @@ def _named(setup: "Setup") -> tuple[str, ...]:
 
 
 def _row(port: "PortInfo", named: tuple[str, ...], known: bool, answer: "ProbedPort | None") -> "PortRow":
-    from edmctl.files import lock_holder
     from edmctl.link.ports import same_port
     from edmctl.results.equipment import PortRow
 

@@ -12,6 +12,9 @@ from edmctl.cli import completion
 from edmctl.cli.options import SetOption, SetupOption, command, command_group
 from edmctl.cli.outcome import Outcome, diagnostics_of, stream_style
 from edmctl.errors import Diagnostic, EdmError, ProfileError, UsageError
+from edmctl.files import read_bytes
+from edmctl.jsonout import to_json_value
+from edmctl.profile.folders import as_value, find_profile, is_path
 
 if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
@@ -94,9 +97,7 @@ def show(outcome: Outcome, profile: FileArgument, overrides: SetOption = None) -
 @command("profile new")
 def new(outcome: Outcome, file: NewFileArgument, shipped: FromOption) -> None:
     """Copy a shipped profile, with its comments, into a new file."""
-    from edmctl.files import read_bytes
     from edmctl.jobs.output_files import write
-    from edmctl.profile.folders import as_value, find_profile, is_path
 
     if is_path(shipped):
         raise UsageError(
@@ -135,7 +136,6 @@ def schema(
 
     With --json it is the `result` of the usual object.
     """
-    from edmctl.jsonout import to_json_value
     from edmctl.profile.profile_file import profile_schema
 
     outcome.result = profile_schema()

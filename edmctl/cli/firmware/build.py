@@ -3,16 +3,15 @@
 import os
 import shlex
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from edmctl.cli.options import RESULT, command
 from edmctl.cli.outcome import Outcome, stream_style
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from edmctl.errors import UsageError
 
 BoardOption = Annotated[
     str | None,
@@ -73,7 +72,6 @@ def build(
     taken, else that of the package ziglang, and kept in the user's cache folder or in EDMCTL_FIRMWARE_CACHE. Jobs
     with --controller firmware build by themselves what they need.
     """
-    from edmctl.errors import UsageError
     from edmctl.firmware.board_build import COMPILERS, SUFFIXES
     from edmctl.firmware.boards import BOARDS, HOST
     from edmctl.firmware.build import REALS

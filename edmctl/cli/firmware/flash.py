@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli import completion
-from edmctl.cli.firmware.arguments import ImageArgument
+from edmctl.cli.firmware.info import ImageArgument
 from edmctl.cli.options import NOTES, SetupOption, WaitOption, command
 from edmctl.cli.outcome import Outcome, Output, mutter, tell
 from edmctl.cli.signals import shell
+from edmctl.errors import PreconditionError
 
 if TYPE_CHECKING:
     from edmctl.firmware.boards import Board
@@ -85,8 +86,6 @@ def flash(
 
 def _confirm(output: Output, settings: str, board: "Board", *, is_said: bool) -> None:
     """Go on only where somebody says that the high voltage is off. Raises PreconditionError E8124."""
-    from edmctl.errors import PreconditionError
-
     if is_said:
         return
     remedy = (

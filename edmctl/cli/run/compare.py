@@ -10,6 +10,8 @@ import typer
 from edmctl.cli import completion
 from edmctl.cli.options import command
 from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.errors import UsageError
+from edmctl.jobs.runs.opening import find_run, reading_unless_killed
 
 if TYPE_CHECKING:
     from edmctl.record.reader import RunFile
@@ -35,9 +37,7 @@ def compare(outcome: Outcome, files: FilesArgument, out: OutOption = None) -> No
     Of the results it is told whether they differ by more than their uncertainty.
     """
     from edmctl.console.runs_tables import render_comparison
-    from edmctl.errors import UsageError
     from edmctl.jobs import output_files
-    from edmctl.jobs.runs.opening import find_run, reading_unless_killed
     from edmctl.report.comparison import compare as compared
 
     if len(files) < 2:

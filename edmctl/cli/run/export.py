@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli.options import RunArgument, command
-from edmctl.cli.outcome import Outcome, mutter, stream_style
+from edmctl.cli.outcome import Outcome, mutter, stream_style, unwritable
+from edmctl.console.layout import render_columns
 from edmctl.errors import EdmError, UsageError
+from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
+from edmctl.results.run_file import Exported
 from edmctl.wording import count, file_size
 
 if TYPE_CHECKING:
@@ -66,7 +69,6 @@ def export(
     The name of each column has its unit.
     """
     from edmctl.jobs.runs.export import Format, export_request
-    from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
     from edmctl.report.export import TABLES, need_pyarrow
 
     path = find_run(file)
@@ -94,12 +96,10 @@ def export(
 
 def _export(outcome: Outcome, opened: "RunFile", request: "ExportRequest") -> None:
     """Write one table after the other, so that what is there stays when a later one fails."""
-    from edmctl.console.layout import render_columns
     from edmctl.jobs.output_files import make_folder, new_file
     from edmctl.machine.interface import EventCode
     from edmctl.record.rows import RunEvent
     from edmctl.report.export import TABLES, ExportTable
-    from edmctl.results.run_file import Exported
 
     names = {int(code): code.name for code in (*EventCode, *RunEvent)}
     tables = [ExportTable(opened, name, names) for name in request.tables or TABLES]
@@ -154,7 +154,6 @@ class NobodyReads(EdmError):
 @contextmanager
 def stdout() -> Iterator["Sink"]:
     """Give a sink into stdout; that nobody reads any more ends the block in order. Raises RunFileError E9010."""
-    from edmctl.cli.outcome import unwritable
     from edmctl.jobs.output_files import Sink
 
     def error_of(refused: OSError) -> EdmError:

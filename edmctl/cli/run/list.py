@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -10,10 +10,8 @@ from edmctl.cli.options import command
 from edmctl.cli.outcome import Outcome, stream_style
 from edmctl.errors import RunFileError, UsageError
 from edmctl.jobs.runs.opening import RUNS, find_run
+from edmctl.results.run_file import RunHead, Unreadable
 from edmctl.wording import iso_of, utc_of
-
-if TYPE_CHECKING:
-    from edmctl.results.run_file import RunHead, Unreadable
 
 FolderArgument = Annotated[
     Path | None, typer.Argument(metavar="[FOLDER]", help=f"Folder of the run files. Default: {RUNS}.")
@@ -47,7 +45,6 @@ def _only(folder: Path | None, out: Path | None) -> Path:
 def _list(outcome: Outcome, folder: Path) -> None:
     from edmctl.console.runs_tables import render_runs
     from edmctl.record.run_index import heads_of, read_head
-    from edmctl.results.run_file import RunHead, Unreadable
 
     if folder == RUNS and not folder.exists():
         outcome.result = {"folder": str(folder), "runs": []}
@@ -71,8 +68,6 @@ def _list(outcome: Outcome, folder: Path) -> None:
 
 def _since(head: "RunHead | Unreadable") -> tuple[str, str]:
     """What the runs are sorted by: their start, of unreadable ones their last change."""
-    from edmctl.results.run_file import Unreadable
-
     if isinstance(head, Unreadable):
         return iso_of(head.changed_s), head.path.name
     start = utc_of(head.start_time)

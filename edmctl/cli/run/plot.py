@@ -9,6 +9,9 @@ import typer
 from edmctl.cli import completion
 from edmctl.cli.options import RunArgument, command
 from edmctl.cli.outcome import Outcome, mutter
+from edmctl.errors import PreconditionError
+from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
+from edmctl.report.kinds import draw
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
@@ -53,7 +56,6 @@ def plot(
 
     Figures are for print or for the screen; --kind report makes an HTML page with all of them.
     """
-    from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
     from edmctl.jobs.runs.plot import plot_request
     from edmctl.report.style import need_matplotlib
 
@@ -73,7 +75,6 @@ def plot(
 
 def _draw(outcome: Outcome, opened: "RunFile", request: "PlotRequest", overwrite: bool) -> None:
     """Draw and write one file after the other, so that what is there stays when a later one fails."""
-    from edmctl.errors import PreconditionError
     from edmctl.jobs import output_files
     from edmctl.jobs.runs.plot import REPLACE_HINT
     from edmctl.report.style import NothingToDraw
@@ -112,7 +113,6 @@ def _content(opened: "RunFile", target: "Target") -> bytes:
     """The bytes of the file. Raises NothingToDraw."""
     if target.kind is None:
         return page_of(opened).encode()
-    from edmctl.report.kinds import draw
     from edmctl.report.style import house_style, rendered
 
     with house_style():

@@ -1,5 +1,6 @@
 """`edmctl run recover`: a complete file of a run that was interrupted, or whose file was damaged."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,10 +9,9 @@ import typer
 from edmctl.cli import completion
 from edmctl.cli.options import command
 from edmctl.cli.outcome import Outcome
+from edmctl.jobs.runs.opening import find_run
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from edmctl.record.recovery import Recovered
 
 FileArgument = Annotated[
@@ -33,7 +33,6 @@ OutOption = Annotated[
 @command("run recover")
 def recover(outcome: Outcome, file: FileArgument, out: OutOption = None) -> None:
     """Make a complete file of a run that was interrupted. The old file stays as it is."""
-    from edmctl.jobs.runs.opening import find_run
     from edmctl.jobs.runs.recovery import recover_file
     from edmctl.record.reader import open_run
     from edmctl.record.recovery import is_complete

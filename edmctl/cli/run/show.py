@@ -1,4 +1,4 @@
-"""`edmctl run show`: one run on a page, also while it goes on."""
+"""`edmctl run show` and `explain`: one run on a page, also while it goes on, and in plain sentences."""
 
 import sys
 from pathlib import Path
@@ -9,6 +9,7 @@ import typer
 from edmctl.cli.options import PROGRESS, RunArgument, command
 from edmctl.cli.outcome import Outcome, stream_style, watching
 from edmctl.errors import RunFileError
+from edmctl.jobs.runs.opening import command_to_go_on, find_run, unless_killed
 
 FollowOption = Annotated[
     bool,
@@ -22,8 +23,6 @@ def show(outcome: Outcome, file: RunArgument, follow: FollowOption = False) -> N
 
     With times and what the file holds.
     """
-    from edmctl.jobs.runs.opening import find_run
-
     path = find_run(file)
     killed: RunFileError | None = None
     if follow:
@@ -44,7 +43,6 @@ def show(outcome: Outcome, file: RunArgument, follow: FollowOption = False) -> N
 def _tell(outcome: Outcome, path: Path) -> None:
     """Leave the summary as the result. Raises RunFileError E9008 when the writer was killed."""
     from edmctl.console.run_view import render_run
-    from edmctl.jobs.runs.opening import unless_killed
     from edmctl.jobs.runs.summary import summary_of
     from edmctl.record.reader import reading
 
@@ -55,3 +53,22 @@ def _tell(outcome: Outcome, path: Path) -> None:
         outcome.result = summary
         outcome.text = render_run(summary, stream_style(sys.stdout))
         unless_killed(opened, summary.way_on)
+
+
+@command("run explain")
+def explain(outcome: Outcome, file: RunArgument) -> None:
+    """Describe a run in plain sentences.
+
+    What it did, when, and why.
+    """
+    from edmctl.console.run_view import render_sentences
+    from edmctl.jobs.runs.explanation import sentences_of
+    from edmctl.record.reader import reading
+
+    with reading(find_run(file)) as opened:
+        outcome.run_file = opened.path
+        outcome.simulated = opened.is_simulated
+        sentences = sentences_of(opened)
+        outcome.result = {"story": sentences}
+        outcome.text = render_sentences(sentences, stream_style(sys.stdout))
+        unless_killed(opened, command_to_go_on(opened.path))

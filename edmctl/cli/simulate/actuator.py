@@ -1,6 +1,7 @@
 """`edmctl simulate actuator`: voltage waveforms through a virtual actuator and the models of it."""
 
 import sys
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,8 +14,6 @@ from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from edmctl.jobs.actuator_trial import Trial
     from edmctl.jobs.actuator_waveforms import Waveform
     from edmctl.jobs.paper_trial import PaperTrial
@@ -232,7 +231,7 @@ def _try_paper(outcome: Outcome, asked: "list[Waveform]", start: StartChoice, se
 
 def _report_paper(outcome: Outcome, trial: "PaperTrial", plot: Path | None, data: Path | None) -> None:
     """Say the figures; then write the files."""
-    from edmctl.console.paper_tables import render_paper_trial
+    from edmctl.console.calibration_tables import render_paper_trial
     from edmctl.jobs.paper_trial import write_figure
 
     words = f"simulated, seed {outcome.seed}; model begins {trial.start}"

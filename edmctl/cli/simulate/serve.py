@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,13 +21,12 @@ from edmctl.cli.options import (
     controlled_by,
 )
 from edmctl.cli.outcome import Outcome, Output, tell
+from edmctl.cli.signals import requests_by_signal, shell, stopping_signals
 from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
+from edmctl.machine.stop import StopRequest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.machine.stop import StopRequest
     from edmctl.simulator import BenchConfig, VirtualBench
     from edmctl.simulator.endpoints import Endpoint
     from edmctl.simulator.injection import Injection
@@ -168,10 +168,8 @@ def serve(
 
 def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _Place | None) -> None:
     from edmctl.actuator.compiling import compiling_told
-    from edmctl.cli.signals import requests_by_signal, shell, stopping_signals
     from edmctl.jobs.persistent_simulator import kept_bench
     from edmctl.jobs.served_controllers import announced
-    from edmctl.machine.stop import StopRequest
     from edmctl.simulator.config import compiling_takes
     from edmctl.simulator.plant import serial_number
     from edmctl.simulator.serve import EventMonitor, Server

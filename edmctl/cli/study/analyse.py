@@ -10,6 +10,7 @@ from edmctl.cli.options import command
 from edmctl.cli.outcome import Outcome, stream_style
 from edmctl.cli.signals import shell
 from edmctl.cli.study.options import FolderArgument, opened
+from edmctl.wording import plural
 
 PageOption = Annotated[
     Path | None,
@@ -81,7 +82,6 @@ def export(
     from edmctl.jobs.runs.export import export_request
     from edmctl.jobs.study.reporting import write_profiles
     from edmctl.jobs.study.table import columns_of, table_bytes, table_of
-    from edmctl.wording import plural
 
     study = opened(folder)
     state = study.read()

@@ -12,15 +12,16 @@ from edmctl.cli.options import PROGRESS, ControllerOption, command, controlled_b
 from edmctl.cli.outcome import Outcome, stream_style, tell, watching
 from edmctl.cli.signals import begin_worker, shell
 from edmctl.cli.study.options import FolderArgument, Making, StudyArgument, checks_told, opened, study_source
+from edmctl.console.layout import USUAL_COLUMNS, wrapped
+from edmctl.console.progress import Reporter
 from edmctl.errors import ObjectiveNotReached
-from edmctl.wording import plural
+from edmctl.results.study import PlannedRun, RunKind, RunState, StudyRun
+from edmctl.wording import plural, settings_words
 
 if TYPE_CHECKING:
-    from edmctl.console.progress import Reporter
     from edmctl.jobs.plan import MachineAddress, Plan
     from edmctl.jobs.study.folder import StudyFolder, StudyState
     from edmctl.jobs.study.running import Shard
-    from edmctl.results.study import PlannedRun, RunKind, StudyRun
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="New folder of the study.")]
 CountOption = Annotated[
@@ -168,7 +169,6 @@ def _asked(run: "StudyRun", plan: "Plan") -> bool:
 
 
 def _tell(outcome: Outcome, study: "StudyFolder", part: "Shard", command: str) -> None:
-    from edmctl.console.layout import USUAL_COLUMNS, wrapped
     from edmctl.jobs.study.table import counts_of, in_words
     from edmctl.jobs.study.waiting import what_next
 
@@ -186,8 +186,6 @@ def _tell(outcome: Outcome, study: "StudyFolder", part: "Shard", command: str) -
 
 
 def _raise_failed(study: "StudyFolder", part: "Shard", kind: "RunKind | None" = None) -> None:
-    from edmctl.results.study import RunState
-
     failed = [
         run
         for run in study.read().runs
@@ -246,9 +244,6 @@ def extend(outcome: Outcome, folder: FolderArgument, fold_over: FoldOverOption =
 
 def _suggested(run: "PlannedRun", state: "StudyState", which: str = "") -> str:
     """Return a suggestion in one line: a tool's centre run among them, and what was run before, are called so."""
-    from edmctl.results.study import RunKind
-    from edmctl.wording import settings_words
-
     before = {one.planned.point for one in state.runs}
     if run.kind is not RunKind.SUGGESTED:
         which += f", a {run.kind} run"
@@ -271,7 +266,6 @@ def optimize(
     from edmctl.jobs.study.expectations import has_suggestions
     from edmctl.jobs.study.optimizing import counted, next_batch, recommended
     from edmctl.jobs.study.running import Shard
-    from edmctl.results.study import RunKind
 
     study = opened(folder)
     total = study.source.file.optimize.runs
@@ -315,7 +309,6 @@ def confirm(
     from edmctl.jobs.study.optimizing import recommended
     from edmctl.jobs.study.running import Shard
     from edmctl.jobs.study.waiting import not_yet_known
-    from edmctl.results.study import RunKind, RunState
 
     study = opened(folder)
     _where(study, making, "confirm")

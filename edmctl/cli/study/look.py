@@ -7,13 +7,13 @@ from edmctl.cli.options import NOTES, command
 from edmctl.cli.outcome import Outcome, stream_style, watching
 from edmctl.cli.signals import shell
 from edmctl.cli.study.options import FolderArgument, StudyArgument, checks_told, opened, study_source
+from edmctl.console.layout import render_columns
+from edmctl.profile.folders import shipped_studies
 
 
 @command("study list")
 def list_studies(outcome: Outcome) -> None:
     """List the shipped studies."""
-    from edmctl.console.layout import render_columns
-    from edmctl.profile.folders import shipped_studies
     from edmctl.profile.study_file import read_study
 
     found = [(name, read_study(path).file) for name, path in shipped_studies().items()]

@@ -1,6 +1,7 @@
 """Arguments and options that the commands of `edmctl study` share."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
@@ -9,12 +10,11 @@ import typer
 
 from edmctl.cli import completion
 from edmctl.cli.options import NewToolOption, PortOption, WaitOption
+from edmctl.cli.outcome import Outcome
 from edmctl.errors import UsageError
+from edmctl.profile.folders import find_profile, find_study
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.cli.outcome import Outcome
     from edmctl.jobs.plan import MachineAddress
     from edmctl.jobs.study.folder import StudyFolder
     from edmctl.profile.study_file import StudySource
@@ -149,7 +149,6 @@ def checks_told(note: "Callable[[str], None]") -> "Callable[[int, int], None]":
 def study_source(outcome: "Outcome", file: str) -> "StudySource":
     """Read a study file, and report which one and which profile it uses. Raises UsageError E2001, E2100."""
     from edmctl.jobs.study.planning import base_request
-    from edmctl.profile.folders import find_profile, find_study
     from edmctl.profile.study_file import read_study
 
     source = read_study(find_study(file))

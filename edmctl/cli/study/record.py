@@ -9,7 +9,9 @@ import typer
 from edmctl.cli.options import command
 from edmctl.cli.outcome import Outcome
 from edmctl.cli.study.options import FolderArgument, RunNumberArgument, opened
+from edmctl.errors import UsageError
 from edmctl.results.study import Judgement
+from edmctl.wording import plural
 
 ValuesArgument = Annotated[
     list[str], typer.Argument(metavar="NAME=VALUE...", help="Manual responses of the run, e.g. ra_um=0.31.")
@@ -47,7 +49,6 @@ def import_table(outcome: Outcome, folder: FolderArgument, table: TableArgument)
     An empty cell tells nothing, and `none` withdraws what was told.
     """
     from edmctl.jobs.study.table import read_table, told_table
-    from edmctl.wording import plural
 
     study = opened(folder)
     state = study.read()
@@ -74,7 +75,6 @@ def judge(
 
     Nothing is deleted: the row stays, with the judgement and its reason.
     """
-    from edmctl.errors import UsageError
     from edmctl.jobs.study.evaluate import lost_row
     from edmctl.jobs.study.on_machine import is_begun, next_order
     from edmctl.jobs.study.waiting import way_on

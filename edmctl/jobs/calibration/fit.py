@@ -12,6 +12,7 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.uncertainty import within_rates
 from edmctl.actuator.validation import ErrorFigures, Refit, Validation, validate
 from edmctl.errors import Diagnostic, RecordError
+from edmctl.profile.calibration_bounds import contradictions
 
 HELD_OUT, VALIDATION = "held-out blocks", "validation files"
 REMEDY = "`edmctl machine` uses such a calibration, and warns each time."
@@ -148,8 +149,6 @@ def find(
 
 def _possible(found: Identification) -> Identification:
     """The same, not accepted where no actuator that feeds a tool can be like it: its file would be refused."""
-    from edmctl.profile.calibration_bounds import contradictions
-
     wrong = [
         f"No actuator that feeds a tool is like that: {one}. What the record shows is beyond what is looked for, "
         "such as a lag of more than 20 ms, or t_s is not in s."

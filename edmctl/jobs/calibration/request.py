@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from edmctl.errors import Diagnostic, RecordError, RunFileError, UsageError
 from edmctl.jobs import output_files
+from edmctl.jobs.connect import known_controller
 from edmctl.jobs.plan import MachineAddress, where_is
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.quantity import half_width
@@ -104,8 +105,6 @@ def check(request: CalibrationRequest, surroundings: Surroundings = NONE) -> Che
 
         where = where_is(request.port, setup, request.wait_s)
         if request.controller:
-            from edmctl.jobs.connect import known_controller
-
             where = replace(where, controller=known_controller(request.controller))
         simulated = True if where.in_process else None
         plan = plan_calibration(setup)

@@ -12,16 +12,18 @@ from typing import TYPE_CHECKING
 from edmctl.errors import Diagnostic, EdmError
 from edmctl.jobs.calibration.request import CheckedCalibration, LeverFound, check_writable, doubtful
 from edmctl.jobs.connect import connected, introduction
+from edmctl.jobs.surroundings import Warn
 from edmctl.jsonout import JsonValue, to_json_value
+from edmctl.profile.folders import default_path, fresh_path
 from edmctl.results.progress import Observer
 from edmctl.results.result import Result
+from edmctl.version import __version__
 
 if TYPE_CHECKING:
     from edmctl.actuator.model import ActuatorModel
     from edmctl.actuator.record import Record
     from edmctl.actuator.validation import ErrorFigures
     from edmctl.jobs.calibration.fit import Findings
-    from edmctl.jobs.surroundings import Warn
     from edmctl.procedures.actuator.calibration import CalibrationPlan, MeasuredActuator
 
 
@@ -102,7 +104,6 @@ def calibrate_machine(
     from edmctl.jobs.creep_left import CreepNote
     from edmctl.procedures.actuator.calibration import measure_actuator, plan_calibration
     from edmctl.process.rest_drift import CreepLeft
-    from edmctl.profile.folders import default_path, fresh_path
 
     with connected(None, checked.setup, seed, observer.note, checked.where, checked.surroundings) as bench:
         identity = bench.machine.identity
@@ -177,7 +178,6 @@ def _save(
 ) -> None:
     """Write the calibration file; from here on a signal could only cut off what is settled."""
     from edmctl.profile.calibration import Made, calibration_of, measured_file, save_calibration
-    from edmctl.version import __version__
 
     made = Made(
         utc=datetime.now(UTC).isoformat(timespec="seconds"),

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS
 from edmctl.errors import Diagnostic, PreconditionError
+from edmctl.profile.folders import find_calibration
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import CalibratedActuator
@@ -126,8 +128,6 @@ def _refuse_unconditioned(setup: Setup) -> None:
 
 def look_at_named(option: Path | None, environ: Mapping[str, str], setup: Setup, profile: Profile) -> None:
     """Load a calibration that was asked for, so that what is wrong with it is said before anything is connected."""
-    from edmctl.profile.folders import find_calibration
-
     _refuse_unconditioned(setup)
     if named := find_calibration(option, environ, setup.actuator.calibration, None):
         from edmctl.profile.calibration import load_calibration
@@ -153,8 +153,6 @@ def choose(
     Raises RecordError when one that was found cannot be used, PreconditionError when a machine without a sensor has
     none (E8031) or one that covers too little (E8032).
     """
-    from edmctl.profile.folders import find_calibration
-
     path = find_calibration(option, environ, setup.actuator.calibration, serial if lasting else None)
     if path is None:
         if not setup.sensor.fitted:
@@ -246,8 +244,6 @@ def _doubts(
 
 
 def _cost(calibration: Calibration) -> Diagnostic:
-    from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS
-
     held_out = calibration.quality.held_out
     return Diagnostic(
         "W8105",

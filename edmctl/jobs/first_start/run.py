@@ -8,18 +8,19 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.errors import EdmError, ObjectiveNotReached, PreconditionError, UsageError
+from edmctl.errors import EdmError, LinkLost, MachineFault, ObjectiveNotReached, PreconditionError, UsageError
 from edmctl.jobs.connect import connected
-from edmctl.jobs.first_start import actuator, cold, generator, stages
-from edmctl.jobs.first_start.causes import cause_of
+from edmctl.jobs.first_start import actuator, cold, generator, nets, stages
 from edmctl.jobs.first_start.checklist import Checklist
 from edmctl.jobs.first_start.hands import VirtualHands, WrittenHands
+from edmctl.jobs.first_start.nets import cause
 from edmctl.jobs.first_start.person import Asked, Person
 from edmctl.jobs.plan import MachineAddress
 from edmctl.jobs.surroundings import Surroundings
+from edmctl.link.faults import FaultCode
 from edmctl.link.messages import Clock
 from edmctl.machine.controller import LinkMachine
-from edmctl.results.first_start import FirstStartReport, Item, ItemStatus
+from edmctl.results.first_start import Cause, FirstStartReport, Item, ItemStatus
 
 if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
@@ -108,3 +109,56 @@ def verdict(report: FirstStartReport) -> EdmError | None:
             code="E7050",
         )
     return None
+
+
+def cause_of(error: EdmError) -> tuple[Cause, ...]:
+    """Return the likely mistakes behind an error that the machine, or the host, has raised in an item."""
+    if isinstance(error, LinkLost):
+        return (
+            cause("the line broke, or the board restarted: its supply, its plug, or noise", nets.LINE, "5 V"),
+        )
+    code = error.fault if isinstance(error, MachineFault) else 0
+    by_fault = {
+        FaultCode.ESTOP: cause("e-stop came while nobody pressed it: a loose contact, or noise", nets.ESTOP),
+        FaultCode.DOOR: cause("door came while nobody opened it: a loose contact, or noise", nets.DOOR),
+        FaultCode.HV_SUPPLY: cause(
+            "the supply does not hold, its input is loose, or the guard of the mode switch: it does not go where "
+            "it is told",
+            nets.SUPPLY_OK,
+            nets.MODE,
+        ),
+        FaultCode.DIELECTRIC: cause("the dielectric does not hold", nets.LEVEL, nets.FLOW, nets.TEMPERATURE),
+        FaultCode.PIEZO_TRACK: cause("actuator monitor does not follow the command", nets.MONITOR, nets.DAC),
+        FaultCode.PIEZO_OV: cause("actuator monitor is out of its range", nets.MONITOR),
+        FaultCode.COLLISION: cause("the contact closed while the tool moved in the air", nets.CONTACT),
+        FaultCode.STUCK_CONTACT: cause("the contact is closed in the air", nets.CONTACT),
+        FaultCode.GAP_SENSOR: cause(
+            "gap voltage and generator do not agree, and the sensor reads a battery right: gate, mode switch or "
+            "enable of the high voltage",
+            nets.GATE,
+            nets.MODE,
+            nets.ALIVE,
+        ),
+        FaultCode.NO_SPARK: cause(
+            "no pulse comes: the wire from gate to driver is off, or the driver has no supply", nets.GATE
+        ),
+        FaultCode.GEN_FAULT: cause(
+            "current where there is none, or pulses while the gate is off: the current sensor's offset or sign, the "
+            "gate, or the break chain",
+            nets.CURRENT,
+            nets.GATE,
+            nets.BREAK,
+        ),
+        FaultCode.MODE_SWITCH: cause(
+            "the driver switches though its gate is off: noise on the gate's wire, no pull-down, or edges that the "
+            "sense wire picks up",
+            nets.GATE,
+            nets.GATE_SENSE,
+        ),
+        FaultCode.STAGE_LIMIT: cause("a limit switch is closed: on the way, or wired wrongly", nets.LIMITS),
+        FaultCode.SHORT_STUCK: cause("tool and work are connected", nets.GAP),
+        FaultCode.HOST_SILENT: cause("this program was not heard: the line, or a busy computer", nets.LINE),
+    }
+    if code in by_fault:
+        return (by_fault[FaultCode(code)],)
+    return (cause(f"not one of the usual mistakes: {error.hint or error.message}"),)

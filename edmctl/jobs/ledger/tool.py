@@ -13,6 +13,8 @@ from edmctl.errors import Diagnostic, EdmError, PreconditionError
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now
 from edmctl.jobs.runs.opening import command_to_go_on, on_machine
 from edmctl.jobs.session import MachineSession
+from edmctl.record.ledger_entries import ReferenceTouched, ToolNamed
+from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
 from edmctl.wording import coordinates, length
 
 if TYPE_CHECKING:
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
     from edmctl.record.ledger import Ledger
-    from edmctl.record.ledger_entries import ReferenceTouched
-    from edmctl.record.tool_account import MachineHistory, ToolAccount
     from edmctl.simulator.bench import VirtualBench
 
 _LABEL = re.compile(r"(?P<material>.+) (?P<um>\d+(?:\.\d+)?) µm")
@@ -92,8 +92,6 @@ def account_of(plan: Plan, identity: ToolIdentity, history: MachineHistory) -> T
 
     If no profile was named it is that of the tool on a virtual bench, or of the one last in use.
     """
-    from edmctl.record.tool_account import ToolAccount
-
     tool, label = plan.loaded.profile.tool, plan.loaded.profile.tool.label
     if not plan.names_tool and plan.resumed is None:
         label = (identity.tool if plan.where.lasting else "") or history.tool or NAMELESS
@@ -113,8 +111,6 @@ def as_found(plan: Plan, session: MachineSession, ledger: Ledger | None, command
     """Return the plan as its run file shall tell it: a command without a profile has its own name, and the tool that
     it found in the machine.
     """
-    from edmctl.record.tool_account import history_of
-
     if plan.names_tool or plan.resumed is not None:
         return plan
     identity, profile = tool_identity(session), plan.loaded.profile
@@ -153,9 +149,6 @@ def name_tool(plan: Plan, session: MachineSession, ledger: Ledger | None) -> Non
 
     Raises RunFileError where that is not possible.
     """
-    from edmctl.record.ledger_entries import ToolNamed
-    from edmctl.record.tool_account import history_of
-
     if ledger is None or plan.new_tool or not plan.names_tool:
         return
     identity, tool = tool_identity(session), plan.loaded.profile.tool

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING
 from edmctl.errors import EdmError, ObjectiveNotReached, PreconditionError, RunFileError
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.plan import Plan
-from edmctl.jobs.resume.selection import taken_up
+from edmctl.jobs.resume.checks import refuse_elsewhere, refuse_untouchable
+from edmctl.jobs.resume.selection import find_run, taken_up
 from edmctl.jobs.run_header import RunName
+from edmctl.jobs.runs.opening import resume_command
 from edmctl.jobs.session import MachineSession
+from edmctl.procedures.job_state import JobState
 
 if TYPE_CHECKING:
     from edmctl.procedures.job import Job
-    from edmctl.procedures.job_state import JobState
     from edmctl.record.journal import JournalFile, JournalledJob
 
 PHASE_BEFORE = "starting"
@@ -27,10 +29,6 @@ def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
     """Add to the hint of an error how the job goes on, where it left a journal that lets it."""
     if name is None or isinstance(error, ObjectiveNotReached) or not name.journal.exists():
         return
-    from edmctl.jobs.resume.checks import refuse_untouchable
-    from edmctl.jobs.resume.selection import find_run
-    from edmctl.jobs.runs.opening import resume_command
-
     try:
         refuse_untouchable(find_run(str(name.journal), name.path.parent), plan)
     except (PreconditionError, RunFileError):
@@ -60,8 +58,6 @@ class JobCheckpoint:
         resumption = self.plan.resumed
         if resumption is None:
             return
-        from edmctl.jobs.resume.checks import refuse_elsewhere
-
         ledger = ledger_of(self.plan, self.name)
         refuse_elsewhere(resumption, self.plan, self.session, ledger.lines if ledger else ())
 
@@ -75,7 +71,6 @@ class JobCheckpoint:
             job = taken_up(resumption, job, self.session.bench.now)
         if self.name is None or not self.plan.where.lasting:
             return job
-        from edmctl.procedures.job_state import JobState
         from edmctl.procedures.run import after_pause
         from edmctl.record.journal import JournalFile, remove_journal
 

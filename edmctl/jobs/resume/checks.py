@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.jobs.session import MachineSession
+from edmctl.record.ledger import JobBegun, Line, RunEnded, SiteMachined, ToolChanged
 from edmctl.wording import coordinates
 
 if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan, Resumption
-    from edmctl.record.ledger import Line
 
 HOMED_WITHIN_UM = 2.0
 """The side gap of a hole leaves so much room to a tool that comes back into it."""
@@ -92,8 +92,6 @@ def _other_tool(message: str) -> PreconditionError:
 
 def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
     """Look at what the ledger tells of the machine since the run began. Raises PreconditionError E8056."""
-    from edmctl.record.ledger import JobBegun, RunEnded, ToolChanged
-
     tool, own, begun = resumption.state.tool, resumption.run_files, False
     lines = tuple(line for line in lines if line.serial == resumption.job.serial)
     for number, line in enumerate(lines):
@@ -116,8 +114,6 @@ def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
 
 def _was_idle(run_file: str, later: Sequence[Line]) -> bool:
     """Whether a job came to its end, refused or stopped, before it cut anywhere, by the lines after its begin."""
-    from edmctl.record.ledger import JobBegun, RunEnded, SiteMachined
-
     for line in later:
         entry = line.entry
         if isinstance(entry, JobBegun | SiteMachined):

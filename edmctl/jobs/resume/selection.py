@@ -8,20 +8,21 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, RunFileError, UsageError
 from edmctl.files import user_path
 from edmctl.jobs.ledger.elapsed import Now, with_home_left
-from edmctl.jobs.plan import Plan, Resumption
+from edmctl.jobs.plan import Plan, Resumption, check
 from edmctl.jobs.resume.checks import refuse_untouchable, refuse_used_tool
 from edmctl.jobs.run_header import RunName, run_path
 from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.procedures.job_state import job_state
+from edmctl.record.ledger import Ledger
 
 if TYPE_CHECKING:
-    from datetime import datetime
-
     from edmctl.procedures.job import Job
     from edmctl.record.journal import Journal, JournalledJob
 
@@ -66,7 +67,6 @@ def find_run(named: str, folder: Path, *, homed: bool = False, restart_hole: boo
     Raises PreconditionError: E8050 there is no journal, E8051 the run is finished, E8052 the journal is damaged or
     of a later version. RunFileError E9041 where it cannot be read.
     """
-    from edmctl.procedures.job_state import job_state
     from edmctl.record.journal import read_journal
 
     path = _journal_named(named, folder)
@@ -94,9 +94,6 @@ def checked(
     Raises PreconditionError: E8053 profile or setup are not what they were, E8054 the journal tells nothing of its
     channel, E8056 its tool was used since, E8058 the virtual bench is gone. Whatever `check` raises.
     """
-    from edmctl.jobs.plan import check
-    from edmctl.record.ledger import Ledger
-
     job = resumption.job
     try:
         plan = check(resumption.request(port, wait_s), surroundings)

@@ -12,6 +12,9 @@ from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
 from edmctl.labels import PAD
+from edmctl.link.faults import FAULTS
+from edmctl.record.events import recorded_events
+from edmctl.record.rows import RunEvent
 from edmctl.results.run_file import FileEvent, Sentence
 from edmctl.wording import duration, plural
 
@@ -48,8 +51,6 @@ class Jump:
 def events_of(opened: RunFile, start: int = 0) -> list[FileEvent]:
     """The events of the file from row `start` on, in the order in which they were written."""
     from edmctl.machine.interface import EventCode
-    from edmctl.record.events import recorded_events
-    from edmctl.record.rows import RunEvent
 
     names = {int(code): code.name for code in (*EventCode, *RunEvent)}
     found = []
@@ -63,8 +64,6 @@ def events_of(opened: RunFile, start: int = 0) -> list[FileEvent]:
 
 def _hint_of(error_code: str) -> str:
     """What the row of a fault advises, where the run's own advice was too long for the file."""
-    from edmctl.link.faults import FAULTS
-
     return next((row.hint for row in FAULTS.values() if row.error == error_code), "")
 
 

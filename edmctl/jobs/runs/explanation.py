@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.jobs.runs.events import event_sentences, events_of, holes_of
 from edmctl.labels import PAD
+from edmctl.record.events import error_code_of
 from edmctl.results.run_file import FileEvent, Sentence
 from edmctl.wording import duration, earlier, ended_as, facts, plain_number, with_u95
 
@@ -195,7 +196,6 @@ def _depths(values: Values, depths_um: list[float]) -> str:
 
 def _ended(opened: RunFile, events: list[FileEvent]) -> str:
     from edmctl.record.create import NO_EXIT_CODE
-    from edmctl.record.events import error_code_of
 
     if not opened.is_finished:
         return (

@@ -9,8 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.jobs.runs.events import DEBUG, LEFT_OUT, events_of
+from edmctl.jobs.runs.explanation import depths_of_holes
 from edmctl.labels import PAD
 from edmctl.results.progress import Extremes, Observer, Phase, Progress
+from edmctl.results.run_file import FileEvent
+from edmctl.results.telemetry import PulseShares
 from edmctl.wording import duration, plain_number
 
 if TYPE_CHECKING:
@@ -18,7 +22,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.record.reader import RunFile
-    from edmctl.results.run_file import FileEvent
 
 SLICE_S = 0.1
 """As often as a job reports what it does."""
@@ -51,8 +54,6 @@ class SampleReader:
     def read(self, run: RunFile) -> Samples | None:
         """Return what has come since the last call, the newest row again where nothing has; None before any."""
         import numpy as np
-
-        from edmctl.results.progress import Extremes
 
         rows = run.rows("/entry/servo")
         if not rows:
@@ -130,8 +131,6 @@ class _Watcher:
     """Knows what has been told already, and what the events say about where the job stands."""
 
     def __init__(self, run: RunFile) -> None:
-        from edmctl.jobs.runs.explanation import depths_of_holes
-
         values = run.profile_values()
         self._mean_open_v = plain_number(values.get("pulse.open_voltage_v")) * plain_number(
             values.get("pulse.duty")
@@ -150,8 +149,6 @@ class _Watcher:
 
     def report(self, run: RunFile, reporter: Observer) -> None:
         """Report the newest state, and the events since the last one."""
-        from edmctl.jobs.runs.events import events_of
-
         events = events_of(run, self._seen)
         self._seen += len(events)
         for event in events:
@@ -189,9 +186,6 @@ class _Watcher:
 
     def _state(self, run: RunFile) -> Progress | None:
         """The newest state; None before the first sample."""
-        from edmctl.results.progress import Progress
-        from edmctl.results.telemetry import PulseShares
-
         samples = self._samples.read(run)
         if samples is None:
             return None
@@ -283,7 +277,6 @@ def _newest_slow(run: RunFile, now_s: float) -> dict[str, float]:
 def _phase(state: int, *, machining: bool) -> Phase:
     """What the state of the controller comes to in the words of a job."""
     from edmctl.machine.interface import MachineState
-    from edmctl.results.progress import Phase
 
     if state == MachineState.JUMP:
         return Phase.JUMPING
@@ -296,6 +289,4 @@ def _phase(state: int, *, machining: bool) -> Phase:
 
 
 def _is_news(event: FileEvent) -> bool:
-    from edmctl.jobs.runs.events import DEBUG, LEFT_OUT
-
     return event.level != DEBUG and event.code not in LEFT_OUT and event.code != "JUMPED"

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, RunFileError
+from edmctl.record.disk import partial_path
+from edmctl.record.locks import is_live
 
 if TYPE_CHECKING:
     from edmctl.jobs.plan import Resumption
@@ -30,9 +32,6 @@ def recovered_before(resumption: Resumption) -> list[Diagnostic]:
 
     The job goes by its journal, so it does not depend on this.
     """
-    from edmctl.record.disk import partial_path
-    from edmctl.record.locks import is_live
-
     path = resumption.path.with_name(f"{resumption.job.run_id}.h5")
     partial = partial_path(path)
     try:

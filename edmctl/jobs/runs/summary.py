@@ -7,6 +7,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from edmctl.jobs.runs.events import events_of
+from edmctl.jobs.runs.explanation import sentences_of, wanted
+from edmctl.jobs.runs.opening import command_to_go_on
+from edmctl.record.events import error_code_of
+from edmctl.record.layout import TOUCHES
 from edmctl.results.run_file import FileEvent, JumpTimes, RunSummary, Sentence
 from edmctl.wording import plain_number
 
@@ -26,11 +31,7 @@ WARNING_LEVEL = 2
 
 def summary_of(opened: RunFile) -> RunSummary:
     """Read the summary of an open run file, also of one without an end."""
-    from edmctl.jobs.runs.events import events_of
-    from edmctl.jobs.runs.explanation import sentences_of, wanted
-    from edmctl.jobs.runs.opening import command_to_go_on
     from edmctl.record.create import NO_EXIT_CODE
-    from edmctl.record.events import error_code_of
     from edmctl.record.results import estimated_depth
     from edmctl.record.run_index import status_of
     from edmctl.report.numbers import numbers_of
@@ -127,7 +128,6 @@ def jumps_of(events: Sequence[FileEvent]) -> JumpTimes:
 
 
 def _touches(opened: RunFile) -> list[dict[str, object]]:
-    from edmctl.record.layout import TOUCHES
     from edmctl.report.export import named
 
     names = {column.name: named(column) for column in TOUCHES.columns}

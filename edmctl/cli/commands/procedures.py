@@ -1,0 +1,206 @@
+"""`edmctl approach`, `jump-flush`, `measure-wear` and `measure-drift`: single procedures of the main job."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, command
+from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.cli.running import identity_before, perform_and_tell
+from edmctl.console.style import Style
+
+if TYPE_CHECKING:
+    from edmctl.jobs.measure_drift import DriftRun
+    from edmctl.jobs.measure_wear import WearRun
+
+ContactOption = Annotated[
+    bool, typer.Option("--contact", help="Touch the surface, without sparks, instead of finding the gap.")
+]
+PlaceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--site",
+        metavar="X,Y",
+        help="Stage coordinates in µm. Default: where `machine` would put its first hole.",
+    ),
+]
+
+
+@command("approach", PROGRESS)
+def approach(
+    outcome: Outcome,
+    job: JobOptions,
+    run: RunOptions,
+    contact: ContactOption = False,
+    site: PlaceOption = None,
+) -> None:
+    """Feed the tool to the spark gap, say where it is, retract.
+
+    The feed is the profile's approach speed. With --contact the tool touches the surface by continuity instead.
+    """
+    from edmctl.console.procedure_tables import render_approach_plan, render_surface
+    from edmctl.jobs.ledger.places_taken import place_of
+    from edmctl.jobs.procedures import Approach, approach_forecast
+
+    plan, place = job.plan(outcome), place_of(site)
+    if run.dry_run:
+        forecast = approach_forecast(plan, identity_before(outcome, plan), place, run.out, contact=contact)
+        outcome.result = {"forecast": forecast}
+        outcome.text = render_approach_plan(forecast, stream_style(sys.stdout))
+    else:
+        found = Approach(plan, place, contact=contact)
+        perform_and_tell(outcome, found, job, run, lambda style: render_surface(found.surface, style))
+
+
+MOST_JUMPS = 1000
+
+CountOption = Annotated[
+    int, typer.Option("--count", "-n", metavar="N", min=1, max=MOST_JUMPS, help="Jumps to make.")
+]
+HeightOption = Annotated[
+    float | None, typer.Option("--height-um", metavar="UM", help="Overrides jump.height_um of the profile.")
+]
+SpeedOption = Annotated[
+    float | None, typer.Option("--speed", metavar="UM_S", help="Overrides jump.speed_um_s of the profile.")
+]
+PeriodOption = Annotated[
+    float | None, typer.Option("--period-s", metavar="S", help="Overrides jump.period_s of the profile.")
+]
+
+
+@command("jump-flush", PROGRESS)
+def jump_flush(
+    outcome: Outcome,
+    job: JobOptions,
+    run: RunOptions,
+    count: CountOption = 10,
+    height_um: HeightOption = None,
+    speed: SpeedOption = None,
+    period_s: PeriodOption = None,
+) -> None:
+    """Make electrode jumps; report their height and the way back.
+
+    The tool jumps beside the work, as low as at the end of the profile's job, and without sparks. The sensor is
+    sampled a thousand times a second, and tells how well and how soon the tool is back.
+    """
+    from edmctl.console.procedure_tables import render_jump_plan, render_jumps
+    from edmctl.jobs.procedures import JUMPS_ALONE, Jumps, jumps_forecast, refuse_hurry
+
+    changes = [
+        f"jump.{key}={value!r}"
+        for key, value in (("height_um", height_um), ("speed_um_s", speed), ("period_s", period_s))
+        if value is not None
+    ]
+    plan = job.plan(outcome, (*changes, *JUMPS_ALONE))
+    refuse_hurry(plan)
+    if run.dry_run:
+        forecast = jumps_forecast(plan, count)
+        outcome.result = {"forecast": forecast}
+        outcome.text = render_jump_plan(forecast, stream_style(sys.stdout))
+    else:
+        jumps = Jumps(plan, count)
+        perform_and_tell(outcome, jumps, job, run, lambda style: render_jumps(jumps.measured, style))
+
+
+ReferenceOption = Annotated[
+    bool, typer.Option("--reference", help="Touch the pad and keep it as Z1: do this before a job.")
+]
+SiteOption = Annotated[
+    str | None,
+    typer.Option(
+        "--site", metavar="NAME|X,Y", help="The hole to touch. Default: the last one that the tool made."
+    ),
+]
+
+
+@command("measure-wear", PROGRESS)
+def measure_wear(
+    outcome: Outcome,
+    job: JobOptions,
+    run: RunOptions,
+    reference: ReferenceOption = False,
+    new_tool: NewToolOption = False,
+    site: SiteOption = None,
+) -> None:
+    """Touch pad, hole and pad again: tool wear, depth and feed.
+
+    They count from the reference, the first touch of a tool: that of its first job, or of --reference. It is kept in
+    the job ledger beside the run files. Without a profile it measures the tool last in use, by the recipe of the
+    run that made the hole.
+    """
+    from edmctl.console.procedure_tables import render_wear_plan
+    from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun, wear_forecast
+    from edmctl.record.ledger import Ledger
+
+    plan = job.plan(outcome, like=TOUCHES_LIKE, new_tool=new_tool)
+    wear = WearRun(plan, site, is_reference=reference)
+    if not run.dry_run:
+        perform_and_tell(outcome, wear, job, run, lambda style: _wear_table(wear, style))
+        return
+    if (identity := identity_before(outcome, plan)) is not None:
+        wear.look(identity, Ledger.open(run.out), outcome.warn)
+    forecast = wear_forecast(wear.plan, reference=reference)
+    outcome.result = {"forecast": forecast}
+    outcome.text = render_wear_plan(**forecast, style=stream_style(sys.stdout))
+
+
+def _wear_table(run: "WearRun", style: "Style") -> str:
+    from edmctl.console.procedure_tables import render_reference, render_wear
+
+    label = run.account.label
+    if run.touched is not None:
+        reading, model_um = run.touched.reading, run.touched.model_um
+        return render_reference(label, reading.mean_um, reading.sd_um, reading.touches, model_um, style)
+    assert run.found is not None
+    name = run.bottom.name if run.bottom else label
+    return render_wear(name, run.found, run.account.worn_um, run.total_um, run.truth, style)
+
+
+DurationOption = Annotated[
+    float | None,
+    typer.Option(
+        "--duration", metavar="S", min=0.0, help="Time of touches and hold. Default: drift.duration_s."
+    ),
+]
+OutputOption = Annotated[
+    Path | None,
+    typer.Option("--output", metavar="FILE", help="Where to save it. Default: as the machine's own."),
+]
+
+
+@command("measure-drift", PROGRESS)
+def measure_drift(
+    outcome: Outcome,
+    job: JobOptions,
+    run: RunOptions,
+    duration: DurationOption = None,
+    output: OutputOption = None,
+) -> None:
+    """Find out what of a drift at rest touches of the pad see.
+
+    The pad is touched and the tool rests in turn for a quarter of an hour, without sparks, with a hold at depth
+    beside the work: creep after it moves rests and no touches. Later jobs on the machine correct their wear by the
+    drift of their rests. Without a profile it measures with the tool last in use, by the
+    recipe of its last run.
+    """
+    from edmctl.console.procedure_tables import render_drift_plan
+    from edmctl.jobs.measure_drift import DriftRun, drift_forecast
+    from edmctl.jobs.measure_wear import TOUCHES_LIKE
+
+    plan = job.plan(outcome, like=TOUCHES_LIKE)
+    if run.dry_run:
+        forecast = drift_forecast(plan, duration)
+        outcome.result = {"forecast": forecast}
+        outcome.text = render_drift_plan(**forecast, style=stream_style(sys.stdout))
+        return
+    drift = DriftRun(plan, duration, output)
+    perform_and_tell(outcome, drift, job, run, lambda style: _drift_table(drift, style))
+
+
+def _drift_table(run: "DriftRun", style: "Style") -> str:
+    from edmctl.console.procedure_tables import render_drift
+
+    assert run.found is not None
+    return render_drift(run.found, run.truth, str(run.path), run.use, replaced=run.replaced, style=style)
