@@ -31,6 +31,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from edmctl.actuator.operators import Bank, Memory
+
     Array = NDArray[np.float64]
 
 CREEP_FROM_S, CREEP_TO_S = 0.1, 10.0
@@ -159,17 +161,8 @@ class ActuatorModel:
             state.u_v,
             state.lagged_v,
             self.lag_s,
-            self.thresholds_v,
-            self.knots_v,
-            self.slopes_um_per_v,
-            self.rounded,
-            self.rounded_um_per_v,
-            self.creep_plays,
-            self.time_constants_s,
-            self.creep_um_per_v,
-            state.plays_v,
-            state.stops_v,
-            state.lags_v,
+            self.bank,
+            state.memory(),
             output,
         )
         state.u_v, state.t_s = float(volts[-1]), float(times_s[-1])
@@ -198,6 +191,22 @@ class ActuatorModel:
             times_s, volts, state.t_s, state.u_v, state.lagged_v, self.lag_s, path_s, path_v, ends
         )
         return path_s[:count], path_v[:count], ends
+
+    @cached_property
+    def bank(self) -> Bank:
+        """Return the parameters behind the lag as `operators` takes them."""
+        from edmctl.actuator.operators import Bank
+
+        return Bank(
+            self.thresholds_v,
+            self.knots_v,
+            self.slopes_um_per_v,
+            self.rounded,
+            self.rounded_um_per_v,
+            self.creep_plays,
+            self.time_constants_s,
+            self.creep_um_per_v,
+        )
 
     @cached_property
     def rounded(self) -> Array:
@@ -349,6 +358,12 @@ class ActuatorState:
     def after_jump(cls, model: ActuatorModel, from_v: float, to_v: float) -> ActuatorState:
         """Held at `from_v`, then brought to `to_v` in one move; creep has followed the move."""
         return cls._relaxed(model, (from_v, to_v))
+
+    def memory(self) -> Memory:
+        """Return the arrays as `operators` takes them."""
+        from edmctl.actuator.operators import Memory
+
+        return Memory(self.plays_v, self.stops_v, self.lags_v)
 
     def copy(self) -> ActuatorState:
         """Return an independent copy."""

@@ -20,15 +20,13 @@ to sample. u_f may turn between two samples, where it crosses u: a path has its 
 
 Everything here is compiled by numba, without fastmath: the source is the definition, bit for bit.
 
-Arrays: thresholds (n,), knots (n, m+1), slopes (n, m), rounded (k, 5): rising and falling limit, c, ρ, C; creeping
-(g,) indices of plays, from n on of rounded ones, taus (j,), creep weights (g, j); state plays (n,), stops (k,),
-lags (g, j). `before_v` is the voltage that the state belongs to.
+`before_v` is the voltage that the state belongs to.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -48,6 +46,27 @@ STRAIGHT = 1e-7
 """A stop unloads along a straight line below this root of its equation's discriminant."""
 ITERATIONS = 200
 """Bound of the root search; regula falsi needs about six, bisection alone fifty."""
+
+
+class Bank(NamedTuple):
+    """Parameters: n sharp plays of m pieces, k rounded ones, g of them with j lags each."""
+
+    thresholds: Array  # (n,)
+    knots: Array  # (n, m+1)
+    slopes: Array  # (n, m)
+    rounded: Array  # (k, 5): rising and falling limit, c, ρ, C
+    roundness: Array  # (k,): weights
+    creeping: Indices  # (g,): plays, from n on rounded ones
+    taus: Array  # (j,)
+    weights: Array  # (g, j): of the lags
+
+
+class Memory(NamedTuple):
+    """State; the arrays change in place."""
+
+    plays: Array  # (n,)
+    stops: Array  # (k,)
+    lags: Array  # (g, j)
 
 
 @compiled
@@ -165,79 +184,57 @@ def lagged_path(
 
 
 @compiled
-def standing(thresholds: Array, rounded: Array, plays: Array, stops: Array, u_v: float, index: int) -> float:
+def standing(bank: Bank, memory: Memory, u_v: float, index: int) -> float:
     """Where a play is, V; from the last of the sharp ones on, a rounded one."""
-    if index < thresholds.shape[0]:
-        return float(plays[index])
-    k = index - thresholds.shape[0]
-    return float(rounded[k, 4] * u_v - stops[k])
+    if index < bank.thresholds.shape[0]:
+        return float(memory.plays[index])
+    k = index - bank.thresholds.shape[0]
+    return float(bank.rounded[k, 4] * u_v - memory.stops[k])
 
 
 @compiled
-def moved(
-    thresholds: Array, rounded: Array, plays: Array, stops: Array, before_v: float, u_v: float, index: int
-) -> float:
+def moved(bank: Bank, memory: Memory, before_v: float, u_v: float, index: int) -> float:
     """Where it is after a monotone move; the state stays."""
-    if index < thresholds.shape[0]:
-        return play(thresholds[index], u_v, plays[index])
-    k = index - thresholds.shape[0]
-    return float(rounded[k, 4] * u_v - stop(rounded[k], u_v - before_v, stops[k]))
+    if index < bank.thresholds.shape[0]:
+        return play(bank.thresholds[index], u_v, memory.plays[index])
+    k = index - bank.thresholds.shape[0]
+    return float(bank.rounded[k, 4] * u_v - stop(bank.rounded[k], u_v - before_v, memory.stops[k]))
 
 
 @compiled
-def answer_um(
-    thresholds: Array,
-    knots: Array,
-    slopes: Array,
-    rounded: Array,
-    roundness: Array,
-    creeping: Indices,
-    weights: Array,
-    plays: Array,
-    stops: Array,
-    lags: Array,
-    before_v: float,
-    follow: Array,
-    u_v: float,
-) -> float:
+def answer_um(bank: Bank, memory: Memory, before_v: float, follow: Array, u_v: float) -> float:
     """Displacement after a monotone move to `u_v` that takes the time of `follow` (3, j), µm; the state stays."""
     total = 0.0
-    for i in range(thresholds.shape[0]):
-        total += bent(knots[i], slopes[i], play(thresholds[i], u_v, plays[i]))
-    for k in range(rounded.shape[0]):
-        total += roundness[k] * (rounded[k, 4] * u_v - stop(rounded[k], u_v - before_v, stops[k]))
-    for g in range(creeping.shape[0]):
-        before = standing(thresholds, rounded, plays, stops, before_v, creeping[g])
-        after = moved(thresholds, rounded, plays, stops, before_v, u_v, creeping[g])
+    for i in range(bank.thresholds.shape[0]):
+        total += bent(bank.knots[i], bank.slopes[i], play(bank.thresholds[i], u_v, memory.plays[i]))
+    for k in range(bank.rounded.shape[0]):
+        total += bank.roundness[k] * (
+            bank.rounded[k, 4] * u_v - stop(bank.rounded[k], u_v - before_v, memory.stops[k])
+        )
+    for g in range(bank.creeping.shape[0]):
+        before = standing(bank, memory, before_v, bank.creeping[g])
+        after = moved(bank, memory, before_v, u_v, bank.creeping[g])
         for j in range(follow.shape[1]):
-            total += weights[g, j] * (
-                follow[0, j] * lags[g, j] + follow[1, j] * before + follow[2, j] * after
+            total += bank.weights[g, j] * (
+                follow[0, j] * memory.lags[g, j] + follow[1, j] * before + follow[2, j] * after
             )
     return total
 
 
 @compiled
-def step(
-    thresholds: Array,
-    rounded: Array,
-    creeping: Indices,
-    plays: Array,
-    stops: Array,
-    lags: Array,
-    before_v: float,
-    follow: Array,
-    u_v: float,
-) -> None:
+def step(bank: Bank, memory: Memory, before_v: float, follow: Array, u_v: float) -> None:
     """Advance the state to `u_v`."""
-    for g in range(creeping.shape[0]):
-        before = standing(thresholds, rounded, plays, stops, before_v, creeping[g])
-        after = moved(thresholds, rounded, plays, stops, before_v, u_v, creeping[g])
+    for g in range(bank.creeping.shape[0]):
+        before = standing(bank, memory, before_v, bank.creeping[g])
+        after = moved(bank, memory, before_v, u_v, bank.creeping[g])
         for j in range(follow.shape[1]):
-            lags[g, j] = follow[0, j] * lags[g, j] + follow[1, j] * before + follow[2, j] * after
-    for i in range(thresholds.shape[0]):
-        plays[i] = play(thresholds[i], u_v, plays[i])
-    for k in range(rounded.shape[0]):
-        stops[k] = stop(rounded[k], u_v - before_v, stops[k])
+            memory.lags[g, j] = (
+                follow[0, j] * memory.lags[g, j] + follow[1, j] * before + follow[2, j] * after
+            )
+    for i in range(bank.thresholds.shape[0]):
+        memory.plays[i] = play(bank.thresholds[i], u_v, memory.plays[i])
+    for k in range(bank.rounded.shape[0]):
+        memory.stops[k] = stop(bank.rounded[k], u_v - before_v, memory.stops[k])
 
 
 @compiled
@@ -268,17 +265,8 @@ def advance_path(
     u_v: Array,
     since_s: float,
     before_v: float,
-    thresholds: Array,
-    knots: Array,
-    slopes: Array,
-    rounded: Array,
-    roundness: Array,
-    creeping: Indices,
-    taus: Array,
-    weights: Array,
-    plays: Array,
-    stops: Array,
-    lags: Array,
+    bank: Bank,
+    memory: Memory,
     follow: Array,
     output: Array,
 ) -> None:
@@ -288,20 +276,20 @@ def advance_path(
     work in.
     """
     # Most steps move few of the plays: the others keep their part of the sum.
-    count = thresholds.shape[0]
+    count = bank.thresholds.shape[0]
     parts = np.empty(count)
     for i in range(count):
-        parts[i] = bent(knots[i], slopes[i], plays[i])
+        parts[i] = bent(bank.knots[i], bank.slopes[i], memory.plays[i])
     before_s, elapsed_s = since_s, 0.0
-    following(taus, elapsed_s, follow)
+    following(bank.taus, elapsed_s, follow)
     for k in range(t_s.shape[0]):
-        elapsed_s = followed(taus, t_s[k] - before_s, elapsed_s, follow)
+        elapsed_s = followed(bank.taus, t_s[k] - before_s, elapsed_s, follow)
         before_s = t_s[k]
         creep = 0.0
-        for g in range(creeping.shape[0]):
-            before = standing(thresholds, rounded, plays, stops, before_v, creeping[g])
-            after = moved(thresholds, rounded, plays, stops, before_v, u_v[k], creeping[g])
-            lag, weight = lags[g], weights[g]
+        for g in range(bank.creeping.shape[0]):
+            before = standing(bank, memory, before_v, bank.creeping[g])
+            after = moved(bank, memory, before_v, u_v[k], bank.creeping[g])
+            lag, weight = memory.lags[g], bank.weights[g]
             for j in range(follow.shape[1]):
                 lag[j] = follow[0, j] * lag[j] + (follow[1, j] * before + follow[2, j] * after)
             own = 0.0  # a sum for each play: additions wait for each other
@@ -310,14 +298,14 @@ def advance_path(
             creep += own
         total = 0.0
         for i in range(count):
-            z = play(thresholds[i], u_v[k], plays[i])
-            if z != plays[i]:
-                plays[i] = z
-                parts[i] = bent(knots[i], slopes[i], z)
+            z = play(bank.thresholds[i], u_v[k], memory.plays[i])
+            if z != memory.plays[i]:
+                memory.plays[i] = z
+                parts[i] = bent(bank.knots[i], bank.slopes[i], z)
             total += parts[i]
-        for i in range(rounded.shape[0]):
-            stops[i] = stop(rounded[i], u_v[k] - before_v, stops[i])
-            total += roundness[i] * (rounded[i, 4] * u_v[k] - stops[i])
+        for i in range(bank.rounded.shape[0]):
+            memory.stops[i] = stop(bank.rounded[i], u_v[k] - before_v, memory.stops[i])
+            total += bank.roundness[i] * (bank.rounded[i, 4] * u_v[k] - memory.stops[i])
         before_v = u_v[k]
         output[k] = total + creep
 
@@ -330,17 +318,8 @@ def advance_bank(
     from_v: float,
     lagged_v: float,
     lag_s: float,
-    thresholds: Array,
-    knots: Array,
-    slopes: Array,
-    rounded: Array,
-    roundness: Array,
-    creeping: Indices,
-    taus: Array,
-    weights: Array,
-    plays: Array,
-    stops: Array,
-    lags: Array,
+    bank: Bank,
+    memory: Memory,
     output: Array,
 ) -> float:
     """Advance the state over k > 0 samples; `output` (k,) receives the displacement, µm.
@@ -348,21 +327,15 @@ def advance_bank(
     `since_s`, `from_v` and `lagged_v` are the time, the voltage and that behind the lag which the state belongs to;
     the last of them after the samples comes back.
     """
-    follow = np.empty((3, taus.shape[0]))
+    follow = np.empty((3, bank.taus.shape[0]))
     if lag_s == 0.0:
-        advance_path(
-            t_s, u_v, since_s, lagged_v, thresholds, knots, slopes, rounded, roundness, creeping, taus, weights,
-            plays, stops, lags, follow, output,
-        )  # fmt: skip
+        advance_path(t_s, u_v, since_s, lagged_v, bank, memory, follow, output)
         return float(u_v[-1])
     count = t_s.shape[0]
     times, volts, path_um = np.empty(2 * count), np.empty(2 * count), np.empty(2 * count)
     ends = np.empty(count, dtype=np.int64)
     points = lagged_path(t_s, u_v, since_s, from_v, lagged_v, lag_s, times, volts, ends)
-    advance_path(
-        times[:points], volts[:points], since_s, lagged_v, thresholds, knots, slopes, rounded, roundness, creeping,
-        taus, weights, plays, stops, lags, follow, path_um[:points],
-    )  # fmt: skip
+    advance_path(times[:points], volts[:points], since_s, lagged_v, bank, memory, follow, path_um[:points])
     for k in range(count):
         output[k] = path_um[ends[k]]
     return float(volts[points - 1])
@@ -374,15 +347,9 @@ def bank_features(
     u_v: Array,
     since_s: float,
     before_v: float,
-    thresholds: Array,
-    knots: Array,
-    rounded: Array,
-    creeping: Indices,
-    taus: Array,
+    bank: Bank,
     column_of: Indices,
-    plays: Array,
-    stops: Array,
-    lags: Array,
+    memory: Memory,
     follow: Array,
     features: Array,
 ) -> None:
@@ -390,42 +357,33 @@ def bank_features(
 
     Lags with the same entry in `column_of` (j,) share one column, so that they get the same weight.
     """
-    pieces = knots.shape[1] - 1
-    first_rounded = thresholds.shape[0] * pieces
-    first_creep = first_rounded + rounded.shape[0]
+    pieces = bank.knots.shape[1] - 1
+    first_rounded = bank.thresholds.shape[0] * pieces
+    first_creep = first_rounded + bank.rounded.shape[0]
     columns = column_of[-1] + 1 if column_of.shape[0] else 0
     before_s, elapsed_s = since_s, 0.0
-    following(taus, elapsed_s, follow)
+    following(bank.taus, elapsed_s, follow)
     for k in range(t_s.shape[0]):
-        elapsed_s = followed(taus, t_s[k] - before_s, elapsed_s, follow)
+        elapsed_s = followed(bank.taus, t_s[k] - before_s, elapsed_s, follow)
         before_s = t_s[k]
-        step(thresholds, rounded, creeping, plays, stops, lags, before_v, follow, u_v[k])
+        step(bank, memory, before_v, follow, u_v[k])
         before_v = u_v[k]
-        for i in range(thresholds.shape[0]):
+        for i in range(bank.thresholds.shape[0]):
             for m in range(pieces):
-                features[k, i * pieces + m] = hinge(knots[i], m, plays[i])
-        for i in range(rounded.shape[0]):
-            features[k, first_rounded + i] = rounded[i, 4] * before_v - stops[i]
-        for c in range(creeping.shape[0] * columns):
+                features[k, i * pieces + m] = hinge(bank.knots[i], m, memory.plays[i])
+        for i in range(bank.rounded.shape[0]):
+            features[k, first_rounded + i] = bank.rounded[i, 4] * before_v - memory.stops[i]
+        for c in range(bank.creeping.shape[0] * columns):
             features[k, first_creep + c] = 0.0
-        for g in range(creeping.shape[0]):
-            for j in range(taus.shape[0]):
-                features[k, first_creep + g * columns + column_of[j]] += lags[g, j]
+        for g in range(bank.creeping.shape[0]):
+            for j in range(bank.taus.shape[0]):
+                features[k, first_creep + g * columns + column_of[j]] += memory.lags[g, j]
 
 
 @compiled
 def lagged_answer_um(
-    thresholds: Array,
-    knots: Array,
-    slopes: Array,
-    rounded: Array,
-    roundness: Array,
-    creeping: Indices,
-    taus: Array,
-    weights: Array,
-    plays: Array,
-    stops: Array,
-    lags: Array,
+    bank: Bank,
+    memory: Memory,
     lag_s: float,
     elapsed_s: float,
     from_v: float,
@@ -437,27 +395,14 @@ def lagged_answer_um(
     end_v = lagged(lag_s, elapsed_s, from_v, u_v, lagged_v)
     at_s = turn_s(lag_s, elapsed_s, from_v, u_v, lagged_v)
     if at_s > 0.0:
-        plays, stops, lags, follow = plays.copy(), stops.copy(), lags.copy(), np.empty_like(follow)
+        memory = Memory(memory.plays.copy(), memory.stops.copy(), memory.lags.copy())
+        follow = np.empty_like(follow)
         turn_v = from_v + (u_v - from_v) * (at_s / elapsed_s)
-        following(taus, at_s, follow)
-        step(thresholds, rounded, creeping, plays, stops, lags, lagged_v, follow, turn_v)
-        following(taus, elapsed_s - at_s, follow)
+        following(bank.taus, at_s, follow)
+        step(bank, memory, lagged_v, follow, turn_v)
+        following(bank.taus, elapsed_s - at_s, follow)
         lagged_v = turn_v
-    return answer_um(
-        thresholds,
-        knots,
-        slopes,
-        rounded,
-        roundness,
-        creeping,
-        weights,
-        plays,
-        stops,
-        lags,
-        lagged_v,
-        follow,
-        end_v,
-    )
+    return answer_um(bank, memory, lagged_v, follow, end_v)
 
 
 @cached
@@ -470,17 +415,8 @@ def solve_bank(
     low_v: float,
     high_v: float,
     lag_s: float,
-    thresholds: Array,
-    knots: Array,
-    slopes: Array,
-    rounded: Array,
-    roundness: Array,
-    creeping: Indices,
-    taus: Array,
-    weights: Array,
-    plays: Array,
-    stops: Array,
-    lags: Array,
+    bank: Bank,
+    memory: Memory,
     follow: Array,
     output: Array,
     beyond: NDArray[np.bool_],
@@ -491,12 +427,12 @@ def solve_bank(
     voltage behind the lag. The displacement rises strictly with the voltage (`model`), so a bracket always
     holds the one root: regula falsi, Illinois variant, until the bracket is as narrow as numbers are.
     """
-    enough = ENOUGH * (high_v - low_v) * slopes[0].max()
+    enough = ENOUGH * (high_v - low_v) * bank.slopes[0].max()
     before_s, known_s = since_s, 0.0
-    following(taus, known_s, follow)
+    following(bank.taus, known_s, follow)
     for k in range(t_s.shape[0]):
         elapsed_s = t_s[k] - before_s
-        known_s = followed(taus, elapsed_s, known_s, follow)
+        known_s = followed(bank.taus, elapsed_s, known_s, follow)
         low, high, side = low_v, high_v, 0
         if lag_s > 0.0 and elapsed_s <= 0.0:
             low, high = from_v, from_v  # in no time nothing comes through a lag
@@ -511,28 +447,8 @@ def solve_bank(
                     u = 0.5 * (low + high)
                 if not low < u < high:
                     break
-            error = (
-                lagged_answer_um(
-                    thresholds,
-                    knots,
-                    slopes,
-                    rounded,
-                    roundness,
-                    creeping,
-                    taus,
-                    weights,
-                    plays,
-                    stops,
-                    lags,
-                    lag_s,
-                    elapsed_s,
-                    from_v,
-                    lagged_v,
-                    follow,
-                    u,
-                )
-                - y_um[k]
-            )
+            y = lagged_answer_um(bank, memory, lag_s, elapsed_s, from_v, lagged_v, follow, u)
+            error = y - y_um[k]
             if turn == 0:
                 below = error
                 if error >= 0.0:
@@ -560,13 +476,13 @@ def solve_bank(
         at_s = turn_s(lag_s, elapsed_s, from_v, u, lagged_v)
         if at_s > 0.0:
             turn_v = from_v + (u - from_v) * (at_s / elapsed_s)
-            following(taus, at_s, follow)
-            step(thresholds, rounded, creeping, plays, stops, lags, lagged_v, follow, turn_v)
+            following(bank.taus, at_s, follow)
+            step(bank, memory, lagged_v, follow, turn_v)
             lagged_v = turn_v
-            following(taus, elapsed_s - at_s, follow)
-        step(thresholds, rounded, creeping, plays, stops, lags, lagged_v, follow, end_v)
+            following(bank.taus, elapsed_s - at_s, follow)
+        step(bank, memory, lagged_v, follow, end_v)
         if at_s > 0.0:
-            following(taus, known_s, follow)
+            following(bank.taus, known_s, follow)
         before_s, from_v, lagged_v = t_s[k], u, end_v
     return lagged_v
 
