@@ -105,7 +105,6 @@ class ElectromechanicalModel:
         return cls(transducer, block)
 
     def virgin(self) -> ElectromechanicalState:
-        """State of an actuator that was never driven, at rest at 0 V."""
         return ElectromechanicalState(0.0, 0.0, 0.0, 0.0, np.zeros(len(self.block.limits_v)))
 
     def conditioned(self, low_v: float, high_v: float) -> ElectromechanicalState:

@@ -35,7 +35,6 @@ class Fraction:
 
     @property
     def runs(self) -> int:
-        """Number of runs."""
         return int(2 ** (self.factors - len(self.generators)))
 
     def coded(self) -> NDArray[np.float64]:

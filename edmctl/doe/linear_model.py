@@ -36,7 +36,6 @@ class Settings:
 
     @property
     def runs(self) -> int:
-        """Number of runs."""
         return len(np.asarray(next(iter((*self.numbers.values(), *self.categories.values())))))
 
     def columns(self, factor: str, power: int) -> Values:

@@ -154,7 +154,6 @@ class SerialLine:
         return data
 
     def now_s(self) -> float:
-        """Return the computer's monotonic clock."""
         return monotonic()
 
     def close(self) -> None:

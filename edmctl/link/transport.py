@@ -75,7 +75,6 @@ class SteppedLine:
         self._failure: LinkLost | None = None
 
     def write(self, data: bytes) -> None:
-        """Hand bytes to the line."""
         self._line.write(data)
 
     def read(self, timeout_s: float) -> bytes:
@@ -87,7 +86,6 @@ class SteppedLine:
         return self._now_s
 
     def close(self) -> None:
-        """Give the line back."""
         self._line.close()
 
     def _advance(self, timeout_us: int) -> bytes:

@@ -93,7 +93,6 @@ class LinkMachine:
 
     @property
     def identity(self) -> MachineIdentity:
-        """Return who answered."""
         return identity_of(self._session)
 
     @property
@@ -113,7 +112,6 @@ class LinkMachine:
 
     @property
     def zero_um(self) -> float:
-        """Where the controller takes home to be, µm."""
         return self._zero_um
 
     def _run_seconds(self, t_us: int) -> float:
@@ -136,19 +134,16 @@ class LinkMachine:
                 set_generator(self._session, pulses)
 
     def start_telemetry(self, settings: TelemetrySettings, listener: MachineListener) -> None:
-        """Begin to send samples to `listener`."""
         self._waits.listener = listener
         self._inbox.begin_telemetry(settings)
         self._session.request(TlmStart(settings.period_us, settings.batch, settings.pulse_log))
 
     def stop_telemetry(self) -> None:
-        """Send no more samples; what is pending reaches the listener."""
         self._session.request(TlmStop())
         self._waits.hand_over(everything=True)
         self._inbox.end_telemetry()
 
     def arm(self, *, pulses: bool = True) -> None:
-        """Start the watchdog and permit or forbid pulses; from here on the machine may move."""
         with self._waits.faults_first():
             self._session.request(Arm(param_crc(self._waits.settings)))
             self._zero_um = 0.0
@@ -158,7 +153,6 @@ class LinkMachine:
         self._position = {Axis.X: status.x_um, Axis.Y: status.y_um, Axis.THETA: status.theta_deg}
 
     def status(self) -> MachineStatus:
-        """Ask what the controller sees now."""
         status = read_status(self._session)
         places = {Axis.X: status.x_um, Axis.Y: status.y_um, Axis.THETA: status.theta_deg}
         for axis, stood in self._stands.items():
@@ -169,16 +163,13 @@ class LinkMachine:
         return status
 
     def self_test(self) -> float:
-        """Test the gap sensor with the tool retracted; mean gap voltage with the generator on, V."""
         self._waits.begin(SelfTest())
         return 1e-3 * self._waits.event((EventCode.TEST_DONE,), SELF_TEST_S).argument
 
     def rest(self, duration_s: float) -> None:
-        """Let time pass."""
         self._waits.rest(duration_s)
 
     def ramp(self, actuator_v: float, slew_v_s: float) -> None:
-        """Ramp the actuator and wait for the end of the ramp."""
         duration_s = abs(actuator_v - self._actuator_v) / slew_v_s
         self._waits.begin(PiezoSet(actuator_v, slew_v_s))
         self._waits.event((EventCode.MOVE_DONE,), duration_s)
@@ -193,18 +184,15 @@ class LinkMachine:
         self._position[axis] = self._stands[axis] = target
 
     def set_zero(self, zero_um: float) -> None:
-        """Say where home is at rest at 0 V; the height at which stages may move counts from it."""
         with self._waits.faults_first():
             self._session.request(SetZero(zero_um))
         self._zero_um = zero_um
 
     def approach(self, speed_um_s: float, max_travel_um: float, gap_reference_v: float) -> MachineEvent:
-        """Advance with pulses until the mean gap voltage falls to the reference; the tool is then held."""
         self._waits.begin(Approach(speed_um_s, max_travel_um, gap_reference_v))
         return self._waits.event((EventCode.APPROACH_DONE,), SLOWEST * max_travel_um / speed_um_s)
 
     def touch(self, request: TouchRequest) -> tuple[Touch, ...]:
-        """Find the surface by contact, without pulses; the tool ends a back-off above it."""
         self._waits.begin(
             TouchOff(
                 fast_um_s=request.fast_um_s,
@@ -230,18 +218,15 @@ class LinkMachine:
         return tuple(found)
 
     def start_cut(self, request: CutRequest) -> None:
-        """Start the gap servo."""
         self._scans = False
         self._waits.begin(ServoStart(request.gap_reference_v, request.z_limit_um, request.max_time_s))
 
     def start_scan(self, request: CutRequest) -> None:
-        """Start the gap servo with the tool held at its limit; the stages wait for `path_move`."""
         self._stands.clear()
         self._scans = True
         self._waits.begin(ScanStart(request.gap_reference_v, request.z_limit_um, request.max_time_s))
 
     def path_move(self, line: ScanLine) -> bool:
-        """Append a line to the path of a scan; False where the queue is full."""
         self._stands.clear()
         try:
             with self._waits.faults_first():
@@ -256,11 +241,9 @@ class LinkMachine:
         return True
 
     def watch_cut(self, duration_s: float) -> MachineEvent | None:
-        """Let at most `duration_s` of a cut or scan pass; the event that ended it, None while it goes on."""
         return self._waits.cut(duration_s)
 
     def stop_cut(self) -> MachineEvent:
-        """End a cut or scan: pulses off, tool and stages held."""
         with self._waits.faults_first():
             self._session.request(ServoStop())
         return self._waits.event(CUT_ENDS, 0.0)
@@ -279,12 +262,10 @@ class LinkMachine:
         self._waits.event((EventCode.JUMP_DONE,), travel_s + request.dwell_s)
 
     def set_pulses(self, pulses: PulseSettings) -> None:
-        """Set the generator anew: armed, and not while it makes pulses."""
         with self._waits.faults_first():
             set_generator(self._session, pulses)
 
     def disarm(self) -> None:
-        """Pulses off, retract to 0 V, idle."""
         self._waits.retreat(Disarm())
         self._waits.event((EventCode.MOVE_DONE,), self._retract_time_s())
         self._actuator_v = 0.0
@@ -366,30 +347,20 @@ class LinkMachine:
         return self._session.transport.live
 
     def clear_fault(self, code: int) -> None:
-        """Clear the latched fault, once the tool has retracted.
-
-        Raises
-        ------
-        NothingLatched, WrongFault, InterlockOpen
-        """
         clear_fault(self._session, code, self._waits.settings)
         self._inbox.fault = None
 
     def black_box(self) -> TelemetryBlock | None:
-        """Return every millisecond of the last two seconds before the latched fault; None where nothing is held."""
         return read_black_box(self._session, self._run_seconds)
 
     def waveforms(self) -> WaveformBatch | None:
-        """Return gap voltage and current about the latched fault; None where none are held."""
         return read_waveforms(self._session, self._run_seconds)
 
     def link_report(self) -> LinkReport:
-        """Return how the line did since the session opened."""
         return self._session.link_report()
 
     @property
     def bad_frames(self) -> int:
-        """Frames that arrived damaged since the session opened."""
         return self._session.statistics.bad_frames
 
     def _retract_time_s(self) -> float:

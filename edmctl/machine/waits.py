@@ -93,7 +93,6 @@ class Waits:
         self._raise_what_came()
 
     def check_stop(self) -> None:
-        """Raise Interrupted where a stop was asked for."""
         self._stop.check()
 
     def look(self) -> None:
@@ -102,7 +101,6 @@ class Waits:
         self._raise_what_came()
 
     def rest(self, duration_s: float) -> None:
-        """Let time pass."""
         end_s = self.now_s + duration_s
         while (left_s := end_s - self.now_s) > 1e-6:
             self.slice(min(left_s, SLICE_S))

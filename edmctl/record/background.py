@@ -73,7 +73,6 @@ class BackgroundWriter:
 
     @property
     def path(self) -> Path:
-        """The file as it is called now."""
         return self._writer.path
 
     def append(self, row: Row) -> None:

@@ -63,7 +63,6 @@ class RunFile:
         return f"<RunFile {self.path}: {self.text('/entry/title')}, {status}>"
 
     def close(self) -> None:
-        """Close the file."""
         self._file.close()
 
     def _refuse_closed(self) -> None:

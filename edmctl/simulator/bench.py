@@ -54,7 +54,6 @@ class MemoryTransport:
         self._open = True
 
     def write(self, data: bytes) -> None:
-        """Hand bytes to the controller."""
         self._check()
         self._controller.receive(self._damage.to(data))
 
@@ -65,7 +64,6 @@ class MemoryTransport:
         return self._controller.link.take_output()
 
     def now_s(self) -> float:
-        """Virtual time: the controller's."""
         return self._controller.plant.readings.tick * TICK_S
 
     def close(self) -> None:
@@ -173,7 +171,6 @@ class VirtualBench:
 
     @property
     def tool_label(self) -> str:
-        """Which tool is in."""
         return self.plant.config.tool_label
 
     @property

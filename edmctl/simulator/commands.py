@@ -44,7 +44,6 @@ class Commands:
         }
 
     def execute(self, message: Message) -> Outcome:
-        """Carry out a command and return the status and payload of its reply."""
         return self._handlers[type(message)](message)
 
     def _hello(self, request: m.Hello) -> Outcome:

@@ -77,15 +77,12 @@ class PtyEndpoint:
 
     @property
     def name(self) -> str:
-        """The link, or the device without one."""
         return str(self._link or self.device)
 
     def descriptors(self) -> list[int]:
-        """Our end."""
         return [self._ours]
 
     def receive(self) -> bytes:
-        """Return what clients have written."""
         try:
             return os.read(self._ours, _MOST_READ)
         except BlockingIOError:
@@ -95,7 +92,6 @@ class PtyEndpoint:
             return b""
 
     def transmit(self, data: bytes) -> int:
-        """Write as much as the terminal's buffer takes."""
         try:
             return os.write(self._ours, data)
         except BlockingIOError:
@@ -122,7 +118,6 @@ class PtyEndpoint:
             self._theirs = os.dup(self._ours)
 
     def close(self) -> None:
-        """Remove the link and hang up."""
         if self._link is not None:
             with suppress(OSError):
                 if self._link.readlink() == Path(self.device):
@@ -189,7 +184,6 @@ class SocketEndpoint:
 
     @property
     def name(self) -> str:
-        """The URL for `--port`."""
         return self._name
 
     def descriptors(self) -> list[int]:
@@ -198,7 +192,6 @@ class SocketEndpoint:
         return [s.fileno() for s in every if s is not None]
 
     def heard(self) -> None:
-        """The client has sent a valid frame."""
         self._heard_s = monotonic()
 
     def receive(self) -> bytes:
@@ -221,11 +214,9 @@ class SocketEndpoint:
             return len(data)
 
     def has_client(self) -> bool:
-        """Whether a client is connected."""
         return self._client is not None
 
     def close(self) -> None:
-        """Hang up and stop listening."""
         self._drop_client()
         for waiting in self._at_gate:
             waiting.client.close()

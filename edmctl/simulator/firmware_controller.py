@@ -45,7 +45,6 @@ class FirmwareLink:
 
     @property
     def driven(self) -> bool:
-        """Whether time stands still but in ADVANCE."""
         return self._c.driven
 
     @driven.setter
@@ -55,41 +54,33 @@ class FirmwareLink:
 
     @property
     def urgent(self) -> bool:
-        """Whether somebody waits for what is to be sent."""
         return bool(self._c.seen.urgent)
 
     @property
     def due(self) -> bool:
-        """On a driven clock, whether it is to be sent now."""
         return bool(self._c.seen.due)
 
     @property
     def greeting(self) -> bool:
-        """Whether somebody waits for an answer on a driven clock that nobody drives yet."""
         seen = self._c.seen
         return bool(self.driven and seen.urgent and not seen.advanced)
 
     @property
     def rx_bad(self) -> int:
-        """Frames dropped for a bad check."""
         return self._c.seen.rx_bad
 
     @property
     def rx_drop(self) -> int:
-        """Frames dropped for another reason."""
         return self._c.seen.rx_drop
 
     @property
     def rx_frames(self) -> int:
-        """Commands that came whole, whoever sent them."""
         return self._c.seen.rx_frames
 
     def keep(self, data: bytes) -> None:
-        """Line up what the core has sent."""
         self._out.append(data)
 
     def take_output(self) -> bytes:
-        """Hand over everything to be sent."""
         out = b"".join(self._out)
         self._out.clear()
         self._c.output_taken()
@@ -153,7 +144,6 @@ class FrozenBox:
 
     @property
     def frozen_tick(self) -> int | None:
-        """When a fault froze it; None while it goes on."""
         return None if self._seen.frozen_tick < 0 else self._seen.frozen_tick
 
 
@@ -240,42 +230,34 @@ class FirmwareController:
     # ------------------------------------------------------------------------------- what stands in the core
     @property
     def tick(self) -> int:
-        """Milliseconds since the machine was set up; resets do not touch them."""
         return self.plant.readings.tick
 
     @property
     def boot_tick(self) -> int:
-        """The tick at which the controller started."""
         return self.seen.boot_tick
 
     @property
     def time_us(self) -> int:
-        """Controller time: µs since its start."""
         return (self.tick - self.boot_tick) * TICK_NS // 1000
 
     @property
     def state(self) -> State:
-        """State of the controller."""
         return State(self.seen.state)
 
     @property
     def armed(self) -> bool:
-        """Whether the watchdog runs."""
         return bool(self.seen.armed)
 
     @property
     def fault(self) -> int:
-        """Latched fault, 0 for none."""
         return self.seen.fault
 
     @property
     def boot_count(self) -> int:
-        """How often it has started."""
         return self.seen.boot_count
 
     @property
     def baud(self) -> int:
-        """Baud of the line, 0 where it has none."""
         return self.baud_told
 
     @baud.setter
@@ -285,7 +267,6 @@ class FirmwareController:
 
     @property
     def board(self) -> int:
-        """Kind of board that it says to be, 0 = virtual."""
         return self.board_told
 
     @board.setter
@@ -295,7 +276,6 @@ class FirmwareController:
 
     @property
     def host_time_scale(self) -> float:
-        """Controller seconds per second of the host."""
         return self._scale
 
     @host_time_scale.setter
@@ -304,7 +284,6 @@ class FirmwareController:
         self.tell_core()
 
     def count_from(self, time_us: int, event_no: int, boot_count: int, frames: int, pulse_no: int) -> None:
-        """Let every counter of the link stand where it does after a long time, as tests of its wrap need it."""
         self._library.count_from(
             self._at, time_us, event_no, boot_count, frames & 0xFFFFFFFF, pulse_no & 0xFFFFFFFF
         )
@@ -315,7 +294,6 @@ class FirmwareController:
 
     # ------------------------------------------------------------------------------------------ bytes and time
     def receive(self, data: bytes) -> None:
-        """Take bytes from the line and execute the commands in them."""
         at = 0
         while at < len(data):
             self._read_inputs()
@@ -330,7 +308,6 @@ class FirmwareController:
             self.reset(ResetCause.COMMANDED)
 
     def _let_time_pass(self) -> None:
-        """Carry out an ADVANCE."""
         timeout_us = self.seen.advance_us
         if self.seen.reboot_asked:
             self.reset(ResetCause.COMMANDED)
@@ -340,11 +317,9 @@ class FirmwareController:
         self._after_call()
 
     def host_heard(self) -> None:
-        """Feed the watchdog."""
         self._library.heard(self._at)
 
     def advance(self, ticks: int) -> None:
-        """Let `ticks` milliseconds pass."""
         now = self.tick
         end = now + ticks
         while now < end:
@@ -427,7 +402,6 @@ class FirmwareController:
         return ctypes.string_at(self._at + self._library.last_samples_at(), 257)
 
     def output_taken(self) -> None:
-        """Nobody waits any more."""
         self._library.taken(self._at)
 
     # ------------------------------------------------------------------------------------------ keeping it
@@ -477,12 +451,10 @@ class FirmwareController:
 
     # ------------------------------------------------------------------------------- what a board finds by itself
     def raise_fault(self, code: FaultCode, detail: int = 0) -> None:
-        """Pulses off, retract, latch, report."""
         self._library.fault(self._at, int(code), detail)
         self._after_call()
 
     def reset(self, cause: ResetCause) -> None:
-        """Start anew: no session, default parameters, pulses off, tool retracting. A latched fault outlives it."""
         self.plant.look()
         self._library.reset(self._at, int(cause))
         self._after_call()

@@ -110,7 +110,6 @@ class Plant:
 
     @property
     def tool_wear_um(self) -> float:
-        """Length lost by the tool so far, µm."""
         return self.state.wear_um
 
     def fit_tool(self, label: str, diameter_um: float, tool_wear: float, tip_rounding_um: float) -> None:
@@ -160,7 +159,6 @@ class Plant:
         self.state.line_error_x_um[row], self.state.line_error_y_um[row] = error
 
     def begin_scan(self) -> None:
-        """Hand the stages over to the kernel."""
         self._scanning = True
         self.work_under_tool.set_moving()
         self.drive.stage_x_um, self.drive.stage_y_um = self.reported[:2]

@@ -129,7 +129,6 @@ class WorkUnderTool:
         self._take_up(x_um, y_um)
 
     def true_holes(self) -> tuple[Hole, ...]:
-        """Every hole with its present depth."""
         self._note_hole()
         return tuple(self.holes)
 
