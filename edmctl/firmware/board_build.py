@@ -15,6 +15,7 @@ from pathlib import Path
 from edmctl.errors import PreconditionError, RunFileError, installing
 from edmctl.firmware.boards import Board
 from edmctl.firmware.build import compiler_environment, source_folder, version_of
+from edmctl.firmware.hex_file import hex_of
 from edmctl.firmware.image import Image, read_image, seal
 from edmctl.firmware.settings import flags_of, parse_settings, settings_of
 
@@ -119,7 +120,7 @@ def build_board(
             shutil.copyfile(sealed, elf)
         image = read_image(elf, schema_hash)
         binary.write_bytes(image.data)
-        text.write_text(image.as_hex(), encoding="ascii")
+        text.write_text(hex_of(image.address, image.data), encoding="ascii")
     except OSError as error:
         raise _not_written(elf, error) from error
     return BoardBuild(image, elf, binary, text, said)

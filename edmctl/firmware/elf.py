@@ -28,11 +28,6 @@ class ElfSection:
     link: int
     is_allocated: bool
 
-    @property
-    def has_content(self) -> bool:
-        """Whether the file holds its bytes."""
-        return self.kind != _NOBITS
-
 
 @dataclass(frozen=True, slots=True)
 class ElfSegment:
@@ -98,7 +93,7 @@ class Elf:
     def load_address_of(self, section: ElfSection) -> int:
         """Where the bytes of a section lie before the program runs: its own address, or that of initial values."""
         for segment in self.segments:
-            if section.has_content and 0 <= section.offset - segment.offset < segment.size:
+            if section.kind != _NOBITS and 0 <= section.offset - segment.offset < segment.size:
                 return segment.load_address + section.offset - segment.offset
         return section.address
 

@@ -16,7 +16,7 @@ from edmctl.errors import RecordError
 from edmctl.files import read_bytes
 from edmctl.firmware.boards import Board, board_name, board_of
 from edmctl.firmware.elf import Elf, ForeignElf
-from edmctl.firmware.hex_file import hex_of, parse_hex
+from edmctl.firmware.hex_file import parse_hex
 from edmctl.firmware.settings import told_settings
 from edmctl.results.firmware import ImageFacts, Section
 
@@ -60,10 +60,6 @@ class Image:
     board: Board | None
     address: int
     data: bytes
-
-    def as_hex(self) -> str:
-        """The image as Intel HEX."""
-        return hex_of(self.address, self.data)
 
 
 def read_image(path: Path, schema_hash: int) -> Image:

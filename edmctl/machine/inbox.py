@@ -98,10 +98,6 @@ class Inbox:
         if self.lie is None:
             self.lie = impossible(problem)
 
-    def is_news(self) -> bool:
-        """Whether an event or a fault came that a wait must not sleep over."""
-        return self.news
-
     def begin_telemetry(self, settings: TelemetrySettings) -> None:
         """Telemetry has been asked for; its next frame is the first."""
         self._telemetry_counter = None

@@ -109,7 +109,7 @@ class Waits:
         """Read for one slice or until there is news; then hand over, and raise what must be raised."""
         inbox = self._inbox
         inbox.news = False
-        self._session.pump_until(inbox.is_news, duration_s)
+        self._session.pump_until(lambda: inbox.news, duration_s)
         self.hand_over()
         self._raise_what_came()
         self._stop.check()

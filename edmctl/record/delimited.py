@@ -23,6 +23,7 @@ import numpy as np
 from edmctl.csv_text import plain_text
 from edmctl.errors import Location, RecordError
 from edmctl.files import read_bytes
+from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -153,7 +154,7 @@ def read_delimited(path: Path, content: bytes, needed: Sequence[str] = WANTED) -
         hint = "Write numbers like -12.5 or 1.25e-3, without quotes."
         raise RecordError(f"{path} is no table of numbers: {error}.", hint=hint, code="E3604") from None
     if len(values) < 2:
-        message, hint = f"{path} holds {_count(len(values), 'row')} of numbers.", "Give a row per sample."
+        message, hint = f"{path} holds {plural(len(values), 'row')} of numbers.", "Give a row per sample."
         raise RecordError(message, hint=hint, code="E3605")
     return {name: np.ascontiguousarray(values[:, k]) for k, name in enumerate(columns)}
 
@@ -239,7 +240,7 @@ def _check_rows(
         if len(cells) <= max(columns.values()):
             hint = "The file ends within a row: delete its last line."
             message = (
-                f"{path}, line {index + 1}: {_count(len(cells), 'cell')} under a header of {len(names)}."
+                f"{path}, line {index + 1}: {plural(len(cells), 'cell')} under a header of {len(names)}."
             )
             hint = hint if index == rows[-1] else "Complete or delete the row."
             raise RecordError(message, hint=hint, code="E3604", where=where)
@@ -266,17 +267,13 @@ def _place(path: Path, lines: Sequence[str], index: int, cell: int = 0, separato
     return Location(str(path), index + 1, start + 1, max(1, end - start), line)
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
 def _too_wide(
     name: str, number: int, cells: int, columns: int, separator: str, where: Location | None = None
 ) -> RecordError:
     hint = "Delete the cells beyond the last column, or give them a name."
     if separator == ",":
         hint = "Write numbers with a decimal point, separate columns by semicolons, or name each column."
-    message = f"{name}, line {number}: {_count(cells, 'cell')} under a header of {columns}."
+    message = f"{name}, line {number}: {plural(cells, 'cell')} under a header of {columns}."
     return RecordError(message, hint=hint, code="E3604", where=where)
 
 

@@ -147,15 +147,7 @@ class VirtualController:
         plant.random.provide(plant.state, pulses, 2 * ticks + 2)
         return run(
             ticks,
-            plant.unit.shared,
-            plant.state.shared,
-            plant.scope.shared,
-            plant.random.pulse,
-            plant.random.tables,
-            plant.random.noise,
-            plant.work_under_tool.levels,
-            plant.drive.shared,
-            plant.readings.shared,
+            *plant.shared,
             self.settings.shared,
             self.loop.shared,
             self.black_box.ring,

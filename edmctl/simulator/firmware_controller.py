@@ -340,15 +340,7 @@ class FirmwareController:
         plant.random.provide(plant.state, pulses, 2 * ticks + 2)
         happened: int = run_firmware(
             ticks,
-            plant.unit.shared,
-            plant.state.shared,
-            plant.scope.shared,
-            plant.random.pulse,
-            plant.random.tables,
-            plant.random.noise,
-            plant.work_under_tool.levels,
-            plant.drive.shared,
-            plant.readings.shared,
+            *plant.shared,
             self._library.tick_begin,
             self._library.tick_end,
             self._at,

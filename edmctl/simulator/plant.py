@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,10 @@ from edmctl.simulator.wiring import Inputs, Wiring
 from edmctl.simulator.work_under_tool import Chips, Hole, WorkUnderTool
 
 Floats = NDArray[np.float64]
+_Shared: TypeAlias = tuple[
+    Sequence[Unit], Sequence[PlantState], Sequence[Scope], Floats, Floats, Floats, Floats, Sequence[Drive],
+    Sequence[Readings],
+]  # fmt: skip
 
 CONTACT_COMPLIANCE = (
     0.1  # travel of the tool end into the work per µm of free travel beyond contact [assumed]
@@ -94,19 +99,23 @@ class Plant:
         for _ in range(ticks):
             controller(self.readings, self.drive)
             self.random.provide(self.state, TICK_NS // self.unit.pulse_period_ns + 2, 4)
-            look = run_plant(
-                self.unit.shared,
-                self.state.shared,
-                self.scope.shared,
-                self.random.pulse,
-                self.random.tables,
-                self.random.noise,
-                self.work_under_tool.levels,
-                self.drive.shared,
-                self.readings.shared,
-            )
-            if look:
+            if run_plant(*self.shared):
                 self.look()
+
+    @property
+    def shared(self) -> _Shared:
+        """The plant for compiled code: the arguments of `run_plant`."""
+        return (
+            self.unit.shared,
+            self.state.shared,
+            self.scope.shared,
+            self.random.pulse,
+            self.random.tables,
+            self.random.noise,
+            self.work_under_tool.levels,
+            self.drive.shared,
+            self.readings.shared,
+        )
 
     @property
     def tool_wear_um(self) -> float:

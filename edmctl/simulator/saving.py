@@ -124,7 +124,10 @@ def _plant_state(plant: Plant) -> State:
     random = plant.random
     return {
         **_records_state(plant, _PLANT_RECORDS),
-        **{name: _plain(getattr(plant, name)) for name in _PLANT_VALUES},
+        **{
+            name: int(value) if isinstance(value := getattr(plant, name), bool) else value
+            for name in _PLANT_VALUES
+        },
         **{name: getattr(plant, name).copy() for name in _PLANT_ARRAYS},
         "discharge": dataclasses.asdict(plant.discharge),
         "reported": np.array(plant.reported),
@@ -158,7 +161,9 @@ def _restore_plant(plant: Plant, state: State) -> None:
     here = _integer(state, "here")
     ground.here = None if here == _NO_HOLE else ground.holes[here]
     worn = _part(state, "tools_worn_um")
-    plant.tools_worn_um = {label: _number(worn, label) for label in worn}
+    if not all(isinstance(worn_um, float) for worn_um in worn.values()):
+        raise TypeError("the wear of a tool is no number")
+    plant.tools_worn_um = dict(worn)  # type: ignore[arg-type]
     _set_stream(plant._stage_noise, state["stage_noise"])
     random = _part(state, "random")
     for name in _RANDOM_ARRAYS:
@@ -271,17 +276,6 @@ def _integer(state: State, name: str) -> int:
     if not isinstance(value, int):
         raise TypeError(f"{name} is no whole number")
     return value
-
-
-def _number(state: State, name: str) -> float:
-    value = state[name]
-    if not isinstance(value, float):
-        raise TypeError(f"{name} is no number")
-    return value
-
-
-def _plain(value: bool | float | str) -> float | int | str:
-    return int(value) if isinstance(value, bool) else value
 
 
 def _fill(array: NDArray[np.generic], values: object) -> None:
