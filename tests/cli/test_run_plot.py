@@ -51,7 +51,7 @@ def sketch(kind: Kind, _: RunFile) -> Figure:
 @pytest.fixture(autouse=True)
 def sketches(monkeypatch: pytest.MonkeyPatch) -> None:
     """What goes where is the question here; how the figures look is one of `tests/report`."""
-    monkeypatch.setattr("edmctl.report.kinds.draw", sketch)
+    monkeypatch.setattr("edmctl.cli.run.plot.draw", sketch)
     monkeypatch.setattr("edmctl.report.page.draw", sketch)
 
 
@@ -267,7 +267,7 @@ def test_what_a_damaged_file_brings_about_is_its_own_fault(
     def fail(*_: object) -> Figure:
         raise ValueError("a text that is none")
 
-    monkeypatch.setattr("edmctl.report.kinds.draw", fail)
+    monkeypatch.setattr("edmctl.cli.run.plot.draw", fail)
     monkeypatch.setattr("edmctl.report.comparison.compare", fail)
     commands = (("plot", str(run), "--kind", "gap"), ("compare", str(run), str(run)))
     found = [here("run", *words, "--json").document["error"]["code"] for words in commands]
