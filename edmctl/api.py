@@ -21,7 +21,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, SupportsIndex
 
-from edmctl.errors import Diagnostic, UsageError, refuse_wrong_clock
+from edmctl.errors import UsageError, refuse_wrong_clock
 from edmctl.files import user_path
 from edmctl.jobs.connect import controller_warning, seed_warning
 from edmctl.jobs.job import Report, carry_out
@@ -433,7 +433,7 @@ def simulate(
     tasks: list[tuple[Machine, Task]] = []
     for steps in grid:
         request = fresh._request(profile, (*_texts(overrides), *_texts(steps)), calibration, allow_model)
-        plan = fresh._plan(request, stop, _ignore)
+        plan = fresh._plan(request, stop, lambda _: None)
         name = plain_name("-".join(_texts(steps)) or plan.loaded.path.stem)
         for machine in machines:
             assert machine.seed is not None
@@ -621,7 +621,3 @@ def _doubts(warn: Warn | None) -> Warn:
         raise TypeError(f"warn has to be called with warnings, and {warn!r} cannot be")
     told = warn
     return lambda found: told(found) if found else None
-
-
-def _ignore(found: Sequence[Diagnostic]) -> None:
-    """Told elsewhere."""

@@ -197,7 +197,9 @@ def facts(result: Mapping[str, object]) -> Iterator[tuple[str, str]]:
     """
     bare = Counter(_without_unit(key) for key in result)  # `max_um` and `max_pct` are two values
     for key, value in result.items():
-        if key in _SHOWN_ELSEWHERE or (key.endswith("_u95_um") and _of_u95(key) in result):
+        if key in _SHOWN_ELSEWHERE or (
+            key.endswith("_u95_um") and f"{key.removesuffix('_u95_um')}_um" in result
+        ):
             continue
         u95_um = result.get(f"{key.removesuffix('_um')}_u95_um")
         if isinstance(value, Mapping) and key == "reached":
@@ -227,11 +229,6 @@ def facts(result: Mapping[str, object]) -> Iterator[tuple[str, str]]:
 def _without_unit(key: str) -> str:
     ending = next((ending for ending in _UNITS if key.endswith(f"_{ending}")), None)
     return key if ending is None else key.removesuffix(f"_{ending}")
-
-
-def _of_u95(key: str) -> str:
-    """The key of what an uncertainty belongs to."""
-    return f"{key.removesuffix('_u95_um')}_um"
 
 
 def _words(key: str) -> str:

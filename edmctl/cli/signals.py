@@ -153,17 +153,14 @@ def die_of(number: int) -> NoReturn:
 
 @contextmanager
 def _handling(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
-    before = {number: signal.signal(number, handler) for number in _STOPPING if _is_heeded(number)}
+    # `nohup` ignores SIGHUP for its program, a shell SIGINT for background jobs: they stay ignored.
+    heeded = [number for number in _STOPPING if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, handler) for number in heeded}
     try:
         yield
     finally:
         for number, old in before.items():
             signal.signal(number, old)
-
-
-def _is_heeded(number: int) -> bool:
-    """`nohup` ignores SIGHUP for its program, a shell SIGINT for background jobs: leave them so."""
-    return signal.getsignal(number) is not signal.SIG_IGN
 
 
 def _say(text: str) -> None:

@@ -320,13 +320,10 @@ def render_first_start(report: FirstStartReport, style: Style = PLAIN) -> str:
 def _item(item: Item, style: Style) -> list[str]:
     status = style.paint(f"{item.status:8}", _INKS[item.status])
     lines = [f"{status}  {item.title}{f': {item.reason}' if item.reason else ''}"]
+    told = (("done", item.done), ("expected", item.expected), ("read", item.read))
     if item.read:
-        lines += [f"{'':{_INDENT}}{name:10}{text}" for name, text in _told(item)]
+        lines += [f"{'':{_INDENT}}{name:10}{text}" for name, text in told]
     for cause in item.causes:
         nets = f"; net {', '.join(cause.nets)}" if cause.nets else ""
         lines.append(f"{'':{_INDENT}}{style.paint('likely    ', Ink.NOTE)}{cause.text}{nets}")
     return lines
-
-
-def _told(item: Item) -> list[tuple[str, str]]:
-    return [("done", item.done), ("expected", item.expected), ("read", item.read)]

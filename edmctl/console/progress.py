@@ -144,7 +144,7 @@ class EventReporter(Reporter):
     def progress(self, p: Progress) -> None:
         """Write a `progress` object when one is due."""
         if self._pace.is_due(p.phase):
-            self._emit("progress", progress_mapping(p))
+            self._emit("progress", {key: getattr(p, key) for key in _EVENT_KEYS})
 
     def note(self, text: str) -> None:
         """Write a `note` object."""
@@ -162,7 +162,7 @@ class EventReporter(Reporter):
 
 def progress_line(p: Progress) -> str:
     """Return the state in one line of plain text; gap, pulses and depth only while there are pulses."""
-    parts = [f"{duration(p.time_s)}: {phase_words(p)}"]
+    parts = [f"{duration(p.time_s)}: {p.phase}{f' {p.site}' if p.site else ''}"]
     if has_pulses(p.ratios):
         parts.append(f"gap {p.gap_v:.1f} V (reference {p.reference_v:.1f} V)")
         parts.append(render_ratios(p.ratios, decimals=0))
@@ -184,19 +184,9 @@ def while_cutting(p: Progress) -> str:
     return marked("", Basis.ESTIMATED) if p.phase in _IN_A_CUT else ""
 
 
-def phase_words(p: Progress) -> str:
-    """Return what is being done, and where among several places."""
-    return f"{p.phase} {p.site}" if p.site else str(p.phase)
-
-
 def has_pulses(ratios: PulseShares) -> bool:
     """Say whether any pulse was counted: without one all shares are zero or unknown."""
     return ratios.open + ratios.normal + ratios.arc + ratios.short > 0.0
-
-
-def progress_mapping(p: Progress) -> dict[str, object]:
-    """Return the state with the keys of the JSON result."""
-    return {key: getattr(p, key) for key in _EVENT_KEYS}
 
 
 class _PatientStream:

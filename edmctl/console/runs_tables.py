@@ -59,7 +59,10 @@ def render_runs(runs: Sequence[RunHead | Unreadable], style: Style = PLAIN) -> s
     table = {name: [_cell(run, name, cell) for run in runs] for name, cell in _COLUMNS.items()}
     shown = narrowed(table, columns, FIRST_TO_GO)
     if columns is not None and width_of(shown) > columns:
-        shown["status"] = [_cell(run, "status", _short_status) for run in runs]
+        shown["status"] = [
+            _cell(run, "status", lambda one: f"exit {one.exit_code}" if one.exit_code else _status(one))
+            for run in runs
+        ]
     text = render_table(shown, style, left=_WORDS, cut_first="run")
     notes = [
         *meanings({basis for run in heads for basis in _bases(run)}),
@@ -86,10 +89,6 @@ def _cell(run: RunHead | Unreadable, name: str, cell: Callable[[RunHead], str]) 
 
 def _name(run: RunHead | Unreadable) -> str:
     return escaped(run.path.name.removesuffix(".h5"))
-
-
-def _short_status(run: RunHead) -> str:
-    return f"exit {run.exit_code}" if run.exit_code else _status(run)
 
 
 def _status(run: RunHead) -> str:

@@ -7,7 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from edmctl.actuator import paper_figures
+from edmctl.actuator.waveforms import Leg, jump_train, sampled, servo_dither, sine, square, triangle
 from edmctl.errors import RecordError, UsageError
+from edmctl.record.columns import read_voltage
+from edmctl.simulator import actuator
+from edmctl.simulator.actuator import RATE_HZ, SLEW_V_S
 
 if TYPE_CHECKING:
     import numpy as np
@@ -74,9 +79,6 @@ def waveforms(wanted: Wanted) -> list[Waveform]:
 
 
 def _periodic(shape: str, low_v: float, high_v: float, frequency_hz: float, cycles: int) -> Waveform:
-    from edmctl.actuator.waveforms import sine, square, triangle
-    from edmctl.simulator.actuator import RATE_HZ, SLEW_V_S
-
     if not frequency_hz > 0.0 or cycles / frequency_hz > LONGEST_S:
         raise _refusal(
             f"{cycles} cycles of {frequency_hz:g} Hz do not end within {LONGEST_S:g} s.",
@@ -89,50 +91,30 @@ def _periodic(shape: str, low_v: float, high_v: float, frequency_hz: float, cycl
             f"{SLEW_V_S:g} V/s.",
             f"Take --frequency {math.floor(1e3 * fastest_hz) / 1e3:g} or less, or a smaller range.",
         )
-    asked = (low_v, high_v, frequency_hz, cycles, RATE_HZ)
-    if shape == "sine":
-        u_v = sine(*asked).u_v
-    elif shape == "square":
-        u_v = square(*asked).u_v
-    else:
-        u_v = triangle(*asked).u_v
-    return Waveform(f"{shape} {frequency_hz:g} Hz", u_v)
+    make = {"sine": sine, "square": square, "triangle": triangle}[shape]
+    return Waveform(f"{shape} {frequency_hz:g} Hz", make(low_v, high_v, frequency_hz, cycles, RATE_HZ).u_v)
 
 
 def _figures(shape: str) -> list[Waveform]:
     """The waveforms of the paper's figures that a shape names; none for every other shape."""
-    from edmctl.actuator import paper_figures
-    from edmctl.simulator.actuator import RATE_HZ
-
     names = list(paper_figures.NAMES) if shape == FIGURES else [shape] if shape in paper_figures.NAMES else []
     return [Waveform(paper_figures.NAMES[name], paper_figures.command(name, RATE_HZ), name) for name in names]
 
 
 def _step(low_v: float, high_v: float) -> Waveform:
-    from edmctl.actuator.waveforms import Leg, sampled
-    from edmctl.simulator.actuator import RATE_HZ, SLEW_V_S
-
     legs = [Leg(high_v, (high_v - low_v) / SLEW_V_S), Leg(high_v, STEP_HOLD_S)]
     return Waveform("step", sampled(legs, RATE_HZ, low_v).u_v)
 
 
 def _jumps(low_v: float, high_v: float) -> Waveform:
-    from edmctl.actuator.waveforms import jump_train
-    from edmctl.simulator.actuator import RATE_HZ
-
     return Waveform("jumps", jump_train(low_v, high_v, RATE_HZ).u_v)
 
 
 def _servo(low_v: float, high_v: float) -> Waveform:
-    from edmctl.actuator.waveforms import servo_dither
-    from edmctl.simulator.actuator import RATE_HZ
-
     return Waveform("servo", servo_dither(low_v, high_v, RATE_HZ).u_v)
 
 
 def _voltages(wanted: Wanted) -> tuple[float, float]:
-    from edmctl.simulator import actuator
-
     low_v = LOW_V if wanted.low_v is None else wanted.low_v
     high_v = HIGH_V if wanted.high_v is None else wanted.high_v
     if not actuator.LOW_V <= low_v < high_v <= actuator.HIGH_V:
@@ -146,8 +128,6 @@ def _voltages(wanted: Wanted) -> tuple[float, float]:
 
 def _refuse_misplaced(wanted: Wanted) -> None:
     """Refuse options that the waveform has no use for."""
-    from edmctl.actuator import paper_figures
-
     periodic: dict[str, object] = {"--frequency": wanted.frequency_hz, "--cycles": wanted.cycles}
     ranged: dict[str, object] = {"--low": wanted.low_v, "--high": wanted.high_v}
     if wanted.shape == FIGURES or wanted.shape in paper_figures.NAMES:
@@ -178,16 +158,13 @@ def command_from(path: Path, longest_s: float) -> Array:
     """
     import numpy as np
 
-    from edmctl.record.columns import read_voltage
-    from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ
-
     t_s, u_v = read_voltage(path)
     for wrong, said, hint, code in (
         (~(np.isfinite(t_s) & np.isfinite(u_v)), "is not finite", "Correct or delete it.", "E3612"),
         (np.diff(t_s, prepend=-math.inf) <= 0.0, "is not later than the one before", "Sort by t_s.", "E3613"),
         (
-            (u_v < LOW_V) | (u_v > HIGH_V),
-            f"is outside {LOW_V:g} to {HIGH_V:g} V",
+            (u_v < actuator.LOW_V) | (u_v > actuator.HIGH_V),
+            f"is outside {actuator.LOW_V:g} to {actuator.HIGH_V:g} V",
             "u_V is in volts.",
             "E3630",
         ),

@@ -12,6 +12,16 @@ from edmctl.jobs.doctor_host import Checks, fail, ok, warn
 from edmctl.link.messages import SCHEMA_HASH, Clock, HelloReply, ResetCause
 from edmctl.link.ports import is_adapter
 from edmctl.machine.faults import INTERLOCKS
+from edmctl.machine.interface import (
+    MachineState,
+    MachineStatus,
+    PulseLog,
+    PulseMode,
+    PulseSettings,
+    SampleListener,
+    TelemetryBlock,
+    TelemetrySettings,
+)
 from edmctl.results.equipment import Check
 from edmctl.results.firmware import dotted
 from edmctl.results.telemetry import LinkReport
@@ -19,13 +29,6 @@ from edmctl.wording import coordinates, decimal
 
 if TYPE_CHECKING:
     from edmctl.machine.controller import LinkMachine
-    from edmctl.machine.interface import (
-        MachineEvent,
-        MachineStatus,
-        PulseBlockBatch,
-        PulseTrain,
-        TelemetryBlock,
-    )
     from edmctl.profile.setup import Setup
 
 QUESTIONS = 100
@@ -58,7 +61,6 @@ def look(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
 
 def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     """Arm, test the gap sensor and disarm; refused unless the machine is idle. Raises LinkLost."""
-    from edmctl.machine.interface import MachineState, PulseMode, PulseSettings
     from edmctl.procedures.session import safe_state_on_error
     from edmctl.procedures.settings import motion_settings
 
@@ -155,7 +157,7 @@ def _round_trip(machine: LinkMachine) -> Check:
     return ok("round trip", told)
 
 
-class _Counted:
+class _Counted(SampleListener):
     """A listener that counts samples."""
 
     def __init__(self) -> None:
@@ -165,23 +167,9 @@ class _Counted:
         """Count."""
         self.samples += len(block.time_s)
 
-    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
-        """Do nothing."""
-
-    def pulses(self, batch: PulseTrain) -> None:
-        """Do nothing."""
-
-    def event(self, event: MachineEvent) -> None:
-        """Do nothing."""
-
-    def log(self, level: int, text: str) -> None:
-        """Do nothing."""
-
 
 def _samples(machine: LinkMachine) -> Check:
     """Whether the samples come that every motion is judged by."""
-    from edmctl.machine.interface import PulseLog, TelemetrySettings
-
     counted, wanted = _Counted(), round(SAMPLED_S * 1e6 / SAMPLE_PERIOD_US)
     machine.start_telemetry(TelemetrySettings(SAMPLE_PERIOD_US, 10, PulseLog.OFF), counted)
     machine.rest(SAMPLED_S)

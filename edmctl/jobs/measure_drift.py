@@ -95,8 +95,7 @@ class DriftRun:
             refuse_unknown_length(self._account, folder, port)
             self.plan = with_recipe_of(self.plan, folder, last_run_of(self._account))
         self._planned = plan_drift(self.plan.loaded.profile, self.plan.setup, self.duration_s)
-        actuator = session.choice.actuator if session.choice else None
-        job = job_of(self.plan.loaded.profile, self.plan.setup, (), actuator)
+        job = job_of(self.plan.loaded.profile, self.plan.setup, (), session.actuator)
         return with_home(job, history, session.bench.now)
 
     def act(self, run: JobRun) -> None:

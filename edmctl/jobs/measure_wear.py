@@ -208,12 +208,10 @@ class WearRun:
         self._session, self._run_file = session, name.path.name
         profile = self.look(tool_identity(session), ledger_of(self.plan, name), warn)
         self._temperature_c = session.bench.machine.status().temperature_c
-        choice = session.choice
-        job = job_of(profile, self.plan.setup, (), choice.actuator if choice else None)
+        self._job = job_of(profile, self.plan.setup, (), session.actuator)
         if self._ledger is not None:
             history = history_of(self._ledger.lines, session.bench.machine.identity.serial)
-            job = with_home(job, history, session.bench.now)
-        self._job = job
+            self._job = with_home(self._job, history, session.bench.now)
         return self._job
 
     def look(self, identity: ToolIdentity, ledger: Ledger | None, warn: Warn) -> Profile:
@@ -234,7 +232,8 @@ class WearRun:
             folder = ledger.path.parent if ledger is not None else Path()
             refuse_other_setup(account, history, self.plan.setup, folder, self.plan.where.selector)
             refuse_unknown_length(account, folder, self.plan.where.selector)
-            self._bottom = bottom_of(self.site, history, account, self._diameter_um(), folder)
+            diameter_um = self.plan.loaded.profile.tool.diameter_um if self.plan.names_tool else math.nan
+            self._bottom = bottom_of(self.site, history, account, diameter_um, folder)
             run_file = self._bottom.run_file if self._bottom is not None else run_file
             self.plan = with_recipe_of(self.plan, folder, run_file)
             return self._at_speed_of(reference, warn)
@@ -344,10 +343,6 @@ class WearRun:
             nearest = min(holes, key=lambda h: math.hypot(h.x_um - bottom.x_um, h.y_um - bottom.y_um))
             depth_um = nearest.depth_um
         return {"wear_um": wear_um, "depth_um": depth_um, "feed_um": depth_um + wear_um}
-
-    def _diameter_um(self) -> float:
-        """Of the tool, NaN where nobody named it."""
-        return self.plan.loaded.profile.tool.diameter_um if self.plan.names_tool else math.nan
 
     def _at_speed_of(self, reference: ReferenceTouched, warn: Warn) -> Profile:
         """Touch as slowly as the reference was touched, so that creep enters both alike; a named profile rules."""

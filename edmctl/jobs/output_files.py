@@ -20,28 +20,23 @@ def check_free(path: Path, hint: str = _ANOTHER) -> None:
         raise _taken(path, hint)
 
 
-def write(path: Path, content: bytes, hint: str = _ANOTHER) -> None:
-    """Write a file of that name. Raises RunFileError: E9011 it exists, E9012 it cannot be written."""
+def write(path: Path, content: bytes, hint: str = _ANOTHER, *, overwrite: bool = False) -> None:
+    """Write a file of that name. Raises RunFileError: E9011 it exists, E9012 it cannot be written.
+
+    overwrite : take the place of a file of that name, which stays until the new one is whole
+    """
+    new = path.with_name(f".{path.name}.new") if overwrite else path
     try:
-        write_new(path, content)
+        if overwrite:
+            new.unlink(missing_ok=True)
+        write_new(new, content)
+        if overwrite:
+            new.replace(path)
     except FileExistsError:
         raise _taken(path, hint) from None
     except OSError as refused:
-        raise unwritable(str(path), str(refused.strerror), "Check folder and space.") from refused
-
-
-def replace(path: Path, content: bytes) -> None:
-    """Write a file of that name in place of the one that is there; that stays until the new one is whole.
-
-    Raises RunFileError E9012 where it cannot be written.
-    """
-    new = path.with_name(f".{path.name}.new")
-    try:
-        new.unlink(missing_ok=True)
-        write(new, content)
-        new.replace(path)
-    except OSError as refused:
-        new.unlink(missing_ok=True)
+        if overwrite:
+            new.unlink(missing_ok=True)
         raise unwritable(str(path), str(refused.strerror), "Check folder and space.") from refused
 
 

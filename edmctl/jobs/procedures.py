@@ -277,8 +277,9 @@ class Approach:
 
     def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
         """Return the job of the machine's tool as it is by now, at the place of its first hole."""
-        actuator = session.choice.actuator if session.choice else None
-        prepared = prepared_job(self.plan, tool_identity(session), actuator, ledger_of(self.plan, name))
+        prepared = prepared_job(
+            self.plan, tool_identity(session), session.actuator, ledger_of(self.plan, name)
+        )
         self._site = checked_site(
             prepared, self.place, name.path.parent, self.plan.where.selector, contact=self.contact
         )
@@ -352,8 +353,8 @@ class Jumps:
 
     def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
         """Return the profile's job; nothing of it is done but its jumps."""
-        choice, ledger = session.choice, ledger_of(self.plan, name)
-        job = job_of(self.plan.loaded.profile, self.plan.setup, (), choice.actuator if choice else None)
+        ledger = ledger_of(self.plan, name)
+        job = job_of(self.plan.loaded.profile, self.plan.setup, (), session.actuator)
         if ledger is None:
             return job
         history = history_of(ledger.lines, session.bench.machine.identity.serial)

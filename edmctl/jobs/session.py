@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.drift_choice import DriftChoice
     from edmctl.jobs.plan import Plan
     from edmctl.machine.controller import LinkMachine
+    from edmctl.procedures.job import CalibratedActuator
     from edmctl.process.rest_drift import CreepLeft
     from edmctl.profile.setup import Setup
     from edmctl.record.disk_thread import DiskThread
@@ -65,6 +66,11 @@ class MachineSession:
     creep_left: CreepLeft | None = None
     run_file: Path | None = None
     error: EdmError | None = None
+
+    @property
+    def actuator(self) -> CalibratedActuator | None:
+        """The calibrated actuator, None where no calibration is used."""
+        return self.choice.actuator if self.choice else None
 
     def leaves(self, creep: CreepLeft | None) -> None:
         """Note what the actuator creeps back yet after this use; None where nobody followed it to its end."""

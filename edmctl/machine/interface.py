@@ -59,6 +59,7 @@ __all__ = [
     "PulseMode",
     "PulseSettings",
     "PulseTrain",
+    "SampleListener",
     "ScanLine",
     "ServoLaw",
     "TelemetryBlock",
@@ -142,6 +143,22 @@ class MachineListener(Protocol):
 
     def log(self, level: int, text: str) -> None:
         """Take a line of the controller's own log."""
+
+
+class SampleListener:
+    """A listener without pulses, events and log; subclasses take the samples."""
+
+    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
+        """Do nothing."""
+
+    def pulses(self, batch: PulseTrain) -> None:
+        """Do nothing."""
+
+    def event(self, event: MachineEvent) -> None:
+        """Do nothing."""
+
+    def log(self, level: int, text: str) -> None:
+        """Do nothing."""
 
 
 class Machine(Protocol):

@@ -1,6 +1,7 @@
 """`edmctl run list`: the runs of a folder in a table."""
 
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -61,7 +62,7 @@ def _list(outcome: Outcome, folder: Path) -> None:
     found.sort(key=_since)
     outcome.result = {
         "folder": str(folder),
-        "runs": [_unread(head) if isinstance(head, Unreadable) else _read(head) for head in found],
+        "runs": [_as_mapping(head) for head in found],
     }
     outcome.text = render_runs(found, stream_style(sys.stdout)) if found else f"No run files in {folder}."
 
@@ -74,13 +75,9 @@ def _since(head: "RunHead | Unreadable") -> tuple[str, str]:
     return start.isoformat() if start else "", head.path.name
 
 
-def _read(head: "RunHead") -> dict[str, object]:
-    from dataclasses import asdict
-
-    return {**asdict(head), "path": str(head.path), "error": None}
-
-
-def _unread(file: "Unreadable") -> dict[str, object]:
+def _as_mapping(file: RunHead | Unreadable) -> dict[str, object]:
+    if not isinstance(file, Unreadable):
+        return {**asdict(file), "path": str(file.path), "error": None}
     return {
         "path": str(file.path),
         "size_bytes": file.size_bytes,

@@ -91,10 +91,7 @@ def _draw(outcome: Outcome, opened: "RunFile", request: "PlotRequest", overwrite
             nothing.append({"kind": target.name, "why": str(reason)})
             continue
         output_files.make_folder(target.path.parent)
-        if overwrite:
-            output_files.replace(target.path, content)
-        else:
-            output_files.write(target.path, content, REPLACE_HINT)
+        output_files.write(target.path, content, REPLACE_HINT, overwrite=overwrite)
         written.append({"kind": target.name, "file": str(target.path), "bytes": len(content)})
         outcome.text = "\n".join(f"{entry['kind']:<13} {entry['file']}" for entry in written)
     if nothing and (request.by_name or not written):

@@ -61,10 +61,8 @@ def report(
     if out is not None:
         content = page_of(state, found, best, confirmations, notes).encode()
         output_files.make_folder(out.parent)
-        if overwrite:
-            output_files.replace(out, content)
-        else:
-            output_files.write(out, content, "Choose another name, or replace it with --overwrite.")
+        hint = "Choose another name, or replace it with --overwrite."
+        output_files.write(out, content, hint, overwrite=overwrite)
         outcome.text += f"\n\nPage {out}"
 
 
@@ -79,7 +77,7 @@ def export(
 ) -> None:
     """Write the table of runs: a row a run, a column a factor key and response. Or profiles of the best points."""
     from edmctl.jobs import output_files
-    from edmctl.jobs.runs.export import export_request
+    from edmctl.jobs.runs.export import REPLACE_HINT, export_request
     from edmctl.jobs.study.reporting import write_profiles
     from edmctl.jobs.study.table import columns_of, table_bytes, table_of
 
@@ -101,9 +99,6 @@ def export(
             sink.write(content)
         return
     path = request.path_of("runs")
-    if overwrite:
-        output_files.replace(path, content)
-    else:
-        output_files.write(path, content, "Give another place with -o, or replace it with --overwrite.")
+    output_files.write(path, content, REPLACE_HINT, overwrite=overwrite)
     outcome.result = {"file": str(path), "rows": len(state.runs), "bytes": len(content)}
     outcome.text = f"{path}: {plural(len(state.runs), 'row')}"

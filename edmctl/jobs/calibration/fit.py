@@ -143,7 +143,10 @@ def find(
         },
         files=tuple(_of_file(*one) for one in judged),
         refit=refit,
-        warnings=(*_problems(found), *_beyond(found.model, validation)),
+        warnings=(
+            *(Diagnostic("W3650", f"Not accepted: {one}", REMEDY, is_warning=True) for one in found.problems),
+            *_beyond(found.model, validation),
+        ),
     )
 
 
@@ -221,10 +224,6 @@ def _pooled(judged: Sequence[tuple[Record, Validation]], *, screened: bool = Fal
     samples = [len(record.t_s) - one.first for record, one in judged]
     errors = [one.screened if screened and one.screened else one.errors for _, one in judged]
     return ErrorFigures.pooled(errors, samples)
-
-
-def _problems(found: Identification) -> list[Diagnostic]:
-    return [Diagnostic("W3650", f"Not accepted: {what}", REMEDY, is_warning=True) for what in found.problems]
 
 
 def _beyond(model: ActuatorModel, records: Sequence[Record]) -> list[Diagnostic]:

@@ -123,22 +123,16 @@ def calibrate_machine(
         findings = _fit([measured.record], checked, observer)
         is_own, replaced = checked.output is None and checked.where.lasting, path.exists()
         if is_own and replaced and not findings.identification.accepted:
-            path, is_own, replaced = _beside(path), False, False
-            warn([_not_replaced(path), _kept(measured.record, path)])
+            path = path.with_name(f"{path.stem}-not-accepted{path.suffix}")
+            is_own = replaced = False
+            message = f"The calibration in use stays: the new one was not accepted, and is in {path}."
+            hint = "Put right what it says, and calibrate again; --calibration FILE uses it all the same."
+            not_replaced = Diagnostic("W3652", message, hint, is_warning=True)
+            warn([not_replaced, _kept(measured.record, path)])
         _save(findings, path, checked, identity.serial, simulated=identity.simulated)
     return CalibrationReport(
         findings, path, identity.serial, identity.simulated, is_own, replaced, checked.lever
     )
-
-
-def _beside(path: Path) -> Path:
-    return path.with_name(f"{path.stem}-not-accepted{path.suffix}")
-
-
-def _not_replaced(path: Path) -> Diagnostic:
-    message = f"The calibration in use stays: the new one was not accepted, and is in {path}."
-    hint = "Put right what it says, and calibrate again; --calibration FILE uses it all the same."
-    return Diagnostic("W3652", message, hint, is_warning=True)
 
 
 def calibrate_files(checked: CheckedCalibration, observer: Observer) -> CalibrationReport:

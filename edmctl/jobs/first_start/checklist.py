@@ -154,10 +154,11 @@ class Checklist:
             raise Skip(NONE_OF_IT, absent=True)
         return answer
 
-    def allow(self, key: str) -> None:
+    def allow(self, key: str) -> Found:
         """Ask whether a step may be done. Raises Skip unless the answer is yes."""
         if self.answer(key) != "yes":
             raise Skip(f"{key}: not allowed")
+        return Found("yes", is_word=True)
 
     def read(self) -> list[MachineStatus]:
         """Readings one behind the other, unbelieved."""

@@ -140,7 +140,7 @@ class Seen:
 def look(c: Checklist) -> bool:
     """Do the part; whether the machine is as it has to be for it."""
     c.part = PART
-    if not c.item(READY, partial(_ready, c)):
+    if not c.item(READY, partial(c.allow, "ready")):
         return False
     c.item(LINK, partial(_link, c))
     _switches(c)
@@ -155,11 +155,6 @@ def look(c: Checklist) -> bool:
     c.item(MONITOR_REST, partial(_monitor_rest, c))
     c.item(DISPLACEMENT_REST, partial(_displacement_rest, c))
     return True
-
-
-def _ready(c: Checklist) -> Found:
-    c.allow("ready")
-    return Found("yes", is_word=True)
 
 
 def _link(c: Checklist) -> Found:

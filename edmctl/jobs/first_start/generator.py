@@ -17,11 +17,10 @@ from edmctl.machine.interface import (
     CutRequest,
     MachineEvent,
     MotionSettings,
-    PulseBlockBatch,
     PulseLog,
     PulseMode,
     PulseSettings,
-    PulseTrain,
+    SampleListener,
     TelemetryBlock,
     TelemetryFlag,
     TelemetrySettings,
@@ -180,7 +179,7 @@ def _pulsing(setup: Setup, rest_um: float) -> ControllerSettings:
 
 
 @dataclass(slots=True)
-class Heard:
+class Heard(SampleListener):
     """A listener that keeps samples; `end` is when the generator was switched off."""
 
     blocks: list[TelemetryBlock] = field(default_factory=list)
@@ -189,18 +188,6 @@ class Heard:
     def telemetry(self, block: TelemetryBlock) -> None:
         """Keep."""
         self.blocks.append(block)
-
-    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
-        """Do nothing."""
-
-    def pulses(self, batch: PulseTrain) -> None:
-        """Do nothing."""
-
-    def event(self, event: MachineEvent) -> None:
-        """Do nothing."""
-
-    def log(self, level: int, text: str) -> None:
-        """Do nothing."""
 
     @property
     def samples(self) -> TelemetryBlock:

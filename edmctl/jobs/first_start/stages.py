@@ -77,7 +77,7 @@ def look(c: Checklist) -> None:
     c.item(CLEARED, partial(_cleared, c))
     c.item(CHAIN_ESTOP, partial(_armed, c, "estop-press", "estop-release", FaultCode.ESTOP, nets.ESTOP))
     c.item(CHAIN_DOOR, partial(_armed, c, "door-open", "door-close", FaultCode.DOOR, nets.DOOR))
-    c.item(STAGES, partial(_stages_allowed, c))
+    c.item(STAGES, partial(c.allow, "stages"))
     c.item(LIMIT, partial(_limit, c))
     _directions(c)
 
@@ -161,11 +161,6 @@ def _put_back(c: Checklist, close_by: str, fault: int) -> None:
             raise Skip(f"{skipped.reason}; {still.message} {still.hint}") from still
     if skipped is not None:
         raise skipped
-
-
-def _stages_allowed(c: Checklist) -> Found:
-    c.allow("stages")
-    return Found("yes", is_word=True)
 
 
 def _limit(c: Checklist) -> Found:

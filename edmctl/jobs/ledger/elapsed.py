@@ -25,10 +25,6 @@ class Now:
 
     bench_s: float = math.nan
 
-    def time_of(self, utc_s: float, bench_s: float) -> float:
-        """Of two times that were written down, the one that counts, s; NaN where it was not told."""
-        return utc_s if math.isnan(self.bench_s) else bench_s
-
     def since_s(self, utc_s: float, bench_s: float) -> float:
         """How long ago that was, s; infinity where nobody knows: a clock was set back since, or was not told."""
         if math.isnan(self.bench_s):
@@ -53,7 +49,7 @@ def with_home(job: Job, history: MachineHistory, now: Now) -> Job:
     if not history.homes:
         return job
     drift_u_um_per_s = displacement_uncertainty(job).drift_u_um_per_s
-    seen = [(now.time_of(home.utc_s, home.bench_s), home.um) for home in history.homes]
+    seen = [(home.utc_s if math.isnan(now.bench_s) else home.bench_s, home.um) for home in history.homes]
     job = replace(job, drift_seen_um_s=contradicting_between_jobs_um_s(seen, drift_u_um_per_s))
     last = history.homes[-1]
     passed_s = now.since_s(last.utc_s, last.bench_s)

@@ -63,8 +63,7 @@ class JobLedger:
         session = self.session
         if self._ledger is not None and session.bench.seed is not None:
             self.warn(_of_another_bench(self._ledger, session.bench.machine.identity.serial))
-        actuator = session.choice.actuator if session.choice else None
-        prepared = prepared_job(self.plan, tool_identity(session), actuator, self._ledger, resuming)
+        prepared = prepared_job(self.plan, tool_identity(session), session.actuator, self._ledger, resuming)
         serial = session.bench.machine.identity.serial
         environ, lasting = self.plan.surroundings.environ, self.plan.where.lasting
         session.drift = choose_drift(environ, self.plan.setup, serial, lasting=lasting)

@@ -179,12 +179,7 @@ def _tool(values: Values) -> str:
     if not math.isfinite(diameter_um):
         return f"tool ({label})"
     text = f"{values.get('tool.material', '?')} tool of {diameter_um:g} µm"
-    return f"{text} ({label})" if label and not _says(str(label), diameter_um) else text
-
-
-def _says(label: str, diameter_um: float) -> bool:
-    """Whether the label of a tool says no more than its material and diameter."""
-    return label.endswith(f" {diameter_um:g} µm")
+    return f"{text} ({label})" if label and not str(label).endswith(f" {diameter_um:g} µm") else text
 
 
 def _depths(values: Values, depths_um: list[float]) -> str:

@@ -62,7 +62,7 @@ def summary_of(opened: RunFile) -> RunSummary:
         time_s=_time_s(opened, summary, events),
         machining_time_s=numbers.total("machining_time_s"),
         earlier_time_s=_earlier_s(opened),
-        pause_s=_pause_s(summary),
+        pause_s=plain_number((summary or {}).get("pause_s", 0.0)),
         sites=numbers.sites,
         est_depth_um=estimated.depth_um,
         est_depth_u95_um=estimated.depth_u95_um,
@@ -102,10 +102,6 @@ def _earlier_s(opened: RunFile) -> float:
     """Time of the job in the runs before; files of older versions do not have it."""
     earlier_s = opened.number("/entry/parent_time")
     return earlier_s if math.isfinite(earlier_s) else 0.0
-
-
-def _pause_s(summary: Mapping[str, object] | None) -> float:
-    return plain_number((summary or {}).get("pause_s", 0.0))
 
 
 def jumps_of(events: Sequence[FileEvent]) -> JumpTimes:

@@ -145,7 +145,7 @@ def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) 
         meta["description"] = f"{title} {state.folder.plan.name}"[:200]
         table["meta"] = meta
         head = f"# {meta['description']}: {says}.\n\n"
-        output_files.replace(path, (head + tomli_w.dumps(table)).encode())
+        output_files.write(path, (head + tomli_w.dumps(table)).encode(), overwrite=True)
     return paths
 
 
