@@ -91,8 +91,14 @@ def _periodic(shape: str, low_v: float, high_v: float, frequency_hz: float, cycl
             f"{SLEW_V_S:g} V/s.",
             f"Take --frequency {math.floor(1e3 * fastest_hz) / 1e3:g} or less, or a smaller range.",
         )
-    make = {"sine": sine, "square": square, "triangle": triangle}[shape]
-    return Waveform(f"{shape} {frequency_hz:g} Hz", make(low_v, high_v, frequency_hz, cycles, RATE_HZ).u_v)
+    asked = (low_v, high_v, frequency_hz, cycles, RATE_HZ)
+    if shape == "sine":
+        u_v = sine(*asked).u_v
+    elif shape == "square":
+        u_v = square(*asked).u_v
+    else:
+        u_v = triangle(*asked).u_v
+    return Waveform(f"{shape} {frequency_hz:g} Hz", u_v)
 
 
 def _figures(shape: str) -> list[Waveform]:
