@@ -163,7 +163,7 @@ class Machine:
         is made from the start. Raises PreconditionError E8050 to E8062 where nobody knows how far it came, and what
         `machine` raises.
         """
-        from edmctl.jobs.runs.recovery import recovered_before
+        from edmctl.jobs.runs.opening import recovered_before
 
         doubts = _doubts(warn)
         resumption = find_run(str(run), _file("out", out), homed=homed, restart_hole=restart_hole)

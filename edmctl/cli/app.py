@@ -15,16 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from edmctl.cli.commands import (
-    calibrate,
-    doctor,
-    first_start,
-    machine,
-    ports,
-    procedures,
-    profile,
-    reset,
-)
+from edmctl.cli.commands import calibrate, doctor, first_start, machine, ports, procedures, profile
 from edmctl.cli.firmware import app as firmware
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
 from edmctl.cli.run import app as run_files
@@ -51,7 +42,7 @@ app.command("machine")(machine.machine)
 app.command("measure-wear")(procedures.measure_wear)
 app.command("measure-drift")(procedures.measure_drift)
 app.command("jump-flush")(procedures.jump_flush)
-app.command("reset")(reset.reset)
+app.command("reset")(doctor.reset)
 app.command("doctor")(doctor.doctor)
 app.command("first-start")(first_start.first_start)
 app.command("ports")(ports.ports)

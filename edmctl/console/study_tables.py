@@ -21,15 +21,7 @@ from edmctl.results.study import (
     StudyRun,
     Value,
 )
-from edmctl.wording import (
-    duration,
-    length,
-    plural,
-    setting_text,
-    settings_words,
-    shortened,
-    significant,
-)
+from edmctl.wording import duration, length, plural, setting_text, settings_words, shortened, significant
 
 if TYPE_CHECKING:
     from edmctl.doe.anova import Anova, AnovaRow

@@ -12,12 +12,13 @@ from typing import Any
 from edmctl.jobs.calibration.request import check_writable
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.elapsed import with_home
-from edmctl.jobs.ledger.recipe import last_run_of, with_recipe_of
 from edmctl.jobs.ledger.tool import (
     account_of,
+    last_run_of,
     refuse_other_setup,
     refuse_unknown_length,
     tool_identity,
+    with_recipe_of,
 )
 from edmctl.jobs.plan import Plan
 from edmctl.jobs.run_header import RunName

@@ -13,17 +13,18 @@ from edmctl.forecasts.measuring import move_time_s, park_to_pad_um, reading_time
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.elapsed import Now, with_home
 from edmctl.jobs.ledger.places_taken import coordinates_in
-from edmctl.jobs.ledger.recipe import last_run_of, with_recipe_of
 from edmctl.jobs.ledger.tool import (
     NAMELESS,
     ToolIdentity,
     account_of,
+    last_run_of,
     left_to_finish,
     reference_setup,
     refuse_other_setup,
     refuse_unknown_length,
     setup_differences,
     tool_identity,
+    with_recipe_of,
 )
 from edmctl.jobs.runs.opening import command_to_go_on, on_machine
 from edmctl.jobs.session import MachineSession

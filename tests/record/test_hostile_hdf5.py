@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from edmctl.errors import EdmError, RunFileError
-from edmctl.jobs.runs.recovery import recover_file
+from edmctl.jobs.runs.opening import recover_file
 from edmctl.jobs.runs.summary import summary_of
 from edmctl.record import layout
 from edmctl.record.bench_file import read_bench, write_bench

@@ -9,7 +9,7 @@ import h5py
 import pytest
 
 from edmctl.errors import EdmError, RunFileError
-from edmctl.jobs.runs.recovery import recover_file
+from edmctl.jobs.runs.opening import recover_file
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.columns import read_record
 from edmctl.record.integrity import Checksum, verify_checksum

@@ -73,7 +73,7 @@ def machine(
     """
     from edmctl.jobs.resume.selection import checked, find_run, name_of_resumed
     from edmctl.jobs.run_header import name_run
-    from edmctl.jobs.runs.recovery import recovered_before
+    from edmctl.jobs.runs.opening import recovered_before
 
     if resume is not None:
         _refuse_other_options(context)

@@ -120,7 +120,7 @@ def build(
 
 
 def _image(outcome: Outcome, board: str, place: Path, compiler: str | None, settings: list[str]) -> None:
-    from edmctl.console.firmware_tables import render_image
+    from edmctl.console.procedure_tables import render_image
     from edmctl.firmware.board_build import build_board
     from edmctl.firmware.boards import BOARDS
     from edmctl.link.messages import SCHEMA_HASH

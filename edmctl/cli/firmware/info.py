@@ -33,7 +33,7 @@ def info(outcome: Outcome, what: WhatArgument, setup: SetupOption = None, wait: 
 
     A board is asked without opening a session: what runs there goes on.
     """
-    from edmctl.console.firmware_tables import render_board, render_image
+    from edmctl.console.procedure_tables import render_board, render_image
     from edmctl.firmware.image import read_image
     from edmctl.jobs.board_firmware import board_at, image_doubts
     from edmctl.link.messages import SCHEMA_HASH

@@ -1,11 +1,11 @@
 """`edmctl run`: look at run files."""
 
 from edmctl.cli.options import command_group
-from edmctl.cli.run import compare, export, list, plot, recover, show
+from edmctl.cli.run import compare, export, plot, recover, show
 from edmctl.report.kinds import kinds_table
 
 app = command_group("Show, compare, export, draw and recover run files.")
-app.command("list")(list.list_runs)
+app.command("list")(show.list_runs)
 app.command("show")(show.show)
 app.command("explain")(show.explain)
 app.command("export")(export.export)

@@ -1,7 +1,7 @@
 """`edmctl study`: designed experiments, on virtual machines and on the real one."""
 
 from edmctl.cli.options import command_group
-from edmctl.cli.study import analyse, execute, look, record
+from edmctl.cli.study import execute, look, record
 
 app = command_group(
     "Plan, run and analyse designed experiments.\n\n"
@@ -15,9 +15,9 @@ app.command("status")(look.status)
 app.command("tell")(record.tell)
 app.command("import")(record.import_table)
 app.command("judge")(record.judge)
-app.command("report")(analyse.report)
+app.command("report")(look.report)
 app.command("suggest")(execute.suggest)
 app.command("extend")(execute.extend)
 app.command("optimize")(execute.optimize)
 app.command("confirm")(execute.confirm)
-app.command("export")(analyse.export)
+app.command("export")(look.export)

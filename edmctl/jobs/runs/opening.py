@@ -8,11 +8,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.errors import EdmError
+from edmctl.errors import Diagnostic, EdmError, RunFileError
+from edmctl.record.disk import partial_path
+from edmctl.record.locks import is_live
 
 if TYPE_CHECKING:
     from edmctl.jobs.plan import Resumption
     from edmctl.record.reader import RunFile
+    from edmctl.record.recovery import Recovered
 
 RUNS = Path("runs")
 """Where runs are looked for by their ids."""
@@ -102,3 +105,40 @@ def _is_live(resumption: Resumption) -> bool:
     journal = resumption.path
     partial = partial_path(journal.with_name(f"{journal.name.removesuffix(SUFFIX)}.h5"))
     return partial.exists() and is_live(partial)
+
+
+def recover_file(file: Path, out: Path | None = None) -> Recovered:
+    """Recover `file`, and save what can be read where it is damaged. Raises RunFileError."""
+    from edmctl.record.damaged_file_recovery import recover_damaged
+    from edmctl.record.recovery import recover as recover_whole
+
+    try:
+        return recover_whole(file, out)
+    except RunFileError as error:
+        if error.code != "E9007":
+            raise
+        return recover_damaged(file, out)
+
+
+def recovered_before(resumption: Resumption) -> list[Diagnostic]:
+    """Recover the file of the run that is taken up, where it has no end; what hinders that is a warning.
+
+    The job goes by its journal, so it does not depend on this.
+    """
+    path = resumption.path.with_name(f"{resumption.job.run_id}.h5")
+    partial = partial_path(path)
+    try:
+        if path.exists() or not partial.exists() or is_live(partial):
+            return []
+        recover_file(partial)
+    except (RunFileError, OSError) as error:
+        message = error.message if isinstance(error, RunFileError) else str(error)
+        return [
+            Diagnostic(
+                "W9001",
+                f"The file of the run before could not be recovered: {message}",
+                f"The job goes on all the same. Try `edmctl run recover {partial}` later.",
+                is_warning=True,
+            )
+        ]
+    return []

@@ -206,7 +206,7 @@ class _Series:
     ) -> _Begun | tuple[dict[str, JsonValue], tuple[Path, ...]] | None:
         """What an earlier command left of an attempt: a hole to resume, a result without a row, or nothing."""
         from edmctl.jobs.resume.selection import checked, find_run, name_of_resumed
-        from edmctl.jobs.runs.recovery import recovered_before
+        from edmctl.jobs.runs.opening import recovered_before
 
         try:
             resumption = find_run(name.run_id, self._folder.runs, homed=self._options.homed)
