@@ -398,7 +398,7 @@ def _model(
     is_log: bool,
 ) -> ResponseModel | None:
     """Return the model with the errors of what it expects; None where no point can be left out."""
-    misses = _misses(fitted, runs, values, block)
+    misses = _misses(fitted, runs, block)
     if misses is None:
         return None
     miss_variance, miss_dof = misses
@@ -415,7 +415,7 @@ def _model(
     )
 
 
-def _misses(fitted: Fit, runs: Runs, values: Values, block: str) -> tuple[float, int] | None:
+def _misses(fitted: Fit, runs: Runs, block: str) -> tuple[float, int] | None:
     """Variance of what points are missed by that were left out, for leverage 0, and its degrees of freedom."""
     columns, covariance = fitted.model.columns, fitted.unscaled_covariance
     residuals, points = fitted.residuals, np.asarray(runs.points)

@@ -22,9 +22,6 @@ from typing import Any
 
 from edmctl.firmware.build import Build, built, failed
 
-OUT_BYTES = 256 * 1024
-"""What the core's memory for bytes to be sent holds."""
-
 
 class Inputs(ctypes.Structure):
     """What the core reads of interlocks and slow readings; the caller writes it."""

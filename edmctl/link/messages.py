@@ -151,7 +151,6 @@ class Interlocks(IntFlag):
 class HelloReply(Message):
     ID, NAME = 0x01, "HELLO_REPLY"
     WIRE = "u8 u8 u32 u32 u8 u8 u8 u32 s12 u16 u16 u16 u8 u32 u8 u16 u8 u8 u32"
-
     proto_major: int  # u8
     proto_minor: int  # u8
     host_nonce: int  # u32
@@ -180,7 +179,6 @@ class Hello(Request[HelloReply]):
     ID, NAME = 0x01, "HELLO"
     REPLY = HelloReply
     WIRE = "u8 u8 u32 u32"
-
     proto_major: int  # u8
     proto_minor: int  # u8
     host_nonce: int  # u32: echoed
@@ -191,7 +189,6 @@ class Hello(Request[HelloReply]):
 class HeartbeatReply(Message):
     ID, NAME = 0x02, "HEARTBEAT_REPLY"
     WIRE = "u64 u64 u8 u16 u16 u16"
-
     t_host_us: int  # u64 us: echoed
     t_dev_us: int  # u64 us: controller time
     state: int  # u8: State
@@ -209,7 +206,6 @@ class Heartbeat(Request[HeartbeatReply]):
     ID, NAME = 0x02, "HEARTBEAT"
     REPLY = HeartbeatReply
     WIRE = "u64 u16"
-
     t_host_us: int  # u64 us
     last_event: int  # u16
 
@@ -219,7 +215,6 @@ class GetSchemaReply(Message):
     ID, NAME = 0x03, "GET_SCHEMA_REPLY"
     WIRE = "u16 u8 records"
     RECORD = (("data", "u8", 1),)
-
     total: int  # u16: bytes of the whole
     n: int  # u8: bytes in this reply, 0 behind the end
     records: bytes  # n × 1 bytes, see RECORD
@@ -234,7 +229,6 @@ class GetSchema(Request[GetSchemaReply]):
     ID, NAME = 0x03, "GET_SCHEMA"
     REPLY = GetSchemaReply
     WIRE = "u16"
-
     offset: int  # u16: bytes
 
 
@@ -242,7 +236,6 @@ class GetSchema(Request[GetSchemaReply]):
 class AdvanceReply(Message):
     ID, NAME = 0x05, "ADVANCE_REPLY"
     WIRE = "u64"
-
     t_dev_us: int  # u64 us: controller time
 
 
@@ -256,7 +249,6 @@ class Advance(Request[AdvanceReply]):
     ID, NAME = 0x05, "ADVANCE"
     REPLY = AdvanceReply
     WIRE = "u32"
-
     timeout_us: int  # u32 us
 
 
@@ -264,7 +256,6 @@ class Advance(Request[AdvanceReply]):
 class GetStatusReply(Message):
     ID, NAME = 0x04, "GET_STATUS_REPLY"
     WIRE = "u8 u16 u16 i32/1000 i32/1000 i32/1000 i32/1000 u16/400 u16/200 i16/10 u16/100 i16/100 u8"
-
     state: int  # u8: State
     fault: int  # u16
     interlocks: int  # u16: Interlocks bits
@@ -295,7 +286,6 @@ class Arm(Request[Ack]):
 
     ID, NAME = 0x08, "ARM"
     WIRE = "u32"
-
     param_crc: int  # u32
 
 
@@ -313,7 +303,6 @@ class ClearFault(Request[Ack]):
 
     ID, NAME = 0x0A, "CLEAR_FAULT"
     WIRE = "u16"
-
     fault: int  # u16
 
 
@@ -323,7 +312,6 @@ class SetParam(Request[Ack]):
 
     ID, NAME = 0x0B, "SET_PARAM"
     WIRE = "u16 i32"
-
     param: int  # u16
     value: int  # i32: in the parameter's own unit
 
@@ -332,7 +320,6 @@ class SetParam(Request[Ack]):
 class GetParamReply(Message):
     ID, NAME = 0x0C, "GET_PARAM_REPLY"
     WIRE = "i32"
-
     value: int  # i32
 
 
@@ -343,7 +330,6 @@ class GetParam(Request[GetParamReply]):
     ID, NAME = 0x0C, "GET_PARAM"
     REPLY = GetParamReply
     WIRE = "u16"
-
     param: int  # u16
 
 
@@ -355,7 +341,6 @@ class CommitProfile(Request[Ack]):
 
     ID, NAME = 0x0D, "COMMIT_PROFILE"
     WIRE = "u32"
-
     crc: int  # u32
 
 
@@ -365,7 +350,6 @@ class PiezoSet(Request[Ack]):
 
     ID, NAME = 0x10, "PIEZO_SET"
     WIRE = "u16/400 u32/1000"
-
     actuator_v: float  # u16 × 0.0025 V
     slew_v_s: float  # u32 × 0.001 V/s
 
@@ -376,7 +360,6 @@ class StageMove(Request[Ack]):
 
     ID, NAME = 0x11, "STAGE_MOVE"
     WIRE = "u8 i32 u32"
-
     axis: int  # u8: Axis
     target: int  # i32: nm, or millidegrees for THETA
     speed: int  # u32: nm/s, or millidegrees/s
@@ -397,7 +380,6 @@ class SetZero(Request[Ack]):
 
     ID, NAME = 0x13, "SET_ZERO"
     WIRE = "i32/1000"
-
     zero_um: float  # i32 × 0.001 um
 
 
@@ -409,7 +391,6 @@ class Approach(Request[Ack]):
 
     ID, NAME = 0x18, "APPROACH"
     WIRE = "u32/1000 u32/1000 u16/200"
-
     speed_um_s: float  # u32 × 0.001 um/s
     max_travel_um: float  # u32 × 0.001 um: further without a spark: fault 3005
     gap_ref_v: float  # u16 × 0.005 V
@@ -423,7 +404,6 @@ class ServoStart(Request[Ack]):
 
     ID, NAME = 0x19, "SERVO_START"
     WIRE = "u16/200 i32/1000 u32/1000"
-
     gap_ref_v: float  # u16 × 0.005 V
     z_limit_um: float  # i32 × 0.001 um
     max_time_s: float  # u32 × 0.001 s
@@ -444,7 +424,6 @@ class Jump(Request[Ack]):
 
     ID, NAME = 0x1B, "JUMP"
     WIRE = "u32/1000 u32/1000 u16/1000 u32/1000"
-
     height_um: float  # u32 × 0.001 um
     speed_um_s: float  # u32 × 0.001 um/s
     dwell_s: float  # u16 × 0.001 s
@@ -460,7 +439,6 @@ class TouchOff(Request[Ack]):
 
     ID, NAME = 0x1C, "TOUCH_OFF"
     WIRE = "u32/1000 i32/1000 u32/1000 i32/1000 u32/1000 u16/1000 u8"
-
     fast_um_s: float  # u32 × 0.001 um/s
     fast_to_um: float  # i32 × 0.001 um: displacement where the fast leg ends
     speed_um_s: float  # u32 × 0.001 um/s
@@ -488,7 +466,6 @@ class ScanStart(Request[Ack]):
 
     ID, NAME = 0x1E, "SCAN_START"
     WIRE = "u16/200 i32/1000 u32/1000"
-
     gap_ref_v: float  # u16 × 0.005 V
     z_limit_um: float  # i32 × 0.001 um
     max_time_s: float  # u32 × 0.001 s
@@ -504,7 +481,6 @@ class PathMove(Request[Ack]):
 
     ID, NAME = 0x1F, "PATH_MOVE"
     WIRE = "i32/1000 i32/1000 u32/1000 i32/1000 u8"
-
     x_um: float  # i32 × 0.001 um: end of the line
     y_um: float  # i32 × 0.001 um
     speed_um_s: float  # u32 × 0.001 um/s: along the line
@@ -520,7 +496,6 @@ class PulseConfig(Request[Ack]):
 
     ID, NAME = 0x20, "PULSE_CONFIG"
     WIRE = "u32/1000 u32/1000 u16/200 u16/1000 u8 u32/1000"
-
     on_time_us: float  # u32 × 0.001 us
     off_time_us: float  # u32 × 0.001 us
     open_voltage_v: float  # u16 × 0.005 V
@@ -537,7 +512,6 @@ class PulseEnable(Request[Ack]):
 
     ID, NAME = 0x21, "PULSE_ENABLE"
     WIRE = "u8"
-
     on: int  # u8
 
 
@@ -549,7 +523,6 @@ class TlmStart(Request[Ack]):
 
     ID, NAME = 0x28, "TLM_START"
     WIRE = "u16 u8 u8"
-
     period_us: int  # u16 us
     batch: int  # u8: samples per frame, 1..14
     pulse_log: int  # u8: PulseLog
@@ -577,7 +550,6 @@ class BlackboxReadReply(Message):
         ("state", "u8", 1),
         ("flags", "u8", 1),
     )
-
     total: int  # u16: samples held, at most 2048; 500 at least after 0.5 s
     t0_us: int  # u32 us: time of the first sample of this reply, modulo 2^32
     n: int  # u8: samples in this reply, 0 behind the end
@@ -593,7 +565,6 @@ class BlackboxRead(Request[BlackboxReadReply]):
     ID, NAME = 0x30, "BLACKBOX_READ"
     REPLY = BlackboxReadReply
     WIRE = "u16"
-
     offset: int  # u16: samples
 
 
@@ -605,7 +576,6 @@ class WaveformReadReply(Message):
         ("gap_v", "i16", 0.01),
         ("current_a", "i16", 0.001),
     )
-
     total: int  # u32: samples held
     t0_us: int  # u32 us: time of sample 0, modulo 2^32
     period_ns: int  # u32 ns: from one sample to the next, at most 1000
@@ -624,7 +594,6 @@ class WaveformRead(Request[WaveformReadReply]):
     ID, NAME = 0x31, "WAVEFORM_READ"
     REPLY = WaveformReadReply
     WIRE = "u32"
-
     offset: int  # u32: samples
 
 
@@ -634,7 +603,6 @@ class Reboot(Request[Ack]):
 
     ID, NAME = 0x3F, "REBOOT"
     WIRE = "u32"
-
     magic: int  # u32: 0x0B007EDB
 
 
@@ -656,7 +624,6 @@ class Tlm(Message):
         ("state", "u8", 1),
         ("flags", "u8", 1),
     )
-
     counter: int  # u16
     t0_us: int  # u32 us: time of the first sample, modulo 2^32
     period_us: int  # u16 us
@@ -671,7 +638,6 @@ class Event(Message):
 
     ID, NAME = 0x81, "EVENT"
     WIRE = "u16 u32 u16 i32 i32/1000 u16/400"
-
     event_no: int  # u16
     t_us: int  # u32 us: modulo 2^32
     code: int  # u16: EventCode
@@ -688,7 +654,6 @@ class Fault(Message):
 
     ID, NAME = 0x82, "FAULT"
     WIRE = "u16 u32 u16 i32 i32/1000 u16/200"
-
     event_no: int  # u16
     t_us: int  # u32 us
     code: int  # u16: of the table of faults
@@ -703,7 +668,6 @@ class Log(Message):
 
     ID, NAME = 0x83, "LOG"
     WIRE = "u8 utf8"
-
     level: int  # u8: 0 information, 1 warning, 2 error
     text: str  # utf8: to the end of the payload
 
@@ -714,7 +678,6 @@ class Boot(Message):
 
     ID, NAME = 0x84, "BOOT"
     WIRE = "u8 u32"
-
     reset_cause: int  # u8: ResetCause
     boot_count: int  # u32
 
@@ -733,7 +696,6 @@ class PulseBlocks(Message):
         ("delay_us", "u32", 0.1),
         ("energy_uj", "u32", 0.1),
     )
-
     counter: int  # u16
     pulse_no: int  # u32: number of the first pulse
     t0_us: int  # u32 us: time of the first pulse, modulo 2^32
@@ -755,7 +717,6 @@ class Pulses(Message):
         ("discharge_us", "u16", 0.1),
         ("plateau_v", "u8", 0.5),
     )
-
     counter: int  # u16
     pulse_no: int  # u32: number of the first pulse
     t0_us: int  # u32 us: time of the first pulse, modulo 2^32

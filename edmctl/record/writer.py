@@ -12,9 +12,9 @@ import json
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,18 +51,6 @@ FLUSH_INTERVAL_S = 0.5
 CHUNK_CACHE_BYTES = 256 * 1024
 """Of each of the 70 datasets: two of the largest chunks. HDF5 would keep up to 8 MB that nobody reads again."""
 _ARGS_BYTES = next(np.dtype(c.dtype).itemsize for c in layout.EVENTS.columns if c.name == "args")
-
-
-@dataclass(frozen=True, slots=True)
-class _StoredEvent:
-    """An event as its table holds it."""
-
-    time_s: float
-    seq: int
-    code: int
-    level: int
-    message: str
-    args: str
 
 
 class RunWriter:
@@ -247,8 +235,9 @@ class RunWriter:
         give_back(self._partial)
 
 
-def _stored_event(row: EventRow, seq: int) -> _StoredEvent:
+def _stored_event(row: EventRow, seq: int) -> SimpleNamespace:
     kept = dict(row.args)
     while len(text := json.dumps(kept, separators=(",", ":"))) > _ARGS_BYTES:
         kept.popitem()
-    return _StoredEvent(row.time_s, seq, row.code, row.level, row.message, text)
+    own = {"time_s": row.time_s, "code": row.code, "level": row.level, "message": row.message}
+    return SimpleNamespace(**own, seq=seq, args=text)

@@ -20,10 +20,9 @@ from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import ResetCause, State, Tlm
 from edmctl.simulator.controller import NEVER
 from edmctl.simulator.fault_recorder import WAVEFORM_PER_REPLY, Waveforms
-from edmctl.simulator.firmware_kernel import run_firmware
 from edmctl.simulator.injection import Trigger
 from edmctl.simulator.injector import Injector
-from edmctl.simulator.kernel import LOOK
+from edmctl.simulator.kernel import LOOK, run_firmware
 from edmctl.simulator.link_endpoint import HostWait
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_NS

@@ -1,4 +1,4 @@
-"""The machine at 1 kHz with its every pulse: controller and plant by turns, compiled together.
+"""The machine at 1 kHz with its every pulse: plant and controller, compiled or in C, by turns in one loop.
 
 A tick is 1 ms: the controller commands, the plant lives through it, the controller judges, the plant follows.
 Compiled by numba, readable as plain Python.
@@ -6,8 +6,11 @@ Compiled by numba, readable as plain Python.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from numba import types
+from numba.extending import intrinsic
 
 from edmctl.actuator.compiling import cached
 from edmctl.simulator.controller_kernel import judge_tick
@@ -99,3 +102,47 @@ def run_actuator(
         readings.tick += 1
         applied_v[i], free_um[i] = drive.actuator_v, plant.free_z_um
     return v
+
+
+@intrinsic  # type: ignore[untyped-decorator, unused-ignore]
+def _call(typing_context: Any, address: Any, argument: Any) -> tuple[Any, Callable[..., Any]]:
+    """Call a C function at an address with one pointer; its int64."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        from llvmlite import ir
+
+        word, pointer = ir.IntType(64), ir.IntType(8).as_pointer()
+        function = builder.inttoptr(arguments[0], ir.FunctionType(word, [pointer]).as_pointer())
+        return builder.call(function, [builder.inttoptr(arguments[1], pointer)])
+
+    return types.int64(types.int64, types.int64), generate
+
+
+@cached
+def run_firmware(
+    ticks: int,
+    units: Sequence[Unit],
+    plants: Sequence[PlantState],
+    scopes: Sequence[Scope],
+    random: Floats,
+    tables: Floats,
+    noise: Floats,
+    levels: Floats,
+    all_drives: Sequence[Drive],
+    all_readings: Sequence[Readings],
+    begin: int,
+    end: int,
+    core: int,
+) -> int:
+    """Advance by up to `ticks` ms as `run` does; `begin` and `end` are C functions of `core`."""
+    unit, plant, scope, drive, readings = units[0], plants[0], scopes[0], all_drives[0], all_readings[0]
+    for _ in range(ticks):
+        _call(begin, core)  # type: ignore[call-arg]
+        gives_way = plant_tick(unit, plant, scope, drive, readings, random, tables, noise, levels)
+        happened: int = _call(end, core)
+        look = follow_drive(unit, plant, drive, noise) or gives_way
+        if happened != NOTHING:
+            return happened
+        if look:
+            return LOOK
+    return NOTHING

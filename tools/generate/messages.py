@@ -109,8 +109,6 @@ def _class(message: MessageSpec, layout: Layout, suffix: str) -> str:
         lines.append(f'    WIRE = "{" ".join(wire)}"\n')
     if layout.record:
         lines.append(f"    RECORD = ({_columns(layout.record)})\n")
-    if layout.fields:
-        lines.append("\n")
     lines += [_field(f) for f in layout.fields]
     if layout.record:
         lines.append(f"    records: bytes  # n × {layout.record_size} bytes, see RECORD\n")
