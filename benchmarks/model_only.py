@@ -22,6 +22,7 @@ import sys
 import tempfile
 import warnings
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -108,7 +109,7 @@ def quick(runs: int, seed: int, cases: Sequence[str]) -> bool:
     """Print the coverage of each case; return whether all depths are within the bar."""
     met = True
     for case in cases:
-        with ProcessPoolExecutor(2) as pool:
+        with ProcessPoolExecutor(2, get_context("spawn")) as pool:
             rows = np.array(list(pool.map(quick_errors, [case] * runs, range(seed, seed + runs))))
         text = f"{case:<14}"
         for name, error_um, u95_um in (("depth", rows[:, 0], rows[:, 1]), ("wear", rows[:, 2], rows[:, 3])):

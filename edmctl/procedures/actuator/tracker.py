@@ -30,12 +30,12 @@ RECORD_SHARE = 0.2
 """A record shows creep with time constants up to this share of its length; slower creep is extrapolated."""
 CALIBRATION_S = 390.0
 """Length of the record of `edmctl calibrate`."""
-CREEP_U_REL = 0.05
+CREEP_U_REL = 0.08
 """Standard uncertainty of extrapolated creep, relative: one rate per decade explains the steps and sines of
 Muralidhara et al. 2009 (figs. 3 and 4) within 5 to 10 % [assumed]."""
-HISTORY_U_UM = 0.5
-"""Standard uncertainty of a difference between touches before and after a cut: plays that the swings do not move
-[assumed]."""
+CREEPING_U_UM = 0.25
+"""Standard uncertainty of a length because it is unknown which plays creep: thresholds from 0 to 5 % of the span
+differ by so much [assumed]."""
 LEAST_SD_UM = 0.05
 """A model is never trusted further than the sensor itself repeats."""
 SPAN_S = 15.0
@@ -77,9 +77,9 @@ class Tracker:
         """Return the extrapolated creep since the last rest, µm."""
         return self.estimator.creep_um(self._slow_s) - self._creep_at_rest_um
 
-    def depth_u_um(self, creep_um: float) -> float:
-        """Return the standard uncertainty of a depth by the model, where extrapolated creep is `creep_um` of it."""
-        return math.hypot(math.sqrt(2.0) * self.sd_um, CREEP_U_REL * creep_um)
+    def length_u_um(self, creep_um: float) -> float:
+        """Return the standard uncertainty of a length by the model, where extrapolated creep is `creep_um` of it."""
+        return math.hypot(math.sqrt(2.0) * self.sd_um, CREEPING_U_UM, CREEP_U_REL * creep_um)
 
     def zero_um(self, estimated_um: float, measured_um: float) -> float:
         """Return what the sensor shows at a rest beyond the actuator's own displacement."""

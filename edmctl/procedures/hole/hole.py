@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import FACE_LIMIT_UM, estimate_of
 from edmctl.labels import Basis
-from edmctl.procedures.actuator.tracker import HISTORY_U_UM
 from edmctl.procedures.hole.cut_planning import CutStart, energy_of
 from edmctl.procedures.hole.site_result import CutSums
 from edmctl.procedures.job_state import RegimeBegun
@@ -356,8 +355,8 @@ def model_u95_um(run: JobRun, found: DepthAndWear, creep_um: float) -> tuple[flo
     if not run.setup.sensor.fitted:
         return found.depth.u95, found.wear.u95
     return (
-        found.depth.widened(tracker.depth_u_um(creep_um)).u95,
-        found.wear.widened(math.hypot(HISTORY_U_UM, tracker.depth_u_um(0.0))).u95,
+        found.depth.widened(tracker.length_u_um(creep_um)).u95,
+        found.wear.widened(tracker.length_u_um(0.0)).u95,
     )
 
 
