@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, LinkLost, PreconditionError, ProtocolMismatch, UsageError
 from edmctl.files import lock_holder
@@ -19,11 +18,9 @@ from edmctl.jobs.plan import where_is
 from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH
 from edmctl.link.ports import same_port, st_links
 from edmctl.link.session import Session
+from edmctl.profile.setup import Setup
 from edmctl.results.equipment import Check, CheckStatus
 from edmctl.results.firmware import BoardFacts, ImageFacts, dotted, hexadecimal, settings_text
-
-if TYPE_CHECKING:
-    from edmctl.profile.setup import Setup
 
 AT_REST = ("BOOT", "IDLE", "FAULT", "ESTOP")
 """States in which no job runs: pulses are off, and nothing moves but a tool that is taken back."""

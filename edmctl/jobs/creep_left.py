@@ -12,16 +12,13 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
 from edmctl.files import read_bytes
+from edmctl.jobs.plan import MachineAddress
 from edmctl.jobs.session import ConnectedMachine
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.profile.folders import creep_path
-
-if TYPE_CHECKING:
-    from edmctl.jobs.plan import MachineAddress
 
 SCHEMA = "edmctl-creep/1"
 

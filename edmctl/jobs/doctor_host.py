@@ -11,17 +11,15 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, PreconditionError, installing
+from edmctl.jobs.plan import where_is
 from edmctl.jobs.runs.opening import on_machine
 from edmctl.link.ports import is_adapter
 from edmctl.profile.folders import find_calibration
+from edmctl.profile.setup import Setup, load_setup
 from edmctl.results.equipment import Check, CheckStatus
 from edmctl.version import __version__
-
-if TYPE_CHECKING:
-    from edmctl.profile.setup import Setup
 
 
 def ok(name: str, message: str) -> Check:
@@ -112,8 +110,6 @@ def run_folder(folder: Path) -> Check:
 
 def load(checks: Checks, path: Path | None) -> Setup:
     """Read the setup; the default one where it cannot be read."""
-    from edmctl.profile.setup import Setup, load_setup
-
     try:
         setup = load_setup(path)
     except EdmError as error:
@@ -129,7 +125,6 @@ def setup_used(setup: Setup) -> Check:
 
 def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str) -> Check:
     """Whether the calibration that a job would use is there, can be read, and is of this machine."""
-    from edmctl.jobs.plan import where_is
     from edmctl.profile.calibration import load_calibration
 
     fresh = not where_is(port or None, setup).lasting

@@ -22,6 +22,8 @@ from edmctl.machine.interface import (
     TelemetryBlock,
     TelemetrySettings,
 )
+from edmctl.procedures.settings import motion_settings
+from edmctl.profile.setup import Setup
 from edmctl.results.equipment import Check
 from edmctl.results.firmware import dotted
 from edmctl.results.telemetry import LinkReport
@@ -29,7 +31,6 @@ from edmctl.wording import coordinates, decimal
 
 if TYPE_CHECKING:
     from edmctl.machine.controller import LinkMachine
-    from edmctl.profile.setup import Setup
 
 QUESTIONS = 100
 SLOW_S = 0.01
@@ -62,7 +63,6 @@ def look(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
 def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     """Arm, test the gap sensor and disarm; refused unless the machine is idle. Raises LinkLost."""
     from edmctl.procedures.session import safe_state_on_error
-    from edmctl.procedures.settings import motion_settings
 
     state = machine.status().state
     if state is not MachineState.IDLE:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
 from edmctl.forecasts.forecast import forecast
@@ -23,15 +22,13 @@ from edmctl.jobs.ledger.tool import (
     refuse_unknown_length,
     refuse_worn_out,
 )
+from edmctl.jobs.plan import Plan
+from edmctl.jobs.run_header import RunName
+from edmctl.procedures.job import CalibratedActuator, Job, job_of
+from edmctl.profile.model import Profile
 from edmctl.record.ledger import Ledger
 from edmctl.record.ledger_entries import SiteMachined
 from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
-
-if TYPE_CHECKING:
-    from edmctl.jobs.plan import Plan
-    from edmctl.jobs.run_header import RunName
-    from edmctl.procedures.job import CalibratedActuator, Job
-    from edmctl.profile.model import Profile
 
 
 def ledger_of(plan: Plan, name: RunName | None) -> Ledger | None:
@@ -92,8 +89,6 @@ def prepared_job(
 
     `resuming` are the file names of the runs that are taken up again: their holes are those of this job.
     """
-    from edmctl.procedures.job import job_of
-
     loaded, setup = plan.loaded, plan.setup
     if ledger is None:
         job = job_of(loaded.profile, setup, loaded.places, actuator)

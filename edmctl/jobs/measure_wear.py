@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from edmctl.errors import Diagnostic, PreconditionError, UsageError
 from edmctl.forecasts.measuring import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
@@ -26,8 +26,11 @@ from edmctl.jobs.ledger.tool import (
     tool_identity,
     with_recipe_of,
 )
+from edmctl.jobs.plan import MachineAddress, Plan
+from edmctl.jobs.run_header import RunName
 from edmctl.jobs.runs.opening import command_to_go_on, on_machine
 from edmctl.jobs.session import MachineSession
+from edmctl.jobs.surroundings import Warn
 from edmctl.procedures.job import Job, job_of
 from edmctl.procedures.measure_wear import (
     LEAST_TOUCHES,
@@ -54,11 +57,6 @@ from edmctl.record.ledger_entries import (
 from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
 from edmctl.results.measurements import WearResult
 from edmctl.wording import length
-
-if TYPE_CHECKING:
-    from edmctl.jobs.plan import MachineAddress, Plan
-    from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.surroundings import Warn
 
 MOST_NAMES = 8
 """More of them nobody reads in a message."""

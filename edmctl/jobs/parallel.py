@@ -11,6 +11,7 @@ from concurrent.futures import (
     BrokenExecutor,
     CancelledError,
     Executor,
+    Future,
     ProcessPoolExecutor,
     wait,
 )
@@ -18,16 +19,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import util
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from edmctl.errors import PreconditionError, installing
 from edmctl.exitcodes import ExitCode
 from edmctl.jobs.surroundings import Surroundings
 from edmctl.results.progress import Observer
-
-if TYPE_CHECKING:
-    from concurrent.futures import Future
-
 
 TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")

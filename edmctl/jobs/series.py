@@ -10,17 +10,15 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from edmctl.errors import PreconditionError, UsageError
 from edmctl.files import user_path
+from edmctl.jobs.batch import Task
 from edmctl.jobs.plan import SIMULATOR, JobRequest
 from edmctl.profile.folders import is_path
 from edmctl.record.appended_rows import RowWriter, read_lines
 from edmctl.results.simulation import SimulatedRun, run_of_mapping
-
-if TYPE_CHECKING:
-    from edmctl.jobs.batch import Task
 
 ROWS = "series"
 """Folder of the rows, in that of the run files."""

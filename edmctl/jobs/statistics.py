@@ -5,16 +5,12 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from edmctl.csv_text import table_text
+from edmctl.jobs.job import Report
 from edmctl.labels import Basis
 from edmctl.results.job import ChannelResult, SiteResult, SiteTruth
 from edmctl.results.simulation import Case, SimulatedRun, SimulatedSite, Statistics
-
-if TYPE_CHECKING:
-    from edmctl.jobs.job import Report
-
 
 _SITE_QUANTITIES = {
     "depth_um": "depth_basis",

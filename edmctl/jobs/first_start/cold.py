@@ -20,7 +20,6 @@ from edmctl.wording import decimal
 PART = "high voltage off"
 LINE_S = 0.5
 TEMPERATURES_C = (5.0, 45.0)
-LEAST_FLOW_LPM = 0.5
 GAP_ZERO_V = 1.0
 BATTERY_SHARE, BATTERY_V = 0.1, 0.3
 """Of its own voltage, and besides: what a divider of 1 % resistors and a converter may be off."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import partial
 from statistics import median
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 from edmctl.errors import MachineFault
 from edmctl.jobs.first_start import nets
@@ -30,11 +30,9 @@ from edmctl.machine.interface import (
 )
 from edmctl.machine.requests import default_settings, settings_by_name
 from edmctl.procedures.settings import motion_settings
+from edmctl.profile.setup import Setup
 from edmctl.results.first_start import Cause
 from edmctl.wording import decimal
-
-if TYPE_CHECKING:
-    from edmctl.profile.setup import Setup
 
 PART = "generator"
 GAP_PULSES = PulseSettings(100.0, 300.0, 40.0, 0.1, PulseMode.ISOFREQUENCY, 0.0)

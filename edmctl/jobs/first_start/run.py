@@ -6,7 +6,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, LinkLost, MachineFault, ObjectiveNotReached, PreconditionError, UsageError
 from edmctl.jobs.connect import connected
@@ -20,10 +19,8 @@ from edmctl.jobs.surroundings import Surroundings
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import Clock
 from edmctl.machine.controller import LinkMachine
+from edmctl.profile.setup import Setup
 from edmctl.results.first_start import Cause, FirstStartReport, Item, ItemStatus
-
-if TYPE_CHECKING:
-    from edmctl.profile.setup import Setup
 
 
 def first_start(

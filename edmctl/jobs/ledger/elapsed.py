@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from edmctl.procedures.job import Job
-    from edmctl.record.tool_account import MachineHistory
+from edmctl.procedures.job import REPORT_DELAY_S, Job
+from edmctl.procedures.monitoring.drift import contradicting_between_jobs_um_s, displacement_uncertainty
+from edmctl.record.tool_account import MachineHistory
 
 CLOCK_STEP_S = 60.0
 """A clock may be put right by so much: in that time a zero drifts by 0.1 µm, less than a touch repeats."""
@@ -43,9 +42,6 @@ def with_home(job: Job, history: MachineHistory, now: Now) -> Job:
     Where the clock was set back since, nobody knows how long ago that was, nor where home is by now; how fast it
     moved before is known all the same.
     """
-    from edmctl.procedures.job import REPORT_DELAY_S
-    from edmctl.procedures.monitoring.drift import contradicting_between_jobs_um_s, displacement_uncertainty
-
     if not history.homes:
         return job
     drift_u_um_per_s = displacement_uncertainty(job).drift_u_um_per_s
@@ -63,8 +59,6 @@ def with_home_left(job: Job) -> Job:
 
     A run that was killed has told the ledger no more than its first touch of the pad.
     """
-    from edmctl.procedures.job import REPORT_DELAY_S
-
     left = job.resumed
     age_s = left.home_age_s + job.pause_s + REPORT_DELAY_S if left is not None else math.nan
     if left is None or not math.isfinite(age_s) or age_s >= job.home_age_s:

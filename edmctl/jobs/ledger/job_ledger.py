@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
 from edmctl.jobs.drift_choice import choose_drift, doubts_of_use
 from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
 from edmctl.jobs.ledger.places_taken import Place
 from edmctl.jobs.ledger.tool import reference_setup, tool_identity
+from edmctl.jobs.plan import Plan
+from edmctl.jobs.run_header import RunName
 from edmctl.jobs.session import MachineSession
+from edmctl.jobs.surroundings import Warn
+from edmctl.procedures.job import Job
+from edmctl.procedures.job_state import JobState, StateStore
 from edmctl.quantity import half_width
 from edmctl.record.ledger import Ledger
 from edmctl.record.ledger_entries import (
@@ -24,13 +28,6 @@ from edmctl.record.ledger_entries import (
     ToolChanged,
 )
 from edmctl.results.job import ChannelResult, JobResult, SiteResult
-
-if TYPE_CHECKING:
-    from edmctl.jobs.plan import Plan
-    from edmctl.jobs.run_header import RunName
-    from edmctl.jobs.surroundings import Warn
-    from edmctl.procedures.job import Job
-    from edmctl.procedures.job_state import JobState, StateStore
 
 DONE = "done"
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, UsageError
+from edmctl.procedures.job import Job
 from edmctl.profile.findings import PAD_MARGIN_UM
 from edmctl.record.ledger_entries import SiteMachined
 from edmctl.rules.sites import unreachable
 from edmctl.wording import coordinates, length
-
-if TYPE_CHECKING:
-    from edmctl.procedures.job import Job
 
 WALL_UM = 50.0
 """Left standing between two holes that are placed one after the other: several times what the stages and the rim of

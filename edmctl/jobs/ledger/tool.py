@@ -11,21 +11,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, EdmError, PreconditionError, RunFileError
+from edmctl.forecasts.forecast import forecast, stroke_available_um
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now
+from edmctl.jobs.plan import MachineAddress, Plan
 from edmctl.jobs.runs.opening import command_to_go_on, on_machine
 from edmctl.jobs.session import MachineSession
-from edmctl.profile.model import Profile
+from edmctl.profile.model import Profile, Tool
+from edmctl.profile.places import Place
 from edmctl.profile.read import Merged, apply_overrides, put
+from edmctl.profile.setup import Setup
+from edmctl.record.journal import SUFFIX, read_journal
+from edmctl.record.ledger import Ledger
 from edmctl.record.ledger_entries import ReferenceTouched, ToolNamed
 from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
 from edmctl.wording import coordinates, length
 
 if TYPE_CHECKING:
-    from edmctl.jobs.plan import MachineAddress, Plan
-    from edmctl.profile.model import Tool
-    from edmctl.profile.places import Place
-    from edmctl.profile.setup import Setup
-    from edmctl.record.ledger import Ledger
     from edmctl.simulator.bench import VirtualBench
 
 _LABEL = re.compile(r"(?P<material>.+) (?P<um>\d+(?:\.\d+)?) µm")
@@ -238,8 +239,6 @@ def on_worn_tool(profile: Profile, account: ToolAccount) -> Profile:
 
 def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: ToolAccount, port: str) -> None:
     """Raise PreconditionError E8044 where the actuator does not take the worn tool down by `stroke_um`."""
-    from edmctl.forecasts.forecast import stroke_available_um
-
     available_um = stroke_available_um(worn, setup)
     if stroke_um > available_um:
         raise PreconditionError(
@@ -274,8 +273,6 @@ def refuse_worn_out(
 
     Raises PreconditionError E8043 where it will not last for one hole of it.
     """
-    from edmctl.forecasts.forecast import forecast
-
     expected, limit_um = forecast(profile, setup, places), profile.tool.max_wear_um
     lost = f"{account.label} has lost {length(account.lost_um)} so far"
     if account.lost_um + expected.wear_um > limit_um:
@@ -295,8 +292,6 @@ def refuse_worn_out(
 
 def left_to_finish(tool: str, serial: str, folder: Path) -> list[Diagnostic]:
     """Return a warning (W8115) of each job of the tool that could still be taken up, and not after another job."""
-    from edmctl.record.journal import SUFFIX, read_journal
-
     warnings = []
     for journal in sorted(folder.glob(f"*{SUFFIX}")):
         run_file = journal.with_suffix(".h5")

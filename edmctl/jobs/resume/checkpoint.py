@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, ObjectiveNotReached, PreconditionError, RunFileError
 from edmctl.jobs.job_preparation import ledger_of
@@ -14,11 +13,10 @@ from edmctl.jobs.resume.selection import find_run, taken_up
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.runs.opening import resume_command
 from edmctl.jobs.session import MachineSession
+from edmctl.procedures.job import Job
 from edmctl.procedures.job_state import JobState
-
-if TYPE_CHECKING:
-    from edmctl.procedures.job import Job
-    from edmctl.record.journal import JournalFile, JournalledJob
+from edmctl.procedures.run import after_pause
+from edmctl.record.journal import JournalFile, JournalledJob, remove_journal
 
 PHASE_BEFORE = "starting"
 RESTARTED = "E4005"
@@ -71,9 +69,6 @@ class JobCheckpoint:
             job = taken_up(resumption, job, self.session.bench.now)
         if self.name is None or not self.plan.where.lasting:
             return job
-        from edmctl.procedures.run import after_pause
-        from edmctl.record.journal import JournalFile, remove_journal
-
         self._file = JournalFile(
             self.name.journal,
             self._job(job),
@@ -116,8 +111,6 @@ class JobCheckpoint:
         return status.x_um, status.y_um
 
     def _job(self, job: Job) -> JournalledJob:
-        from edmctl.record.journal import JournalledJob
-
         assert self.name is not None
         plan, request, machine = self.plan, self.plan.request, self.session.bench.machine
         resumption = plan.resumed

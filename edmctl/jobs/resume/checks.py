@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, stages_by_hand
+from edmctl.jobs.plan import Plan, Resumption
 from edmctl.jobs.session import MachineSession
+from edmctl.record.journal import read_journal
 from edmctl.record.ledger import JobBegun, Line, RunEnded, SiteMachined, ToolChanged
 from edmctl.wording import coordinates
-
-if TYPE_CHECKING:
-    from edmctl.jobs.plan import Plan, Resumption
 
 HOMED_WITHIN_UM = 2.0
 """The side gap of a hole leaves so much room to a tool that comes back into it."""
@@ -49,8 +47,6 @@ def refuse_elsewhere(
     Raises PreconditionError: E8051 the run went on meanwhile, E8055 another machine, E8056 another tool, or one that
     was used since, E8057 nobody knows where the stages are. FaultLatched E8010 while a fault is held.
     """
-    from edmctl.record.journal import read_journal
-
     job, machine, virtual = resumption.job, session.bench.machine, session.bench.virtual
     serial = machine.identity.serial
     if serial != job.serial:

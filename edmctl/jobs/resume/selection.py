@@ -10,7 +10,6 @@ import re
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import PreconditionError, RunFileError, UsageError
 from edmctl.files import user_path
@@ -19,12 +18,11 @@ from edmctl.jobs.plan import Plan, Resumption, check
 from edmctl.jobs.resume.checks import refuse_untouchable, refuse_used_tool
 from edmctl.jobs.run_header import RunName, run_path
 from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.procedures.job import Job
 from edmctl.procedures.job_state import job_state
+from edmctl.profile.places import Place
+from edmctl.record.journal import SUFFIX, Journal, JournalledJob, journal_path, read_journal
 from edmctl.record.ledger import Ledger
-
-if TYPE_CHECKING:
-    from edmctl.procedures.job import Job
-    from edmctl.record.journal import Journal, JournalledJob
 
 _DONE = "done"
 _ANOTHER_PLACE = "Machine it at another place or on new work."
@@ -49,8 +47,6 @@ def name_of_resumed(resumption: Resumption, run_id: str | None, start: datetime)
 
 def taken_up(resumption: Resumption, job: Job, now: Now) -> Job:
     """Return the job with the places of the run before, how far that came, and where the tool's home was."""
-    from edmctl.profile.places import Place
-
     sites = tuple(Place(*place) for place in resumption.job.places)
     pause_s = now.since_s(resumption.journal.written_utc_s, resumption.journal.clock_s)
     job = replace(
@@ -67,8 +63,6 @@ def find_run(named: str, folder: Path, *, homed: bool = False, restart_hole: boo
     Raises PreconditionError: E8050 there is no journal, E8051 the run is finished, E8052 the journal is damaged or
     of a later version. RunFileError E9041 where it cannot be read.
     """
-    from edmctl.record.journal import read_journal
-
     path = _journal_named(named, folder)
     later = _continued(path)
     try:
@@ -121,8 +115,6 @@ def refuse_other_setup_of_run(plan: Plan, job: JournalledJob) -> None:
 
 def _journal_named(named: str, folder: Path) -> Path:
     """Where the journal of a run is: by a path that exists or looks like one, else by its id."""
-    from edmctl.record.journal import SUFFIX, journal_path
-
     given = user_path(named)
     for ending in (".h5.partial", ".h5", SUFFIX):
         if given.name.endswith(ending):
@@ -141,8 +133,6 @@ def _journal_named(named: str, folder: Path) -> Path:
 
 def _continued(path: Path) -> tuple[Path, Journal] | None:
     """The journal of the run that goes on with the one whose journal would be at `path`."""
-    from edmctl.record.journal import SUFFIX, read_journal
-
     run_id = path.name.removesuffix(SUFFIX)
     found: list[tuple[Path, Journal]] = []
     for other in sorted(path.parent.glob(f"*{SUFFIX}")):
@@ -156,8 +146,6 @@ def _continued(path: Path) -> tuple[Path, Journal] | None:
 
 
 def _without_journal(path: Path) -> PreconditionError:
-    from edmctl.record.journal import SUFFIX
-
     run_id, folder = path.name.removesuffix(SUFFIX), path.parent
     finished = [file for file in _run_files(run_id, folder) if _status(file) == _DONE]
     if finished:
