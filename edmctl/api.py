@@ -24,9 +24,7 @@ from typing import TYPE_CHECKING, Self, SupportsIndex
 from edmctl.errors import UsageError, refuse_wrong_clock
 from edmctl.files import user_path
 from edmctl.jobs.connect import controller_warning, seed_warning
-from edmctl.jobs.job import Report, carry_out
 from edmctl.jobs.plan import SIMULATOR, JobRequest, Plan, check, where_is
-from edmctl.jobs.resume.selection import checked, find_run, name_of_resumed
 from edmctl.jobs.run_header import name_run, plain_name
 from edmctl.jobs.surroundings import Surroundings, Unobserved, Warn, python_warnings
 from edmctl.jobs.sweep import seed_to_use
@@ -52,6 +50,7 @@ if TYPE_CHECKING:
 
     from edmctl.jobs.calibration.request import CalibrationRequest, CheckedCalibration
     from edmctl.jobs.calibration.run import CalibrationReport
+    from edmctl.jobs.job import Report
     from edmctl.jobs.procedures import Procedure, ProcedureReport
     from edmctl.record.reader import RunFile
     from edmctl.rules.load import LoadedProfile
@@ -132,6 +131,8 @@ class Machine:
         Raises ProfileError, UsageError, RecordError, RunFileError, and LinkLost, ProtocolMismatch or
         PreconditionError where there is no machine to work with; what is found on the machine is `report.error`.
         """
+        from edmctl.jobs.job import carry_out
+
         doubts = _doubts(warn)
         plan = self._plan(self._request(profile, overrides, calibration, allow_model, new_tool), stop, doubts)
         if out is None and plan.where.lasting:
@@ -163,6 +164,8 @@ class Machine:
         is made from the start. Raises PreconditionError E8050 to E8062 where nobody knows how far it came, and what
         `machine` raises.
         """
+        from edmctl.jobs.job import carry_out
+        from edmctl.jobs.resume.selection import checked, find_run, name_of_resumed
         from edmctl.jobs.runs.opening import recovered_before
 
         doubts = _doubts(warn)
