@@ -100,18 +100,8 @@ def build_board(
         with tempfile.TemporaryDirectory(prefix="edmctl-firmware-") as work:
             linked = Path(work) / "image.elf"
             files = map(str, sources_of(board, folder))
-            _run(
-                [
-                    *tools.command,
-                    *tools.flags,
-                    *flags,
-                    *tools.linking(script),
-                    *files,
-                    *tools.libraries,
-                    "-o",
-                    str(linked),
-                ]
-            )
+            compiling = [*tools.command, *tools.flags, *flags, *tools.linking(script)]
+            _run([*compiling, *files, *tools.libraries, "-o", str(linked)])
             sealed = Path(work) / "sealed.elf"
             try:
                 sealed.write_bytes(seal(linked.read_bytes()))

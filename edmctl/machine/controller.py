@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import asdict
 
 from edmctl.errors import EdmError, LinkLost
 from edmctl.link.link_errors import CommandRefused
@@ -193,17 +194,7 @@ class LinkMachine:
         return self._waits.event((EventCode.APPROACH_DONE,), SLOWEST * max_travel_um / speed_um_s)
 
     def touch(self, request: TouchRequest) -> tuple[Touch, ...]:
-        self._waits.begin(
-            TouchOff(
-                fast_um_s=request.fast_um_s,
-                fast_to_um=request.fast_to_um,
-                speed_um_s=request.speed_um_s,
-                z_max_um=request.z_max_um,
-                back_off_um=request.back_off_um,
-                dwell_s=request.dwell_s,
-                touches=request.touches,
-            )
-        )
+        self._waits.begin(TouchOff(**asdict(request)))
         with self._inbox.gathering() as samples:
             found: list[Touch] = []
             while True:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -10,7 +11,6 @@ import numpy as np
 from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import (
     BlackboxRead,
-    BlackboxReadReply,
     GetStatus,
     GetStatusReply,
     Status,
@@ -84,30 +84,21 @@ def read_unbelieved(session: Session) -> MachineStatus:
 
 
 def _as_status(reply: GetStatusReply) -> MachineStatus:
-    return MachineStatus(
-        state=MachineState(reply.state),
-        fault=reply.fault,
-        interlocks=Interlock(reply.interlocks),
-        displacement_um=reply.displacement_um,
-        x_um=reply.x_um,
-        y_um=reply.y_um,
-        theta_deg=reply.theta_deg,
-        actuator_v=reply.actuator_v,
-        gap_v=reply.gap_v,
-        temperature_c=reply.temperature_c,
-        flow_lpm=reply.flow_lpm,
-        monitor_v=reply.monitor_v,
-        flags=TelemetryFlag(reply.flags),
-    )
+    words = {
+        "state": MachineState(reply.state),
+        "interlocks": Interlock(reply.interlocks),
+        "flags": TelemetryFlag(reply.flags),
+    }
+    return MachineStatus(**{**asdict(reply), **words})
 
 
 def read_black_box(session: Session, to_seconds: ToSeconds) -> TelemetryBlock | None:
     """Return every sample that the black box holds, oldest first; None where it holds none."""
-    pages: list[Tlm] = []
-    for page in _pages(
-        lambda offset: session.request(BlackboxRead(offset)), BLACK_BOX_SAMPLES, "BLACKBOX_READ"
-    ):
-        pages.append(_as_telemetry(page, len(pages)))
+    held = _pages(lambda offset: session.request(BlackboxRead(offset)), BLACK_BOX_SAMPLES, "BLACKBOX_READ")
+    pages = [
+        Tlm(counter, page.t0_us, BLACK_BOX_PERIOD_US, page.n, 0, page.records)
+        for counter, page in enumerate(held)
+    ]
     if not pages:
         return None
     block = telemetry_block(pages, to_seconds, 0)
@@ -130,18 +121,6 @@ def _pages(ask: Callable[[int], PageT], most: int, name: str) -> Iterator[PageT]
         offset, total = offset + page.n, page.total
         if offset == total:
             return
-
-
-def _as_telemetry(page: BlackboxReadReply, counter: int) -> Tlm:
-    """Return a page as a frame of telemetry, whose samples it has."""
-    return Tlm(
-        counter=counter,
-        t0_us=page.t0_us,
-        period_us=BLACK_BOX_PERIOD_US,
-        n=page.n,
-        dropped=0,
-        records=page.records,
-    )
 
 
 def read_waveforms(session: Session, to_seconds: ToSeconds) -> WaveformBatch | None:

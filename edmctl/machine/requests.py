@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from edmctl.errors import PreconditionError
 from edmctl.link.messages import PARAMS, CommitProfile, PulseConfig, SetParam, param_crc
@@ -152,16 +152,7 @@ def upload(session: Session, settings: Mapping[str, float]) -> None:
 
 def set_generator(session: Session, pulses: PulseSettings) -> None:
     """Set the pulses of the generator."""
-    session.request(
-        PulseConfig(
-            on_time_us=pulses.on_time_us,
-            off_time_us=pulses.off_time_us,
-            open_voltage_v=pulses.open_voltage_v,
-            peak_current_a=pulses.peak_current_a,
-            mode=pulses.mode,
-            discharge_us=pulses.discharge_us,
-        )
-    )
+    session.request(PulseConfig(**asdict(pulses)))
 
 
 def _on_the_wire(name: str, value: float) -> int:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from edmctl.errors import UsageError
 from edmctl.jobs.parallel import Lost, Pool, Program, compile_told, perform
@@ -106,17 +105,9 @@ def run_virtual(
 
         compile_told(observer)
         observer.runs(0, len(tasks))
-        _perform(tasks, program, pool, keep)
+        if pool is None:
+            for number, task in enumerate(tasks):
+                keep(number, evaluate(task, program))
+        else:
+            perform(partial(evaluate, program=program), tasks, pool, keep)
         return done
-
-
-def _perform(tasks: Sequence[RunTask], program: Program | None, pool: Pool | None, keep: _Keep) -> None:
-    if pool is None:
-        for number, task in enumerate(tasks):
-            keep(number, evaluate(task, program))
-    else:
-        perform(partial(evaluate, program=program), tasks, pool, keep)
-
-
-class _Keep(Protocol):
-    def __call__(self, number: int, row: RunRow | Lost, /) -> None: ...
