@@ -13,7 +13,6 @@ import hashlib
 import json
 import math
 import os
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -38,7 +37,6 @@ SCHEMA = 6
 _HASH = "sha256"
 _OTHER_PARTS = (json.JSONDecodeError, KeyError, TypeError, AttributeError, MemoryError, RecursionError)
 """What comes of parts that are missing, of another kind or of absurd size."""
-_RETRY_S = 0.1
 _ARRAY = "array"
 """The one name in the place of an array: its type, shape and first byte."""
 _NEW_ONE = "Give the file of a bench, or a name that is free for a new one."
@@ -53,7 +51,7 @@ def bench_lock(path: Path, wait_s: float = 0.0) -> Iterator[None]:
     lock = _lock_of(path)
     with ExitStack() as held:
         try:
-            _locked(lock, time.monotonic() + wait_s, held)
+            locks.retried(lambda: _locked(lock, held), wait_s)
         except BlockingIOError as busy:
             by = f"{lock_holder(lock) or 'another program'} has it"
             raise _in_use(path, str(busy.strerror) if isinstance(busy, locks.LockHeld) else by) from None
@@ -141,20 +139,8 @@ def _check_regular(path: Path) -> None:
         raise _unreadable(path, refused.strerror or str(refused)) from refused
 
 
-def _locked(lock: Path, until_s: float, held: ExitStack) -> None:
-    """Open and lock the file until `held` is left; BlockingIOError where somebody still has it at that time."""
-    while True:
-        try:
-            _locked_now(lock, held)
-        except BlockingIOError:
-            if time.monotonic() >= until_s:
-                raise
-            time.sleep(_RETRY_S)
-        else:
-            return
-
-
-def _locked_now(lock: Path, held: ExitStack) -> None:
+def _locked(lock: Path, held: ExitStack) -> None:
+    """Open and lock the file until `held` is left. Raises BlockingIOError if another program has it."""
     while True:
         with ExitStack() as mine:
             descriptor = open_descriptor(lock, os.O_RDWR | os.O_CREAT)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from edmctl.record.ledger_entries import (
     line_of,
     text_of,
 )
-from edmctl.record.locks import exclusive
+from edmctl.record.locks import exclusive, retried
 
 __all__ = [
     "Entry",
@@ -49,7 +49,6 @@ LONGEST_WAIT_S = 10.0
 """Longest wait to add the result of a job: a slow disk must not cost it."""
 OPENING_WAIT_S = 1.0
 """Longest wait to open: a ledger that stays locked is refused before anything moves."""
-_RETRY_S = 0.05
 
 
 class Ledger:
@@ -69,7 +68,7 @@ class Ledger:
         """
         path = folder / FILE_NAME
         try:
-            _retried(lambda: refuse_locked(path), OPENING_WAIT_S)
+            retried(lambda: refuse_locked(path), OPENING_WAIT_S)
             data = read_bytes(path, LEDGER_BYTES)
         except FileNotFoundError:
             return cls(path, ())
@@ -139,21 +138,8 @@ def _locked(path: Path) -> Iterator[int]:
     lock = path.with_name(f".{path.name}.lock")
     with ExitStack() as held:
         held.callback(os.close, descriptor)
-        _retried(lambda: held.enter_context(exclusive(descriptor, lock)), LONGEST_WAIT_S)
+        retried(lambda: held.enter_context(exclusive(descriptor, lock)), LONGEST_WAIT_S)
         yield descriptor
-
-
-def _retried(attempt: Callable[[], object], longest_s: float) -> None:
-    """Call until it no longer raises BlockingIOError; raise it after `longest_s`."""
-    until_s = time.monotonic() + longest_s
-    while True:
-        try:
-            attempt()
-            return
-        except BlockingIOError:
-            if time.monotonic() > until_s:
-                raise
-            time.sleep(_RETRY_S)
 
 
 def _mend_end(descriptor: int) -> None:

@@ -17,7 +17,7 @@ import socket
 import struct
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -27,6 +27,7 @@ from edmctl.record.disk import PARTIAL
 
 UNWRITTEN_S = 10.0
 """A lock that still says nothing after so long was left by whoever was killed, or met a full disk, as it made it."""
+RETRY_S = 0.05
 _UNKNOWN = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 
@@ -91,6 +92,19 @@ def exclusive(descriptor: int, path: Path) -> Iterator[None]:
             yield
         return
     yield
+
+
+def retried(attempt: Callable[[], object], longest_s: float) -> None:
+    """Call `attempt` until it raises no BlockingIOError. Raises BlockingIOError after `longest_s`."""
+    until_s = time.monotonic() + longest_s
+    while True:
+        try:
+            attempt()
+            return
+        except BlockingIOError:
+            if time.monotonic() >= until_s:
+                raise
+            time.sleep(RETRY_S)
 
 
 @contextmanager
