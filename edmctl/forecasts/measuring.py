@@ -8,12 +8,14 @@ conditioning, approaches, touches and stage moves.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, ZERO_DRIFT_UM_PER_S
 from edmctl.forecasts.removal import (
     SIDE_DISCHARGE_SHARE,
+    Hole,
     approach_speed_um_s,
     feed_rate_um_s,
     jump_duration_s,
@@ -25,9 +27,6 @@ from edmctl.process.touches import TOUCH_U_UM, Displacement
 from edmctl.quantity import half_width
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.forecasts.removal import Hole
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
 

@@ -23,6 +23,7 @@ from edmctl.jobs.surroundings import Warn
 from edmctl.jobs.truth import TrueWear, channel_truth, keep_truth_map
 from edmctl.jsonout import JsonValue
 from edmctl.labels import marked
+from edmctl.procedures.job import Job
 from edmctl.procedures.job_state import JobTally, StateStore
 from edmctl.process.erosion import corner_radius_um, roughness_rz_um
 from edmctl.record.rows import Recorder
@@ -32,7 +33,6 @@ from edmctl.results.result import Result, html_table
 from edmctl.wording import length
 
 if TYPE_CHECKING:
-    from edmctl.procedures.job import Job
     from edmctl.simulator.bench import HoleTruth
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import UsageError
 from edmctl.jobs.ledger.tool import is_unnamed
+from edmctl.rules.load import LoadedProfile
 
 if TYPE_CHECKING:
-    from edmctl.rules.load import LoadedProfile
     from edmctl.simulator import BenchConfig, VirtualBench
 
 KEEP_S = 5.0

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING
 from edmctl.errors import EdmError
 from edmctl.jobs.calibration.selection import Choice
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now
+from edmctl.procedures.job import CalibratedActuator
+from edmctl.record.ledger_entries import Entry
 
 if TYPE_CHECKING:
     from edmctl.jobs.drift_choice import DriftChoice
     from edmctl.jobs.plan import Plan
     from edmctl.machine.controller import LinkMachine
-    from edmctl.procedures.job import CalibratedActuator
     from edmctl.process.rest_drift import CreepLeft
     from edmctl.profile.setup import Setup
     from edmctl.record.disk_thread import DiskThread
     from edmctl.record.ledger import Ledger
-    from edmctl.record.ledger_entries import Entry
     from edmctl.simulator import VirtualBench
 
 

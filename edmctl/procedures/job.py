@@ -6,6 +6,7 @@ And what one hole is to become: a depth, a feed, or a way through the sheet.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,8 +15,6 @@ from edmctl.labels import PAD, Basis, Verdict
 from edmctl.profile.places import Place
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from edmctl.actuator.model import ActuatorModel
     from edmctl.procedures.job_state import JobState
     from edmctl.process.rest_drift import CreepLeft, DriftModel

@@ -8,28 +8,23 @@ it. The bottom is judged by how deep the hole is known to be, and a tool that ha
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.hole.hole import model_u95_um
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
+from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.procedures.touch.spots import pad_u_um, read_pad, refuse_grown_tool
 from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface
-from edmctl.process.touches import TOUCH_U_UM, Reading, measure, share_u
+from edmctl.process.touches import TOUCH_U_UM, Displacement, Reading, measure, share_u
 from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.measurements import UncertaintyPart, WearResult
 from edmctl.wording import signed
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.procedures.run import JobRun
-    from edmctl.procedures.touch.reading import SurfaceReading
-    from edmctl.process.touches import Displacement
 
 LEAST_TOUCHES = 3
 """Of every Z: the scatter of two says next to nothing."""

@@ -10,25 +10,30 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from edmctl.procedures.job import target_of
-from edmctl.procedures.job_state import PERIOD_S, JobState, NoStateStore
+from edmctl.machine.interface import Machine, TelemetryBlock
+from edmctl.procedures.job import HoleTarget, Job, target_of
+from edmctl.procedures.job_state import (
+    PERIOD_S,
+    JobState,
+    JobTally,
+    NoStateStore,
+    StateStore,
+    SurfaceTouch,
+    UnderWay,
+)
 from edmctl.procedures.monitoring.drift import counted_pause_s, uncertainty_now
 from edmctl.procedures.settings import gap_reference_v
-from edmctl.record.rows import EventLevel, EventRow
+from edmctl.process.touches import Displacement
+from edmctl.profile.places import Place
+from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent
+from edmctl.results.job import SiteResult
 from edmctl.results.progress import Extremes, Observer, Phase, Progress
 from edmctl.results.telemetry import PulseShares
 
 if TYPE_CHECKING:
-    from edmctl.machine.interface import Machine, TelemetryBlock
-    from edmctl.procedures.job import HoleTarget, Job
-    from edmctl.procedures.job_state import JobTally, StateStore, SurfaceTouch, UnderWay
     from edmctl.procedures.monitoring.watch import Watch
-    from edmctl.process.touches import Displacement
     from edmctl.profile.model import Profile
-    from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
-    from edmctl.record.rows import Recorder, RunEvent
-    from edmctl.results.job import SiteResult
 
 MACHINING, MEASURING, MOVING = "machining", "measuring", "moving"
 """Phases of a job; while it is machining, the state is kept every few seconds too."""

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from edmctl.process.live_erosion import ErosionEstimate
+from edmctl.process.live_erosion import ErosionEstimate
 
 CLEAR_SIGMAS = 2.0
 """Standard uncertainties by which a decision stays clear of a limit. The interval of a result has its own factor."""

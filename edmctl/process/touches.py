@@ -13,13 +13,11 @@ the longer one is nearer to the truth.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from edmctl.quantity import Value, coverage_factor
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 TOUCH_SD_PRIOR_UM = 0.06
 """Repeatability of one touch expected before any was made: roughness of both faces, and sensor noise averaged while

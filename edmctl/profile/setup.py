@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
 
 from pydantic import Field, PrivateAttr, ValidationError
 
@@ -16,10 +18,6 @@ from edmctl.profile.findings import Code
 from edmctl.profile.positions import Sources
 from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import FileName, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
 
 ARRIVAL_RUN_UM = 50.0
 """A stage that comes from above goes this far beyond its place and comes back, so that the play of the drive always

@@ -5,16 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
 from edmctl.labels import Basis, Seen, Verdict
 from edmctl.quantity import half_width
-from edmctl.results.telemetry import PulseShares
+from edmctl.results.telemetry import LinkReport, PulseShares
 from edmctl.wording import to_its_u95
-
-if TYPE_CHECKING:
-    from edmctl.results.telemetry import LinkReport
 
 
 @dataclass(frozen=True, slots=True)

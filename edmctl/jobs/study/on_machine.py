@@ -33,6 +33,7 @@ from edmctl.jobs.study.evaluate import refuse_other_recipe, row_of, run_name
 from edmctl.jobs.study.places_and_tools import grid_of
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.study.rows import MACHINE, PAUSED, StudyWriter, bench_of
+from edmctl.jobs.surroundings import Surroundings, Warn
 from edmctl.jsonout import JsonValue
 from edmctl.profile.folders import SETUP_VARIABLE
 from edmctl.results.progress import SeriesObserver
@@ -41,7 +42,6 @@ from edmctl.wording import coordinates, plural, settings_words
 
 if TYPE_CHECKING:
     from edmctl.jobs.study.folder import StudyFolder, StudyState
-    from edmctl.jobs.surroundings import Surroundings, Warn
 
 WORN_OUT = "E8043"
 JOB_RESUMED = re.compile(r"Go on with `edmctl machine --resume[^`]*`[^.]*\.")

@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
 from edmctl.forecasts.removal import SIDE_DISCHARGE_SHARE, removal_um3_s
 from edmctl.procedures.channel.scan import PassPlan, PassResult, run_pass
-from edmctl.procedures.channel.touching import learned_gap_um
+from edmctl.procedures.channel.touching import ChannelSurface, FloorReading, learned_gap_um
 from edmctl.procedures.job_state import CutTotals, RunningCut
+from edmctl.procedures.run import JobRun
+from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import approach_bottom
 from edmctl.process.channel import HeldTool, ToolWear, channel_width_um, passes_needed
 from edmctl.process.discharge import hole_area_um2
+from edmctl.process.path import Way
 from edmctl.process.touches import TOUCH_U_UM
+from edmctl.profile.model import Profile
 from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel, RunEvent
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
-    from edmctl.procedures.run import JobRun
-    from edmctl.procedures.servo.limits import TimeLimits
-    from edmctl.process.path import Way
-    from edmctl.profile.model import Profile
 
 QUIET_SHARE = 0.65
 """A floor is even when so many pulses of a pass found nothing to strike; the servo's own gap has 0.3."""

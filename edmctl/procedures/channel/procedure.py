@@ -6,9 +6,9 @@ stop, so the last layers are cut by what was measured and not by what was assume
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
 from edmctl.forecasts.channel import LAYERS_BEFORE_FIRST_STOP, PLACES, PLACES_AT_THE_END
@@ -26,27 +26,21 @@ from edmctl.procedures.channel.resuming import (
     unknown_of_left,
     with_journal_hint,
 )
-from edmctl.procedures.channel.touching import FloorReading, measure_floor, touch_untouched
+from edmctl.procedures.channel.touching import ChannelSurface, FloorReading, measure_floor, touch_untouched
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.hole.cut import Decision
 from edmctl.procedures.hole.site_result import REMEDIES, judged_channel, not_shown
 from edmctl.procedures.job import HoleTarget, target_of
-from edmctl.procedures.job_state import UnderWay
+from edmctl.procedures.job_state import JobState, UnderWay
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.process.channel import layer_depths_um
 from edmctl.process.next_cut import NOISE_FLOOR_SIGMAS
+from edmctl.process.path import Way
 from edmctl.process.touches import TOUCH_U_UM
 from edmctl.record.rows import EventLevel, RunEvent
+from edmctl.results.job import ChannelResult
 from edmctl.wording import length, plural, signed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.procedures.channel.touching import ChannelSurface
-    from edmctl.procedures.job_state import JobState
-    from edmctl.procedures.run import JobRun
-    from edmctl.process.path import Way
-    from edmctl.results.job import ChannelResult
 
 LEAST_SUNK_SHARE = 0.25
 """A layer that takes more passes than it may, twice what the recipe believes and some, is measured: its work may

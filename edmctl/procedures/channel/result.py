@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
+from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
+from edmctl.procedures.job_state import CutTotals
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.touch.drift import drift_between
 from edmctl.procedures.touch.spots import pad_u_um
 from edmctl.process.channel import channel_width_um
@@ -15,11 +17,6 @@ from edmctl.process.touches import TOUCH_PRIOR_DOF, Drift
 from edmctl.quantity import Value
 from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.results.telemetry import pulse_shares
-
-if TYPE_CHECKING:
-    from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
-    from edmctl.procedures.job_state import CutTotals
-    from edmctl.procedures.run import JobRun
 
 TOUCH_LEAST_SD_UM = 0.1
 """Touches that agree better than this do so by chance."""

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.errors import PreconditionError
-from edmctl.procedures.channel.layers import GAP_GROWTH
+from edmctl.errors import MachineFault, PreconditionError
+from edmctl.procedures.channel.layers import GAP_GROWTH, Layers
 from edmctl.procedures.channel.scan import PassPlan, PassResult
 from edmctl.procedures.channel.touching import FLOOR_U_UM, ChannelSurface, ExtraUncertainty
 from edmctl.procedures.hole.cut_planning import energy_of
@@ -32,23 +31,19 @@ from edmctl.procedures.hole.resuming import (
     report_unknown_pause,
     z1_left_by,
 )
-from edmctl.procedures.job_state import PERIOD_S, CutTotals
+from edmctl.procedures.job_state import PERIOD_S, CutTotals, JobState
 from edmctl.procedures.monitoring.drift import pause_drift_u_um
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT
 from edmctl.procedures.touch.surface_plane import level_surface
 from edmctl.process.channel import HeldTool, wearing_uj
 from edmctl.process.discharge import first_gap_u_um
+from edmctl.process.path import Way
 from edmctl.process.touches import DepthAndWear, share_u
 from edmctl.profile.places import Place
 from edmctl.quantity import Value
+from edmctl.results.job import ChannelResult
 
-if TYPE_CHECKING:
-    from edmctl.errors import MachineFault
-    from edmctl.procedures.channel.layers import Layers
-    from edmctl.procedures.job_state import JobState
-    from edmctl.procedures.run import JobRun
-    from edmctl.process.path import Way
-    from edmctl.results.job import ChannelResult
 FACE_SD_UM = 0.5
 """A floor that differs by more from place to place is no untouched face."""
 

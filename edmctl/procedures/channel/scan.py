@@ -14,24 +14,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.errors import PreconditionError
-from edmctl.machine.interface import CutRequest, EventCode, MachineState, ScanLine
+from edmctl.machine.interface import CutRequest, EventCode, MachineEvent, MachineState, ScanLine
 from edmctl.procedures.hole.cut_planning import energy_of
 from edmctl.procedures.job_state import Counts, RunningCut
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.servo.limits import RatioLimits
 from edmctl.procedures.servo.telemetry_sums import RATIO_WINDOW_S, TelemetrySums
 from edmctl.procedures.settings import gap_reference_v
-from edmctl.process.channel import wearing_uj
+from edmctl.process.channel import HeldTool, ToolWear, wearing_uj
+from edmctl.process.path import Way
 from edmctl.quantity import half_width
 from edmctl.results.progress import Phase, Progress
+from edmctl.results.telemetry import TelemetryBlock
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from edmctl.machine.interface import MachineEvent
-    from edmctl.procedures.run import JobRun
-    from edmctl.process.channel import HeldTool, ToolWear
-    from edmctl.process.path import Way
-    from edmctl.results.telemetry import TelemetryBlock
 
     Floats = NDArray[np.float64]
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault
 from edmctl.forecasts.measuring import cut_budget
@@ -17,21 +16,17 @@ from edmctl.machine.faults import host_fault
 from edmctl.machine.interface import EventCode, MachineEvent
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, following_plan
 from edmctl.procedures.hole.running_cut import NO_SPARK, ArcRecovery, CutControl, with_a_check
-from edmctl.procedures.job import verdict_of
+from edmctl.procedures.job import HoleTarget, verdict_of
+from edmctl.procedures.run import JobRun
+from edmctl.procedures.servo.limits import TimeLeft
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor
+from edmctl.process.live_erosion import ErosionEstimate
 from edmctl.process.next_cut import is_done
+from edmctl.process.touches import DepthAndWear
+from edmctl.profile.model import Profile
 from edmctl.record.rows import EventLevel, EventRow, RunEvent
-from edmctl.results.telemetry import pulse_shares
+from edmctl.results.telemetry import PulseShares, pulse_shares
 from edmctl.wording import decimal, plural, signed
-
-if TYPE_CHECKING:
-    from edmctl.procedures.job import HoleTarget
-    from edmctl.procedures.run import JobRun
-    from edmctl.procedures.servo.limits import TimeLeft
-    from edmctl.process.live_erosion import ErosionEstimate
-    from edmctl.process.touches import DepthAndWear
-    from edmctl.profile.model import Profile
-    from edmctl.results.telemetry import PulseShares
 
 WATCH_SLICE_S = 0.1
 STATUS_PERIOD_S = 5.0

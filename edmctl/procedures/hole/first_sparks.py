@@ -8,22 +8,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from edmctl.procedures.hole.hole import DoubtedSurface, FirstSparks
+from edmctl.machine.interface import MachineEvent
+from edmctl.procedures.hole.cut_planning import CutPlan
+from edmctl.procedures.hole.hole import DoubtedSurface, FirstSparks, OpenHole
+from edmctl.procedures.run import JobRun
+from edmctl.procedures.touch.surface_plane import SurfacePlane
 from edmctl.process.discharge import FIRST_GAP_U_UM
 from edmctl.process.next_cut import CLEAR_SIGMAS, GAP_U_UM
 from edmctl.process.touches import share_u
 from edmctl.quantity import half_width
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.wording import signed
-
-if TYPE_CHECKING:
-    from edmctl.machine.interface import MachineEvent
-    from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.hole.hole import OpenHole
-    from edmctl.procedures.run import JobRun
-    from edmctl.procedures.touch.surface_plane import SurfacePlane
 
 FIRST_SPARKS_SIGMAS = 3.0
 LEAST_GAP_UM = 0.5

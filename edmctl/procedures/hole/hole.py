@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import FACE_LIMIT_UM, estimate_of
 from edmctl.labels import Basis
-from edmctl.procedures.hole.cut_planning import CutStart, energy_of
+from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
+from edmctl.procedures.hole.hole_estimate import Estimate
 from edmctl.procedures.hole.site_result import CutSums
-from edmctl.procedures.job_state import RegimeBegun
+from edmctl.procedures.job import HoleTarget
+from edmctl.procedures.job_state import RegimeBegun, SurfaceTouch
 from edmctl.procedures.monitoring.drift import pause_drift_u_um
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.touch.home import pad_from_home_um
+from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.procedures.touch.spots import OFFSET_U_UM, ToolLength, read_pad
 from edmctl.procedures.touch.surface_plane import SurfacePlane, fit_pad_slope, level_surface
 from edmctl.process.discharge import (
@@ -22,23 +25,14 @@ from edmctl.process.discharge import (
     mrr_mm3_min,
     tool_area_um2,
 )
-from edmctl.process.touches import Deviation, share_u
+from edmctl.process.live_erosion import Energy, ErosionEstimate
+from edmctl.process.shared_wear import WearShare
+from edmctl.process.touches import DepthAndWear, Deviation, share_u
+from edmctl.profile.model import Profile
+from edmctl.profile.places import Place
 from edmctl.quantity import Value
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import pulse_shares
-
-if TYPE_CHECKING:
-    from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.hole.hole_estimate import Estimate
-    from edmctl.procedures.job import HoleTarget
-    from edmctl.procedures.job_state import SurfaceTouch
-    from edmctl.procedures.run import JobRun
-    from edmctl.procedures.touch.reading import SurfaceReading
-    from edmctl.process.live_erosion import Energy, ErosionEstimate
-    from edmctl.process.shared_wear import WearShare
-    from edmctl.process.touches import DepthAndWear
-    from edmctl.profile.model import Profile
-    from edmctl.profile.places import Place
 
 NO_DEPTH = Value(math.nan, math.nan)
 """Depth of a hole through the sheet."""

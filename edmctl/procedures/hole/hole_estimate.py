@@ -19,13 +19,13 @@ from edmctl.process.live_erosion import RECIPE_U_REL, Energy
 from edmctl.process.next_cut import CLEAR_SIGMAS
 from edmctl.process.touches import DepthAndWear, share_u
 from edmctl.quantity import Value, half_width
+from edmctl.results.job import SiteResult
 from edmctl.wording import coordinates, with_u95
 
 if TYPE_CHECKING:
     from edmctl.procedures.hole.cut_planning import CutPlan
     from edmctl.profile.model import Profile
     from edmctl.profile.places import Place
-    from edmctl.results.job import SiteResult
 
 STANDARD_UNCERTAINTIES = 3.0
 BELIEF_U_REL = 0.25

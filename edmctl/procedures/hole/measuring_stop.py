@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from edmctl.labels import Basis
-from edmctl.procedures.hole.cut import CutEnd, Decision, decide, refuse_wrong_setup
+from edmctl.procedures.hole.cut import CutEnd, CutResult, Decision, decide, refuse_wrong_setup
 from edmctl.procedures.hole.cut_planning import (
     CutPlan,
     CutStart,
@@ -20,30 +19,25 @@ from edmctl.procedures.hole.cut_planning import (
     learned_gap_um,
 )
 from edmctl.procedures.hole.first_sparks import judge_again
-from edmctl.procedures.hole.hole import Unmeasured
+from edmctl.procedures.hole.hole import JobKnowledge, OpenHole, Unmeasured
 from edmctl.procedures.hole.regimes import next_regime, regime_text
+from edmctl.procedures.run import Args, JobRun
 from edmctl.procedures.touch.approach import CLEAR_OF_BOTTOM_UM, ExpectedBottom, raise_by, read_expected
 from edmctl.procedures.touch.drift import drift_between, rest_before_pad
+from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.procedures.touch.spots import (
     ToolLength,
     pad_u_um,
     read_pad,
     refuse_grown_tool,
 )
-from edmctl.process.live_erosion import CONTRADICTION_SDS, SCATTER_BETWEEN_HOLES
+from edmctl.process.live_erosion import CONTRADICTION_SDS, SCATTER_BETWEEN_HOLES, ErosionEstimate, LiveErosion
 from edmctl.process.next_cut import GAP_U_UM
 from edmctl.process.shared_wear import SharedWear, WearShare, share_wear
 from edmctl.process.touches import TOUCH_U_UM, DepthAndWear, Deviation, measure, share_u
 from edmctl.quantity import Value
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.wording import decimal, length, signed
-
-if TYPE_CHECKING:
-    from edmctl.procedures.hole.cut import CutResult
-    from edmctl.procedures.hole.hole import JobKnowledge, OpenHole
-    from edmctl.procedures.run import Args, JobRun
-    from edmctl.procedures.touch.reading import SurfaceReading
-    from edmctl.process.live_erosion import ErosionEstimate, LiveErosion
 
 PAD_U_UM = 0.5
 """Standard uncertainty of the pad's place besides the wear: drift and touch scatter."""

@@ -8,7 +8,6 @@ otherwise work, place or tool are not those that were left, and nothing is machi
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.labels import Basis
@@ -29,8 +28,10 @@ from edmctl.procedures.hole.hole_estimate import (
 from edmctl.procedures.hole.measuring_stop import decide_next, learn, measured, next_start
 from edmctl.procedures.hole.site import cut_to_the_end, keep_hole_begun, through_message, touch_bottom_or_none
 from edmctl.procedures.hole.site_result import close_site
-from edmctl.procedures.job_state import CutTotals, RegimeBegun
+from edmctl.procedures.job_state import CutTotals, JobState, RegimeBegun
 from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
+from edmctl.procedures.run import JobRun
+from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import MORE_LOOKS, wash
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading
@@ -40,11 +41,6 @@ from edmctl.process.touches import DepthAndWear, Reading
 from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel, RejectedTouch, RunEvent
 from edmctl.wording import decimal, length
-
-if TYPE_CHECKING:
-    from edmctl.procedures.job_state import JobState
-    from edmctl.procedures.run import JobRun
-    from edmctl.procedures.servo.limits import TimeLimits
 
 BEYOND_UM = 12.0
 """A touch looks so much further than what would be accepted: a mistake is to be found, not missed."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from edmctl.actuator.inverse import jump_volts
 from edmctl.errors import MachineFault
@@ -19,12 +18,10 @@ from edmctl.machine.requests import JumpRequest
 from edmctl.procedures.hole.cut_planning import CutPlan
 from edmctl.procedures.job import target_of
 from edmctl.procedures.run import Args, JobRun
+from edmctl.procedures.servo.supervisor import Supervisor
 from edmctl.procedures.settings import pulse_settings
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS, lower_to
 from edmctl.record.rows import EventLevel, EventRow, RunEvent
-
-if TYPE_CHECKING:
-    from edmctl.procedures.servo.supervisor import Supervisor
 
 JUMP_RESERVE_UM = 5.0
 """A jump leaves this much displacement, because the actuator cannot go below 0 V."""

@@ -8,6 +8,7 @@ what was seen only widens what is believed, and no reading is corrected by it he
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,8 +16,6 @@ from edmctl.forecasts.measuring import displacement
 from edmctl.process.touches import Displacement, Drift, share_u
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from edmctl.procedures.job import Job
 
 LEAST_SPAN_S = 120.0

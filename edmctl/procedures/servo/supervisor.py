@@ -7,32 +7,27 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmctl.forecasts.forecast import forecast
 from edmctl.machine.interface import MachineState, MachineStatus, TelemetryBlock, host_fault
 from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
-from edmctl.procedures.hole.cut_planning import energy_of
+from edmctl.procedures.hole.cut_planning import CutPlan, energy_of
 from edmctl.procedures.hole.hole_estimate import estimate_in_cut
 from edmctl.procedures.job import target_of
 from edmctl.procedures.job_state import Counts, RunningCut
 from edmctl.procedures.monitoring.watch import NEWEST_S
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.servo.adaptive import AdaptiveControl, ShortRecovery
 from edmctl.procedures.servo.limits import STALL_SHARE, RatioLimits, StallDetection, stroke_left_um
 from edmctl.procedures.servo.telemetry_sums import RATIO_WINDOW_S, TelemetrySums
 from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v
+from edmctl.process.live_erosion import Energy
 from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase, Progress
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.procedures.hole.cut_planning import CutPlan
-    from edmctl.procedures.run import JobRun
-    from edmctl.process.live_erosion import Energy
 
 FEED_WINDOW_S = 10.0
 """Mean feed is taken over this: one jump period, 3 µm at 0.3 µm/s, twenty times the sensor's noise."""

@@ -9,24 +9,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from edmctl.actuator.inverse import ramp_by
 from edmctl.forecasts.removal import approach_speed_um_s
-from edmctl.procedures.run import rest_and_look
+from edmctl.machine.interface import MachineEvent
+from edmctl.procedures.run import JobRun, rest_and_look
 from edmctl.procedures.settings import first_sparks_v
 from edmctl.procedures.stages import move_to, retract
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
 from edmctl.process.touches import TOUCH_CHECK_SD_UM, Deviation, against_sparks, between, is_long, is_short
+from edmctl.profile.places import Place
 from edmctl.quantity import half_width
 from edmctl.record.rows import EventLevel, RejectedTouch, RunEvent
 from edmctl.results.measurements import SurfaceFound
 from edmctl.results.progress import Phase
-
-if TYPE_CHECKING:
-    from edmctl.machine.interface import MachineEvent
-    from edmctl.procedures.run import JobRun
-    from edmctl.profile.places import Place
 
 ABOVE_BOTTOM_UM = 15.0
 """A later cut is approached fast to this far above where the last bottom can be, then at the approach speed."""

@@ -8,10 +8,11 @@ of the tool, and one that cannot have grown.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.procedures.touch.reading import (
@@ -34,14 +35,9 @@ from edmctl.process.touches import (
     pooled_reading,
     tilt_uncertainty_um,
 )
+from edmctl.profile.places import Place
+from edmctl.profile.setup import Setup
 from edmctl.record.rows import EventLevel, RejectedTouch, RunEvent
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.procedures.run import JobRun
-    from edmctl.profile.places import Place
-    from edmctl.profile.setup import Setup
 
 SPOT_LEG_UM = 2.0
 """At a further spot the fast leg ends this far above where contact was before."""

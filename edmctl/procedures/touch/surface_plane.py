@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import FACE_LIMIT_UM
-from edmctl.procedures.touch.spots import Spots, beside, pad_middle_um, read_at_spots
+from edmctl.procedures.job_state import SurfaceTouch
+from edmctl.procedures.run import Args, JobRun
+from edmctl.procedures.touch.reading import SurfaceReading
+from edmctl.procedures.touch.spots import Spots, ToolLength, beside, pad_middle_um, read_at_spots
 from edmctl.process.plane import (
     CONTRADICTION_SDS,
     TOUCHES_FOR_A_PLANE,
@@ -21,14 +24,6 @@ from edmctl.process.touches import TOUCH_U_UM, Deviation, share_u
 from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.wording import signed
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from edmctl.procedures.job_state import SurfaceTouch
-    from edmctl.procedures.run import Args, JobRun
-    from edmctl.procedures.touch.reading import SurfaceReading
-    from edmctl.procedures.touch.spots import ToolLength
 
 KIND = "Zr"
 """What such a touch is called in the run file: the face at a place that is not machined yet."""
