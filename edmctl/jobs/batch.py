@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -150,6 +151,7 @@ def perform_all(
 
 def perform(task: Task, program: Program, observer: Observer | None = None) -> SimulatedRun:
     """Perform one task. Raises Interrupted and RunFileError; every other error is in the run."""
+    gc.collect()  # the virtual machine of the run before: plant and controller refer to each other
     plan = check(task.request, program.surroundings())
     name = name_run(task.out, task.run_id, plan.loaded, datetime.now(UTC)) if task.out else None
     if name is not None:

@@ -172,9 +172,7 @@ def carry_out(
     session = connected_run(plan, seed, observer, name, warn, prepare, summary)
     if session.error is not None:
         tell_way_on(session.error, plan, name)
-    report = _report(session, tally, true_wear)
-    session.release()
-    return report
+    return _report(session, tally, true_wear)
 
 
 def _refuse_other_machine(found: str, wanted: str) -> None:

@@ -78,11 +78,6 @@ class MachineSession:
 
         self.creep_left = creep or CreepLeft.none(0.0)
 
-    def release(self) -> None:
-        """Release the virtual machine of this process, if there is one, once everything is reported."""
-        if self.bench.virtual is not None:
-            self.bench.virtual.close()
-
     def write_down(self, ledger: Ledger, *entries: Entry) -> None:
         """Add entries to the ledger; a bench in a file is written first, and is never older than they.
 

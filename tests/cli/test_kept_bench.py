@@ -359,7 +359,7 @@ def test_a_dry_run_says_what_it_did_not_look_at(here: Here) -> None:
 def test_a_hole_is_named_by_its_run_too(here: Here) -> None:
     assert here("measure-wear", "--reference", "--profile", CU270, *KEPT, "--seed", "3").exit_code == 0
     begun()
-    assert here("measure-wear", "--site", "old", *KEPT, "--dry-run").exit_code == 0
+    assert here("measure-wear", "--site", "old", "--profile", CU270, *KEPT, "--dry-run").exit_code == 0
     said = here("measure-wear", "--site", "nowhere", *KEPT, "--dry-run", "--json")
     assert said.document["error"]["code"] == "E8045"
     assert "first at 500,0 of old" in said.document["error"]["message"]

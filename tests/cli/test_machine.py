@@ -54,7 +54,7 @@ def piped(tmp_path_factory: pytest.TempPathFactory) -> tuple[Said, Path]:
 
 def test_the_table_is_on_stdout_and_the_rest_on_stderr(piped: tuple[Said, Path]) -> None:
     said, _ = piped
-    assert "measured   from voltage" in said.out
+    assert "measured     from voltage" in said.out
     assert "Simulated, seed 7. Run file runs/r.h5" in said.out
     assert said.err.startswith(
         "profile: cu270 (shipped with edmctl)\n"

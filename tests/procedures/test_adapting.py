@@ -177,7 +177,7 @@ def test_a_badly_flushed_cut_jumps_more_often_and_says_why(shop: OpenShop) -> No
         assert "shorts" in args
         assert len(json.dumps(args, separators=(",", ":"))) <= 200
     shortest_s, clean_s = (min(row.jump_period_s for row in s.seen.slow) for s in (dirty, clean))
-    assert shortest_s == SHORTEST_S
+    assert shortest_s == dirty.profile.jump.period_min_s
     assert clean_s >= 2.0 * shortest_s
     told = [message for _, code, _, message, _ in dirty.seen.events if code == RunEvent.JUMP_PERIOD]
     assert told[0].startswith("Jump period 10 → 5 s")

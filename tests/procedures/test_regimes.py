@@ -54,8 +54,8 @@ def is_right(report: Report) -> bool:
     (site,), (truth,) = report.sites, report.truths
     return (
         abs(truth.depth_um - 24.0) <= 2.0
-        and abs(truth.depth_um - site.depth_um) <= site.depth_u95_um
-        and abs(truth.wear_um - site.wear_um) <= site.wear_u95_um
+        and abs(truth.depth_um - site.depth_um) <= 3.0 * site.depth_u_um
+        and abs(truth.wear_um - site.wear_um) <= 3.0 * site.wear_u_um
     )
 
 

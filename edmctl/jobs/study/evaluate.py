@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import socket
 import time
@@ -43,6 +44,7 @@ def evaluate(task: RunTask, program: Program | None = None) -> RunRow:
     Raises Interrupted, RunFileError, and PreconditionError E8203 where the recipe is not the planned one.
     """
     started, begin_s = datetime.now(UTC), time.perf_counter()
+    gc.collect()  # the virtual machine of the run before: plant and controller refer to each other
     plan = check(task.request, program.surroundings() if program is not None else NONE)
     refuse_other_recipe(plan, task.recipe, task.run)
     name = None
