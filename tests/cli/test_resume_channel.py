@@ -261,7 +261,7 @@ def test_a_job_that_was_done_but_not_closed_is_recovered(here: Here, left_at: Le
 def test_other_work_under_a_channel_is_refused(here: Here, left_at: LeaveAt) -> None:
     left_at(130.0)
     bench_changed(swap_work)
-    assert "Other work, or other places" in refused(here, "E8060")
+    assert "Put the workpiece back" in refused(here, "E8060")
 
 
 @pytest.mark.slow
@@ -325,7 +325,7 @@ def test_a_hole_through_a_sheet_is_finished_wherever_it_was_left(
 def test_another_sheet_is_refused(here: Here, foil_left_at: LeaveAt) -> None:
     foil_left_at(75.0)
     bench_changed(swap_work)
-    assert "Other work, or other places" in refused(here, "E8060")
+    assert "Put the workpiece back" in refused(here, "E8060")
 
 
 def test_a_sheet_that_is_open_where_it_cannot_be_is_refused(here: Here, foil_left_at: LeaveAt) -> None:

@@ -244,7 +244,9 @@ def sheet_is_known_by_its_tip(here: Here, file: Path) -> None:
     assert site["mrr_mm3_min"] * site["machining_time_s"] / 60.0 == pytest.approx(area_mm2 * 0.025)
     # Both are rounded: the wear to a nanometre.
     assert site["wear_ratio_lin"] == pytest.approx(site["wear_um"] / 25.0, abs=3e-5)
-    assert shown.document["result"]["totals"]["wear_ratio_lin"] == pytest.approx(site["wear_um"] / 25.0)
+    assert shown.document["result"]["totals"]["wear_ratio_lin"] == pytest.approx(
+        site["wear_um"] / 25.0, abs=3e-5
+    )
     text = here("run", "show", str(file)).out
     assert "feed beyond the exit" in text
     assert "Z2 tip at the end" in text

@@ -48,7 +48,7 @@ WAYS: dict[str, tuple[str, ...]] = {
     "TRAVEL_LIMIT": ("limits.stroke_v_max=27.0", "servo.forward_um_s=20.0", "servo.back_um_s=20.0"),
     "NO_SPARK": ('target={kind="depth",depth_um=30.0,tolerance_um=5.0}',),
     "Z_MISMATCH": ('target={kind="depth",depth_um=60.0,tolerance_um=5.0}',),
-    "STROKE_END": ("limits.stroke_v_max=46.0", "approach.max_travel_um=60.0"),
+    "STROKE_END": ("limits.stroke_v_max=44.0", "approach.max_travel_um=60.0"),
     "SETUP": ('target={kind="depth",depth_um=20.0,tolerance_um=5.0}',),
     "TIMEOUT": ("limits.max_time_s=20.0",),
 }

@@ -47,8 +47,8 @@ def test_a_quick_job_holds_the_truth(seed: int) -> None:
     s = Shop(seed=seed, changed=on_the_board)
     (site,) = s.run_job().sites
     truth_um = s.bench.truth()[0].depth_um
-    assert abs(site.depth_um - truth_um) <= site.depth_u95_um
-    assert abs(site.wear_um - s.bench.tool_wear_um) <= site.wear_u95_um
+    assert abs(site.depth_um - truth_um) <= 3.0 * site.depth_u_um
+    assert abs(site.wear_um - s.bench.tool_wear_um) <= 3.0 * site.wear_u_um
     assert s.bench.is_safe
 
 
