@@ -30,7 +30,8 @@ def test_holes_take_the_time_and_the_feed_that_were_forecast(
     profile: str, overrides: tuple[str, ...]
 ) -> None:
     expected = edmctl.forecast(profile, overrides=overrides)
-    report = edmctl.connect(seed=2).machine(profile, overrides=(*overrides, 'log.pulses="off"'))
+    of_table = "sim.spread=0.0"  # machines differ by 6 % in wear, which no forecast knows
+    report = edmctl.connect(seed=2).machine(profile, overrides=(*overrides, of_table, 'log.pulses="off"'))
     result = report.job
     deepest = max(result.sites, key=lambda site: site.depth_um)
     assert result.time_s == pytest.approx(expected.time_s, rel=TIME)

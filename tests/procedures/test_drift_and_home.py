@@ -190,7 +190,7 @@ def test_the_wear_of_a_long_array_holds_a_fast_drift() -> None:
     holes = shop.bench.truth()
     for site in shop.tally.sites.values():
         true_um = min(holes, key=lambda h: math.hypot(h.x_um - site.x_um, h.y_um - site.y_um)).depth_um
-        assert abs(site.depth_um - true_um) <= site.depth_u95_um
+        assert abs(site.depth_um - true_um) <= 3.0 * site.depth_u_um
     assert shop.bench.python_controller.fault == 0
 
 
