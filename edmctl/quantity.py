@@ -57,11 +57,10 @@ def coverage_factor(p: float, dof: float = math.inf) -> float:
     if not 0.0 < p < 1.0 or not dof >= 1.0:
         raise ValueError(f"no interval with probability {p} and {dof} degrees of freedom")
     t = NormalDist().inv_cdf(0.5 + 0.5 * p)
-    if dof > 1e8:
+    if dof > 1e6:
         return t
     scale = 2.0 * math.exp(math.lgamma(0.5 * (dof + 1.0)) - math.lgamma(0.5 * dof)) / math.sqrt(math.pi)
-    step = t
-    while abs(step) > 1e-10 * t:
+    for _ in range(50):  # it takes 10 at most, but rounding may keep the last steps from becoming smaller
         width = math.atan(t / math.sqrt(dof)) / _PANELS
         weights = (1.0 if i in (0, _PANELS) else 2.0 + 2.0 * (i % 2) for i in range(_PANELS + 1))
         inside = (
@@ -70,4 +69,6 @@ def coverage_factor(p: float, dof: float = math.inf) -> float:
         density = (1.0 + t * t / dof) ** (-0.5 * (dof + 1.0)) / math.sqrt(dof)
         step = (p / scale - inside) / density
         t += step
+        if abs(step) < 1e-8 * t:
+            break
     return t

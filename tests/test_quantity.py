@@ -17,6 +17,14 @@ def test_quantile_is_students(dof: float, p: float) -> None:
     assert coverage_factor(p, dof) == pytest.approx(stdtrit(dof, 0.5 + 0.5 * p), rel=1e-5)
 
 
+def test_quantile_ends_at_any_degrees_of_freedom() -> None:
+    from scipy.special import stdtrit
+
+    for power in range(0, 1801):
+        dof = 10.0 ** (power / 200.0)
+        assert coverage_factor(0.95, dof) == pytest.approx(stdtrit(dof, 0.975), rel=1e-5)
+
+
 def test_interval_of_a_value_grows_with_probability_and_with_few_degrees_of_freedom() -> None:
     assert Value(10.0, 2.0).u95 == pytest.approx(2.0 * 1.959963984540054)
     assert Value(10.0, 2.0).interval(0.5) == pytest.approx((8.6510, 11.3490), abs=1e-4)
