@@ -513,7 +513,7 @@ Server(open_bench(BenchConfig(), 1), endpoint, 1.0)
 endpoint.close()
 functions = {**vars(kernel), **vars(workpiece)}
 cached = {name: f for name, f in functions.items() if hasattr(f, "stats") and f.stats.cache_path}
-del cached["run_actuator"]
+del cached["run_actuator"], cached["run_firmware"]
 print(len(cached), [name for name, function in cached.items() if not function.signatures])
 """
     told = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout
