@@ -76,8 +76,8 @@ def test_the_file_is_never_older_than_what_is_told_of_the_bench(
     told: list[tuple[float, float, bool]] = []
     write_journal, append = journal.write_journal, Ledger.append
 
-    def journal_written(path: Path, content: journal.Journal) -> None:
-        write_journal(path, content)
+    def journal_written(path: Path, content: journal.Journal, texts: journal.Texts | None = None) -> None:
+        write_journal(path, content, texts)
         told.append((content.clock_s, kept().transport.now_s(), content.state["phase"] == "machining"))
 
     def line_written(book: Ledger, serial: str, *entries: Entry, bench_s: float = math.nan) -> None:
