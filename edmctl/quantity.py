@@ -51,8 +51,8 @@ def coverage_factor(p: float, dof: float = math.inf) -> float:
     """Return the two-sided quantile of Student's t distribution at probability `p`, normal where `dof` is infinite.
 
     Newton's method from the normal quantile, which is below it. The distribution function is the integral of
-    cos(a)^(dof - 1) over a = atan(t / sqrt(dof)). Written out because importing SciPy takes longer than a
-    short job. Raises ValueError if `p` is not between 0 and 1 or `dof` is below 1.
+    cos(a)^(dof - 1) over a = atan(t / sqrt(dof)). Written out because a run starts without SciPy (decision 0009).
+    Raises ValueError if `p` is not between 0 and 1 or `dof` is below 1.
     """
     if not 0.0 < p < 1.0 or not dof >= 1.0:
         raise ValueError(f"no interval with probability {p} and {dof} degrees of freedom")
