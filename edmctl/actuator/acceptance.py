@@ -11,7 +11,14 @@ import numpy as np
 
 from edmctl.actuator.design import OWN_TAU_SHARE, Design
 from edmctl.actuator.diagnosis import Left, Noise, cause_of
-from edmctl.actuator.record import Record, half_periods_s, has_several_rates, length_s, longest_hold_s
+from edmctl.actuator.record import (
+    Record,
+    half_periods_s,
+    has_several_rates,
+    known_from,
+    length_s,
+    longest_hold_s,
+)
 from edmctl.actuator.uncertainty import HeldOut
 from edmctl.actuator.validation import ErrorFigures
 
@@ -104,20 +111,24 @@ def _unjudged(design: Design, held_out: HeldOut) -> list[str]:
 
 
 def _uncovered(design: Design, records: Sequence[Record]) -> list[str]:
-    """What of the model's class the records say nothing about."""
+    """Return which voltages were not passed in both directions, or only in a state that is unknown."""
     found: list[str] = []
     bins = np.linspace(design.low_v, design.high_v, COVERED_BINS + 1)
-    for direction, rising in (("rising", True), ("falling", False)):
-        seen = np.zeros(COVERED_BINS, dtype=bool)
+    for direction, sign in (("rising", 1.0), ("falling", -1.0)):
+        seen, known = np.zeros((2, COVERED_BINS), dtype=bool)
         for record in records:
-            moves = np.diff(record.u_v) > 0.0 if rising else np.diff(record.u_v) < 0.0
-            places = np.digitize(record.u_v[1:][moves], bins) - 1
-            seen[np.clip(places, 0, COVERED_BINS - 1)] = True
+            moves = np.flatnonzero(sign * np.diff(record.u_v) > 0.0)
+            places = np.clip(np.digitize(record.u_v[1:][moves], bins) - 1, 0, COVERED_BINS - 1)
+            seen[places] = True
+            known[places[moves >= known_from(record)]] = True
+        gap = int(np.argmin(seen if not seen.all() else known))
+        between = f"{direction} voltage between {bins[gap]:.1f} V and {bins[gap + 1]:.1f} V"
         if not seen.all():
-            gap = int(np.argmin(seen))
+            found.append(f"Not covered: no {between}; record full cycles.")
+        elif not known.all():
             found.append(
-                f"Not covered: no {direction} voltage between {bins[gap]:.1f} V and {bins[gap + 1]:.1f} V; "
-                "record full cycles."
+                f"Unknown start: every {between} depends on what the actuator was held at before the record. Give "
+                "that voltage (--previous-voltage), or record two full swings."
             )
     return found
 

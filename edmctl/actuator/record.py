@@ -80,18 +80,23 @@ def has_several_rates(records: Sequence[Record]) -> bool:
     return bool(slow_s >= RATES_APART * fast_s)
 
 
-def settled_from(record: Record) -> int:
-    """First sample from which both ends of the voltage have been visited, if that is soon; else 0.
+def known_from(record: Record) -> int:
+    """Return the first sample from which both ends of the voltage have been visited.
 
-    Before, the plays depend on a history that nobody recorded.
+    Before it, the plays depend on an unrecorded history, unless the voltage before the record is given.
     """
     if record.previous_v is not None:
         return 0
     margin_v = HELD_SHARE * float(np.ptp(record.u_v))
     top = int(np.argmax(record.u_v >= record.u_v.max() - margin_v))
     bottom = int(np.argmax(record.u_v <= record.u_v.min() + margin_v))
-    later = max(top, bottom)
-    return later if later <= len(record.u_v) // 5 else 0
+    return max(top, bottom)
+
+
+def settled_from(record: Record) -> int:
+    """Return the sample of `known_from` if it is in the first fifth of the record, else 0."""
+    known = known_from(record)
+    return known if known <= len(record.u_v) // 5 else 0
 
 
 def _turning_points(u_v: Array, least_v: float) -> NDArray[np.int64]:

@@ -120,9 +120,15 @@ def _check(url: str) -> None:
 
 
 def _explain(url: str, failure: Exception) -> LinkLost:
-    number = _number(failure)
+    causes = _causes(failure)
+    number = next((one for cause in causes if (one := _number(cause)) is not None), None)
+    device = url.partition("://")[2].partition("?")[0] or url
+    other = next((cause for cause in causes if getattr(cause, "filename", None) not in (None, device)), None)
+    if isinstance(other, OSError):
+        message = f"Cannot open {other.filename}, which {url} names: {other.strerror}."
+        return LinkLost(message, hint="Correct the path, or leave that option out.", code="E4002")
     if number in _BUSY:
-        owner = lock_holder(Path(url.partition("://")[2].partition("?")[0] or url))
+        owner = lock_holder(Path(device))
         by = f" by {owner}" if owner else " by another program"
         return PortBusy(
             f"{url} is held{by}.", hint="End the other program, or wait for it with --wait SECONDS."
@@ -131,7 +137,7 @@ def _explain(url: str, failure: Exception) -> LinkLost:
         return PortAbsent(f"There is no port {url}.", hint=f"{known_ports()} Check the cable and the name.")
     if number in (errno.EACCES, errno.EPERM):
         return LinkLost(f"No permission to open {url}.", hint=_permission_hint(url), code="E4004")
-    is_invalid = any(isinstance(cause, _INVALID) for cause in (failure, failure.__context__))
+    is_invalid = any(isinstance(cause, _INVALID) for cause in causes)
     if scheme_of(url) != DEVICE and is_invalid:
         return LinkLost(f"{url} is no valid address.", hint=_form_hint(url), code="E4002")
     if number in (errno.ENOTTY, errno.EINVAL) or is_invalid:
@@ -152,13 +158,16 @@ def _form_hint(url: str) -> str:
     return f"The form is {scheme.form}.{needs}"
 
 
-def _number(failure: Exception) -> int | None:
-    """Return the number of the system's error, which pyserial does not always pass on; termios has it in `args`."""
-    for cause in (failure, failure.__context__):
-        for number in (getattr(cause, "errno", None), *getattr(cause, "args", ())[:1]):
-            if isinstance(number, int):
-                return number
-    return None
+def _causes(failure: BaseException) -> list[BaseException]:
+    """Return a failure and what it was raised from; pyserial nests up to three."""
+    above = failure.__context__
+    return [failure, *(_causes(above) if above is not None else [])]
+
+
+def _number(cause: BaseException) -> int | None:
+    """Return the number of the system's error; termios has it in `args`."""
+    numbers = (getattr(cause, "errno", None), *cause.args[:1])
+    return next((number for number in numbers if isinstance(number, int)), None)
 
 
 def known_ports() -> str:

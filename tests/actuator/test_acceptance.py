@@ -59,7 +59,8 @@ def test_growing_swings_are_judged_where_others_have_been() -> None:
 def test_growing_swings_of_an_actuator_that_had_not_been_cycled_are_no_drift() -> None:
     """They wipe out its memory little by little, which looked like a drift of the sensor by 27 µm."""
     record = measured(swings(np.linspace(20.0, 150.0, 20)))._replace(previous_v=None)
-    (problem,) = identify([record], delay_s=0.0, resamples=0, beyond_plays=False).problems
+    problem, unknown = identify([record], delay_s=0.0, resamples=0, beyond_plays=False).problems
+    assert unknown.startswith("Unknown start: every rising voltage")
     assert "swings begins as of an actuator that had not been cycled" in problem
     assert "--previous-voltage" in problem
 
@@ -218,3 +219,42 @@ def test_too_little_is_the_cause_where_a_fit_of_all_misses_less() -> None:
 def test_a_file_is_held_to_the_widest_errors_that_are_accepted() -> None:
     assert calibration_bounds.MOST_ACCEPTED_RMS_PCT == ACCEPTED_RMS_PCT
     assert calibration_bounds.MOST_ACCEPTED_MAX_PCT == NOISY_MAX_PCT
+
+
+def of_the_plant(corners_v: list[float], *, seed: int, cycled: bool) -> Record:
+    """Triangles at 30 V/s on plays and creep drawn as the simulator draws them, at first cycled or never used."""
+    unit = VirtualActuator(seed)._plant.unit
+    thresholds_v, um_per_v = unit.array("play_threshold_v"), unit.array("play_um_per_v")
+    decay, share = unit.array("creep_decay") ** 10, unit.array("creep_share")
+    t_s = clock(1 + round(float(np.abs(np.diff(corners_v)).sum()) / 0.3))
+    passed_v = np.append(0.0, np.cumsum(np.abs(np.diff(corners_v))))
+    u_v = np.interp(30.0 * t_s, passed_v, corners_v)
+    plays_v = np.zeros_like(thresholds_v)
+    for end_v in (150.0, 0.0) if cycled else ():
+        plays_v = np.clip(plays_v, end_v - thresholds_v, end_v + thresholds_v)
+    creep_um, y_um = np.full(len(share), um_per_v @ plays_v), np.empty(len(t_s))
+    for k, volts in enumerate(u_v):
+        plays_v = np.clip(plays_v, volts - thresholds_v, volts + thresholds_v)
+        at_once_um = float(um_per_v @ plays_v)
+        creep_um = at_once_um + (creep_um - at_once_um) * decay
+        y_um[k] = at_once_um + share @ creep_um
+    return Record(t_s, u_v, y_um + 0.03 * np.random.default_rng(seed).standard_normal(len(t_s)), name="loop")
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_one_loop_from_an_unknown_start_is_not_accepted(seed: int) -> None:
+    """Its only rise depends on the start: 447 µm of stroke were accepted for 400."""
+    loop = of_the_plant([0.0, 150.0, 0.0], seed=seed, cycled=False)
+    (problem,) = found_of(loop).problems
+    assert problem.startswith("Unknown start: every rising voltage between 0.0 V and 15.0 V depends on")
+    assert "--previous-voltage" in problem
+    known = found_of(loop._replace(previous_v=0.0))
+    assert known.accepted, known.problems
+    turned = found_of(loop._replace(u_v=150.0 - loop.u_v, y_um=450.0 - loop.y_um))
+    assert turned.problems[0].startswith("Unknown start: every falling voltage")
+
+
+def test_two_loops_of_a_cycled_actuator_are_accepted() -> None:
+    found = found_of(of_the_plant([0.0, 150.0, 0.0, 150.0, 0.0], seed=3, cycled=True))
+    assert found.accepted, found.problems
+    assert found.stroke_um == pytest.approx(401.0, abs=4.0)

@@ -163,6 +163,9 @@ def test_a_line_carries_bytes_both_ways(scheme: str) -> None:
         ("cp2110:///dev/hidraw9", "E4002"),  # without hidapi
         ("rfc2217://here", "E4002"),
         ("rfc2217://127.0.0.1:1", "E4001"),
+        ("rfc2217://127.0.0.1:99999999", "E4002"),
+        ("rfc2217://127.0.0.1:1?timeout=abc", "E4002"),
+        ("spy:///dev/null?file=/nonexistent/x", "E4002"),
         ("HWGREP://no such port", "E4001"),
         ("tcp://127.0.0.1:1", "E4002"),
     ],
