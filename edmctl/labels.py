@@ -46,6 +46,8 @@ def is_doubtful(verdict: str | None) -> bool:
 
 PAD = "the reference pad"
 """Name of the place where every Z1 and Z3 is touched, in tables beside names of holes."""
+PARKING = "the parking place"
+"""Name of the place beside the workpiece, as PAD is."""
 NOT_SHOWN_CODE = "E7013"
 """Error of a job with a depth that is not shown, and none that is missed."""
 

@@ -10,6 +10,7 @@ from edmctl.errors import UsageError
 from edmctl.files import user_path
 from edmctl.jobs.calibration.selection import look_at_named, refuse_unasked
 from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.profile.findings import Code
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
@@ -130,15 +131,20 @@ class Resumption:
             wait_s=wait_s,
         )
 
+    @property
+    def left(self) -> list[str]:
+        """Names of the holes that are not finished, or of the channel."""
+        done = {site["name"] for site in self.state.done}
+        return [name for name, *_ in self.job.places if name not in done]
+
     def as_mapping(self) -> dict[str, object]:
         """How far it came, for scripts; depth and wear are estimates of the hole that was left."""
         state = self.state
-        done = [str(site["name"]) for site in state.done]
         return {
             "run_id": self.job.run_id,
             "journal": str(self.path),
-            "done": done,
-            "left": [name for name, *_ in self.job.places if name not in done],
+            "done": [str(site["name"]) for site in state.done],
+            "left": self.left,
             "site": state.site if state.begun else None,
             "depth_um": state.depth_um if state.begun else None,
             "wear_um": state.wear_um if state.begun else None,
@@ -147,13 +153,13 @@ class Resumption:
 
     def message(self) -> str:
         """Return the same for people."""
-        state, done = self.state, {str(site["name"]) for site in self.state.done}
-        left = ", ".join(name for name, *_ in self.job.places if name not in done)
+        state = self.state
         begun = f"; {state.site} was interrupted at about {state.depth_um:.1f} µm" if state.begun else ""
         if state.channel:
             return f"{self.job.run_id} machines a channel{begun}."
         holes = plural(len(self.job.places), "hole")
-        return f"{self.job.run_id} has finished {len(done)} of {holes}{begun}. Left: {left}."
+        left = f"Left: {', '.join(self.left)}" if self.left else "Nothing is left"
+        return f"{self.job.run_id} has finished {len(state.done)} of {holes}{begun}. {left}."
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,23 +184,18 @@ class Plan:
     surroundings: Surroundings = NONE
     recipe_of: str = ""
 
-    def forecast_left(self) -> Forecast:
-        """Return the forecast of what remains of the job: of the other holes, and of the one that was interrupted.
-
-        If all holes are finished, the last one is measured again.
-        """
+    def forecast_left(self) -> Forecast | None:
+        """Return the forecast of the holes that remain, with the one that was interrupted; None if none remains."""
         from edmctl.forecasts.forecast import Reached, forecast
 
         if self.resumed is None:
             return self.forecast
-        state, places = self.resumed.state, self.loaded.places
-        done = {str(site["name"]) for site in state.done}
-        remaining = [place for place in places if place.name not in done]
+        if not self.resumed.left:
+            return None
+        state = self.resumed.state
+        remaining = [place for place in self.loaded.places if place.name in self.resumed.left]
         is_begun = state.begun and not self.resumed.restart_hole
         reached = Reached(state.site, state.depth_um) if is_begun else None
-        if places and not remaining:
-            remaining = [places[-1]]
-            reached = Reached(places[-1].name, self.forecast.depth_um)
         return forecast(self.loaded.profile, self.setup, remaining, reached)
 
     def tool_for(self) -> LoadedProfile | None:
@@ -206,7 +207,25 @@ def under(plan: Plan, setup: Setup) -> Plan:
     """Return the plan checked for another setup, on the same machine. Raises what `check` raises."""
     request = replace(plan.request, setup=setup.file)
     checked = check(request, plan.surroundings)
-    return replace(checked, where=plan.where, names_tool=plan.names_tool, resumed=plan.resumed)
+    checked = replace(checked, where=plan.where, names_tool=plan.names_tool)
+    return checked if plan.resumed is None else with_resumed(checked, plan.resumed)
+
+
+def with_resumed(plan: Plan, resumed: Resumption) -> Plan:
+    """Return the plan of a resumed job; the warning of its time limit is about what remains."""
+    plan = replace(plan, resumed=resumed)
+    left, limit_s, warnings = plan.forecast_left(), plan.loaded.profile.limits.max_time_s, []
+    for warning in plan.loaded.warnings:
+        if warning.code == Code.TIME_LIMIT:
+            if left is None or left.time_s <= limit_s:
+                continue
+            message = (
+                f"the rest of the job takes about {left.time_s:.0f} s, more than max_time_s {limit_s:g} s"
+            )
+            hint = "the job ends then; machine what is left by a new job with a greater limits.max_time_s"
+            warning = replace(warning, message=message, hint=hint)
+        warnings.append(warning)
+    return replace(plan, loaded=replace(plan.loaded, warnings=tuple(warnings)))
 
 
 def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.forecasts.removal import completion
-from edmctl.labels import PAD, Basis, Verdict
+from edmctl.labels import PAD, PARKING, Basis, Verdict
 from edmctl.profile.places import Place
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ class Job:
     @property
     def parking(self) -> Place:
         """Beside the work, where the actuator may use its whole stroke."""
-        return Place("the parking place", self.setup.stage.park_x_um, self.setup.stage.park_y_um)
+        return Place(PARKING, self.setup.stage.park_x_um, self.setup.stage.park_y_um)
 
 
 def job_of(

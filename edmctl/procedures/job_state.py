@@ -193,7 +193,8 @@ class JobTally:
     """What a job has reached so far; still there when the job ends with an error.
 
     `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
-    `open_site` names that hole until it is finished, `unmeasured_site` from the begin of a cut
+    `open_site` names that hole until it is finished, `here` the hole where the tool is, empty beside the holes,
+    `unmeasured_site` from the begin of a cut
     until it is measured; `unwritten` names finished holes whose results later touches may still correct.
     `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V, which was at `home_s`. `cut` is
     the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
@@ -205,6 +206,7 @@ class JobTally:
     depth_um: float = 0.0
     depth_target_um: float = math.nan
     open_site: str = ""
+    here: str = ""
     unmeasured_site: str = ""
     unwritten: list[str] = field(default_factory=list)
     cut: RunningCut = field(default_factory=lambda: RunningCut())

@@ -252,8 +252,8 @@ class JobRun:
 
     @property
     def site_among_many(self) -> str:
-        """Name of the hole under way, empty where there is only one."""
-        return self.tally.open_site if len(self.job.sites) > 1 else ""
+        """Name of the hole where the tool is; empty beside the holes, and if there is only one."""
+        return self.tally.here if len(self.job.sites) > 1 else ""
 
 
 def rest_and_look(run: JobRun, duration_s: float) -> None:

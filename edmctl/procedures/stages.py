@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from edmctl.errors import PreconditionError, stages_by_hand
+from edmctl.labels import PAD, PARKING
 from edmctl.machine.interface import Axis
 from edmctl.procedures.job import REPORT_DELAY_S
 from edmctl.procedures.run import JobRun, rest_and_look
@@ -132,6 +133,7 @@ def move_to(run: JobRun, place: Place) -> None:
             hint="Look whether the tool stands on something, and for a shorted continuity wire.",
             code="E8021",
         )
+    run.tally.here = "" if place.name in (PAD, PARKING) else place.name
     run.begin(Phase.MOVING)
     status = run.machine.status()
     speed_um_s = run.setup.stage.speed_um_s

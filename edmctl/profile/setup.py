@@ -22,6 +22,8 @@ from edmctl.profile.tables import FileName, Table
 ARRIVAL_RUN_UM = 50.0
 """A stage that comes from above goes this far beyond its place and comes back, so that the play of the drive always
 lies on the same side."""
+ASSUMED_TRAVEL_UM = 50_000.0
+"""The stages travel so far to each side if the setup does not state it: 100 mm in all [assumed]."""
 ASSUMED_EDGE = 0.4
 """Where the workpiece ends if the setup does not state it, as a share of the way from the pad to the parking place:
 the parking place has to be clear of the workpiece by the holder of the tool."""
@@ -104,16 +106,16 @@ class Surface(Table):
 
 
 class Stage(Table):
-    """XY stage, where the reference pad is, and a parking place beside the work with room for the full stroke."""
+    """XY stage, its travel, where the reference pad is, and a parking place beside the work for the full stroke."""
 
     reference_x_um: float = Field(0.0, ge=-1e6, le=1e6)
     reference_y_um: float = Field(0.0, ge=-1e6, le=1e6)
     park_x_um: float = Field(-5000.0, ge=-1e6, le=1e6)
     park_y_um: float = Field(0.0, ge=-1e6, le=1e6)
-    x_min_um: float = Field(-1e6, ge=-1e6, le=1e6, description="least x within travel, µm")
-    x_max_um: float = Field(1e6, ge=-1e6, le=1e6, description="greatest x within travel, µm")
-    y_min_um: float = Field(-1e6, ge=-1e6, le=1e6, description="least y within travel, µm")
-    y_max_um: float = Field(1e6, ge=-1e6, le=1e6, description="greatest y within travel, µm")
+    x_min_um: float = Field(-ASSUMED_TRAVEL_UM, ge=-1e6, le=1e6, description="least x within travel, µm")
+    x_max_um: float = Field(ASSUMED_TRAVEL_UM, ge=-1e6, le=1e6, description="greatest x within travel, µm")
+    y_min_um: float = Field(-ASSUMED_TRAVEL_UM, ge=-1e6, le=1e6, description="least y within travel, µm")
+    y_max_um: float = Field(ASSUMED_TRAVEL_UM, ge=-1e6, le=1e6, description="greatest y within travel, µm")
     speed_um_s: float = Field(1000.0, gt=0.0, le=1e6, description="travel, µm/s")
     rotary_deg_s: float = Field(10.0, gt=0.0, le=1000.0, description="turning of the rotary table, degrees/s")
     repeatability_um: float = Field(
@@ -230,7 +232,9 @@ def _box(table: str, limits: Stage | Surface, overrun_um: float = 0.0) -> Iterat
             key = f"{axis}_{end}_um"
             value: float | None = getattr(limits, key)
             if value is not None:
-                yield Limit(sign * ux, sign * uy, sign * value - more_um, f"{table}.{key} = {value:g} µm")
+                how = "" if key in limits.model_fields_set else " (assumed)"
+                words = f"{table}.{key} = {value:g} µm{how}"
+                yield Limit(sign * ux, sign * uy, sign * value - more_um, words)
 
 
 def load_setup(path: Path | None = None) -> Setup:
@@ -291,5 +295,17 @@ def _misplaced(setup: Setup, sources: Sources) -> Iterator[Diagnostic]:
             yield Diagnostic(Code.OUT_OF_REACH, message, "correct stage.reference or the edge", where)
     if all(edge.beyond_um(*park) <= 0.0 for edge in edges):
         message = "the parking place is over the workpiece, where the tool would collide in its full stroke"
-        hint = "park the tool beside the workpiece, or correct its edges in [surface]"
+        key = _edge_towards_parking(stage)
+        if getattr(setup.surface, key) is None and edges:
+            message += ": [surface] states no edge between the reference pad and it"
+            hint = f"state surface.{key}, the edge towards the parking place"
+        else:
+            hint = f"park the tool beside the workpiece, or correct surface.{key}"
         yield Diagnostic(Code.OUT_OF_REACH, message, hint, sources.value(("stage", "park_x_um")))
+
+
+def _edge_towards_parking(stage: Stage) -> str:
+    """Return the key of `[surface]` for the edge that the tool crosses on its way to the parking place."""
+    ways_um = {"x": stage.park_x_um - stage.reference_x_um, "y": stage.park_y_um - stage.reference_y_um}
+    axis = max(ways_um, key=lambda name: abs(ways_um[name]))
+    return f"{axis}_{'max' if ways_um[axis] > 0.0 else 'min'}_um"

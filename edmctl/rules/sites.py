@@ -86,7 +86,7 @@ def clear_of_each_other(job: Job) -> Iterator[Finding]:
     pad_um = profile.tool.diameter_um + gap_um + PAD_MARGIN_UM
     for place in job.places:
         found_um = math.hypot(place.x_um - stage.reference_x_um, place.y_um - stage.reference_y_um)
-        if found_um < pad_um and math.remainder(place.theta_deg, 360.0) == 0.0:
+        if found_um < pad_um:
             yield Finding(
                 Code.OVERLAP,
                 ("sites", place.entry),
@@ -112,9 +112,7 @@ def within_reach(job: Job) -> Iterator[Finding]:
             yield Finding(Code.OUT_OF_REACH, ("measure", "site_dx_um"), *found)
         return
     for place in job.places:
-        if found := unreachable(
-            place.name, place.x_um, place.y_um, job.setup, half_um, theta_deg=place.theta_deg
-        ):
+        if found := unreachable(place.name, place.x_um, place.y_um, job.setup, half_um):
             yield Finding(Code.OUT_OF_REACH, ("sites", place.entry), *found, place.where)
             return
 
@@ -126,18 +124,17 @@ def unreachable(
     setup: Setup,
     half_um: float,
     path: PathTable | None = None,
-    theta_deg: float = 0.0,
 ) -> tuple[str, str] | None:
     """Return why a place of that half width cannot be machined, and the remedy; None where it can.
 
-    With `path` it is a channel around that place. Where the workpiece is turned, its edges are unknown.
+    With `path` it is a channel around that place. Edges are stage coordinates, at every angle of the rotary table.
     """
     what = f"{name} at {coordinates(x_um, y_um)}"
     for limit in setup.stage_limits():
         if (beyond_um := limit.beyond_um(x_um, y_um, _half_um(path, limit))) > 0.0:
-            hint = "move it, or correct the travel limits of [stage] in the setup"
+            hint = "move it, or state the travel of the stages in the setup (stage.x_min_um, x_max_um, ...)"
             return f"{what} is {beyond_um:.0f} µm beyond the travel of the stages, {limit.stated}", hint
-    for edge in setup.workpiece_limits() if math.remainder(theta_deg, 360.0) == 0.0 else ():
+    for edge in setup.workpiece_limits():
         if (beyond_um := edge.beyond_um(x_um, y_um, _half_um(path, edge) + half_um)) > 0.0:
             hint = (
                 "move it, or state the edges of the workpiece in the setup (surface.x_min_um, x_max_um, ...)"

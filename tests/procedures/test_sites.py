@@ -105,6 +105,19 @@ def test_the_face_is_touched_before_an_array(array: Shop) -> None:
     assert any(code == RunEvent.FACE_FITTED for _, code, *_ in array.seen.events)
 
 
+def test_the_live_view_names_the_hole_where_the_tool_is(array: Shop) -> None:
+    moves = [(row[0], str(row[3])) for row in array.seen.events if row[1] == RunEvent.STAGE_MOVED]
+    for (begin_s, message), (end_s, _) in pairwise(moves):
+        place = message.removeprefix("At ").rpartition(" (")[0]
+        shown = {
+            state.site
+            for state in array.told.states
+            if begin_s < state.time_s < end_s and state.phase is not Phase.MOVING
+        }
+        assert shown <= {place if place.startswith("grid-") else ""}
+    assert "grid-1" in {state.site for state in array.told.states}
+
+
 def test_every_result_is_written_once_in_the_order_of_machining(array: Shop) -> None:
     assert [row.name for row in array.seen.sites] == list(array.tally.sites)
     for row in array.seen.sites:

@@ -31,7 +31,7 @@ def test_a_place_towards_the_parking_place_is_not_on_the_workpiece(x_um: int) ->
     assert "2000 µm from the reference pad" in found[1]
 
 
-@pytest.mark.parametrize("place", ["x_um=-1800", "x_um=500000", "x_um=0,y_um=-90000", "x_um=0,y_um=90000"])
+@pytest.mark.parametrize("place", ["x_um=-1800", "x_um=49000", "x_um=0,y_um=-49000", "x_um=0,y_um=49000"])
 def test_the_other_directions_have_no_edge_unless_the_setup_states_one(place: str) -> None:
     assert refused(f"sites=[{{{place}}}]") == []
 
@@ -68,8 +68,22 @@ def test_up_to_the_edge_there_is_work(override: str) -> None:
     assert refused(override, BOXED) == []
 
 
-def test_a_turned_workpiece_has_unknown_edges() -> None:
-    assert refused("sites=[{x_um=-4000,theta_deg=180}]") == []
+@pytest.mark.parametrize("place", ["x_um=500000", "x_um=0,y_um=60000", "x_um=0,y_um=-60000"])
+def test_stages_have_a_travel_if_the_setup_states_none(place: str) -> None:
+    (found,) = refused(f"sites=[{{{place}}}]")
+    assert "50000 µm" in found[1]
+    wide = Setup(stage=Stage(x_min_um=-1e6, x_max_um=1e6, y_min_um=-1e6, y_max_um=1e6))
+    assert refused(f"sites=[{{{place}}}]", wide) == []
+
+
+@pytest.mark.parametrize("theta_deg", [0, 1, -5, 180, 360])
+def test_the_edges_apply_at_every_angle(theta_deg: int) -> None:
+    for x_um, setup in ((-2500, None), (2500, BOXED)):
+        (found,) = refused(f"sites=[{{x_um={x_um},theta_deg={theta_deg}}}]", setup)
+        assert found[0] == Code.OUT_OF_REACH
+    (found,) = refused(f"sites=[{{x_um=20,theta_deg={theta_deg}}}]")
+    assert found[0] == Code.OVERLAP
+    assert refused(f"sites=[{{x_um=500,theta_deg={theta_deg}}}]") == []
 
 
 def test_the_single_hole_beside_the_pad_counts_too() -> None:
@@ -83,6 +97,7 @@ def test_the_single_hole_beside_the_pad_counts_too() -> None:
     [
         ("[stage]\npark_x_um = 0.0\n", "parking place is over the workpiece"),
         ("[surface]\nx_min_um = -6000.0\n", "parking place is over the workpiece"),
+        ("[surface]\nx_max_um = 900.0\ny_min_um = -9.0\ny_max_um = 9.0\n", "states no edge between"),
         (
             "[stage]\nreference_x_um = -2500.0\n[surface]\nx_min_um = -2000.0\n",
             "reference pad is 500 µm beyond",
@@ -98,3 +113,27 @@ def test_pad_and_parking_place_are_checked_with_the_setup(tmp_path: Path, text: 
     with pytest.raises(ProfileError, match=words) as caught:
         load_setup(path)
     assert {one.code for one in caught.value.diagnostics} == {Code.OUT_OF_REACH}
+
+
+@pytest.mark.parametrize(
+    ("park", "stated", "missing"),
+    [
+        ("park_x_um = -5000.0", ("x_max", "y_min", "y_max"), "x_min"),
+        ("park_x_um = 5000.0", ("x_min", "y_min", "y_max"), "x_max"),
+        ("park_x_um = 0.0\npark_y_um = -5000.0", ("x_min", "x_max", "y_max"), "y_min"),
+        ("park_x_um = 0.0\npark_y_um = 5000.0", ("x_min", "x_max", "y_min"), "y_max"),
+    ],
+)
+def test_the_hint_names_the_edge_that_is_not_stated(
+    tmp_path: Path, park: str, stated: tuple[str, ...], missing: str
+) -> None:
+    path = tmp_path / "setup.toml"
+    edges = "".join(f"{key}_um = {-9e3 if 'min' in key else 9e3}\n" for key in stated)
+    path.write_text(f"[stage]\n{park}\n[surface]\n{edges}")
+    with pytest.raises(ProfileError) as caught:
+        load_setup(path)
+    assert f"state surface.{missing}_um" in caught.value.diagnostics[0].hint
+    path.write_text(
+        f"[stage]\n{park}\n[surface]\n{edges}{missing}_um = {-3e3 if 'min' in missing else 3e3}\n"
+    )
+    load_setup(path)

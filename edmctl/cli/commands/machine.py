@@ -104,12 +104,15 @@ def _forecast(outcome: Outcome, plan: "Plan", name: "RunName") -> None:
 
     text, result = "", dict[str, object]()
     if plan.resumed is not None:
-        text, result["resumed"] = f"{plan.resumed.message()}\n", plan.resumed.as_mapping()
+        text, result["resumed"] = plan.resumed.message(), plan.resumed.as_mapping()
     elif (identity := identity_before(outcome, plan)) is not None:
         outcome.warn(forewarned(plan, name, identity))
     forecast = plan.forecast_left()
     outcome.result = {**result, "forecast": forecast}
-    outcome.text = text + render_forecast(plan.loaded.profile.meta.name, forecast, stream_style(sys.stdout))
+    if forecast is not None:
+        table = render_forecast(plan.loaded.profile.meta.name, forecast, stream_style(sys.stdout))
+        text = f"{text}\n{table}" if text else table
+    outcome.text = text
 
 
 def _run(outcome: Outcome, plan: "Plan", name: "RunName", seed: int | None) -> None:

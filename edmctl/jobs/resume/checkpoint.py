@@ -57,7 +57,7 @@ class JobCheckpoint:
         if resumption is None:
             return
         ledger = ledger_of(self.plan, self.name)
-        refuse_elsewhere(resumption, self.plan, self.session, ledger.lines if ledger else ())
+        refuse_elsewhere(resumption, self.session, ledger.lines if ledger else ())
 
     def begin(self, job: Job) -> Job:
         """Return the job, as far as an earlier run came, and keep its first state: a death from now on is known.

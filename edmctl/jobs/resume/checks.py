@@ -39,9 +39,7 @@ def refuse_untouchable(resumption: Resumption, plan: Plan) -> None:
         )
 
 
-def refuse_elsewhere(
-    resumption: Resumption, plan: Plan, session: MachineSession, lines: Sequence[Line]
-) -> None:
+def refuse_elsewhere(resumption: Resumption, session: MachineSession, lines: Sequence[Line]) -> None:
     """Look at the connected machine, and at the ledger's `lines`, before anything moves.
 
     Raises PreconditionError: E8051 the run went on meanwhile, E8055 another machine, E8056 another tool, or one that

@@ -14,7 +14,7 @@ from pathlib import Path
 from edmctl.errors import PreconditionError, RunFileError, UsageError
 from edmctl.files import user_path
 from edmctl.jobs.ledger.elapsed import Now, with_home_left
-from edmctl.jobs.plan import Plan, Resumption, check
+from edmctl.jobs.plan import Plan, Resumption, check, with_resumed
 from edmctl.jobs.resume.checks import refuse_untouchable, refuse_used_tool
 from edmctl.jobs.run_header import RunName, run_path
 from edmctl.jobs.surroundings import NONE, Surroundings
@@ -103,7 +103,7 @@ def checked(
     bench_file = plan.where.bench_file
     if not plan.where.lasting or (bench_file is not None and not bench_file.exists()):
         raise _bench_gone(job, str(bench_file) if bench_file else "")
-    return replace(plan, names_tool=False, resumed=resumption)
+    return with_resumed(replace(plan, names_tool=False), resumption)
 
 
 def refuse_other_setup_of_run(plan: Plan, job: JournalledJob) -> None:

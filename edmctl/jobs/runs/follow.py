@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.jobs.runs.events import DEBUG, LEFT_OUT, events_of
 from edmctl.jobs.runs.explanation import depths_of_holes
-from edmctl.labels import PAD
+from edmctl.labels import PAD, PARKING
 from edmctl.results.progress import Extremes, Observer, Phase, Progress
 from edmctl.results.run_file import FileEvent
 from edmctl.results.telemetry import PulseShares
@@ -168,7 +168,7 @@ class _Watcher:
     def _take(self, event: FileEvent) -> None:
         if event.code == "STAGE_MOVED":
             place = event.message.removeprefix("At ").rpartition(" (")[0]
-            self._site = self._site if place == PAD else place
+            self._site = "" if place in (PAD, PARKING) else place
         elif event.code == "CUT_PLANNED":
             self._step, self._jumps, self._last_jump_s = f"cut {event.args.get('cut', '')}", 0, math.nan
             self._cut = _Cut(
