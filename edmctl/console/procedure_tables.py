@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from edmctl.console.layout import USUAL_COLUMNS, render_columns, wrapped
 from edmctl.console.result_table import beliefs_in_words
 from edmctl.console.style import PLAIN, Ink, Style
-from edmctl.labels import Basis, heading
+from edmctl.labels import Basis, heading, marked, meanings, weakest
 from edmctl.quantity import half_width
 from edmctl.results.equipment import Check, PortRow
 from edmctl.results.firmware import BoardFacts, ImageFacts, dotted, hexadecimal, settings_text
@@ -101,10 +101,17 @@ def render_wear(
 
     ledger_um : sum of the wears of the tool's jobs since its reference; total_um : what it has lost in all
     """
-    header = [name, heading((found.wear_basis,))]
+    depth_basis = found.depth_basis
+    bases = [basis for basis in (depth_basis, found.wear_basis) if basis]
+    header = [name, heading(bases)]
     wear = ["tool wear", length(found.wear_um, found.wear_u95_um)]
     depth = ["depth", length(found.depth_um, found.depth_u95_um)]
     feed = ["feed", length(found.feed_um, found.feed_u95_um)]
+    if depth_basis and depth_basis != found.wear_basis:
+        depth[1], wear[1] = marked(depth[1], depth_basis), marked(wear[1], found.wear_basis)
+        feed[1] = marked(feed[1], weakest(bases))
+    else:
+        bases.clear()
     # Lengths by the model alone would stand there twice.
     if found.wear_basis != Basis.MODEL:
         header.append("from voltage")
@@ -116,28 +123,30 @@ def render_wear(
         wear.append(length(truth["wear_um"]))
         depth.append(length(truth["depth_um"]))
         feed.append(length(truth["feed_um"]))
-    rows = [
-        depth,
-        wear,
-        feed,
+    z1, z2, z3 = (
         ["Z1 reference", length(found.z1_um)],
         ["Z2 bottom", length(found.z2_um)],
         ["Z3 pad", length(found.z3_um)],
-        ["drift of Z3", length(found.drift_um)],
-    ]
+    )
+    rows = [depth, wear, feed, z1, z2, z3] if depth_basis else [wear, z1, z3]
     parts = [
         [part.source, length(part.depth_um), length(part.wear_um), length(part.feed_um)]
         for part in found.budget
     ]
-    return "\n\n".join(
-        [
-            render_columns(header, rows, style),
-            render_columns(["standard uncertainty", "depth", "tool wear", "feed"], parts, style),
-            f"{found.touches} touches of every Z. The tool's jobs account for {length(ledger_um)} of wear; it has "
-            f"lost {length(total_um)} in all.",
-            "Drift since the reference is not corrected, it is in the intervals: a drift file counts in jobs alone.",
-        ]
-    )
+    columns = ["standard uncertainty", "depth", "tool wear", "feed"]
+    words = [
+        f"At least {found.touches} touches of every Z. The tool's jobs account for {length(ledger_um)} of wear; it "
+        f"has lost {length(total_um)} in all.",
+        f"The drift file gives a drift of {length(found.drift_correction_um)} since the reference; it is taken "
+        "off wear and feed."
+        if found.drift_correction_um
+        else "Drift since the reference is not corrected; it is in the intervals.",
+    ]
+    if depth_basis is None:
+        columns, *parts = ([source, wear_um] for source, _, wear_um, _ in (columns, *parts))
+        words.insert(0, "No depth: the tool's last job left no measured bottom. Name a hole with --site.")
+    table = render_columns(header, [*rows, ["drift of Z3", length(found.drift_um)]], style)
+    return "\n\n".join(["\n".join([table, *meanings(bases)]), render_columns(columns, parts, style), *words])
 
 
 def render_reference(

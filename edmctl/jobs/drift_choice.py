@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic
 from edmctl.profile.folders import find_drift
+from edmctl.quantity import Value
 from edmctl.wording import duration, plural
 
 if TYPE_CHECKING:
@@ -24,12 +25,16 @@ CLOCK_STEP_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class DriftChoice:
-    """The drift that jobs correct by, None without a file that counts; the file in words, its text, and doubts."""
+    """The drift that jobs correct by, None without a file that counts; the file in words, its text, and doubts.
+
+    `touch_um_per_s` is the drift of touches when it was measured.
+    """
 
     model: DriftModel | None = None
     text: str = ""
     toml: str = ""
     warnings: tuple[Diagnostic, ...] = ()
+    touch_um_per_s: Value | None = None
 
 
 def choose_drift(
@@ -59,7 +64,9 @@ def choose_drift(
         age = plural(int(age_s / _DAY_S), "day")
         return _ignored("W8107", f"{path} is {age} old; drift.max_age_days is {setup.drift.max_age_days:g}.")
     words = f"drift file {path} (sha256 {found.sha256[:12]})"
-    return DriftChoice(believed(found.model(), setup), words, read_source(path).text)
+    model, measured = believed(found.model(), setup), found.measured
+    touch = Value(measured.touch_um_per_s, measured.touch_u_um_per_s).widened(model.apart_u_um_per_s)
+    return DriftChoice(model, words, read_source(path).text, touch_um_per_s=touch)
 
 
 def believed(model: DriftModel, setup: Setup) -> DriftModel:

@@ -66,9 +66,9 @@ class PreparedJob:
         warnings: list[Diagnostic] = []
         if job.profile.approach is not plan.loaded.profile.approach:
             stroke_um = forecast(job.profile, job.setup, plan.loaded.places).stroke_um
-            refuse_too_short(job.profile, job.setup, stroke_um, account, plan.where.selector)
+            refuse_too_short(job.profile, job.setup, stroke_um, account, plan)
         if not resuming:
-            refuse_unknown_length(account, folder, plan.where.selector)
+            refuse_unknown_length(account, folder, plan)
             warnings += refuse_worn_out(job.profile, job.setup, plan.loaded.places, account)
             warnings += other_tool(plan, account, self.history)
             warnings += left_to_finish(account.label, self.serial, folder)
@@ -96,7 +96,7 @@ def prepared_job(
     history = history_of(ledger.lines, identity.serial)
     account = account_of(plan, identity, history)
     if plan.resumed is None:
-        refuse_other_setup(account, history, setup, ledger.path.parent, plan.where.selector)
+        refuse_other_setup(account, history, plan, ledger.path.parent)
     left = plan.resumed.state if plan.resumed else None
     # A job that has touched knows its pad from the journal, and the stroke was enough when it began.
     touched = left is not None and (left.site or left.done)

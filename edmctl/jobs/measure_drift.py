@@ -91,9 +91,9 @@ class DriftRun:
         history = history_of(self._ledger.lines if self._ledger else (), serial)
         self._account = account_of(self.plan, tool_identity(session), history)
         if self._ledger is not None:
-            folder, port = self._ledger.path.parent, self.plan.where.selector
-            refuse_other_setup(self._account, history, self.plan.setup, folder, port)
-            refuse_unknown_length(self._account, folder, port)
+            folder = self._ledger.path.parent
+            refuse_other_setup(self._account, history, self.plan, folder)
+            refuse_unknown_length(self._account, folder, self.plan)
             self.plan = with_recipe_of(self.plan, folder, last_run_of(self._account))
         self._planned = plan_drift(self.plan.loaded.profile, self.plan.setup, self.duration_s)
         job = job_of(self.plan.loaded.profile, self.plan.setup, (), session.actuator)

@@ -10,6 +10,7 @@ from typing import Any
 
 from edmctl.errors import Diagnostic, PreconditionError, UsageError
 from edmctl.forecasts.measuring import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
+from edmctl.jobs.drift_choice import choose_drift
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.elapsed import Now, with_home
 from edmctl.jobs.ledger.places_taken import coordinates_in
@@ -17,8 +18,10 @@ from edmctl.jobs.ledger.tool import (
     NAMELESS,
     ToolIdentity,
     account_of,
+    diameter_of,
     last_run_of,
     left_to_finish,
+    reference_command,
     reference_setup,
     refuse_other_setup,
     refuse_unknown_length,
@@ -26,9 +29,9 @@ from edmctl.jobs.ledger.tool import (
     tool_identity,
     with_recipe_of,
 )
-from edmctl.jobs.plan import MachineAddress, Plan
+from edmctl.jobs.plan import Plan
 from edmctl.jobs.run_header import RunName
-from edmctl.jobs.runs.opening import command_to_go_on, on_machine
+from edmctl.jobs.runs.opening import command_to_go_on
 from edmctl.jobs.session import MachineSession
 from edmctl.jobs.surroundings import Warn
 from edmctl.procedures.job import Job, job_of
@@ -206,6 +209,11 @@ class WearRun:
         """Return what is measured. Raises what `look` raises."""
         self._session, self._run_file = session, name.path.name
         profile = self.look(tool_identity(session), ledger_of(self.plan, name), warn)
+        if self._reference is not None:
+            serial, environ = session.bench.machine.identity.serial, self.plan.surroundings.environ
+            session.drift = choose_drift(environ, self.plan.setup, serial, lasting=self.plan.where.lasting)
+            warn(session.drift.warnings)
+            self._reference = replace(self._reference, drift_um_per_s=session.drift.touch_um_per_s)
         self._temperature_c = session.bench.machine.status().temperature_c
         self._job = job_of(profile, self.plan.setup, (), session.actuator)
         if self._ledger is not None:
@@ -226,12 +234,14 @@ class WearRun:
         account = self._account = account_of(self.plan, identity, history)
         run_file = last_run_of(account)
         if not self.is_reference:
-            reference = _reference_of(account, ledger, identity, self.plan.where)
+            reference = _reference_of(account, ledger, identity, self.plan)
             self._reference = _aged(reference, account, identity.now)
             folder = ledger.path.parent if ledger is not None else Path()
-            refuse_other_setup(account, history, self.plan.setup, folder, self.plan.where.selector)
-            refuse_unknown_length(account, folder, self.plan.where.selector)
-            diameter_um = self.plan.loaded.profile.tool.diameter_um if self.plan.names_tool else math.nan
+            refuse_other_setup(account, history, self.plan, folder)
+            refuse_unknown_length(account, folder, self.plan)
+            diameter_um = self.plan.loaded.profile.tool.diameter_um
+            if not self.plan.names_tool:
+                diameter_um = diameter_of(account.label, identity)
             self._bottom = bottom_of(self.site, history, account, diameter_um, folder)
             run_file = self._bottom.run_file if self._bottom is not None else run_file
             self.plan = with_recipe_of(self.plan, folder, run_file)
@@ -257,6 +267,8 @@ class WearRun:
             # A job that was killed has left the tool anywhere between here and what all of it would have cost.
             half_um = 0.5 * math.fsum(job.wear_um for job in account.killed)
             self.touched = touch_pad(run, "Z1", expected_um + half_um, 0.5 * half_um)
+            if self._warn is not None:
+                self._warn(_replaced(account, self.touched.z_um))
             return
         age_s = counted_pause_s(replace(run.job, pause_s=self._reference.age_s))
         self.found = measure_wear(run, replace(self._reference, age_s=age_s), expected_um, self._bottom)
@@ -389,6 +401,19 @@ class WearRun:
         )
 
 
+def _replaced(account: ToolAccount, z_um: float) -> list[Diagnostic]:
+    """Return a warning if the tool has machined since the reference that one at `z_um` replaces."""
+    before = account.reference
+    if before is None or not account.since:
+        return []
+    message = (
+        f"Z1 of {account.label} is {length(z_um)} now and replaces {length(before.z_um)} of {before.run_file}: "
+        f"the {length(account.worn_um)} that its jobs have worn since can no longer be measured."
+    )
+    hint = "If the touch was meant for another tool, name that with --profile and touch again."
+    return [Diagnostic("W8117", message, hint, is_warning=True)]
+
+
 _NOT_KEPT = Diagnostic(
     "W8113",
     "The reference is not kept: a fresh virtual machine is gone with this command.",
@@ -398,7 +423,7 @@ _NOT_KEPT = Diagnostic(
 
 
 def _reference_of(
-    account: ToolAccount, ledger: Ledger | None, identity: ToolIdentity, where: MachineAddress
+    account: ToolAccount, ledger: Ledger | None, identity: ToolIdentity, plan: Plan
 ) -> ReferenceTouched:
     """Return the tool's reference. Raises PreconditionError E8041 where it has none."""
     if account.reference is not None:
@@ -409,7 +434,7 @@ def _reference_of(
             hint="Say --port sim:FILE for one that stays, and `edmctl measure-wear --reference` before the job.",
             code="E8041",
         )
-    touch = f"`{on_machine('edmctl measure-wear --reference', where.selector)}`"
+    touch, where = f"`{reference_command(plan)}`", plan.where
     elsewhere = sorted({line.serial for line in ledger.lines} - {identity.serial})
     if identity.is_new:
         others = f" The job ledger {ledger.path} tells of {', '.join(elsewhere)}." if elsewhere else ""

@@ -189,7 +189,7 @@ def stage_place_um(place: Sequence[float]) -> tuple[float, float]:
 
 
 def checked_site(
-    prepared: PreparedJob, place: tuple[float, float] | None, folder: Path, port: str, *, contact: bool
+    prepared: PreparedJob, place: tuple[float, float] | None, folder: Path, plan: Plan, *, contact: bool
 ) -> Place:
     """Return the place to approach.
 
@@ -201,7 +201,7 @@ def checked_site(
     site = Place("the place", *place) if place else replace(first, name="the next place")
     own_way_um = job.profile.approach.offset_um + STROKE_RESERVE_UM
     if not math.isnan(prepared.account.pad_um):
-        refuse_too_short(job.profile, job.setup, own_way_um, prepared.account, port)
+        refuse_too_short(job.profile, job.setup, own_way_um, prepared.account, plan)
     where = (site.name, site.x_um, site.y_um)
     refuse_unreachable(where, job)
     if not contact:
@@ -229,7 +229,7 @@ def approach_forecast(
         refuse_pad(("the place", *place), job_of(profile, setup))
     if identity is not None:
         prepared = prepared_job(plan, identity, None, Ledger.open(folder))
-        site = checked_site(prepared, place, folder, plan.where.selector, contact=contact)
+        site = checked_site(prepared, place, folder, plan, contact=contact)
         place = site.x_um, site.y_um
     x_um, y_um = place or beside_pad_um(profile, setup)
     return {
@@ -280,9 +280,7 @@ class Approach:
         prepared = prepared_job(
             self.plan, tool_identity(session), session.actuator, ledger_of(self.plan, name)
         )
-        self._site = checked_site(
-            prepared, self.place, name.path.parent, self.plan.where.selector, contact=self.contact
-        )
+        self._site = checked_site(prepared, self.place, name.path.parent, self.plan, contact=self.contact)
         return prepared.job
 
     def act(self, run: JobRun) -> None:
@@ -359,7 +357,7 @@ class Jumps:
             return job
         history = history_of(ledger.lines, session.bench.machine.identity.serial)
         account = account_of(self.plan, tool_identity(session), history)
-        refuse_other_setup(account, history, self.plan.setup, name.path.parent, self.plan.where.selector)
+        refuse_other_setup(account, history, self.plan, name.path.parent)
         return with_home(job, history, session.bench.now)
 
     def act(self, run: JobRun) -> None:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from edmctl.errors import ObjectiveNotReached
+from edmctl.labels import Basis
 from edmctl.procedures.hole.hole import model_u95_um
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.run import JobRun
@@ -20,8 +21,9 @@ from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.procedures.touch.spots import pad_u_um, read_pad, refuse_grown_tool
 from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface
-from edmctl.process.touches import TOUCH_U_UM, Displacement, Reading, measure, share_u
+from edmctl.process.touches import TOUCH_U_UM, Displacement, Drift, Reading, measure, share_u
 from edmctl.profile.places import Place
+from edmctl.quantity import Value, half_width
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.measurements import UncertaintyPart, WearResult
 from edmctl.wording import signed
@@ -45,7 +47,8 @@ BOTTOM_U_UM = 2.0
 class Reference:
     """Z1 of the tool before its job, and what is known of it: its touches, how long ago it was, what is in doubt.
 
-    `home_um` is what the sensor showed of a tool at home then, NaN where nobody knows.
+    `home_um` is what the sensor showed of a tool at home then, NaN if unknown. `drift_um_per_s` is the drift of
+    touches that `measure-drift` has measured on the machine, None without a drift file.
     """
 
     z_um: float
@@ -55,6 +58,7 @@ class Reference:
     age_s: float
     doubt_u_um: float = 0.0
     home_um: float = math.nan
+    drift_um_per_s: Value | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,14 +123,19 @@ def _found(
     face_um: float,
     face_u_um: float,
 ) -> WearResult:
-    z1 = Reading(reference.z_um, reference.sd_um, reference.touches)
     z3 = _mean(before.reading, after.reading)
     bottom = z2.reading if z2 else z3
     sensor_u, meeting_u_um = run.uncertainty, pad_u_um(run.setup)
-    refuse_grown_tool(run, reference.z_um, after, reference.age_s + after.time_s)
-    seen_um_s = (abs(after.z_um - before.z_um) + TOUCH_U_UM) / max(1.0, after.time_s - before.time_s)
-    since_um = min(sensor_u.drift_u_um_per_s, seen_um_s) * (after.time_s - home[1])
-    age_s = _drifting_s(run, reference, home[0], after.time_s, since_um, sensor_u.drift_u_um_per_s)
+    age_s = reference.age_s + after.time_s
+    until_s = 0.5 * (before.time_s + after.time_s)
+    drift = drift_since(reference, home[0], reference.age_s + until_s, sensor_u)
+    if drift is None:
+        seen_um_s = (abs(after.z_um - before.z_um) + TOUCH_U_UM) / max(1.0, after.time_s - before.time_s)
+        since_um = min(sensor_u.drift_u_um_per_s, seen_um_s) * (after.time_s - home[1])
+        drifting_s = _drifting_s(run, reference, home[0], age_s, since_um, sensor_u.drift_u_um_per_s)
+        drift = Drift(0.0, sensor_u.drifted_u_um(drifting_s))
+    z1 = Reading(reference.z_um + drift.um, reference.sd_um, reference.touches)
+    refuse_grown_tool(run, z1.mean_um, after, age_s)
     depth_s = after.time_s - z2.time_s if z2 else 0.0
     pad_doubt_um = 0.5 * (before.doubt_u_um + after.doubt_u_um)
     doubts_u_um = (reference.doubt_u_um, z2.doubt_u_um if z2 else 0.0, pad_doubt_um)
@@ -141,14 +150,23 @@ def _found(
         pad_u_um=meeting_u_um,
         height_um=face_um,
         doubts_u_um=doubts_u_um,
+        drift=Drift(0.0, drift.left_u_um),
     )
     noise_um = found.depth_noise_um / math.sqrt(1.0 / bottom.touches + 1.0 / z3.touches)
     lengths_um = (found.wear_um, found.depth_um, found.feed_um)
     model3_um = 0.5 * (before.model_um + after.model_um)
     model2_um = z2.model_um if z2 else math.nan
     hole = z2 is not None
+    between_u_um = sensor_u.drifted_u_um(depth_s)
+    to_bottom_u_um = math.hypot((1.0 - depth_s / age_s) * drift.left_u_um, between_u_um)
+    drifts_u_um = (drift.left_u_um, between_u_um, to_bottom_u_um)
     creep_um = z2.creep_um - 0.5 * (before.creep_um + after.creep_um) if z2 else 0.0
     depth_model_u95_um, wear_model_u95_um = model_u95_um(run, found, creep_um)
+    readings = (z1, bottom, z3)
+    budget = (
+        *_budget(sensor_u, lengths_um, noise_um, readings, drifts_u_um, face_u_um, meeting_u_um),
+        _doubted(doubts_u_um),
+    )
     return WearResult(
         z1_um=reference.z_um,
         z2_um=bottom.mean_um if hole else math.nan,
@@ -156,6 +174,7 @@ def _found(
         z3_before_um=before.z_um,
         z3_after_um=after.z_um,
         drift_um=after.z_um - before.z_um,
+        drift_correction_um=drift.um,
         touches=min(reading.touches for reading in (z1, bottom, before.reading, after.reading)),
         sd_um=(
             z1.sd_um,
@@ -169,29 +188,39 @@ def _found(
         depth_u95_um=found.depth.u95 if hole else math.nan,
         feed_um=found.feed_um if hole else math.nan,
         feed_u95_um=found.feed.u95 if hole else math.nan,
-        wear_model_um=model3_um - reference.model_um,
+        wear_model_um=model3_um - reference.model_um - drift.um,
         wear_model_u95_um=wear_model_u95_um,
         depth_model_um=model2_um - model3_um - face_um,
         depth_model_u95_um=depth_model_u95_um if hole else math.nan,
-        feed_model_um=model2_um - reference.model_um,
+        feed_model_um=model2_um - reference.model_um - drift.um,
         feed_model_u95_um=math.hypot(depth_model_u95_um, wear_model_u95_um) if hole else math.nan,
-        depth_basis=run.job.touch_basis if hole else None,
+        depth_basis=None if z2 is None else Basis.ESTIMATED if z2.doubt_u_um > 0.0 else run.job.touch_basis,
         wear_basis=run.job.touch_basis,
-        budget=(
-            *_budget(
-                sensor_u, lengths_um, noise_um, (z1, bottom, z3), (age_s, depth_s), face_u_um, meeting_u_um
-            ),
-            _doubted(doubts_u_um),
-        ),
+        budget=budget
+        if hole
+        else tuple(replace(part, depth_um=math.nan, feed_um=math.nan) for part in budget),
         time_s=run.machine.time_s,
     )
+
+
+def drift_since(reference: Reference, home_um: float, age_s: float, sensor_u: Displacement) -> Drift | None:
+    """Return the drift of a touch since the reference, by the rate that `measure-drift` has measured.
+
+    None if no rate was measured, or if the home at `home_um` contradicts it: then the rate has changed.
+    """
+    rate = reference.drift_um_per_s
+    if rate is None:
+        return None
+    drift = Drift(rate.value * age_s, replace(sensor_u, drift_u_um_per_s=rate.u).drifted_u_um(age_s))
+    off_um = abs(home_um - reference.home_um - drift.um)
+    return None if off_um > HOME_CREEP_UM + half_width(drift.left_u_um) else drift
 
 
 def _drifting_s(
     run: JobRun,
     reference: Reference,
     home_um: float,
-    now_s: float,
+    age_s: float,
     since_um: float,
     drift_u_um_per_s: float,
 ) -> float:
@@ -201,7 +230,7 @@ def _drifting_s(
     rests of some minutes have shown, creep for the most part, is not to be taken for that of hours. `since_um` is
     what may have drifted since `home_um` was seen.
     """
-    age_s, moved_um = reference.age_s + now_s, abs(home_um - reference.home_um)
+    moved_um = abs(home_um - reference.home_um)
     if not drift_u_um_per_s or not math.isfinite(moved_um + since_um):
         return age_s
     believed_um = displacement_uncertainty(run.job).drift_u_um_per_s * age_s
@@ -228,14 +257,12 @@ def _budget(
     lengths_um: tuple[float, float, float],
     noise_um: float,
     readings: Sequence[Reading],
-    times_s: tuple[float, float],
+    drifts_u_um: tuple[float, float, float],
     tilt_u_um: float,
     pad_u_um: float,
 ) -> tuple[UncertaintyPart, ...]:
-    """Return the parts that `process.touches.measure` adds up; lengths are of wear, depth, feed in this order."""
+    """Return the parts that `process.touches.measure` adds up; triples are of wear, depth, feed in this order."""
     z1, z2, z3 = (1.0 / reading.touches for reading in readings)
-    age_s, depth_s = times_s
-    spans_s = (age_s, depth_s, age_s - depth_s)
     gains = [sensor_u.gain_u_rel * abs(length_um) for length_um in lengths_um]
     return (
         UncertaintyPart(
@@ -244,7 +271,7 @@ def _budget(
             noise_um * math.sqrt(z2 + z3),
             noise_um * math.sqrt(z1 + z2),
         ),
-        UncertaintyPart("drift of the sensor", *[sensor_u.drifted_u_um(seconds) for seconds in spans_s]),
+        UncertaintyPart("drift of the sensor", *drifts_u_um),
         UncertaintyPart("gain of the sensor", *gains),
         UncertaintyPart(
             "linearity of the sensor", *[sensor_u.bend_u_um(length_um) for length_um in lengths_um]

@@ -129,9 +129,10 @@ class DriftResult:
 class WearResult:
     """What the touches say, by the sensor and (`*_model_um`) by the actuator voltage; u95 are 95 % half-widths.
 
-    Without a hole Z2, depth and feed are NaN, and no depth has a basis. `drift_um` is Z3 after the bottom less Z3
-    before it. `touches` were made of every Z; `sd_um` are the scatters of Z1, Z2, Z3 before and Z3 after. `budget`
-    holds standard uncertainties.
+    Without a hole Z2, depth and feed are NaN, in the budget as well, and no depth has a basis. `drift_um` is Z3
+    after the bottom less Z3 before it, `drift_correction_um` the drift since Z1 that was taken off wear and feed.
+    `touches` is the least number of every Z; `sd_um` are the scatters of Z1, Z2, Z3 before and Z3 after. `budget`
+    contains standard uncertainties.
     """
 
     z1_um: float
@@ -140,6 +141,7 @@ class WearResult:
     z3_before_um: float
     z3_after_um: float
     drift_um: float
+    drift_correction_um: float
     touches: int
     sd_um: tuple[float, float, float, float]
     wear_um: float

@@ -175,6 +175,8 @@ def test_a_wear_needs_a_reference(here: Here) -> None:
     assert "sim:FILE" in failure(here("measure-wear", "--json"), 8, "E8041")["hint"]
     error = failure(here("measure-wear", *KEPT, "--json"), 8, "E8041")
     assert "`edmctl measure-wear --reference --port sim:" in error["hint"]
+    error = failure(here("measure-wear", "--profile", "cu150", *KEPT, "--json"), 8, "E8041")
+    assert "`edmctl measure-wear --reference --profile cu150 --port sim:" in error["hint"]
     assert not list(Path("runs").glob("*.partial"))
 
 
@@ -242,7 +244,7 @@ def test_wear_depth_and_feed_add_up_and_hold_the_truth(machined: Here) -> None:
     said = machined("measure-wear", *KEPT)
     assert "standard uncertainty" in said.out
     assert "truth" in said.out
-    assert "a drift file counts in jobs alone" in " ".join(said.out.split())
+    assert "Drift since the reference is not corrected" in said.out
 
 
 def test_a_hole_is_named_or_pointed_at(machined: Here) -> None:
@@ -257,6 +259,24 @@ def test_a_hole_is_named_or_pointed_at(machined: Here) -> None:
 def test_a_tool_that_is_too_wide_goes_into_no_hole(machined: Here) -> None:
     wide = ("--profile", CU270, "--set", "tool.diameter_um=300", "--set", 'tool.id="Cu 270 µm"')
     failure(machined("measure-wear", "--site", "cu270-cu", *wide, *KEPT, "--json"), 8, "E8046")
+    narrow = SiteMachined("Cu 150 µm", "first.h5", "narrow", 900.0, 0.0, 83.0, "done", 8.0, 2.0, 0.5)
+    Ledger.open(Path("runs")).append("SIM-4", narrow)
+    error = failure(machined("measure-wear", "--site", "900,0", "--dry-run", *KEPT, "--json"), 8, "E8046")
+    assert "270.00 µm" in error["message"]
+
+
+def test_a_reference_that_jobs_count_from_is_replaced_with_a_warning(machined: Here) -> None:
+    said = machined("measure-wear", "--reference", *KEPT, "--json")
+    (warning,) = said.document["warnings"]
+    assert warning["code"] == "W8117"
+    assert f"{said.document['result']['reference']['z1_um']:.2f} µm" in warning["message"]
+    assert machined("measure-wear", "--reference", *KEPT, "--json").document["warnings"] == []
+
+
+def test_a_recipe_that_another_program_has_open_is_in_use(machined: Here) -> None:
+    with h5py.File("runs/first.h5", "r+"):
+        error = failure(machined("measure-wear", *KEPT, "--dry-run", "--json"), 9, "E9016")
+    assert "Close it in that program" in error["hint"]
 
 
 def test_another_speed_of_touching_is_told(machined: Here) -> None:

@@ -10,19 +10,23 @@ from typing import TYPE_CHECKING, NamedTuple
 import pytest
 
 from edmctl.errors import Interrupted, MachineFault, ObjectiveNotReached, PreconditionError
+from edmctl.labels import Basis
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.jump_series import run_jumps
 from edmctl.procedures.measure_wear import (
     MOST_DRIFT_UM,
     Bottom,
     Reference,
+    drift_since,
     measure_wear,
     refuse_drift,
     touch_pad,
 )
 from edmctl.procedures.session import running
 from edmctl.procedures.touch.approach import find_contact, find_gap
+from edmctl.process.touches import Displacement
 from edmctl.profile.places import Place
+from edmctl.quantity import Value
 from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase
 from edmctl.simulator.injection import parse_injection
@@ -103,7 +107,32 @@ def test_an_older_reference_knows_the_wear_less_well(touched: Touched) -> None:
     assert found.wear_u95_um > 5.0 * touched.found.wear_u95_um
     assert math.isnan(found.depth_um)
     assert math.isnan(found.feed_um)
+    assert all(math.isnan(part.depth_um) and math.isnan(part.feed_um) for part in found.budget)
     assert abs(found.wear_um - touched.found.wear_um) <= MOST_DRIFT_UM
+
+
+DRIFT_UM_S = 0.0045
+
+
+def test_a_measured_drift_is_taken_off_wear_and_feed(shop: type[Shop]) -> None:
+    drifting = shop()
+    drifting.bench.plant.unit.sensor_drift_um_s = DRIFT_UM_S
+    with ready(drifting) as run:
+        z1 = touch_pad(run, "Z1", drifting.profile.approach.offset_um)
+        age_s = 1500.0
+        earlier_um = z1.z_um - DRIFT_UM_S * (age_s - run.machine.time_s)
+    reference = Reference(earlier_um, 0.05, 3, math.nan, age_s, drift_um_per_s=Value(DRIFT_UM_S + 2e-4, 3e-4))
+    with ready(drifting) as run:
+        found = measure_wear(run, reference, z1.z_um, None)
+    assert found.drift_correction_um == pytest.approx(DRIFT_UM_S * 1560.0, abs=1.0)
+    assert abs(found.wear_um) <= found.wear_u95_um <= 1.5
+
+
+def test_a_home_that_contradicts_the_measured_drift_rules_it_out() -> None:
+    reference = Reference(50.0, 0.05, 3, math.nan, 0.0, home_um=5.0, drift_um_per_s=Value(DRIFT_UM_S, 3e-4))
+    sensor_u = Displacement(drift_u_um_per_s=0.0017)
+    assert drift_since(reference, 12.0, 1000.0, sensor_u) is not None
+    assert drift_since(reference, 5.0, 10_000.0, sensor_u) is None
 
 
 def test_the_machine_is_retracted_idle_and_made_no_pulse(touched: Touched) -> None:
@@ -213,6 +242,7 @@ def test_a_chip_on_the_bottom_is_told_and_covered(
         found = measure_wear(run, reference, pad_um, bottom)
     assert any(code == RunEvent.TOUCH_DOUBTED for _, code, *_ in shop.seen.events)
     (hole,) = shop.bench.truth()
+    assert found.depth_basis is Basis.ESTIMATED
     assert abs(found.depth_um - hole.depth_um) <= found.depth_u95_um
     assert abs(found.feed_um - hole.depth_um - shop.bench.tool_wear_um) <= found.feed_u95_um
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -111,6 +112,12 @@ def account_of(plan: Plan, identity: ToolIdentity, history: MachineHistory) -> T
     return account
 
 
+def diameter_of(label: str, identity: ToolIdentity) -> float:
+    """Return the diameter of the tool with that label in the machine, µm; NaN if it is unknown."""
+    named = _LABEL.fullmatch(label)
+    return float(named["um"]) if named else identity.diameter_um
+
+
 def as_found(plan: Plan, session: MachineSession, ledger: Ledger | None, command: str) -> Plan:
     """Return the plan as its run file shall tell it: a command without a profile has its own name, and the tool that
     it found in the machine.
@@ -120,8 +127,7 @@ def as_found(plan: Plan, session: MachineSession, ledger: Ledger | None, command
     identity, profile = tool_identity(session), plan.loaded.profile
     last = history_of(ledger.lines, identity.serial).tool if ledger is not None else ""
     label = identity.tool or last or NAMELESS
-    named = _LABEL.fullmatch(label)
-    diameter_um = float(named["um"]) if named else identity.diameter_um
+    named, diameter_um = _LABEL.fullmatch(label), diameter_of(label, identity)
     tool = {"id": label, "material": named["material"] if named else "?", "diameter_um": diameter_um}
     if plan.recipe_of and profile.tool.label == label:
         tool = {}
@@ -146,6 +152,13 @@ def other_tool(plan: Plan, account: ToolAccount, history: MachineHistory) -> lis
         "whose a reference is."
     )
     return [Diagnostic("W8114", message, hint, is_warning=True)]
+
+
+def reference_command(plan: Plan) -> str:
+    """Return the command that touches the pad anew with the tool of the plan."""
+    profile = plan.request.profile
+    named = f" --profile {shlex.quote(profile)}" if profile and plan.names_tool else ""
+    return on_machine(f"edmctl measure-wear --reference{named}", plan.where.selector)
 
 
 def name_tool(plan: Plan, session: MachineSession, ledger: Ledger | None) -> None:
@@ -196,24 +209,21 @@ def setup_differences(reference: ReferenceTouched | None, setup: Setup) -> list[
     return found
 
 
-def refuse_other_setup(
-    account: ToolAccount, history: MachineHistory, setup: Setup, folder: Path, port: str
-) -> None:
+def refuse_other_setup(account: ToolAccount, history: MachineHistory, plan: Plan, folder: Path) -> None:
     """Raise PreconditionError E8059 if the tool's reference, or the machine's last one, has another setup."""
     found = [
         (reference, differences)
         for reference in (account.reference, history.reference)
-        if reference is not None and (differences := setup_differences(reference, setup))
+        if reference is not None and (differences := setup_differences(reference, plan.setup))
     ]
     if not found:
         return
     reference, differences = found[0]
-    anew = on_machine("edmctl measure-wear --reference", port)
     raise PreconditionError(
         f"The reference of {reference.tool} in {folder / reference.run_file} was touched under another setup; "
-        f"with the {setup.in_words()} {', and '.join(differences)}.",
+        f"with the {plan.setup.in_words()} {', and '.join(differences)}.",
         hint="Name its setup with --setup or EDMCTL_SETUP. If the machine was changed, touch the pad anew with "
-        f"`{anew}`; keep the runs of another machine in another folder with --out.",
+        f"`{reference_command(plan)}`; keep the runs of another machine in another folder with --out.",
         code="E8059",
     )
 
@@ -237,26 +247,26 @@ def on_worn_tool(profile: Profile, account: ToolAccount) -> Profile:
     return profile.model_copy(update={"approach": approach})
 
 
-def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: ToolAccount, port: str) -> None:
+def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: ToolAccount, plan: Plan) -> None:
     """Raise PreconditionError E8044 where the actuator does not take the worn tool down by `stroke_um`."""
     available_um = stroke_available_um(worn, setup)
     if stroke_um > available_um:
         raise PreconditionError(
             f"{account.label} touches the pad at {length(account.pad_um)} by now; a stroke of {length(stroke_um)} "
             f"is needed then, and the actuator has {length(available_um)}.",
-            hint=f"Set the tool lower and say `{on_machine('edmctl measure-wear --reference', port)}`, or change it "
+            hint=f"Set the tool lower and say `{reference_command(plan)}`, or change it "
             "and say --new-tool. Keep run files of another machine or of new work in another folder with --out.",
             code="E8044",
         )
 
 
-def refuse_unknown_length(account: ToolAccount, folder: Path, port: str) -> None:
+def refuse_unknown_length(account: ToolAccount, folder: Path, plan: Plan) -> None:
     """Raise PreconditionError E8048 where a job of the tool was killed, and nobody knows what it took off."""
     if not account.killed:
         return
     run_file = folder / account.killed[-1].run_file
     command = command_to_go_on(run_file)
-    anew = f"touch the pad anew with `{on_machine('edmctl measure-wear --reference', port)}`."
+    anew = f"touch the pad anew with `{reference_command(plan)}`."
     raise PreconditionError(
         f"How long the tool {account.label} is, nobody knows: {run_file} was killed while it machined.",
         hint=f"Finish it with `{command}`; to give it up, {anew}"
@@ -320,7 +330,7 @@ def last_run_of(account: ToolAccount) -> str:
 def with_recipe_of(plan: Plan, folder: Path, run_file: str) -> Plan:
     """Return the plan with the recipe of the run in that file, and `--set` on top, if no profile was named.
 
-    Raises PreconditionError E8063 if the recipe cannot be read.
+    Raises PreconditionError E8063 if the recipe cannot be read, RunFileError E9016 if another program has its file.
     """
     from edmctl.record.reader import present_name, reading_unverified
 
@@ -337,6 +347,8 @@ def with_recipe_of(plan: Plan, folder: Path, run_file: str) -> Plan:
                 table = put(table, tuple(key.split(".")), json.loads(str(value)) if key in _LISTS else value)
         profile = Profile.model_validate(apply_overrides(Merged((), table, ()), plan.request.overrides).table)
     except (RunFileError, ValueError) as error:
+        if isinstance(error, RunFileError) and error.code == "E9016":
+            raise
         why = (
             error.message if isinstance(error, RunFileError) else "its values are not those of this version."
         )
