@@ -227,7 +227,8 @@ class WearRun:
         Without a profile it is the recipe of the run that made the hole, else of the last run with the tool.
 
         Raises PreconditionError: E8041 no reference, E8045 no such hole, E8046 a hole too narrow for the tool, E8048
-        a tool whose job was killed, E8059 a reference under another setup, E8063 a run whose recipe is unknown.
+        a tool whose job was killed, E8056 a tool that was replaced since its reference, E8059 a reference under
+        another setup, E8063 a run whose recipe is unknown.
         """
         self._ledger, self._warn = ledger, warn
         history = history_of(ledger.lines if ledger else (), identity.serial)
@@ -425,9 +426,17 @@ _NOT_KEPT = Diagnostic(
 def _reference_of(
     account: ToolAccount, ledger: Ledger | None, identity: ToolIdentity, plan: Plan
 ) -> ReferenceTouched:
-    """Return the tool's reference. Raises PreconditionError E8041 where it has none."""
+    """Return the tool's reference. Raises PreconditionError E8041 if it has none, E8056 if it was replaced since."""
     if account.reference is not None:
         return account.reference
+    if account.replaced_by:
+        raise PreconditionError(
+            f"{account.label} was replaced by {account.replaced_by} after its reference; a tool that is clamped again "
+            "has another length.",
+            hint="Touch it again with `edmctl measure-wear --reference`, or start its next job: its first touch is the new "
+            "reference.",
+            code="E8056",
+        )
     if ledger is None:
         raise PreconditionError(
             "There is no reference: a fresh virtual machine has touched nothing before.",

@@ -30,7 +30,9 @@ class ToolAccount:
     `pad_um` counts from the tool's home at 0 V, NaN before the first touch. `holes` are all of the tool, `since`
     those after its reference;
     `lost_before_um` is what it lost up to then. `reference_utc_s` and `reference_bench_s` are when, as in `Line`.
-    `killed` are its jobs since its last touch that never ended: what they cost it nobody knows.
+    `killed` are its jobs since its last touch that never ended: what they cost it nobody knows. `replaced_by` is the
+    tool for which it was taken out of the machine after its last reference, "" if it was not: clamped again, it has
+    another length, so `reference` is None and `pad_um` NaN then.
     """
 
     label: str
@@ -42,6 +44,7 @@ class ToolAccount:
     holes: list[SiteMachined] = field(default_factory=list)
     since: list[SiteMachined] = field(default_factory=list)
     killed: list[JobBegun] = field(default_factory=list)
+    replaced_by: str = ""
 
     @property
     def worn_um(self) -> float:
@@ -97,6 +100,7 @@ def history_of(lines: Iterable[Line], serial: str) -> MachineHistory:
             continue
         entry = line.entry
         if not isinstance(entry, RunEnded):
+            _take_tool(history, entry.before if isinstance(entry, ToolNamed) else entry.tool)
             history.tool = entry.tool
         if isinstance(entry, ReferenceTouched | SiteMachined | WearMeasured) and math.isfinite(entry.home_um):
             history.homes.append(HomeSeen(entry.home_um, line.utc_s, line.bench_s))
@@ -127,9 +131,20 @@ def history_of(lines: Iterable[Line], serial: str) -> MachineHistory:
     return history
 
 
+def _take_tool(history: MachineHistory, tool: str) -> None:
+    """Drop the reference of the tool that was in the machine if `tool` is another one."""
+    if history.tool in ("", tool):
+        return
+    account = history.account(history.tool)
+    account.reference, account.pad_um, account.replaced_by = None, math.nan, tool
+    account.lost_before_um = account.lost_um
+    account.since.clear()
+
+
 def _take_reference(history: MachineHistory, entry: ReferenceTouched, line: Line) -> None:
     account = history.account(entry.tool)
     history.reference = account.reference = entry
+    account.replaced_by = ""
     account.reference_utc_s, account.reference_bench_s = line.utc_s, line.bench_s
     account.lost_before_um = account.lost_um
     account.pad_um = from_home_um(entry.z_um, entry.home_um)

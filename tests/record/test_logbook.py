@@ -215,20 +215,38 @@ def test_two_writers_lose_nothing(tmp_path: Path) -> None:
 
 def test_wear_is_carried_from_the_reference_on(tmp_path: Path) -> None:
     book = Ledger.open(tmp_path)
-    book.append(SERIAL, reference(), site(), site("b", 1000.0, z3_um=71.0), site("c", tool="W"))
-    book.append("SIM-2", site("d"))
+    book.append(SERIAL, reference(), site(), site("b", 1000.0, z3_um=71.0))
+    book.append("SIM-2", site("d", tool="W"))
     history = history_of(book.lines, SERIAL)
     account = history.account("Cu")
     assert (account.worn_um, account.lost_um, account.pad_um) == (20.0, 20.0, 71.0)
     assert account.worn_u95_um == pytest.approx(0.6 * math.sqrt(2.0))
-    assert [hole.name for hole in history.holes] == ["a", "b", "c"]
-    assert history.tool == "W"
+    assert [hole.name for hole in history.holes] == ["a", "b"]
+    assert (history.tool, account.replaced_by) == ("Cu", "")
     book.append(SERIAL, reference(z_um=72.0))
     account = history_of(book.lines, SERIAL).account("Cu")
     assert (account.worn_um, account.lost_um, account.pad_um) == (0.0, 20.0, 72.0)
     book.append(SERIAL, ToolChanged("Cu"))
     account = history_of(book.lines, SERIAL).account("Cu")
     assert (account.reference, account.lost_um, len(account.holes)) == (None, 0.0, 0)
+
+
+def test_a_tool_that_was_replaced_has_no_reference_before_it_is_touched_again(tmp_path: Path) -> None:
+    book = Ledger.open(tmp_path)
+    begun = JobBegun("W", "w.h5", 143.0, (("c", 1500.0, 0.0),))
+    book.append(SERIAL, reference(), site(), begun, RunEnded("w.h5", "done", 1.0))
+    account = history_of(book.lines, SERIAL).account("Cu")
+    assert (account.reference, account.replaced_by, account.worn_um, account.lost_um) == (
+        None,
+        "W",
+        0.0,
+        10.0,
+    )
+    assert math.isnan(account.pad_um)
+    book.append(SERIAL, reference(z_um=64.0), site("d", 2000.0, wear_um=5.0))
+    account = history_of(book.lines, SERIAL).account("Cu")
+    assert (account.replaced_by, account.worn_um, account.lost_um) == ("", 5.0, 15.0)
+    assert account.reference is not None
 
 
 def test_the_tool_touches_later_by_a_wear_that_was_not_measured(tmp_path: Path) -> None:
