@@ -431,10 +431,10 @@ def _reference_of(
         return account.reference
     if account.replaced_by:
         raise PreconditionError(
-            f"{account.label} was replaced by {account.replaced_by} after its reference; a tool that is clamped again "
-            "has another length.",
-            hint="Touch it again with `edmctl measure-wear --reference`, or start its next job: its first touch is the new "
-            "reference.",
+            f"{account.label} was replaced by {account.replaced_by} after its reference; a tool that is clamped "
+            "again has another length.",
+            hint=f"Run `{reference_command(plan)}` before its next job, or start that job: its first touch is the "
+            "new reference.",
             code="E8056",
         )
     if ledger is None:

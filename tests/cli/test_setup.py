@@ -124,6 +124,8 @@ def test_a_machine_at_a_port_has_its_own_setup_by_its_serial_number(here: Here) 
     checks = {check["name"]: check for check in looked.document["result"]["checks"]}
     assert str(file) in checks["setup"]["message"]
     assert code_of(forgotten) == "E8059"
+    anew = f"`edmctl measure-wear --reference --setup empty.toml --port {port}`"
+    assert anew in forgotten.document["error"]["hint"]
 
 
 def test_a_virtual_machine_in_this_process_takes_no_setup_by_itself(here: Here) -> None:

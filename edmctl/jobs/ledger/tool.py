@@ -155,10 +155,13 @@ def other_tool(plan: Plan, account: ToolAccount, history: MachineHistory) -> lis
 
 
 def reference_command(plan: Plan) -> str:
-    """Return the command that touches the pad anew with the tool of the plan."""
-    profile = plan.request.profile
-    named = f" --profile {shlex.quote(profile)}" if profile and plan.names_tool else ""
-    return on_machine(f"edmctl measure-wear --reference{named}", plan.where.selector)
+    """Return the command that touches the pad anew with the tool and the setup of the plan."""
+    command, profile = ["edmctl", "measure-wear", "--reference"], plan.request.profile
+    if profile and plan.names_tool:
+        command += ["--profile", profile]
+    if plan.setup.file is not None:
+        command += ["--setup", str(plan.setup.file)]
+    return on_machine(shlex.join(command), plan.where.selector)
 
 
 def name_tool(plan: Plan, session: MachineSession, ledger: Ledger | None) -> None:
