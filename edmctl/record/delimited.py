@@ -1,8 +1,8 @@
 """Columns out of text: CSV as loggers, spreadsheets, oscilloscopes and numpy write it.
 
 Tabs, semicolons, commas or blanks separate the cells; decimal commas are read unless commas separate. The header is
-the first line that names the needed columns, with or without `#`. Lines above it are ignored. A line of units below
-it must agree with the names.
+the line that names most of the wanted columns, with or without `#`. Lines above it are ignored. A line of units
+below it must agree with the names.
 
 A column is called by its quantity and unit: t_s, u_V, y_um. Case and the two Unicode letters µ make no difference.
 """
@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import csv
 import re
-import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,7 +23,7 @@ import numpy as np
 from edmctl.csv_text import plain_text
 from edmctl.errors import Location, RecordError
 from edmctl.files import read_bytes
-from edmctl.wording import plural
+from edmctl.wording import plural, shortened
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,55 +43,32 @@ WANTED = (TIME, VOLTAGE, DISPLACEMENT)
 EXPORTED = {TIME: "time_s", VOLTAGE: "v_cmd_v", DISPLACEMENT: "z_sensor_um"}
 """The same columns in the servo table that `edmctl run export` writes."""
 
-SEPARATORS = ("\t", ";", ",")
 BLANKS = " "
+SEPARATORS = ("\t", ";", ",", BLANKS)
 COMMENT = "#"
 MOST_PREAMBLE = 1000
 """Lines above a header; oscilloscopes write some twenty."""
 LONGEST_LINE = 100_000
-LONGEST_SHOWN = 200
+_NAMES_ABOVE = "Name the columns in a line above the rows."
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_UNIT = re.compile(r"[(\[]?(?:[numkµμ]?(?:s|sec|v|volts?|a|m|hz)|[-1%])[)\]]?", re.IGNORECASE)
 
 
-def find_columns(names: Sequence[str], needed: Sequence[str] = WANTED) -> dict[str, int]:
-    """Return the index in `names` of each needed column; missing ones are left out.
+def find_columns(names: Sequence[str], wanted: Sequence[str] = WANTED) -> dict[str, int]:
+    """Return the index in `names` of each wanted column; missing ones are left out.
 
     A table that `edmctl run export` wrote has all of them under other names.
     """
     plain = [_plain(name) for name in names]
-    exported = [EXPORTED.get(wanted) for wanted in needed]
-    if all(name in plain for name in exported):
-        return {wanted: plain.index(name) for wanted, name in zip(needed, exported, strict=True) if name}
-    return {wanted: plain.index(_plain(wanted)) for wanted in needed if _plain(wanted) in plain}
+    exported = [EXPORTED[name] for name in wanted if name in EXPORTED]
+    if len(exported) == len(wanted) and all(name in plain for name in exported):
+        return {name: plain.index(other) for name, other in zip(wanted, exported, strict=True)}
+    return {name: plain.index(_plain(name)) for name in wanted if _plain(name) in plain}
 
 
 def columns_hint(needed: Sequence[str]) -> str:
     """Return the hint that names the needed columns and their units."""
     return f"Needed: {', '.join(f'{name} ({MEANINGS[name]})' for name in needed)}. Other columns are ignored."
-
-
-def shortened(text: str) -> str:
-    """Return a text that a message has room for."""
-    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}…"
-
-
-def _plain(name: str) -> str:
-    return name.strip().strip("\"'").replace("µ", "u").replace("μ", "u").lower()
-
-
-def cells_of(line: str, separator: str) -> list[str]:
-    """Return the cells of a line, without quotes and blanks around them; empty ones at the end are left out."""
-    if separator == BLANKS:
-        return line.split()
-    try:
-        return _filled(next(csv.reader([line], delimiter=separator, skipinitialspace=True), []))
-    except csv.Error:
-        return _filled(line.split(separator))
-
-
-def _filled(cells: Sequence[str]) -> list[str]:
-    stripped = [plain_text(cell.strip()) for cell in cells]
-    return stripped[: max((k for k, cell in enumerate(stripped, 1) if cell), default=0)]
 
 
 def number_of(cell: str, *, decimal_commas: bool = False) -> float | None:
@@ -102,15 +79,140 @@ def number_of(cell: str, *, decimal_commas: bool = False) -> float | None:
         return None
 
 
-# --- numbers -----------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True)
-class _Header:
-    index: int
-    """Of its line, from 0."""
+class Table:
+    """A table in a text.
+
+    header, begin : index of the line with the names, and of the first row
+    separator : of the cells of a row
+    columns : index in `names` of each wanted column; missing ones are left out
+    """
+
+    name: str
+    lines: Sequence[str]
+    header: int
+    begin: int
+    names: Sequence[str]
     separator: str
-    names: list[str]
+    columns: dict[str, int]
+
+    def rows(self) -> Iterator[tuple[int, list[str]]]:
+        """Yield the line, from 1, and the cells of each row. Raises RecordError E3604 for more cells than names."""
+        lines, separator = self.lines[self.begin :], self.separator
+        if separator == BLANKS:
+            lines, separator = ["\t".join(line.split()) for line in lines], "\t"
+        reader = csv.reader((f"{_cut(line)}\n" for line in lines), delimiter=separator, skipinitialspace=True)
+        width = len(self.names)
+        try:
+            for cells in reader:
+                if len(cells) > width and (count := _filled(cells)) > width:
+                    hint = "Delete the cells beyond the last column, or give them a name."
+                    if self.separator == ",":
+                        hint = "Write a decimal point, separate columns by semicolons, or name each column."
+                    raise self._of_width(self.begin + reader.line_num, count, hint)
+                if any(cells):
+                    yield self.begin + reader.line_num, cells
+        except csv.Error as wrong:
+            hint = "Look for a quotation mark that is not closed."
+            raise self.error(self.begin + reader.line_num, f": {wrong}", hint) from None
+
+    def texts(self) -> list[tuple[int, dict[str, str]]]:
+        """Return the line and the wanted cells of each row; a row may end before its last columns."""
+        return [
+            (line, {name: _text(cells[k]) if k < len(cells) else "" for name, k in self.columns.items()})
+            for line, cells in self.rows()
+        ]
+
+    def numbers(self) -> dict[str, Array]:
+        """Return the wanted columns, shape (n,) each. Raises RecordError E3604 for a cell that is no number."""
+        values, commas = array("d"), self.separator != ","
+        for line, cells in self.rows():
+            for name, k in self.columns.items():
+                number = number_of(cells[k], decimal_commas=commas) if k < len(cells) else None
+                if number is None:
+                    raise self._no_number(line, name, cells)
+                values.append(number)
+        columns = np.frombuffer(values).reshape(-1, len(self.columns)).T
+        return {
+            name: np.ascontiguousarray(column) for name, column in zip(self.columns, columns, strict=True)
+        }
+
+    def number_text(self, cell: str) -> str:
+        """Return a cell with a decimal point instead of a comma that does not separate cells."""
+        has_comma = self.separator != "," and _DECIMAL_COMMA.fullmatch(cell)
+        return cell.replace(",", ".") if has_comma else cell
+
+    def without(self, missing: Sequence[str], hint: str) -> RecordError:
+        """Return the error E3603 for missing columns."""
+        what = f": no column {' and no '.join(missing)} in {shortened(_uncommented(self.lines[self.header]))}"
+        return self.error(self.header + 1, what, hint, "E3603")
+
+    def _no_number(self, line: int, name: str, cells: Sequence[str]) -> RecordError:
+        k = self.columns[name]
+        if k >= len(cells):
+            is_last = not any(map(str.strip, self.lines[line:]))
+            hint = (
+                "The file ends within a row: delete its last line."
+                if is_last
+                else "Complete or delete the row."
+            )
+            return self._of_width(line, len(cells), hint)
+        found = f"{_text(cells[k])!r} is no number" if cells[k].strip() else "the cell is empty"
+        hint = "Correct or delete the row; numbers are written like -12.5 or 1.25e-3."
+        return self.error(line, f", column {name}: {found}", hint, cell=k)
+
+    def _of_width(self, line: int, cells: int, hint: str) -> RecordError:
+        return self.error(line, f": {plural(cells, 'cell')} under a header of {len(self.names)}", hint)
+
+    def error(self, line: int, what: str, hint: str, code: str = "E3604", cell: int = 0) -> RecordError:
+        """Return an error at a line, from 1, or at one of its cells after the first."""
+        text = self.lines[line - 1]
+        start, end = 0, len(text)
+        if cell:
+            pattern = (
+                r"\S+" if self.separator == BLANKS else rf"(?:^|(?<={self.separator}))[^{self.separator}]*"
+            )
+            start, end = [one.span() for one in re.finditer(pattern, text)][cell]
+        where = Location(self.name, line, start + 1, max(1, end - start), text)
+        return RecordError(f"{self.name}, line {line}{what}.", hint=hint, code=code, where=where)
+
+
+def read_table(path: Path, wanted: Sequence[str]) -> Table:
+    """Find the table in a file as `table_of` does. Raises RecordError E3602, also if the file cannot be read."""
+    try:
+        content = read_bytes(path)
+    except OSError as error:
+        message, hint = f"Cannot read {path}: {error.strerror}.", "Check the path and its permissions."
+        raise RecordError(message, hint=hint, code="E3602") from None
+    return table_of(text_of(path, content), str(path), wanted)
+
+
+def table_of(text: str, name: str, wanted: Sequence[str]) -> Table:
+    """Find the table in a text by the wanted columns, or by the first line of numbers.
+
+    Raises RecordError: E3602 the text is empty or has no header, E3603 a wanted name heads two columns.
+    """
+    lines = text.split("\n")
+    if (longest := max(map(len, lines))) > LONGEST_LINE:
+        message = f"{name} has a line of {longest} characters."
+        raise RecordError(message, hint="Give a row per sample.", code="E3602")
+    header = _header(lines, name, wanted)
+    separator, names = _names(lines[header], wanted)
+    columns = find_columns(names, wanted)
+    begin = header + 1
+    while begin < len(lines) and (
+        not _cut(lines[begin]) or _are_units(cells_of(lines[begin], separator), columns)
+    ):
+        begin += 1
+    first = lines[begin].partition(COMMENT)[0] if begin < len(lines) else ""
+    fitting = [one for one in SEPARATORS if len(cells_of(first, one)) == len(names)]
+    rows_separator = fitting[0] if fitting and separator not in first.strip() else separator
+    table = Table(name, lines, header, begin, names, rows_separator, columns)
+    plain = [_plain(one) for one in names]
+    if twice := next((one for one in columns if plain.count(_plain(one)) > 1), None):
+        hint = "Keep one, or give the other another name."
+        raise table.error(header + 1, f": two columns are called {twice}", hint, "E3603")
+    return table
 
 
 def read_delimited(path: Path, content: bytes, needed: Sequence[str] = WANTED) -> dict[str, Array]:
@@ -118,163 +220,87 @@ def read_delimited(path: Path, content: bytes, needed: Sequence[str] = WANTED) -
 
     Raises RecordError with line and column: E3602 no table, E3603 columns, E3604 a cell or row, E3605 no rows.
     """
-    lines = text_of(path, content).split("\n")
-    if (longest := max(map(len, lines))) > LONGEST_LINE:
-        message = f"{path} has a line of {longest} characters."
-        raise RecordError(message, hint="Give a row per sample.", code="E3602")
-    header = _header(lines, needed) or _refuse_header(path, lines, needed)
-    columns = find_columns(header.names, needed)
-    plain = [_plain(name) for name in header.names]
-    if twice := next((name for name in needed if plain.count(_plain(name)) > 1), None):
-        where = _place(path, lines, header.index)
-        message, hint = f"{path} has the column {twice} twice.", "Keep one, and give the other another name."
-        raise RecordError(message, hint=hint, code="E3603", where=where)
-    begin = header.index + 1
-    while begin < len(lines) and (
-        not _cut(lines[begin]) or _are_units(cells_of(lines[begin], header.separator), columns)
-    ):
-        begin += 1
-    width = len(header.names)
-    first = _cut(lines[begin]) if begin < len(lines) else ""
-    fitting = [one for one in (header.separator, *SEPARATORS, BLANKS) if len(cells_of(first, one)) == width]
-    separator = fitting[0] if fitting else header.separator
-    rows = lines[begin:]
-    if separator != "," and any("," in row for row in rows):
-        rows = [row.replace(",", ".") for row in rows]
-    try:
-        values = _load(rows, separator, list(columns.values()))
-        if separator == BLANKS:
-            cells = sum(len(row.split()) for row in rows)
-        else:
-            cells = sum(row.count(separator) for row in rows) + len(values)
-        if cells != len(values) * width:
-            _check_rows(path, lines, begin, header.names, columns, separator)
-    except ValueError as error:
-        _check_rows(path, lines, begin, header.names, columns, separator)
-        hint = "Write numbers like -12.5 or 1.25e-3, without quotes."
-        raise RecordError(f"{path} is no table of numbers: {error}.", hint=hint, code="E3604") from None
-    if len(values) < 2:
-        message, hint = f"{path} holds {plural(len(values), 'row')} of numbers.", "Give a row per sample."
+    table = table_of(text_of(path, content), str(path), needed)
+    if missing := [name for name in needed if name not in table.columns]:
+        raise table.without(missing, columns_hint(missing))
+    values = replace(table, lines=[line.partition(COMMENT)[0] for line in table.lines]).numbers()
+    if (rows := len(values[needed[0]])) < 2:
+        message, hint = f"{path} holds {plural(rows, 'row')} of numbers.", "Give a row per sample."
         raise RecordError(message, hint=hint, code="E3605")
-    return {name: np.ascontiguousarray(values[:, k]) for k, name in enumerate(columns)}
+    return values
 
 
-def _header(lines: Sequence[str], needed: Sequence[str]) -> _Header | None:
-    for index, line in enumerate(lines[:MOST_PREAMBLE]):
-        for separator in (*SEPARATORS, BLANKS):
-            names = cells_of(line.strip().lstrip(COMMENT).strip(), separator)
-            if len(find_columns(names, needed)) == len(needed):
-                return _Header(index, separator, names)
-    return None
-
-
-def _refuse_header(path: Path, lines: Sequence[str], needed: Sequence[str]) -> _Header:
-    """Raise RecordError: E3602 without a table, E3603 with the names above the first numbers."""
-    told = [index for index, line in enumerate(lines) if _cut(line)][:MOST_PREAMBLE]
-    above = list(takewhile(lambda index: not _is_numeric(lines[index]), told))
-    hint = columns_hint(needed)
-    if not told:
-        message = f"{path} {'holds comments only' if any(map(str.strip, lines)) else 'is empty'}."
-        raise RecordError(message, hint=hint, code="E3602")
-    index = (above or told)[-1] if len(above) < len(told) else above[0]
+def _header(lines: Sequence[str], name: str, wanted: Sequence[str]) -> int:
+    """Return the index of the line with most of the wanted names, else of the line above the first numbers."""
+    filled = [k for k, line in enumerate(lines) if line.strip() and not line.startswith("sep=")][
+        :MOST_PREAMBLE
+    ]
+    if not any(_cut(lines[k]) for k in filled):
+        message = f"{name} {'holds comments only' if filled else 'is empty'}."
+        raise RecordError(message, hint=_NAMES_ABOVE, code="E3602")
+    known = {k: len(find_columns(_names(lines[k], wanted)[1], wanted)) for k in filled}
+    if best := max(known.values()):
+        return next(k for k in filled if known[k] == best)
+    above = list(takewhile(lambda k: None in map(number_of, _words(lines[k])), filled))
     if not above:
-        commented = [k for k in range(told[0]) if lines[k].strip()]
-        if not commented:
-            message = f"{path} has no header: its first line holds numbers."
-            raise RecordError(message, hint=hint, code="E3602", where=_place(path, lines, told[0]))
-        index = commented[-1]
-    names = lines[index].strip().lstrip(COMMENT).strip()
-    found = max((find_columns(cells_of(names, one), needed) for one in (*SEPARATORS, BLANKS)), key=len)
-    missing = [name for name in needed if name not in found]
-    raise RecordError(
-        f"{path}, line {index + 1}: no column {' and no '.join(missing)} in {shortened(names)}.",
-        hint=columns_hint(missing),
-        code="E3603",
-        where=_place(path, lines, index),
-    )
+        message = f"{name} has no header: its first line holds numbers."
+        raise RecordError(message, hint=_NAMES_ABOVE, code="E3602")
+    if len(above) == len(filled):
+        return next(k for k in above if _cut(lines[k]))
+    has_units = len(above) > 1 and all(map(_UNIT.fullmatch, _words(lines[above[-1]])))
+    return above[-2] if has_units else above[-1]
+
+
+def _names(line: str, wanted: Sequence[str]) -> tuple[str, list[str]]:
+    """Return the separator of a header, and the names in it."""
+    tried = [(one, cells_of(_uncommented(line), one)) for one in SEPARATORS]
+    return max(tried, key=lambda one: len(find_columns(one[1], wanted)))
+
+
+def _words(line: str) -> list[str]:
+    """Return what any separator separates, without a comment behind it."""
+    return re.split(r"[\s;,]+", line.partition(COMMENT)[0].strip("\t ,;"))
+
+
+def cells_of(line: str, separator: str) -> list[str]:
+    """Return the cells of a line, without quotes and blanks around them; empty ones at the end are left out."""
+    if separator == BLANKS:
+        return line.split()
+    try:
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:
+        cells = line.split(separator)
+    return [_text(cell) for cell in cells[: _filled(cells)]]
+
+
+def _filled(cells: Sequence[str]) -> int:
+    """Return the count of cells up to the last one that is not blank."""
+    return max((k for k, cell in enumerate(cells, 1) if cell.strip()), default=0)
+
+
+def _text(cell: str) -> str:
+    return plain_text(cell.strip())
+
+
+def _plain(name: str) -> str:
+    return name.strip().strip("\"'").replace("µ", "u").replace("μ", "u").lower()
 
 
 def _cut(line: str) -> str:
-    """Return a line without its comment."""
-    return line.partition(COMMENT)[0].strip()
+    """Return a line, or nothing for a comment."""
+    return "" if line.startswith(COMMENT) else line.strip()
 
 
-def _is_numeric(line: str) -> bool:
-    rows = (cells_of(_cut(line), separator) for separator in (*SEPARATORS, BLANKS))
-    return any(
-        cells and all(number_of(cell, decimal_commas=True) is not None for cell in cells) for cells in rows
-    )
+def _uncommented(line: str) -> str:
+    return line.strip().lstrip(COMMENT).strip()
 
 
 def _are_units(cells: Sequence[str], columns: Mapping[str, int]) -> bool:
     """Whether cells under the header repeat the units of its columns."""
-    return all(
+    return bool(columns) and all(
         k < len(cells) and _plain(cells[k].strip("()[]")) == _plain(name.rpartition("_")[2])
         for name, k in columns.items()
     )
-
-
-def _load(rows: Sequence[str], separator: str, columns: list[int]) -> Array:
-    delimiter = None if separator == BLANKS else separator
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "loadtxt: input contained no data", UserWarning)
-        return np.loadtxt(
-            rows, delimiter=delimiter, usecols=columns, comments=COMMENT, quotechar='"', ndmin=2
-        )
-
-
-def _check_rows(
-    path: Path,
-    lines: Sequence[str],
-    begin: int,
-    names: Sequence[str],
-    columns: Mapping[str, int],
-    separator: str,
-) -> None:
-    """Raise RecordError E3604 for the first row that is not one of numbers."""
-    rows = [index for index in range(begin, len(lines)) if _cut(lines[index])]
-    for index in rows:
-        cells, where = cells_of(_cut(lines[index]), separator), _place(path, lines, index)
-        if len(cells) > len(names):
-            raise _too_wide(str(path), index + 1, len(cells), len(names), separator, where)
-        if len(cells) <= max(columns.values()):
-            hint = "The file ends within a row: delete its last line."
-            message = (
-                f"{path}, line {index + 1}: {plural(len(cells), 'cell')} under a header of {len(names)}."
-            )
-            hint = hint if index == rows[-1] else "Complete or delete the row."
-            raise RecordError(message, hint=hint, code="E3604", where=where)
-        for name, k in columns.items():
-            if number_of(cells[k], decimal_commas=separator != ",") is None:
-                found = f"{cells[k]!r} is no number" if cells[k] else "the cell is empty"
-                message = f"{path}, line {index + 1}, column {name}: {found}."
-                hint = "Correct or delete the row; numbers are written like -12.5 or 1.25e-3."
-                where = _place(path, lines, index, k, separator)
-                raise RecordError(message, hint=hint, code="E3604", where=where)
-
-
-def _place(path: Path, lines: Sequence[str], index: int, cell: int = 0, separator: str = "") -> Location:
-    """Return the location of a line, or of one of its cells after the first."""
-    line = lines[index]
-    if not cell:
-        return Location(str(path), index + 1, 1, max(1, len(line)), line)
-    if separator == BLANKS:
-        start, end = [one.span() for one in re.finditer(r"\S+", line)][cell]
-    else:
-        parts = line.split(separator)
-        start = sum(len(part) + 1 for part in parts[:cell])
-        end = start + len(parts[cell])
-    return Location(str(path), index + 1, start + 1, max(1, end - start), line)
-
-
-def _too_wide(
-    name: str, number: int, cells: int, columns: int, separator: str, where: Location | None = None
-) -> RecordError:
-    hint = "Delete the cells beyond the last column, or give them a name."
-    if separator == ",":
-        hint = "Write numbers with a decimal point, separate columns by semicolons, or name each column."
-    message = f"{name}, line {number}: {plural(cells, 'cell')} under a header of {columns}."
-    return RecordError(message, hint=hint, code="E3604", where=where)
 
 
 _OWN_TEXTS = (
@@ -309,67 +335,3 @@ def text_of(path: Path, content: bytes) -> str:
     except UnicodeDecodeError:
         text = content.decode("latin-1")
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-
-
-# --- texts -------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class TextTable:
-    """A table of texts: its columns, and each row by column with the number of its line."""
-
-    names: tuple[str, ...]
-    rows: tuple[tuple[int, dict[str, str]], ...]
-    decimal_commas: bool
-    """Whether a comma within a cell is a decimal one, because another character separates the cells."""
-
-    def number_text(self, cell: str) -> str:
-        """Return a cell with a decimal point."""
-        return cell.replace(",", ".") if self.decimal_commas and _DECIMAL_COMMA.fullmatch(cell) else cell
-
-
-def read_texts(path: Path, needed: Sequence[str] = ()) -> TextTable:
-    """Read a table of texts as `texts_of` does. Raises RecordError E3602 for what is no text, E3603 and E3604."""
-    try:
-        content = read_bytes(path)
-    except OSError as error:
-        message, hint = f"Cannot read {path}: {error.strerror}.", "Check the path and its permissions."
-        raise RecordError(message, hint=hint, code="E3602") from None
-    return texts_of(text_of(path, content), str(path), needed)
-
-
-def texts_of(text: str, name: str = "table", needed: Sequence[str] = ()) -> TextTable:
-    """Return the table in a text. Its header is the first line with the needed columns, else the first with cells.
-
-    A row may end before its last columns. Raises RecordError with the line: E3603 a name heads two columns, E3604 a
-    cell has no name above it.
-    """
-    lines = text.lstrip("\ufeff").splitlines()
-    filled = [index for index, line in enumerate(lines) if line.strip() and not line.startswith("sep=")]
-    if not filled:
-        return TextTable((), (), decimal_commas=False)
-    with_all = (k for k in filled if any(set(needed) <= {*cells_of(lines[k], one)} for one in SEPARATORS))
-    header = next(with_all, filled[0])
-    separator = max((",", ";", "\t"), key=lines[header].count)
-    names = cells_of(lines[header], separator)
-    if twice := next((one for one in names if one and names.count(one) > 1), None):
-        hint = "Keep one, or give the other another name."
-        message = f"{name}, line {header + 1}: two columns are called {twice}."
-        raise RecordError(message, hint=hint, code="E3603")
-    rows = []
-    reader = csv.reader(
-        [f"{line}\n" for line in lines[header + 1 :]], delimiter=separator, skipinitialspace=True
-    )
-    try:
-        for row in reader:
-            line, cells = header + 1 + reader.line_num, _filled(row)
-            if len(cells) > len(names):
-                raise _too_wide(name, line, len(cells), len(names), separator)
-            if cells:
-                padded = cells + [""] * (len(names) - len(cells))
-                rows.append((line, dict(zip(names, padded, strict=True))))
-    except csv.Error as wrong:
-        hint = "Look for a quotation mark that is not closed."
-        message = f"{name}, line {header + 1 + reader.line_num}: {wrong}."
-        raise RecordError(message, hint=hint, code="E3604") from None
-    return TextTable(tuple(names), tuple(rows), separator != ",")

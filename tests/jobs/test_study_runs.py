@@ -24,7 +24,6 @@ from edmctl.jobs.study.rows import read_rows
 from edmctl.jobs.study.running import Shard, parse_shard, run_virtual
 from edmctl.jobs.study.table import missing_manual, table_bytes, table_of, told_table, told_values
 from edmctl.profile.study_file import read_study
-from edmctl.record.delimited import texts_of
 from edmctl.results.study import Judgement, RunState
 from tests.cli.commands import in_process_of_its_own
 from tests.jobs.studies import SMALL, Unseen, made, outcome, written
@@ -221,12 +220,13 @@ def test_people_tell_and_judge(tmp_path: Path) -> None:
     assert again.row is not None
     assert again.row.attempt == 2
     assert again.value("ra_um") is None  # that was another hole
-    told = told_table(study.read(), texts_of(f"run, ra_um\n{number}, 0.4\n{made_runs[1]},\n"), "table.csv")
-    assert told == {number: {"ra_um": 0.4}}
-    with pytest.raises(UsageError):
-        told_table(study.read(), texts_of("run,rz_um\n1,2\n"), "table.csv")
-    with pytest.raises(UsageError):
-        told_table(study.read(), texts_of("run,ra_um\n99,2\n"), "table.csv")
+    table = tmp_path / "table.csv"
+    table.write_text(f"run, ra_um\n{number}, 0.4\n{made_runs[1]},\n", encoding="utf-8")
+    assert told_table(study.read(), table) == {number: {"ra_um": 0.4}}
+    for content in ("run,rz_um\n1,2\n", "run,ra_um\n99,2\n"):
+        table.write_text(content, encoding="utf-8")
+        with pytest.raises(UsageError):
+            told_table(study.read(), table)
 
 
 def test_a_folder_holds_one_study_that_nobody_changes(tmp_path: Path) -> None:

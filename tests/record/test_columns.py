@@ -103,7 +103,7 @@ def test_numbers_that_are_not_finite_are_left_to_the_checks(tmp_path: Path) -> N
         ("1," * 1_000_000, "E3602", "a line of 2000000 characters"),
         (HEADER, "E3605", "holds 0 rows"),
         (HEADER + "0,1,2\n", "E3605", "holds 1 row"),
-        ("t_s,t_s,u_V,y_um\n0,0,1,2\n", "E3603", "column t_s twice"),
+        ("t_s,t_s,u_V,y_um\n0,0,1,2\n", "E3603", "line 1: two columns are called t_s"),
     ],
 )
 def test_a_file_without_a_record_is_named(tmp_path: Path, text: str | bytes, code: str, message: str) -> None:
@@ -124,6 +124,7 @@ SCOPE = "Model,MSO2024\nRecord Length,2\nVertical Units,V,V,V\n\n"
         ("# t_s u_mV y_um\n0 1 2\n1 2 3\n", 1, "u_V"),
         ("t_s;u_V;stage\n0,0;1,5;2,5\n", 1, "y_um"),
         ("time\n", 1, "t_s and no u_V and no y_um"),
+        ("# c\nt,u,y\ns,V,um\n0,1,2\n1,2,3\n", 2, "t_s and no u_V and no y_um"),
     ],
 )
 def test_a_missing_column_is_named_with_the_line_above_the_numbers(
@@ -145,6 +146,7 @@ def test_a_missing_column_is_named_with_the_line_above_the_numbers(
         ("0,1,2\n\n1,,3\n", 5, 3, "column u_V: the cell is empty", "Correct or delete"),
         ("ms,V,um\n0,1,2\n", 3, 1, "column t_s: 'ms' is no number", "Correct or delete"),
         ("0,1,2\n1\n2,3,4\n", 4, 1, "1 cell under a header of 3", "Complete or delete"),
+        ("0,1,2\n1,2,\n", 4, 5, "column y_um: the cell is empty", "Correct or delete"),
         ("0,1,2\n1,2\n", 4, 1, "2 cells under a header of 3", "ends within a row"),
         ("0,0,1,5,2,5\n", 3, 1, "6 cells under a header of 3", "decimal point"),
         ("0,1,2\n0,5,1,2\n1,2\n", 4, 1, "4 cells under a header of 3", "decimal point"),

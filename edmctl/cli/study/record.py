@@ -48,11 +48,11 @@ def import_table(outcome: Outcome, folder: FolderArgument, table: TableArgument)
 
     An empty cell tells nothing, and `none` withdraws what was told.
     """
-    from edmctl.jobs.study.table import read_table, told_table
+    from edmctl.jobs.study.table import told_table
 
     study = opened(folder)
     state = study.read()
-    told = told_table(state, read_table(table), str(table))
+    told = told_table(state, table)
     with study.writer() as writer:
         for number, values in told.items():
             writer.told(state.run(number), values)

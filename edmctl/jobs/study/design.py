@@ -335,20 +335,20 @@ def _sensitivity(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
 
 
 def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
-    from edmctl.record.delimited import read_texts
+    from edmctl.record.delimited import read_table
 
-    name = source.file.design.file
+    name, keys = source.file.design.file, [factor.key for factor in factors]
     if name is None:
         raise Refused("which table has the points is not said", 'add file = "points.csv" to [design]')
     try:
-        table = read_texts(user_path(name, source.path.parent), [f.key for f in factors])
+        table = read_table(user_path(name, source.path.parent), keys)
+        if missing := [key for key in keys if key not in table.columns]:
+            raise table.without(missing, "Head a column with each factor's key.")
+        rows = table.texts()
     except RecordError as error:
         raise Refused(error.message.rstrip("."), error.hint.rstrip("."), "file") from None
-    missing = [f.key for f in factors if f.key not in table.names]
-    if missing or not table.rows:
-        found = f"; its columns are {', '.join(table.names)}" if table.names else ": it is empty"
-        what = f"no column {', '.join(missing)}{found}" if missing else "no row under its columns"
-        raise Refused(f"{name} has {what}", "head a column with each factor's key", "file")
+    if not rows:
+        raise Refused(f"{name} has no row under its columns", "add a row for each point", "file")
     settings = [
         {
             f.key: _value_in_table(
@@ -356,7 +356,7 @@ def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
             )
             for f in factors
         }
-        for line, row in table.rows
+        for line, row in rows
     ]
     return _with_parts(Points(f"points of {name}", tuple(settings), ()), source.file.design.blocks)
 

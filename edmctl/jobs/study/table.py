@@ -19,7 +19,6 @@ from edmctl.wording import plural, unit_in
 if TYPE_CHECKING:
     from edmctl.jobs.study.folder import StudyState
     from edmctl.profile.study_file import Response
-    from edmctl.record.delimited import TextTable
 
     Cell = bool | int | float | str | None
 
@@ -208,29 +207,30 @@ def refuse_untellable(response: Response, value: float) -> None:
         )
 
 
-def read_table(path: Path) -> TextTable:
-    """Read a table that somebody has made. Raises UsageError E2106 where there is none, or a row does not fit."""
-    from edmctl.record.delimited import read_texts
-
-    try:
-        return read_texts(path, ["run"])
-    except RecordError as error:
-        raise UsageError(error.message, hint=error.hint, code="E2106") from None
-
-
-def told_table(state: StudyState, table: TextTable, name: str) -> dict[int, dict[str, float | None]]:
+def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | None]]:
     """Return what a table tells of manual responses, by run: columns `run` and their names; others are ignored.
 
     An empty cell tells nothing, `none` withdraws. A column `attempt` says which attempt was measured. Raises
-    UsageError: E2104 there is no such run, E2105 a value is none, E2106 it has no column for it or tells nothing,
-    E2107 a run is not made yet, or that attempt at it is not the last one.
+    UsageError: E2104 there is no such run, E2105 a value is none, E2106 the table cannot be read, has no column for
+    it or tells nothing, E2107 a run is not made yet, or that attempt at it is not the last one.
     """
-    manual = _manual(state)
-    there = [one for one in manual if one in table.names]
-    if "run" not in table.names or not there:
-        raise _without_column(state, table, name, manual)
+    from edmctl.record.delimited import read_table
+
+    manual, name = _manual(state), str(path)
+    try:
+        table = read_table(path, ["run", "attempt", *manual])
+        there = [one for one in manual if one in table.columns]
+        missing = ["run"] if "run" not in table.columns else []
+        missing += [] if there else [" or ".join(manual) or "of a manual response"]
+        if missing:
+            named = f"Manual responses are {', '.join(manual) or 'none'}"
+            writes = f"`{state.folder.command('export')}` writes a table with all columns"
+            raise table.without(missing, f"{named}; {writes}.")
+        rows = table.texts()
+    except RecordError as error:
+        raise UsageError(error.message, hint=error.hint, code="E2106") from None
     found: dict[int, dict[str, float | None]] = {}
-    for line, row in table.rows:
+    for line, row in rows:
         values = {one: row[one] for one in there if row[one]}
         if not values:
             continue
@@ -293,29 +293,6 @@ def made_run(state: StudyState, number: int) -> StudyRun:
             code="E2107",
         )
     return run
-
-
-def _without_column(
-    state: StudyState, table: TextTable, name: str, manual: Mapping[str, Response]
-) -> UsageError:
-    """Return the error of a table that tells nothing, with the columns that it has."""
-    writes = f"`{state.folder.command('export')}` writes a table with all columns"
-    if not table.names:
-        return UsageError(f"{name} is empty.", hint=f"{writes}.", code="E2106")
-    wanted = ["run"] if "run" not in table.names else []
-    wanted += [" or ".join(manual) or "of a manual response"] if not set(manual) & set(table.names) else []
-    lower = {one.lower(): one for one in table.names}
-    renamed = [
-        f"rename {lower[one.lower()]} to {one}"
-        for one in ("run", *manual)
-        if one not in table.names and one.lower() in lower
-    ]
-    hint = "; ".join([*renamed, f"manual responses are {', '.join(manual) or 'none'}", writes])
-    return UsageError(
-        f"{name} has no column {' and none '.join(wanted)}; its columns are {', '.join(table.names)}.",
-        hint=f"{hint[0].upper()}{hint[1:]}.",
-        code="E2106",
-    )
 
 
 def counts_of(state: StudyState) -> dict[str, int]:
