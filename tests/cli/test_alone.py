@@ -259,7 +259,7 @@ def test_a_hole_is_named_or_pointed_at(machined: Here) -> None:
 def test_a_tool_that_is_too_wide_goes_into_no_hole(machined: Here) -> None:
     wide = ("--profile", CU270, "--set", "tool.diameter_um=300", "--set", 'tool.id="Cu 270 µm"')
     failure(machined("measure-wear", "--site", "cu270-cu", *wide, *KEPT, "--json"), 8, "E8046")
-    narrow = SiteMachined("Cu 150 µm", "first.h5", "narrow", 900.0, 0.0, 83.0, "done", 8.0, 2.0, 0.5)
+    narrow = SiteMachined("Cu 270 µm", "first.h5", "narrow", 900.0, 0.0, 83.0, "done", 8.0, 2.0, 0.5)
     Ledger.open(Path("runs")).append("SIM-4", narrow)
     error = failure(machined("measure-wear", "--site", "900,0", "--dry-run", *KEPT, "--json"), 8, "E8046")
     assert "270.00 µm" in error["message"]
