@@ -6,6 +6,7 @@ What is unknown is a dash, a minus is a proper one, and an uncertainty stands be
 from __future__ import annotations
 
 import math
+import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
@@ -296,6 +297,16 @@ def escaped(text: str) -> str:
 def printable(text: str) -> str:
     """Return a text out of a file without what a terminal would take for a command."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+def code_point(character: str) -> str:
+    """Return number and name of a character, such as `U+2212 (MINUS SIGN)`."""
+    return f"U+{ord(character):04X} ({unicodedata.name(character, 'a control character')})"
+
+
+def with_hyphens(text: str) -> str:
+    """Return a text with `-` in place of the dashes and minus signs of Unicode."""
+    return "".join("-" if one == "\u2212" or unicodedata.category(one) == "Pd" else one for one in text)
 
 
 def _raised(power: int) -> str:

@@ -25,6 +25,7 @@ from edmctl.cli.study import app as studies
 from edmctl.errors import EdmError, UsageError
 from edmctl.exitcodes import ExitCode, exit_code_table
 from edmctl.version import __version__
+from edmctl.wording import code_point, with_hyphens
 
 if TYPE_CHECKING:
     from typing import NoReturn
@@ -94,6 +95,7 @@ def _run(arguments: Sequence[str]) -> int:
         command=_command_of(arguments), json="--json" in arguments, events="--events" in arguments
     )
     try:
+        _refuse_dashes(arguments)
         code = _commands().main(args=list(arguments), prog_name="edmctl", standalone_mode=False)
         sys.stdout.flush()
     except _ClickError as mistake:
@@ -109,6 +111,24 @@ def _run(arguments: Sequence[str]) -> int:
     except SystemExit as left:
         return left.code if isinstance(left.code, int) else 0
     return int(code or 0)
+
+
+def _refuse_dashes(arguments: Sequence[str]) -> None:
+    """Raise UsageError for an option or a number with a dash or minus sign that is no hyphen."""
+    for argument in arguments:
+        written = "=".join(map(_typed, argument.split("=", 1)))
+        if written != argument:
+            dash = next(one for one in argument if one != with_hyphens(one))
+            message = f"{argument} has the character {code_point(dash)}."
+            raise UsageError(message, hint=f"Write {written}, with plain hyphens (-).")
+
+
+def _typed(part: str) -> str:
+    """Return the name of an option or the numbers of a value with hyphens; anything else as it is."""
+    plain = with_hyphens(part)
+    if plain != part and re.fullmatch(r"-+[A-Za-z][\w-]*", plain):
+        return f"--{plain.lstrip('-')}"
+    return plain if re.fullmatch(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?(?:,[-+]?[\d.]+)*", plain) else part
 
 
 @cache

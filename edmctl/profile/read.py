@@ -18,6 +18,7 @@ from edmctl.profile.folders import find_profile
 from edmctl.profile.positions import SET_OPTION, KeyPath, Source, TomlTable
 from edmctl.profile.units import NO_UNIT, in_unit_of_key, quantity
 from edmctl.toml_text import toml_value
+from edmctl.wording import code_point, with_hyphens
 
 MOST_PARENTS = 20
 MOST_KEYS = 20_000
@@ -120,21 +121,21 @@ def _value_hint(line: str, column: int = 1) -> str:
     if number := _DECIMAL_COMMA.fullmatch(value):
         return f"a number has a decimal point, not a comma: {number[1]}.{number[2]}"
     if found := quantity(value.partition("#")[0]):
-        name, number_of, unit = key.strip().rpartition(".")[2], *found
-        name, in_unit = in_unit_of_key(name, number_of, unit or NO_UNIT)
-        return f"write {name} = {in_unit:g}, without a unit: the unit is in the key"
+        number_of, unit = found
+        fitting = in_unit_of_key(key.strip().rpartition(".")[2], number_of, unit or NO_UNIT)
+        written = "{} = {:.12g}".format(*fitting) if fitting else "a number"
+        return f"write {written}, without a unit: the unit is in the key"
     outside = _STRING_OR_COMMENT.sub("", line)
     for character in (line[column - 1 : column], *outside):
         if not character.isascii():
-            name = unicodedata.name(character, "a control character")
-            return f"U+{ord(character):04X} ({name}) is not TOML here: {_instead(character, name)}"
+            return f"{code_point(character)} is not TOML here: {_instead(character)}"
     return ""
 
 
-def _instead(character: str, name: str) -> str:
-    if re.search("QUOTATION|PRIME|APOSTROPHE", name):
+def _instead(character: str) -> str:
+    if re.search("QUOTATION|PRIME|APOSTROPHE", unicodedata.name(character, "")):
         return 'write "'
-    if "MINUS" in name or unicodedata.category(character) == "Pd":
+    if with_hyphens(character) == "-":
         return "write -"
     if unicodedata.category(character) in ("Zs", "Zl", "Zp", "Cf"):
         return "write a plain space, or remove it"

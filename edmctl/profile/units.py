@@ -47,6 +47,7 @@ _SIMPLE |= {
 _DIVISORS = {**_SIMPLE, "min": Unit("min", "min", "s", 60.0)}
 """Minutes are no unit at the end of a key: `duty_min` is a least duty."""
 NO_UNIT = Unit("", "", "", 1.0)
+_USUAL = {_SIMPLE[ending].dimension: _SIMPLE[ending] for ending in ("um", "v", "a", "hz")}
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([A-Za-zµμ°%][\w/³²√]*)\s*")
 _SPELLINGS = str.maketrans({"µ": "u", "μ": "u", "/": "_", "³": "3", "²": "2", "°": "deg", "√": "sqrt_"})
 
@@ -100,13 +101,15 @@ def quantity(value: object) -> tuple[float, Unit | None] | None:
     return (float(match[1]), unit) if unit else None
 
 
-def in_unit_of_key(key: str, number: float, unit: Unit) -> tuple[str, float]:
-    """Return key and number of a quantity as a file writes them; a key without a unit gets the usual one."""
-    name, own = split(key)
-    usual = {"m": "um", "V": "v", "A": "a", "Hz": "hz", "": ""}.get(unit.dimension, unit.ending)
-    if own.dimension != unit.dimension:
-        own, key = unit_of(usual) or NO_UNIT, f"{name}_{usual}" if usual else name
-    return key, converted(number, unit, own)
+def in_unit_of_key(key: str, number: float, unit: Unit) -> tuple[str, float] | None:
+    """Return key and number of a quantity as a file writes them; None if the unit does not fit the key.
+
+    A key without a unit gets the usual one of lengths, voltages, currents and frequencies.
+    """
+    own = split(key)[1]
+    if own == NO_UNIT and (usual := _USUAL.get(unit.dimension)):
+        own, key = usual, f"{key}_{usual.ending}"
+    return (key, converted(number, unit, own)) if own.dimension == unit.dimension else None
 
 
 def converted(number: float, unit: Unit, into: Unit) -> float:

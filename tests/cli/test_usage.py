@@ -155,3 +155,29 @@ def test_a_seed_that_a_run_refuses_is_refused_by_its_dry_run(command: str, here:
     said = here(command, "--profile", "cu270", "--seed", "-1", "--dry-run")
     assert said.exit_code == ExitCode.USAGE
     assert "error[E2005]" in said.err
+
+
+@pytest.mark.parametrize(
+    ("words", "named", "written"),
+    [
+        (["machine", "\u2014profile", "cu270"], "U+2014 (EM DASH)", "--profile"),
+        (["machine", "\u2013-dry\u2013run"], "U+2013 (EN DASH)", "--dry-run"),
+        (["jump-flush", "--site", "\u2212500,0"], "U+2212 (MINUS SIGN)", "-500,0"),
+        (["approach", "--site=0,\u22125.5"], "U+2212 (MINUS SIGN)", "--site=0,-5.5"),
+        (["machine", "--seed", "\u22122"], "U+2212 (MINUS SIGN)", "-2"),
+        (
+            ["machine", "--set", "work.thickness_um=\u22122e3"],
+            "U+2212 (MINUS SIGN)",
+            "work.thickness_um=-2e3",
+        ),
+    ],
+)
+def test_a_dash_that_is_no_hyphen_is_named(here: Here, words: list[str], named: str, written: str) -> None:
+    said = here(*words)
+    assert said.exit_code == 2
+    assert f"has the character {named}." in said.err
+    assert f"Write {written}, with plain hyphens (-)." in said.err
+
+
+def test_a_text_may_have_dashes(here: Here) -> None:
+    assert "character" not in here("run", "show", "tool 2\u20133, \u2014").err
