@@ -66,8 +66,8 @@ def render_plan(plan: CalibrationPlan, style: Style = PLAIN) -> str:
     ]
     legs = count(len(plan.legs) + len(plan.fast) + len(plan.use))
     total = (
-        f"{legs} legs between 0 V and {plan.high_v:.1f} V in {duration(plan.duration_s)}, "
-        f"about {count(plan.samples)} samples, without pulses, at the parking place."
+        f"{legs} legs between 0 V and {plan.high_v:.1f} V in {duration(plan.duration_s)} or more, "
+        f"{count(plan.samples)} samples or more, without pulses, at the parking place."
     )
     return "\n".join([render_columns(["at s", "to V", "in s"], rows, style, align=">"), *others, total])
 

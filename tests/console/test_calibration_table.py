@@ -83,5 +83,5 @@ def test_a_plan_lists_when_each_leg_begins() -> None:
         ["0.0", "150.0", "2.000"],
         ["2.0", "0.0", "0.500"],
     ]
-    times = f"{duration(plan.duration_s)}, about {count(plan.samples)} samples, without pulses"
+    times = f"{duration(plan.duration_s)} or more, {count(plan.samples)} samples or more, without pulses"
     assert lines[3].startswith(f"2 legs between 0 V and 150.0 V in {times}")

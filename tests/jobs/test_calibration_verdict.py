@@ -119,6 +119,7 @@ def test_verdict_and_validation_are_saved_and_said_again(tmp_path: Path) -> None
     choice = choose(path, {}, Setup(), load_profile("cu270").profile, "SIM-1")
     assert [one.code for one in choice.warnings] == ["W8109"]
     assert "was accepted for this rate only: all records swing at one rate" in choice.warnings[0].message
+    assert "check one with --validate. Accepted for use without holds only: the" in choice.warnings[0].message
     assert "accepted with restrictions" in choice.used.text
 
 

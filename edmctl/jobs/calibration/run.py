@@ -18,6 +18,7 @@ from edmctl.profile.folders import default_path, fresh_path
 from edmctl.results.progress import Observer
 from edmctl.results.result import Result
 from edmctl.version import __version__
+from edmctl.wording import count
 
 if TYPE_CHECKING:
     from edmctl.actuator.model import ActuatorModel
@@ -162,7 +163,7 @@ def _doubts(measured: MeasuredActuator) -> list[Diagnostic]:
 def _fit(records: Sequence[Record], checked: CheckedCalibration, observer: Observer) -> Findings:
     from edmctl.jobs.calibration.fit import find
 
-    observer.note(f"fitting {sum(len(record.t_s) for record in records)} samples")
+    observer.note(f"fitting {count(sum(len(record.t_s) for record in records))} samples")
     validation = [given.record for given in checked.validation]
     return find(records, validation, checked.refit, checked.delay_s)
 

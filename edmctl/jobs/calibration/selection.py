@@ -49,10 +49,9 @@ def not_accepted(what: str, problems: str, hint: str) -> Diagnostic:
 
 def restricted(what: str, restrictions: Sequence[str]) -> Diagnostic:
     """Warn (W8109) of a calibration that was accepted with restrictions."""
-    message = f"{what} was accepted {' '.join(restrictions)}"
     return _doubt(
         "W8109",
-        message,
+        f"{what} was accepted {' Accepted '.join(restrictions)}",
         "Calibrate with swings of several rates and holds, as `edmctl calibrate` drives them.",
     )
 

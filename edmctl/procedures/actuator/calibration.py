@@ -69,12 +69,15 @@ class CalibrationPlan:
 
     @property
     def duration_s(self) -> float:
-        """Length of the record: rests, legs, and a sample at every turning point."""
+        """Least length of the record: rests, legs, and a sample at every turning point.
+
+        Each turn also waits for the line, on a virtual machine for up to 0.1 s.
+        """
         return self._slow_s + self._fast_s
 
     @property
     def samples(self) -> int:
-        """Samples of the record."""
+        """Least number of samples of the record."""
         return round(self._slow_s / self.period_s + self._fast_s / (1e-6 * self.fast_period_us))
 
     @property
