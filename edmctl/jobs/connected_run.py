@@ -98,7 +98,7 @@ def _record(
 
     bench, plan = session.bench, session.plan
     if plan.resumed is not None:
-        refuse_other_setup_of_run(plan, plan.resumed.job)
+        refuse_other_setup_of_run(plan, plan.resumed)
     identity = bench.machine.identity
     calibrate = (
         on_machine("edmctl calibrate", plan.where.selector)

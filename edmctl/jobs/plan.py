@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.errors import UsageError
+from edmctl.errors import Diagnostic, ProfileError, UsageError
 from edmctl.files import user_path
 from edmctl.jobs.calibration.selection import look_at_named, refuse_unasked
 from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.labels import PAD, PARKING
 from edmctl.profile.findings import Code
-from edmctl.wording import plural
+from edmctl.wording import coordinates, plural
 
 if TYPE_CHECKING:
     from edmctl.procedures.job_state import JobState
+    from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
     from edmctl.record.journal import Journal, JournalledJob
     from edmctl.results.forecast import Forecast
@@ -211,6 +214,29 @@ def under(plan: Plan, setup: Setup) -> Plan:
     return checked if plan.resumed is None else with_resumed(checked, plan.resumed)
 
 
+def _refuse_beside_virtual_work(setup: Setup, places: Sequence[Place]) -> None:
+    """Raise ProfileError E3140 if parking place, pad or holes do not fit the workpiece of the virtual machine.
+
+    It is that of the stock machine, whatever the setup states.
+    """
+    from edmctl.profile.setup import Setup
+
+    stage, (edge,) = setup.stage, Setup().workpiece_limits()
+    for name, x_um, y_um in (
+        (PARKING, stage.park_x_um, stage.park_y_um),
+        (PAD, stage.reference_x_um, stage.reference_y_um),
+        *((place.name, place.x_um, place.y_um) for place in places),
+    ):
+        is_over = edge.beyond_um(x_um, y_um) <= 0.0
+        if is_over == (name == PARKING):
+            message = (
+                f"{name} at {coordinates(x_um, y_um)} is {'over' if is_over else 'beside'} the workpiece of the "
+                f"virtual machine, which begins at x = {-edge.um:g} µm"
+            )
+            hint = "correct it; the virtual machine has this workpiece with every setup"
+            raise ProfileError((Diagnostic(Code.OUT_OF_REACH, message, hint),))
+
+
 def with_resumed(plan: Plan, resumed: Resumption) -> Plan:
     """Return the plan of a resumed job; the warning of its time limit is about what remains."""
     plan = replace(plan, resumed=resumed)
@@ -246,6 +272,8 @@ def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:
     setup = load_setup(request.setup)
     where = where_is(request.port, setup, request.wait_s)
     loaded = load_profile(request.profile, request.overrides, setup=setup)
+    if where.in_process:
+        _refuse_beside_virtual_work(setup, loaded.places)
     refuse_unasked(setup, allow_model=request.allow_model)
     look_at_named(request.calibration, surroundings.environ, setup, loaded.profile)
     return Plan(

@@ -87,6 +87,11 @@ class JobState:
     regime_wear_um: float = 0.0
     channel: Mapping[str, float] | None = field(default_factory=dict)
 
+    @property
+    def has_cut(self) -> bool:
+        """Whether a hole or channel was begun or finished."""
+        return self.begun or bool(self.done)
+
     def as_mapping(self) -> dict[str, object]:
         """Return the fields by name, as values that JSON can represent. Nested values are shared, not copied."""
         return {one.name: getattr(self, one.name) for one in fields(self)}

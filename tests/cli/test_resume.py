@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.errors import LinkLost
+from edmctl.errors import LinkLost, MachineFault
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now
 from edmctl.jobs.measure_wear import _aged
 from edmctl.jobs.resume.checkpoint import tell_way_on
@@ -425,6 +425,40 @@ def test_another_job_with_the_tool_is_warned_of_what_it_ends(here: Here, left: L
         assert "`edmctl machine --resume a --port sim:bench.h5`" in warned["hint"]
     here(*RESUME, *BENCH)
     assert "W8115" not in here(*again).out
+
+
+def test_a_job_that_ended_by_a_fault_before_it_cut_is_started_again(here: Here) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+
+        def collides(*_: object, **__: object) -> None:
+            raise MachineFault("made for this test", hint="Reset it.", code="E62007")
+
+        patch.setattr("edmctl.procedures.hole.hole.read_pad", collides)
+        error = error_of(here(*MACHINE, *BENCH, "--seed", "4", "--run-id", "a", "--quiet", "--json"))
+    assert "--resume a" not in str(error["hint"])
+    assert "start the job again" in str(error["hint"])
+    assert list(Path("runs").glob("*.journal")) == []
+    assert error_of(here(*RESUME, *BENCH))["code"] == "E8050"
+
+
+def test_a_job_that_has_cut_nothing_hinders_no_other(here: Here) -> None:
+    setup = Path("shop.toml")
+    setup.write_text("[stage]\nspeed_um_s = 5000.0\n")
+    with pytest.MonkeyPatch.context() as patch:
+
+        def lost(*_: object, **__: object) -> None:
+            raise LinkLost("made for this test")
+
+        patch.setattr("edmctl.procedures.hole.hole.read_pad", lost)
+        machine = (*MACHINE, *BENCH, "--setup", str(setup))
+        assert here(*machine, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 4
+    assert here(*machine, "--dry-run", "--json").document["warnings"] == []
+    setup.write_text("[stage]\nspeed_um_s = 4000.0\n")
+    error = error_of(here(*RESUME, *BENCH))
+    assert (error["code"], error["hint"]) == (
+        "E8053",
+        "It has cut nothing: start a new job, without --resume.",
+    )
 
 
 def test_another_tool_in_a_virtual_machine_is_refused(here: Here, killed: Path) -> None:

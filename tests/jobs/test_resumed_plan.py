@@ -1,16 +1,21 @@
-"""What a resumed job still has to do, as its dry run states it."""
+"""What the plan of a job refuses, and what a resumed job still has to do."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from edmctl.errors import ProfileError
 from edmctl.jobs.plan import JobRequest, Plan, Resumption, check, with_resumed
 from edmctl.procedures.job import job_of
 from edmctl.procedures.job_state import JobState
+from edmctl.profile.findings import Code
+from edmctl.profile.setup import Setup
+from edmctl.simulator.work_under_tool import EDGE_X_UM
 
 GRID = 'sites=[{kind="grid",x_um=600,columns=2,rows=2,dx_um=400,dy_um=400}]'
 
@@ -44,3 +49,28 @@ def test_the_time_limit_is_judged_by_what_remains() -> None:
     assert left is not None
     assert left.holes == 1
     assert plan.loaded.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("reference_x_um = 2000.0\nreference_y_um = 1000.0\npark_x_um = 9000.0\n", "the parking place at"),
+        ("reference_x_um = -3000.0\n", "the reference pad at"),
+        ("park_x_um = -20000.0\n", "site-1 at"),
+    ],
+)
+def test_a_setup_that_does_not_fit_the_virtual_workpiece_is_refused(
+    tmp_path: Path, text: str, words: str
+) -> None:
+    file = tmp_path / "setup.toml"
+    file.write_text(f"[stage]\n{text}")
+    request = JobRequest("cu270", ("sites=[{x_um=-2500.0}]",) if "site" in words else (), file, None)
+    with pytest.raises(ProfileError, match=words) as caught:
+        check(request)
+    assert caught.value.diagnostics[0].code == Code.OUT_OF_REACH
+    assert check(replace(request, port="/dev/ttyACM0")).setup.file == file
+
+
+def test_the_virtual_workpiece_is_that_of_the_stock_machine() -> None:
+    (edge,) = Setup().workpiece_limits()
+    assert (edge.ux, edge.uy, -edge.um) == (-1.0, 0.0, EDGE_X_UM)

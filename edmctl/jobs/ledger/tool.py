@@ -304,15 +304,16 @@ def refuse_worn_out(
 
 
 def left_to_finish(tool: str, serial: str, folder: Path) -> list[Diagnostic]:
-    """Return a warning (W8115) of each job of the tool that could still be taken up, and not after another job."""
+    """Return a warning (W8115) of each job of the tool that has cut and could not be resumed after another job."""
     warnings = []
     for journal in sorted(folder.glob(f"*{SUFFIX}")):
         run_file = journal.with_suffix(".h5")
         try:
-            job = read_journal(journal).job
+            interrupted = read_journal(journal)
         except (EdmError, OSError):
             continue
-        if (job.tool, job.serial) == (tool, serial) and (command := command_to_go_on(run_file)):
+        job, has_cut = interrupted.job, interrupted.state.get("begun") or interrupted.state.get("done")
+        if has_cut and (job.tool, job.serial) == (tool, serial) and (command := command_to_go_on(run_file)):
             message = f"{run_file} was interrupted and cannot be finished once {tool} has done another job."
             hint = f"Stop this job and finish that one first, with `{command}`."
             warnings.append(Diagnostic("W8115", message, hint, is_warning=True))

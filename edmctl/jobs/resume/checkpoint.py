@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from edmctl.errors import EdmError, ObjectiveNotReached, PreconditionError, RunFileError
+from edmctl.errors import EdmError, MachineFault, ObjectiveNotReached, PreconditionError, RunFileError
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.plan import Plan
 from edmctl.jobs.resume.checks import refuse_elsewhere, refuse_untouchable
@@ -95,10 +95,13 @@ class JobCheckpoint:
         self._left = state
 
     def leave(self, error: BaseException) -> None:
-        """A job that was refused before it touched or cut anything leaves nothing to take up."""
+        """Remove the journal of a job that was refused, or ended by a fault, before it touched or cut anything."""
         left = self._left
-        begun = left is None or left.begun or left.done or left.z1_touches or self.plan.resumed
-        if isinstance(error, PreconditionError) and not begun:
+        if left is None or left.has_cut or left.z1_touches:
+            return
+        if isinstance(error, MachineFault):
+            error.hint = f"{error.hint} Nothing was cut: start the job again, without --resume."
+        if isinstance(error, MachineFault | PreconditionError):
             self.end()
 
     def end(self) -> None:

@@ -94,10 +94,10 @@ def checked(
     except UsageError as error:
         if error.code != "E2001":
             raise
-        raise _changed("profile", job.profile, "is not there any more", job) from error
+        raise _changed("profile", job.profile, "is not there any more", resumption) from error
     if (plan.loaded.sha256, plan.loaded.sim_sha256) != (job.profile_sha256, job.sim_sha256):
-        raise _changed("profile", job.profile, "says something else by now", job)
-    refuse_other_setup_of_run(plan, job)
+        raise _changed("profile", job.profile, "says something else by now", resumption)
+    refuse_other_setup_of_run(plan, resumption)
     refuse_untouchable(resumption, plan)
     refuse_used_tool(resumption, Ledger.open(resumption.path.parent).lines)
     bench_file = plan.where.bench_file
@@ -106,11 +106,12 @@ def checked(
     return with_resumed(replace(plan, names_tool=False), resumption)
 
 
-def refuse_other_setup_of_run(plan: Plan, job: JournalledJob) -> None:
+def refuse_other_setup_of_run(plan: Plan, resumption: Resumption) -> None:
     """Raise PreconditionError E8053 where the setup in effect is not that of the interrupted run."""
+    job = resumption.job
     if plan.setup.sha256 != job.setup_sha256:
         now = "" if plan.setup.file is None else f"; {plan.setup.file} is used now"
-        raise _changed("setup", job.setup or "of the stock machine", f"has changed{now}", job)
+        raise _changed("setup", job.setup or "of the stock machine", f"has changed{now}", resumption)
 
 
 def _journal_named(named: str, folder: Path) -> Path:
@@ -191,10 +192,13 @@ def _status(file: Path) -> str:
         return ""
 
 
-def _changed(what: str, which: str, how: str, job: JournalledJob) -> PreconditionError:
+def _changed(what: str, which: str, how: str, resumption: Resumption) -> PreconditionError:
+    job, hint = resumption.job, "It has cut nothing: start a new job, without --resume."
+    if resumption.state.has_cut:
+        hint = f"Put back the {what} as it was on {job.start[:10]}; the run file holds it. {_ANOTHER_PLACE}"
     return PreconditionError(
         f"The {what} {which} {how}; {job.run_id} was another job.",
-        hint=f"Put back the {what} as it was on {job.start[:10]}; the run file holds it. {_ANOTHER_PLACE}",
+        hint=hint,
         code="E8053",
     )
 
