@@ -63,6 +63,8 @@ def render_job(
     before = f", {earlier(job.earlier_time_s, job.pause_s)}" if job.earlier_time_s else ""
     total = f"Whole job {duration(job.time_s)}{before}; {worn}."
     closing = [*wrapped(beliefs_in_words(job.beliefs), columns), *wrapped(total, columns)]
+    if job.not_begun:
+        closing[:0] = wrapped(f"Not begun: {', '.join(map(printable, job.not_begun))}.", columns)
     return "\n\n".join([*blocks, "\n".join(closing)])
 
 

@@ -199,8 +199,8 @@ class JobTally:
 
     `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
     `open_site` names that hole until it is finished, `here` the hole where the tool is, empty beside the holes,
-    `unmeasured_site` from the begin of a cut
-    until it is measured; `unwritten` names finished holes whose results later touches may still correct.
+    `unmeasured_site` from the begin of a cut until it is measured; `unwritten` names finished holes whose results
+    later touches may still correct, `not_begun` the holes that remain.
     `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V, which was at `home_s`. `cut` is
     the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
     `time_s` and `machining_time_s` count those of the runs before this one too. `creep_left` is what the actuator
@@ -214,6 +214,7 @@ class JobTally:
     here: str = ""
     unmeasured_site: str = ""
     unwritten: list[str] = field(default_factory=list)
+    not_begun: tuple[str, ...] = ()
     cut: RunningCut = field(default_factory=lambda: RunningCut())
     phase: Phase = Phase.MOVING
     warning: str = ""
@@ -261,6 +262,7 @@ class JobTally:
             measuring_time_s=self.time_s - self.machining_time_s,
             tool_wear_total_um=sum(wears_um) if wears_um else math.nan,
             reached=self.reached,
+            not_begun=self.not_begun,
             beliefs=self.beliefs,
             link=self.link,
             channel=self.channel,

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from edmctl.forecasts.forecast import working_order
+from edmctl.forecasts.forecast import hole_time_s, working_order
+from edmctl.forecasts.removal import hole
 from edmctl.machine.interface import Machine
 from edmctl.procedures.channel.procedure import machine_path, record_left_channel
 from edmctl.procedures.hole.cut import Decision
@@ -20,7 +21,8 @@ from edmctl.procedures.job import Job, target_of
 from edmctl.procedures.job_state import JobTally, StateStore
 from edmctl.procedures.monitoring.beliefs import judge_job
 from edmctl.procedures.run import MOVING, JobRun
-from edmctl.procedures.servo.limits import TimeLimits
+from edmctl.procedures.servo.limits import TimeLimits, rise_um
+from edmctl.procedures.servo.supervisor import STROKE_RESERVE_UM
 from edmctl.procedures.session import running
 from edmctl.procedures.touch.surface_plane import touch_plane, touch_where_unknown
 from edmctl.process.plane import TOUCHES_FOR_A_PLANE
@@ -28,6 +30,12 @@ from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel, Recorder, RunEvent
 from edmctl.results.job import JobResult, ObjectiveMissed
 from edmctl.results.progress import Observer
+
+STROKE_CODE = "E7011"
+STROKE_HINT = (
+    "Machine the holes that are left in a job of their own, with the tool set closer, or allow more stroke "
+    "(limits.stroke_v_max)."
+)
 
 
 def run_job(
@@ -98,19 +106,34 @@ def _machine_sites(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
     if resumed is not None and not resumed.begun and left:
         check_last_hole(run, knowledge)
     for number, site in enumerate(left):
-        worn_out = _worn_out(run, knowledge, left[number:])
-        if worn_out is not None:
-            return worn_out
+        run.tally.not_begun = tuple(one.name for one in left[number:])
+        used_up = _used_up(run, knowledge, left[number:])
+        if used_up is not None:
+            return used_up
         open_site(run, site)
+        run.tally.not_begun = run.tally.not_begun[1:]
         begun = resumed is not None and resumed.begun and resumed.site == site.name
         decision = _resume(run, site, knowledge, limits) if begun else None
         if decision is None:
             decision = _machine_fresh(run, site, knowledge, left[number:], limits)
         run.keeper.keep(MOVING, None)
         if decision.missed:
-            name = f"{site.name}: " if len(run.job.sites) > 1 else ""
-            return replace(decision, missed=f"{name}{decision.missed}", site=site.name)
+            return _of_several(run, decision, site)
     return None
+
+
+def _of_several(run: JobRun, decision: Decision, site: Place) -> Decision:
+    """Return the end after a hole that missed its objective, with the holes of the job that were not begun."""
+    missed, hint, names = decision.missed, decision.hint, run.tally.not_begun
+    if len(run.job.sites) > 1:
+        missed = f"{site.name}: {missed}"
+    if names:
+        text = f"Not begun: {', '.join(names)}."
+        run.decide(RunEvent.SITES_LEFT, text, {"left": len(names)}, level=EventLevel.WARNING)
+        missed = f"{missed} {text}"
+    if decision.code == STROKE_CODE and run.tally.sites_done > 1:
+        hint = STROKE_HINT
+    return replace(decision, missed=missed, hint=hint, site=site.name)
 
 
 def _resume(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
@@ -143,20 +166,41 @@ def _touch_surface(run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequ
     return touch_where_unknown(run, site, knowledge.surface, knowledge.tool)
 
 
-def _worn_out(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Decision | None:
-    """Return the end before a place for which the tool may not be worn any further; None while it may."""
-    lost_um = run.job.tool_wear_before_um + run.tally.wear_um
-    target = target_of(run.profile, left[0])
-    feed_um, ratio = target.feed_um, knowledge.estimate.wear_ratio
-    next_um = feed_um * ratio / (1.0 + ratio) if target.kind == "feed" else target.depth_um * ratio
-    limit_um = run.profile.tool.max_wear_um
-    if lost_um + next_um <= limit_um:
+def _used_up(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Decision | None:
+    """Return the end before a place for which wear limit or stroke do not suffice; None while they do."""
+    target, ratio = target_of(run.profile, left[0]), knowledge.estimate.wear_ratio
+    feed_um = target.feed_um if target.kind == "feed" else target.depth_um * (1.0 + ratio)
+    lost_um, next_um = run.job.tool_wear_before_um + run.tally.wear_um, feed_um * ratio / (1.0 + ratio)
+    limit_um, stroke = run.profile.tool.max_wear_um, _stroke_um(run, knowledge, left[0], feed_um)
+    if lost_um + next_um > limit_um:
+        code, hint = "E7010", "Dress or change the tool, and machine the places that are left."
+        why = (
+            f"The tool has lost {lost_um:.0f} µm and {left[0].name} would take {next_um:.0f} µm more; "
+            f"tool.max_wear_um is {limit_um:.0f} µm."
+        )
+    elif stroke is not None and stroke[0] > stroke[1]:
+        code, hint = STROKE_CODE, STROKE_HINT
+        why = f"{left[0].name} needs {stroke[0]:.1f} µm of stroke with the worn tool; there are {stroke[1]:.1f} µm."
+    else:
         return None
-    names = ", ".join(site.name for site in left)
-    message = (
-        f"The tool has lost {lost_um:.0f} µm and {left[0].name} would take {next_um:.0f} µm more; "
-        f"tool.max_wear_um is {limit_um:.0f} µm. Done: {len(run.tally.sites)}; left: {names}."
-    )
-    hint = "Dress or change the tool, and machine the places that are left."
+    message = f"{why} Done: {len(run.tally.sites)}; left: {', '.join(run.tally.not_begun)}."
     run.decide(RunEvent.SITES_LEFT, message, {"left": len(left), "hint": hint}, level=EventLevel.WARNING)
-    return Decision(None, message, message, hint)
+    return Decision(None, message, message, hint, code)
+
+
+def _stroke_um(
+    run: JobRun, knowledge: JobKnowledge, site: Place, feed_um: float
+) -> tuple[float, float] | None:
+    """Return the stroke that a hole needs to end within its tolerance, and the one there is, in µm.
+
+    None before the first touch of the tool, without a model of the actuator, and in several regimes.
+    """
+    estimator, profile = run.watch.estimator(), run.profile
+    if knowledge.tool is None or estimator is None or profile.regimes:
+        return None
+    target = target_of(profile, site)
+    spare_um = 0.0 if target.kind == "feed" else target.tolerance_um
+    surface_um = knowledge.tool.pad_um + knowledge.surface.height_um(site)
+    needed_um = surface_um + feed_um - spare_um + target.completion_um - knowledge.gap_um + STROKE_RESERVE_UM
+    time_s = hole_time_s(profile, hole(profile, target.depth_um))
+    return needed_um, run.watch.displacement_um + rise_um(estimator, profile.limits.stroke_v_max, time_s)

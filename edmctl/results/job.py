@@ -228,7 +228,7 @@ class JobResult:
     `reached` is the hole that was left unmeasured, None in a job that ended in order; `tool_wear_total_um` is
     NaN when nothing was measured. `link` says how the line did, None where the job ended before it was used.
     `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V. `beliefs` of the setup are
-    judged by what a job with holes has shown.
+    judged by what a job with holes has shown. `not_begun` names the holes that the job did not come to.
 
     Of a job that was taken up again all times are those of its runs together, `earlier_time_s` of `time_s` in the
     runs before this one. The pauses between them are left out: they were `pause_s`, NaN where nobody knows.
@@ -246,6 +246,7 @@ class JobResult:
     earlier_time_s: float = 0.0
     pause_s: float = 0.0
     beliefs: tuple[Belief, ...] = ()
+    not_begun: tuple[str, ...] = ()
 
     @property
     def contradicted(self) -> tuple[Belief, ...]:

@@ -12,13 +12,16 @@ import pytest
 from edmctl.errors import Interrupted
 from edmctl.procedures.job_state import PERIOD_S, JobState, JobTally, job_state
 from edmctl.procedures.run import JobStateKeeper
+from edmctl.procedures.servo.limits import rise_um, stroke_left_um
+from edmctl.procedures.session import condition
+from edmctl.procedures.stages import retract
 from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.progress import Phase
 from tests.record.samples import a_site_row
 from tests.tiers import tiers
 
-from .conftest import Shop
+from .conftest import Shop, armed
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -132,6 +135,49 @@ def test_a_tool_that_may_wear_no_further_ends_the_job_and_says_what_is_left(shop
     assert "tool.max_wear_um" in str(missed.value)
     assert "grid-" in str(missed.value)
     assert s.bench.is_safe
+
+
+def test_a_hole_that_the_worn_tool_cannot_reach_is_not_begun(shop: OpenShop) -> None:
+    """Its bottom would lie 140 µm down, and 33 V give about 103 µm."""
+    sites = ",".join(f'{{name="{name}",x_um={x_um}}}' for name, x_um in (("a", 500), ("b", 900), ("d", 1700)))
+    s = shop(
+        [
+            f'sites=[{sites},{{name="c",x_um=1300,depth_um=60.0}}]',
+            "limits.stroke_v_max=33.0",
+            'array.order="nearest"',
+        ]
+    )
+    with pytest.raises(ObjectiveMissed) as missed:
+        s.run_job()
+    assert missed.value.code == "E7011"
+    assert "job of their own" in missed.value.hint
+    assert list(s.tally.sites) == ["a", "b"]
+    assert missed.value.result.not_begun == ("c", "d")
+    assert s.bench.is_safe
+
+
+def test_a_job_that_ends_early_names_the_holes_that_it_did_not_come_to(shop: OpenShop) -> None:
+    s = shop([GRID, "limits.max_time_s=130.0"])
+    with pytest.raises(ObjectiveMissed) as missed:
+        s.run_job()
+    assert missed.value.result.not_begun == ("grid-2", "grid-4", "grid-3")
+    assert "Not begun: grid-2, grid-4, grid-3." in str(missed.value)
+    assert RunEvent.SITES_LEFT in {code for _, code, *_ in s.seen.events}
+
+
+@pytest.mark.parametrize("time_s", [30.0, 900.0])
+def test_a_slow_rise_goes_further_than_a_step_by_its_creep(shop: OpenShop, time_s: float) -> None:
+    """The plant rises as slowly as a hole is fed; the estimate made before that is its end."""
+    s = shop()
+    run = armed(s)
+    condition(run)
+    retract(run)
+    estimator = run.watch.estimator()
+    assert estimator is not None
+    before_um, rise = run.watch.displacement_um, rise_um(estimator, 110.0, time_s)
+    assert rise > stroke_left_um(estimator, 110.0) + 5.0
+    s.machine.ramp(110.0, 110.0 / time_s)
+    assert run.watch.displacement_um == pytest.approx(before_um + rise, abs=5.0)
 
 
 def test_wear_of_earlier_jobs_counts(shop: OpenShop) -> None:

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from edmctl.forecasts.forecast import forecast
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.telemetry import PulseShares
@@ -28,6 +30,7 @@ JUMP_AFTER_S = 0.5 * STALL_S
 """Halfway there a jump is tried, whatever the recipe says of jumps."""
 LONGEST_SHARE = 3.0
 """Of the forecast machining time: a job that takes longer is not the one that was planned."""
+RISE_SAMPLES = 200
 LEAST_S = 120.0
 """A short job is given this much in any case, twice what it takes to find that the tool has stopped advancing."""
 
@@ -132,3 +135,11 @@ def stroke_left_um(estimator: Estimator, limit_v: float) -> float:
     model, state = estimator.model, estimator.state
     reached_um = model.at_once_um(state, max(state.u_v, limit_v))
     return estimator.gain * (reached_um - model.at_once_um(state, state.u_v))
+
+
+def rise_um(estimator: Estimator, limit_v: float, time_s: float) -> float:
+    """Return how far a steady rise to `limit_v` within `time_s` moves the actuator, in µm, creep included."""
+    state = estimator.state
+    times_s = np.linspace(state.t_s, state.t_s + time_s, RISE_SAMPLES)
+    risen_um = estimator.model.predict(times_s, np.linspace(state.u_v, limit_v, RISE_SAMPLES), state)
+    return estimator.gain * float(risen_um[-1] - risen_um[0])
