@@ -200,7 +200,7 @@ class JobTally:
     `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
     `open_site` names that hole until it is finished, `here` the hole where the tool is, empty beside the holes,
     `unmeasured_site` from the begin of a cut until it is measured; `unwritten` names finished holes whose results
-    later touches may still correct, `not_begun` the holes that remain.
+    later touches may still correct, `ordered` all holes that no earlier run has begun, in working order.
     `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V, which was at `home_s`. `cut` is
     the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
     `time_s` and `machining_time_s` count those of the runs before this one too. `creep_left` is what the actuator
@@ -214,7 +214,7 @@ class JobTally:
     here: str = ""
     unmeasured_site: str = ""
     unwritten: list[str] = field(default_factory=list)
-    not_begun: tuple[str, ...] = ()
+    ordered: tuple[str, ...] = ()
     cut: RunningCut = field(default_factory=lambda: RunningCut())
     phase: Phase = Phase.MOVING
     warning: str = ""
@@ -235,6 +235,11 @@ class JobTally:
     def sites_done(self) -> int:
         """How many places are finished: the one under way may have a first result."""
         return len(self.sites) - (self.open_site in self.sites)
+
+    @property
+    def not_begun(self) -> tuple[str, ...]:
+        """Names of the holes that were not cut."""
+        return tuple(name for name in self.ordered if name not in (*self.sites, self.unmeasured_site))
 
     @property
     def wear_um(self) -> float:

@@ -60,6 +60,10 @@ def run_job(
         The safe state was reached first, or by the controller alone where the link is lost.
     """
     tally = tally or JobTally()
+    if job.profile.path is None:
+        begun = job.resumed.site if job.resumed is not None and job.resumed.begun else ""
+        ordered = working_order(job.profile, job.setup, job.sites)
+        tally.ordered = tuple(site.name for site in ordered if site.name != begun)
     with running(
         machine,
         job,
@@ -106,12 +110,10 @@ def _machine_sites(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
     if resumed is not None and not resumed.begun and left:
         check_last_hole(run, knowledge)
     for number, site in enumerate(left):
-        run.tally.not_begun = tuple(one.name for one in left[number:])
         used_up = _used_up(run, knowledge, left[number:])
         if used_up is not None:
             return used_up
         open_site(run, site)
-        run.tally.not_begun = run.tally.not_begun[1:]
         begun = resumed is not None and resumed.begun and resumed.site == site.name
         decision = _resume(run, site, knowledge, limits) if begun else None
         if decision is None:
