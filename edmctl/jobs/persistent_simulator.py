@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import UsageError
-from edmctl.jobs.ledger.tool import is_unnamed
+from edmctl.jobs.ledger.tool import NAMELESS, is_unnamed
 from edmctl.rules.load import LoadedProfile
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def fit(bench: VirtualBench, loaded: LoadedProfile, config: BenchConfig, say: Ca
         bench.plant.tools_worn_um.setdefault(tool.label, bench.tool_wear_um)
     bench.fit_tool(tool.label, tool.diameter_um, config.tool_wear, loaded.sim.tip_rounding_um)
     if before != tool.label and not named:
-        say(f"tool changed: {tool.label} instead of {before}, {bench.tool_wear_um:.2f} µm worn")
+        say(f"tool changed: {tool.label} instead of {'an unnamed one' if before == NAMELESS else before}")
     here = bench.plant.config
     pairs: list[tuple[Any, Any]] = [(here.discharge, config.discharge)]
     pairs += [(here.discharge.erosion, config.discharge.erosion), (here.discharge.gap, config.discharge.gap)]

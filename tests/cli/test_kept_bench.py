@@ -149,7 +149,7 @@ def test_another_tool_is_put_in_and_its_wear_is_its_own(here: Here) -> None:
     assert here("machine", *SHALLOW, *KEPT, "--seed", "3", "--quiet").exit_code == 0
     worn_um = kept().tool_wear_um
     said = here("approach", "--profile", CU150, "--contact", *KEPT)
-    assert "tool changed: Cu 150 µm instead of Cu 270 µm" in said.err
+    assert "tool changed: Cu 150 µm instead of Cu 270 µm\n" in said.err
     assert kept().tool_wear_um == 0.0
     assert here("approach", "--profile", CU270, "--contact", *KEPT).exit_code == 0
     assert kept().tool_wear_um == worn_um > 0.0
