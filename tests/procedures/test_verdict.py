@@ -178,6 +178,8 @@ def test_holes_without_a_touch_stay_estimated_after_the_touch_that_corrects_them
     for site in untouched:
         assert site.feed_um == pytest.approx(site.depth_um + site.wear_um, abs=1e-9)
         assert site.feed_u95_um <= math.hypot(site.depth_u95_um, site.wear_u95_um)
+    for site in sites:
+        assert site.feed_u95_um <= site.depth_u95_um + site.wear_u95_um
     assert [row.depth_basis for row in row_of_holes.seen.sites] == [site.depth_basis for site in sites]
 
 

@@ -384,9 +384,9 @@ def settle_unmeasured(
         own_um = now.wear_um - earlier.share.wear_um
         _correct(run, earlier, own_um, shorter_um, now)
         shorter_um += own_um
-    # From here on the hole counts in the frame of the new reading.
-    hole.z1 = replace(hole.z1.shifted(pad.z_um - found[-1].wear_um - hole.z1.z_um), rest=pad.rest)
-    hole.z1_u_um = max(hole.z1_u_um, found[-1].wear_u_um)
+    # From here on the hole counts in the frame of the new reading, at its time.
+    z1 = hole.z1.shifted(pad.z_um - found[-1].wear_um - hole.z1.z_um)
+    hole.z1, hole.z1_u_um = replace(z1, time_s=pad.time_s, rest=pad.rest), found[-1].wear_u_um
     knowledge.unmeasured.clear()
     return found[-1]
 
