@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from enum import StrEnum
 
+from edmctl.wording import UNKNOWN
+
 
 class Basis(StrEnum):
     """What a depth or a wear rests on, the strongest first.
@@ -52,7 +54,7 @@ NOT_SHOWN_CODE = "E7013"
 """Error of a job with a depth that is not shown, and none that is missed."""
 
 _HEADINGS = {Basis.TOUCHED: "measured", Basis.MODEL: "by model", Basis.ESTIMATED: "estimated"}
-_MARKS = {Basis.MODEL: "≈", Basis.ESTIMATED: "~"}
+_MARKS: dict[str, str] = {Basis.MODEL: "≈", Basis.ESTIMATED: "~"}
 _MEANINGS = {
     Basis.MODEL: "≈ touched without a sensor, by the actuator's model.",
     Basis.ESTIMATED: "~ estimated by feed and energy, not touched.",
@@ -83,19 +85,34 @@ def worst(verdicts: Iterable[str]) -> str:
     return _last(Verdict, verdicts)
 
 
-def heading(bases: Collection[str]) -> str:
-    """Return what stands above values of these bases; where they differ, each has its mark."""
-    return _HEADINGS[Basis(next(iter(bases)))] if len(set(bases)) == 1 else "result"
+def basis_of(name: str, depth_basis: str | None, wear_basis: str | None) -> str:
+    """Return the basis of the value `name` of a hole; what follows from depth and wear has the weaker of both.
+
+    The depth of a hole through the sheet has none.
+    """
+    if name.startswith("wear_ratio") or not name.startswith(("depth", "wear", "mrr")):
+        return weakest((depth_basis or "", wear_basis or ""))
+    return (wear_basis if name.startswith("wear") else depth_basis) or ""
 
 
-def marked(text: str, basis: str) -> str:
-    """Return a value with the mark of its basis before it: none where it was touched, or nobody knows."""
-    return f"{_MARKS[Basis(basis)]}{text}" if basis in _MARKS else text
+def heading(bases: Iterable[str | None]) -> str:
+    """Return the heading of a column of values with these bases; if they differ, each value has its mark."""
+    known = {basis for basis in bases if basis}
+    return _HEADINGS[Basis(known.pop())] if len(known) == 1 else "result"
 
 
-def meanings(bases: Collection[str]) -> list[str]:
-    """Return what the marks of these bases mean."""
-    return [text for basis, text in _MEANINGS.items() if basis in bases]
+def marked(text: str, basis: str | None, head: str = "result") -> str:
+    """Return a value with the mark of its basis before it.
+
+    An unknown value has none, nor has one that was touched, or whose heading `head` states the basis.
+    """
+    is_bare = text.startswith(UNKNOWN) or head != "result"
+    return text if is_bare else f"{_MARKS.get(basis or '', '')}{text}"
+
+
+def meanings(bases: Collection[str | None], head: str = "result") -> list[str]:
+    """Return what the marks of these bases mean, below a heading as in `marked`."""
+    return [text for basis, text in _MEANINGS.items() if basis in bases and head == "result"]
 
 
 def _last(order: type[Basis] | type[Verdict], words: Iterable[str]) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from edmctl.console.layout import USUAL_COLUMNS, render_columns, wrapped
 from edmctl.console.result_table import beliefs_in_words
 from edmctl.console.style import PLAIN, Ink, Style
-from edmctl.labels import Basis, heading, marked, meanings, weakest
+from edmctl.labels import Basis, basis_of, heading, marked, meanings
 from edmctl.quantity import half_width
 from edmctl.results.equipment import Check, PortRow
 from edmctl.results.firmware import BoardFacts, ImageFacts, dotted, hexadecimal, settings_text
@@ -102,16 +102,12 @@ def render_wear(
     ledger_um : sum of the wears of the tool's jobs since its reference; total_um : what it has lost in all
     """
     depth_basis = found.depth_basis
-    bases = [basis for basis in (depth_basis, found.wear_basis) if basis]
-    header = [name, heading(bases)]
-    wear = ["tool wear", length(found.wear_um, found.wear_u95_um)]
-    depth = ["depth", length(found.depth_um, found.depth_u95_um)]
-    feed = ["feed", length(found.feed_um, found.feed_u95_um)]
-    if depth_basis and depth_basis != found.wear_basis:
-        depth[1], wear[1] = marked(depth[1], depth_basis), marked(wear[1], found.wear_basis)
-        feed[1] = marked(feed[1], weakest(bases))
-    else:
-        bases.clear()
+    bases = (depth_basis, found.wear_basis)
+    head = heading(bases)
+    header = [name, head]
+    wear = ["tool wear", marked(length(found.wear_um, found.wear_u95_um), found.wear_basis, head)]
+    depth = ["depth", marked(length(found.depth_um, found.depth_u95_um), depth_basis, head)]
+    feed = ["feed", marked(length(found.feed_um, found.feed_u95_um), basis_of("feed", *bases), head)]
     # Lengths by the model alone would stand there twice.
     if found.wear_basis != Basis.MODEL:
         header.append("from voltage")
@@ -146,7 +142,9 @@ def render_wear(
         columns, *parts = ([source, wear_um] for source, _, wear_um, _ in (columns, *parts))
         words.insert(0, "No depth: the tool's last job left no measured bottom. Name a hole with --site.")
     table = render_columns(header, [*rows, ["drift of Z3", length(found.drift_um)]], style)
-    return "\n\n".join(["\n".join([table, *meanings(bases)]), render_columns(columns, parts, style), *words])
+    return "\n\n".join(
+        ["\n".join([table, *meanings(bases, head)]), render_columns(columns, parts, style), *words]
+    )
 
 
 def render_reference(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from edmctl.console.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.console.style import PLAIN, Style
-from edmctl.labels import Basis, Seen, heading, is_doubtful, marked, meanings
+from edmctl.labels import Basis, Seen, basis_of, heading, is_doubtful, marked, meanings
 from edmctl.quantity import half_width
 from edmctl.results.job import Belief, ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
 from edmctl.results.run_file import SiteNumbers
@@ -90,7 +90,12 @@ def _site_lines(pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style, co
         "tool wear µm": [
             marked(with_u95(site.wear_um, site.wear_u95_um), site.wear_basis) for site, _ in pairs
         ],
-        "feed µm": [with_u95(site.feed_um, site.feed_u95_um) for site, _ in pairs],
+        "feed µm": [
+            marked(
+                with_u95(site.feed_um, site.feed_u95_um), basis_of("feed", site.depth_basis, site.wear_basis)
+            )
+            for site, _ in pairs
+        ],
         "stops": [str(site.measuring_stops) for site, _ in pairs],
         "machining": [duration(site.machining_time_s) for site, _ in pairs],
     }
@@ -104,14 +109,13 @@ def _site_lines(pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style, co
 
 def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int) -> str:
     bases = (site.depth_basis, site.wear_basis)
-    header = [printable(site.name), heading(bases)]
+    head = heading(bases)
+    header = [printable(site.name), head]
     depth_um, wear_um = length(site.depth_um, site.depth_u95_um), length(site.wear_um, site.wear_u95_um)
     if site.through:
         depth_um = length(site.beyond_exit_um, site.beyond_exit_u95_um)
-    if site.depth_basis != site.wear_basis:
-        depth_um, wear_um = marked(depth_um, site.depth_basis), marked(wear_um, site.wear_basis)
-    depth = [BEYOND_EXIT if site.through else "depth", depth_um]
-    wear = ["tool wear", wear_um]
+    depth = [BEYOND_EXIT if site.through else "depth", marked(depth_um, site.depth_basis, head)]
+    wear = ["tool wear", marked(wear_um, site.wear_basis, head)]
     from_voltage = (
         length(site.depth_model_um, site.depth_model_u95_um),
         length(site.wear_model_um, site.wear_model_u95_um),
@@ -125,7 +129,8 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
         header.append("truth")
         depth.append(length(truth.depth_um))
         wear.append(length(truth.wear_um))
-    feed = ["feed", length(site.feed_um, site.feed_u95_um)]
+    feed_um = length(site.feed_um, site.feed_u95_um)
+    feed = ["feed", marked(feed_um, basis_of("feed", *bases), head)]
     if truth:
         feed += [""] * (len(header) - 3) + [length(truth.feed_um)]
     others = [
@@ -158,7 +163,7 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
         lines.append(labelled("true surface", surface, _LABEL, columns))
     if is_doubtful(site.verdict):
         lines.append(labelled("verdict", f"{site.verdict}", _LABEL, columns))
-    return "\n".join([*lines, *(meanings(bases) if site.depth_basis != site.wear_basis else ())])
+    return "\n".join([*lines, *meanings(bases, head)])
 
 
 def drift_in_words(found: Site | ChannelResult) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from edmctl.console.layout import USUAL_COLUMNS, labelled, wrapped
 from edmctl.console.result_table import render_ratios, render_sites
 from edmctl.console.style import PLAIN, Ink, Style
-from edmctl.labels import marked, weakest
+from edmctl.labels import basis_of, marked, weakest
 from edmctl.results.run_file import RunSummary, Sentence
 from edmctl.wording import (
     about,
@@ -93,12 +93,14 @@ def _numbers(run: RunSummary) -> list[tuple[str, str]]:
     pulses = removed = ""
     if totals.pulses:
         pulses = f"{count(totals.pulses)}: {render_ratios(totals.ratios)}"
-        depth = weakest(site.depth_basis for site in run.sites)
-        both = weakest([depth, *(site.wear_basis for site in run.sites)])
+        mrr, ratio = (
+            weakest(basis_of(name, site.depth_basis, site.wear_basis) for site in run.sites)
+            for name in ("mrr", "wear_ratio")
+        )
         removed = (
-            f"{marked(removal_rate(totals.mrr_mm3_min), depth)} with {totals.energy_j:.3g} J; wear ratio "
-            f"{marked(percent(totals.wear_ratio_lin), both)} of the length, "
-            f"{marked(percent(totals.wear_ratio_vol), both)} of the volume"
+            f"{marked(removal_rate(totals.mrr_mm3_min), mrr)} with {totals.energy_j:.3g} J; wear ratio "
+            f"{marked(percent(totals.wear_ratio_lin), ratio)} of the length, "
+            f"{marked(percent(totals.wear_ratio_vol), ratio)} of the volume"
         ).replace("nan", "–")
     hopped = ""
     if jumps.count:

@@ -385,7 +385,11 @@ RESULTS = Table(
         _um("estimated", "estimated_um", "part of the depth cut after the last touch"),
         _small("through", "through", "1 when the hole goes through the sheet"),
         Column(
-            "depth_basis", "depth_basis", "S9", TEXT, "`touched`, `estimated`, or `model` without a sensor"
+            "depth_basis",
+            "depth_basis",
+            "S9",
+            TEXT,
+            "`touched`, `estimated`, or `model` without a sensor; empty when through",
         ),
         Column("wear_basis", "wear_basis", "S9", TEXT, "the same of the wear"),
         Column("verdict", "verdict", "S9", TEXT, "`shown`, `missed` or `not shown`; empty for a feed"),

@@ -21,7 +21,7 @@ _WORDS = ("depth_basis", "wear_basis", "verdict")
 
 @dataclass(frozen=True, slots=True)
 class Labels:
-    """What depth and wear of a site rest on, and its verdict: empty in older files, and where none was due."""
+    """What depth and wear of a site rest on, and its verdict; empty without a depth or a verdict."""
 
     depth_basis: str
     wear_basis: str
@@ -31,7 +31,7 @@ class Labels:
 def labels_of(run: RunFile) -> list[Labels]:
     """Return the labels of every site of a run, in the order of its results."""
     rows = run.fields(RESULTS.path, _NUMBERS, _WORDS)
-    older = [row for row in rows if not row["depth_basis"]]
+    older = [row for row in rows if not row["wear_basis"]]
     touched = Basis.TOUCHED if not older or has_sensor(run) else Basis.MODEL
     return [_labels(row, touched) for row in rows]
 
@@ -44,10 +44,9 @@ def has_sensor(run: RunFile) -> bool:
 
 def _labels(row: np.void, touched: Basis) -> Labels:
     depth, wear, verdict = (row[name].decode(errors="replace") for name in _WORDS)
-    if depth and wear:
-        return Labels(depth, wear, verdict)
-    after_last_cut = touched if row["stops"] > 0 and not row["estimated"] > 0.0 else Basis.ESTIMATED
-    return Labels(Basis.ESTIMATED if row["through"] else after_last_cut, after_last_cut, verdict)
+    if not wear:
+        depth = wear = touched if row["stops"] > 0 and not row["estimated"] > 0.0 else Basis.ESTIMATED
+    return Labels("" if row["through"] else depth, wear, verdict)
 
 
 _LAST_ROWS = 100

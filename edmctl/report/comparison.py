@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.labels import weakest
+from edmctl.labels import basis_of
 from edmctl.record.results import estimated_depth
 from edmctl.report.numbers import CLASSES, RunNumbers, numbers_of
 from edmctl.results.comparison import Amount, ComparedRun, Comparison, Quantity, Setting
@@ -103,6 +103,9 @@ def _leaves(table: dict[str, object], prefix: str) -> list[tuple[str, str]]:
     return found
 
 
+_WITH_BASIS = ("depth_um", "wear_um", "wear_ratio_lin", "wear_ratio_vol", "feed_um", "mrr_mm3_min")
+
+
 def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[Quantity]:
     several = any(len(n.sites) > 1 for n in numbers)
     mean, total = ("mean ", "total ") if several else ("", "")
@@ -122,13 +125,11 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
     sums = [n.totals for n in numbers]
     mrr = [of_run.mrr_mm3_min for of_run in sums]
     lengths, volumes = [of_run.wear_ratio_lin for of_run in sums], [of_run.wear_ratio_vol for of_run in sums]
-    depth_shown = _Shown("depth_um", f"{mean}depth, µm")
-    wear_shown = _Shown("wear_um", f"{mean}tool wear, µm")
     rows = [
-        (depth_shown, means("depth_um"), means("depth_u95_um")),
+        (_Shown("depth_um", f"{mean}depth, µm"), means("depth_um"), means("depth_u95_um")),
         (_Shown("est_depth_um", "depth when left (estimated), µm", 1), *_estimates(runs)),
         (_Shown("truth_depth_um", f"{mean}true depth (simulated), µm"), means("truth_depth_um"), nothing),
-        (wear_shown, means("wear_um"), means("wear_u95_um")),
+        (_Shown("wear_um", f"{mean}tool wear, µm"), means("wear_um"), means("wear_u95_um")),
         (_Shown("truth_wear_um", f"{mean}true wear (simulated), µm"), means("truth_wear_um"), nothing),
         *(
             (_Shown(f"truth_{key}", f"{mean}true {name} (simulated), µm"), means(f"truth_{key}"), nothing)
@@ -136,7 +137,7 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
         ),
         (_Shown("wear_ratio_lin", "wear ratio, lengths", 3), lengths, [_wear_ratio_u95(n) for n in numbers]),
         (_Shown("wear_ratio_vol", "wear ratio, volumes", 3), volumes, nothing),
-        (_Shown("feed_um", f"{mean}feed, µm"), means("feed_um"), nothing),
+        (_Shown("feed_um", f"{mean}feed, µm"), means("feed_um"), means("feed_u95_um")),
         (_Shown("machining_time_s", f"{total}machining time, s", 1), totals("machining_time_s"), nothing),
         (_Shown("time_s", "whole run, s", 1), [_whole_time_s(run) for run in runs], nothing),
         (
@@ -155,19 +156,15 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
             for name in CLASSES
         ),
     ]
+    summaries = [run.summary() or {} for run in runs]
+    touched = [[str(found.get(f"{name}_basis") or "") for name in ("depth", "wear")] for found in summaries]
     bases = {
         shown: [
-            n.basis(shown.key) or str((run.summary() or {}).get(shown.key.replace("_um", "_basis"), ""))
-            for run, n in zip(runs, numbers, strict=True)
+            n.basis(shown.key) or basis_of(shown.key, *own) for n, own in zip(numbers, touched, strict=True)
         ]
-        for shown in (depth_shown, wear_shown)
+        for shown, _, _ in rows
+        if shown.key in _WITH_BASIS
     }
-    # What is reckoned from both is worth what the weaker of them is.
-    both = [weakest(pair) for pair in zip(*bases.values(), strict=True)]
-    bases |= {
-        shown: both for shown, _, _ in rows if shown.key in ("wear_ratio_lin", "wear_ratio_vol", "feed_um")
-    }
-    bases |= {shown: bases[depth_shown] for shown, _, _ in rows if shown.key == "mrr_mm3_min"}
     found = [_quantity(shown, values, u95s, bases.get(shown, nobody)) for shown, values, u95s in rows]
     return [quantity for quantity in found if any(math.isfinite(a.value) for a in quantity.amounts)]
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.labels import weakest
+from edmctl.labels import basis_of, weakest
 from edmctl.record.results import Labels, labels_of
 from edmctl.results.run_file import SiteNumbers, Totals
 from edmctl.results.telemetry import PulseShares
@@ -39,8 +39,8 @@ class RunNumbers:
         )
 
     def basis(self, name: str) -> str:
-        """What the mean of a depth or wear rests on: `depth_um` on the weakest `depth_basis`."""
-        return weakest(getattr(site, f"{name.removesuffix('_um')}_basis") for site in self.sites)
+        """Return the basis of the value `name` over all sites: the weakest of theirs (`basis_of`)."""
+        return weakest(basis_of(name, site.depth_basis, site.wear_basis) for site in self.sites)
 
     def total(self, name: str) -> float:
         """Sum of a field of the sites."""

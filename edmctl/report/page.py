@@ -8,7 +8,7 @@ from functools import partial
 from html import escape
 from typing import TYPE_CHECKING
 
-from edmctl.labels import marked, weakest
+from edmctl.labels import marked
 from edmctl.record.results import estimated_depth
 from edmctl.report import html, page_tables
 from edmctl.report.html import PageTable, Picture
@@ -129,8 +129,7 @@ def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, 
         del shown[0]
     for called, name, of_what in shown:
         text = with_u95(numbers.mean(f"{name}_um"), numbers.mean(f"{name}_u95_um"))
-        basis = weakest(getattr(site, f"{name}_basis") for site in sites)
-        yield called, f"{marked(text, basis)} µm", of_what
+        yield called, f"{marked(text, numbers.basis(name))} µm", of_what
     depths_um = [site.depth_um for site in sites if math.isfinite(site.depth_um)]
     if several and depths_um:
         yield (
@@ -139,9 +138,14 @@ def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, 
             "the least and the greatest",
         )
     yield "machining", duration(numbers.total("machining_time_s")), "with the servo on"
-    yield "removal rate", removal_rate(totals.mrr_mm3_min), "volume over machining time"
+    yield (
+        "removal rate",
+        marked(removal_rate(totals.mrr_mm3_min), numbers.basis("mrr")),
+        "volume over machining time",
+    )
     per = "the sheet's thickness" if through else "depth"
-    yield "wear ratio", decimal(totals.wear_ratio_lin, 3), f"wear over {per}"
+    ratio = marked(decimal(totals.wear_ratio_lin, 3), numbers.basis("wear_ratio"))
+    yield "wear ratio", ratio, f"wear over {per}"
     yield (
         "arcs",
         percent(totals.ratios.arc, 2),

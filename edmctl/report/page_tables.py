@@ -6,7 +6,7 @@ import json
 import math
 from typing import TYPE_CHECKING
 
-from edmctl.labels import heading, is_doubtful, marked, meanings, weakest
+from edmctl.labels import basis_of, heading, is_doubtful, marked, meanings
 from edmctl.report.html import PageTable
 from edmctl.report.numbers import CLASSES, RunNumbers, numbers_of
 from edmctl.results.run_file import SiteNumbers
@@ -47,14 +47,12 @@ def results(numbers: RunNumbers) -> PageTable | None:
             site.name,
             decimal(site.x_um, 1),
             decimal(site.y_um, 1),
-            "through"
-            if site.through
-            else marked(with_u95(site.depth_um, site.depth_u95_um), site.depth_basis),
-            marked(with_u95(site.wear_um, site.wear_u95_um), site.wear_basis),
-            marked(decimal(site.feed_um), _weaker(site)),
+            "through" if site.through else _marked(site, "depth", with_u95(site.depth_um, site.depth_u95_um)),
+            _marked(site, "wear", with_u95(site.wear_um, site.wear_u95_um)),
+            _marked(site, "feed", with_u95(site.feed_um, site.feed_u95_um)),
             f"{duration(site.machining_time_s)}{', through' if site.through else ''}",
             str(site.cuts),
-            marked(decimal(site.wear_ratio_lin, 3), _weaker(site)),
+            _marked(site, "wear_ratio", decimal(site.wear_ratio_lin, 3)),
             *([decimal(site.truth_depth_um), decimal(site.truth_wear_um)] if has_truth else []),
         ]
         for site in numbers.sites
@@ -68,25 +66,20 @@ def results(numbers: RunNumbers) -> PageTable | None:
     return PageTable("What each site has become", header, rows, note)
 
 
-def _weaker(site: SiteNumbers) -> str:
-    """What a value that depth and wear enter rests on: the weaker of both."""
-    return weakest((site.depth_basis, site.wear_basis))
+def _marked(site: SiteNumbers, name: str, text: str, head: str = "result") -> str:
+    return marked(text, basis_of(name, site.depth_basis, site.wear_basis), head)
 
 
 def _one_site(site: SiteNumbers) -> PageTable:
     truth = site.truth
     bases = (site.depth_basis, site.wear_basis)
-    header = [site.name, heading(bases), "from voltage alone", *([TRUTH] if truth else [])]
+    head = heading(bases)
+    header = [site.name, head, "from voltage alone", *([TRUTH] if truth else [])]
     depth_um = (
         with_u95(site.beyond_exit_um, site.beyond_exit_u95_um)
         if site.through
         else with_u95(site.depth_um, site.depth_u95_um)
     )
-    wear_um = with_u95(site.wear_um, site.wear_u95_um)
-    of_depth = of_both = ""
-    if site.depth_basis != site.wear_basis:
-        depth_um, wear_um = marked(depth_um, site.depth_basis), marked(wear_um, site.wear_basis)
-        of_depth, of_both = site.depth_basis, _weaker(site)
 
     def row(name: str, measured: str, model: str = "", true: float = math.nan) -> list[str]:
         ending = [decimal(true) if math.isfinite(true) else ""] if truth else []
@@ -96,20 +89,20 @@ def _one_site(site: SiteNumbers) -> PageTable:
     rows = [
         row(
             BEYOND_EXIT if site.through else "depth, Z2 − Z3",
-            depth_um,
+            _marked(site, "depth", depth_um, head),
             with_u95(site.depth_model_um, site.depth_model_u95_um),
             site.truth_depth_um,
         ),
         row(
             "tool wear, Z3 − Z1",
-            wear_um,
+            _marked(site, "wear", with_u95(site.wear_um, site.wear_u95_um), head),
             with_u95(site.wear_model_um, site.wear_model_u95_um),
             site.truth_wear_um,
         ),
         *([row("hole, as long as the sheet is thick", decimal(site.length_um))] if site.through else []),
         row(
             "feed, Z2 − Z1",
-            marked(decimal(site.feed_um), of_both),
+            _marked(site, "feed", with_u95(site.feed_um, site.feed_u95_um), head),
             "",
             truth.feed_um if truth else math.nan,
         ),
@@ -117,9 +110,12 @@ def _one_site(site: SiteNumbers) -> PageTable:
         row("Z2, tip at the end" if site.through else "Z2, bottom", decimal(site.z2_um)),
         row("Z3, surface after", decimal(site.z3_um)),
         row("machining time", f"{cuts}, through the sheet" if site.through else cuts),
-        row("removal rate (MRR), 10⁻³ mm³/min", marked(decimal(1e3 * site.mrr_mm3_min, 3), of_depth)),
-        row("wear ratio, lengths", marked(decimal(site.wear_ratio_lin, 3), of_both)),
-        row("wear ratio, volumes", marked(decimal(site.wear_ratio_vol, 3), of_both)),
+        row(
+            "removal rate (MRR), 10⁻³ mm³/min",
+            _marked(site, "mrr", decimal(1e3 * site.mrr_mm3_min, 3), head),
+        ),
+        row("wear ratio, lengths", _marked(site, "wear_ratio", decimal(site.wear_ratio_lin, 3), head)),
+        row("wear ratio, volumes", _marked(site, "wear_ratio", decimal(site.wear_ratio_vol, 3), head)),
         row("discharge energy, J", significant(site.energy_j)),
         *(
             [
@@ -135,8 +131,7 @@ def _one_site(site: SiteNumbers) -> PageTable:
         row("verdict", site.verdict if is_doubtful(site.verdict) else ""),
     ]
     shown = [row for row in rows if {*row[1:]} - {"", UNKNOWN}]
-    marks = meanings(bases) if site.depth_basis != site.wear_basis else []
-    notes = [U95_NOTE, FEED_NOTE if math.isfinite(site.feed_um) else "", *marks]
+    notes = [U95_NOTE, FEED_NOTE if math.isfinite(site.feed_um) else "", *meanings(bases, head)]
     return PageTable("Results", header, shown, " ".join(filter(None, notes)))
 
 

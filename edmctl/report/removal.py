@@ -114,7 +114,7 @@ def _of_results(run: RunFile, sites: Sequence[SiteNumbers], began_s: Array) -> l
 
 def _result(site: SiteNumbers, time_s: float, hole: int) -> KnownDepth:
     values = (site.depth_um, site.depth_u95_um, site.wear_um, site.wear_u95_um)
-    depth, wear = (basis != Basis.ESTIMATED for basis in (site.depth_basis, site.wear_basis))
+    depth, wear = (basis in (Basis.TOUCHED, Basis.MODEL) for basis in (site.depth_basis, site.wear_basis))
     return KnownDepth(time_s, hole, depth, wear, *values)
 
 

@@ -95,10 +95,10 @@ class ChannelTruth:
 class SiteResult:
     """One hole: `feed = depth + wear`, u is a standard uncertainty, u95 half a 95 % interval.
 
-    `depth_basis` and `wear_basis` say what depth and wear rest on. `verdict` is None until the hole is judged, and
-    where no depth was wanted of it. One that is not `finished` was under way when its job ended early: it is not
-    judged, and estimated where nobody has touched it since its last cut. `in_doubt` says that the touches of its
-    bottom or face were not believed outright: its interval is wider for that.
+    `depth_basis` and `wear_basis` say what depth and wear rest on, None without a depth. `verdict` is None until
+    the hole is judged, and if no depth was wanted of it. A hole that is not `finished` was open when its job ended
+    early: it is not judged, and estimated unless it was touched after its last cut. `in_doubt`: the touches of its
+    bottom or face may be wrong, and the interval is wider for that.
 
     `face_um` is how much further than the reference pad the face lies here. `measuring_stops` are the times that the
     bottom was touched, and the pad after it; `estimated_um` is the part of the depth that was cut after the last of
@@ -158,7 +158,7 @@ class SiteResult:
     beyond_exit_u95_um: float = math.nan
     depth_model_u95_um: float = math.nan
     wear_model_u95_um: float = math.nan
-    depth_basis: Basis = Basis.TOUCHED
+    depth_basis: Basis | None = Basis.TOUCHED
     wear_basis: Basis = Basis.TOUCHED
     verdict: Verdict | None = None
     finished: bool = True
@@ -300,9 +300,9 @@ def site_result_of(mapping: Mapping[str, object]) -> SiteResult:
     ratios = values.pop("ratios")
     if not isinstance(ratios, Mapping):
         raise TypeError("ratios have to be a mapping")
-    values["depth_basis"], values["wear_basis"] = (
-        Basis(str(values.get(name, Basis.ESTIMATED))) for name in ("depth_basis", "wear_basis")
-    )
+    for name in ("depth_basis", "wear_basis"):
+        basis = values.get(name, Basis.ESTIMATED)
+        values[name] = Basis(str(basis)) if basis else None
     verdict = values.pop("verdict", None)
     judged = Verdict(verdict) if isinstance(verdict, str) else None
     return SiteResult(**values, ratios=PulseShares(**ratios), verdict=judged)  # type: ignore[arg-type]

@@ -21,7 +21,7 @@ class SimulatedSite:
     wear_um: float
     wear_u95_um: float
     measuring_stops: int
-    depth_basis: Basis
+    depth_basis: Basis | None
     wear_basis: Basis
     verdict: Verdict | None
     truth: SiteTruth

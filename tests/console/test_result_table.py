@@ -114,6 +114,9 @@ def test_what_was_not_touched_does_not_stand_under_measured() -> None:
     assert "measured" not in mixed
     assert "~180.21 ± 0.62 µm" in mixed
     assert "  70.03 ± 0.55 µm" in mixed
+    through = made_site(through=True, depth_basis=None, depth_um=math.nan, beyond_exit_um=74.4)
+    assert "measured" in render_job(made_job(sites=(through,))).splitlines()[0]
+    assert "~" not in render_job(made_job(sites=(through,)))
     assert "~ estimated" in render_job(made_job(sites=(made_site(depth_basis="estimated"),)))
 
 
@@ -136,6 +139,7 @@ def test_a_line_of_many_sites_marks_what_was_not_touched() -> None:
     rows = {line.split()[0]: line for line in text.splitlines()[1:4]}
     assert "~180.21 ± 0.62" in rows["b"]
     assert "~70.03 ± 0.55" in rows["b"]
+    assert "~250.24" in rows["b"]
     assert "~" not in rows["a"]
     assert "~ estimated by feed and energy, not touched." in text
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping
 
 from edmctl.jsonout import JsonValue, to_json_value
-from edmctl.labels import Basis, weakest
+from edmctl.labels import weakest
 from edmctl.results.study import TRUTH
 
 RESPONSES = {
@@ -152,8 +152,7 @@ def responses_of(
         if wear_um > 0:
             u95["wear_ratio_vol"] = values["wear_ratio_vol"] * u95["wear_ratio_lin"] / (wear_um / depth_um)
     bases = {
-        f"{name}_um": str(weakest(Basis(str(one[f"{name}_basis"])) for one in made))
-        for name in ("depth", "wear")
+        f"{name}_um": str(weakest(str(one[f"{name}_basis"]) for one in made)) for name in ("depth", "wear")
     }
     return _plain(values), _plain(u95), bases
 

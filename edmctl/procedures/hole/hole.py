@@ -231,7 +231,7 @@ class OpenHole:
             wear_ratio_vol=ratio_vol,
             mrr_mm3_min=mrr,
             through=through,
-            depth_basis=depth_basis or touched,
+            depth_basis=None if through else depth_basis or touched,
             wear_basis=wear_basis or (Basis.ESTIMATED if self.z1_u_um > 0.0 else touched),
             in_doubt=self.in_doubt,
             drift_correction_um=self.drift_um,

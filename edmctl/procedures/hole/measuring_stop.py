@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from edmctl.labels import Basis
+from edmctl.labels import Basis, marked
 from edmctl.procedures.hole.cut import CutEnd, CutResult, Decision, decide, refuse_wrong_setup
 from edmctl.procedures.hole.cut_planning import (
     CutPlan,
@@ -37,6 +37,7 @@ from edmctl.process.shared_wear import SharedWear, WearShare, share_wear
 from edmctl.process.touches import TOUCH_U_UM, DepthAndWear, Deviation, measure, share_u
 from edmctl.quantity import Value
 from edmctl.record.rows import EventLevel, RunEvent
+from edmctl.results.job import SiteResult
 from edmctl.wording import decimal, length, signed
 
 PAD_U_UM = 0.5
@@ -103,7 +104,7 @@ def decide_next(
     gap_um = knowledge.gap_um
     if decision.plan is None and (cut is None or cut.end is CutEnd.REACHED):
         decision = _of_next_regime(run, hole, knowledge, number, found) or decision
-    _report(run, found, gap_um, decision)
+    _report(run, run.tally.sites[hole.site.name], found, gap_um, decision)
     return decision
 
 
@@ -300,12 +301,12 @@ def estimate_hole(
     return Decision(None, message)
 
 
-def _report(run: JobRun, found: DepthAndWear, gap_um: float, decision: Decision) -> None:
-    """Tell what a stop measured, and what follows."""
+def _report(run: JobRun, site: SiteResult, found: DepthAndWear, gap_um: float, decision: Decision) -> None:
+    """Report what a stop has found of a site, and what follows."""
     run.decide(
         RunEvent.SITE_MEASURED,
-        f"Depth {length(found.depth_um, found.depth.u95)}, "
-        f"wear {length(found.wear_um, found.wear.u95)}, working gap {gap_um:.2f} µm.",
+        f"Depth {marked(length(found.depth_um, found.depth.u95), site.depth_basis)}, "
+        f"wear {marked(length(found.wear_um, found.wear.u95), site.wear_basis)}, working gap {gap_um:.2f} µm.",
         {
             "depth_um": found.depth_um,
             "wear_um": found.wear_um,

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 
 from edmctl.errors import MachineFault, PreconditionError
-from edmctl.labels import Basis
 from edmctl.procedures.hole.cut import Decision
 from edmctl.procedures.hole.cut_planning import through_plan
 from edmctl.procedures.hole.hole import JobKnowledge, OpenHole, hole_at, touch_pad_first
@@ -336,7 +335,7 @@ def _open(
     knowledge.tool = ToolLength(pad)
     # The tip went further than the sheet is thick: what is taken up is an open hole.
     report_resumed(run, expected.estimate, target.depth_um, found.wear_um)
-    hole.report(run, found, knowledge.gap_um, through=True, depth_basis=Basis.ESTIMATED)
+    hole.report(run, found, knowledge.gap_um, through=True)
     decision = Decision(None, through_message(target, found))
     run.decide(RunEvent.TARGET_REACHED, decision.message, {"depth_um": found.depth_um})
     close_site(run, settled=True)

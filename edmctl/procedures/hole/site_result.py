@@ -171,7 +171,7 @@ def _remedy(job: Job, site: SiteResult) -> str:
     """Return what to do about a hole: where it is missed, that goes by the side on which it is."""
     if site.verdict is not Verdict.MISSED:
         in_doubt = site.in_doubt and site.depth_basis is not Basis.MODEL
-        return IN_DOUBT if in_doubt else REMEDIES[site.depth_basis]
+        return IN_DOUBT if in_doubt else REMEDIES[site.depth_basis or Basis.ESTIMATED]
     target = _target(job, site.name)
     if target.kind == "through":
         return "Check work.thickness_um; a thicker sheet needs more stroke."

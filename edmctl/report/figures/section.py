@@ -288,7 +288,7 @@ def _draw_lengths(axes: Axes, section: Section, at_um: float) -> None:
     site = section.site
     lengths: list[tuple[str, float, float, str]]
     if site.through:
-        beyond = marked(with_u95(site.beyond_exit_um, site.beyond_exit_u95_um, 1), site.depth_basis)
+        beyond = with_u95(site.beyond_exit_um, site.beyond_exit_u95_um, 1)
         words = BEYOND_EXIT.replace(" the", "\nthe")
         lengths = [(f"{words}\n{beyond} µm", section.end_um, section.tip_um, BLUE)]
     else:

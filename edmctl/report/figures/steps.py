@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.labels import Basis, marked
+from edmctl.labels import Basis, basis_of, marked
 from edmctl.record.results import has_sensor
 from edmctl.report.numbers import numbers_of
 from edmctl.report.style import (
@@ -112,7 +112,7 @@ def _readings(run: RunFile, site: SiteNumbers) -> _Readings:
     return _Readings(
         site=site,
         z_um=(site.z1_um, site.z2_um, site.z3_um),
-        touched=(bool(own), site.depth_basis != Basis.ESTIMATED, _pad_was_touched(site)),
+        touched=(bool(own), site.depth_basis in (Basis.TOUCHED, Basis.MODEL), _pad_was_touched(site)),
         model_um=(z1_um, z2_um, z3_um) if math.isfinite(z2_um) else (math.nan, math.nan, math.nan),
     )
 
@@ -195,8 +195,7 @@ def _arrow(axes: Axes, at: float, ends: tuple[float, float], colour: str) -> Non
 def _number(site: SiteNumbers, name: str) -> str:
     value_um: float = getattr(site, f"{name}_um")
     u95_um: float = getattr(site, f"{name}_u95_um")
-    basis = site.wear_basis if name == "wear" else site.depth_basis if name == "depth" else ""
-    return marked(with_u95(value_um, u95_um, 1), basis)
+    return marked(with_u95(value_um, u95_um, 1), basis_of(name, site.depth_basis, site.wear_basis))
 
 
 def _draw_columns(axes: Axes, sites: Sequence[SiteNumbers]) -> None:
