@@ -177,7 +177,7 @@ def recorded(
     from edmctl.record.background import BackgroundWriter
 
     def summarize() -> None:
-        writer.append(Summary(render_json(summary())))
+        writer.append(Summary(render_json(summary(), is_exact=True)))
 
     writer = BackgroundWriter.create(name.path, meta(name), waits=waits)
     try:

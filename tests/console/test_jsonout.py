@@ -34,6 +34,14 @@ def test_keys_keep_the_order_of_the_fields() -> None:
     assert list(json.loads(text)["a"]) == ["name", "depth_um", "rate_um_s", "share"]
 
 
+def test_a_run_file_has_exact_numbers() -> None:
+    told = {"truth": [{"wear_um": 19.575123456789}], "none_um": math.nan}
+    assert json.loads(render_json(told, is_exact=True)) == {
+        "truth": [{"wear_um": 19.575123456789}],
+        "none_um": None,
+    }
+
+
 def test_numbers_are_rounded_by_their_unit() -> None:
     hole = Hole("h", 179.98765432, 0.28765432, 0.123456789)
     assert to_json_value(hole) == {

@@ -34,7 +34,7 @@ from edmctl.jobs.study.places_and_tools import grid_of
 from edmctl.jobs.study.planning import request_of
 from edmctl.jobs.study.rows import MACHINE, PAUSED, StudyWriter, bench_of
 from edmctl.jobs.surroundings import Surroundings, Warn
-from edmctl.jsonout import JsonValue
+from edmctl.jsonout import JsonValue, to_json_value
 from edmctl.profile.folders import SETUP_VARIABLE
 from edmctl.results.progress import SeriesObserver
 from edmctl.results.study import RunKind, RunRow, RunState, StudyRun
@@ -449,7 +449,7 @@ def _finished(name: RunName) -> tuple[dict[str, JsonValue], tuple[Path, ...]] | 
         except (RunFileError, OSError):
             continue
         if summary is not None:
-            return summary, (file,)  # type: ignore[return-value]
+            return {name: to_json_value(value, name) for name, value in summary.items()}, (file,)
     return None
 
 
