@@ -110,8 +110,7 @@ def _runs_table(plan: StudyPlan) -> tuple[list[str], list[list[str]]]:
     head += [factor.name for factor in plan.factors]
     rows = []
     for run in plan.runs[:MOST_RUNS_SHOWN]:
-        point = "center" if run.kind is RunKind.CENTER else str(run.point)
-        row = [str(run.number), point]
+        row = [str(run.number), _kind_words(run)]
         row += [str(run.tool)] if has_tools else []
         row += [str(run.seed)] if several_seeds and not has_tools else []
         rows.append([*row, *(setting_text(run.settings[factor.key]) for factor in plan.factors)])
@@ -165,7 +164,7 @@ def _state_words(run: StudyRun) -> str:
 
 
 def _kind_words(run: PlannedRun) -> str:
-    return str(run.point) if run.kind is RunKind.DESIGN else str(run.kind)
+    return str(run.point) if run.kind is RunKind.DESIGN else f"{run.point} {run.kind}"
 
 
 def _cell(run: StudyRun, name: str) -> str:
@@ -309,7 +308,7 @@ def _optional(value: float | None) -> str:
 def render_recommendation(one: Recommendation, style: Style = PLAIN) -> str:
     """Render the settings that are recommended, and what is expected of a run there."""
     columns = style.columns or USUAL_COLUMNS
-    kept = "kept by the 95 % bound" if one.is_feasible else "NO settings are known to keep this"
+    kept = "kept by the 95 % bound of the mean" if one.is_feasible else "NO settings are known to keep this"
     of = f" ({', '.join(one.constraints)}: {kept})" if one.constraints else ""
     lines = [style.paint("Recommended", Ink.STRONG) + f"{of}:"]
     lines += wrapped(settings_words(one.settings), columns, "  ")

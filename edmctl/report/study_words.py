@@ -271,7 +271,7 @@ def recommended(plan: StudyPlan, one: Recommendation | None) -> str:
     kept = ""
     if plan.constraints:
         kept = (
-            " The constraints are kept by their 95 % bounds."
+            " The constraints are kept by the 95 % bounds of their means."
             if one.is_feasible
             else " The constraints are NOT kept."
         )

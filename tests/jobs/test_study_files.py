@@ -84,6 +84,32 @@ def test_what_is_wrong_is_blamed_on_its_place(
     assert any(one.where is None or line in one.where.source_line for one in found)
 
 
+@pytest.mark.parametrize(
+    ("profile", "kind", "name"),
+    [("foil-through", "through", "depth_um"), ("channel-rectangle", "channel", "wear_ratio_lin")],
+)
+def test_a_response_that_a_target_never_has_is_refused(
+    tmp_path: Path, profile: str, kind: str, name: str
+) -> None:
+    text = f"""
+[study]
+name = "A kind of job"
+profile = "{profile}"
+
+[[factors]]
+key = "pulse.frequency_hz"
+name = "frequency"
+levels = [2000.0, 2300.0]
+
+[[responses]]
+name = "RESPONSE"
+{FULL}"""
+    with pytest.raises(ProfileError, match=f"a job of the kind {kind} has no {name}") as refused:
+        planned(tmp_path, text.replace("RESPONSE", name))
+    assert "such as wear_um or time_s" in refused.value.hint
+    assert planned(tmp_path, text.replace("RESPONSE", "wear_um")).runs
+
+
 def test_a_profile_is_no_study(tmp_path: Path) -> None:
     file = tmp_path / "profile.toml"
     file.write_text('[target]\nkind = "depth"\n', encoding="utf-8")

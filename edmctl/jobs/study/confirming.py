@@ -268,11 +268,10 @@ def best_of_points(state: StudyState) -> Recommendation:
 
         best = min(ranked, key=cost)
         basis = f"The point with the best mean of {names[0]} among those that were run{_known_to_keep(plan)}."
-        if better := [one for one in candidates if not one.is_feasible and cost(one) < cost(best)]:
+        better = [one for one in candidates if cost(one) < cost(best) and _may_keep(plan, one)]
+        if better:
             points = ", ".join(str(one.point) for one in sorted(better, key=cost)[:MOST_NAMED])
-            basis += (
-                f" Better by their mean, but not known to keep that: {points}; more runs there would tell."
-            )
+            basis += f" Points with a better mean that keep it by their mean alone: {points}. Add runs there."
     else:
         best = max(ranked, key=lambda one: one.grey_grade if one.grey_grade is not None else -math.inf)
         basis = (
@@ -284,6 +283,12 @@ def best_of_points(state: StudyState) -> Recommendation:
     if expected and is_one_machine(analysis.runs):
         basis += " What is expected is of runs on the one machine of the study: others may differ by more."
     return recommendation(state, best.settings, expected, basis, is_feasible=best.is_feasible)
+
+
+def _may_keep(plan: StudyPlan, choice: Choice) -> bool:
+    """Whether no mean of a point breaks a constraint; a response without a mean breaks none."""
+    means = ((bound, choice.means.get(bound.response)) for bound in plan.constraints)
+    return all(mean is None or bound.sign * (mean - bound.limit) <= 0.0 for bound, mean in means)
 
 
 def _known_to_keep(plan: StudyPlan) -> str:

@@ -120,10 +120,29 @@ def plan_study(
         )
     runs = _runs(source, points, center_of(source, factors))
     checked = _checked(source, base, factors, runs, surroundings, observe)
+    _refuse_absent(source, checked)
     refuse_undoable(source, runs, checked)
     plan = _plan(source, factors, points, runs, checked)
     recipes = {point: (one.loaded.sha256, one.loaded.sim_sha256) for point, one in checked.items()}
     return PlannedStudy(source, plan, base, recipes, _warnings(source, runs, checked, factors), changes)
+
+
+def _refuse_absent(source: StudySource, checked: Mapping[int, Plan]) -> None:
+    """Raise ProfileError for a response that a run of the study never has."""
+    profiles = [one.loaded.profile for one in checked.values()]
+    kinds = {"channel" if one.path else one.target.kind for one in profiles}
+    wrong = [
+        source.refusal(
+            ("responses", number, "name"),
+            f"a job of the kind {kind} has no {one.name}",
+            "take another response, such as wear_um or time_s",
+        )
+        for number, one in enumerate(source.file.responses)
+        for kind in sorted(kinds)
+        if one.name in responses.ABSENT.get(kind, ())
+    ]
+    if wrong:
+        raise ProfileError(tuple(wrong))
 
 
 def _wrong_values(

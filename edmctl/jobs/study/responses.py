@@ -46,6 +46,25 @@ TRUTHS = {
 }
 """What only a virtual machine knows; a response is called `truth.NAME`."""
 
+ABSENT = {
+    "through": {
+        "depth_um",
+        "depth_error_um",
+        "energy_per_depth_j_um",
+        "truth.depth_um",
+        "truth.wear_ratio_lin",
+    },
+    "feed": {"depth_error_um"},
+    "channel": {
+        "wear_ratio_lin",
+        "wear_ratio_vol",
+        "mrr_mm3_min",
+        "zero_drift_um",
+        *(f"{TRUTH}{name}" for name in ("side_gap_um", "taper_um", "ra_um", "rz_um", "corner_um")),
+    },
+}
+"""Responses that are never known, by the kind of the target, or of a channel."""
+
 COLUMNS = frozenset(
     [
         "run",
