@@ -22,7 +22,6 @@ from edmctl.blas import one_blas_thread
 from edmctl.doe.anova import Anova, anova, differing, pooled_anova
 from edmctl.doe.linear_model import Fit, LackOfFit, Settings, Term, fit, model_matrix, term_name, undetermined
 from edmctl.doe.signal_to_noise import Better, LevelMeans, response_table, signal_to_noise_db
-from edmctl.quantity import coverage_factor
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -242,11 +241,11 @@ def analyse(
     *,
     is_log: bool = False,
     block: str = "block",
-    u95: ArrayLike | None = None,
+    u: ArrayLike | None = None,
 ) -> ResponseAnalysis:
     """Analyse a response: one value a run, NaN where there is none. Never raises for what the runs do not tell.
 
-    `u95` are half-widths of the values' own 95 % intervals: where all runs are of one machine, what another one
+    `u` are standard uncertainties of the values: where all runs are of one machine, what another one
     would measure may differ by that.
     """
     all_values = np.asarray(response, float)
@@ -288,9 +287,9 @@ def analyse(
     )
     if np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())):
         return replace(base, notes=(*notes, "all runs have the same value"))
-    own = np.full(len(values), math.nan) if u95 is None else np.asarray(u95, float)[used]
+    own = np.full(len(values), math.nan) if u is None else np.asarray(u, float)[used]
     alone = own / values if is_log else own
-    alone_variance = float(np.mean((alone / coverage_factor(0.95)) ** 2)) if mine.is_one_machine else math.nan
+    alone_variance = float(np.mean(alone**2)) if mine.is_one_machine else math.nan
     return _with_model(base, mine, np.log(values) if is_log else values, list(terms), block, alone_variance)
 
 

@@ -101,7 +101,9 @@ class ConstraintInfo:
 
 @dataclass(frozen=True, slots=True)
 class RunRow:
-    """What one attempt at a run came to. A response without a value is None; `u95` half its 95 % interval.
+    """What one attempt at a run came to. A response without a value is None.
+
+    `u` are standard uncertainties, `u95` halves of 95 % intervals.
 
     `truth` is what a virtual machine knows and no estimate has seen. Fields of time and computer stand last: in
     everything before them the rows of two executions of one study are equal.
@@ -120,6 +122,7 @@ class RunRow:
     exit_code: int
     error: str | None
     responses: Mapping[str, float | None]
+    u: Mapping[str, float | None]
     u95: Mapping[str, float | None]
     bases: Mapping[str, str]
     truth: Mapping[str, float | None]

@@ -178,6 +178,7 @@ def row_of(run: PlannedRun, values: dict[str, float | None]) -> RunRow:
         exit_code=0,
         error=None,
         responses=values,
+        u={"wear_um": 0.125},
         u95={"wear_um": 0.25},
         bases={},
         truth={"wear_um": values["wear_um"]},

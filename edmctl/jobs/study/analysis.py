@@ -127,7 +127,7 @@ def _analysis(
     values = [_number(run.value(name)) for run in designed]
     model = "main" if plan.model == SENSITIVITY else plan.model
     terms = terms_of(model, plan.factors, blocks=BLOCK in runs.settings.categories)
-    u95 = [_number(run.row.u95.get(name) if run.row is not None else None) for run in designed]
+    u = [_number(run.row.u.get(name) if run.row is not None else None) for run in designed]
     return analyse(
         name,
         runs,
@@ -135,7 +135,7 @@ def _analysis(
         terms,
         response.better,  # type: ignore[arg-type]
         is_log=response.is_log,
-        u95=u95,
+        u=u,
     )
 
 

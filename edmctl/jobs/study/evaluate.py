@@ -101,7 +101,7 @@ def row_of(
 ) -> RunRow:
     """Return the row of an attempt whose result is `result`."""
     target = plan.loaded.profile.target
-    values, u95, bases = responses_of(result, getattr(target, "depth_um", None))
+    values, u, u95, bases = responses_of(result, getattr(target, "depth_um", None))
     return replace(
         bare_row(run, attempt, seed, started),
         tool=run.tool if tool is None else tool,
@@ -109,6 +109,7 @@ def row_of(
         exit_code=error_exit_code(error) if error is not None else 0,
         error=f"{error.code}: {error.message}" if error is not None else None,
         responses=values,
+        u=u,
         u95=u95,
         bases=bases,
         truth=truth_of(result),
@@ -139,6 +140,7 @@ def bare_row(run: PlannedRun, attempt: int, seed: int | None, started: datetime)
         exit_code=0,
         error=None,
         responses={},
+        u={},
         u95={},
         bases={},
         truth={},

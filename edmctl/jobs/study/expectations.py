@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from edmctl.jobs.study.design import AS_LEVELS
 from edmctl.jobs.study.factors import settings_key, settings_matrix, unit_points
 from edmctl.jobs.study.responses import range_of
+from edmctl.quantity import half_width
 from edmctl.results.study import RunKind, RunState, StudyPlan, StudyRun, Value
 
 if TYPE_CHECKING:
@@ -136,6 +137,6 @@ def _interval(
     process: GaussianProcess, at: Sequence[Sequence[float]], *, is_log: bool
 ) -> tuple[float, float, float]:
     mean, sd = (float(one[0]) for one in process.predict(at))
-    half = 2.0 * math.sqrt(sd**2 + process.noise_sd**2 + process.block_sd**2)
+    half = half_width(math.sqrt(sd**2 + process.noise_sd**2 + process.block_sd**2))
     bounds = (mean, mean - half, mean + half)
     return tuple(math.exp(one) for one in bounds) if is_log else bounds  # type: ignore[return-value]

@@ -141,39 +141,54 @@ def unit_of(name: str) -> str:
 
 def responses_of(
     result: Mapping[str, JsonValue], target_um: float | None
-) -> tuple[dict[str, float | None], dict[str, float | None], dict[str, str]]:
-    """Return values, half-widths of 95 % intervals and bases of a job's responses; None for what is not there.
+) -> tuple[dict[str, float | None], dict[str, float | None], dict[str, float | None], dict[str, str]]:
+    """Return values, standard uncertainties, half-widths of 95 % intervals and bases of a job's responses.
+
+    A value that the job does not have is None.
 
     result : a report as plain values, or the summary in its run file
     """
     made = _made(result)
     values: dict[str, float] = {name: _number(result, name) for name in ("time_s", "measuring_time_s")}
-    u95: dict[str, float] = {}
     if not made:
-        return _plain(values), {}, {}
+        return _plain(values), {}, {}, {}
     for name in ("depth_um", "wear_um", "feed_um", "working_gap_um", *_RATIOS):
         values[name] = _mean(_number(one, name) for one in made)
-    for name in ("depth", "wear"):
-        u95[f"{name}_um"] = _mean(_number(one, f"{name}_u95_um") for one in made)
     for kind in ("open", "normal", "arc", "short"):
         shares = ((_number(one.get("ratios"), kind), _number(one, "pulses")) for one in made)
         values[f"{kind}_share"] = _weighted(shares)
     for name in ("machining_time_s", "energy_j", "pulses", "measuring_stops"):
         values[name] = math.fsum(_number(one, name) for one in made)
     values["cuts"] = math.fsum(_number(one, "cuts" if "cuts" in one else "passes") for one in made)
-    depth_um, wear_um = values["depth_um"], values["wear_um"]
+    depth_um = values["depth_um"]
     if target_um is not None:
-        values["depth_error_um"], u95["depth_error_um"] = depth_um - target_um, u95["depth_um"]
+        values["depth_error_um"] = depth_um - target_um
     if depth_um > 0:
         values["energy_per_depth_j_um"] = values["energy_j"] / (depth_um * len(made))
-        u95["wear_ratio_lin"] = math.hypot(u95["wear_um"], wear_um / depth_um * u95["depth_um"]) / depth_um
-        u95["mrr_mm3_min"] = values["mrr_mm3_min"] * u95["depth_um"] / depth_um
-        if wear_um > 0:
-            u95["wear_ratio_vol"] = values["wear_ratio_vol"] * u95["wear_ratio_lin"] / (wear_um / depth_um)
+    u, u95 = (_plain(_uncertainties(values, made, mark)) for mark in ("u", "u95"))
     bases = {
         f"{name}_um": str(weakest(str(one[f"{name}_basis"]) for one in made)) for name in ("depth", "wear")
     }
-    return _plain(values), _plain(u95), bases
+    return _plain(values), u, u95, bases
+
+
+def _uncertainties(
+    values: Mapping[str, float], made: Iterable[Mapping[str, JsonValue]], mark: str
+) -> dict[str, float]:
+    """Return uncertainties of the responses by those of depth and wear that are marked so in the result."""
+    depth_um, wear_um = values["depth_um"], values["wear_um"]
+    depth, wear = (_mean(_number(one, f"{name}_{mark}_um") for one in made) for name in ("depth", "wear"))
+    found = {"depth_um": depth, "wear_um": wear}
+    if "depth_error_um" in values:
+        found["depth_error_um"] = depth
+    if depth_um > 0:
+        found["wear_ratio_lin"] = math.hypot(wear, wear_um / depth_um * depth) / depth_um
+        found["mrr_mm3_min"] = values["mrr_mm3_min"] * depth / depth_um
+        if wear_um > 0:
+            found["wear_ratio_vol"] = (
+                values["wear_ratio_vol"] * found["wear_ratio_lin"] / (wear_um / depth_um)
+            )
+    return found
 
 
 def truth_of(result: Mapping[str, JsonValue]) -> dict[str, float | None]:

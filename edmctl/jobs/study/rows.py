@@ -199,7 +199,7 @@ def _run_row(values: dict[str, Any]) -> RunRow:
     for name in ("number", "point", "replicate", "block", "tool", "attempt", "order"):
         need(_is_count(getattr(row, name)))
     need(type(row.exit_code) is int and (row.seed is None or _is_count(row.seed)))
-    for given in (row.responses, row.u95, row.truth):
+    for given in (row.responses, row.u, row.u95, row.truth):
         need(all(value is None or _is_number(value) for value in given.values()))
     texts = (row.kind, row.run_sha256, row.started, row.host, row.error or "", *files, *row.bases.values())
     need(all(isinstance(text, str) for text in texts) and isinstance(row.settings, dict))
