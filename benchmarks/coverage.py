@@ -412,11 +412,11 @@ def _channel_left(random: Random, seed: int) -> Case:
     )
 
 
-def _single(depth_um: float, away_um: float = 500.0) -> Callable[[Random, int], Case]:
-    """Two jobs of a hole each on one machine."""
+def _single(depth_um: float, away_um: float = 500.0, jobs: int = 2) -> Callable[[Random, int], Case]:
+    """Jobs of a hole each on one machine."""
 
     def make(random: Random, seed: int) -> Case:
-        places = ((away_um, 0.0), (away_um + 500.0, 0.0))
+        places = tuple((away_um + 500.0 * i, 0.0) for i in range(jobs))
         return Case("cu270", seed, (_depth(depth_um),), places, one_by_one=True, between_s=600.0)
 
     return make
@@ -444,7 +444,7 @@ def _factor(*, wear: float = 1.0, removal: float = 1.0) -> Callable[[Random, int
 STATED: dict[str, Callable[[Random, int], Case]] = {
     "shallow-10": _single(10.0),
     "medium-30": _single(30.0),
-    "deep-180": _single(180.0),
+    "deep-180": _single(180.0, jobs=1),
     "far-15mm-30": _single(30.0, 15000.0),
     "array-3": _array(3),
     "array-9": _array(9),

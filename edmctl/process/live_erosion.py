@@ -22,7 +22,7 @@ ARC_WEAR = GAP_LAW.arc_tool / GAP_LAW.arc_work
 USUAL_ARCS = 0.04
 """Energy of arcs over that of normal discharges in a clean gap (1.5 % of the pulses): what a recipe's wear ratio
 holds, until a hole has shown its own."""
-SCATTER_BETWEEN_HOLES = 0.015
+SCATTER_BETWEEN_HOLES = 0.01
 """Standard deviation of the wear ratio's logarithm from hole to hole [assumed]."""
 CHANGE_WITH_DEPTH = 0.03
 """Standard uncertainty of the ratio's logarithm where a hole is e times as deep as the one that told it [assumed]:

@@ -13,8 +13,8 @@ from edmctl.process.live_erosion import ErosionEstimate
 
 CLEAR_SIGMAS = 2.0
 """Standard uncertainties by which a decision stays clear of a limit. The interval of a result has its own factor."""
-GAP_U_UM = 0.15
-"""Standard uncertainty of the working gap that a cut ends with, measured once: servo swing and sensor noise."""
+GAP_U_UM = 0.09
+"""Standard uncertainty of the working gap that a cut ends with, measured once: servo, sensor noise (0057)."""
 NOISE_FLOOR_SIGMAS = 2.0
 """A rest below this many standard deviations of the depth is noise; chasing it only cuts too deep."""
 FINISH_SHARE = 0.08

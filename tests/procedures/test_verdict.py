@@ -16,7 +16,7 @@ from edmctl.profile.setup import Sensor
 from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed, site_result_of
 
-from .conftest import Done, Shop, calibrated
+from .conftest import Done, Shop, calibrated, eroding
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -161,8 +161,9 @@ def test_the_end_of_a_single_hole_is_touched(done: Done) -> None:
 
 
 def test_a_sparing_recipe_leaves_a_small_last_cut_estimated_and_says_so(shop: OpenShop) -> None:
-    s = shop(['wear.remeasure="sparing"', 'target={kind="depth",depth_um=10.0,tolerance_um=3.0}'])
-    (site,) = s.run_job().sites
+    """A tool that wears 2.5 times as much as the recipe says leaves a small rest to the third cut."""
+    overrides = ['wear.remeasure="sparing"', 'target={kind="depth",depth_um=10.0,tolerance_um=0.8}']
+    (site,) = shop(overrides, changed=lambda config: eroding(config, 2.5)).run_job().sites
     assert site.estimated_um > 0.0
     assert (site.depth_basis, site.wear_basis) == (Basis.ESTIMATED, Basis.ESTIMATED)
 

@@ -373,11 +373,8 @@ def settle_unmeasured(
         [one.share for one in cuts],
         worn_um,
         seconds,
-        touch_u_um=math.hypot(
-            TOUCH_U_UM * math.sqrt(2.0),
-            sensor_u.length_u_um(worn_um),
-            sensor_u.walk_um_per_sqrt_s * math.sqrt(seconds),
-        ),
+        # The sensor's gain is left out: it errs in a depth or wear of its own length, which is counted there.
+        touch_u_um=math.hypot(TOUCH_U_UM * math.sqrt(2.0), sensor_u.walk_um_per_sqrt_s * math.sqrt(seconds)),
         drift_u_um_per_s=drift.left_u_um / seconds if drift else sensor_u.drift_u_um_per_s,
     )
     shorter_um = 0.0
@@ -400,10 +397,11 @@ def _correct(run: JobRun, cut: Unmeasured, own_um: float, before_um: float, now:
     z3_um = result.z3_um + before_um + own_um
     feed_um = result.feed_um - now.tip_um + own_um
     gain_u_um = run.uncertainty.gain_u_rel * feed_um
+    wear_u_um = math.hypot(cut.wear_before_u_um, now.wear_u_um, run.uncertainty.length_u_um(now.wear_um))
     corrected = replace(
         found,
         depth=Value(result.depth_um - now.tip_um, math.hypot(cut.depth_u_um, now.tip_u_um)),
-        wear=Value(cut.wear_before_um + now.wear_um, math.hypot(cut.wear_before_u_um, now.wear_u_um)),
+        wear=Value(cut.wear_before_um + now.wear_um, wear_u_um),
         feed=Value(feed_um, math.hypot(cut.depth_u_um, cut.wear_before_u_um, now.feed_u_um, gain_u_um)),
     )
     run.tally.sites[hole.site.name] = replace(
