@@ -104,27 +104,20 @@ def render_wear(
     depth_basis = found.depth_basis
     bases = (depth_basis, found.wear_basis)
     head = heading(bases)
-    header = [name, head]
-    wear = ["tool wear", marked(length(found.wear_um, found.wear_u95_um), found.wear_basis, head)]
-    depth = ["depth", marked(length(found.depth_um, found.depth_u95_um), depth_basis, head)]
-    feed = ["feed", marked(length(found.feed_um, found.feed_u95_um), basis_of("feed", *bases), head)]
-    # Lengths by the model alone would stand there twice.
-    if found.wear_basis != Basis.MODEL:
-        header.append("from voltage")
-        wear.append(length(found.wear_model_um, found.wear_model_u95_um))
-        depth.append(length(found.depth_model_um, found.depth_model_u95_um))
-        feed.append(length(found.feed_model_um, found.feed_model_u95_um))
-    if truth is not None:
-        header.append("truth")
-        wear.append(length(truth["wear_um"]))
-        depth.append(length(truth["depth_um"]))
-        feed.append(length(truth["feed_um"]))
-    z1, z2, z3 = (
-        ["Z1 reference", length(found.z1_um)],
-        ["Z2 bottom", length(found.z2_um)],
-        ["Z3 pad", length(found.z3_um)],
-    )
-    rows = [depth, wear, feed, z1, z2, z3] if depth_basis else [wear, z1, z3]
+    # Lengths by the model alone would be in the table twice.
+    has_sensor = found.wear_basis != Basis.MODEL
+    header = [name, head, *(["from voltage"] if has_sensor else []), *(["truth"] if truth else [])]
+    rows = []
+    for key in ("depth", "wear", "feed") if depth_basis else ("wear",):
+        value, u95, model, model_u95 = (
+            getattr(found, f"{key}_{part}um") for part in ("", "u95_", "model_", "model_u95_")
+        )
+        row = ["tool wear" if key == "wear" else key, marked(length(value, u95), basis_of(key, *bases), head)]
+        row += [length(model, model_u95)] if has_sensor else []
+        rows.append([*row, length(truth[f"{key}_um"])] if truth else row)
+    rows.append(["Z1 reference", length(found.z1_um)])
+    rows += [["Z2 bottom", length(found.z2_um)]] if depth_basis else []
+    rows += [["Z3 pad", length(found.z3_um)], ["drift of Z3", length(found.drift_um)]]
     parts = [
         [part.source, length(part.depth_um), length(part.wear_um), length(part.feed_um)]
         for part in found.budget
@@ -141,7 +134,7 @@ def render_wear(
     if depth_basis is None:
         columns, *parts = ([source, wear_um] for source, _, wear_um, _ in (columns, *parts))
         words.insert(0, "No depth: the tool's last job left no measured bottom. Name a hole with --site.")
-    table = render_columns(header, [*rows, ["drift of Z3", length(found.drift_um)]], style)
+    table = render_columns(header, rows, style)
     return "\n\n".join(
         ["\n".join([table, *meanings(bases, head)]), render_columns(columns, parts, style), *words]
     )
@@ -243,7 +236,6 @@ NOTHING = (
     "This computer lists no serial ports, the setup names none, and nobody serves a virtual one.\n"
     "Plug the controller in, or try the virtual one: `edmctl simulate serve --link edm`, then --port edm."
 )
-_INKS = {"warn": Ink.WARNING, "fail": Ink.ERROR}
 
 
 def render_checks(checks: Sequence[Check], style: Style = PLAIN) -> str:
@@ -296,6 +288,7 @@ def _answer(port: PortRow, style: Style) -> str:
 
 
 _INKS = {
+    "warn": Ink.WARNING,
     ItemStatus.PASS: Ink.SIGNAL,
     ItemStatus.ANSWERED: Ink.FAINT,
     ItemStatus.FAIL: Ink.ERROR,

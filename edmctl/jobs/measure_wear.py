@@ -178,13 +178,13 @@ class WearRun:
     is_reference: bool
     name: str = "measure-wear"
     pulses: bool = False
+    bottom: Bottom | None = None
     found: WearResult | None = None
     touched: SurfaceReading | None = None
     _session: MachineSession | None = None
     _ledger: Ledger | None = None
     _run_file: str = ""
     _account: ToolAccount | None = None
-    _bottom: Bottom | None = None
     _reference: Reference | None = None
     _temperature_c: float = math.nan
     _warn: Warn | None = None
@@ -243,8 +243,8 @@ class WearRun:
             diameter_um = self.plan.loaded.profile.tool.diameter_um
             if not self.plan.names_tool:
                 diameter_um = diameter_of(account.label, identity)
-            self._bottom = bottom_of(self.site, history, account, diameter_um, folder)
-            run_file = self._bottom.run_file if self._bottom is not None else run_file
+            self.bottom = bottom_of(self.site, history, account, diameter_um, folder)
+            run_file = self.bottom.run_file if self.bottom is not None else run_file
             self.plan = with_recipe_of(self.plan, folder, run_file)
             return self._at_speed_of(reference, warn)
         if setup_differences(account.reference, self.plan.setup):
@@ -272,7 +272,7 @@ class WearRun:
                 self._warn(_replaced(account, self.touched.z_um))
             return
         age_s = counted_pause_s(replace(run.job, pause_s=self._reference.age_s))
-        self.found = measure_wear(run, replace(self._reference, age_s=age_s), expected_um, self._bottom)
+        self.found = measure_wear(run, replace(self._reference, age_s=age_s), expected_um, self.bottom)
         refuse_drift(run, self.found)
         self._compare(self.found, account)
 
@@ -315,7 +315,7 @@ class WearRun:
             return {**head, "reference": reference}
         if self.found is None:
             return None
-        bottom = self._bottom
+        bottom = self.bottom
         return {
             **head,
             "site": asdict(bottom) if bottom else None,
@@ -332,11 +332,6 @@ class WearRun:
         return self._account
 
     @property
-    def bottom(self) -> Bottom | None:
-        """The hole whose bottom is touched."""
-        return self._bottom
-
-    @property
     def total_um(self) -> float:
         """What the tool has lost since it was new."""
         assert self.found is not None
@@ -350,7 +345,7 @@ class WearRun:
             return None
         before = self.account.reference.truth if self.account.reference else None
         wear_um = virtual.tool_wear_um - before["tool_wear_um"] if before else math.nan
-        depth_um, bottom, holes = math.nan, self._bottom, virtual.truth()
+        depth_um, bottom, holes = math.nan, self.bottom, virtual.truth()
         if bottom is not None and holes:
             nearest = min(holes, key=lambda h: math.hypot(h.x_um - bottom.x_um, h.y_um - bottom.y_um))
             depth_um = nearest.depth_um

@@ -8,17 +8,11 @@ from collections.abc import Sequence
 
 from edmctl.csv_text import table_text
 from edmctl.jobs.job import Report
-from edmctl.labels import Basis
+from edmctl.labels import Basis, basis_of
 from edmctl.results.job import ChannelResult, SiteResult, SiteTruth
 from edmctl.results.simulation import Case, SimulatedRun, SimulatedSite, Statistics
 
-_SITE_QUANTITIES = {
-    "depth_um": "depth_basis",
-    "wear_um": "wear_basis",
-    "depth_error_um": "depth_basis",
-    "wear_error_um": "wear_basis",
-}
-"""Quantities of a hole, and which basis is theirs."""
+_SITE_QUANTITIES = ("depth_um", "wear_um", "depth_error_um", "wear_error_um")
 _RUN_QUANTITIES = ("machining_time_s", "time_s", "mrr_mm3_min", "wear_ratio_lin", "arc_share")
 _TRUE_QUANTITIES = ("depth_um", "wear_um")
 
@@ -101,8 +95,9 @@ def summarize(label: str, overrides: tuple[str, ...], runs: Sequence[SimulatedRu
 def _of_basis(sites: Sequence[SimulatedSite], basis: Basis) -> dict[str, Statistics]:
     """Spreads of what rests on one basis: a depth that was estimated is its target, and scatters by nothing."""
     found: dict[str, Statistics] = {}
-    for key, name in _SITE_QUANTITIES.items():
-        found |= _statistics_of([site for site in sites if getattr(site, name) is basis], (key,))
+    for key in _SITE_QUANTITIES:
+        of_basis = [site for site in sites if basis_of(key, site.depth_basis, site.wear_basis) == basis]
+        found |= _statistics_of(of_basis, (key,))
     return found
 
 

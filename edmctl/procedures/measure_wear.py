@@ -8,7 +8,6 @@ it. The bottom is judged by how deep the hole is known to be, and a tool that ha
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from edmctl.errors import ObjectiveNotReached
@@ -82,17 +81,17 @@ def measure_wear(run: JobRun, reference: Reference, expected_um: float, bottom: 
     """Touch the pad, where it is expected at `expected_um`, then the bottom of a hole, then the pad again."""
     home = run.tally.home_um, run.tally.home_s
     before = touch_pad(run, "Z3", expected_um)
+    z2, face_um, face_u_um = None, 0.0, pad_u_um(run.setup)
     if bottom is None:
         move_to(run, run.job.parking)
-        after = touch_pad(run, "Z3", before.z_um)
-        return _found(run, reference, home, before, None, after, 0.0, pad_u_um(run.setup))
-    surface, site = level_surface(run), Place(bottom.name, bottom.x_um, bottom.y_um)
-    fit_pad_slope(run, surface, before)
-    face_um, face_u_um = surface.height_um(site), math.hypot(surface.height_u_um(site), pad_u_um(run.setup))
-    move_to(run, site)
-    depth_u_um = math.hypot(bottom.depth_u_um, face_u_um)
-    expected = ExpectedBottom(before.z_um + face_um, bottom.depth_um, depth_u_um, "the job that made it")
-    z2 = read_expected(run, bottom.name, expected)
+    else:
+        surface, site = level_surface(run), Place(bottom.name, bottom.x_um, bottom.y_um)
+        fit_pad_slope(run, surface, before)
+        face_um, face_u_um = surface.height_um(site), math.hypot(surface.height_u_um(site), face_u_um)
+        move_to(run, site)
+        depth_u_um = math.hypot(bottom.depth_u_um, face_u_um)
+        expected = ExpectedBottom(before.z_um + face_um, bottom.depth_um, depth_u_um, "the job that made it")
+        z2 = read_expected(run, bottom.name, expected)
     after = touch_pad(run, "Z3", before.z_um)
     return _found(run, reference, home, before, z2, after, face_um, face_u_um)
 
@@ -152,21 +151,33 @@ def _found(
         doubts_u_um=doubts_u_um,
         drift=Drift(0.0, drift.left_u_um),
     )
-    noise_um = found.depth_noise_um / math.sqrt(1.0 / bottom.touches + 1.0 / z3.touches)
     lengths_um = (found.wear_um, found.depth_um, found.feed_um)
     model3_um = 0.5 * (before.model_um + after.model_um)
     model2_um = z2.model_um if z2 else math.nan
     hole = z2 is not None
     between_u_um = sensor_u.drifted_u_um(depth_s)
-    to_bottom_u_um = math.hypot((1.0 - depth_s / age_s) * drift.left_u_um, between_u_um)
-    drifts_u_um = (drift.left_u_um, between_u_um, to_bottom_u_um)
     creep_um = z2.creep_um - 0.5 * (before.creep_um + after.creep_um) if z2 else 0.0
     depth_model_u95_um, wear_model_u95_um = model_u95_um(run, found, creep_um)
-    readings = (z1, bottom, z3)
-    budget = (
-        *_budget(sensor_u, lengths_um, noise_um, readings, drifts_u_um, face_u_um, meeting_u_um),
-        _doubted(doubts_u_um),
-    )
+    noise_um = found.depth_noise_um / math.sqrt(1.0 / bottom.touches + 1.0 / z3.touches)
+    noises_um = [noise_um / math.sqrt(reading.touches) for reading in (z1, bottom, z3)]
+    pairs = ((0, 2), (1, 2), (0, 1))  # of Z1, Z2 and Z3: wear, depth and feed
+    budget = [
+        UncertaintyPart(
+            "scatter of the touches", *(math.hypot(noises_um[i], noises_um[j]) for i, j in pairs)
+        ),
+        UncertaintyPart(
+            "drift of the sensor",
+            drift.left_u_um,
+            between_u_um,
+            math.hypot((1.0 - depth_s / age_s) * drift.left_u_um, between_u_um),
+        ),
+        UncertaintyPart("gain of the sensor", *(sensor_u.gain_u_rel * abs(um) for um in lengths_um)),
+        UncertaintyPart("linearity of the sensor", *(sensor_u.bend_u_um(um) for um in lengths_um)),
+        UncertaintyPart("tilt and stages", meeting_u_um, face_u_um, face_u_um),
+        UncertaintyPart("touches in doubt", *(math.hypot(doubts_u_um[i], doubts_u_um[j]) for i, j in pairs)),
+    ]
+    if not hole:
+        budget = [replace(part, depth_um=math.nan, feed_um=math.nan) for part in budget]
     return WearResult(
         z1_um=reference.z_um,
         z2_um=bottom.mean_um if hole else math.nan,
@@ -196,9 +207,7 @@ def _found(
         feed_model_u95_um=math.hypot(depth_model_u95_um, wear_model_u95_um) if hole else math.nan,
         depth_basis=None if z2 is None else Basis.ESTIMATED if z2.doubt_u_um > 0.0 else run.job.touch_basis,
         wear_basis=run.job.touch_basis,
-        budget=budget
-        if hole
-        else tuple(replace(part, depth_um=math.nan, feed_um=math.nan) for part in budget),
+        budget=tuple(budget),
         time_s=run.machine.time_s,
     )
 
@@ -238,43 +247,9 @@ def _drifting_s(
     return min(age_s, math.hypot(between_um, since_um) / drift_u_um_per_s)
 
 
-def _doubted(doubts_u_um: tuple[float, float, float]) -> UncertaintyPart:
-    """Return what touches in doubt add, of Z1, Z2 and Z3."""
-    z1, z2, z3 = doubts_u_um
-    return UncertaintyPart("touches in doubt", math.hypot(z1, z3), math.hypot(z2, z3), math.hypot(z1, z2))
-
-
 def _mean(a: Reading, b: Reading) -> Reading:
     """Two readings of one place as one: the mean, and the scatter within them."""
     dof = a.touches + b.touches - 2
     squares = (a.touches - 1) * a.sd_um**2 + (b.touches - 1) * b.sd_um**2
     sd_um = math.sqrt(squares / dof) if dof else 0.0
     return Reading(0.5 * (a.mean_um + b.mean_um), sd_um, a.touches + b.touches)
-
-
-def _budget(
-    sensor_u: Displacement,
-    lengths_um: tuple[float, float, float],
-    noise_um: float,
-    readings: Sequence[Reading],
-    drifts_u_um: tuple[float, float, float],
-    tilt_u_um: float,
-    pad_u_um: float,
-) -> tuple[UncertaintyPart, ...]:
-    """Return the parts that `process.touches.measure` adds up; triples are of wear, depth, feed in this order."""
-    z1, z2, z3 = (1.0 / reading.touches for reading in readings)
-    gains = [sensor_u.gain_u_rel * abs(length_um) for length_um in lengths_um]
-    return (
-        UncertaintyPart(
-            "scatter of the touches",
-            noise_um * math.sqrt(z1 + z3),
-            noise_um * math.sqrt(z2 + z3),
-            noise_um * math.sqrt(z1 + z2),
-        ),
-        UncertaintyPart("drift of the sensor", *drifts_u_um),
-        UncertaintyPart("gain of the sensor", *gains),
-        UncertaintyPart(
-            "linearity of the sensor", *[sensor_u.bend_u_um(length_um) for length_um in lengths_um]
-        ),
-        UncertaintyPart("tilt and stages", pad_u_um, tilt_u_um, tilt_u_um),
-    )

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING
 
 from edmctl.labels import basis_of, weakest
+from edmctl.record.layout import RESULTS
 from edmctl.record.results import Labels, labels_of
+from edmctl.results.job import SiteTruth
 from edmctl.results.run_file import SiteNumbers, Totals
 from edmctl.results.telemetry import PulseShares
 from edmctl.wording import plain_number
@@ -82,8 +84,15 @@ def numbers_of(run: RunFile) -> RunNumbers:
     return RunNumbers(tuple(_site(row, labels, places, thickness_um) for row, labels in rows))
 
 
-TRUE_SURFACE = ("side_gap_um", "taper_um", "ra_um", "rz_um", "corner_um")
-"""What the virtual machine says of a hole beside depth and wear, by the names of `SiteTruth`."""
+_FIELDS = {field.name for field in fields(SiteNumbers)}
+_MISSING = {
+    "face_um": 0.0,
+    "measuring_stops": 0,
+    "estimated_um": 0.0,
+    "depth_model_u95_um": math.nan,
+    "wear_model_u95_um": math.nan,
+}
+"""Values of files of older versions, which have no such columns."""
 
 
 def _places(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object]]]:
@@ -98,66 +107,33 @@ def _places(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, o
 def _site(
     row: np.void, labels: Labels, places: Mapping[str, Mapping[str, object]], thickness_um: float
 ) -> SiteNumbers:
-    name = row["site"].decode(errors="ignore")
-    through = bool(_later(row, "through"))
-    depth_um, depth_u95_um = float(row["depth"]), float(row["depth_u95"])
-    beyond_um, beyond_u95_um = math.nan, math.nan
+    name, columns = row["site"].decode(errors="ignore"), row.dtype.names or ()
+    known = {column.field: row[column.name].item() for column in RESULTS.columns if column.name in columns}
+    values = _MISSING | {field: value for field, value in known.items() if field in _FIELDS}
+    through = bool(known.get("through"))
     if through:
         # Files of older versions have the way of the tip below the surface as depth.
-        beyond_um = _later(row, "beyond_exit", depth_um - thickness_um)
-        beyond_u95_um = _later(row, "beyond_exit_u95", depth_u95_um)
-        depth_um = depth_u95_um = math.nan
+        values.setdefault("beyond_exit_um", values["depth_um"] - thickness_um)
+        values.setdefault("beyond_exit_u95_um", values["depth_u95_um"])
+        values |= dict.fromkeys(("depth_um", "depth_u95_um", "depth_model_um"), math.nan)
+    else:
+        values |= dict.fromkeys(("beyond_exit_um", "beyond_exit_u95_um"), math.nan)
     place = places.get(name, {})
     told = place.get("truth")
     truth = told if isinstance(told, Mapping) else {}
     return SiteNumbers(
-        name=name,
-        x_um=float(row["x"]),
-        y_um=float(row["y"]),
-        z1_um=float(row["z1"]),
-        z2_um=float(row["z2"]),
-        z3_um=float(row["z3"]),
-        face_um=_later(row, "face"),
-        depth_um=depth_um,
-        depth_u95_um=depth_u95_um,
-        wear_um=float(row["wear"]),
-        wear_u95_um=float(row["wear_u95"]),
-        feed_um=float(row["feed"]),
-        depth_model_um=math.nan if through else float(row["depth_model"]),
-        depth_model_u95_um=_later(row, "depth_model_u95", math.nan),
-        wear_model_um=float(row["wear_model"]),
-        wear_model_u95_um=_later(row, "wear_model_u95", math.nan),
-        machining_time_s=float(row["machining_time"]),
-        cuts=int(row["cuts"]),
-        pulses=int(row["pulses"]),
-        ratios=tuple(float(row[f"r_{name}"]) for name in CLASSES),
-        energy_j=float(row["energy"]),
-        wear_ratio_lin=float(row["wear_ratio_lin"]),
-        wear_ratio_vol=float(row["wear_ratio_vol"]),
-        mrr_mm3_min=float(row["mrr"]),
-        measuring_stops=int(_later(row, "stops")),
-        estimated_um=_later(row, "estimated"),
-        through=through,
-        beyond_exit_um=beyond_um,
-        beyond_exit_u95_um=beyond_u95_um,
-        length_um=thickness_um if through else depth_um,
-        depth_basis=labels.depth_basis,
-        wear_basis=labels.wear_basis,
-        verdict=labels.verdict,
-        truth_depth_um=plain_number(truth.get("depth_um")),
-        **{f"truth_{name}": plain_number(truth.get(name)) for name in TRUE_SURFACE},
-        truth_wear_um=plain_number(truth.get("wear_um")),
-        feed_u95_um=_later(row, "feed_u95", math.nan),
-        drift_correction_um=_later(row, "drift_correction"),
-        drift_left_u_um=_later(row, "drift_left_u", math.nan),
-        drift_by_rests=bool(_later(row, "drift_by_rests")),
-        working_gap_um=plain_number(place.get("working_gap_um")),
+        **values
+        | asdict(labels)
+        | {f"truth_{key.name}": plain_number(truth.get(key.name)) for key in fields(SiteTruth)}
+        | {
+            "name": name,
+            "ratios": tuple(float(row[f"r_{kind}"]) for kind in CLASSES),
+            "through": through,
+            "length_um": thickness_um if through else values["depth_um"],
+            "drift_by_rests": bool(known.get("drift_by_rests")),
+            "working_gap_um": plain_number(place.get("working_gap_um")),
+        }
     )
-
-
-def _later(row: np.void, name: str, missing: float = 0.0) -> float:
-    """A field that files of older versions may not have."""
-    return float(row[name]) if name in (row.dtype.names or ()) else missing
 
 
 def target_depths_um(values: Mapping[str, object]) -> tuple[float, float] | None:

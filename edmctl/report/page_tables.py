@@ -117,17 +117,11 @@ def _one_site(site: SiteNumbers) -> PageTable:
         row("wear ratio, lengths", _marked(site, "wear_ratio", decimal(site.wear_ratio_lin, 3), head)),
         row("wear ratio, volumes", _marked(site, "wear_ratio", decimal(site.wear_ratio_vol, 3), head)),
         row("discharge energy, J", significant(site.energy_j)),
-        *(
-            [
-                row("side gap", "", "", truth.side_gap_um),
-                row("taper, wider at the mouth", "", "", truth.taper_um),
-                row("roughness Ra", "", "", truth.ra_um),
-                row("roughness Rz", "", "", truth.rz_um),
-                row("radius of the corner", "", "", truth.corner_um),
-            ]
-            if truth
-            else []
-        ),
+        row("side gap", "", "", site.truth_side_gap_um),
+        row("taper, wider at the mouth", "", "", site.truth_taper_um),
+        row("roughness Ra", "", "", site.truth_ra_um),
+        row("roughness Rz", "", "", site.truth_rz_um),
+        row("radius of the corner", "", "", site.truth_corner_um),
         row("verdict", site.verdict if is_doubtful(site.verdict) else ""),
     ]
     shown = [row for row in rows if {*row[1:]} - {"", UNKNOWN}]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from edmctl.errors import RunFileError
@@ -128,15 +128,7 @@ class SiteNumbers:
     @property
     def truth(self) -> SiteTruth | None:
         """What the virtual machine knows of the place; None where there is none."""
-        known = SiteTruth(
-            self.truth_depth_um,
-            self.truth_wear_um,
-            self.truth_side_gap_um,
-            self.truth_taper_um,
-            self.truth_ra_um,
-            self.truth_rz_um,
-            self.truth_corner_um,
-        )
+        known = SiteTruth(*(getattr(self, f"truth_{field.name}") for field in fields(SiteTruth)))
         return known if math.isfinite(known.depth_um) or math.isfinite(known.wear_um) else None
 
 

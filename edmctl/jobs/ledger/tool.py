@@ -214,21 +214,15 @@ def setup_differences(reference: ReferenceTouched | None, setup: Setup) -> list[
 
 def refuse_other_setup(account: ToolAccount, history: MachineHistory, plan: Plan, folder: Path) -> None:
     """Raise PreconditionError E8059 if the tool's reference, or the machine's last one, has another setup."""
-    found = [
-        (reference, differences)
-        for reference in (account.reference, history.reference)
-        if reference is not None and (differences := setup_differences(reference, plan.setup))
-    ]
-    if not found:
-        return
-    reference, differences = found[0]
-    raise PreconditionError(
-        f"The reference of {reference.tool} in {folder / reference.run_file} was touched under another setup; "
-        f"with the {plan.setup.in_words()} {', and '.join(differences)}.",
-        hint="Name its setup with --setup or EDMCTL_SETUP. If the machine was changed, touch the pad anew with "
-        f"`{reference_command(plan)}`; keep the runs of another machine in another folder with --out.",
-        code="E8059",
-    )
+    for reference in (account.reference, history.reference):
+        if reference is not None and (differences := setup_differences(reference, plan.setup)):
+            raise PreconditionError(
+                f"The reference of {reference.tool} in {folder / reference.run_file} was touched under another "
+                f"setup; with the {plan.setup.in_words()} {', and '.join(differences)}.",
+                hint="Name its setup with --setup or EDMCTL_SETUP. If the machine was changed, touch the pad anew "
+                f"with `{reference_command(plan)}`; keep the runs of another machine in another folder with --out.",
+                code="E8059",
+            )
 
 
 NEAR_UM = 10.0
