@@ -56,7 +56,9 @@ def render_runs(runs: Sequence[RunHead | Unreadable], style: Style = PLAIN) -> s
     """
     columns = style.columns
     heads = [run for run in runs if not isinstance(run, Unreadable)]
-    table = {name: [_cell(run, name, cell) for run in runs] for name, cell in _COLUMNS.items()}
+    heirs = {run.parent_run: f"continued by {_name(run)}" for run in heads if run.parent_run}
+    cells = {**_COLUMNS, "status": lambda run: heirs.get(run.run_id, _status(run))}
+    table = {name: [_cell(run, name, cell) for run in runs] for name, cell in cells.items()}
     shown = narrowed(table, columns, FIRST_TO_GO)
     if columns is not None and width_of(shown) > columns:
         shown["status"] = [

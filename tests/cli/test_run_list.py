@@ -48,6 +48,18 @@ def test_a_row_says_what_became_of_a_run(here: Here, tmp_path: Path) -> None:
     assert run["error"] is None
 
 
+def test_a_run_that_another_one_continued_names_it(tmp_path: Path) -> None:
+    for run_id, parent, status, code in (("c1", "", "stopped", 130), ("c1-r1", "c1", "done", 0)):
+        meta = replace(a_meta(), run_id=run_id, parent_run=parent)
+        RunWriter.create(tmp_path / f"{run_id}.h5", meta).finish(status, code)
+    heads = [read_head(tmp_path / f"{name}.h5") for name in ("c1", "c1-r1")]
+    first, second = render_runs(heads).splitlines()[1:3]
+    assert "continued by c1-r1" in first
+    assert "stopped" not in first
+    assert "done" in second
+    assert "stopped (130)" in render_runs(heads[:1])
+
+
 def test_what_was_not_touched_is_marked(here: Here, tmp_path: Path) -> None:
     bases = {
         Basis.ESTIMATED: "~180.00 ± 0.90",
