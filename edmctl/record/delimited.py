@@ -49,7 +49,6 @@ COMMENT = "#"
 MOST_PREAMBLE = 1000
 """Lines above a header; oscilloscopes write some twenty."""
 LONGEST_LINE = 100_000
-_NAMES_ABOVE = "Name the columns in a line above the rows."
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _UNIT = re.compile(r"[(\[]?(?:[numkµμ]?(?:s|sec|v|volts?|a|m|hz)|[-1%])[)\]]?", re.IGNORECASE)
 
@@ -98,11 +97,10 @@ class Table:
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
         """Yield the line, from 1, and the cells of each row. Raises RecordError E3604 for more cells than names."""
-        lines, separator = self.lines[self.begin :], self.separator
+        lines, separator, width = self.lines[self.begin :], self.separator, len(self.names)
         if separator == BLANKS:
             lines, separator = ["\t".join(line.split()) for line in lines], "\t"
-        reader = csv.reader((f"{_cut(line)}\n" for line in lines), delimiter=separator, skipinitialspace=True)
-        width = len(self.names)
+        reader = csv.reader((f"{line}\n" for line in lines), delimiter=separator, skipinitialspace=True)
         try:
             for cells in reader:
                 if len(cells) > width and (count := _filled(cells)) > width:
@@ -132,10 +130,8 @@ class Table:
                 if number is None:
                     raise self._no_number(line, name, cells)
                 values.append(number)
-        columns = np.frombuffer(values).reshape(-1, len(self.columns)).T
-        return {
-            name: np.ascontiguousarray(column) for name, column in zip(self.columns, columns, strict=True)
-        }
+        table = np.frombuffer(values).reshape(-1, len(self.columns))
+        return {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(self.columns)}
 
     def number_text(self, cell: str) -> str:
         """Return a cell with a decimal point instead of a comma that does not separate cells."""
@@ -144,19 +140,18 @@ class Table:
 
     def without(self, missing: Sequence[str], hint: str) -> RecordError:
         """Return the error E3603 for missing columns."""
-        what = f": no column {' and no '.join(missing)} in {shortened(_uncommented(self.lines[self.header]))}"
+        header = shortened(self.lines[self.header].strip().lstrip(COMMENT).strip())
+        what = f": no column {' and no '.join(missing)} in {header}"
         return self.error(self.header + 1, what, hint, "E3603")
 
     def _no_number(self, line: int, name: str, cells: Sequence[str]) -> RecordError:
         k = self.columns[name]
         if k >= len(cells):
-            is_last = not any(map(str.strip, self.lines[line:]))
-            hint = (
-                "The file ends within a row: delete its last line."
-                if is_last
-                else "Complete or delete the row."
+            more = any(map(str.strip, self.lines[line:]))
+            ends = (
+                "Complete or delete the row." if more else "The file ends within a row: delete its last line."
             )
-            return self._of_width(line, len(cells), hint)
+            return self._of_width(line, len(cells), ends)
         found = f"{_text(cells[k])!r} is no number" if cells[k].strip() else "the cell is empty"
         hint = "Correct or delete the row; numbers are written like -12.5 or 1.25e-3."
         return self.error(line, f", column {name}: {found}", hint, cell=k)
@@ -169,9 +164,8 @@ class Table:
         text = self.lines[line - 1]
         start, end = 0, len(text)
         if cell:
-            pattern = (
-                r"\S+" if self.separator == BLANKS else rf"(?:^|(?<={self.separator}))[^{self.separator}]*"
-            )
+            between = rf"(?:^|(?<={self.separator}))[^{self.separator}]*"
+            pattern = r"\S+" if self.separator == BLANKS else between
             start, end = [one.span() for one in re.finditer(pattern, text)][cell]
         where = Location(self.name, line, start + 1, max(1, end - start), text)
         return RecordError(f"{self.name}, line {line}{what}.", hint=hint, code=code, where=where)
@@ -197,17 +191,15 @@ def table_of(text: str, name: str, wanted: Sequence[str]) -> Table:
         message = f"{name} has a line of {longest} characters."
         raise RecordError(message, hint="Give a row per sample.", code="E3602")
     header = _header(lines, name, wanted)
-    separator, names = _names(lines[header], wanted)
-    columns = find_columns(names, wanted)
-    begin = header + 1
-    while begin < len(lines) and (
-        not _cut(lines[begin]) or _are_units(cells_of(lines[begin], separator), columns)
-    ):
-        begin += 1
-    first = lines[begin].partition(COMMENT)[0] if begin < len(lines) else ""
+    separator, names, columns = _names(lines[header], wanted)
+    lines[header + 1 :] = ["" if line.startswith(COMMENT) else line for line in lines[header + 1 :]]
+    filled = (k for k in range(header + 1, len(lines)) if lines[k].strip())
+    begin = next((k for k in filled if not _are_units(cells_of(lines[k], separator), columns)), len(lines))
+    first = "".join(lines[begin : begin + 1]).partition(COMMENT)[0].strip()
     fitting = [one for one in SEPARATORS if len(cells_of(first, one)) == len(names)]
-    rows_separator = fitting[0] if fitting and separator not in first.strip() else separator
-    table = Table(name, lines, header, begin, names, rows_separator, columns)
+    if fitting and separator not in first:
+        separator = fitting[0]
+    table = Table(name, lines, header, begin, names, separator, columns)
     plain = [_plain(one) for one in names]
     if twice := next((one for one in columns if plain.count(_plain(one)) > 1), None):
         hint = "Keep one, or give the other another name."
@@ -231,30 +223,34 @@ def read_delimited(path: Path, content: bytes, needed: Sequence[str] = WANTED) -
 
 
 def _header(lines: Sequence[str], name: str, wanted: Sequence[str]) -> int:
-    """Return the index of the line with most of the wanted names, else of the line above the first numbers."""
-    filled = [k for k, line in enumerate(lines) if line.strip() and not line.startswith("sep=")][
-        :MOST_PREAMBLE
-    ]
-    if not any(_cut(lines[k]) for k in filled):
-        message = f"{name} {'holds comments only' if filled else 'is empty'}."
-        raise RecordError(message, hint=_NAMES_ABOVE, code="E3602")
-    known = {k: len(find_columns(_names(lines[k], wanted)[1], wanted)) for k in filled}
-    if best := max(known.values()):
-        return next(k for k in filled if known[k] == best)
-    above = list(takewhile(lambda k: None in map(number_of, _words(lines[k])), filled))
-    if not above:
-        message = f"{name} has no header: its first line holds numbers."
-        raise RecordError(message, hint=_NAMES_ABOVE, code="E3602")
+    """Return the index of the line above the first numbers with most of the wanted names, else of the last one."""
+    filled = [k for k, line in enumerate(lines) if line.strip() and not line.startswith("sep=")]
+    plain = [k for k in filled if not lines[k].startswith(COMMENT)]
+    above = list(takewhile(lambda k: not _is_numeric(lines[k]), filled[:MOST_PREAMBLE]))
+    if not plain or not above:
+        what = "has no header: its first line holds numbers" if plain else "is empty"
+        what = "holds comments only" if filled and not plain else what
+        raise RecordError(f"{name} {what}.", hint="Name the columns in a line above the rows.", code="E3602")
+    best = max(above, key=lambda k: len(_names(lines[k], wanted)[2]))
+    if _names(lines[best], wanted)[2]:
+        return best
     if len(above) == len(filled):
-        return next(k for k in above if _cut(lines[k]))
+        return plain[0]
     has_units = len(above) > 1 and all(map(_UNIT.fullmatch, _words(lines[above[-1]])))
     return above[-2] if has_units else above[-1]
 
 
-def _names(line: str, wanted: Sequence[str]) -> tuple[str, list[str]]:
-    """Return the separator of a header, and the names in it."""
-    tried = [(one, cells_of(_uncommented(line), one)) for one in SEPARATORS]
-    return max(tried, key=lambda one: len(find_columns(one[1], wanted)))
+def _names(line: str, wanted: Sequence[str]) -> tuple[str, list[str], dict[str, int]]:
+    """Return the separator of a header, its names, and the wanted columns among them."""
+    if line.lstrip().startswith(COMMENT):
+        line = line.strip().lstrip(COMMENT).strip()
+    tried = [(one, names := cells_of(line, one), find_columns(names, wanted)) for one in SEPARATORS]
+    return max(tried, key=lambda one: len(one[2]))
+
+
+def _is_numeric(line: str) -> bool:
+    words = _words(line)
+    return len(words) > 1 and None not in map(number_of, words)
 
 
 def _words(line: str) -> list[str]:
@@ -284,15 +280,6 @@ def _text(cell: str) -> str:
 
 def _plain(name: str) -> str:
     return name.strip().strip("\"'").replace("µ", "u").replace("μ", "u").lower()
-
-
-def _cut(line: str) -> str:
-    """Return a line, or nothing for a comment."""
-    return "" if line.startswith(COMMENT) else line.strip()
-
-
-def _uncommented(line: str) -> str:
-    return line.strip().lstrip(COMMENT).strip()
 
 
 def _are_units(cells: Sequence[str], columns: Mapping[str, int]) -> bool:

@@ -68,6 +68,8 @@ def refused(path: Path) -> RecordError:
         (HEADER + ROWS).replace(",", "   ").replace(".", ","),
         "Model,MSO2024\nRecord Length,2\nVertical Units,V,V,V\n\n" + HEADER + "s,V,µm\n" + ROWS,
         HEADER + "(s),(V),(um)\n\n" + ROWS,
+        "Logger\n3\n" + ("," + HEADER + "7," + ROWS.replace("\n0.005", "\n8,0.005")).replace(",", "\t"),
+        ("," + HEADER + "," + ROWS.replace("\n0.005", "\n,0.005")).replace(",", "\t"),
     ],
 )
 def test_a_table_is_read_however_it_is_written(tmp_path: Path, text: str | bytes) -> None:
