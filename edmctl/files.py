@@ -10,13 +10,10 @@ import os
 import stat
 from collections.abc import Mapping
 from contextlib import suppress
+from io import BufferedReader, FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.errors import UsageError
-
-if TYPE_CHECKING:
-    from io import BufferedReader
 
 TEXT_BYTES = 2_000_000
 """Longer than any profile, setup, list of places, calibration or journal; reading it takes a second and 100 MB."""
@@ -40,7 +37,7 @@ def user_path(text: str | os.PathLike[str], folder: Path = Path()) -> Path:
             hint=f"Write the whole path, or ./{written} for a file of that name.",
             code="E2007",
         )
-    path, fault = folder / expanded, ""
+    path, fault = folder / expanded, "" if written else "it is empty"
     try:
         path.stat()
     except OSError as error:  # every other failure is reported where the file is read or written
@@ -59,7 +56,15 @@ def path_variable(name: str, environ: Mapping[str, str]) -> Path | None:
 
 def open_regular(path: Path) -> BufferedReader:
     """Open a file for reading. Raises OSError, also for a folder, a pipe or a device, which stays untouched."""
-    return os.fdopen(open_descriptor(path, os.O_RDONLY), "rb")
+    return _Regular(FileIO(open_descriptor(path, os.O_RDONLY)))
+
+
+class _Regular(BufferedReader):
+    """A file that is read without waiting: one of the kernel that has nothing to read at present is empty."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return up to `size` bytes, none instead of None where reading would wait."""
+        return super().read(size) or b""
 
 
 def open_descriptor(path: Path, flags: int) -> int:

@@ -67,8 +67,10 @@ FRESH = MachineAddress()
 def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> MachineAddress:
     """Return the machine that the option (or its environment variable), else the setup, else nobody names.
 
-    Raises UsageError E2006 for a name of nothing.
+    Raises UsageError: E2006 the name is empty, E2045 `wait_s` is no length of time.
     """
+    if not wait_s >= 0.0:
+        raise UsageError(f"--wait {wait_s} is no length of time.", hint="Give seconds.", code="E2045")
     if option is not None and not option.strip():
         raise UsageError(
             "--port names no machine.",

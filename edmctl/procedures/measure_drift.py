@@ -28,6 +28,7 @@ from edmctl.process.rest_drift import (
 )
 from edmctl.profile.model import Profile
 from edmctl.profile.setup import Setup
+from edmctl.profile.tables import accepts, permitted_at
 from edmctl.record.rows import RunEvent
 from edmctl.results.measurements import DriftResult
 from edmctl.results.progress import Phase
@@ -82,9 +83,16 @@ class DriftRecord:
 def plan_drift(profile: Profile, setup: Setup, duration_s: float | None = None) -> DriftPlan:
     """Plan by the setup, over another time where one is given.
 
-    Raises UsageError E2064 where too little time is left beside the hold, PreconditionError E8034 without a sensor.
+    Raises UsageError E2064 if the time is beyond the bounds of drift.duration_s or too short for the hold,
+    PreconditionError E8034 without a sensor.
     """
-    drift = setup.drift
+    drift, key = setup.drift, ("drift", "duration_s")
+    if duration_s is not None and not accepts(Setup, key, duration_s):
+        raise UsageError(
+            f"{duration_s:g} s is no time for measuring drift.",
+            hint=f"Give {permitted_at(Setup, key)}.",
+            code="E2064",
+        )
     if not setup.sensor.fitted:
         raise PreconditionError(
             "No displacement sensor is fitted (setup: sensor.fitted = false): there are no rests that could drift.",
@@ -99,7 +107,7 @@ def plan_drift(profile: Profile, setup: Setup, duration_s: float | None = None) 
         hold_s=drift.hold_s,
     )
     least = LEAST_TOUCHES + 1
-    if not math.isfinite(plan.duration_s) or plan.touches < least:
+    if plan.touches < least:
         raise UsageError(
             f"{plan.duration_s:.0f} s with a hold of {plan.hold_s:.0f} s and a touch every {plan.interval_s:.0f} s "
             f"make {max(0, plan.touches)} touches; it takes {least}.",

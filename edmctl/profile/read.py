@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import tomllib
 import unicodedata
 from collections.abc import Iterator, Sequence
@@ -18,7 +19,7 @@ from edmctl.profile.folders import find_profile
 from edmctl.profile.positions import SET_OPTION, KeyPath, Source, TomlTable
 from edmctl.profile.units import NO_UNIT, in_unit_of_key, quantity
 from edmctl.toml_text import toml_value
-from edmctl.wording import code_point, with_hyphens
+from edmctl.wording import code_point, shortened, with_hyphens
 
 MOST_PARENTS = 20
 MOST_KEYS = 20_000
@@ -31,6 +32,7 @@ _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){""" + str(MOST
 _DECIMAL_COMMA = re.compile(r"\s*([+-]?\d+),(\d+)\s*(?:#.*)?")
 _STRING_OR_COMMENT = re.compile(r""""[^"]*"|'[^']*'|#.*""")
 _BARE_WORD = re.compile(r"[A-Za-z][\w.+/ -]*")
+_LONG = re.compile(r"[\dA-Fa-f_]{256}")
 _SITES = re.compile(r"\s*sites\s*[.\[]")
 _HINT_SITES = (
     "write all places, --set 'sites=[{x_um=600},{x_um=1000,y_um=400}]', or put them into the profile"
@@ -84,7 +86,7 @@ def _parsed(name: str, text: str) -> TomlTable:
             Code.SYNTAX, message, "tables stand at most three deep", Location(source.name, line, 1)
         )
     try:
-        table = tomllib.loads(source.text)
+        table = _loads(source.text)
         if _holds_more(table, MOST_KEYS):
             raise _refusal(Code.SYNTAX, f"{source.name} holds more than {MOST_KEYS} keys", "split it")
         return table
@@ -98,17 +100,30 @@ def _parsed(name: str, text: str) -> TomlTable:
     raise _refusal(Code.SYNTAX, f"not TOML: {what}", hint, where)
 
 
+def _loads(text: str) -> TomlTable:
+    """Parse a TOML text. Raises ValueError, also for a whole number that no float can represent; RecursionError."""
+    table = tomllib.loads(text)
+    for value in _inside(table):
+        if isinstance(value, int) and abs(value) > sys.float_info.max:
+            raise ValueError("a number is too long")
+    return table
+
+
 def _holds_more(table: TomlTable, most: int) -> bool:
     """Whether the tables in a table, and those in lists, have more keys than that."""
-    keys, left = 0, list[object]([table])
-    while left and keys <= most:
+    return sum(len(value) for value in _inside(table) if isinstance(value, dict)) > most
+
+
+def _inside(table: TomlTable) -> Iterator[object]:
+    """Yield a table, and every value in it and in its tables and lists."""
+    left: list[object] = [table]
+    while left:
         value = left.pop()
+        yield value
         if isinstance(value, dict):
-            keys += len(value)
             left += value.values()
         elif isinstance(value, list):
             left += value
-    return keys > most
 
 
 def _value_hint(line: str, column: int = 1) -> str:
@@ -212,8 +227,9 @@ def apply_overrides(below: Merged, overrides: Sequence[str]) -> Merged:
             continue
         given = _parse(text)
         if given is None:
-            message = f"cannot read --set {text}: it is not key=value with a TOML value"
-            wrong.append(_diagnostic(text, message, _value_hint(text) or _HINT))
+            message = f"cannot read --set {shortened(text)}: it is not key=value with a TOML value"
+            hint = _value_hint(text) or _HINT
+            wrong.append(_diagnostic(text, message, "the number is too long" if _LONG.search(text) else hint))
             continue
         path, value = given
         try:
@@ -237,7 +253,7 @@ def _parse(text: str) -> tuple[tuple[str, ...], object] | None:
     if not path or not value or "\n" in text:
         return None
     try:
-        return path, tomllib.loads(f"value = {value}")["value"]
+        return path, _loads(f"value = {value}")["value"]
     except (ValueError, RecursionError):
         return (path, value) if _BARE_WORD.fullmatch(value) else None
 

@@ -54,7 +54,7 @@ def recovered_name(path: Path) -> Path:
     """Return what the complete file is called: `a.h5` for `a.h5.partial`, `a.recovered.h5` for a damaged `a.h5`."""
     if path.suffix == PARTIAL:
         return path.with_suffix("")
-    return path.with_name(f"{path.stem}.recovered{path.suffix}")
+    return path.parent / f"{path.stem}.recovered{path.suffix}"
 
 
 def is_complete(path: Path) -> bool:

@@ -39,6 +39,9 @@ def test_a_dry_run_tells_what_it_takes(here: Here) -> None:
     ("arguments", "text", "exit_code", "code"),
     [
         pytest.param(("--duration", "400"), "", 2, "E2064", id="too short"),
+        pytest.param(("--duration", "inf"), "", 2, "E2064", id="endless"),
+        pytest.param(("--duration", "nan"), "", 2, "E2064", id="no number"),
+        pytest.param(("--duration", "14401"), "", 2, "E2064", id="longer than the setup may say"),
         pytest.param((), "[sensor]\nfitted = false\n", 8, "E8034", id="no sensor"),
     ],
 )
@@ -57,7 +60,7 @@ def test_what_cannot_be_measured_is_refused_with_a_remedy(
 def test_a_fresh_machine_s_file_counts_where_it_is_named(
     here: Here, setup: tuple[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    quick = ("--profile", CU270, *HURRIED, "--duration", "170")
+    quick = ("--profile", CU270, *HURRIED, "--duration", "300")
     measured = here("measure-drift", *quick, *setup, *SEED, "--quiet")
     assert measured.exit_code == 0
     said = " ".join(measured.out.split())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
@@ -13,7 +15,7 @@ from edmctl import api
 from edmctl.cli.app import _commands
 from edmctl.errors import ProfileError, UsageError
 from edmctl.exitcodes import ExitCode
-from edmctl.files import user_path
+from edmctl.files import read_bytes, user_path
 from edmctl.firmware.build import cache_folder
 from edmctl.jobs.connect import secret_of
 from edmctl.jobs.plan import MachineAddress, where_is
@@ -171,6 +173,12 @@ def test_the_home_folder_is_expanded_in_every_variable(home: Path) -> None:
     assert [path.name for path, text in sources.items() if "expanduser" in text] == ["files.py"]
 
 
+@pytest.mark.parametrize("wait_s", [math.nan, -1.0])
+def test_a_wait_that_is_no_time_is_refused(wait_s: float) -> None:
+    with pytest.raises(UsageError, match="no length of time"):
+        where_is("/dev/ttyACM0", Setup(), wait_s)
+
+
 def test_a_home_folder_that_is_unknown_is_refused(home: Path, here: Here) -> None:
     said = here("machine", "--profile", "cu270", "--dry-run", "--out=~nosuchuser/runs")
     assert said.exit_code == ExitCode.USAGE
@@ -179,6 +187,25 @@ def test_a_home_folder_that_is_unknown_is_refused(home: Path, here: Here) -> Non
     with pytest.raises(UsageError, match=r"U\+0000"):
         user_path("a\0b")
     assert user_path("a~b/~") == Path("a~b/~")
+
+
+@pytest.mark.parametrize("words", ["run recover", "run show", "run export", "study status"])
+def test_an_empty_path_is_refused(words: str, here: Here) -> None:
+    said = here(*words.split(), "")
+    assert (said.exit_code, said.err.split()[0]) == (ExitCode.USAGE, "error[E2007]:")
+
+
+@pytest.mark.parametrize("folder", [".", "/", ".."])
+def test_a_folder_is_not_recovered(folder: str, here: Here) -> None:
+    assert "error[E9005]" in here("run", "recover", folder).err
+
+
+def test_a_file_that_has_nothing_to_read_is_empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A file of the kernel that would let its reader wait, such as /proc/kmsg.
+    reader, writer = os.pipe2(os.O_NONBLOCK)
+    monkeypatch.setattr("edmctl.files.open_descriptor", lambda path, flags: reader)
+    assert read_bytes(tmp_path) == b""
+    os.close(writer)
 
 
 @pytest.mark.parametrize("name", ["~nosuchuser/c.toml", "x" * 300])

@@ -38,6 +38,14 @@ def test_the_next_place_is_clear_of_every_hole(
     refuse_taken([("new", x_um, 0.0)], radius_um, holes, Path("runs"))
 
 
+@pytest.mark.parametrize("step_um", [0.0, 40.0, 500.0])
+def test_the_next_place_is_found_beyond_a_hole_of_any_size(step_um: float) -> None:
+    x_um = next_free_x_um(
+        0.0, 0.0, step_um, 143.0, [hole(400.0), hole(500.0, 1e3, 1e11), hole(1e11, 0.0, 90.0)]
+    )
+    assert 0.0 <= x_um - (1e11 + 500.0) <= 1e3
+
+
 def test_a_place_that_runs_into_a_hole_names_it_and_its_run() -> None:
     refuse_taken([("a", 0.0, 0.0)], 100.0, [hole(183.5)], Path("runs"))
     with pytest.raises(PreconditionError) as caught:

@@ -41,7 +41,7 @@ def test_runs_that_several_threads_add_keep_their_settings(tmp_path: Path) -> No
         assert run.value("machining_time_s") == 100.0 * reference
 
 
-@pytest.mark.parametrize("value", [True, "0.3", None, math.nan, math.inf, np.array([1.0])])
+@pytest.mark.parametrize("value", [True, "0.3", None, math.nan, math.inf, np.array([1.0]), -5.0, 10**400])
 def test_what_is_no_number_is_not_told(tmp_path: Path, value: object) -> None:
     study = Study.load(made(tmp_path).path)
     with pytest.raises(UsageError) as refused:
@@ -49,6 +49,10 @@ def test_what_is_no_number_is_not_told(tmp_path: Path, value: object) -> None:
     assert refused.value.code == "E2105"
     with pytest.raises(UsageError):
         study.tell(1, {})
+    with pytest.raises(TypeError):
+        study.tell(True, {"machining_time_s": 1.0})
+    with pytest.raises(UsageError):
+        study.ask(-1)
 
 
 def test_what_was_measured_is_not_told_over_but_a_repeated_run_is_told_anew(tmp_path: Path) -> None:

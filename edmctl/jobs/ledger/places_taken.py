@@ -28,12 +28,13 @@ def next_free_x_um(
 
     Without a step the first place is the pad itself, and the next ones lie a hole and a wall further.
     """
-    x_um = reference_x_um + step_um
-    while any(
-        math.hypot(hole.x_um - x_um, hole.y_um - y_um) < hole.radius_um + radius_um + WALL_UM
+    x_um, stride_um = reference_x_um + step_um, step_um or 2.0 * radius_um + WALL_UM
+    while ends_um := [
+        hole.x_um + math.sqrt(clear_um**2 - (hole.y_um - y_um) ** 2)
         for hole in holes
-    ):
-        x_um += step_um or 2.0 * radius_um + WALL_UM
+        if math.hypot(hole.x_um - x_um, hole.y_um - y_um) < (clear_um := hole.radius_um + radius_um + WALL_UM)
+    ]:
+        x_um += stride_um * max(1, math.ceil((max(ends_um) - x_um) / stride_um))
     return x_um
 
 

@@ -43,6 +43,14 @@ if TYPE_CHECKING:
     from edmctl.jobs.study.table import Cell
 
 
+def _number(value: object) -> float:
+    """Return a number as a float; NaN for anything else, and for one that no float can represent."""
+    try:
+        return float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+    except OverflowError:
+        return math.nan
+
+
 class _Uncounted(Unobserved):
     def runs(self, done: int, total: int) -> None:
         """Ignore it."""
@@ -117,8 +125,10 @@ class Study:
     def ask(self, count: int = 1) -> list[PlannedRun]:
         """Return the next runs to make: those of the plan that are open, then suggestions, which are added.
 
-        Raises PreconditionError E8209 to E8211 where nothing can be suggested.
+        Raises UsageError if `count` is below 1, PreconditionError E8209 to E8211 if nothing can be suggested.
         """
+        if count < 1:
+            raise UsageError(f"{count} runs cannot be asked for.", hint="Ask for 1 or more.")
         left = [run.planned for run in self._state().runs if run.state is RunState.OPEN][:count]
         return left or self._added(lambda state: suggestions(state, count))
 
@@ -177,6 +187,8 @@ class Study:
         anew, what its job has measured may not. Raises UsageError: E2104 there is no such run, E2105 a response is
         none of the study's, or was measured.
         """
+        if isinstance(run, bool):
+            raise TypeError("run has to be a number or a planned run, not a bool")
         folder = self._started()
         found = self._state().run(run.number if isinstance(run, PlannedRun) else index(run))
         if isinstance(run, PlannedRun) and run.settings != found.planned.settings:
@@ -246,14 +258,15 @@ class Study:
         asked = {one.name: one for one in self._started().source.file.responses}
         values: dict[str, float] = {}
         for name, value in given.items():
-            is_number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-            if (name not in asked and not responses.is_known(name)) or not is_number:
+            number, (low, high) = _number(value), responses.range_of(name)
+            is_possible = math.isfinite(number) and low <= number <= high
+            if (name not in asked and not responses.is_known(name)) or not is_possible:
                 raise UsageError(
                     f"{name} = {value!r} is no value of a response of the study.",
-                    hint=f"Give a number alone. Responses: {', '.join(sorted(asked))}.",
+                    hint=f"Give a possible number alone. Responses: {', '.join(sorted(asked))}.",
                     code="E2105",
                 )
-            values[name] = float(value)
+            values[name] = number
             if name in asked:
                 refuse_untellable(asked[name], values[name])
         if not values:
