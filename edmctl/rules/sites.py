@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Limit, Setup
     from edmctl.profile.sites import PathTable
 
+LEAST_TURN_DEG = 1.0
+"""Places turned against each other by less are one place of the workpiece [assumed]."""
 NEEDED = {
     "rectangle": ("width_um", "height_um"),
     "circle": ("radius_um",),
@@ -195,7 +197,7 @@ def array_stroke(job: Job) -> Iterator[Finding]:
 
 
 def _closest(places: tuple[Place, ...], apart_um: float) -> tuple[Place, Place, float] | None:
-    """The two places that are closest, if they are closer than this; places of another angle do not meet."""
+    """Return the two places that are closest, if they are closer than this and not turned apart."""
     found: tuple[Place, Place, float] | None = None
     swept = sorted(places, key=lambda place: place.x_um)
     for index, a in enumerate(swept):
@@ -203,7 +205,7 @@ def _closest(places: tuple[Place, ...], apart_um: float) -> tuple[Place, Place, 
             if b.x_um - a.x_um >= apart_um:
                 break
             distance_um = math.hypot(b.x_um - a.x_um, b.y_um - a.y_um)
-            turned = math.remainder(b.theta_deg - a.theta_deg, 360.0) != 0.0
+            turned = abs(math.remainder(b.theta_deg - a.theta_deg, 360.0)) >= LEAST_TURN_DEG
             if distance_um < (found[2] if found else apart_um) and not turned:
                 found = (a, b, distance_um)
     return found

@@ -215,7 +215,8 @@ def test_holes_keep_a_wall_between_them() -> None:
 
 def test_places_at_another_angle_of_the_table_do_not_meet() -> None:
     assert codes("sites=[{x_um=500},{x_um=500,theta_deg=30}]") == []
-    assert codes("sites=[{x_um=500},{x_um=500,theta_deg=360}]") == [Code.OVERLAP]
+    for theta_deg in (360, 0.001, 359.5):
+        assert codes(f"sites=[{{x_um=500}},{{x_um=500,theta_deg={theta_deg}}}]") == [Code.OVERLAP]
 
 
 def test_holes_keep_clear_of_the_reference_pad() -> None:
