@@ -15,6 +15,7 @@ import pytest
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import sampled, slow_legs
+from edmctl.jsonout import to_json_value
 from edmctl.profile.calibration import Made, calibration_of, load_calibration, save_calibration
 from edmctl.profile.folders import default_path
 from edmctl.simulator.actuator import VirtualActuator
@@ -94,7 +95,7 @@ def test_the_machine_s_own_calibration_is_found_and_named_everywhere(
         assert file["/entry/machine/calibration_toml"].asstr()[()] == first.read_text()
         summary = json.loads(bytes(file["/entry/summary"][()]))
         (row,) = file["/entry/results"][()]
-    assert summary["calibration"] == used
+    assert to_json_value(summary["calibration"]) == used
     (site,) = said.document["result"]["sites"]
     assert row["err_feed_max"] == pytest.approx(site["feed_model_error_max_um"], abs=1e-3)
     assert site["feed_model_error_max_um"] < 1.5

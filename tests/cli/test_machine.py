@@ -14,7 +14,7 @@ import pytest
 from edmctl.jobs import connected_run
 from edmctl.jobs.job import truths_of
 from edmctl.jobs.truth import TrueWear
-from edmctl.jsonout import render_json
+from edmctl.jsonout import to_json_value
 from edmctl.procedures.job_state import JobState, NoStateStore
 from edmctl.record.reader import open_run
 from edmctl.simulator.bench import HoleTruth, VirtualBench
@@ -119,7 +119,9 @@ def test_json_has_the_documented_keys_and_the_same_seed_gives_the_same_bytes(
     assert abs(site["truth"]["depth_um"] - 8.0) <= 3.0
     assert {"time_s", "tool_wear_total_um"} <= set(document["result"])
     with h5py.File(piped[1]) as file:
-        assert file["/entry/summary"][()].tobytes().decode() == render_json(document["result"])
+        summary = json.loads(file["/entry/summary"][()].tobytes())
+        assert to_json_value(summary) == document["result"]
+        assert summary["sites"][0]["depth_um"] == file["/entry/results"]["depth"][0]
 
 
 def test_events_are_json_lines_and_a_seed_nobody_chose_is_reported(here: Here) -> None:
