@@ -149,7 +149,8 @@ def significant(value: float, digits: int = 3) -> str:
     power = math.floor(math.log10(abs(value)))
     if -3 <= power <= 5:
         return decimal(value, max(0, digits - 1 - power))
-    return f"{decimal(value / 10.0**power, digits - 1)}·10{_raised(power)}"
+    raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{decimal(value / 10.0**power, digits - 1)}·10{raised}"
 
 
 def removal_rate(mm3_min: float) -> str:
@@ -307,10 +308,6 @@ def code_point(character: str) -> str:
 def with_hyphens(text: str) -> str:
     """Return a text with `-` in place of the dashes and minus signs of Unicode."""
     return "".join("-" if one == "\u2212" or unicodedata.category(one) == "Pd" else one for one in text)
-
-
-def _raised(power: int) -> str:
-    return "".join("⁻" if letter == "-" else "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(letter)] for letter in str(power))
 
 
 def shortened(text: str, most: int = 200) -> str:

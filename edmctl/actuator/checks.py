@@ -139,7 +139,7 @@ def _check_sign(record: Record, y_um: Array) -> None:
         raise _refusal(record, "E3617", what, hint)
     if correlation >= LEAST_CORRELATION or _follows_late(record, y_um):
         return
-    if _is_noise(record.u_v):
+    if float(np.std(record.u_v)) < 1.5 * noise_sd(record.u_v):
         what = f"the voltage is noise about {record.u_v.mean():.4g} V"
         raise _refusal(record, "E3614", what, "Drive the actuator over its range; check which column is u_V.")
     what = f"the displacement does not follow the voltage (correlation {correlation:.2f})"
@@ -222,11 +222,6 @@ def _longest_push(u_v: Array, at_end: Flags) -> tuple[float, int]:
         if rise_v > largest and (end == len(u_v) or u_v[end] < top_v - 0.5 * rise_v):
             largest, where = rise_v, start
     return largest / float(np.ptp(u_v)), where
-
-
-def _is_noise(values: Array) -> bool:
-    """Whether values spread no wider than noise does that has no memory."""
-    return float(np.std(values)) < 1.5 * noise_sd(values)
 
 
 def _check_direction(record: Record, y_um: Array) -> None:

@@ -502,18 +502,14 @@ def _coefficients(fitted: Fit, settings: Settings, table: Anova) -> list[Coeffic
         quantile = float(special.stdtrit(under.dof, 0.975)) if under.dof else math.nan
         for n, column in enumerate(range(span.start, span.stop)):
             estimate = float(fitted.coefficients[column])
-            name = term_name(term) + (
-                f" [{_level(term, settings, n)}]" if width > 1 or _is_named(term, settings) else ""
-            )
+            name = term_name(term)
+            if width > 1 or any(factor in settings.categories for factor, _ in term):
+                name += f" [{_level(term, settings, n)}]"
             error = float(errors[column]) if errors is not None else math.nan
             ratio = abs(estimate) / error if error else math.nan
             p = 2 * float(special.stdtr(under.dof, -ratio)) if math.isfinite(ratio) else math.nan
             found.append(Coefficient(name, estimate, quantile * error, p))
     return found
-
-
-def _is_named(term: Term, settings: Settings) -> bool:
-    return any(factor in settings.categories for factor, _ in term)
 
 
 def _level(term: Term, settings: Settings, column: int) -> str:

@@ -15,10 +15,6 @@ from edmctl.results.progress import Progress
 Warn = Callable[[Sequence[Diagnostic]], None]
 
 
-def _unguarded(stop: StopRequest, abort: Callable[[], None]) -> AbstractContextManager[None]:
-    return nullcontext()
-
-
 def python_warnings(found: Sequence[Diagnostic]) -> None:
     """Tell doubts as warnings of Python, at the line of the program that called."""
     frame, level = sys._getframe(), 1
@@ -51,7 +47,9 @@ class Surroundings:
     command: tuple[str, ...] = ("edmctl",)
     environ: Mapping[str, str] = field(default_factory=dict)
     stop: Callable[[Callable[[str], None]], StopRequest] = lambda _: StopRequest()
-    guard: Callable[[StopRequest, Callable[[], None]], AbstractContextManager[None]] = _unguarded
+    guard: Callable[[StopRequest, Callable[[], None]], AbstractContextManager[None]] = lambda _stop, _abort: (
+        nullcontext()
+    )
     settled: Callable[[], None] = lambda: None
 
 

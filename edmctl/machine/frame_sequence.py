@@ -85,7 +85,8 @@ class SampleStream:
             return f"first samples of {behind_s:.1f} s before" if behind_s > OLDEST_SAMPLE_S else ""
         missing = (frame.counter - last.counter - 1) & 0xFFFF
         due_us = last.t0_us + last.n * frame.period_us
-        skipped_us = _signed_us(frame.t0_us - due_us)
+        # The 32-bit times start over, so the difference is signed.
+        skipped_us = (frame.t0_us - due_us + _WRAP_US // 2) % _WRAP_US - _WRAP_US // 2
         most = missing * (settings.batch if settings else 0) + frame.dropped
         if skipped_us < (missing + frame.dropped - 0.5) * frame.period_us:
             return f"samples {-1e-3 * skipped_us:.0f} ms before they are due"
@@ -124,8 +125,3 @@ class PulseFrames:
                 return f"{frame.NAME} {self._newest_s - start_s:.3f} s before the one before"
             self._newest_s = start_s
         return ""
-
-
-def _signed_us(difference_us: int) -> int:
-    """Return the signed difference of 32-bit times, which start over."""
-    return (difference_us + _WRAP_US // 2) % _WRAP_US - _WRAP_US // 2

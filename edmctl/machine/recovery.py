@@ -16,7 +16,6 @@ from edmctl.machine.faults import (
     interlocks_in_words,
     reset_command,
 )
-from edmctl.machine.interface import MachineStatus
 from edmctl.machine.queries import read_status, request_patiently
 from edmctl.machine.states import MachineState
 
@@ -83,13 +82,10 @@ def _interlock_open(session: Session, code: int) -> InterlockOpen:
 
 def _is_back(session: Session) -> bool:
     end_s = session.machine_now_s() + PATIENCE_S
-    while not _at_rest(read_status(session)):
+    while (status := read_status(session)).state is not MachineState.IDLE:
+        if status.state in _HELD and status.actuator_v == 0.0:
+            return True
         if session.machine_now_s() > end_s:
             return False
         session.pump(_LOOK_S)
     return True
-
-
-def _at_rest(status: MachineStatus) -> bool:
-    held = status.state in _HELD and status.actuator_v == 0.0
-    return status.state is MachineState.IDLE or held

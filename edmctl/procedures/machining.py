@@ -105,6 +105,9 @@ def machine_sites(run: JobRun) -> Decision | None:
 def _machine_sites(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
     limits = TimeLimits(run)
     resumed = run.job.resumed
+    resume = resume_hole
+    if run.profile.target.kind == "through" and not run.job.restart_hole:
+        resume = resume_through_hole
     done = set(run.tally.sites)
     left = [site for site in working_order(run.profile, run.setup, run.job.sites) if site.name not in done]
     if resumed is not None and not resumed.begun and left:
@@ -115,7 +118,7 @@ def _machine_sites(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
             return used_up
         open_site(run, site)
         begun = resumed is not None and resumed.begun and resumed.site == site.name
-        decision = _resume(run, site, knowledge, limits) if begun else None
+        decision = resume(run, site, knowledge, limits) if begun else None
         if decision is None:
             decision = _machine_fresh(run, site, knowledge, left[number:], limits)
         run.keeper.keep(MOVING, None)
@@ -136,13 +139,6 @@ def _of_several(run: JobRun, decision: Decision, site: Place) -> Decision:
     if decision.code == STROKE_CODE and run.tally.sites_done > 1:
         hint = STROKE_HINT
     return replace(decision, missed=missed, hint=hint, site=site.name)
-
-
-def _resume(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
-    """Go on with the hole that an earlier run has begun; None where it is to be made anew."""
-    if run.profile.target.kind == "through" and not run.job.restart_hole:
-        return resume_through_hole(run, site, knowledge, limits)
-    return resume_hole(run, site, knowledge, limits)
 
 
 def _machine_fresh(

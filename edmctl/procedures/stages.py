@@ -96,7 +96,8 @@ def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> Prec
             f"{run.profile.approach.offset_um:.0f} µm from home."
         )
         hint = _zero_the_sensor(run)
-    if _was_started_since(run):
+    before_the_job_s = run.machine.uptime_s - run.machine.time_s
+    if math.isnan(run.tally.home_s) and before_the_job_s < run.job.home_age_s - REPORT_DELAY_S:
         message += (
             f" The controller was started {duration(run.machine.uptime_s)} ago; home was known before that."
         )
@@ -112,12 +113,6 @@ def _zero_the_sensor(run: JobRun) -> str:
         "Check that the tool is retracted and free, set the displacement sensor to zero, and restart the "
         f"controller.{old} {stages_by_hand()}"
     )
-
-
-def _was_started_since(run: JobRun) -> bool:
-    """Return whether the controller came up after the home that this job began with was seen."""
-    before_the_job_s = run.machine.uptime_s - run.machine.time_s
-    return math.isnan(run.tally.home_s) and before_the_job_s < run.job.home_age_s - REPORT_DELAY_S
 
 
 def move_to(run: JobRun, place: Place) -> None:

@@ -54,7 +54,7 @@ def schema_problems(error: ValidationError, model: type[BaseModel], data: TomlTa
     """What is wrong, one code per wrong key or value."""
     by_path: dict[KeyPath, Code] = {}
     for detail in error.errors(include_url=False, include_context=False):
-        path, code = _path(detail, data), _code(detail)
+        path, code = _path(detail, data), _CODES.get(detail["type"], Code.WRONG_TYPE)
         if path == ("meta", "schema") and code != Code.MISSING_KEY:
             code = Code.SCHEMA_VERSION
         held = by_path.get(path)
@@ -107,10 +107,6 @@ def _unknown_keys(table: KeyPath, model: type[BaseModel], data: TomlTable) -> di
 
 def _rank(code: Code) -> int:
     return _MOST_SPECIFIC.index(code) if code in _MOST_SPECIFIC else len(_MOST_SPECIFIC)
-
-
-def _code(detail: ErrorDetails) -> Code:
-    return _CODES.get(detail["type"], Code.WRONG_TYPE)
 
 
 def _path(detail: ErrorDetails, data: TomlTable) -> KeyPath:

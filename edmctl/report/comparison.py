@@ -124,6 +124,7 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
 
     sums = [n.totals for n in numbers]
     mrr = [of_run.mrr_mm3_min for of_run in sums]
+    times_s = [plain_number((run.summary() or {}).get("time_s")) for run in runs]
     lengths, volumes = [of_run.wear_ratio_lin for of_run in sums], [of_run.wear_ratio_vol for of_run in sums]
     rows = [
         (_Shown("depth_um", f"{mean}depth, µm"), means("depth_um"), means("depth_u95_um")),
@@ -139,7 +140,7 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
         (_Shown("wear_ratio_vol", "wear ratio, volumes", 3), volumes, nothing),
         (_Shown("feed_um", f"{mean}feed, µm"), means("feed_um"), means("feed_u95_um")),
         (_Shown("machining_time_s", f"{total}machining time, s", 1), totals("machining_time_s"), nothing),
-        (_Shown("time_s", "whole run, s", 1), [_whole_time_s(run) for run in runs], nothing),
+        (_Shown("time_s", "whole run, s", 1), times_s, nothing),
         (
             _Shown("mrr_mm3_min", "removal rate, 10⁻³ mm³/min", 3, 1e3),
             mrr,
@@ -229,7 +230,3 @@ def _relative_length_u95(numbers: RunNumbers) -> float:
     if not length_um > 0.0 or any(site.through for site in numbers.sites):
         return math.nan
     return numbers.mean("depth_u95_um") / length_um
-
-
-def _whole_time_s(run: RunFile) -> float:
-    return plain_number((run.summary() or {}).get("time_s"))

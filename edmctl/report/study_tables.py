@@ -226,9 +226,8 @@ def fit_quality(one: ResponseAnalysis, unit: str) -> PageTable | None:
     if lack is not None:
         lack_text = f"{UNKNOWN} (the model leaves no freedom to miss a point)"
         if lack.dof > 0 and math.isfinite(lack.f):
-            lack_text = (
-                f"F = {significant(lack.f, 4)} ({lack.dof} and {lack.pure_dof} dof), p {_with_sign(lack.p)}"
-            )
+            p = p_text(lack.p) if p_text(lack.p).startswith("<") else f"= {p_text(lack.p)}"
+            lack_text = f"F = {significant(lack.f, 4)} ({lack.dof} and {lack.pure_dof} dof), p {p}"
         elif lack.dof > 0:
             lack_text = f"{UNKNOWN} (runs of one point do not differ)"
     scale = "ln" if one.is_log else unit
@@ -254,11 +253,6 @@ def fit_quality(one: ResponseAnalysis, unit: str) -> PageTable | None:
         ["points left out one by one", held],
     ]
     return PageTable("Quality of the fit", ["quantity", "value"], rows, words=True)
-
-
-def _with_sign(p: float) -> str:
-    text = p_text(p)
-    return text if text.startswith("<") else f"= {text}"
 
 
 def _share(r2: float) -> str:
@@ -321,7 +315,9 @@ def choices(plan: StudyPlan, found: Sequence[Choice]) -> PageTable | None:
     ]
     header = ["point", *(factor.name for factor in plan.factors), "runs"]
     header += [info.label for info in plan.responses]
-    header += [_bound_name(bound.response, bound.limit, bound.sign) for bound in plan.constraints]
+    for bound in plan.constraints:
+        side, sign = ("upper", "≤") if bound.sign > 0 else ("lower", "≥")
+        header.append(f"{bound.response}, {side} 95 % bound ({sign} {bound.limit:g})")
     header += [*(["keeps constraints"] if named else []), "on the front"]
     notes = [
         f"Means of all {sum(one.runs for one in found)} runs that are done, without confirmations.",
@@ -342,10 +338,6 @@ def choices(plan: StudyPlan, found: Sequence[Choice]) -> PageTable | None:
 def that_keeps(plan: StudyPlan) -> str:
     """Return which points a front is among; empty where it is all of them."""
     return " that keeps the constraints" if plan.constraints else ""
-
-
-def _bound_name(response: str, limit: float, sign: int) -> str:
-    return f"{response}, {'upper' if sign > 0 else 'lower'} 95 % bound ({'≤' if sign > 0 else '≥'} {limit:g})"
 
 
 def _yes(is_so: bool) -> str:

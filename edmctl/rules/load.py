@@ -75,7 +75,10 @@ def load_profile(
     merged = apply_overrides(file, overrides)
     sources = Sources(merged.sources, file.sources[0])
     written = _written(merged.table, sources, machine)
-    recipe = _recipe(written)
+    recipe = Profile.model_construct(
+        _fields_set=written.model_fields_set - {"sim"},
+        **{name: getattr(written, name) for name in Profile.model_fields},
+    )
     found, unread = _places(recipe, path, sources)
     warnings = _refuse_errors(violations(recipe, machine, found), sources, unread)
     profile = with_time_limit(with_expected_erosion(in_share_only(recipe)), machine, found)
@@ -130,13 +133,6 @@ def _refuse_errors(
     if all(d.is_warning for d in diagnostics):
         return diagnostics
     raise ProfileError(diagnostics)
-
-
-def _recipe(written: ProfileFile) -> Profile:
-    return Profile.model_construct(
-        _fields_set=written.model_fields_set - {"sim"},
-        **{name: getattr(written, name) for name in Profile.model_fields},
-    )
 
 
 def _sha256(model: BaseModel, found: tuple[Place, ...] = ()) -> str:

@@ -57,14 +57,10 @@ def events_of(opened: RunFile, start: int = 0) -> list[FileEvent]:
     for event in recorded_events(opened, start=start):
         name, args = names.get(event.code, str(event.code)), dict(event.values)
         if name == RunEvent.ENDED_EARLY.name and not args.get("hint"):
-            args["hint"] = _hint_of(str(args.get("code", "")))
+            code = str(args.get("code", ""))
+            args["hint"] = next((row.hint for row in FAULTS.values() if row.error == code), "")
         found.append(FileEvent(event.time_s, name, event.level, event.message, args))
     return found
-
-
-def _hint_of(error_code: str) -> str:
-    """What the row of a fault advises, where the run's own advice was too long for the file."""
-    return next((row.hint for row in FAULTS.values() if row.error == error_code), "")
 
 
 def event_sentences(

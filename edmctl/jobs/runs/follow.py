@@ -153,7 +153,7 @@ class _Watcher:
         self._seen += len(events)
         for event in events:
             self._take(event)
-        news = [event for event in events if _is_news(event)]
+        news = [e for e in events if e.level != DEBUG and e.code not in LEFT_OUT and e.code != "JUMPED"]
         if self._tells:
             for event in news:
                 reporter.note(event.message)
@@ -286,7 +286,3 @@ def _phase(state: int, *, machining: bool) -> Phase:
         MachineState.APPROACH: Phase.APPROACHING,
         MachineState.TOUCH: Phase.MEASURING,
     }.get(MachineState(state), Phase.MOVING)
-
-
-def _is_news(event: FileEvent) -> bool:
-    return event.level != DEBUG and event.code not in LEFT_OUT and event.code != "JUMPED"

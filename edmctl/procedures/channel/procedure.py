@@ -119,7 +119,8 @@ def _ended(run: JobRun, target: HoleTarget, result: ChannelResult, *, last: bool
     worn_out = _worn_out(run, target, result)
     if worn_out is not None:
         return worn_out
-    if last or target.depth_um - result.depth_um <= _good_enough_um(target):
+    enough_um = max(target.tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * TOUCH_U_UM)
+    if last or target.depth_um - result.depth_um <= enough_um:
         return _final(run, target, result)
     return None
 
@@ -248,11 +249,6 @@ class _MeasuringStops:
                 "gap_um": result.working_gap_um,
             },
         )
-
-
-def _good_enough_um(target: HoleTarget) -> float:
-    """Return a rest below this is not worth another layer, or is noise."""
-    return max(target.tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * TOUCH_U_UM)
 
 
 def _final(run: JobRun, target: HoleTarget, result: ChannelResult) -> Decision:

@@ -112,7 +112,8 @@ def read_at_spots(
             if is_constant([one.reading for one in found]):
                 _reject(run, found)
                 raise constant(found[-1])
-        agreeing = agreeing_spots([one.reading for one in found], _place_u_um(run, found))
+        place_u_um = math.hypot(_tilt_u_um(run), _sensed_u_um(run, found))
+        agreeing = agreeing_spots([one.reading for one in found], place_u_um)
         if len(agreeing) > 1:
             return _together(run, found, agreeing, spots)
     _reject(run, found)
@@ -149,11 +150,6 @@ def _report_constant(run: JobRun, found: SurfaceReading) -> None:
         {"kind": found.kind, "z_um": found.z_um},
         level=EventLevel.WARNING,
     )
-
-
-def _place_u_um(run: JobRun, found: Sequence[SurfaceReading]) -> float:
-    """Return the standard uncertainty of the difference of two spots: tilt, drift, a model instead of a sensor."""
-    return math.hypot(_tilt_u_um(run), _sensed_u_um(run, found))
 
 
 def _sensed_u_um(run: JobRun, found: Sequence[SurfaceReading]) -> float:

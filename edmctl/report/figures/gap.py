@@ -153,7 +153,7 @@ def _draw_tool(axes: Axes, run: RunFile, lines: Mapping[str, Envelope], unit_s: 
         axes.vlines(
             time[jumps],
             everything.low[jumps],
-            _top(everything, tool)[jumps],
+            np.where(np.isnan(tool.mean), everything.high, tool.mean)[jumps],
             color=PALE,
             linewidth=0.5,
             label="jump",
@@ -164,7 +164,3 @@ def _draw_tool(axes: Axes, run: RunFile, lines: Mapping[str, Envelope], unit_s: 
     axes.plot(time, tool.mean, color=BLUE, linewidth=0.9, label=name)
     mark_readings(axes, run.table("/entry/touches"), place, unit_s)
     axes.set_ylabel("tool displacement (µm)")
-
-
-def _top(everything: Envelope, tool: Envelope) -> Array:
-    return np.where(np.isnan(tool.mean), everything.high, tool.mean)

@@ -77,7 +77,7 @@ def draw(panels: Sequence[Panel], name: str, words: str) -> bytes:
 
 
 def _figure(panels: Sequence[Panel]) -> Figure:
-    loops = [_has_loop(panel) for panel in panels]
+    loops = [bool(np.abs(np.diff(panel.applied_v)).max() < STEP_V) for panel in panels]
     heights_mm = [0.2 * HEIGHT_MM, 0.42 * HEIGHT_MM, 0.38 * HEIGHT_MM] + [LOOP_MM] * any(loops)
     figure = new_figure(sum(heights_mm), COLUMN_MM if len(panels) == 1 else PAGE_MM)
     grid = figure.subplots(
@@ -106,10 +106,6 @@ def _figure(panels: Sequence[Panel]) -> Figure:
     figure.legend(handles, names, loc="outside upper center", ncols=len(names), handlelength=2.0)
     figure.align_ylabels(first)
     return figure
-
-
-def _has_loop(panel: Panel) -> bool:
-    return bool(np.abs(np.diff(panel.applied_v)).max() < STEP_V)
 
 
 def _draw_column(column: NDArray[np.object_], panel: Panel) -> None:

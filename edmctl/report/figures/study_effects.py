@@ -119,7 +119,11 @@ def _means(
     width_mm = (COLUMN_MM - AXIS_MM) / columns
     rows = math.ceil(len(table) / columns)
     names = {name: wrapped(labels.get(name, name), width_mm) for name in table}
-    turned = any(_too_wide(pairs, width_mm) for pairs in table.values())
+    turned = any(
+        (SMALL_LETTER_MM * max(len(level_text(level)) for level, _ in pairs) + 1.5) * len(pairs)
+        > width_mm - 2.0
+        for pairs in table.values()
+    )
     longest = max(len(level_text(level)) for pairs in table.values() for level, _ in pairs)
     lines = max(text.count("\n") for text in names.values())
     row_mm = ROW_MM + 2.7 * lines + (SMALL_LETTER_MM * min(longest, 20) if turned else 0.0)
@@ -142,12 +146,6 @@ def _means(
     for axes in panels[::columns]:
         axes.set_ylabel(wrapped(label, 30.0))
     return figure
-
-
-def _too_wide(pairs: list[tuple[object, float]], width_mm: float) -> bool:
-    """Whether labels of levels would touch each other side by side."""
-    longest = max(len(level_text(level)) for level, _ in pairs)
-    return (longest * SMALL_LETTER_MM + 1.5) * len(pairs) > width_mm - 2.0
 
 
 def _bars(means: np.ndarray, halves: list[float] | None, is_log: bool) -> np.ndarray | None:
@@ -179,7 +177,9 @@ def draw_interactions(plan: StudyPlan, info: ResponseInfo, one: ResponseAnalysis
     columns = min(2, len(chosen))
     width_mm = (COLUMN_MM - AXIS_MM) / columns
     rows = math.ceil(len(chosen) / columns)
-    legend_lines = max(_legend_lines(pair, width_mm) for pair in chosen)
+    legend_lines = 1 + max(
+        math.ceil(len(pair.other_levels) / _legend_columns(pair, width_mm)) for pair in chosen
+    )
     figure = new_figure(4.0 + rows * (34.0 + 3.0 * legend_lines))
     panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
     for axes, pair in zip(panels, chosen, strict=False):
@@ -191,16 +191,9 @@ def draw_interactions(plan: StudyPlan, info: ResponseInfo, one: ResponseAnalysis
     return figure
 
 
-def _entry_mm(pair: Interaction) -> float:
-    return 5.0 + SMALL_LETTER_MM * min(20, max(len(level_text(level)) for level in pair.other_levels))
-
-
 def _legend_columns(pair: Interaction, width_mm: float) -> int:
-    return max(1, min(len(pair.other_levels), int((width_mm - 2.0) / _entry_mm(pair))))
-
-
-def _legend_lines(pair: Interaction, width_mm: float) -> int:
-    return 1 + math.ceil(len(pair.other_levels) / _legend_columns(pair, width_mm))
+    entry_mm = 5.0 + SMALL_LETTER_MM * min(20, max(len(level_text(level)) for level in pair.other_levels))
+    return max(1, min(len(pair.other_levels), int((width_mm - 2.0) / entry_mm)))
 
 
 def _draw_interaction(axes: Axes, pair: Interaction, labels: dict[str, str], width_mm: float) -> None:

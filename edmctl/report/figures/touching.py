@@ -56,7 +56,8 @@ def draw(run: RunFile) -> Figure:
     """
     touches = run.table("/entry/touches")
     touch = _chosen(touches)
-    hold_s = _hold_s(run)
+    dwell_s = plain_number(run.profile_values().get("measure.dwell_s"))
+    hold_s = dwell_s if dwell_s > 0.0 else 0.0
     begin_s, end_s, contacts_s = _contacts(run, touch, hold_s)
     part = _rows_between(run, begin_s, end_s)
     if part[1] - part[0] < 2:
@@ -89,12 +90,6 @@ def _sequence(touches: NDArray[np.void]) -> NDArray[np.void]:
     begins = np.flatnonzero(surface & ~np.append(False, surface[:-1]))
     sequence: NDArray[np.void] = accepted[begins[-1] :] if len(begins) else accepted
     return sequence
-
-
-def _hold_s(run: RunFile) -> float:
-    """How long the tool hunts at each contact: of the profile, 0 where the file does not say."""
-    hold_s = plain_number(run.profile_values().get("measure.dwell_s"))
-    return hold_s if hold_s > 0.0 else 0.0
 
 
 def _rows_of_sequence(run: RunFile, readings: NDArray[np.void], hold_s: float) -> tuple[int, int]:
