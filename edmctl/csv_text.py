@@ -26,6 +26,14 @@ def plain_text(cell: str) -> str:
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
+def number_of(cell: str, *, decimal_commas: bool = False) -> float | None:
+    """Return the number in a cell; None if it is none, or only Python reads it as one, such as 0_2."""
+    try:
+        return None if "_" in cell else float(cell.replace(",", ".") if decimal_commas else cell)
+    except ValueError:
+        return None
+
+
 def header_line(names: Iterable[str]) -> str:
     """Return the first line of a table."""
     return ",".join(map(text_cell, names)) + "\n"

@@ -116,7 +116,8 @@ class Rows:
         direction = np.sign(np.diff(record.u_v))
         is_kept[1:-1] |= direction[1:] != direction[:-1]
         is_kept[[0, -1]] = True
-        self.records.append((_only(record, is_kept), record))
+        kept = record._replace(t_s=record.t_s[is_kept], u_v=record.u_v[is_kept], y_um=record.y_um[is_kept])
+        self.records.append((kept, record))
         self.picked.append(np.flatnonzero(is_picked[is_kept]))
 
     @property
@@ -239,10 +240,6 @@ class Moves(Rows):
         """Return them as they are: a change has no zero."""
         del rows
         return values
-
-
-def _only(record: Record, is_kept: NDArray[np.bool_]) -> Record:
-    return record._replace(t_s=record.t_s[is_kept], u_v=record.u_v[is_kept], y_um=record.y_um[is_kept])
 
 
 class Trial:

@@ -19,7 +19,6 @@ from edmctl.results.study import (
     RunState,
     StudyPlan,
     StudyRun,
-    Value,
 )
 from edmctl.wording import duration, length, plural, setting_text, settings_words, shortened, significant
 
@@ -57,7 +56,10 @@ def render_plan(plan: StudyPlan, style: Style = PLAIN) -> str:
     factors = {
         "factor": [factor.name for factor in plan.factors],
         "key": [factor.key for factor in plan.factors],
-        "values": [_values_words(factor.values, is_range=factor.is_range) for factor in plan.factors],
+        "values": [
+            (" to " if factor.is_range else ", ").join(map(setting_text, factor.values))
+            for factor in plan.factors
+        ],
     }
     parts = ["\n".join(lines), render_table(factors, style, left=("key", "values"), cut_first="values")]
     parts.append(render_columns(*_runs_table(plan), style, "<<>"))
@@ -91,11 +93,6 @@ def _costs_words(plan: StudyPlan) -> str:
     if plan.costs.places:
         words += f"; {len(plan.runs)} of {plural(plan.costs.places, 'place')} of the grid"
     return words
-
-
-def _values_words(values: Sequence[Value], *, is_range: bool) -> str:
-    words = [setting_text(value) for value in values]
-    return " to ".join(words) if is_range else ", ".join(words)
 
 
 def _runs_table(plan: StudyPlan) -> tuple[list[str], list[list[str]]]:

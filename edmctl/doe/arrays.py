@@ -53,6 +53,7 @@ class OrthogonalArray:
 @cache
 def arrays() -> dict[str, OrthogonalArray]:
     """Return every array by its name, smaller ones first."""
+    three_by_four = [(a, b, (a + b) % 2, third) for third in range(3) for a in range(2) for b in range(2)]
     two = {f"L{2**order}": _of_two_levels(order) for order in (2, 3, 4, 5)}
     made = [
         ("L4 (2^3)", two["L4"]),
@@ -70,7 +71,7 @@ def arrays() -> dict[str, OrthogonalArray]:
         ("L32 (2^31)", two["L32"]),
         ("L32 (2^1 4^9)", _with_four_levels(5, 9)[:, [9, *range(9)]]),
         ("L36 (2^11 3^12)", _developed(TWELVEFOLD, _rows(TWELVE))),
-        ("L36 (2^3 3^13)", _developed(TWELVEFOLD, _three_by_four())),
+        ("L36 (2^3 3^13)", _developed(TWELVEFOLD, np.array(three_by_four))),
     ]
     return {name: OrthogonalArray(name, levels) for name, levels in made}
 
@@ -173,7 +174,3 @@ def _developed(differences: Sequence[str], beside: Levels) -> Levels:
     """Return each row of `beside` three times, with a row of differences to which 0, 1 and 2 is added."""
     developed = np.array([(row + added) % 3 for row in _rows(differences) for added in range(3)])
     return np.column_stack([np.repeat(beside, 3, axis=0), developed])
-
-
-def _three_by_four() -> Levels:
-    return np.array([(a, b, (a + b) % 2, third) for third in range(3) for a in range(2) for b in range(2)])

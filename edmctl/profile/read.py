@@ -291,15 +291,14 @@ def extend(base: TomlTable, child: TomlTable) -> TomlTable:
     merged = dict(base)
     for key, value in child.items():
         below = merged.get(key)
-        if isinstance(below, dict) and isinstance(value, dict) and not _changes_kind(below, value):
-            merged[key] = extend(below, value)
-        else:
-            merged[key] = value
+        if (
+            isinstance(below, dict)
+            and isinstance(value, dict)
+            and value.get("kind") in (None, below.get("kind"))
+        ):
+            value = extend(below, value)
+        merged[key] = value
     return merged
-
-
-def _changes_kind(below: TomlTable, value: TomlTable) -> bool:
-    return "kind" in value and value["kind"] != below.get("kind")
 
 
 def put(table: TomlTable, path: tuple[str, ...], value: object) -> TomlTable:

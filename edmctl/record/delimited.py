@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.csv_text import plain_text
+from edmctl.csv_text import number_of, plain_text
 from edmctl.errors import Location, RecordError
 from edmctl.files import read_bytes
 from edmctl.wording import plural, shortened
@@ -68,14 +68,6 @@ def find_columns(names: Sequence[str], wanted: Sequence[str] = WANTED) -> dict[s
 def columns_hint(needed: Sequence[str]) -> str:
     """Return the hint that names the needed columns and their units."""
     return f"Needed: {', '.join(f'{name} ({MEANINGS[name]})' for name in needed)}. Other columns are ignored."
-
-
-def number_of(cell: str, *, decimal_commas: bool = False) -> float | None:
-    """Return the number in a cell; None if it is none, or only Python reads it as one, such as 0_2."""
-    try:
-        return None if "_" in cell else float(cell.replace(",", ".") if decimal_commas else cell)
-    except ValueError:
-        return None
 
 
 @dataclass(frozen=True, slots=True)

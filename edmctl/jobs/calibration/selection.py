@@ -156,7 +156,9 @@ def choose(
     if path is None:
         if not setup.sensor.fitted:
             raise _uncalibrated(serial, calibrate, lasting=lasting)
-        return Choice(None, _without(setup))
+        swings = setup.actuator.conditioning_cycles
+        model = "quick, from the conditioning swings" if swings else "none, without conditioning swings"
+        return Choice(None, ModelUsed(alone=False, path=None, sha256=None, accepted=None, text=model))
     return _chosen(path, setup, profile, serial)
 
 
@@ -184,12 +186,6 @@ def _chosen(path: Path, setup: Setup, profile: Profile, serial: str) -> Choice:
         warnings=tuple(_doubts(path, calibration, setup, profile, serial)),
         text=read_source(path).text,
     )
-
-
-def _without(setup: Setup) -> ModelUsed:
-    swings = setup.actuator.conditioning_cycles
-    model = "quick, from the conditioning swings" if swings else "none, without conditioning swings"
-    return ModelUsed(not setup.sensor.fitted, None, None, None, model)
 
 
 def _used(path: Path, calibration: Calibration, setup: Setup, serial: str) -> ModelUsed:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from edmctl.csv_text import number_of
 from edmctl.errors import RecordError
 from edmctl.files import user_path
 from edmctl.jobs.study.factors import BLOCK, middle, settings_matrix, value_at
@@ -362,8 +363,6 @@ def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
 
 
 def _value_in_table(factor: FactorInfo, text: str, name: str, line: int) -> Value:
-    from edmctl.record.delimited import number_of
-
     if not factor.is_number:
         found = [value for value in factor.values if str(value) == text]
         if found:

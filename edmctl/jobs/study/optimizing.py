@@ -295,14 +295,11 @@ def _candidates(
 def _ends(factors: Sequence[FactorInfo]) -> list[list[float]]:
     """Coded points at all ends and middles of the factors, or at the ends alone; none where those are too many."""
     for levels in ((-1.0, 0.0, 1.0), (-1.0, 1.0)):
-        own = [levels if factor.is_number else _slices(len(factor.values)) for factor in factors]
+        counts = [0 if factor.is_number else len(factor.values) for factor in factors]
+        own = [[(2 * n + 1) / count - 1 for n in range(count)] or levels for count in counts]
         if math.prod(map(len, own)) <= CANDIDATES:
             return [list(row) for row in itertools.product(*own)]
     return []
-
-
-def _slices(count: int) -> tuple[float, ...]:
-    return tuple((2 * n + 1) / count - 1 for n in range(count))
 
 
 def _is_allowed(state: StudyState, settings: Mapping[str, Value], surroundings: Surroundings) -> bool:

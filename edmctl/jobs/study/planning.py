@@ -311,7 +311,7 @@ def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list
     for replicate in range(design.replicates):
         for block in range(design.blocks):
             members = [n for n, own in enumerate(points.blocks) if own == block]
-            centers = _share(design.center_points, design.blocks, block)
+            centers = design.center_points // design.blocks + (block < design.center_points % design.blocks)
             members += [of_center] * centers
             if makes_twins:  # a virtual machine makes the same run twice alike: the second would tell nothing
                 members = list({point_of[n]: n for n in reversed(members)}.values())[::-1]
@@ -369,10 +369,6 @@ def _shuffled(members: list[int], parts: int, points: Points, rng: Generator) ->
     bounds = bounds_of(len(members), parts)
     part_of = np.repeat(np.arange(parts), np.diff(bounds)).tolist()
     return min(orders, key=lambda order: mixing(points, order, part_of))
-
-
-def _share(count: int, parts: int, part: int) -> int:
-    return count // parts + (part < count % parts)
 
 
 def _checked(

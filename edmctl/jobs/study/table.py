@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from edmctl.csv_text import table_text
+from edmctl.csv_text import number_of, table_text
 from edmctl.errors import RecordError, UsageError
 from edmctl.jobs.study.responses import RESPONSES, TRUTHS, unit_of
 from edmctl.results.study import TRUTH, RunState, StudyRun
@@ -163,8 +163,6 @@ def _manual(state: StudyState) -> dict[str, Response]:
 
 
 def _value(name: str, text: str, manual: Mapping[str, Response]) -> float | None:
-    from edmctl.record.delimited import number_of
-
     if name not in manual:
         hint = (
             f"It is told {', '.join(manual)}." if manual else 'None of its responses has source = "manual".'
@@ -260,8 +258,6 @@ def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | Non
 
 def _same_attempt(run: StudyRun, text: str) -> None:
     """Refuse what was measured of an attempt that has been repeated since: on a machine that is another hole."""
-    from edmctl.record.delimited import number_of
-
     if text and number_of(text) is None:
         raise UsageError(f"{text!r} is no number of an attempt.", hint="Correct it.", code="E2107")
     if text and number_of(text) != run.attempts:
@@ -274,8 +270,6 @@ def _same_attempt(run: StudyRun, text: str) -> None:
 
 def _run_number(text: str) -> int:
     """The number of a run, as `1.0` too, which programs make of a column of whole numbers."""
-    from edmctl.record.delimited import number_of
-
     number = number_of(text)
     if number is None or not number.is_integer():
         raise UsageError(f"{text!r} is no number of a run.", hint="Correct it.", code="E2104")
