@@ -128,7 +128,10 @@ def calibrate(
     if dry_run:
         _tell_plan(outcome, checked)
     elif checked.plan is None and not checked.sources:
-        _tell_lever(outcome, checked)
+        from edmctl.console.calibration_tables import render_lever
+
+        outcome.result = {"lever": checked.lever}
+        outcome.text = render_lever(checked.lever) if checked.lever else ""
     else:
         _run(outcome, checked, used_seed)
 
@@ -170,14 +173,6 @@ def _described(given: "MeasuredRecord") -> dict[str, object]:
         "high_v": float(record.u_v.max()),
         "previous_v": record.previous_v,
     }
-
-
-def _tell_lever(outcome: Outcome, checked: "CheckedCalibration") -> None:
-    from edmctl.console.calibration_tables import render_lever
-
-    outcome.result = {"lever": checked.lever}
-    if checked.lever:
-        outcome.text = render_lever(checked.lever)
 
 
 def _run(outcome: Outcome, checked: "CheckedCalibration", seed: int) -> None:

@@ -150,8 +150,5 @@ def bare_row(run: PlannedRun, attempt: int, seed: int | None, started: datetime)
 
 
 def _sha256(file: Path) -> str:
-    digest = hashlib.sha256()
     with open_regular(file) as opened:
-        while block := opened.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
+        return hashlib.file_digest(opened, "sha256").hexdigest()
