@@ -7,7 +7,13 @@ import sys
 
 
 def main() -> None:
-    """Run the command line. `--version` is answered before anything heavy loads."""
+    """Run the command line. `--version` is answered before anything heavy loads.
+
+    A worker process that runs the launcher anew, because that has no `if __name__ == "__main__":`, does nothing.
+    """
+    processes = sys.modules.get("multiprocessing.process")
+    if processes is not None and processes.current_process().name != "MainProcess":
+        return
     try:
         if sys.argv[1:] == ["--version"] and _says_version():
             return

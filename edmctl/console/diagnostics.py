@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from edmctl.console.style import PLAIN, Ink, Style
 from edmctl.errors import Diagnostic, Location
-from edmctl.wording import shortened
+from edmctl.wording import escaped, printable, shortened
 
 MOST_COLUMNS = 300
 """Of a source line; a caret further on is not drawn."""
@@ -22,14 +22,20 @@ def _rendered(diagnostic: Diagnostic, style: Style) -> str:
     where = diagnostic.where
     kind, ink = ("warning", Ink.WARNING) if diagnostic.is_warning else ("error", Ink.ERROR)
     lines = [
-        style.paint(f"{kind}[{diagnostic.code}]", ink) + style.paint(f": {diagnostic.message}", Ink.STRONG)
+        style.paint(f"{kind}[{diagnostic.code}]", ink)
+        + style.paint(f": {_on_own_lines(diagnostic.message)}", Ink.STRONG)
     ]
     gutter = len(str(where.line)) if where else 1
     if where:
         lines += _source_lines(where, gutter, style, ink)
     if diagnostic.hint:
-        lines.append(f"{' ' * gutter} {style.paint('= help:', Ink.NOTE)} {diagnostic.hint}")
+        lines.append(f"{' ' * gutter} {style.paint('= help:', Ink.NOTE)} {_on_own_lines(diagnostic.hint)}")
     return "\n".join(lines)
+
+
+def _on_own_lines(text: str) -> str:
+    """Return a text without control characters; further lines, such as those of a compiler, are indented."""
+    return "\n  ".join(map(escaped, text.split("\n")))
 
 
 def summary_line(errors: int, warnings: int) -> str:
@@ -45,12 +51,17 @@ def summary_line(errors: int, warnings: int) -> str:
 def _source_lines(where: Location, gutter: int, style: Style, ink: Ink) -> list[str]:
     pad = " " * gutter
     arrow, bar = style.paint("-->", Ink.GUTTER), style.paint("|", Ink.GUTTER)
-    lines = [f"{pad}{arrow} {where.file}:{where.line}:{where.column}"]
+    lines = [f"{pad}{arrow} {escaped(where.file)}:{where.line}:{where.column}"]
     if where.source_line and where.column <= MOST_COLUMNS:
         number = style.paint(f"{where.line:>{gutter}}", Ink.GUTTER)
-        lines.append(f"{number} {bar} {shortened(where.source_line, MOST_COLUMNS)}")
+        lines.append(f"{number} {bar} {shortened(_shown(where.source_line), MOST_COLUMNS)}")
         lines.append(f"{pad} {bar} {_indent(where)}{style.paint('^' * _caret_length(where), ink)}")
     return lines
+
+
+def _shown(line: str) -> str:
+    """Return a source line with its tabs, and `?` for other control characters, so that the caret fits."""
+    return "\t".join(map(printable, line.split("\t")))
 
 
 def _indent(where: Location) -> str:

@@ -19,6 +19,7 @@ from edmctl.console.live_view import Histories, draw_view
 from edmctl.console.progress import Pacer, Reporter, left_words
 from edmctl.console.style import Ink, Style
 from edmctl.results.progress import Progress
+from edmctl.wording import escaped
 
 REDRAW_EVERY_S = 0.1
 _RUNS_WORDS = 48
@@ -64,7 +65,7 @@ class LiveReporter(Reporter):
 
     def note(self, text: str) -> None:
         """Print `text` above the picture, where it stays; the terminal itself would break it within a word."""
-        shown = text if self._style.unicode else plain_ascii(text)
+        shown = escaped(text if self._style.unicode else plain_ascii(text))
         width, _ = self._screen.size()
         for line in wrapped(shown, width - 1, "  "):
             self._screen.print_above(self._style.paint(line, Ink.FAINT))

@@ -14,7 +14,7 @@ from edmctl.results.equipment import Check, PortRow
 from edmctl.results.firmware import BoardFacts, ImageFacts, dotted, hexadecimal, settings_text
 from edmctl.results.first_start import FirstStartReport, Item, ItemStatus
 from edmctl.results.measurements import DriftResult, JumpSeries, SurfaceFound, WearResult
-from edmctl.wording import coordinates, decimal, duration, length, percent, plural, with_u95
+from edmctl.wording import coordinates, decimal, duration, escaped, length, percent, plural, with_u95
 
 MOST_ROWS = 20
 """More jumps are in the JSON object and in the run file."""
@@ -246,9 +246,9 @@ def render_checks(checks: Sequence[Check], style: Style = PLAIN) -> str:
         status = f"{check.status:4}"
         ink = _INKS.get(str(check.status))
         painted = style.paint(status, ink) if ink else status
-        lines.append(f"{painted}  {check.name:{width}}  {check.message}")
+        lines.append(f"{painted}  {check.name:{width}}  {escaped(check.message)}")
         if check.fix:
-            lines.append(f"{'':{width + 8}}{style.paint('fix:', Ink.NOTE)} {check.fix}")
+            lines.append(f"{'':{width + 8}}{style.paint('fix:', Ink.NOTE)} {escaped(check.fix)}")
     return "\n".join(lines)
 
 

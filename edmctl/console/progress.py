@@ -15,7 +15,7 @@ from edmctl.jsonout import render_json_line
 from edmctl.labels import Basis, marked
 from edmctl.results.progress import Progress
 from edmctl.results.telemetry import PulseShares
-from edmctl.wording import duration
+from edmctl.wording import duration, escaped
 
 PASSING_PHASE = "jumping"
 """Comes and goes every few seconds of machining, so it is no news of its own."""
@@ -124,7 +124,7 @@ class LineReporter(Reporter):
 
     def note(self, text: str) -> None:
         """Write `text` on a line of its own."""
-        self._out.write(text + "\n")
+        self._out.write(escaped(text) + "\n")
 
     def runs(self, done: int, total: int) -> None:
         """Write a line when one is due."""

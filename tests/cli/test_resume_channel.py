@@ -322,6 +322,22 @@ def test_a_hole_through_a_sheet_is_finished_wherever_it_was_left(
     assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= site["wear_u95_um"]
 
 
+def test_a_sheet_that_was_left_just_after_the_breakthrough_is_open(
+    here: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first touch meets the rim of the hole, and the approach no sparks."""
+    home = Path.cwd()
+    snapshot = home.with_name(f"{home.name}-killed")
+    with at_event(RunEvent.BREAKTHROUGH, snapshot_and_stop(home, snapshot)):
+        assert here(*FOIL, "--seed", "31", *BENCH, "--run-id", "a", "--quiet").exit_code == 130
+    monkeypatch.chdir(snapshot)
+    said = here(*RESUME, *BENCH)
+    assert said.exit_code == 0, said.out
+    (site,) = said.document["result"]["sites"]
+    assert (site["through"], site["depth_um"]) == (True, None)
+    assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= site["wear_u95_um"]
+
+
 def test_another_sheet_is_refused(here: Here, foil_left_at: LeaveAt) -> None:
     foil_left_at(75.0)
     bench_changed(swap_work)

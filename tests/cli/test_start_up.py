@@ -111,3 +111,22 @@ def test_ctrl_c_before_signals_are_handled_is_no_traceback(interruption: str, tm
         check=False,
     )
     assert (done.returncode, done.stdout, done.stderr) == (-2, "", "")
+
+
+def test_a_worker_of_an_unguarded_launcher_does_not_run_the_command_again(tmp_path: Path) -> None:
+    script = tmp_path / "launch.py"
+    script.write_text(
+        "import multiprocessing, sys\n"
+        "from edmctl.__main__ import main\n"
+        "sys.argv = ['edmctl', '--version']\n"
+        "if multiprocessing.current_process().name == 'MainProcess':\n"
+        "    worker = multiprocessing.get_context('spawn').Process(target=print, args=('worked',))\n"
+        "    worker.start()\n"
+        "    worker.join()\n"
+        "main()\n",
+        encoding="utf-8",
+    )
+    done = subprocess.run(
+        [sys.executable, str(script)], env=environment(), capture_output=True, encoding="utf-8", check=True
+    )
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["worked", "edmctl"]

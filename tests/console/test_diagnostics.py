@@ -54,6 +54,19 @@ def test_colour_is_only_paint() -> None:
     assert _without_codes(painted) == render_diagnostics([ERROR])
 
 
+def test_control_characters_do_not_reach_the_terminal() -> None:
+    where = Location("a\x1b[2J.toml", 1, 1, 1, "a\x1b = 1")
+    text = render_diagnostics([Diagnostic("E1", "no a\x1b[2Jb\rc\nerror[E2]: d", "say \x07", where)])
+    assert text.splitlines() == [
+        r"error[E1]: no a\x1b[2Jb\rc",
+        "  error[E2]: d",
+        r" --> a\x1b[2J.toml:1:1",
+        "1 | a? = 1",
+        "  | ^",
+        r"  = help: say \x07",
+    ]
+
+
 def test_summary_counts() -> None:
     assert summary_line(1, 0) == "1 error"
     assert summary_line(2, 1) == "2 errors, 1 warning"

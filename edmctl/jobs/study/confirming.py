@@ -116,8 +116,9 @@ def extension_runs(
     """Return the runs of one more replicate of the design, or of its fold-over, in blocks of their own.
 
     Each machine (seed), block and tool of the first replicate becomes a new one; design runs are shuffled in each
-    block. A fold-over takes the other of the two levels of every factor. Raises UsageError E2114 if a factor has
-    other levels, ProfileError if the rules refuse a recipe, PreconditionError E8207 if the grid has no room.
+    block. A fold-over takes the other of the two levels of every factor. Raises UsageError E2114 if the design does
+    not have two levels of a factor, ProfileError if the rules refuse a recipe, PreconditionError E8207 if the grid
+    has no room.
     """
     import numpy as np
 
@@ -136,11 +137,12 @@ def extension_runs(
     blocks = _renumbered((run.block for run in first), max(run.planned.block for run in state.runs) + 1)
     tools = _renumbered((run.tool for run in first), max(run.tool for run in state.runs) + 1)
     are_blocks = file.machine is not None and file.machine.holes_per_tool is not None
+    design = [run for run in first if run.kind is RunKind.DESIGN]
     found = []
     for number, run in enumerate(runs, last + 1):
         settings, point = run.settings, run.point
         if is_folded and run.kind is RunKind.DESIGN:
-            settings = {factor.key: _other_level(factor, settings[factor.key]) for factor in plan.factors}
+            settings = {one.key: _other_level(one, settings[one.key], design) for one in plan.factors}
             check(request_of(state.folder.base, settings), surroundings)
             point = points.setdefault(settings_key(settings), max(points.values()) + 1)
         tool = tools[run.tool] if are_blocks else run.tool
@@ -163,14 +165,15 @@ def _renumbered(numbers: Iterable[int], first: int) -> dict[int, int]:
     return {number: first + n for n, number in enumerate(dict.fromkeys(numbers))}
 
 
-def _other_level(factor: FactorInfo, value: Value) -> Value:
-    if factor.is_range or len(factor.values) != 2:
+def _other_level(factor: FactorInfo, value: Value, design: Iterable[PlannedRun]) -> Value:
+    levels = {run.settings[factor.key] for run in design}
+    if len(levels) != 2:
         raise UsageError(
-            f"A fold-over exchanges the two levels of every factor, and {factor.name} has others.",
+            f"A fold-over exchanges two levels of every factor; the design has {len(levels)} of {factor.name}.",
             hint="Add a replicate instead: leave out --fold-over.",
             code="E2114",
         )
-    return factor.values[1] if value == factor.values[0] else factor.values[0]
+    return next(level for level in levels if level != value)
 
 
 def opening_run(state: StudyState, tool: int) -> PlannedRun:

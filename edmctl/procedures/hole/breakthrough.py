@@ -26,6 +26,11 @@ FREEZE_S = 0.5
 """After a jump nothing is judged for so long."""
 
 
+def is_near_back(depth_um: float, depth_u_um: float, thickness_um: float) -> bool:
+    """Return whether a depth is so near to the thickness of the sheet that the hole may be open."""
+    return abs(depth_um - thickness_um) <= DEPTH_SHARE * thickness_um + CLEAR_SIGMAS * depth_u_um
+
+
 class Breakthrough:
     """Judges one cut through a sheet of `thickness_um`, slice by slice.
 
@@ -70,7 +75,7 @@ class Breakthrough:
         self._follow(duration_s, (displacement_um - last_um) / duration_s, open_share)
         if not math.isnan(self.at_um) or self._span_s < 0.5 * BASE_S:
             return False
-        if not self._is_near(depth_um, depth_u_um):
+        if not is_near_back(depth_um, depth_u_um, self._thickness_um):
             return False
         if not self._has_opened():
             return False
@@ -84,14 +89,10 @@ class Breakthrough:
 
     def on_spark_loss(self, spark_um: float, depth_um: float, depth_u_um: float, lost: str) -> bool:
         """Judge that all discharges have ended, the last one at `spark_um`; whether the sheet has broken through."""
-        if not self._is_near(depth_um, depth_u_um):
+        if not is_near_back(depth_um, depth_u_um, self._thickness_um):
             return False
         self.at_um, self.message = spark_um, f"Broke through at {spark_um:.1f} µm: {lost}."
         return True
-
-    def _is_near(self, depth_um: float, depth_u_um: float) -> bool:
-        reach_um = DEPTH_SHARE * self._thickness_um + CLEAR_SIGMAS * depth_u_um
-        return abs(depth_um - self._thickness_um) <= reach_um
 
     def _follow(self, duration_s: float, speed_um_s: float, open_share: float) -> None:
         """Means of feed and open share, exponential ones when they are old enough; and what they were before."""

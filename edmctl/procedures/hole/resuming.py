@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 from edmctl.errors import MachineFault, PreconditionError
+from edmctl.procedures.hole.breakthrough import is_near_back
 from edmctl.procedures.hole.cut import Decision
 from edmctl.procedures.hole.cut_planning import through_plan
 from edmctl.procedures.hole.hole import JobKnowledge, OpenHole, hole_at, touch_pad_first
@@ -25,6 +26,7 @@ from edmctl.procedures.hole.hole_estimate import (
     other_work,
 )
 from edmctl.procedures.hole.measuring_stop import decide_next, learn, measured, next_start
+from edmctl.procedures.hole.running_cut import NO_SPARK
 from edmctl.procedures.hole.site import cut_to_the_end, keep_hole_begun, through_message, touch_bottom_or_none
 from edmctl.procedures.hole.site_result import close_site
 from edmctl.procedures.job_state import CutTotals, JobState, RegimeBegun
@@ -296,7 +298,8 @@ def _hole(run: JobRun, site: Place, knowledge: JobKnowledge, state: JobState) ->
 def resume_through_hole(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision:
     """Measure what an earlier run has left of a hole through the sheet, and cut on where it is not open.
 
-    A hole is open when the tool goes through it, as far below the face as it would have been fed, and meets nothing.
+    A hole is open when the tool goes through it, as far below the face as it would have been fed, and meets nothing;
+    and a rim that the first touch has met is gone after an approach without sparks.
     Raises PreconditionError E8060, E8061 where it is not the hole, or the tool, that was left.
     """
     state, target = run.job.resumed, run.target_at(site)
@@ -316,7 +319,18 @@ def resume_through_hole(run: JobRun, site: Place, knowledge: JobKnowledge, limit
     report_resumed(run, expected.estimate, found.depth_um, found.wear_um)
     start = next_start(run, hole, knowledge)
     plan = through_plan(max(1, hole.sums.total.number) + 1, start, target, knowledge.estimate)
-    return cut_to_the_end(run, hole, knowledge, plan, limits)
+    try:
+        return cut_to_the_end(run, hole, knowledge, plan, limits)
+    except MachineFault as fault:
+        is_in_approach = hole.plan is None
+        is_near = is_near_back(found.depth_um, found.depth.u, target.depth_um)
+        if fault.code != NO_SPARK or not is_in_approach or not is_near:
+            raise
+        run.machine.clear_fault(fault.fault)
+        run.machine.arm()
+        if touch_bottom_or_none(run, hole, pad, bottom.z_um) is not None:
+            raise
+    return _open(run, hole, knowledge, pad, opened)
 
 
 def _open(
