@@ -46,7 +46,7 @@ from edmctl.process.erosion import roughness_rz_um
 from edmctl.results.forecast import Forecast, RegimeForecast
 
 if TYPE_CHECKING:
-    from edmctl.profile.model import Profile, Pulse
+    from edmctl.profile.model import Profile
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
     from edmctl.profile.sites import PathTable
@@ -284,10 +284,6 @@ def _removal_um3_s(profile: Profile, course: Course) -> float:
     return course.deepest.depth_um * area_um2 / hole_time_s(profile, course.deepest)
 
 
-def _pulse_uj(pulse: Pulse) -> float:
-    return pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us)
-
-
 def _frequency_hz(recipes: Sequence[Recipe]) -> float:
     """Pulses per second of machining; of several regimes on average."""
     if len(recipes) == 1:
@@ -312,6 +308,8 @@ def forecast(
     """
     course = course_of(profile, setup, places, reached)
     deepest, available_um = course.deepest, stroke_available_um(profile, setup)
+    reserve_um = profile.approach.offset_um + STROKE_RESERVE_UM
+    fits = [reach_um + reserve_um <= available_um for reach_um in course.reaches_um]
     cycle = servo_swing(profile, setup)
     regimes, recipes = _regimes(profile), recipes_of(profile)
     ra_um = regimes[-1].ra_um if regimes else expected_ra_um(profile, deepest.depth_um)
@@ -330,12 +328,15 @@ def forecast(
         loop_delay_s=cycle.loop_delay_s,
         limit_cycle_um=cycle.half_amplitude_um,
         limit_cycle_period_s=cycle.period_s,
-        spark_energy_uj=max(_pulse_uj(recipe.profile.pulse) for recipe in recipes),
+        spark_energy_uj=max(
+            pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us)
+            for pulse in (recipe.profile.pulse for recipe in recipes)
+        ),
         mrr_mm3_min=mrr_mm3_min(_removal_um3_s(profile, course)),
         jump_share=time_share_of_jumps(profile),
         pulses=round(course.machining_s * _frequency_hz(recipes)),
         holes=course.holes,
-        holes_in_reach=_in_reach(course.reaches_um, available_um - profile.approach.offset_um),
+        holes_in_reach=fits.index(False) if False in fits else len(fits),
         stops=course.stops,
         tool_wear_um=course.tool_wear_um,
         channel_um=course.channel_um,
@@ -360,12 +361,6 @@ class Job:
     def forecast(self) -> Forecast:
         """What the job is expected to take."""
         return forecast(self.profile, self.setup, self.places)
-
-
-def _in_reach(reaches_um: Sequence[float], stroke_um: float) -> int:
-    """How many holes are made before one asks for more than this stroke."""
-    fits = [reach_um + STROKE_RESERVE_UM <= stroke_um for reach_um in reaches_um]
-    return fits.index(False) if False in fits else len(fits)
 
 
 def depth_and_wear_um(profile: Profile) -> tuple[float, float]:
