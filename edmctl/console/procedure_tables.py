@@ -193,17 +193,13 @@ def render_drift(
         for row, value in zip(rows, values, strict=False):
             row.append(_nm_s(value))
     used = percent(found.share_used, 0)
+    share = f"Jobs take {used} of the drift of their rests off wear, Z2 and Z3."
     if math.isnan(found.share):
-        share = (
-            "The rests have not drifted by more than their random walk: no share can be told. Jobs take "
-            f"{used} of the drift of their rests off wear, Z2 and Z3."
-        )
-    elif abs(found.share - found.share_used) <= half_width(found.share_u):
-        share = f"Jobs take {used} of the drift of their rests off wear, Z2 and Z3."
-    else:
-        share = (
-            f"Jobs take {used} of the drift of their rests off wear, Z2 and Z3. Touches drift besides: a drift "
-            "between tool and work does not show at rest, and widens the interval of the wear."
+        share = f"The rests have not drifted by more than their random walk: no share can be told. {share}"
+    elif abs(found.share - found.share_used) > half_width(found.share_u):
+        share += (
+            " Touches drift besides: a drift between tool and work does not show at rest, and widens the interval "
+            "of the wear."
         )
     older = ", in the place of an older one" if replaced else ""
     kept = f"{found.touches} touches, {plural(found.rests, 'rest')}; in {path}{older}: {use}."

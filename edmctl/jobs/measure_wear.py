@@ -79,9 +79,12 @@ def bottom_of(
         return _bottom(made[-1]) if made and not made[-1].through else None
     hole = _asked(asked, history.holes)
     if hole is None:
-        names = "; ".join(_hole_in_words(hole) for hole in history.holes[-MOST_NAMES:]) or "none"
+        names = "; ".join(
+            f"{known.name} at {known.x_um:.0f},{known.y_um:.0f} of {known.run_file.removesuffix('.h5')}"
+            for known in history.holes[-MOST_NAMES:]
+        )
         raise PreconditionError(
-            f"The ledger knows no hole {asked!r}; it knows: {names}.",
+            f"The ledger knows no hole {asked!r}; it knows: {names or 'none'}.",
             hint="Name one of them, its run id, or say --site X,Y within its rim.",
             code="E8045",
         )
@@ -127,11 +130,6 @@ def _asked(asked: str, holes: list[SiteMachined]) -> SiteMachined | None:
         ),
         None,
     )
-
-
-def _hole_in_words(hole: SiteMachined) -> str:
-    run_id = hole.run_file.removesuffix(".h5")
-    return f"{hole.name} at {hole.x_um:.0f},{hole.y_um:.0f} of {run_id}"
 
 
 def _bottom(hole: SiteMachined) -> Bottom:

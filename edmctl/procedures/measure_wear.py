@@ -187,12 +187,7 @@ def _found(
         drift_um=after.z_um - before.z_um,
         drift_correction_um=drift.um,
         touches=min(reading.touches for reading in (z1, bottom, before.reading, after.reading)),
-        sd_um=(
-            z1.sd_um,
-            bottom.sd_um if hole else math.nan,
-            before.reading.sd_um,
-            after.reading.sd_um,
-        ),
+        sd_um=(z1.sd_um, bottom.sd_um if hole else math.nan, before.reading.sd_um, after.reading.sd_um),
         wear_um=found.wear_um,
         wear_u95_um=found.wear.u95,
         depth_um=found.depth_um if hole else math.nan,

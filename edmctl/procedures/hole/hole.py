@@ -258,15 +258,9 @@ class OpenHole:
             wear_basis=Basis.ESTIMATED,
         )
         tally, name = run.tally, self.site.name
-        tally.sites[name] = replace(
-            tally.sites[name],
-            z2_um=math.nan,
-            z3_um=math.nan,
-            depth_model_um=math.nan,
-            depth_model_u95_um=math.nan,
-            wear_model_um=math.nan,
-            wear_model_u95_um=math.nan,
-        )
+        by_model = ("depth_model_um", "depth_model_u95_um", "wear_model_um", "wear_model_u95_um")
+        unknown = dict.fromkeys(("z2_um", "z3_um", *by_model), math.nan)
+        tally.sites[name] = replace(tally.sites[name], **unknown)  # type: ignore[arg-type]
         tally.unmeasured_site = name
 
 
