@@ -7,18 +7,12 @@ good record does more harm than an accepted bad one.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmctl.actuator.record import Record, half_periods_s
+from edmctl.array_types import Array, Flags
 from edmctl.errors import RecordError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
 
 LEAST_SAMPLES = 200
 """Four for each of the model's 45 weights and delay."""

@@ -11,18 +11,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.actuator.model import ActuatorModel, none_of
 from edmctl.actuator.record import Record, length_s, sample_s
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
+from edmctl.array_types import Array, Flags
 
 BLOCKS = 64
 PLAYS, HINGES = 10, 4

@@ -9,19 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.actuator.checks import noise_sd
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
+from edmctl.array_types import Array, Flags
 
 MAIN_SHARE = 0.5
 """Of the squares, that a cause has to explain."""

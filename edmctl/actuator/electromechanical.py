@@ -17,17 +17,13 @@ from __future__ import annotations
 
 import cmath
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
 from edmctl.actuator.compiling import cached
 from edmctl.actuator.maxwell import UM_PER_M, HysteresisBlock, MaxwellModel, change_for, move
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array: TypeAlias = NDArray[np.float64]
+from edmctl.array_types import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,16 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.actuator.design import Design, Reduction, triangle_of
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+from edmctl.array_types import Array
 
 RIDGE = 1e-10
 """Only settles what the records leave open: held-out errors do not change from here to 1e-6."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.actuator.acceptance import DIFFERING, notes_on, problems_of, restrictions_on
 from edmctl.actuator.design import (
@@ -35,12 +35,8 @@ from edmctl.actuator.search import extended
 from edmctl.actuator.suspects import suspects
 from edmctl.actuator.uncertainty import Bands, apart, bands_of, figures, held_out_of, smoothest, whole_records
 from edmctl.actuator.validation import ErrorFigures
+from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 QUICK_PLAYS = 12
 QUICK_CREEPING = 2

@@ -11,16 +11,12 @@ range is enough, a move ends short.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator, consecutive
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+from edmctl.array_types import Array
 
 STEPS = 32
 """Points of a path; more of them change its end by less than 0.1 % of the way."""

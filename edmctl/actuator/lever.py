@@ -6,16 +6,11 @@ Muralidhara et al. 2009, §2.1: the amplification is linear, about 18, from a li
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.array_types import Array
 from edmctl.errors import RecordError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 LEAST_SAMPLES = 10
 LEAST_FACTOR, LARGEST_FACTOR = 1.0, 200.0

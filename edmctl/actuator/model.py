@@ -24,16 +24,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from edmctl.actuator.operators import Bank, Memory
-
-    Array = NDArray[np.float64]
+from edmctl.actuator.operators import Bank, Memory
+from edmctl.array_types import Array
 
 CREEP_FROM_S, CREEP_TO_S = 0.1, 10.0
 """Creep rates are customarily given between these times after a step."""

@@ -26,17 +26,13 @@ Everything here is compiled by numba, without fastmath: the source is the defini
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.actuator.compiling import cached, compiled
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array: TypeAlias = NDArray[np.float64]
-    Indices: TypeAlias = NDArray[np.int64]
+from edmctl.array_types import Array, Integers
 
 SAME_STEP = 1e-9
 """Steps of a clock differ by its rounding, which is no reason to compute every lag anew."""
@@ -56,7 +52,7 @@ class Bank(NamedTuple):
     slopes: Array  # (n, m)
     rounded: Array  # (k, 5): rising and falling limit, c, ρ, C
     roundness: Array  # (k,): weights
-    creeping: Indices  # (g,): plays, from n on rounded ones
+    creeping: Integers  # (g,): plays, from n on rounded ones
     taus: Array  # (j,)
     weights: Array  # (g, j): of the lags
 
@@ -160,7 +156,7 @@ def lagged_path(
     lag_s: float,
     times: Array,
     volts: Array,
-    ends: Indices,
+    ends: Integers,
 ) -> int:
     """Voltage behind the lag at k samples and its turning points between them; how many they are together.
 
@@ -348,7 +344,7 @@ def bank_features(
     since_s: float,
     before_v: float,
     bank: Bank,
-    column_of: Indices,
+    column_of: Integers,
     memory: Memory,
     follow: Array,
     features: Array,

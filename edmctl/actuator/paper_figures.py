@@ -8,17 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.actuator.waveforms import SLEW_V_S, jump_train, sine, square
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Samples = NDArray[np.int64]
+from edmctl.array_types import Array, Integers
 
 NAMES = {
     "fig3a": "Fig. 3a, sine 10 mHz",
@@ -105,7 +101,7 @@ class _Seen(NamedTuple):
         figure: str,
         what: str,
         paper_um: tuple[float, float] | None,
-        at: Samples,
+        at: Integers,
         said: str = "–",
         left_of: Reading | None = None,
     ) -> Reading:
@@ -123,14 +119,14 @@ class _Seen(NamedTuple):
             figure, what, said, low_um, high_um, abs(ours_um), worst / self.rate_hz, paper_side=side
         )
 
-    def instants(self, parts: int) -> Samples:
+    def instants(self, parts: int) -> Integers:
         """Return the samples at the ends of so many equal parts."""
         return np.rint(np.linspace(0.0, len(self.u_v) - 1.0, parts + 1)).astype(np.int64)
 
-    def after(self, starts: Samples, begin_s: float, end_s: float) -> Samples:
+    def after(self, starts: Integers, begin_s: float, end_s: float) -> Integers:
         """Return the samples between two times after each start."""
         span = np.arange(round(begin_s * self.rate_hz), round(end_s * self.rate_hz))
-        wanted: Samples = (starts[:, np.newaxis] + span).ravel()
+        wanted: Integers = (starts[:, np.newaxis] + span).ravel()
         return wanted[wanted < len(self.u_v)]
 
     def steps(self, way: float) -> list[tuple[int, int]]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -15,12 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from edmctl.actuator.checks import noise_sd
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record, settled_from
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
+from edmctl.array_types import Array, Flags
 
 WINDOWS = 400
 """A record is looked at in so many parts, each by its largest residual."""

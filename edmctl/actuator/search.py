@@ -10,18 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.actuator.design import Design, features_of
 from edmctl.actuator.record import Record, sample_s
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
+from edmctl.array_types import Array, Flags
 
 ROWS = 6000
 FOLDS = 8

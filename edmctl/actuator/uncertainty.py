@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,12 +18,7 @@ from edmctl.actuator.fitting import Fit, fit
 from edmctl.actuator.model import CREEP_FROM_S, CREEP_TO_S, ActuatorModel
 from edmctl.actuator.record import Record, half_periods_s, longest_hold_s
 from edmctl.actuator.validation import ErrorFigures
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
+from edmctl.array_types import Array, Flags
 
 REACH_SHARE = 0.01
 """Of the range; a play this far outside of where others were is not beyond them."""

@@ -8,18 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record, check_numbers, settled_from
 from edmctl.actuator.screening import looked_through
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+from edmctl.array_types import Array
 
 Refit = Literal["gain", "zero"]
 ZERO: tuple[Refit, ...] = ("zero",)

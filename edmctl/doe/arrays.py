@@ -12,15 +12,12 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Levels = NDArray[np.int64]
-    """Level numbers from 0: (runs, columns)."""
+Levels = NDArray[np.int64]
+"""Level numbers from 0: (runs, columns)."""
 
 SIXFOLD = ("000000", "001122", "010212", "022110", "012021", "021201")
 """Difference matrix of order 6 over the integers modulo 3, behind L18."""

@@ -6,16 +6,14 @@ Centre runs are not in them: how many there are, and where in the order, is the 
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.doe.fractional import fraction_for
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Coded = NDArray[np.float64]
+Coded = NDArray[np.float64]
 
 BOX_BEHNKEN = {
     3: ("12", "13", "23"),

@@ -19,17 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, optimize, special
 
+from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Values = NDArray[np.float64]
 
 Trend = Literal["constant", "linear", "quadratic"]
 
@@ -58,26 +55,26 @@ class GaussianProcess:
     Below, k is the number of draws of hyperparameters, n that of runs and d that of factors.
     """
 
-    points: Values
+    points: Array
     """(n, d)."""
-    values: Values
+    values: Array
     blocks: NDArray[np.int64]
     """Number of the block of each run; empty where runs are in none."""
     trend: Trend
     centre: float
     scale: float
     """Mean and standard deviation by which values were standardised; noise and the like below are in them."""
-    weights: Values
+    weights: Array
     """(k,), their sum is 1."""
-    lengths: Values
+    lengths: Array
     """(k, d)."""
-    signals: Values
-    noises: Values
-    block_effects: Values
+    signals: Array
+    noises: Array
+    block_effects: Array
     """(k,) standard deviations."""
-    _whitening: Values
+    _whitening: Array
     """(k, n, n): inverse Cholesky factors of the covariance of the runs."""
-    _solved: Values
+    _solved: Array
     """(k, n): inverse covariance times standardised values."""
 
     @property
@@ -91,7 +88,7 @@ class GaussianProcess:
         return self.scale * float(np.sqrt(self.weights @ self.block_effects**2))
 
     @one_blas_thread()
-    def predict(self, points: ArrayLike) -> tuple[Values, Values]:
+    def predict(self, points: ArrayLike) -> tuple[Array, Array]:
         """Return the expected response at (m, d) points and its standard error, of a new block on average.
 
         Neither holds the noise of a run nor the effect of the new block: see `noise_sd` and `block_sd`.
@@ -104,7 +101,7 @@ class GaussianProcess:
         return mean, sd
 
     @one_blas_thread()
-    def left_out(self, groups: Sequence[object]) -> tuple[Values, Values]:
+    def left_out(self, groups: Sequence[object]) -> tuple[Array, Array]:
         """Return what `predict` says of each run without the runs of its group; hyperparameters stay.
 
         Raises ValueError where no run is left, or `groups` are not one a run.
@@ -148,7 +145,7 @@ class GaussianProcess:
             )
         )
 
-    def _moments(self, at: Values) -> tuple[Values, Values]:
+    def _moments(self, at: Array) -> tuple[Array, Array]:
         trend, own = _trend(at, self.trend), _trend(self.points, self.trend)
         smooth = _matern(_squares(at, self.points), self.lengths)
         across = self.signals[:, None, None] ** 2 * smooth + trend @ own.T
@@ -214,20 +211,20 @@ def fit_process(
 class _Posterior:
     """Density of the logarithms of length scales, signal, noise and, with blocks, the effect of a block."""
 
-    squares: Values
+    squares: Array
     """(d, n, n) squared distances by factor."""
-    of_trend: Values
+    of_trend: Array
     """(n, n) covariance."""
-    same_block: Values | None
-    values: Values
+    same_block: Array | None
+    values: Array
     least_noise: float
-    centres: Values
-    spreads: Values
+    centres: Array
+    spreads: Array
     """Of the priors."""
 
     @classmethod
     def of(
-        cls, points: Values, values: Values, blocks: NDArray[np.int64], trend: Trend, noise_floor: float
+        cls, points: Array, values: Array, blocks: NDArray[np.int64], trend: Trend, noise_floor: float
     ) -> _Posterior:
         """Return the posterior density given standardised values."""
         factors, columns = points.shape[1], _trend(points, trend)
@@ -244,7 +241,7 @@ class _Posterior:
             np.array(spreads[:size]),
         )
 
-    def covariance(self, logs: Values) -> tuple[Values, Values]:
+    def covariance(self, logs: Array) -> tuple[Array, Array]:
         """Return the covariance (n, n) of the runs, and its derivatives by the logarithms (parameters, n, n)."""
         factors, same = len(self.squares), np.eye(len(self.values))
         inverse = np.exp(-2 * logs[:factors])
@@ -261,7 +258,7 @@ class _Posterior:
             parts.append(2 * block[None])
         return whole, np.concatenate(parts)
 
-    def loss(self, logs: Values) -> tuple[float, Values]:
+    def loss(self, logs: Array) -> tuple[float, Array]:
         """Return the negative logarithm of the density, without constants, and its gradient."""
         whole, by_parameter = self.covariance(logs)
         factor = linalg.cholesky(whole, lower=True, check_finite=False)
@@ -272,14 +269,14 @@ class _Posterior:
         gradient = np.tensordot(by_parameter, inverse - np.outer(solved, solved), 2) / 2 + off / self.spreads
         return float(loss), gradient
 
-    def information(self, logs: Values) -> Values:
+    def information(self, logs: Array) -> Array:
         """Return the expected information (parameters, parameters) of runs and priors."""
         whole, by_parameter = self.covariance(logs)
         solved = np.linalg.solve(whole, by_parameter)
         return np.asarray(np.einsum("iab,jba->ij", solved, solved) / 2 + np.diag(self.spreads**-2))
 
 
-def _draws(posterior: _Posterior) -> tuple[Values, Values]:
+def _draws(posterior: _Posterior) -> tuple[Array, Array]:
     """Return draws (k, parameters) about the best maximum, and their weights."""
     factors, size = len(posterior.squares), len(posterior.centres)
     best = None
@@ -301,7 +298,7 @@ def _draws(posterior: _Posterior) -> tuple[Values, Values]:
     return draws, weights / weights.sum()
 
 
-def _normal_sequence(length: int, factors: int) -> Values:
+def _normal_sequence(length: int, factors: int) -> Array:
     """Return (length, factors) standard normal values of an additive recurrence (Roberts, 2018)."""
     ratio = 2.0
     for _ in range(60):
@@ -326,7 +323,7 @@ def _conditioned(process: GaussianProcess) -> GaussianProcess:
     return replace(process, _whitening=whitening, _solved=solved)
 
 
-def _trend(points: Values, trend: Trend) -> Values:
+def _trend(points: Array, trend: Trend) -> Array:
     """Return columns of the trend (n, terms), each scaled by the prior standard deviation of its coefficient."""
     centred = points - 0.5
     columns = [np.full((len(points), 1), SD_OF_MEAN)]
@@ -338,12 +335,12 @@ def _trend(points: Values, trend: Trend) -> Values:
     return np.hstack(columns)
 
 
-def _squares(a: Values, b: Values) -> Values:
+def _squares(a: Array, b: Array) -> Array:
     """Return squared distances by factor: (d, a, b)."""
     return np.asarray((a.T[:, :, None] - b.T[:, None, :]) ** 2)
 
 
-def _matern(squares: Values, lengths: Values) -> Values:
+def _matern(squares: Array, lengths: Array) -> Array:
     """Return Matérn 5/2 correlations (k, a, b) of squared distances (d, a, b), with length scales (k, d)."""
     distance = np.sqrt(5 * np.tensordot(lengths**-2.0, squares, 1))
     return np.asarray((1 + distance + distance**2 / 3) * np.exp(-distance))

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import special
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Values = NDArray[np.float64]
+from edmctl.array_types import Array
 
 Term = tuple[tuple[str, int], ...]
 """Factors with their powers; without any it is the mean. A category has the power 1."""
@@ -38,7 +35,7 @@ class Settings:
     def runs(self) -> int:
         return len(np.asarray(next(iter((*self.numbers.values(), *self.categories.values())))))
 
-    def columns(self, factor: str, power: int) -> Values:
+    def columns(self, factor: str, power: int) -> Array:
         """Return what a factor puts into a term: (runs, 1), or (runs, names − 1) of a category."""
         if factor in self.numbers:
             return np.asarray(self.numbers[factor], float)[:, None] ** power
@@ -72,7 +69,7 @@ def term_name(term: Term) -> str:
 class ModelMatrix:
     """Columns of a linear model, and which of them belong to which term."""
 
-    columns: Values
+    columns: Array
     """(runs, columns)."""
     spans: Mapping[Term, slice]
 
@@ -95,15 +92,15 @@ class Fit:
     """A linear model fitted to a response."""
 
     model: ModelMatrix
-    response: Values
-    coefficients: Values
-    unscaled_covariance: Values
+    response: Array
+    coefficients: Array
+    unscaled_covariance: Array
     """Covariance of the coefficients for an error of variance 1."""
-    leverage: Values
+    leverage: Array
     """How far each run determines its own fitted value, 0 … 1."""
 
     @property
-    def residuals(self) -> Values:
+    def residuals(self) -> Array:
         """Measured less fitted."""
         return self.response - self.model.columns @ self.coefficients
 
@@ -143,7 +140,7 @@ class Fit:
         )
 
     @property
-    def left_out_residuals(self) -> Values:
+    def left_out_residuals(self) -> Array:
         """Measured less predicted by a model without that run; NaN where the model needs the run."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(self.leverage < 1 - 1e-9, self.residuals / (1 - self.leverage), np.nan)

@@ -13,20 +13,16 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import special
 
+from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
 from edmctl.doe.anova import Anova, anova, differing, pooled_anova
 from edmctl.doe.linear_model import Fit, LackOfFit, Settings, Term, fit, model_matrix, term_name, undetermined
 from edmctl.doe.signal_to_noise import Better, LevelMeans, response_table, signal_to_noise_db
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Values = NDArray[np.float64]
 
 MOST_LEVELS = 8
 """Means by level are given of factors with so many different values; more are a range."""
@@ -125,7 +121,7 @@ class ResponseModel:
     scatter: Scatter
     replicates: float = 1.0
 
-    def predict(self, settings: Settings) -> tuple[Values, Values, Values]:
+    def predict(self, settings: Settings) -> tuple[Array, Array, Array]:
         """Return what is expected of new runs on new machines, and the bounds of the 95 % interval of each.
 
         Raises ValueError for a category that the fit does not know.
@@ -147,7 +143,7 @@ class ResponseModel:
             _plain(expected + half, self.is_log),
         )
 
-    def _columns(self, settings: Settings) -> Values:
+    def _columns(self, settings: Settings) -> Array:
         """Columns at settings that name no block: a new machine is as others are on average."""
         own = [term for term in self.terms if not _is_block(term, self.block)]
         matrix = model_matrix(replace(settings, names=self.names), own)
@@ -227,7 +223,7 @@ class ResponseAnalysis:
         return tuple(_plain(bounds, self.is_log).tolist())
 
 
-def _plain(values: Values, is_log: bool) -> Values:
+def _plain(values: Array, is_log: bool) -> Array:
     return np.exp(values) if is_log else values
 
 
@@ -294,7 +290,7 @@ def analyse(
 
 
 def _with_model(
-    base: ResponseAnalysis, runs: Runs, values: Values, terms: list[Term], block: str, alone_variance: float
+    base: ResponseAnalysis, runs: Runs, values: Array, terms: list[Term], block: str, alone_variance: float
 ) -> ResponseAnalysis:
     notes = list(base.notes)
     if block in runs.settings.categories and len(set(runs.settings.categories[block])) < 2:
@@ -350,7 +346,7 @@ def _block_effects(fitted: Fit, settings: Settings, block: str) -> dict[object, 
     return dict(zip(settings.names[block], np.append(effects, -effects.sum()).tolist(), strict=True))
 
 
-def _lack(fitted: Fit, runs: Runs, values: Values) -> LackOfFit | None:
+def _lack(fitted: Fit, runs: Runs, values: Array) -> LackOfFit | None:
     """Split the error into what runs of one point differ by beyond their blocks, and what the model misses."""
     pure_variance, pure_dof = _run_variance(runs, values)
     if not pure_dof:
@@ -382,7 +378,7 @@ def _known(value: float) -> float:
     return value if math.isfinite(value) else 0.0
 
 
-def _scatter(fitted: Fit, runs: Runs, values: Values, block: str) -> Scatter:
+def _scatter(fitted: Fit, runs: Runs, values: Array, block: str) -> Scatter:
     return Scatter(*_run_variance(runs, values), *_block_variance(fitted, runs.settings, block))
 
 
@@ -390,7 +386,7 @@ def _model(
     fitted: Fit,
     terms: Sequence[Term],
     runs: Runs,
-    values: Values,
+    values: Array,
     block: str,
     scatter: Scatter,
     *,
@@ -439,7 +435,7 @@ def _misses(fitted: Fit, runs: Runs, block: str) -> tuple[float, int] | None:
     return squares / count, dof
 
 
-def _run_variance(runs: Runs, values: Values) -> tuple[float, int]:
+def _run_variance(runs: Runs, values: Array) -> tuple[float, int]:
     """Variance of runs of one point beyond their blocks, by a model of points and blocks."""
     points, blocks = np.asarray(runs.points), np.asarray(runs.blocks)
     if len(set(runs.points)) == len(points):
@@ -469,7 +465,7 @@ def _block_variance(fitted: Fit, settings: Settings, block: str) -> tuple[float,
     return float(np.var(effects, ddof=1)) * (1 + 1 / len(effects)), len(effects) - 1
 
 
-def _left_out_coverage(terms: Sequence[Term], runs: Runs, values: Values, block: str) -> tuple[int, int]:
+def _left_out_coverage(terms: Sequence[Term], runs: Runs, values: Array, block: str) -> tuple[int, int]:
     """Points whose runs lay within the interval of a model without them, and how many could be left out."""
     held = tried = 0
     points = np.asarray(runs.points)
@@ -520,7 +516,7 @@ def _level(term: Term, settings: Settings, column: int) -> str:
 
 
 def _noise_means(
-    levels: Mapping[str, list[object]], values: Values, points: Sequence[int], better: Better
+    levels: Mapping[str, list[object]], values: Array, points: Sequence[int], better: Better
 ) -> tuple[LevelMeans, ...]:
     """Means of the signal-to-noise ratio of each point by level; none where one is not defined."""
     of_point = {
@@ -534,7 +530,7 @@ def _noise_means(
     return tuple(response_table({name: [of[row] for row in first] for name, of in levels.items()}, ratios))
 
 
-def _interactions(levels: Mapping[str, list[object]], values: Values) -> tuple[Interaction, ...]:
+def _interactions(levels: Mapping[str, list[object]], values: Array) -> tuple[Interaction, ...]:
     found = []
     for one, other in list(itertools.combinations(levels, 2))[:MOST_PAIRS]:
         first, second = (_ordered(levels[name]) for name in (one, other))

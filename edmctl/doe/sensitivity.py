@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from edmctl.array_types import Array
 from edmctl.quantity import coverage_factor
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class SobolIndices:
-    """Indices by factor, and half the widths of their 95 % intervals."""
+    """Integers by factor, and half the widths of their 95 % intervals."""
 
-    first_order: Values
-    total: Values
-    first_order_u95: Values
-    total_u95: Values
+    first_order: Array
+    total: Array
+    first_order_u95: Array
+    total_u95: Array
 
 
-def sensitivity_points(factors: int, base: int, seed: int) -> Values:
+def sensitivity_points(factors: int, base: int, seed: int) -> Array:
     """Return base × (factors + 2) points in 0 … 1: samples A and B, then A with each factor's column of B in turn.
 
     Raises ValueError where `base` is no power of two: a scrambled Sobol sequence is balanced only there.
@@ -63,7 +59,7 @@ def sobol_indices(response: ArrayLike, factors: int, seed: int = 0, resamples: i
     return SobolIndices(first[0], total[0], spread[0], spread[1])
 
 
-def _indices(rows: Values) -> tuple[Values, Values]:
+def _indices(rows: Array) -> tuple[Array, Array]:
     """Return first-order and total indices of samples (…, base, factors + 2)."""
     a, b, mixed = rows[..., 0], rows[..., 1], rows[..., 2:]
     both = np.concatenate([a, b], axis=-1)

@@ -12,18 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import special
 
+from edmctl.array_types import Array
 from edmctl.doe.gaussian_process import GaussianProcess, fit_process
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Values = NDArray[np.float64]
-    Constraints = Sequence[tuple[ArrayLike, float]]
+Constraints = Sequence[tuple[ArrayLike, float]]
 
 Purpose = Literal["feasibility", "improvement", "confirmation"]
 
@@ -42,24 +40,24 @@ MOST_FAILING = 0.5
 class Outlook:
     """What is predicted of candidates; m is their number and c that of constraints."""
 
-    objective: Values
+    objective: Array
     """(m,) expected."""
-    objective_sd: Values
+    objective_sd: Array
     """(m,) standard error of what is expected."""
-    constraints: Values
+    constraints: Array
     """(c, m) expected."""
-    constraints_sd: Values
-    limits: Values
+    constraints_sd: Array
+    limits: Array
     """(c,)."""
 
     @property
-    def feasibility(self) -> Values:
+    def feasibility(self) -> Array:
         """Probability (m,) that every expected constraint is within its limit."""
         margin = self.limits[:, None] - self.constraints
         return np.asarray(special.ndtr(margin / np.maximum(self.constraints_sd, 1e-300)).prod(axis=0))
 
     @property
-    def violation(self) -> Values:
+    def violation(self) -> Array:
         """Standard errors (m,) by which the worst upper bound is beyond its limit; none where all are within."""
         over = (self.constraints - self.limits[:, None]) / np.maximum(self.constraints_sd, 1e-300) + BOUND
         return np.asarray(np.maximum(over, 0.0).max(axis=0, initial=0.0))
@@ -79,7 +77,7 @@ class Surrogates:
     constraints: tuple[GaussianProcess, ...]
     limits: tuple[float, ...]
 
-    def outlook(self, candidates: Values) -> Outlook:
+    def outlook(self, candidates: Array) -> Outlook:
         """Return what is predicted of (m, d) candidates."""
         mean, sd = self.objective.predict(candidates)
         each = [process.predict(candidates) for process in self.constraints]
@@ -92,7 +90,7 @@ class Surrogates:
             np.array(self.limits, float),
         )
 
-    def believing(self, point: Values) -> Surrogates:
+    def believing(self, point: Array) -> Surrogates:
         """Return the processes after a run at `point` that went as predicted."""
         return replace(
             self,
@@ -214,7 +212,7 @@ def recommend(
     )
 
 
-def expected_improvement(mean: Values, sd: Values, incumbent: float) -> Values:
+def expected_improvement(mean: Array, sd: Array, incumbent: float) -> Array:
     """Return how far values of a mean and a standard deviation are expected to fall below the incumbent (Močkus)."""
     sd = np.maximum(sd, 1e-300)
     off = (incumbent - mean) / sd
@@ -222,7 +220,7 @@ def expected_improvement(mean: Values, sd: Values, incumbent: float) -> Values:
     return np.asarray(np.maximum(sd * (off * special.ndtr(off) + density), 0.0))
 
 
-def _next(fitted: Surrogates, outlook: Outlook, candidates: Values, confirms: bool) -> tuple[int, Purpose]:
+def _next(fitted: Surrogates, outlook: Outlook, candidates: Array, confirms: bool) -> tuple[int, Purpose]:
     """Return the candidate to run next, and what for."""
     best = outlook.best
     if best is None:
@@ -242,11 +240,11 @@ def _next(fitted: Surrogates, outlook: Outlook, candidates: Values, confirms: bo
     return tried[int(np.argmin(reached))], "confirmation"
 
 
-def _reached(believed: Surrogates, aims: Values, incumbent: float) -> float:
+def _reached(believed: Surrogates, aims: Array, incumbent: float) -> float:
     """Return the objective that could be recommended."""
     outlook = believed.outlook(aims)
     return incumbent if outlook.best is None else min(incumbent, float(outlook.objective[outlook.best]))
 
 
-def _believing(process: GaussianProcess, point: Values) -> GaussianProcess:
+def _believing(process: GaussianProcess, point: Array) -> GaussianProcess:
     return process.with_runs(point, process.predict(point)[0])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import (
     Stand,
@@ -20,11 +19,9 @@ from edmctl.forecasts.measuring import (
 from edmctl.forecasts.removal import hole, removal_um3_s, time_share_of_jumps
 from edmctl.process.discharge import hole_area_um2
 from edmctl.process.touches import TOUCH_U_UM
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
-    from edmctl.profile.setup import Setup
-    from edmctl.profile.sites import PathTable
+from edmctl.profile.model import Profile
+from edmctl.profile.setup import Setup
+from edmctl.profile.sites import PathTable
 
 EVEN_OUT_PASSES = 2
 """Before a measuring stop the floor is evened out by so many passes that do not go deeper."""

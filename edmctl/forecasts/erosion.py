@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from edmctl.process.discharge import hole_area_um2, pulse_energy_uj, tool_area_um2
 from edmctl.process.erosion import roughness_ra_um
@@ -12,9 +11,7 @@ from edmctl.process.gap_conditions import GAP_LAW, side_gap_um
 from edmctl.process.materials import material
 from edmctl.process.steady_gap import GapRecipe, SteadyGap, steady_gap
 from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
+from edmctl.profile.model import Profile
 
 LAW_U_REL = 0.10
 """Relative standard uncertainty of the laws themselves, where everything else is known [assumed]."""

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from edmctl.forecasts.channel import (
     channel,
@@ -43,13 +42,11 @@ from edmctl.forecasts.removal import (
 )
 from edmctl.process.discharge import hole_area_um2, mrr_mm3_min, pulse_energy_uj
 from edmctl.process.erosion import roughness_rz_um
+from edmctl.profile.model import Profile
+from edmctl.profile.places import Place
+from edmctl.profile.setup import Setup
+from edmctl.profile.sites import PathTable
 from edmctl.results.forecast import Forecast, RegimeForecast
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
-    from edmctl.profile.places import Place
-    from edmctl.profile.setup import Setup
-    from edmctl.profile.sites import PathTable
 
 PLANE_TOUCHES = 3
 STROKE_RESERVE_UM = 15.0

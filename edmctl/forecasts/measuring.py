@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, ZERO_DRIFT_UM_PER_S
 from edmctl.forecasts.removal import (
@@ -24,11 +23,9 @@ from edmctl.process.discharge import first_gap_u_um, hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import GAP_U_UM, is_done, largest_first_um, next_cut
 from edmctl.process.touches import TOUCH_U_UM, Displacement
+from edmctl.profile.model import Profile
+from edmctl.profile.setup import Setup
 from edmctl.quantity import half_width
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
-    from edmctl.profile.setup import Setup
 
 SET_U_UM = math.sqrt(2.0) * TOUCH_U_UM
 """Of the difference of two readings taken one after the other, by their scatter."""

@@ -6,13 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import TYPE_CHECKING
 
 from edmctl.forecasts.erosion import expected_gap, expected_side_gap_um, usual_depth_um, with_sought_reference
 from edmctl.process.erosion import SURFACE_UM, roughness_ra_um
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile, Regime
+from edmctl.profile.model import Profile, Regime
 
 STAGE_TOLERANCE = 0.03
 """A regime that is not the last ends within this share of its end: the next one takes the rest."""

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from edmctl.forecasts.erosion import expected_gap, usual_depth_um
 from edmctl.forecasts.regimes import recipes_of
 from edmctl.process.discharge import hole_area_um2
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
-    from edmctl.profile.setup import Setup
+from edmctl.profile.model import Profile
+from edmctl.profile.setup import Setup
 
 SIDE_DISCHARGE_SHARE = 0.05
 """Discharges that burn at the wall of the hole: 3 % in a clean gap, more with debris."""

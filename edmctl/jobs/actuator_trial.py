@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from edmctl.array_types import Array
 
 SLOW_HZ = 0.01
 """Of the one cycle that the simple models are fitted to, as in Muralidhara et al. 2009, §2.2."""

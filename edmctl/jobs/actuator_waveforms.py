@@ -15,10 +15,7 @@ from edmctl.simulator import actuator
 from edmctl.simulator.actuator import RATE_HZ, SLEW_V_S
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from edmctl.array_types import Array
 
 LOW_V, HIGH_V = 0.0, 120.0
 """The range of Muralidhara et al. 2009, Figs 3–5."""

@@ -27,10 +27,7 @@ from edmctl.report.figures import paper_model as figure
 from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, VirtualActuator
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from edmctl.array_types import Array
 
 Start = Literal["virgin", "conditioned"]
 

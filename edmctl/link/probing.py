@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from time import monotonic
-from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError, LinkLost
 from edmctl.link import ports as known
+from edmctl.link.messages import HelloReply
 from edmctl.link.opening import BOARD_BAUD, PortAbsent, open_line, waited_for
 from edmctl.link.serial_line import SerialLine
-
-if TYPE_CHECKING:
-    from edmctl.link.messages import HelloReply
 
 HELLO_S = 1.5
 """A board that resets when its port is opened needs about this long to come up."""

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from edmctl.link.clock import ClockLine
+from edmctl.link.messages import HeartbeatReply
 from edmctl.results.telemetry import LinkReport
-
-if TYPE_CHECKING:
-    from edmctl.link.messages import HeartbeatReply
-
 
 FIRST_S = 0.1
 """Wait before the first round trip is known."""

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.array_types import Array
 from edmctl.link.messages import PulseBlocks, Pulses, Tlm, WaveformReadReply
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
-
-if TYPE_CHECKING:
-    from edmctl.results.telemetry import Floats
 
 ToSeconds = Callable[[int], float]
 """Controller time in µs, modulo 2^32, as seconds of the run."""
@@ -39,13 +36,13 @@ def lost_frames(previous: int | None, counters: Sequence[int]) -> int:
     return sum((after - before - 1) & 0xFFFF for before, after in pairwise(seen))
 
 
-def _times(starts_s: Sequence[float], counts: Sequence[int], step_s: float) -> Floats:
+def _times(starts_s: Sequence[float], counts: Sequence[int], step_s: float) -> Array:
     """Return the times of records that are `step_s` apart within each frame."""
     return np.concatenate([start + _steps(n, step_s) for start, n in zip(starts_s, counts, strict=True)])
 
 
 @lru_cache(maxsize=64)
-def _steps(n: int, step_s: float) -> Floats:
+def _steps(n: int, step_s: float) -> Array:
     """Return multiples of `step_s`, shared between frames of one size and therefore read-only."""
     steps = step_s * np.arange(n, dtype=np.float64)
     steps.flags.writeable = False

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.array_types import Array
 from edmctl.errors import EdmError
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.messages import Event, Fault, GetStatusReply
@@ -18,10 +18,7 @@ from edmctl.machine.faults import host_fault
 from edmctl.machine.interface import MachineEvent
 from edmctl.machine.requests import TouchRequest
 from edmctl.machine.states import EventCode, Interlock, MachineState, PulseClass, TelemetryFlag
-from edmctl.results.telemetry import joined
-
-if TYPE_CHECKING:
-    from edmctl.results.telemetry import Floats, PulseBlockBatch, PulseTrain, TelemetryBlock
+from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, joined
 
 FARTHEST_UM = 2000.0
 """Four times the stroke of the actuator: no displacement sensor reads beyond, not after hours of drift either."""
@@ -142,7 +139,7 @@ def wrong_status(reply: GetStatusReply) -> str:
     return ""
 
 
-def contradicts_samples(told_um: float, seen_um: Floats) -> bool:
+def contradicts_samples(told_um: float, seen_um: Array) -> bool:
     """Whether a touch and the samples of its dwell say different things.
 
     The displacement of a touch is the mean of the sensor over the dwell, millisecond by millisecond; the samples of

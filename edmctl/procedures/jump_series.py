@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl.array_types import Array
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.forecasts.removal import jump_time_s
 from edmctl.machine.interface import MachineState, TelemetryBlock
@@ -22,8 +23,6 @@ from edmctl.results.measurements import JumpMeasured, JumpSeries, JumpSummary
 from edmctl.results.progress import Phase
 from edmctl.results.telemetry import joined
 from edmctl.wording import signed
-
-Floats = NDArray[np.float64]
 
 SETTLE_AT_DEPTH_S = 20.0
 """Rest after the way down, several times the 5 to 6 s of creep after a large step (Muralidhara et al. 2009, Fig. 4):
@@ -130,7 +129,7 @@ def _measured(run: JobRun, number: int, block: TelemetryBlock) -> JumpMeasured:
     )
 
 
-def _settling_s(time_s: Floats, sensor_um: Floats, rest_um: float) -> float:
+def _settling_s(time_s: Array, sensor_um: Array, rest_um: float) -> float:
     """Return the time until the smoothed displacement stays within `SETTLED_UM` of where it comes to rest."""
     period_s = float(np.median(np.diff(time_s)))
     width = max(1, round(SMOOTHED_S / period_s))

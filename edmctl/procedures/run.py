@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from edmctl.machine.interface import Machine, TelemetryBlock
 from edmctl.procedures.job import HoleTarget, Job, target_of
@@ -22,18 +21,16 @@ from edmctl.procedures.job_state import (
     UnderWay,
 )
 from edmctl.procedures.monitoring.drift import counted_pause_s, uncertainty_now
+from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.settings import gap_reference_v
 from edmctl.process.touches import Displacement
+from edmctl.profile.model import Profile
 from edmctl.profile.places import Place
+from edmctl.profile.setup import Setup
 from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent
 from edmctl.results.job import SiteResult
 from edmctl.results.progress import Extremes, Observer, Phase, Progress
 from edmctl.results.telemetry import PulseShares
-
-if TYPE_CHECKING:
-    from edmctl.procedures.monitoring.watch import Watch
-    from edmctl.profile.model import Profile
-    from edmctl.profile.setup import Setup
 
 MACHINING, MEASURING, MOVING = "machining", "measuring", "moving"
 """Phases of a job; while it is machining, the state is kept every few seconds too."""

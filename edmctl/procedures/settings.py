@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from edmctl.machine.interface import (
     ControllerSettings,
@@ -15,10 +14,8 @@ from edmctl.machine.interface import (
     TelemetrySettings,
 )
 from edmctl.procedures.job import target_of
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
-    from edmctl.profile.setup import Setup
+from edmctl.profile.model import Profile
+from edmctl.profile.setup import Setup
 
 SHORT_SHARE_OF_OPEN_VOLTAGE = 0.15
 """A plateau below this share of the open voltage is a short: 6 V of 40 V lie between a dead short (about 1 V) and

@@ -10,12 +10,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from edmctl.process.live_erosion import ARC_REMOVAL, ARC_WEAR, WIDENING_SDS, Energy
-
-if TYPE_CHECKING:
-    from edmctl.process.plane import Plane
+from edmctl.process.plane import Plane
 
 LEAST_LAYER_SHARE = 0.05
 """A rest below this share of a layer is no layer of its own."""

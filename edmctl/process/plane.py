@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from edmctl.array_types import Array
 from edmctl.process.touches import TOUCH_CHECK_SD_UM
-
-Floats = NDArray[np.float64]
 
 TOUCHES_FOR_A_PLANE = 3
 CONTRADICTION_SDS = 2.0
@@ -26,8 +24,8 @@ class Plane:
     """
 
     origin_um: tuple[float, float]
-    slope: Floats
-    covariance: Floats
+    slope: Array
+    covariance: Array
 
     def height_um(self, x_um: float, y_um: float) -> float:
         """Height over the origin's, positive away from the tool, µm."""
@@ -38,7 +36,7 @@ class Plane:
         way = self._way(x_um, y_um)
         return float(np.sqrt(way @ self.covariance @ way))
 
-    def _way(self, x_um: float, y_um: float) -> Floats:
+    def _way(self, x_um: float, y_um: float) -> Array:
         return np.array([x_um - self.origin_um[0], y_um - self.origin_um[1]])
 
 

@@ -17,13 +17,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
 from edmctl.process.touches import Drift, Reading, TouchScatter, share_u
 from edmctl.quantity import Value
-
-Floats = NDArray[np.float64]
 
 TIME_CONSTANTS_S = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 """Two a decade: a sum of such lags follows a logarithm of time within 1 % of it."""
@@ -80,7 +78,7 @@ class CreepLeft:
     `unknown_s` ago the actuator may have been used in a way that nobody has followed; infinity: never.
     """
 
-    um: Floats
+    um: Array
     unknown_s: float
 
     @classmethod
@@ -114,12 +112,12 @@ class CreepLags:
 
     def __init__(self, left: CreepLeft | None = None) -> None:
         self._before = CreepLeft.none() if left is None else left
-        self.um: Floats = self._before.um.copy()
-        self.out_s: Floats = np.zeros(len(TIME_CONSTANTS_S))
+        self.um: Array = self._before.um.copy()
+        self.out_s: Array = np.zeros(len(TIME_CONSTANTS_S))
         self._home_um = math.nan
         self._begin_s = self._time_s = math.nan
 
-    def advance(self, time_s: Floats, displacement_um: Floats, actuator_v: Floats) -> None:
+    def advance(self, time_s: Array, displacement_um: Array, actuator_v: Array) -> None:
         """Take consecutive samples, shape (n,) each, n > 0; the first one of all is home.
 
         A displacement counts from the sample before it until its own, exactly for one that stays. At 0 V it is home
@@ -153,8 +151,8 @@ class Rest:
     time_s: float
     um: float
     u_um: float
-    lags_um: Floats
-    lags_out_s: Floats
+    lags_um: Array
+    lags_out_s: Array
 
 
 def mean_rest(rests: Sequence[Rest | None], shares: Sequence[float]) -> Rest | None:
@@ -194,8 +192,8 @@ class DriftFit:
     touches left out.
     """
 
-    creep: Floats
-    creep_covariance: Floats
+    creep: Array
+    creep_covariance: Array
     rest_um_per_s: Value
     touch_um_per_s: Value
     apart_um_per_s: Value
@@ -208,7 +206,7 @@ class DriftFit:
     outliers: int
 
 
-def creep_prior() -> Floats:
+def creep_prior() -> Array:
     """Return the covariance of the weights before anything was measured, shape (n, n)."""
     n = len(TIME_CONSTANTS_S)
     return _PER_DECADE**2 * (
@@ -252,7 +250,7 @@ def _fitted(
     memory_s: float,
     outliers: int,
     before: DriftFit | None,
-) -> tuple[DriftFit, Floats]:
+) -> tuple[DriftFit, Array]:
     """Fit these; how far each touch is from the others' line, in its standard deviations.
 
     The lags hold the drift itself: what the fit `before` says of creep tells how much of it.
@@ -347,8 +345,8 @@ class DriftModel:
     that touches see and rests do not, `walk_um_per_sqrt_s` the random walk of the sensor's zero.
     """
 
-    creep: Floats
-    creep_covariance: Floats
+    creep: Array
+    creep_covariance: Array
     share: float
     share_u: float
     apart_u_um_per_s: float
@@ -414,7 +412,7 @@ class DriftModel:
         return Drift(moved_um, moved_u_um)
 
 
-def refuse_creep(creep: Floats, covariance: Floats) -> None:
+def refuse_creep(creep: Array, covariance: Array) -> None:
     """Raise ValueError where no actuator creeps like this, or where nobody can know it so."""
     if creep.max() > MOST_CREEP_PER_CONSTANT or creep.min() < LEAST_CREEP:
         raise ValueError(f"a creep of {creep[np.abs(creep).argmax()]:.2g} is none that an actuator has")

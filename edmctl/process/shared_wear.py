@@ -11,14 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+from edmctl.array_types import Array
 
 CONTRADICTION_SDS = 2.0
 """A touch further from the expectation than this makes the expectation as uncertain as it was wrong."""
@@ -112,5 +108,5 @@ def share_wear(
     return tuple(found)
 
 
-def _sd(variance: float | Floats) -> float:
+def _sd(variance: float | Array) -> float:
     return math.sqrt(max(0.0, float(variance)))

@@ -12,26 +12,21 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field, ValidationError
 
+from edmctl.actuator.identification import Identification
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.validation import ErrorFigures
+from edmctl.array_types import Array
 from edmctl.errors import ProfileError, RecordError, RunFileError
 from edmctl.files import open_regular
 from edmctl.profile.calibration_bounds import contradictions
 from edmctl.profile.positions import Source, Sources, TomlTable
 from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import ONE_LINE, Table
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from edmctl.actuator.identification import Identification
-
-    Array = NDArray[np.float64]
 
 SCHEMA: Final = "edmctl-calibration/1"
 BEYOND_PLAYS: Final = "edmctl-calibration/2"

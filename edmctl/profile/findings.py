@@ -8,12 +8,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 from edmctl.errors import Location
-
-if TYPE_CHECKING:
-    from edmctl.profile.positions import KeyPath
+from edmctl.profile.positions import KeyPath
 
 PAD_MARGIN_UM = 50.0
 """Surface left between a hole and the reference pad, for the burr and the stages."""

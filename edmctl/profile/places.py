@@ -7,17 +7,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.csv_text import plain_text
 from edmctl.errors import Diagnostic, Location, ProfileError
 from edmctl.files import read_bytes, user_path
 from edmctl.profile.findings import Code
 from edmctl.profile.folders import is_file
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
-    from edmctl.profile.sites import CircleSites, GridSites, PointSite
+from edmctl.profile.model import Profile
+from edmctl.profile.sites import CircleSites, GridSites, PointSite
 
 MOST_PLACES = 1000
 """More holes than any tool lasts for."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.actuator.record import Record
+from edmctl.array_types import Array
 from edmctl.csv_text import header_line, row_lines
 from edmctl.errors import RecordError, RunFileError
 from edmctl.files import RECORD_BYTES, open_regular, read_bytes, refuse_locked
@@ -29,11 +30,6 @@ from edmctl.record.delimited import (
 from edmctl.record.hdf5 import image_of, open_hdf5, refuse_endless
 from edmctl.record.integrity import MAGIC
 from edmctl.record.reader import open_run
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 HDF5_SUFFIXES = (".h5", ".hdf5", ".hdf", ".nxs")
 RUN_COLUMNS = {TIME: "time", VOLTAGE: "v_cmd", DISPLACEMENT: "z_sensor"}

@@ -7,12 +7,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
 
 from edmctl.record import layout
-
-if TYPE_CHECKING:
-    from edmctl.record.reader import RunFile
+from edmctl.record.reader import RunFile
 
 
 class RecordedState(IntEnum):

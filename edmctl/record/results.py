@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmctl.labels import Basis
 from edmctl.record.events import RecordedCode, recorded_events
 from edmctl.record.layout import RESULTS, SLOW, TOUCHES
-
-if TYPE_CHECKING:
-    from edmctl.record.reader import RunFile
+from edmctl.record.reader import RunFile
 
 _NUMBERS = ("stops", "estimated", "through")
 _WORDS = ("depth_basis", "wear_basis", "verdict")

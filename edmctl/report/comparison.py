@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from edmctl.labels import basis_of
+from edmctl.record.reader import RunFile
 from edmctl.record.results import estimated_depth
 from edmctl.report.numbers import CLASSES, RunNumbers, numbers_of
 from edmctl.results.comparison import Amount, ComparedRun, Comparison, Quantity, Setting
 from edmctl.wording import plain_number
-
-if TYPE_CHECKING:
-    from edmctl.record.reader import RunFile
 
 
 @dataclass(frozen=True, slots=True)

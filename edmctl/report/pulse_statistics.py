@@ -10,23 +10,18 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from edmctl.array_types import Array, Integers
 from edmctl.quantity import half_width
 from edmctl.record import layout
+from edmctl.record.reader import RunFile
 from edmctl.report.numbers import CLASSES
 from edmctl.report.signals import cuts_s
 from edmctl.report.style import NothingToDraw
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from edmctl.record.reader import RunFile
-    from edmctl.report.signals import Array
-
-    Counts = NDArray[np.int64]
 
 OPEN, NORMAL, ARC, SHORT = range(4)
 """Numbers of the classes, in the order of `numbers.CLASSES`."""
@@ -58,7 +53,7 @@ def cuts_with_pulses(run: RunFile) -> Array:
     return cuts
 
 
-def pulse_counts(run: RunFile, edges_s: Array) -> Counts:
+def pulse_counts(run: RunFile, edges_s: Array) -> Integers:
     """Count the pulses of each class between `edges_s`, shape (n + 1,), which rise; shape (n, 4)."""
     return _count_every_pulse(run, edges_s) if has_every_pulse(run) else _count_blocks(run, edges_s)
 
@@ -90,7 +85,7 @@ def pulse_blocks(
         yield start, {name: run.column(layout.PULSES.path, name, start, end) for name in names}
 
 
-def _count_every_pulse(run: RunFile, edges_s: Array) -> Counts:
+def _count_every_pulse(run: RunFile, edges_s: Array) -> Integers:
     edges = rows_at(run, edges_s)
     intervals = len(edges_s) - 1
     counts = np.zeros(4 * intervals, np.int64)
@@ -102,7 +97,7 @@ def _count_every_pulse(run: RunFile, edges_s: Array) -> Counts:
     return counts.reshape(-1, 4)
 
 
-def _count_blocks(run: RunFile, edges_s: Array) -> Counts:
+def _count_blocks(run: RunFile, edges_s: Array) -> Integers:
     intervals = len(edges_s) - 1
     counts = np.zeros((intervals, 4), np.int64)
     for block in run.blocks(layout.PULSE_BLOCKS.path, ("time", *_BLOCK_COUNTS)):
@@ -122,8 +117,8 @@ class Delays:
     censored : ndarray, shape (n,), pulses that had not ignited when an on-time of that length was over
     """
 
-    ignited: Counts
-    censored: Counts
+    ignited: Integers
+    censored: Integers
 
     @property
     def surviving(self) -> Array:

@@ -9,25 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from edmctl.array_types import Array, Flags
 from edmctl.labels import Basis
 from edmctl.record import layout
 from edmctl.record.events import RecordedCode, recorded_events
+from edmctl.record.reader import RunFile
 from edmctl.report.numbers import numbers_of
 from edmctl.report.signals import ROW_S, floats, intervals
 from edmctl.results.run_file import SiteNumbers
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from edmctl.record.reader import RunFile
-    from edmctl.report.signals import Array
-
-    Flags = NDArray[np.bool_]
-    Values = Mapping[str, float | int | str | bool]
+Values = Mapping[str, float | int | str | bool]
 
 _DEPTH_EVENTS = (
     RecordedCode.SITE_MEASURED,

@@ -9,21 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from edmctl.array_types import Array
 from edmctl.record import layout
 from edmctl.record.events import RecordedState
+from edmctl.record.reader import RunFile
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from edmctl.record.reader import RunFile
-
-    Array = NDArray[np.float64]
-    Floats = NDArray[np.floating]
-    Columns = Mapping[str, NDArray[np.generic]]
+Floats = NDArray[np.floating]
+Columns = Mapping[str, NDArray[np.generic]]
 
 POINTS = 900
 """Intervals of a figure one column wide: a pixel each at 300 dpi."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from edmctl.doe.anova import Anova, AnovaRow
+from edmctl.doe.response_analysis import ResponseAnalysis
 from edmctl.doe.sensitivity import SobolIndices
 from edmctl.doe.signal_to_noise import LevelMeans
 from edmctl.report.html import PageTable
@@ -32,10 +33,6 @@ from edmctl.results.study import (
     StudyRun,
 )
 from edmctl.wording import UNKNOWN, decimal, plain_number, plural, significant, to_its_u95
-
-if TYPE_CHECKING:
-    from edmctl.doe.anova import Anova, AnovaRow
-    from edmctl.doe.response_analysis import ResponseAnalysis
 
 MOST_CHOICES, MOST_RUNS = 60, 1000
 """Rows of the longest tables; the rest is counted."""
@@ -393,7 +390,7 @@ def _cut(table: PageTable, most: int) -> PageTable:
 
 
 def sobol(plan: StudyPlan, info: ResponseInfo, found: SobolIndices) -> PageTable:
-    """Indices with their intervals."""
+    """Integers with their intervals."""
     columns = (found.first_order, found.first_order_u95, found.total, found.total_u95)
     rows = [
         [factor.name, to_its_u95(float(first), float(first_u95)), to_its_u95(float(total), float(total_u95))]

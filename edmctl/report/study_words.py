@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
+from edmctl.doe.anova import Anova, AnovaRow
+from edmctl.doe.response_analysis import ResponseAnalysis
+from edmctl.doe.signal_to_noise import LevelMeans
 from edmctl.results.study import (
     Confirmation,
     FactorInfo,
@@ -18,11 +20,6 @@ from edmctl.results.study import (
     Value,
 )
 from edmctl.wording import UNKNOWN, decimal, plural, printable, shortened, significant, unit_in
-
-if TYPE_CHECKING:
-    from edmctl.doe.anova import Anova, AnovaRow
-    from edmctl.doe.response_analysis import ResponseAnalysis
-    from edmctl.doe.signal_to_noise import LevelMeans
 
 BLOCK = "block"
 HARD = "\u00a0"

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
     AnyFloats = NDArray[np.floating]
     Counts = NDArray[np.integer]
+    from edmctl.array_types import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +47,11 @@ class TelemetryBlock:
     class since the sample before. `missing_frames` frames were lost on the line before this block.
     """
 
-    time_s: Floats
-    displacement_um: Floats
-    actuator_v: Floats
-    gap_v: Floats
-    current_a: Floats
+    time_s: Array
+    displacement_um: Array
+    actuator_v: Array
+    gap_v: Array
+    current_a: Array
     n_open: Counts
     n_normal: Counts
     n_arc: Counts

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from edmctl.forecasts.erosion import (
     expected_gap,
@@ -13,13 +12,11 @@ from edmctl.forecasts.erosion import (
     of_work,
     usual_depth_um,
 )
+from edmctl.forecasts.forecast import Job
 from edmctl.process.materials import material, materials
 from edmctl.profile.findings import Code, Finding
-
-if TYPE_CHECKING:
-    from edmctl.forecasts.forecast import Job
-    from edmctl.profile.model import Profile
-    from edmctl.profile.profile_file import SimSettings
+from edmctl.profile.model import Profile
+from edmctl.profile.profile_file import SimSettings
 
 CURRENTS_A, ON_TIMES_US, VOLTAGES_V = (0.03, 1.0), (5.0, 300.0), (40.0, 100.0)
 """Where the laws of the process were compared with what is known (docs/virtual-machine.md)."""

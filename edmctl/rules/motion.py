@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from edmctl.forecasts.forecast import (
     STROKE_RESERVE_UM,
@@ -24,9 +23,7 @@ from edmctl.forecasts.removal import (
     time_share_of_jumps,
 )
 from edmctl.profile.findings import PAD_MARGIN_UM, Code, Finding, rounded_down, rounded_up
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
+from edmctl.profile.model import Profile
 
 SLOPE_PER_FEED_MIN, SLOPE_PER_FEED_GOOD = 1.2, 3.0
 OFFSET_MIN_UM = 45.0

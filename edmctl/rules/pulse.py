@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
+from edmctl.forecasts.forecast import Job
 from edmctl.forecasts.regimes import in_pulses
 from edmctl.process.discharge import pulse_energy_uj
 from edmctl.process.erosion import LAW
 from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX, Code, Finding, rounded_down
-
-if TYPE_CHECKING:
-    from edmctl.forecasts.forecast import Job
-    from edmctl.profile.model import Profile
+from edmctl.profile.model import Profile
 
 ROUNDING = 1e-9
 """A reference written as the very limit passes, though 0.55 + 0.05 is not 0.60 in binary."""

@@ -7,7 +7,7 @@ In such a partial profile a value that is wrong or missing is absent: asking for
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 from pydantic import TypeAdapter
 
@@ -16,15 +16,12 @@ from edmctl.forecasts.forecast import Job, forecast
 from edmctl.forecasts.regimes import with_regimes
 from edmctl.profile.findings import Code, Finding
 from edmctl.profile.model import DepthTarget, FeedTarget, Profile, Regime, ThroughTarget
+from edmctl.profile.places import Place
 from edmctl.profile.positions import KeyPath, TomlTable
+from edmctl.profile.setup import Setup
 from edmctl.profile.sites import SiteTable
 from edmctl.profile.tables import Table, keys_at, nearest
 from edmctl.rules import materials, motion, pulse, regimes, sites, target
-
-if TYPE_CHECKING:
-    from edmctl.profile.places import Place
-    from edmctl.profile.setup import Setup
-
 
 RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     pulse.reference_window,

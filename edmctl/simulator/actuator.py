@@ -6,21 +6,17 @@ is one unit: the same plays, creep and sensor error as on the virtual bench of t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from edmctl.array_types import Array
 from edmctl.link.messages import PARAMS
 from edmctl.simulator.config import BenchConfig
 from edmctl.simulator.kernel import run_actuator
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.unit import BLOCK
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 RATE_HZ = 1.0 / TICK_S
 LOW_V, HIGH_V = PARAMS["piezo_max_v"].minimum, PARAMS["piezo_max_v"].maximum

@@ -16,10 +16,10 @@ from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.workpiece import compile_loops
 
 if TYPE_CHECKING:
+    from edmctl.array_types import Array
     from edmctl.simulator.config import BenchConfig
     from edmctl.simulator.firmware_controller import FirmwareController
     from edmctl.simulator.injection import Injection, LineState
-    from edmctl.simulator.work_under_tool import Floats
 
     AnyController = VirtualController | FirmwareController
 
@@ -148,7 +148,7 @@ class VirtualBench:
             for h in self.plant.true_holes()
         )
 
-    def truth_map(self) -> tuple[Floats, Floats, Floats]:
+    def truth_map(self) -> tuple[Array, Array, Array]:
         """The smallest rectangle with all that was cut so far: x (n,), y (m,) and depth (m, n) of its cells, µm."""
         return self.plant.work_under_tool.true_map()
 

@@ -6,9 +6,9 @@ It knows of the plant what `Readings` show, and tells it what stands in `Drive`:
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import compiled
+from edmctl.array_types import Array
 from edmctl.simulator.controller_state import (
     ARC,
     DISPLACEMENT_FAILED_UM,
@@ -29,10 +29,8 @@ from edmctl.simulator.gap_monitor import (
     watch_monitor,
 )
 from edmctl.simulator.plant_interface import STEPS_PER_V, Drive, Readings
+from edmctl.simulator.records import Rows
 from edmctl.simulator.sequences import follow_path, sequence_tick
-
-if TYPE_CHECKING:
-    from edmctl.simulator.records import Floats, Rows
 
 BOX_TICKS = 2048  # milliseconds in the fault recorder; a power of two
 BOX_COLUMNS = 6
@@ -44,7 +42,7 @@ def judge_tick(
     loop: LoopState,
     drive: Drive,
     readings: Readings,
-    box: Floats,
+    box: Array,
     samples: Rows,
     blocks: Rows,
     pulses: Rows,

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from edmctl.array_types import Array
 from edmctl.simulator.plant_interface import PATH_LINES
 from edmctl.simulator.records import Record, record, series
-
-if TYPE_CHECKING:
-    from edmctl.simulator.records import Floats
 
 # What moves.
 (
@@ -152,7 +148,7 @@ class LoopState(Record):
     z_limit_um: float
     time_ticks: int
     start_z_um: float
-    history: Floats = series(HISTORY)  # normalised gap voltages, a ring
+    history: Array = series(HISTORY)  # normalised gap voltages, a ring
     # jump
     start_v: float
     jump_v: float
@@ -172,11 +168,11 @@ class LoopState(Record):
     scanning: int  # 1: the cut is held at its limit, and the stages follow the path
     path_at: int  # row of the line that they follow
     path_count: int  # lines in the queue, that one included
-    path_x_um: Floats = series(PATH_LINES)
-    path_y_um: Floats = series(PATH_LINES)
-    path_speed_um_s: Floats = series(PATH_LINES)
-    path_z_um: Floats = series(PATH_LINES)
-    path_last: Floats = series(PATH_LINES)  # 1: the path ends with it
+    path_x_um: Array = series(PATH_LINES)
+    path_y_um: Array = series(PATH_LINES)
+    path_speed_um_s: Array = series(PATH_LINES)
+    path_z_um: Array = series(PATH_LINES)
+    path_last: Array = series(PATH_LINES)  # 1: the path ends with it
     # telemetry
     link_state: int  # as the link names it
     tlm_next: int  # tick at whose end the next sample is due; -1 = none

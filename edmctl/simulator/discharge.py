@@ -10,15 +10,12 @@ config.py.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import compiled
+from edmctl.array_types import Array
 from edmctl.process.gap_conditions import MOST_DEBRIS
 from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
 from edmctl.simulator.plant_state import BURNING, SCOPE_PULSES, STUCK_AT_CONTACT, PlantState, Scope, Unit
-
-if TYPE_CHECKING:
-    from edmctl.simulator.records import Floats
 
 TABLE = 1024  # values in each table of a distribution
 SHAPES = float(TABLE * TABLE)
@@ -54,8 +51,8 @@ def strike_pulses(
     scope: Scope,
     drive: Drive,
     readings: Readings,
-    random: Floats,
-    tables: Floats,
+    random: Array,
+    tables: Array,
 ) -> None:
     """Strike every pulse of this tick and show what can be read of them.
 

@@ -8,19 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl.array_types import Array
 from edmctl.link.messages import BlackboxReadReply, Tlm, WaveformReadReply
 from edmctl.simulator.controller_kernel import BOX_COLUMNS, BOX_TICKS
 from edmctl.simulator.controller_state import ARC, NORMAL, OPEN, PACK, SHORT
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import STEPS_PER_V, TICK_NS
 from edmctl.simulator.pulse_shape import CURRENT_NOISE_A, PLATEAU_NOISE, VOLTAGE_NOISE_V, pulse_signals
-
-Floats: TypeAlias = NDArray[np.float64]
 
 SAMPLES_PER_REPLY = 14
 _COUNTS = (("n_open", OPEN), ("n_normal", NORMAL), ("n_arc", ARC), ("n_short", SHORT))
@@ -113,7 +111,7 @@ class RecentPulses:
 
 def gap_signals(
     pulses: RecentPulses, begin_ns: int, samples: int, random: np.random.Generator
-) -> tuple[Floats, Floats]:
+) -> tuple[Array, Array]:
     """Voltage [V] and current [A] at `samples` instants, SAMPLE_NS apart, from `begin_ns` on."""
     v, a = np.zeros(samples), np.zeros(samples)
     lively = np.full(samples, VOLTAGE_NOISE_V)

@@ -5,8 +5,6 @@ A pulse is judged by its ignition delay, plateau voltage and current flag alone.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from edmctl.actuator.compiling import compiled
 from edmctl.simulator.controller_state import (
     ARC,
@@ -31,9 +29,7 @@ from edmctl.simulator.controller_state import (
     Settings,
 )
 from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
-
-if TYPE_CHECKING:
-    from edmctl.simulator.records import Rows
+from edmctl.simulator.records import Rows
 
 MISREAD_HIGH = 0.97  # of the open voltage: more is none that a discharge has
 GAP_MOST_V = 1000.0  # beyond it no gap voltage is one

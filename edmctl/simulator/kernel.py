@@ -7,22 +7,21 @@ Compiled by numba, readable as plain Python.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from numba import types
 from numba.extending import intrinsic
 
 from edmctl.actuator.compiling import cached
+from edmctl.array_types import Array
 from edmctl.simulator.controller_kernel import judge_tick
 from edmctl.simulator.controller_state import NOTHING, LoopState, Settings
 from edmctl.simulator.gap_monitor import close_block
 from edmctl.simulator.plant_interface import TICK_S, Drive, Readings, on_grid
 from edmctl.simulator.plant_kernel import actuator_tick, follow_drive, plant_tick, sensor
 from edmctl.simulator.plant_state import PlantState, Scope, Unit
+from edmctl.simulator.records import Rows
 from edmctl.simulator.servo import command_tick
-
-if TYPE_CHECKING:
-    from edmctl.simulator.records import Floats, Rows
 
 LOOK = 99
 """Happened beside what the controller reports: the stages moved or the sheet gave way, and the plant should look."""
@@ -34,15 +33,15 @@ def run(
     units: Sequence[Unit],
     plants: Sequence[PlantState],
     scopes: Sequence[Scope],
-    random: Floats,
-    tables: Floats,
-    noise: Floats,
-    levels: Floats,
+    random: Array,
+    tables: Array,
+    noise: Array,
+    levels: Array,
     all_drives: Sequence[Drive],
     all_readings: Sequence[Readings],
     all_settings: Sequence[Settings],
     loops: Sequence[LoopState],
-    box: Floats,
+    box: Array,
     samples: Rows,
     blocks: Rows,
     pulses: Rows,
@@ -71,7 +70,7 @@ def run(
 
 @cached
 def run_actuator(
-    command_v: Floats,
+    command_v: Array,
     before_v: float,
     slew_v_s: float,
     highest_v: float,
@@ -79,10 +78,10 @@ def run_actuator(
     plants: Sequence[PlantState],
     all_drives: Sequence[Drive],
     all_readings: Sequence[Readings],
-    noise: Floats,
-    applied_v: Floats,
-    free_um: Floats,
-    sensor_um: Floats,
+    noise: Array,
+    applied_v: Array,
+    free_um: Array,
+    sensor_um: Array,
 ) -> float:
     """Advance the actuator alone, one tick per command; voltage, displacement and reading go to the outputs (n,).
 
@@ -124,10 +123,10 @@ def run_firmware(
     units: Sequence[Unit],
     plants: Sequence[PlantState],
     scopes: Sequence[Scope],
-    random: Floats,
-    tables: Floats,
-    noise: Floats,
-    levels: Floats,
+    random: Array,
+    tables: Array,
+    noise: Array,
+    levels: Array,
     all_drives: Sequence[Drive],
     all_readings: Sequence[Readings],
     begin: int,

@@ -10,8 +10,8 @@ from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from edmctl.array_types import Array
 from edmctl.process.discharge import pulse_energy_uj
 from edmctl.process.erosion import tool_um3_per_uj, work_um3_per_uj
 from edmctl.process.gap_conditions import (
@@ -31,9 +31,8 @@ from edmctl.simulator.unit import RandomBlocks, draw_actuator, set_actuator
 from edmctl.simulator.wiring import Inputs, Wiring
 from edmctl.simulator.work_under_tool import Chips, Hole, WorkUnderTool
 
-Floats = NDArray[np.float64]
 _Shared: TypeAlias = tuple[
-    Sequence[Unit], Sequence[PlantState], Sequence[Scope], Floats, Floats, Floats, Floats, Sequence[Drive],
+    Sequence[Unit], Sequence[PlantState], Sequence[Scope], Array, Array, Array, Array, Sequence[Drive],
     Sequence[Readings],
 ]  # fmt: skip
 

@@ -7,13 +7,10 @@ A controller is whatever is called once a millisecond with these two records: it
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import compiled
+from edmctl.array_types import Array
 from edmctl.simulator.records import Record, record, series
-
-if TYPE_CHECKING:
-    from edmctl.simulator.records import Floats
 
 TICK_S = 0.001
 TICK_NS = 1_000_000
@@ -58,10 +55,10 @@ class Readings(Record):
     stray_pulses: int  # that come although the gate is shut
     first_pulse_ns: int  # when the first of the pulses began, since the machine was set up
     pulses: int  # so many entries of the series are of this millisecond
-    delay_us: Floats = series(MOST_PULSES)  # ignition delay
-    discharge_us: Floats = series(MOST_PULSES)  # time of current; 0: none
-    plateau_v: Floats = series(MOST_PULSES)  # gap voltage of the discharge, or of the open gap
-    energy_uj: Floats = series(MOST_PULSES)  # of the discharge
+    delay_us: Array = series(MOST_PULSES)  # ignition delay
+    discharge_us: Array = series(MOST_PULSES)  # time of current; 0: none
+    plateau_v: Array = series(MOST_PULSES)  # gap voltage of the discharge, or of the open gap
+    energy_uj: Array = series(MOST_PULSES)  # of the discharge
 
 
 @compiled

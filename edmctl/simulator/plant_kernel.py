@@ -7,17 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from edmctl.actuator.compiling import cached, compiled
+from edmctl.array_types import Array
 from edmctl.process.erosion import SURFACE_UM
 from edmctl.process.gap_conditions import CLEARING
 from edmctl.simulator.discharge import strike_pulses
 from edmctl.simulator.plant_interface import PATH_LINES, TICK_S, Drive, Readings
 from edmctl.simulator.plant_state import STUCK_AT_GENERATOR, PlantState, Scope, Unit
-
-if TYPE_CHECKING:
-    from edmctl.simulator.records import Floats
 
 FLUSH_THROUGH_S = 0.02  # debris clearance of a gap that is all open below [assumed]
 BEND_PER_UM, BEND_AT = 0.004, 0.8  # where over the stroke the sensor's bend lies
@@ -32,10 +29,10 @@ def plant_tick(
     scope: Scope,
     drive: Drive,
     readings: Readings,
-    random: Floats,
-    tables: Floats,
-    noise: Floats,
-    levels: Floats,
+    random: Array,
+    tables: Array,
+    noise: Array,
+    levels: Array,
 ) -> bool:
     """One millisecond; true where the sheet gave way, so that somebody should look what lies under the tool now."""
     tick = readings.tick
@@ -71,10 +68,10 @@ def run_plant(
     units: Sequence[Unit],
     plants: Sequence[PlantState],
     scopes: Sequence[Scope],
-    random: Floats,
-    tables: Floats,
-    noise: Floats,
-    levels: Floats,
+    random: Array,
+    tables: Array,
+    noise: Array,
+    levels: Array,
     all_drives: Sequence[Drive],
     all_readings: Sequence[Readings],
 ) -> bool:
@@ -198,7 +195,7 @@ def rest(unit: Unit, state: PlantState, drive: Drive, readings: Readings) -> Non
 
 
 @compiled
-def sink_levels(unit: Unit, state: PlantState, levels: Floats) -> bool:
+def sink_levels(unit: Unit, state: PlantState, levels: Array) -> bool:
     """Let cells of the work join what sinks, or fall out of the sheet, where the level came to them.
 
     `levels` is the table of a footprint (workpiece.py). What was removed below a level is spread over the area that
@@ -221,7 +218,7 @@ def sink_levels(unit: Unit, state: PlantState, levels: Floats) -> bool:
 
 
 @compiled
-def sensor(unit: Unit, state: PlantState, tick: int, noise: Floats) -> float:
+def sensor(unit: Unit, state: PlantState, tick: int, noise: Array) -> float:
     """Inductive sensor: gain error, bend, drift, random walk, noise."""
     at = state.noise_at
     if tick & 1023 == 0:
@@ -240,7 +237,7 @@ def sensor(unit: Unit, state: PlantState, tick: int, noise: Floats) -> float:
 
 
 @compiled
-def follow_drive(unit: Unit, state: PlantState, drive: Drive, noise: Floats) -> bool:
+def follow_drive(unit: Unit, state: PlantState, drive: Drive, noise: Array) -> bool:
     """What a controller does at the end of a millisecond: true where the stages have come to another place.
 
     Every touch meets other asperities. The error of the stages is that of a line's end by the time they are there.

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from edmctl.array_types import Array
 from edmctl.simulator.plant_interface import PATH_LINES
 from edmctl.simulator.records import Record, record, series
-
-if TYPE_CHECKING:
-    from edmctl.simulator.records import Floats
 
 PLAYS = 40
 CREEP_TERMS = 12
@@ -32,13 +28,13 @@ class Unit(Record):
     work_factor: float  # erosion of the work over that of copper, of this unit
     tool_factor: float  # and of the tool
     # discharge
-    work_um3_per_uj: Floats = series(BURNING)  # removed per molten energy, over the burning time, copper
-    tool_um3_per_uj: Floats = series(BURNING)
+    work_um3_per_uj: Array = series(BURNING)  # removed per molten energy, over the burning time, copper
+    tool_um3_per_uj: Array = series(BURNING)
     threshold_uj: float
     per_redeposition: float  # one over the debris fraction at which half of the removal stays
     arc_work: float  # of an arc over a discharge of its energy
     arc_tool: float
-    deionisation_us: Floats = series(BURNING)  # over the burning time of the discharge before
+    deionisation_us: Array = series(BURNING)  # over the burning time of the discharge before
     deionisation_debris: float
     deionisation_after_arc: float
     longest_memory_us: float  # off-time from which on nothing is left of the discharge before
@@ -82,10 +78,10 @@ class Unit(Record):
     mode_a12: float
     mode_a21: float
     mode_a22: float
-    play_threshold_v: Floats = series(PLAYS)  # ascending
-    play_um_per_v: Floats = series(PLAYS)
-    creep_decay: Floats = series(CREEP_TERMS)  # over a tick
-    creep_share: Floats = series(CREEP_TERMS)
+    play_threshold_v: Array = series(PLAYS)  # ascending
+    play_um_per_v: Array = series(PLAYS)
+    creep_decay: Array = series(CREEP_TERMS)  # over a tick
+    creep_share: Array = series(CREEP_TERMS)
     # sensors
     contact_compliance: float
     contact_sd_um: float
@@ -129,8 +125,8 @@ class PlantState(Record):
     mode_velocity_um_s: float  # of the output-side mode
     free_z_um: float  # where the tool would be without contact
     true_z_um: float
-    play_v: Floats = series(PLAYS)
-    creep_um: Floats = series(CREEP_TERMS)
+    play_v: Array = series(PLAYS)
+    creep_um: Array = series(CREEP_TERMS)
     # work under the tool
     surface_um: float  # gap at z = 0 with a new tool over the untouched surface here
     machine_um: float  # by which it has drifted since the bench was built
@@ -165,8 +161,8 @@ class PlantState(Record):
     stage_error_x_um: float  # where the stages really are, less where they report to be
     stage_error_y_um: float
     stage_way_um: float  # gone since the plant last looked
-    line_error_x_um: Floats = series(PATH_LINES)  # at the end of each line
-    line_error_y_um: Floats = series(PATH_LINES)
+    line_error_x_um: Array = series(PATH_LINES)  # at the end of each line
+    line_error_y_um: Array = series(PATH_LINES)
     # places in the blocks of random numbers
     random_at: int
     noise_at: int
@@ -177,10 +173,10 @@ class Scope(Record):
     """The newest pulses, as an oscilloscope at the gap would know them; a ring."""
 
     at: int  # pulses so far
-    start_ns: Floats = series(SCOPE_PULSES)
-    delay_us: Floats = series(SCOPE_PULSES)
-    discharge_us: Floats = series(SCOPE_PULSES)
-    plateau_v: Floats = series(SCOPE_PULSES)
-    siemens: Floats = series(SCOPE_PULSES)
-    leak_a: Floats = series(SCOPE_PULSES)
-    stuck_v: Floats = series(SCOPE_PULSES)
+    start_ns: Array = series(SCOPE_PULSES)
+    delay_us: Array = series(SCOPE_PULSES)
+    discharge_us: Array = series(SCOPE_PULSES)
+    plateau_v: Array = series(SCOPE_PULSES)
+    siemens: Array = series(SCOPE_PULSES)
+    leak_a: Array = series(SCOPE_PULSES)
+    stuck_v: Array = series(SCOPE_PULSES)

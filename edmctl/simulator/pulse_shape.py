@@ -8,14 +8,11 @@ pulse's begin, and falls when the generator's switch opens, `opens_us` after it;
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmctl.actuator.compiling import cached, compiled
-
-if TYPE_CHECKING:
-    from edmctl.simulator.records import Floats
+from edmctl.array_types import Array
 
 RISE_US = 0.5  # of the open voltage: series resistor and capacitance of gap and leads [assumed]
 BREAKDOWN_US = 0.1  # of the voltage at ignition [assumed]
@@ -74,8 +71,8 @@ def pulse_at(
 
 @cached
 def pulse_signals(
-    t_us: Floats, open_v: float, delay_us: float, opens_us: float, plateau_v: float, siemens: float
-) -> tuple[Floats, Floats]:
+    t_us: Array, open_v: float, delay_us: float, opens_us: float, plateau_v: float, siemens: float
+) -> tuple[Array, Array]:
     """Voltage and current of a pulse at times since its begin: arrays as `t_us`, in V and A."""
     v, a = np.zeros_like(t_us), np.zeros_like(t_us)
     current_a = (open_v - plateau_v) * siemens

@@ -6,7 +6,7 @@ A record is a class with annotations:
     class Tool(Record):
         length_um: float
         sites: int
-        wear_um: Floats = series(16)
+        wear_um: Array = series(16)
 
 Python reads and writes plain attributes. Compiled code gets `shared`, an array of one record, and uses the same
 names.
@@ -17,18 +17,16 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.actuator.compiling import COMPILES
+from edmctl.array_types import Array
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Rows = NDArray[Any]
-    """Records of the wire, by their names."""
+Rows = NDArray[Any]
+"""Records of the wire, by their names."""
 
 _KINDS: dict[str, Any] = {"float": ctypes.c_double, "int": ctypes.c_int64}
 
@@ -52,7 +50,7 @@ class Record(ctypes.Structure):
         """The record for compiled code: its only entry."""
         return np.frombuffer(self, _layout(type(self))) if COMPILES else [self]  # type: ignore[call-overload]
 
-    def array(self, name: str) -> Floats:
+    def array(self, name: str) -> Array:
         """A series as an array that shares its memory."""
         return np.ctypeslib.as_array(getattr(self, name))
 
@@ -60,7 +58,7 @@ class Record(ctypes.Structure):
         """Every single number by its name, in order."""
         return {name: getattr(self, name) for name, kind, *_ in self._fields_ if kind in _KINDS.values()}
 
-    def arrays(self) -> dict[str, Floats]:
+    def arrays(self) -> dict[str, Array]:
         """A copy of every series by its name."""
         return {
             name: self.array(name).copy() for name, kind, *_ in self._fields_ if kind not in _KINDS.values()

@@ -11,16 +11,13 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from statistics import NormalDist
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.array_types import Array
 from edmctl.simulator.discharge import TABLE
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.plant_state import CREEP_TERMS, PLAYS, PlantState, Unit
-
-if TYPE_CHECKING:
-    from edmctl.simulator.records import Floats
 
 BLOCK = 32768
 """Random numbers that are drawn at once."""
@@ -117,7 +114,7 @@ class RandomBlocks:
 
 
 @lru_cache(16)
-def _tables(scatter: float) -> Floats:
+def _tables(scatter: float) -> Array:
     """Equally likely values of |N(0, 1)| and of a lognormal of mean one: the middles of TABLE equal steps."""
     normal = NormalDist()
     steps = (np.arange(TABLE) + 0.5) / TABLE

@@ -10,21 +10,15 @@ import math
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.array_types import Array
 from edmctl.process.erosion import roughness_ra_um, widening_um
+from edmctl.simulator.config import BenchConfig
+from edmctl.simulator.plant_interface import Drive
+from edmctl.simulator.plant_state import PlantState, Unit
 from edmctl.simulator.workpiece import Footprint, Tip, Workpiece
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from edmctl.simulator.config import BenchConfig
-    from edmctl.simulator.plant_interface import Drive
-    from edmctl.simulator.plant_state import PlantState, Unit
-
-    Floats = NDArray[np.float64]
 
 NO_LEVELS = np.array([[math.inf], [1.0], [1.0]])
 EDGE_X_UM = -2000.0  # the work begins here; the parking place lies beyond
@@ -132,7 +126,7 @@ class WorkUnderTool:
         self._note_hole()
         return tuple(self.holes)
 
-    def true_map(self) -> tuple[Floats, Floats, Floats]:
+    def true_map(self) -> tuple[Array, Array, Array]:
         """Centres x (n,) and y (m,) and depths (m, n) of all that is cut, the present cut included, µm."""
         work = Workpiece(self.work.cell_um)
         work.tiles = {key: tile.copy() for key, tile in self.work.tiles.items()}
@@ -203,7 +197,7 @@ class Chips:
     def __init__(
         self,
         serial: str,
-        position_um: Floats,
+        position_um: Array,
         state: PlantState,
         drive: Drive,
         changed: Callable[[], None],

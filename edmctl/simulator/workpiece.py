@@ -10,17 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from edmctl.actuator.compiling import cached
+from edmctl.array_types import Array
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    _Square = tuple[slice, slice]
+_Square = tuple[slice, slice]
 
 TILE = 64  # cells along the side of a tile
 GONE_WITHIN_UM = 1e-3  # of the back face: what is left then is no sheet any more
@@ -31,9 +27,9 @@ class Workpiece:
 
     def __init__(self, cell_um: float) -> None:
         self.cell_um = cell_um
-        self.tiles: dict[tuple[int, int], Floats] = {}
+        self.tiles: dict[tuple[int, int], Array] = {}
 
-    def patch(self, column: int, row: int, size: int) -> Floats:
+    def patch(self, column: int, row: int, size: int) -> Array:
         """Return a copy of a square of cells, shape (size, size), rows along y, from its first cell on."""
         cells = np.zeros((size, size))
         for key, here, there in _shared(column, row, size):
@@ -42,7 +38,7 @@ class Workpiece:
                 cells[here] = tile[there]
         return cells
 
-    def put(self, column: int, row: int, cells: Floats) -> None:
+    def put(self, column: int, row: int, cells: Array) -> None:
         """Write a square of cells back."""
         for key, here, there in _shared(column, row, len(cells)):
             if key not in self.tiles:
@@ -51,7 +47,7 @@ class Workpiece:
                 self.tiles[key] = np.zeros((TILE, TILE))
             self.tiles[key][there] = cells[here]
 
-    def region(self) -> tuple[Floats, Floats, Floats]:
+    def region(self) -> tuple[Array, Array, Array]:
         """Return the smallest rectangle with all that is cut: x (n,) and y (m,) of centres, depths (m, n), µm."""
         if not self.tiles:
             return np.zeros(0), np.zeros(0), np.zeros((0, 0))
@@ -145,16 +141,16 @@ def _shared(column: int, row: int, size: int) -> Iterator[tuple[tuple[int, int],
 
 @cached
 def look(
-    cells: Floats,
+    cells: Array,
     x: float,
     y: float,
     radius: float,
     reach: float,
     rounding_um: float,
     thickness_um: float,
-    effective: Floats,
-    weights: Floats,
-    under: Floats,
+    effective: Array,
+    weights: Array,
+    under: Array,
 ) -> float:
     """Fill effective depths (infinite where the sheet is gone), weights and what is under the face; the level.
 
@@ -188,13 +184,13 @@ def look(
 
 @cached
 def tabulate(
-    cells: Floats,
-    effective: Floats,
-    weights: Floats,
-    under: Floats,
+    cells: Array,
+    effective: Array,
+    weights: Array,
+    under: Array,
     level: float,
     thickness_um: float,
-    table: Floats,
+    table: Array,
 ) -> tuple[float, float, int]:
     """Write the table of a footprint; returns the share that sinks and the rarity of ignition now, columns used.
 
@@ -256,7 +252,7 @@ def tabulate(
 
 @cached
 def sink(
-    cells: Floats, effective: Floats, weights: Floats, before: float, after: float, thickness_um: float
+    cells: Array, effective: Array, weights: Array, before: float, after: float, thickness_um: float
 ) -> None:
     """Lower the cells by what the level sank: those deeper than it from where it met them, those above with it."""
     for i in range(cells.shape[0]):

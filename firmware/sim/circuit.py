@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from edmctl.simulator.records import Record, record, series
 
 if TYPE_CHECKING:
-    from edmctl.simulator.records import Floats
+    from edmctl.array_types import Array
 
 QUEUE = 256
 """Pulses whose edges are kept; a power of two."""
@@ -83,8 +83,8 @@ class Bench(Record):
     tick_jitter: int  # counts of a step timer, 24 ns, that an interrupt comes late at most
     travels: int
     rest_ticks: int  # since the last step
-    steps: Floats = series(3)  # of the stages, signed, since they were last taken
-    open_ticks: Floats = series(INPUTS)  # milliseconds since the loops of the inputs have opened
-    start_ns: Floats = series(QUEUE)
-    ignition_ns: Floats = series(QUEUE)  # no discharge: -1
-    end_ns: Floats = series(QUEUE)
+    steps: Array = series(3)  # of the stages, signed, since they were last taken
+    open_ticks: Array = series(INPUTS)  # milliseconds since the loops of the inputs have opened
+    start_ns: Array = series(QUEUE)
+    ignition_ns: Array = series(QUEUE)  # no discharge: -1
+    end_ns: Array = series(QUEUE)

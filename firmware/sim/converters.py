@@ -47,9 +47,9 @@ from .pins import pin_is
 from .registers import SAMPLES_FROM, SCAN_FROM, SCAN_PHASE, SCANS_END
 
 if TYPE_CHECKING:
+    from edmctl.array_types import Array
     from edmctl.simulator.plant_interface import Readings
     from edmctl.simulator.plant_state import Scope, Unit
-    from edmctl.simulator.records import Floats
 
     from .circuit import Bench
 
@@ -101,7 +101,7 @@ def sample_gap(
     unit: Unit,
     scope: Scope,
     readings: Readings,
-    noise: Floats,
+    noise: Array,
     begin_ns: float,
 ) -> None:
     """A thousand samples of gap voltage and current: what an oscilloscope would show of the newest pulses."""
@@ -152,7 +152,7 @@ def sample_gap(
 
 
 @compiled
-def sample_slow(r: np.ndarray, memory: np.ndarray, bench: Bench, readings: Readings, noise: Floats) -> None:
+def sample_slow(r: np.ndarray, memory: np.ndarray, bench: Bench, readings: Readings, noise: Array) -> None:
     """Sixteen scans of ADC3: monitor, displacement, temperature, flow (RM0090 §13.3.6, 13.8.1).
 
     Of the one in whose middle its stream was started, the rest comes.

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+    from edmctl.array_types import Array
     from edmctl.simulator.plant_interface import Drive, Readings
     from edmctl.simulator.plant_state import PlantState, Scope, Unit
-    from edmctl.simulator.records import Floats
 
     from .circuit import Bench
 
@@ -73,11 +73,11 @@ def run(
     units: Sequence[Unit],
     plants: Sequence[PlantState],
     scopes: Sequence[Scope],
-    random: Floats,
-    tables: Floats,
-    noise: Floats,
-    levels: Floats,
-    hiss: Floats,
+    random: Array,
+    tables: Array,
+    noise: Array,
+    levels: Array,
+    hiss: Array,
     all_drives: Sequence[Drive],
     all_readings: Sequence[Readings],
 ) -> int:

@@ -20,9 +20,9 @@ from .registers import BASE_84, HALFWORDS, OFF_AT
 if TYPE_CHECKING:
     import numpy as np
 
+    from edmctl.array_types import Array
     from edmctl.simulator.plant_interface import Drive, Readings
     from edmctl.simulator.plant_state import PlantState, Scope, Unit
-    from edmctl.simulator.records import Floats
 
     from .circuit import Bench
 
@@ -37,11 +37,11 @@ def run_millisecond(
     unit: Unit,
     plant: PlantState,
     scope: Scope,
-    random: Floats,
-    tables: Floats,
-    noise: Floats,
-    levels: Floats,
-    hiss: Floats,
+    random: Array,
+    tables: Array,
+    noise: Array,
+    levels: Array,
+    hiss: Array,
     drive: Drive,
     readings: Readings,
 ) -> bool:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from edmctl.actuator.correction import SlowCorrection
 from edmctl.actuator.inverse import travel_by
@@ -37,10 +36,8 @@ from edmctl.machine.interface import (
     WaveformBatch,
 )
 from edmctl.procedures.actuator.tracker import Trace, Tracker, at_rest
+from edmctl.procedures.job import CalibratedActuator
 from edmctl.results.telemetry import LinkReport
-
-if TYPE_CHECKING:
-    from edmctl.procedures.job import CalibratedActuator
 
 MARGIN_SHARE = 0.03
 """Error of a height by the inverse, as a share of the way there: 2.5 % of gain between days, and the model's own."""

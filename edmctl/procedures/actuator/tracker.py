@@ -11,16 +11,14 @@ from collections import deque
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmctl.actuator.correction import SlowCorrection
 from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures
+from edmctl.array_types import Array
 from edmctl.machine.interface import MachineState
 from edmctl.results.telemetry import TelemetryBlock
-
-Floats = NDArray[np.float64]
 
 HOME_READINGS = 32
 """The swings are compared in so many pieces."""
@@ -146,10 +144,10 @@ class Trace:
     """Displacements over the last `SPAN_S`, in blocks."""
 
     def __init__(self) -> None:
-        self._blocks: deque[tuple[Floats, Floats]] = deque()
+        self._blocks: deque[tuple[Array, Array]] = deque()
         self._kept: dict[float, float] = {}
 
-    def append(self, time_s: Floats, displacement_um: Floats) -> None:
+    def append(self, time_s: Array, displacement_um: Array) -> None:
         """Take consecutive samples, shape (n,) each, n > 0."""
         self._blocks.append((time_s, displacement_um))
         while self._blocks[0][0][-1] < time_s[-1] - SPAN_S:
@@ -174,7 +172,7 @@ class FeedError:
     """Sums over one hole: estimate less sensor, averaged over `SMOOTHED_S`, wherever all samples are machining."""
 
     def __init__(self) -> None:
-        self._fresh: list[tuple[TelemetryBlock, Floats]] = []
+        self._fresh: list[tuple[TelemetryBlock, Array]] = []
         self._max_um = math.nan
         self._squares = 0.0
         self._count = 0
@@ -191,7 +189,7 @@ class FeedError:
         self._reduce()
         return math.sqrt(self._squares / self._count) if self._count else math.nan
 
-    def update(self, block: TelemetryBlock, model_um: Floats) -> None:
+    def update(self, block: TelemetryBlock, model_um: Array) -> None:
         """Take consecutive samples with what was estimated for them, shape (n,)."""
         self._fresh.append((block, model_um))
         if len(self._fresh) >= _GATHERED_BLOCKS:

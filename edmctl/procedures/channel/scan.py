@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.array_types import Array
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import CutRequest, EventCode, MachineEvent, MachineState, ScanLine
 from edmctl.procedures.hole.cut_planning import energy_of
@@ -26,11 +26,6 @@ from edmctl.process.path import Way
 from edmctl.quantity import half_width
 from edmctl.results.progress import Phase, Progress
 from edmctl.results.telemetry import TelemetryBlock
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 SLICE_S = 0.1
 LOOK_AHEAD_S = 3.0
@@ -76,8 +71,8 @@ class PassResult:
     the way, `used_uj` the wearing energy of the pass when the tool was there, shape (n,).
     """
 
-    limits_um: Floats
-    used_uj: Floats
+    limits_um: Array
+    used_uj: Array
     time_s: float = 0.0
     held_share: float = 0.0
     gap_ratio_mean: float = math.nan
@@ -173,10 +168,10 @@ class _Feeder:
             else ""
         )
 
-    def used_uj(self) -> Floats:
+    def used_uj(self) -> Array:
         """Wearing energy of the pass when the tool was at each point, shape (n,)."""
         s_um, uj = np.array(self._trace).T
-        used: Floats = np.interp(self._plan.way.lengths_um, s_um, uj)
+        used: Array = np.interp(self._plan.way.lengths_um, s_um, uj)
         return used
 
     def feed(self) -> None:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from edmctl.process import path as ways
 from edmctl.process.path import Way
-
-if TYPE_CHECKING:
-    from edmctl.profile.sites import PathTable
+from edmctl.profile.sites import PathTable
 
 PIECE_UM = 25.0
 """Longest line sent to the stages: the height of its end is planned anew for each."""

@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from edmctl.labels import Seen
+from edmctl.procedures.run import Args, JobRun
+from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.plane import CONTRADICTION_SDS
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.job import Belief
-
-if TYPE_CHECKING:
-    from edmctl.procedures.run import Args, JobRun
-    from edmctl.procedures.touch.reading import SurfaceReading
 
 LEAST_SPAN_S = 60.0
 """Over less time rests tell no drift: creep of the first seconds after a cut would look like one."""

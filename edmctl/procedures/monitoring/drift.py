@@ -10,13 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from edmctl.forecasts.measuring import displacement
+from edmctl.procedures.job import Job
 from edmctl.process.touches import Displacement, Drift, share_u
-
-if TYPE_CHECKING:
-    from edmctl.procedures.job import Job
 
 LEAST_SPAN_S = 120.0
 """Over less time than this the error of the actuator model after a deep cut, a few µm, would look like a drift."""

@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from edmctl.array_types import Array
 from edmctl.forecasts.forecast import stroke_um
 from edmctl.machine.faults import host_fault
 from edmctl.machine.interface import TelemetryBlock
+from edmctl.procedures.run import JobRun
 from edmctl.record.rows import EventLevel, EventRow, LinkRow, RunEvent
 from edmctl.results.progress import Extremes, Phase
 from edmctl.results.telemetry import LinkReport, pulse_shares
-
-if TYPE_CHECKING:
-    from edmctl.procedures.run import JobRun
-
-Floats = NDArray[np.float64]
 
 WINDOW_S = 1.0
 WARNED_FRAMES = 3
@@ -121,7 +114,7 @@ class SensorMonitor:
         self._since_s: float | None = None
         self._over = False
 
-    def update(self, block: TelemetryBlock, model_um: Floats) -> None:
+    def update(self, block: TelemetryBlock, model_um: Array) -> None:
         """Judge samples and their estimates, shape (n,) in µm. Raises MachineFault E67001."""
         sensor_um, estimate_um = float(block.displacement_um.mean()), float(model_um.mean())
         now_s = float(block.time_s[-1])

@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmctl.actuator.model import Estimator
+from edmctl.array_types import Array
 from edmctl.machine.interface import (
     EventCode,
     MachineEvent,
@@ -23,8 +23,6 @@ from edmctl.procedures.actuator.tracker import FeedError, Trace, Tracker
 from edmctl.procedures.monitoring.drift import Rests
 from edmctl.process.rest_drift import CreepLags, CreepLeft, Rest
 from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent, ServoBlock
-
-Floats = NDArray[np.float64]
 
 _GATHERED_BLOCKS = 5
 """Blocks estimated and recorded together: half a second of them in a running cut."""
@@ -63,7 +61,7 @@ class Watch:
         self._trace = Trace()
         self._follower: Callable[[TelemetryBlock], None] | None = None
         self._guards: list[Callable[[TelemetryBlock], None]] = []
-        self._comparer: Callable[[TelemetryBlock, Floats], None] | None = None
+        self._comparer: Callable[[TelemetryBlock, Array], None] | None = None
         self.missing_frames = 0
         self.feed_error = FeedError()
         self.rests = Rests()
@@ -132,7 +130,7 @@ class Watch:
         """Also hand every block of the run to `guard`, which may raise what ends it."""
         self._guards.append(guard)
 
-    def compare(self, comparer: Callable[[TelemetryBlock, Floats], None]) -> None:
+    def compare(self, comparer: Callable[[TelemetryBlock, Array], None]) -> None:
         """Also hand samples of the sensor with their estimates to `comparer`, which may raise."""
         self._comparer = comparer
 
@@ -208,7 +206,7 @@ class Watch:
         if compared and self._comparer is not None:
             self._comparer(block, model_um)
 
-    def _rows(self, block: TelemetryBlock, model_um: Floats) -> ServoBlock:
+    def _rows(self, block: TelemetryBlock, model_um: Array) -> ServoBlock:
         """Return each `record_every`-th sample of the run, however it comes in blocks; a block may have none."""
         pick = slice(self._skip, None, self._every)
         self._skip = (self._skip - len(block.time_s)) % self._every

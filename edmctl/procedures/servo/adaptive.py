@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from edmctl.procedures.run import Args
 from edmctl.procedures.servo.pulse_window import PulseWindow
 from edmctl.procedures.servo.reference_search import ReferenceSearch
+from edmctl.profile.model import Profile
 from edmctl.record.rows import RunEvent
-
-if TYPE_CHECKING:
-    from edmctl.procedures.run import Args
-    from edmctl.profile.model import Profile
 
 EVIDENCE_S = 1.0
 """Arcs and shorts over their high thresholds for so long ask for a jump: 2300 pulses tell 5 % within 0.5 %."""

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.actuator.model import Estimator
 from edmctl.forecasts.forecast import forecast
+from edmctl.procedures.run import JobRun
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.telemetry import PulseShares
-
-if TYPE_CHECKING:
-    from edmctl.actuator.model import Estimator
-    from edmctl.procedures.run import JobRun
 
 UNSTABLE_S = 30.0
 """A cut over its arc or short limit for so long is ended. Badly flushed holes that come out well are over it for up

@@ -8,13 +8,10 @@ not (decision 0043).
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from edmctl.procedures.servo.pulse_window import PulseWindow
 from edmctl.profile.findings import REFERENCE_MARGIN
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
+from edmctl.profile.model import Profile
 
 WINDOW_S = 4.0
 """Arcs are counted over so long before the reference is judged: 9 000 pulses tell 8 % within 0.3 %."""

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING
 
 from edmctl.machine.interface import MachineStatus
 from edmctl.procedures.hole.cut_planning import discharge_energy_j
 from edmctl.procedures.job_state import Counts
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.settings import telemetry_settings
+from edmctl.profile.model import Pulse
 from edmctl.record.rows import SlowRow
 from edmctl.results.progress import Progress
 from edmctl.results.telemetry import PulseShares, TelemetryBlock, pulse_shares
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Pulse
 
 RATIO_WINDOW_S = 2.0
 """Arcs and shorts are judged over this: a limit that is exceeded so long is told at once (decision 0012)."""

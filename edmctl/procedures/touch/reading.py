@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from edmctl.errors import ObjectiveNotReached, PreconditionError
 from edmctl.machine.interface import Touch, TouchRequest
+from edmctl.procedures.run import JobRun
+from edmctl.process.plane import Step
+from edmctl.process.rest_drift import Rest
 from edmctl.process.touches import Reading, is_constant, reading_of
 from edmctl.record.rows import EventLevel, RunEvent, TouchRow
 from edmctl.results.progress import Phase
 from edmctl.wording import decimal
-
-if TYPE_CHECKING:
-    from edmctl.procedures.run import JobRun
-    from edmctl.process.plane import Step
-    from edmctl.process.rest_drift import Rest
 
 FAST_LEG_MARGIN_UM = 3.0
 """The fast leg ends this far above the predicted contact."""

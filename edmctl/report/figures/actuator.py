@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from edmctl.report.signals import Array
+    from edmctl.array_types import Array
 
 HEIGHT_MM = 130.0
 

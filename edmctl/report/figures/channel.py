@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
+    from edmctl.array_types import Array
     from edmctl.record.reader import RunFile
-    from edmctl.report.signals import Array
 
 HEIGHT_MM = 92.0
 STEP_UM = 5.0

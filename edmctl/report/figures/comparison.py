@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from edmctl.array_types import Array
     from edmctl.record.reader import RunFile
-    from edmctl.report.signals import Array
 
 HEIGHT_MM = 70.0
 SLOW = "/entry/slow"

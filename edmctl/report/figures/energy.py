@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from edmctl.array_types import Array
     from edmctl.record.reader import RunFile
-    from edmctl.report.signals import Array
 
 
 UM3_PER_MM3 = 1e9

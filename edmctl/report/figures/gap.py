@@ -30,8 +30,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from edmctl.array_types import Array
     from edmctl.record.reader import RunFile
-    from edmctl.report.signals import Array, Columns, Floats
+    from edmctl.report.signals import Columns, Floats
 
 PALE = "#BDBDBD"
 HEIGHT_MM = 82.0

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from edmctl.array_types import Array
     from edmctl.record.reader import RunFile
-    from edmctl.report.signals import Array
 
 RANGE_OF_LOG = 8.0
 """A narrower range of periods is drawn on an even scale from 0, where it has more than one label."""

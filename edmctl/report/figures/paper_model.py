@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from edmctl.report.signals import Array
+    from edmctl.array_types import Array
 
 HEIGHT_MM, LOOP_MM = 105.0, 52.0
 STEP_V = 0.5

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from edmctl.array_types import Array
     from edmctl.record.reader import RunFile
-    from edmctl.report.signals import Array
 
 INTERVALS = 160
 """Of time over the whole run; a column of a journal shows no more steps."""

@@ -32,8 +32,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
+    from edmctl.array_types import Array
     from edmctl.record.reader import RunFile
-    from edmctl.report.signals import Array, Columns, Floats
+    from edmctl.report.signals import Columns, Floats
 
 HEIGHT_MM, ZOOM_MM = 152.0, 82.0
 LONGEST_S = 600.0

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from edmctl.array_types import Array
     from edmctl.record.reader import RunFile
-    from edmctl.report.signals import Array, Columns, Floats
+    from edmctl.report.signals import Columns, Floats
 
 PATH = "/entry/waveforms"
 HEIGHT_MM = 112.0
