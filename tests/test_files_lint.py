@@ -40,7 +40,6 @@ ALLOWED = {
     "link/serial_line.py: open_port": "a serial port",
     "process/materials.py: materials": "a file of the package",
     "record/damaged_file_recovery.py: _opened": OPENED,
-    "record/delimited.py: _load": "lines in memory, that files.read_bytes has read",
     "record/hdf5.py: open_hdf5": OPENED,
     "record/hdf5.py: open_swmr": OPENED,
     "record/integrity.py: append_checksum": OWN,
