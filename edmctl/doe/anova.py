@@ -9,16 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import special
 
 from edmctl.doe.linear_model import MEAN, Settings, Term, fit, model_matrix, term_name, undetermined
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
 
 ERROR = "error"
 STANDS_OUT = 0.05

@@ -7,14 +7,12 @@ chosen.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Better = Literal["larger", "smaller"]
+Better = Literal["larger", "smaller"]
 
 
 def pareto_front(responses: ArrayLike, better: Sequence[Better]) -> NDArray[np.bool_]:
