@@ -92,10 +92,10 @@ def test_a_tool_that_wears_otherwise_from_some_hole_on_is_held(
     assert told.change == 1.0
     for site in s.tally.sites.values():
         (true,) = (one for one in s.bench.truth() if abs(one.x_um - site.x_um) < 8.0)
-        assert abs(site.depth_um - true.depth_um) <= 1.1 * site.depth_u95_um, site
+        assert abs(site.depth_um - true.depth_um) <= 3.0 * site.depth_u_um, site
         worn_um = wear.of_site(site.name)
-        assert abs(site.wear_um - worn_um) <= 1.1 * site.wear_u95_um, site
-        assert abs(site.feed_um - true.depth_um - worn_um) <= 1.1 * site.feed_u95_um, site
+        assert abs(site.wear_um - worn_um) <= 3.0 * site.wear_u_um, site
+        assert abs(site.feed_um - true.depth_um - worn_um) <= 3.0 * site.feed_u_um, site
 
 
 @dataclass(slots=True)
