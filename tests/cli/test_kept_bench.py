@@ -211,7 +211,7 @@ def test_a_killed_command_leaves_the_bench_as_it_was_a_moment_before(here: Here)
     error = said.document["error"]
     assert (said.exit_code, error["code"]) == (8, "E8048")
     assert "runs/r.h5 was killed" in error["message"]
-    assert "`edmctl measure-wear --reference --port " in error["hint"]
+    assert "`edmctl measure-wear --reference --profile " in error["hint"]
     assert here("measure-wear", "--json", *KEPT).document["error"]["code"] == "E8048"
     assert here("measure-wear", "--reference", *KEPT).exit_code == 0
     said = here("machine", *SHALLOW, *KEPT, "--json")
