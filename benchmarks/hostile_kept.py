@@ -183,7 +183,7 @@ def make_kept(folder: Path) -> None:
                 "1",
                 "--quiet",
                 "--duration",
-                "180",
+                "300",
             ]
         )
     Path("named.toml").write_text(f'calibration = "{CALIBRATION}"\n', encoding="utf-8")
