@@ -16,19 +16,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.array_types import Array
 from edmctl.csv_text import number_of, plain_text
 from edmctl.errors import Location, RecordError
 from edmctl.files import read_bytes
 from edmctl.wording import plural, shortened
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 TIME, VOLTAGE, DISPLACEMENT = "t_s", "u_V", "y_um"
 STACK, TOOL = "x_um", "z_um"
