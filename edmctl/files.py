@@ -6,12 +6,14 @@ A pipe would keep its reader waiting, opening a device may do something, and /de
 from __future__ import annotations
 
 import errno
+import json
 import os
 import stat
 from collections.abc import Mapping
 from contextlib import suppress
 from io import BufferedReader, FileIO
 from pathlib import Path
+from typing import Any
 
 from edmctl.errors import UsageError
 
@@ -92,6 +94,19 @@ def read_bytes(path: Path, most_bytes: int = TEXT_BYTES) -> bytes:
     if is_longer or len(content) > most_bytes:
         raise OSError(errno.EFBIG, f"it is longer than {most_bytes / 1e6:g} MB")
     return content
+
+
+def json_of(data: bytes) -> Any:
+    """Return the value of a JSON text.
+
+    Raises ValueError, also if it is nested too deeply or contains a text that UTF-8 cannot represent.
+    """
+    try:
+        value = json.loads(data)
+        json.dumps(value, ensure_ascii=False).encode()  # fails for half of a surrogate pair
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    return value
 
 
 _HOLES_BYTES, _HOLES_RATIO = 1 << 26, 100

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from edmctl.errors import RunFileError
-from edmctl.files import read_bytes
+from edmctl.files import json_of, read_bytes
 from edmctl.jobs.plan import MachineAddress
 from edmctl.jobs.session import ConnectedMachine
 from edmctl.process.rest_drift import CreepLeft
@@ -43,12 +43,12 @@ class CreepNote:
         if self._path is None:
             return CreepLeft.none(0.0)
         try:
-            values = json.loads(read_bytes(self._path))
+            values = json_of(read_bytes(self._path))
             if values["schema"] != SCHEMA or values["machine"] != self._machine:
                 return CreepLeft.none(0.0)
             left = CreepLeft.of(values["lags_um"], _number(values["unknown_s"], math.inf))
             utc_s, bench_s = _number(values["utc_s"], math.nan), _number(values["bench_s"], math.nan)
-        except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        except (OSError, ValueError, KeyError, TypeError, OverflowError):
             return CreepLeft.none(0.0)
         passed_s = self._bench.now.since_s(utc_s, bench_s)
         return left.after(passed_s) if passed_s < math.inf else CreepLeft.none(0.0)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from edmctl.files import read_bytes
+from edmctl.files import json_of, read_bytes
 from edmctl.link.ports import PortInfo
 from edmctl.profile.folders import data_folder
 from edmctl.record.locks import is_alive
@@ -54,7 +54,7 @@ def _folder(environ: Mapping[str, str]) -> Path:
 
 def _read(note: Path) -> tuple[str, str] | None:
     try:
-        noted = json.loads(read_bytes(note))
+        noted = json_of(read_bytes(note))
         return str(noted["port"]), str(noted["serial"])
     except (OSError, ValueError, TypeError, KeyError):
         return None

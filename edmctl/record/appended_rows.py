@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from edmctl.errors import RunFileError
-from edmctl.files import open_descriptor, read_bytes
+from edmctl.files import json_of, open_descriptor, read_bytes
 
 SUFFIX = ".jsonl"
 ROWS_BYTES = 100_000_000
@@ -123,7 +123,7 @@ def _parsed(line: bytes) -> dict[str, Any] | None:
     if not line.endswith(b"\n"):
         return None
     try:
-        found = json.loads(line)
-    except (ValueError, RecursionError):
+        found = json_of(line)
+    except ValueError:
         return None
     return found if isinstance(found, dict) and isinstance(found.get("row"), str) else None

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Protocol
 
 from edmctl.errors import PreconditionError, RunFileError
-from edmctl.files import read_bytes, sync
+from edmctl.files import json_of, read_bytes, sync
 from edmctl.record.disk_thread import DiskThread
 
 SCHEMA = "edmctl-journal"
@@ -279,7 +279,7 @@ def _object(members: Mapping[str, str]) -> str:
 
 
 def _journal(data: bytes) -> Journal:
-    envelope = json.loads(data.decode())
+    envelope = json_of(data)
     if not isinstance(envelope, dict) or envelope.get("schema") != SCHEMA:
         raise ValueError("it is no journal of a run")
     version = envelope["version"]

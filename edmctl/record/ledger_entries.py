@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from edmctl.files import json_of
+
 VERSION = 4
 """Since 2 touches of the pad come with `home_um`: what the sensor showed then of a tool at home. Since 3 lines of a
 virtual bench have its own time, `bench_s`. Since 4 references and jobs state their setup."""
@@ -165,12 +167,7 @@ class LaterVersion(Exception):
 
 def line_of(row: bytes) -> Line:
     """Read one line. Raises LaterVersion, or ValueError, TypeError or KeyError where it is damaged."""
-    try:
-        values = json.loads(row.decode())
-        # Half a character of a surrogate pair is JSON, but no text that could be shown or written.
-        json.dumps(values, ensure_ascii=False).encode()
-    except RecursionError:
-        raise ValueError("it is nested too deeply") from None
+    values = json_of(row)
     if not isinstance(values, dict):
         raise TypeError("it is no object")
     version = values.pop("v")

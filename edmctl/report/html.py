@@ -37,7 +37,7 @@ class PageTable:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure of a page, or why there is none: then `address` is empty.
+    """A figure of a page, or why there is none. It is rendered last, when all that the page needs has been read.
 
     name : of its element, once a page; sees : a sentence on what there is to see; datasets : where it is from
     """
@@ -45,12 +45,21 @@ class Picture:
     name: str
     title: str
     sees: str
-    address: str = ""
-    """A data URI that holds the picture."""
-    width_mm: float = 0.0
-    height_mm: float = 0.0
+    figure: Figure | None = None
     why_not: str = ""
     datasets: tuple[str, ...] = ()
+
+    def address(self) -> str:
+        """Return the rendered figure as a data URI."""
+        from matplotlib import rc_context
+
+        assert self.figure is not None
+        # Letters as outlines: the page looks the same where the font of the figures is not installed.
+        with house_style(), rc_context({"svg.fonttype": "path"}):
+            suffix, content = ".svg", rendered(self.figure, ".svg")
+            if len(content) > MOST_SVG_BYTES:
+                suffix, content = ".png", rendered(self.figure, ".png")
+        return f"data:{_MEDIA_TYPES[suffix]};base64,{base64.b64encode(content).decode()}"
 
 
 def picture_of(
@@ -68,21 +77,11 @@ def picture_of(
     """
     from matplotlib import rc_context
 
-    # Letters as outlines: the page looks the same where the font of the figures is not installed.
-    with house_style(), rc_context({"svg.fonttype": "path", "text.parse_math": formulas}):
+    with house_style(), rc_context({"text.parse_math": formulas}):
         try:
-            figure = make()
+            return Picture(name, title, sees, make(), datasets=datasets)
         except NothingToDraw as reason:
             return Picture(name, title, sees, why_not=str(reason), datasets=datasets)
-        width_mm, height_mm = (25.4 * inches for inches in figure.get_size_inches())
-        return Picture(name, title, sees, _address(figure), width_mm, height_mm, datasets=datasets)
-
-
-def _address(figure: Figure) -> str:
-    suffix, content = ".svg", rendered(figure, ".svg")
-    if len(content) > MOST_SVG_BYTES:
-        suffix, content = ".png", rendered(figure, ".png")
-    return f"data:{_MEDIA_TYPES[suffix]};base64,{base64.b64encode(content).decode()}"
 
 
 def document(
@@ -139,8 +138,8 @@ def tiles(numbers: Iterable[tuple[str, str, str]]) -> str:
 
 def figures(pictures: Sequence[Picture], first: int = 1) -> list[str]:
     """Return figures with their captions, numbered from `first` on, then why others were not drawn."""
-    drawn = [picture for picture in pictures if picture.address]
-    absent = [picture for picture in pictures if not picture.address]
+    drawn = [picture for picture in pictures if picture.figure is not None]
+    absent = [picture for picture in pictures if picture.figure is None]
     parts = (
         ['<div class="figures">', *(_figure(n, p) for n, p in enumerate(drawn, first)), "</div>"]
         if drawn
@@ -155,12 +154,15 @@ def figures(pictures: Sequence[Picture], first: int = 1) -> list[str]:
 
 
 def _figure(number: int, picture: Picture) -> str:
-    wide = ' class="wide"' if picture.width_mm > WIDE_MM else ""
-    width, height = (round(mm * PX_PER_MM) for mm in (picture.width_mm, picture.height_mm))
+    assert picture.figure is not None
+    address = picture.address()
+    width_mm, height_mm = (25.4 * inches for inches in picture.figure.get_size_inches())
+    wide = ' class="wide"' if width_mm > WIDE_MM else ""
+    width, height = (round(mm * PX_PER_MM) for mm in (width_mm, height_mm))
     seen = escape(picture.sees.replace("`", ""))
     source = ", ".join(f"<code>{path}</code>" for path in picture.datasets)
     return (
-        f'<figure id="{picture.name}"{wide}><img src="{picture.address}" width="{width}" height="{height}" '
+        f'<figure id="{picture.name}"{wide}><img src="{address}" width="{width}" height="{height}" '
         f'alt="{seen}">\n'
         f"<figcaption><b>Fig. {number}: {escape(picture.title)}.</b> {_prose(picture.sees)}"
         f"{f' From {source}.' if source else ''}</figcaption></figure>"

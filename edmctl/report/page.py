@@ -60,12 +60,15 @@ def render_page(
     """
     numbers = numbers_of(run)
     title = run.text("/entry/title") or run.text("/entry/run_id")
+    wanted = [*(html.paragraph(sentence.text) for sentence in sentences[:1]), *_wanted(run)]
+    tables: list[PageTable | str] = [html.tiles(_key_numbers(run, numbers)), *page_tables.all_numbers(run)]
+    source = page_tables.provenance(run)
     body = [
-        _section("wanted", [*(html.paragraph(sentence.text) for sentence in sentences[:1]), *_wanted(run)]),
-        _section("numbers", [html.tiles(_key_numbers(run, numbers)), *page_tables.all_numbers(run)]),
+        _section("wanted", wanted),
+        _section("numbers", tables),
         _section("figures", html.figures(pictures)),
         _section("story", [_history(sentences[1:])]),
-        _section("source", [page_tables.provenance(run)]),
+        _section("source", [source]),
     ]
     header = [
         f"<h1>{escape(title)}</h1>",

@@ -177,7 +177,7 @@ def _beside(*tables: PageTable | None) -> str:
 
 def _numbered(pictures: Sequence[Picture], numbers: Iterator[int]) -> list[str]:
     """Figures numbered on from those before."""
-    taken = [next(numbers) for picture in pictures if picture.address]
+    taken = [next(numbers) for picture in pictures if picture.figure]
     return html.figures(pictures, taken[0] if taken else 1)
 
 

@@ -196,7 +196,7 @@ def mutated(document: Any, data: st.DataObject) -> Any:
             parent = parent[key]
         what = data.draw(st.sampled_from(["replace", "remove", "double"]))
         if what == "replace":
-            parent[path[-1]] = data.draw(HOSTILE)
+            parent[path[-1]] = copy.deepcopy(data.draw(HOSTILE))
         elif what == "remove":
             del parent[path[-1]]
         elif isinstance(parent, list):
@@ -224,6 +224,31 @@ def test_no_change_of_a_plan_is_an_internal_error(whole: Path, data: st.DataObje
             used(whole)
     finally:
         (whole / "plan.json").write_bytes(kept)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [(("runs", 0, "number"), None), (("run_files",), "\ud800"), (("responses", "machining_time_s"), 1e308)],
+)
+def test_a_wrong_value_in_a_row_is_no_internal_error(
+    whole: Path, path: tuple[Any, ...], value: object
+) -> None:
+    for file in (whole / "rows").glob("*.jsonl"):
+        kept = file.read_bytes()
+        changed = []
+        for line in kept.splitlines():
+            row = inside = json.loads(line)
+            with suppress(KeyError):
+                for key in path[:-1]:
+                    inside = inside[key]
+                inside[path[-1]] = value
+            changed.append(json.dumps(row).encode() + b"\n")
+        try:
+            file.write_bytes(b"".join(changed))
+            with suppress(EdmError):
+                used(whole)
+        finally:
+            file.write_bytes(kept)
 
 
 @ANY

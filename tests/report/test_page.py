@@ -10,8 +10,12 @@ from html.parser import HTMLParser
 from typing import TYPE_CHECKING, ClassVar
 from xml.etree import ElementTree
 
+import h5py
+import numpy as np
 import pytest
 
+from edmctl.errors import EdmError
+from edmctl.jobs.runs.opening import reading_unless_killed
 from edmctl.record.reader import open_run
 from edmctl.report.kinds import KINDS, kind_called
 from edmctl.report.page import pictures_of, render_page
@@ -152,7 +156,22 @@ def test_a_figure_with_too_much_in_it_is_png(run_file: Path, monkeypatch: pytest
     monkeypatch.setattr("edmctl.report.html.MOST_SVG_BYTES", 1000)
     with open_run(run_file) as run:
         (picture,) = pictures_of(run)
-    assert picture.address.startswith("data:image/png;base64,")
+    assert picture.address().startswith("data:image/png;base64,")
+
+
+def test_a_damaged_run_file_is_refused_before_any_figure_is_rendered(
+    run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    damaged = tmp_path / "damaged.h5"
+    shutil.copyfile(run_file, damaged)
+    with h5py.File(damaged, "r+") as file:
+        del file["/entry/machine/host"]
+        file["/entry/machine/host"] = np.zeros((3, 0))
+    rendered: list[str] = []
+    monkeypatch.setattr("edmctl.report.html.rendered", lambda _, suffix: rendered.append(suffix) or b"")
+    with pytest.raises(EdmError), reading_unless_killed(damaged) as run:
+        render_page(run, pictures_of(run), SENTENCES)
+    assert rendered == []
 
 
 def console_of(page: Path, folder: Path) -> tuple[list[str], str]:

@@ -439,8 +439,9 @@ def test_every_figure_draws_quietly(name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         picture = picture_of(name, name, name, figures()[name], formulas=False)
-    assert picture.address.startswith("data:image/svg+xml;base64,"), picture.why_not
-    assert picture.width_mm == pytest.approx(85.0)
+    assert picture.figure is not None, picture.why_not
+    assert picture.address().startswith("data:image/svg+xml;base64,")
+    assert 25.4 * picture.figure.get_figwidth() == pytest.approx(85.0)
 
 
 def test_figures_without_data_say_why() -> None:

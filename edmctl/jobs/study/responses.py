@@ -113,6 +113,10 @@ NEVER_NEGATIVE = frozenset(
 _UNITS = {"_um": "µm", "_s": "s", "_j": "J", "_mm3_min": "mm³/min", "_j_um": "J/µm"}
 
 
+LARGEST = 1e30
+"""Of any response: powers of it stay finite."""
+
+
 def is_known(name: str) -> bool:
     """Return whether a job answers by that name."""
     return name in RESPONSES or (name.startswith(TRUTH) and name.removeprefix(TRUTH) in TRUTHS)

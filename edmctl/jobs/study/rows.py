@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.jobs.plan import SIMULATOR, MachineAddress
 from edmctl.jobs.study.factors import is_within
+from edmctl.jobs.study.responses import LARGEST
 from edmctl.record.appended_rows import RowWriter, read_lines
 from edmctl.results.study import FactorInfo, Judgement, PlannedRun, RunKind, RunRow, StudyRun
 
@@ -226,7 +227,7 @@ def _is_count(value: object) -> bool:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
 
 
 def planned_run(values: Mapping[str, Any]) -> PlannedRun:
@@ -234,15 +235,18 @@ def planned_run(values: Mapping[str, Any]) -> PlannedRun:
     own = dict(values)
     own["kind"] = RunKind(own["kind"])
     run = PlannedRun(**own)
-    need(isinstance(run.settings, dict))
+    need(isinstance(run.settings, dict) and all(map(_is_count, _counts(run))))
     return run
+
+
+def _counts(run: PlannedRun) -> tuple[object, ...]:
+    return (run.number, run.point, run.replicate, run.block, run.seed, run.tool)
 
 
 def is_run_of(run: PlannedRun, factors: Sequence[FactorInfo]) -> bool:
     """Return whether a run has a value of each factor, and numbers that can be."""
-    counts = (run.number, run.point, run.replicate, run.block, run.seed, run.tool)
     return (
-        all(map(_is_count, counts))
+        all(map(_is_count, _counts(run)))
         and run.settings.keys() == {factor.key for factor in factors}
         and all(is_within(factor, run.settings[factor.key]) for factor in factors)
     )

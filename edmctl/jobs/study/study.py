@@ -259,7 +259,7 @@ class Study:
         values: dict[str, float] = {}
         for name, value in given.items():
             number, (low, high) = _number(value), responses.range_of(name)
-            is_possible = math.isfinite(number) and low <= number <= high
+            is_possible = abs(number) <= responses.LARGEST and low <= number <= high
             if (name not in asked and not responses.is_known(name)) or not is_possible:
                 raise UsageError(
                     f"{name} = {value!r} is no value of a response of the study.",

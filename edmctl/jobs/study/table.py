@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.csv_text import number_of, table_text
 from edmctl.errors import RecordError, UsageError
-from edmctl.jobs.study.responses import RESPONSES, TRUTHS, unit_of
+from edmctl.jobs.study.responses import LARGEST, RESPONSES, TRUTHS, unit_of
 from edmctl.results.study import TRUTH, RunState, StudyRun
 from edmctl.wording import plural, unit_in
 
@@ -188,7 +187,7 @@ def _value(name: str, text: str, manual: Mapping[str, Response]) -> float | None
 def refuse_untellable(response: Response, value: float) -> None:
     """Raise UsageError E2105 where a value is no number, or lies beyond what a response can be told."""
     name, unit = response.name, f" {response.unit}" if response.unit else ""
-    if not math.isfinite(value):
+    if not abs(value) <= LARGEST:
         raise UsageError(
             f"{name}={value}: that is no measured value.",
             hint="Leave out what is not measured: a run without it is not in its tables.",
