@@ -1,7 +1,11 @@
-"""CSV as all tables are written: RFC 4180 with plain line ends, and no text that a spreadsheet would compute."""
+"""Write tables as CSV, and split lines of CSV.
+
+Tables follow RFC 4180 with plain line ends. A spreadsheet computes no text of them.
+"""
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,6 +28,30 @@ def text_cell(text: str) -> str:
 def plain_text(cell: str) -> str:
     """Return the text that `text_cell` wrote, without quotes already."""
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
+
+
+def cells_of(line: str, separator: str | None = ",", *, strict: bool = False) -> list[str]:
+    """Return the cells of a line without quotes and blanks around them; empty ones at the end are left out.
+
+    A separator of None splits at blanks. Raises csv.Error for a wrong quotation mark if `strict`.
+    """
+    if separator is None:
+        return line.split()
+    found = csv.reader([line], delimiter=separator, skipinitialspace=True, strict=strict)
+    cells = [plain_text(cell.strip()) for cell in next(found, [])]
+    while cells and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def span_of(line: str, separator: str | None, cell: int) -> tuple[int, int]:
+    """Return begin and length of a cell in its line; of the whole line if that has no such cell."""
+    between = rf'(?:^|(?<={separator}))(?: *"[^"]*")?[^{separator}]*'
+    found = list(re.finditer(r"\S+" if separator is None else between, line))
+    if cell >= len(found):
+        return 0, len(line)
+    text = found[cell][0]
+    return found[cell].start() + len(text) - len(text.lstrip()), len(text.strip())
 
 
 def number_of(cell: str, *, decimal_commas: bool = False) -> float | None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from edmctl.csv_text import plain_text
+from edmctl.csv_text import cells_of, span_of
 from edmctl.errors import Diagnostic, Location, ProfileError
 from edmctl.files import read_bytes, user_path
 from edmctl.profile.findings import Code
@@ -154,19 +154,14 @@ class _Line:
     def cells(self) -> list[str]:
         """Its cells; raises ProfileError where it is no CSV."""
         try:
-            return [plain_text(cell.strip()) for cell in next(csv.reader([self.text], strict=True), [])]
+            return cells_of(self.text, strict=True)
         except csv.Error as error:
             raise self.wrong(f"no CSV: {error}", _FORM) from error
 
     def location(self, cell: int | None = None) -> Location:
-        """The line, or one of its cells where commas alone show where that is."""
-        column, length = 1, max(1, len(self.text))
-        parts = self.text.split(",")
-        if cell is not None and cell < len(parts) and '"' not in self.text:
-            before = sum(len(part) + 1 for part in parts[:cell])
-            indent = len(parts[cell]) - len(parts[cell].lstrip())
-            column, length = before + indent + 1, max(1, len(parts[cell].strip()))
-        return Location(self.file, self.number, column, length, self.text)
+        """Return where the line is, or one of its cells."""
+        begin, length = (0, len(self.text)) if cell is None else span_of(self.text, ",", cell)
+        return Location(self.file, self.number, begin + 1, max(1, length), self.text)
 
     def wrong(self, message: str, hint: str, cell: int | None = None) -> ProfileError:
         """Return a complaint about the line, or about one of its cells."""

@@ -16,21 +16,22 @@ from edmctl.errors import RecordError, RunFileError
 from edmctl.files import RECORD_BYTES, open_regular, read_bytes, refuse_locked
 from edmctl.record import disk, layout
 from edmctl.record.bench_file import KIND
-from edmctl.record.delimited import (
-    DISPLACEMENT,
-    STACK,
-    TIME,
-    TOOL,
-    VOLTAGE,
-    WANTED,
-    columns_hint,
-    find_columns,
-    read_delimited,
-)
+from edmctl.record.delimited import find_columns, table_of, text_of
 from edmctl.record.hdf5 import image_of, open_hdf5, refuse_endless
 from edmctl.record.integrity import MAGIC
 from edmctl.record.reader import open_run
+from edmctl.wording import plural
 
+TIME, VOLTAGE, DISPLACEMENT = "t_s", "u_V", "y_um"
+STACK, TOOL = "x_um", "z_um"
+MEANINGS = {
+    TIME: "time in s",
+    VOLTAGE: "actuator voltage in V",
+    DISPLACEMENT: "tool displacement in µm",
+    STACK: "stack displacement in µm",
+    TOOL: "tool displacement in µm",
+}
+WANTED = (TIME, VOLTAGE, DISPLACEMENT)
 HDF5_SUFFIXES = (".h5", ".hdf5", ".hdf", ".nxs")
 RUN_COLUMNS = {TIME: "time", VOLTAGE: "v_cmd", DISPLACEMENT: "z_sensor"}
 """Where a run file holds the columns of a record."""
@@ -100,11 +101,30 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> Non
 def _read(path: Path, needed: Sequence[str]) -> dict[str, Array]:
     content = _content(path)
     if content.startswith(MAGIC):
-        return _read_hdf5(path, needed)
-    if content and path.suffix.lower() in HDF5_SUFFIXES:
+        columns = _read_hdf5(path, needed)
+    elif content and path.suffix.lower() in HDF5_SUFFIXES:
         hint = "Give an HDF5 file, or a CSV file under the name .csv."
         raise RecordError(f"{path} is not HDF5.", hint=hint, code="E3606")
-    return read_delimited(path, content, needed)
+    else:
+        columns = read_text(content, str(path), needed)
+    if (rows := len(columns[needed[0]])) < 2:
+        message, hint = f"{path} holds {plural(rows, 'row')} of numbers.", "Give a row per sample."
+        raise RecordError(message, hint=hint, code="E3605")
+    return columns
+
+
+def read_text(content: bytes, name: str, needed: Sequence[str] = WANTED) -> dict[str, Array]:
+    """Return the needed columns of a text file, shape (n,) each. Raises RecordError E3602, E3603 or E3604."""
+    table = table_of(text_of(content, name), name, needed)
+    if missing := [one for one in needed if one not in table.columns]:
+        raise table.without(missing, _hint(missing))
+    return table.numbers()
+
+
+def _hint(missing: Sequence[str]) -> str:
+    return (
+        f"Needed: {', '.join(f'{name} ({MEANINGS[name]})' for name in missing)}. Other columns are ignored."
+    )
 
 
 def _content(path: Path) -> bytes:
@@ -188,9 +208,9 @@ def _only_group(path: Path, file: h5py.File, needed: Sequence[str]) -> h5py.Grou
         nearest = max(groups, key=lambda group: (len(find_columns(list(group), needed)), _datasets(group)))
         names = [name for name in nearest if isinstance(nearest[name], h5py.Dataset)]
         held = ", ".join(names[:20]) or "nothing"
-        missing = " and no ".join(name for name in needed if name not in find_columns(names))
-        message = f"{path} has no dataset {missing}; {nearest.name} holds {held}."
-        hint = columns_hint([name for name in needed if name not in find_columns(names)])
+        missing = [name for name in needed if name not in find_columns(names, needed)]
+        message = f"{path} has no dataset {' and no '.join(missing)}; {nearest.name} holds {held}."
+        hint = _hint(missing)
     raise RecordError(message, hint=hint, code="E3606")
 
 
@@ -215,9 +235,6 @@ def _arrays(path: Path, found: Mapping[str, h5py.Dataset | NDArray[np.generic]])
             hint="Every sample has a time, a voltage and a displacement.",
             code="E3606",
         )
-    if max(lengths.values()) < 2:
-        message = f"{path} holds {max(lengths.values())} samples."
-        raise RecordError(message, hint="Give a record with a row per sample.", code="E3605")
     return {name: np.asarray(data[:], dtype=np.float64) for name, data in found.items()}
 
 

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from edmctl.cli.app import main
 from edmctl.errors import RecordError, RunFileError
-from edmctl.record.columns import read_record, read_voltage, write_columns
-from edmctl.record.delimited import read_delimited
+from edmctl.record.columns import read_record, read_text, read_voltage, write_columns
 from edmctl.record.layout import SERVO
 from edmctl.record.reader import open_run
 from tests.report.servo_signals import a_cut
@@ -56,6 +55,8 @@ def refused(path: Path) -> RecordError:
         "# " + HEADER + ROWS,
         '"t_s", "u_V", "y_um"\n0,"1.5",-3\n0.005,2.5,-0.125 # last\n',
         "T_S,u_v,y_µm\n" + ROWS,
+        '"t_s","u_V","y_um","a, b"\n"0","1.5","-3",","\n"0.005","2.5","-0.125","7"\n',
+        't_s;u_V;y_um;note\n0;1,5;-3;7" wafer\n0,005;2,5;-0,125;\n',
         "# Gerät\n".encode("latin-1") + (HEADER + ROWS).encode(),
         "y_um,note,t_s,u_V\n-3,-,0,1.5\n-0.125,late,0.005,2.5\n",
         "t_s,u_V,y_um,\n0,1.5,-3,\n0.005,2.5,-0.125,\n",
@@ -152,6 +153,8 @@ def test_a_missing_column_is_named_with_the_line_above_the_numbers(
         ("0,1,2\n1,2\n", 4, 1, "2 cells under a header of 3", "ends within a row"),
         ("0,0,1,5,2,5\n", 3, 1, "6 cells under a header of 3", "decimal point"),
         ("0,1,2\n0,5,1,2\n1,2\n", 4, 1, "4 cells under a header of 3", "decimal point"),
+        ("0,1,2\n1,\u22125,3\n", 4, 3, "column u_V: '\u22125' is no number", "U+2212 (MINUS SIGN) is not"),
+        ('0,1,2\n1,"2\n",x\n', 5, 1, "column y_um: 'x' is no number", "Correct or delete"),
         ("0,1,2\n1_0,1,2\n", 4, 1, "column t_s: '1_0' is no number", "Correct or delete"),
     ],
 )
@@ -171,7 +174,7 @@ def test_a_wrong_row_is_found(
 def test_any_text_is_read_or_refused(text: str, with_header: bool) -> None:
     content = (HEADER * with_header + text).encode()
     try:
-        columns = read_delimited(Path("any.csv"), content)
+        columns = read_text(content, "any.csv")
     except RecordError:
         return
     assert len({len(column) for column in columns.values()}) == 1

@@ -345,20 +345,12 @@ def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
         table = read_table(user_path(name, source.path.parent), keys)
         if missing := [key for key in keys if key not in table.columns]:
             raise table.without(missing, "Head a column with each factor's key.")
-        rows = table.texts()
+        rows = list(table.rows())
     except RecordError as error:
         raise Refused(error.message.rstrip("."), error.hint.rstrip("."), "file") from None
     if not rows:
         raise Refused(f"{name} has no row under its columns", "add a row for each point", "file")
-    settings = [
-        {
-            f.key: _value_in_table(
-                f, table.number_text(row[f.key]) if f.is_number else row[f.key], name, line
-            )
-            for f in factors
-        }
-        for line, row in rows
-    ]
+    settings = [{f.key: _value_in_table(f, row[f.key], name, line) for f in factors} for line, row in rows]
     return _with_parts(Points(f"points of {name}", tuple(settings), ()), source.file.design.blocks)
 
 

@@ -223,7 +223,7 @@ def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | Non
             named = f"Manual responses are {', '.join(manual) or 'none'}"
             writes = f"`{state.folder.command('export')}` writes a table with all columns"
             raise table.without(missing, f"{named}; {writes}.")
-        rows = table.texts()
+        rows = list(table.rows())
     except RecordError as error:
         raise UsageError(error.message, hint=error.hint, code="E2106") from None
     found: dict[int, dict[str, float | None]] = {}
@@ -232,9 +232,9 @@ def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | Non
         if not values:
             continue
         try:
-            number = _run_number(table.number_text(row["run"]))
-            told = {one: _value(one, table.number_text(value), manual) for one, value in values.items()}
-            _same_attempt(made_run(state, number), table.number_text(row.get("attempt", "")))
+            number = _run_number(row["run"])
+            told = {one: _value(one, value, manual) for one, value in values.items()}
+            _same_attempt(made_run(state, number), row.get("attempt", ""))
         except UsageError as error:
             raise UsageError(
                 f"{name}, line {line}: {error.message}", hint=error.hint, code=error.code
