@@ -16,7 +16,7 @@ from edmctl.errors import RecordError, RunFileError
 from edmctl.files import RECORD_BYTES, open_regular, read_bytes, refuse_locked
 from edmctl.record import disk, layout
 from edmctl.record.bench_file import KIND
-from edmctl.record.delimited import find_columns, table_of, text_of
+from edmctl.record.delimited import Table, find_columns, text_of
 from edmctl.record.hdf5 import image_of, open_hdf5, refuse_endless
 from edmctl.record.integrity import MAGIC
 from edmctl.record.reader import open_run
@@ -115,7 +115,7 @@ def _read(path: Path, needed: Sequence[str]) -> dict[str, Array]:
 
 def read_text(content: bytes, name: str, needed: Sequence[str] = WANTED) -> dict[str, Array]:
     """Return the needed columns of a text file, shape (n,) each. Raises RecordError E3602, E3603 or E3604."""
-    table = table_of(text_of(content, name), name, needed)
+    table = Table(text_of(content, name), name, needed)
     if missing := [one for one in needed if one not in table.columns]:
         raise table.without(missing, _hint(missing))
     return table.numbers()

@@ -11,7 +11,6 @@ import csv
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 
@@ -48,9 +47,9 @@ def find_columns(names: Sequence[str], wanted: Sequence[str]) -> dict[str, int]:
 
 
 def read_table(path: Path, wanted: Sequence[str]) -> Table:
-    """Return the table in a file. Raises RecordError as `table_of`, and E3602 if the file cannot be read."""
+    """Return the table in a file. Raises RecordError as `Table`, and E3602 if the file cannot be read."""
     try:
-        return table_of(text_of(read_bytes(path), str(path)), str(path), wanted)
+        return Table(text_of(read_bytes(path), str(path)), str(path), wanted)
     except OSError as error:
         message, hint = f"Cannot read {path}: {error.strerror}.", "Check the path and its permissions."
         raise RecordError(message, hint=hint, code="E3602") from None
@@ -71,43 +70,6 @@ def text_of(content: bytes, name: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def table_of(text: str, name: str, wanted: Sequence[str]) -> Table:
-    """Return the table in a text; its header has most of the wanted names, or is above the first numbers.
-
-    Raises RecordError: E3602 there is no header, E3603 two columns have one wanted name.
-    """
-    lines, problem = text.split("\n"), ""
-    filled = [k for k, line in enumerate(lines[:MOST_PREAMBLE]) if line.strip() and line[:4] != "sep="]
-    plain = [k for k in filled if not _is_blank(lines[k])]
-    above = list(takewhile(lambda k: not _is_numeric(lines[k]), filled))
-    if (longest := max(map(len, lines))) > LONGEST_LINE:
-        problem = f"has a line of {longest} characters"
-    elif not plain:
-        problem = "is empty or holds comments only"
-    elif not above:
-        problem = "has no header: its first line holds numbers"
-    if problem:
-        hint = "Name the columns in a line, and write a line per row below it."
-        raise RecordError(f"{name} {problem}.", hint=hint, code="E3602")
-    has_units = all(map(_UNIT.fullmatch, _words(lines[above[-1]])))
-    nearest = plain[0] if above == filled else above[-2:][0] if has_units else above[-1]
-    header = max((nearest, *above), key=lambda k: len(_names(lines[k], wanted)[2]))
-    separator, names, columns = _names(lines[header], wanted)
-    begin = header + 1
-    while begin < len(lines) and (_is_blank(lines[begin]) or _is_unit_line(lines[begin], separator, columns)):
-        begin += 1
-    first = "".join(lines[begin : begin + 1]).partition("#")[0].strip()
-    if (separator or " ") not in first:
-        fitting = (one for one in SEPARATORS if len(cells_of(first, one)) == len(names))
-        separator = next(fitting, separator)
-    table = Table(name, lines, header, begin, separator, len(names), columns)
-    plain_names = list(map(_plain, names))
-    if twice := next((one for one in columns if plain_names.count(_plain(one)) > 1), None):
-        hint = "Keep one, or give the other another name."
-        raise table.error(header + 1, f": two columns are called {twice}", hint, "E3603")
-    return table
-
-
 def _names(line: str, wanted: Sequence[str]) -> tuple[str | None, list[str], dict[str, int]]:
     """Return the separator of a header, its names, and the wanted columns among them."""
     line = line.strip(" ").lstrip("# ")
@@ -124,39 +86,62 @@ def _is_blank(line: str) -> bool:
     return not line.strip() or line.lstrip().startswith("#")
 
 
-def _words(line: str) -> list[str]:
-    """Return what any separator separates before a comment."""
-    return re.split(r"[\s;,]+", line.partition("#")[0].strip("\t ,;"))
-
-
 def _is_numeric(line: str) -> bool:
     words = _words(line)
     return len(words) > 1 and None not in map(number_of, words)
 
 
-def _is_unit_line(line: str, separator: str | None, columns: Mapping[str, int]) -> bool:
-    """Return whether a line repeats the unit of each column."""
-    cells = dict(enumerate(_plain(cell.strip("()[]")) for cell in cells_of(line, separator)))
-    return bool(columns) and all(cells.get(k) == _plain(one.rpartition("_")[2]) for one, k in columns.items())
+def _words(line: str) -> list[str]:
+    """Return what any separator separates before a comment."""
+    return re.split(r"[\s;,]+", line.partition("#")[0].strip("\t ,;"))
 
 
-@dataclass(frozen=True, slots=True)
 class Table:
     """A table in a text.
 
-    header, begin : index in `lines` of the header, and of the first row
-    separator : of the cells; None: blanks
-    width : number of columns
-    columns : index of each wanted column; missing ones are left out
+    Its header is the line with most of the wanted names, or with none of them the line above the first numbers.
+    `columns` has the index of each wanted column; missing ones are left out.
+
+    Raises RecordError: E3602 there is no header, E3603 two columns have one wanted name.
     """
 
-    name: str
-    lines: Sequence[str]
-    header: int
-    begin: int
-    separator: str | None
-    width: int
-    columns: dict[str, int]
+    def __init__(self, text: str, name: str, wanted: Sequence[str]) -> None:
+        lines = text.split("\n")
+        self.name, self.lines = name, lines
+        filled = [k for k, line in enumerate(lines[:MOST_PREAMBLE]) if line.strip() and line[:4] != "sep="]
+        plain = [k for k in filled if not _is_blank(lines[k])]
+        above = list(takewhile(lambda k: not _is_numeric(lines[k]), filled))
+        problem = "" if above else "has no header: its first line holds numbers"
+        if not plain:
+            problem = "is empty or holds comments only"
+        if (longest := max(map(len, lines))) > LONGEST_LINE:
+            problem = f"has a line of {longest} characters"
+        if problem:
+            hint = "Name the columns in a line, and write a line per row below it."
+            raise RecordError(f"{name} {problem}.", hint=hint, code="E3602")
+        has_units = all(map(_UNIT.fullmatch, _words(lines[above[-1]])))
+        nearest = plain[0] if above == filled else above[-2:][0] if has_units else above[-1]
+        self.header = max((nearest, *above), key=lambda k: len(_names(lines[k], wanted)[2]))
+        self.separator, names, self.columns = _names(lines[self.header], wanted)
+        self.width, self.begin = len(names), self.header + 1
+        while self.begin < len(lines) and (
+            _is_blank(lines[self.begin]) or self._is_unit_line(lines[self.begin])
+        ):
+            self.begin += 1
+        first = "".join(lines[self.begin : self.begin + 1]).partition("#")[0].strip()
+        if (self.separator or " ") not in first:
+            fitting = (one for one in SEPARATORS if len(cells_of(first, one)) == self.width)
+            self.separator = next(fitting, self.separator)
+        names = list(map(_plain, names))
+        if twice := next((one for one in self.columns if names.count(_plain(one)) > 1), None):
+            hint = "Keep one, or give the other another name."
+            raise self.error(self.header + 1, f": two columns are called {twice}", hint, "E3603")
+
+    def _is_unit_line(self, line: str) -> bool:
+        """Return whether a line repeats the unit of each wanted column."""
+        cells = dict(enumerate(_plain(cell.strip("()[]")) for cell in cells_of(line, self.separator)))
+        units = {k: _plain(name.rpartition("_")[2]) for name, k in self.columns.items()}
+        return bool(units) and units.items() <= cells.items()
 
     def numbers(self) -> dict[str, Array]:
         """Return the wanted columns, shape (n,) each. Raises RecordError E3604 at the first wrong cell or row."""

@@ -13,7 +13,7 @@ import pytest
 import edmctl
 from edmctl.csv_text import plain_text, table_text, text_cell
 from edmctl.profile.places import read_places_file
-from edmctl.record.delimited import table_of
+from edmctl.record.delimited import Table
 from edmctl.report.export import CsvWriter, ExportColumn
 
 TEXTS = [
@@ -39,7 +39,7 @@ FORMULA = re.compile(r"[=@]|[-+](?![0-9.]+(e[-+]?[0-9]+)?$)")
 @pytest.mark.parametrize("text", TEXTS)
 def test_a_text_is_read_back_and_never_computed(text: str) -> None:
     table = table_text([{"name": text, "depth_um": -1.5, "count": 3, "unknown": None, "nan": float("nan")}])
-    ((_, row),) = table_of(table, "table.csv", ["name", "depth_um", "count", "unknown", "nan"]).rows()
+    ((_, row),) = Table(table, "table.csv", ["name", "depth_um", "count", "unknown", "nan"]).rows()
     assert row == {"name": text, "depth_um": "-1.5", "count": "3", "unknown": "", "nan": ""}
     cell = pd.read_csv(io.StringIO(table), dtype={"name": str})["name"][0]
     assert not FORMULA.match(cell)
