@@ -168,7 +168,12 @@ def test_a_damaged_run_file_is_refused_before_any_figure_is_rendered(
         del file["/entry/machine/host"]
         file["/entry/machine/host"] = np.zeros((3, 0))
     rendered: list[str] = []
-    monkeypatch.setattr("edmctl.report.html.rendered", lambda _, suffix: rendered.append(suffix) or b"")
+
+    def draw(_: object, suffix: str) -> bytes:
+        rendered.append(suffix)
+        return b""
+
+    monkeypatch.setattr("edmctl.report.html.rendered", draw)
     with pytest.raises(EdmError), reading_unless_killed(damaged) as run:
         render_page(run, pictures_of(run), SENTENCES)
     assert rendered == []
