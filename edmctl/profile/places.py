@@ -90,7 +90,6 @@ def _grid(grid: GridSites, entry: int) -> Iterator[Place]:
             name=f"{grid.name}-{number + 1}",
             x_um=grid.x_um + column * grid.dx_um,
             y_um=grid.y_um + row * grid.dy_um,
-            theta_deg=0.0,
             depth_um=_or_nan(grid.depth_um),
             entry=entry,
         )
@@ -103,7 +102,6 @@ def _circle(circle: CircleSites, entry: int) -> Iterator[Place]:
             name=f"{circle.name}-{number + 1}",
             x_um=circle.x_um + circle.radius_um * math.cos(angle),
             y_um=circle.y_um + circle.radius_um * math.sin(angle),
-            theta_deg=0.0,
             depth_um=_or_nan(circle.depth_um),
             entry=entry,
         )
@@ -123,113 +121,86 @@ def read_places_file(path: Path) -> list[tuple[PointSite, Location]]:
     columns: list[str] = []
     for line in _lines(path):
         try:
-            cells = line.cells()
-            if not any(cells):
-                continue
-            if columns:
-                found.append((_point(line, columns, cells), line.location()))
-            else:
+            cells = cells_of(line.source_line, strict=True)
+            if cells and columns:
+                found.append((_point(line, columns, cells), line))
+            elif cells:
                 columns = _header(line, cells)
+        except csv.Error as error:
+            wrong += _refusal(f"no CSV: {error}", _FORM, line).diagnostics
         except ProfileError as error:
             wrong += error.diagnostics
-            if not columns or len(wrong) >= MOST_COMPLAINTS:
-                break
-    if not wrong and not found:
-        wrong.append(
-            Diagnostic(Code.PLACES_FILE, f"{path} holds no places", _FORM, Location(str(path), 1, 1))
-        )
+        if wrong and (not columns or len(wrong) >= MOST_COMPLAINTS):
+            break
     if wrong:
         raise ProfileError(tuple(wrong))
+    if not found:
+        raise _refusal(f"{path} holds no places", _FORM, Location(str(path), 1, 1))
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class _Line:
-    """A line of the file; lines count from 1."""
-
-    file: str
-    number: int
-    text: str
-
-    def cells(self) -> list[str]:
-        """Its cells; raises ProfileError where it is no CSV."""
-        try:
-            return cells_of(self.text, strict=True)
-        except csv.Error as error:
-            raise self.wrong(f"no CSV: {error}", _FORM) from error
-
-    def location(self, cell: int | None = None) -> Location:
-        """Return where the line is, or one of its cells."""
-        begin, length = (0, len(self.text)) if cell is None else span_of(self.text, ",", cell)
-        return Location(self.file, self.number, begin + 1, max(1, length), self.text)
-
-    def wrong(self, message: str, hint: str, cell: int | None = None) -> ProfileError:
-        """Return a complaint about the line, or about one of its cells."""
-        return ProfileError((Diagnostic(Code.PLACES_FILE, message, hint, self.location(cell)),))
+def _refusal(message: str, hint: str, line: Location | None = None, cell: int | None = None) -> ProfileError:
+    """Return an error about a file, one of its lines, or a cell of that."""
+    if line and cell is not None:
+        begin, length = span_of(line.source_line, ",", cell)
+        line = replace(line, column=begin + 1, length=max(1, length))
+    return ProfileError((Diagnostic(Code.PLACES_FILE, message, hint, line),))
 
 
-def _lines(path: Path) -> list[_Line]:
+def _lines(path: Path) -> list[Location]:
+    """Return the lines of a file. Raises ProfileError if it cannot be read."""
     name = str(path)
     if not is_file(path):
-        raise _unreadable(f"there is no file {name}", "the name is relative to the profile that holds it")
+        raise _refusal(f"there is no file {name}", "the name is relative to the profile that holds it")
     try:
-        text = read_bytes(path).decode("utf-8-sig")
+        lines = read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n").split("\n")
     except OSError as error:
-        raise _unreadable(f"cannot read {name}: {error.strerror}", "check its permissions") from error
+        raise _refusal(f"cannot read {name}: {error.strerror}", "check its permissions") from error
     except UnicodeDecodeError as error:
-        raise _unreadable(f"{name} is not UTF-8 text", "save it as CSV in UTF-8") from error
-    return [_Line(name, number, line.rstrip("\r")) for number, line in enumerate(text.split("\n"), 1)]
+        raise _refusal(f"{name} is not UTF-8 text", "save it as CSV in UTF-8") from error
+    return [Location(name, number, 1, max(1, len(line)), line) for number, line in enumerate(lines, 1)]
 
 
-def _unreadable(message: str, hint: str) -> ProfileError:
-    return ProfileError((Diagnostic(Code.PLACES_FILE, message, hint),))
-
-
-def _header(line: _Line, cells: list[str]) -> list[str]:
-    """The names of the columns."""
+def _header(line: Location, cells: list[str]) -> list[str]:
+    """Return the names of the columns. Raises ProfileError."""
     from edmctl.profile.tables import nearest
 
-    if len(cells) == 1 and (";" in line.text or "\t" in line.text):
-        raise line.wrong("the columns are not separated by commas", _FORM)
+    if len(cells) == 1 and (";" in cells[0] or "\t" in cells[0]):
+        raise _refusal("the columns are not separated by commas", _FORM, line)
     for index, column in enumerate(cells):
         if column not in COLUMNS:
             close = nearest(column, list(COLUMNS))
             hint = f"did you mean {close}?" if close else f"the columns are {', '.join(COLUMNS)}"
-            raise line.wrong(f"unknown column {column}", hint, index)
+            raise _refusal(f"unknown column {column}", hint, line, index)
         if column in cells[:index]:
-            raise line.wrong(f"the column {column} stands twice", "remove one of the two", index)
+            raise _refusal(f"there are two columns {column}", "remove one of the two", line, index)
     for column in NEEDED:
         if column not in cells:
-            raise line.wrong(f"the column {column} is missing", _FORM)
+            raise _refusal(f"the column {column} is missing", _FORM, line)
     return cells
 
 
-def _point(line: _Line, columns: list[str], cells: list[str]) -> PointSite:
-    """The place of a line."""
+def _point(line: Location, columns: list[str], cells: list[str]) -> PointSite:
+    """Return the place of a line. Raises ProfileError."""
     from pydantic import ValidationError
 
     from edmctl.profile.sites import PointSite
 
     if len(cells) > len(columns):
         message = f"{len(cells)} cells under {len(columns)} columns"
-        raise line.wrong(message, "write numbers with a point, and one comma from cell to cell")
+        raise _refusal(message, "write numbers with a point, and one comma from cell to cell", line)
     given = {column: cell for column, cell in zip(columns, cells, strict=False) if cell}
-    values: dict[str, str | float] = dict(given)
-    for column in columns:
-        if column in NEEDED and column not in given:
-            raise line.wrong(f"{column} is missing", _hint(column), columns.index(column))
-        if column != "name" and column in given:
-            try:
-                values[column] = float(given[column])
-            except ValueError as error:
-                message = f"{column} = {given[column]} is no number"
-                raise line.wrong(message, _hint(column), columns.index(column)) from error
+    missing = [column for column in NEEDED if column not in given]
     try:
-        return PointSite.model_validate(values)
+        if not missing:
+            return PointSite.model_validate_strings(given)
+        column, what = missing[0], "is missing"
     except ValidationError as error:
-        column = str(error.errors(include_url=False, include_context=False)[0]["loc"][0])
-        message = f"{column} = {given[column]} is out of range"
-        raise line.wrong(message, _hint(column), columns.index(column)) from error
+        first = error.errors(include_url=False, include_context=False)[0]
+        column = str(first["loc"][0])
+        what = "is no number" if first["type"] == "float_parsing" else "is out of range"
+        what = f"= {given[column]} {what}"
+    raise _refusal(f"{column} {what}", _hint(column), line, columns.index(column))
 
 
 def _hint(column: str) -> str:

@@ -124,9 +124,7 @@ class Table:
         self.header = max((nearest, *above), key=lambda k: len(_names(lines[k], wanted)[2]))
         self.separator, names, self.columns = _names(lines[self.header], wanted)
         self.width, self.begin = len(names), self.header + 1
-        while self.begin < len(lines) and (
-            _is_blank(lines[self.begin]) or self._is_unit_line(lines[self.begin])
-        ):
+        while self.begin < len(lines) and self._has_no_row(lines[self.begin]):
             self.begin += 1
         first = "".join(lines[self.begin : self.begin + 1]).partition("#")[0].strip()
         if (self.separator or " ") not in first:
@@ -137,11 +135,11 @@ class Table:
             hint = "Keep one, or give the other another name."
             raise self.error(self.header + 1, f": two columns are called {twice}", hint, "E3603")
 
-    def _is_unit_line(self, line: str) -> bool:
-        """Return whether a line repeats the unit of each wanted column."""
+    def _has_no_row(self, line: str) -> bool:
+        """Return whether a line is blank, or repeats the unit of each wanted column."""
         cells = dict(enumerate(_plain(cell.strip("()[]")) for cell in cells_of(line, self.separator)))
         units = {k: _plain(name.rpartition("_")[2]) for name, k in self.columns.items()}
-        return bool(units) and units.items() <= cells.items()
+        return _is_blank(line) or (bool(units) and units.items() <= cells.items())
 
     def numbers(self) -> dict[str, Array]:
         """Return the wanted columns, shape (n,) each. Raises RecordError E3604 at the first wrong cell or row."""
@@ -174,23 +172,26 @@ class Table:
 
         If `numeric`, cells may not be missing, and text behind `#` is left out. Raises RecordError E3604.
         """
-        lines = ("" if _is_blank(line) else line for line in self.lines[self.begin :])
-        if numeric:
-            lines = (line.partition("#")[0] for line in lines)
+        lines = (
+            line.partition("#")[0] if numeric or _is_blank(line) else line
+            for line in self.lines[self.begin :]
+        )
         if self.separator is None:
             lines = ("\t".join(line.split()) for line in lines)
         ended = (f"{line}\n" for line in lines)
         reader = csv.reader(ended, delimiter=self.separator or "\t", skipinitialspace=True)
+        least = max(self.columns.values()) + 1 if numeric else 0
         try:
             for cells in reader:
-                line, count = self.begin + reader.line_num, len(cells)
+                count = len(cells)
                 while count and not cells[count - 1].strip():
                     count -= 1
-                if count > self.width or (numeric and count > 0 and len(cells) <= max(self.columns.values())):
-                    raise self._wrong_width(line, count)
-                cells += [""] * self.width
+                if count > self.width or (count and len(cells) < least):
+                    raise self._wrong_width(self.begin + reader.line_num, count)
+                cells += [""] * (self.width - len(cells))
                 if count:
-                    yield line, {name: self._cell(cells[k]) for name, k in self.columns.items()}
+                    row = {name: self._cell(cells[k]) for name, k in self.columns.items()}
+                    yield self.begin + reader.line_num, row
         except csv.Error as wrong:
             hint = "Look for a quotation mark that is not closed."
             raise self.error(self.begin + reader.line_num, f": {wrong}", hint) from None
@@ -207,9 +208,11 @@ class Table:
         for name, text in cells.items():
             if (number := number_of(text)) is None:
                 found = f"{shortened(text)!r} is no number" if text else "the cell is empty"
+                strange = [
+                    f"{code_point(one)} is not part of a number. " for one in text if not one.isascii()
+                ]
                 hint = "Correct or delete the row; numbers are written like -12.5 or 1.25e-3."
-                if strange := next((one for one in text if not one.isascii()), ""):
-                    hint = f"{code_point(strange)} is not part of a number. {hint}"
+                hint = "".join(strange[:1]) + hint
                 raise self.error(line, f", column {name}: {found}", hint, cell=self.columns[name])
             numbers.append(number)
         return numbers

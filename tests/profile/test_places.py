@@ -115,7 +115,7 @@ def test_a_file_named_on_the_command_line_is_beside_the_user(
         ("x_um,y\n500,0\n", 1, 6, "unknown column y", "did you mean y_um?"),
         ("x_um,z_um\n500,0\n", 1, 6, "unknown column z_um", "the columns are name, x_um"),
         ("name,x_um\na,500\n", 1, 1, "the column y_um is missing", "names the columns"),
-        ("x_um,y_um,x_um\n1,2,3\n", 1, 11, "the column x_um stands twice", "remove one"),
+        ("x_um,y_um,x_um\n1,2,3\n", 1, 11, "two columns x_um", "remove one"),
         ("x_um,y_um\n500,0,3\n", 2, 1, "3 cells under 2 columns", "comma"),
         ('x_um,y_um\n500,"0\n', 2, 1, "no CSV", "names the columns"),
         ("x_um,y_um\n500,\x000\n", 2, 5, "y_um = \x000 is no number", "a number"),

@@ -55,6 +55,7 @@ def refused(path: Path) -> RecordError:
         "# " + HEADER + ROWS,
         '"t_s", "u_V", "y_um"\n0,"1.5",-3\n0.005,2.5,-0.125 # last\n',
         "T_S,u_v,y_µm\n" + ROWS,
+        "time_s,u_V,z_sensor_um\n" + ROWS,
         '"t_s","u_V","y_um","a, b"\n"0","1.5","-3",","\n"0.005","2.5","-0.125","7"\n',
         't_s;u_V;y_um;note\n0;1,5;-3;7" wafer\n0,005;2,5;-0,125;\n',
         "# Gerät\n".encode("latin-1") + (HEADER + ROWS).encode(),
