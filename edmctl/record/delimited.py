@@ -27,6 +27,7 @@ EXPORTED = {"t_s": "time_s", "u_V": "v_cmd_v", "y_um": "z_sensor_um"}
 SEPARATORS = ("\t", ";", ",", None)
 """None: blanks."""
 MOST_PREAMBLE = 1000
+"""Lines that are searched for a header."""
 LONGEST_LINE = 100_000
 _UNIT = re.compile(r"[(\[]?(?:[numkµμ]?(?:s|sec|v|volts?|a|m|hz)|[-1%])[)\]]?", re.IGNORECASE)
 _OTHER_FILES = {

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from edmctl.cli.app import main
 from edmctl.errors import RecordError, RunFileError
-from edmctl.record.columns import read_record, read_text, read_voltage, write_columns
+from edmctl.record.columns import WANTED, read_record, read_text, read_voltage, write_columns
+from edmctl.record.delimited import Table
 from edmctl.record.layout import SERVO
 from edmctl.record.reader import open_run
 from tests.report.servo_signals import a_cut
@@ -155,6 +156,7 @@ def test_a_missing_column_is_named_with_the_line_above_the_numbers(
         ("0,0,1,5,2,5\n", 3, 1, "6 cells under a header of 3", "decimal point"),
         ("0,1,2\n0,5,1,2\n1,2\n", 4, 1, "4 cells under a header of 3", "decimal point"),
         ("0,1,2\n1,\u22125,3\n", 4, 3, "column u_V: '\u22125' is no number", "U+2212 (MINUS SIGN) is not"),
+        ('0,"1",2\n1,2,"3\n4"\n', 5, 1, r"column y_um: '3\n4' is no number", "Correct or delete"),
         ('0,1,2\n1,"2\n",x\n', 5, 1, "column y_um: 'x' is no number", "Correct or delete"),
         ("0,1,2\n1_0,1,2\n", 4, 1, "column t_s: '1_0' is no number", "Correct or delete"),
     ],
@@ -179,6 +181,28 @@ def test_any_text_is_read_or_refused(text: str, with_header: bool) -> None:
     except RecordError:
         return
     assert len({len(column) for column in columns.values()}) == 1
+
+
+CELLS = st.sampled_from(
+    ["0", "1.5", "-2e-3", "nan", "+inf", " 7 ", "5.", "", "x", "1_0", "0x1", "٣", '"1.5"', "2 # c", "#"]
+)
+
+
+@given(st.lists(st.lists(CELLS, min_size=2, max_size=5), max_size=4), st.sampled_from(",;\t "), st.booleans())
+@settings(max_examples=500, deadline=None)
+def test_the_fast_reader_takes_only_what_the_exact_one_takes(
+    rows: list[list[str]], separator: str, with_commas: bool
+) -> None:
+    lines = [separator.join(row) for row in rows]
+    if with_commas and separator != ",":
+        lines = [line.replace(".", ",") for line in lines]
+    table = Table("\n".join([separator.join(("t_s", "u_V", "y_um", "i_A")), *lines]), "any.csv", WANTED)
+    try:
+        fast = table._plain_numbers([0, 1, 2])
+    except ValueError:
+        return
+    exact = [table._numbers(line, cells) for line, cells in table.rows(numeric=True)]
+    np.testing.assert_array_equal(fast, exact)
 
 
 def test_a_long_table_with_one_wrong_cell_names_its_line(tmp_path: Path) -> None:
