@@ -17,8 +17,8 @@ from unittest import mock
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from edmctl.firmware import build
-from edmctl.firmware.library import library
+from edmctl.core import build
+from edmctl.core.library import library
 from tests.firmware.schedules import Difference, Schedule
 
 FAULTS = {

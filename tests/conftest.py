@@ -11,7 +11,7 @@ import pytest
 from hypothesis import settings
 
 from edmctl.cli.start_up import spare_start_up
-from edmctl.firmware.build import CACHE_VARIABLE
+from edmctl.core.build import CACHE_VARIABLE
 
 # A busy machine is no failure, the same tree gives the same examples, and nothing is left in the tree.
 settings.register_profile("edmctl", deadline=None, derandomize=True, database=None)

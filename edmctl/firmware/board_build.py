@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from edmctl.core.build import compiler_environment, source_folder, version_of
 from edmctl.errors import PreconditionError, RunFileError, installing
 from edmctl.firmware.boards import Board
-from edmctl.firmware.build import compiler_environment, source_folder, version_of
 from edmctl.firmware.hex_file import hex_of
 from edmctl.firmware.image import Image, read_image, seal
 from edmctl.firmware.settings import flags_of, parse_settings, settings_of

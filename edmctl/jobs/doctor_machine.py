@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from edmctl.core.build import source_version
 from edmctl.errors import EdmError, Interrupted, LinkLost, stages_by_hand
 from edmctl.firmware.boards import board_of
-from edmctl.firmware.build import source_version
 from edmctl.jobs.doctor_host import Checks, fail, ok, warn
 from edmctl.link.messages import SCHEMA_HASH, Clock, HelloReply, ResetCause
 from edmctl.link.ports import is_adapter

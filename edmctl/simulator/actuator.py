@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from edmctl.array_types import Array
+from edmctl.core.library import library
 from edmctl.link.messages import PARAMS
 from edmctl.simulator.config import BenchConfig
-from edmctl.simulator.kernel import run_actuator
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.unit import BLOCK
@@ -65,18 +65,13 @@ class VirtualActuator:
         for start in range(0, command_v.size, _TICKS_AT_ONCE):
             part = slice(start, start + _TICKS_AT_ONCE)
             plant.random.provide(plant.state, 0, 2 * command_v[part].size)
-            self._command_v = run_actuator(
-                command_v[part],
+            self._command_v = library().actuator_run(
+                plant.machine.place,
+                command_v[part].size,
+                command_v[part].ctypes.data,
                 self._command_v,
                 SLEW_V_S,
                 HIGH_V,
-                plant.unit.shared,
-                plant.state.shared,
-                plant.drive.shared,
-                plant.readings.shared,
-                plant.random.noise,
-                applied_v[part],
-                truth_um[part],
-                sensor_um[part],
+                *(one[part].ctypes.data for one in (applied_v, truth_um, sensor_um)),
             )
         return DrivenTicks(t_s, applied_v, truth_um, sensor_um)

@@ -13,7 +13,6 @@ from edmctl.simulator.controller import VirtualController
 from edmctl.simulator.injection import LineDamage
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_S
-from edmctl.simulator.workpiece import compile_loops
 
 if TYPE_CHECKING:
     from edmctl.array_types import Array
@@ -123,7 +122,6 @@ class VirtualBench:
     def warm_up(self) -> None:
         """Compile, or load, all loops that a host can ask for: it takes seconds, and no time of the machine."""
         self.controller.step(0)
-        compile_loops()
 
     def settle(self) -> None:
         """Let a machine whose host is gone become safe: what the watchdog would do, and the retreat.

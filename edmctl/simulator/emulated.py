@@ -12,10 +12,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from edmctl.core.build import cache_folder, source_folder
 from edmctl.errors import PreconditionError
 from edmctl.firmware.board_build import build_board, toolchain
 from edmctl.firmware.boards import BOARDS
-from edmctl.firmware.build import cache_folder, source_folder
 from edmctl.firmware.elf import Elf
 from edmctl.link.messages import SCHEMA_HASH
 from edmctl.simulator.plant import Plant

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from edmctl.core.library import CALLBACKS, Callbacks, Inputs, Seen, library
 from edmctl.errors import RunFileError
-from edmctl.firmware.library import CALLBACKS, Callbacks, Inputs, Seen, library
 from edmctl.link.faults import FaultCode
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import ResetCause, State, Tlm
@@ -22,12 +22,13 @@ from edmctl.simulator.controller import NEVER
 from edmctl.simulator.fault_recorder import WAVEFORM_PER_REPLY, Waveforms
 from edmctl.simulator.injection import Trigger
 from edmctl.simulator.injector import Injector
-from edmctl.simulator.kernel import LOOK, run_firmware
 from edmctl.simulator.link_endpoint import HostWait
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.telemetry import SLICE_TICKS
 
+LOOK = 99
+"""Happened beside what the core reports: the stages moved or the sheet gave way (firmware/host/machine.c)."""
 MOST_AT_ONCE = 4096
 """Bytes that the core gets at once: the answers to them fit into its memory."""
 
@@ -337,13 +338,7 @@ class FirmwareController:
         plant = self.plant
         pulses = ticks * TICK_NS // plant.unit.pulse_period_ns + 2
         plant.random.provide(plant.state, pulses, 2 * ticks + 2)
-        happened: int = run_firmware(
-            ticks,
-            *plant.shared,
-            self._library.tick_begin,
-            self._library.tick_end,
-            self._at,
-        )
+        happened: int = self._library.machine_run(ticks, plant.machine.place, self._at)
         return happened
 
     def _next_deadline(self, now: int) -> int:

@@ -12,6 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from edmctl.array_types import Array
+from edmctl.core.library import library
 from edmctl.process.discharge import pulse_energy_uj
 from edmctl.process.erosion import tool_um3_per_uj, work_um3_per_uj
 from edmctl.process.gap_conditions import (
@@ -25,8 +26,7 @@ from edmctl.process.gap_conditions import (
 )
 from edmctl.simulator.config import BenchConfig, DischargeConstants, drawn
 from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
-from edmctl.simulator.plant_kernel import run_plant
-from edmctl.simulator.plant_state import BURNING, PlantState, Scope, Unit
+from edmctl.simulator.plant_state import BURNING, Machine, PlantState, Scope, Unit
 from edmctl.simulator.unit import RandomBlocks, draw_actuator, set_actuator
 from edmctl.simulator.wiring import Inputs, Wiring
 from edmctl.simulator.work_under_tool import Chips, Hole, WorkUnderTool
@@ -61,6 +61,7 @@ class Plant:
         self.config = config
         self.serial = serial_number(seed)
         self.unit, self.state, self.scope = Unit(), PlantState(), Scope()
+        self._machine, self._levels = Machine(), np.zeros((3, 1))
         self.drive, self.readings = Drive(), Readings()
         self.random = RandomBlocks(run_seed, config.discharge.scatter)
         self._stage_noise = np.random.default_rng(stage_seed)
@@ -95,15 +96,29 @@ class Plant:
 
     def advance(self, controller: Callable[[Readings, Drive], object], ticks: int) -> None:
         """Let milliseconds pass under any controller, which is called before each of them."""
+        run = library().plant_run
         for _ in range(ticks):
             controller(self.readings, self.drive)
             self.random.provide(self.state, TICK_NS // self.unit.pulse_period_ns + 2, 4)
-            if run_plant(*self.shared):
+            if run(self.machine.place):
                 self.look()
 
     @property
+    def machine(self) -> Machine:
+        """Where everything is, for the library in C."""
+        machine, levels = self._machine, self.work_under_tool.levels
+        if machine.unit == 0 or self._levels is not levels:
+            self._levels, random = levels, self.random
+            records = (self.unit, self.state, self.scope, self.drive, self.readings)
+            rows = (*random.pulse, random.noise, *random.tables, *levels)
+            addresses = (*(one.place for one in records), *(row.ctypes.data for row in rows))
+            for name, place in zip(Machine.pointers, addresses, strict=True):
+                setattr(machine, name, place)
+        return machine
+
+    @property
     def shared(self) -> _Shared:
-        """The plant for compiled code: the arguments of `run_plant`."""
+        """The plant for compiled code: the first arguments of `kernel.run`."""
         return (
             self.unit.shared,
             self.state.shared,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from edmctl.array_types import Array
 from edmctl.simulator.plant_interface import PATH_LINES
-from edmctl.simulator.records import Record, record, series
+from edmctl.simulator.records import Record, address, record, series
 
 PLAYS = 40
 CREEP_TERMS = 12
@@ -166,6 +166,41 @@ class PlantState(Record):
     # places in the blocks of random numbers
     random_at: int
     noise_at: int
+
+
+@record
+class Machine(Record):
+    """Where everything is that the plant in C needs. A copy has no addresses: its parts are elsewhere."""
+
+    unit: int = address("const struct unit *")
+    plant: int = address("struct plant *")
+    scope: int = address("struct scope *")
+    drive: int = address("struct drive *")
+    readings: int = address("struct readings *")
+    decide: int = address("const double *")  # random numbers, one a pulse
+    shape: int = address("const double *")
+    delay: int = address("const double *")
+    noise: int = address("const double *")  # of the sensors
+    half_normal: int = address("const double *")  # equally likely values
+    lognormal: int = address("const double *")
+    level_um: int = address("const double *")  # what lies under the tool: the table of a footprint
+    level_share: int = address("const double *")
+    level_rarity: int = address("const double *")
+
+    def __deepcopy__(self, _: object) -> Machine:
+        return Machine()
+
+
+@record
+class Cells(Record):
+    """Cells of the work under a tool, square arrays of `size` rows."""
+
+    size: int
+    thickness_um: float
+    cells: int = address("double *")  # depths
+    effective: int = address("double *")
+    weights: int = address("double *")
+    under: int = address("double *")
 
 
 @record

@@ -2,81 +2,35 @@
 
 The open voltage comes up through the series resistor, breaks down to the plateau at ignition, `delay_us` after the
 pulse's begin, and falls when the generator's switch opens, `opens_us` after it; a pulse without ignition has
-`delay_us` = `opens_us`. All time constants are assumed; docs/virtual-machine.md lists them.
+`delay_us` = `opens_us`. The law and its constants: firmware/plant/pulse_shape.c.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from edmctl.actuator.compiling import cached, compiled
 from edmctl.array_types import Array
+from edmctl.core.library import library
 
-RISE_US = 0.5  # of the open voltage: series resistor and capacitance of gap and leads [assumed]
-BREAKDOWN_US = 0.1  # of the voltage at ignition [assumed]
-CURRENT_US = 0.3  # of the current, both ways: inductance of the leads [assumed]
-DECAY_US = 2.0  # of the voltage once the switch is open [assumed]
 PLATEAU_NOISE = 0.025  # rms over plateau voltage [assumed]
 VOLTAGE_NOISE_V, CURRENT_NOISE_A = 0.05, 0.0005  # rms of the converters [assumed]
 
-_SETTLED = 40.0
-"""Time constants after which nothing is left to be seen in a double."""
 
-
-@compiled
-def _risen(t_us: float, tau_us: float) -> float:
-    return 1.0 if t_us > _SETTLED * tau_us else -math.expm1(-t_us / tau_us)
-
-
-@compiled
-def _left(t_us: float, tau_us: float) -> float:
-    return 0.0 if t_us > _SETTLED * tau_us else math.exp(-t_us / tau_us)
-
-
-@compiled
-def pulse_ends(
-    open_v: float, delay_us: float, opens_us: float, plateau_v: float, current_a: float
-) -> tuple[float, float, float]:
-    """Voltage at ignition; voltage and current when the switch opens, `opens_us` after the pulse's begin."""
-    lit_v = open_v * _risen(delay_us, RISE_US)
-    burning_us = opens_us - delay_us
-    if burning_us <= 0.0:
-        return lit_v, lit_v, 0.0
-    last_v = plateau_v + (lit_v - plateau_v) * _left(burning_us, BREAKDOWN_US)
-    return lit_v, last_v, current_a * _risen(burning_us, CURRENT_US)
-
-
-@compiled
-def pulse_at(
-    t_us: float,
-    open_v: float,
-    delay_us: float,
-    opens_us: float,
-    plateau_v: float,
-    current_a: float,
-    ends: tuple[float, float, float],
-) -> tuple[float, float]:
-    """Voltage and current of a pulse at a time since its begin; `ends` are its `pulse_ends`."""
-    if t_us < delay_us:
-        return open_v * _risen(t_us, RISE_US), 0.0
-    if t_us < opens_us:
-        lit_t_us = t_us - delay_us
-        v = plateau_v + (ends[0] - plateau_v) * _left(lit_t_us, BREAKDOWN_US)
-        return v, current_a * _risen(lit_t_us, CURRENT_US)
-    off_t_us = t_us - opens_us
-    return ends[1] * _left(off_t_us, DECAY_US), ends[2] * _left(off_t_us, CURRENT_US)
-
-
-@cached
 def pulse_signals(
     t_us: Array, open_v: float, delay_us: float, opens_us: float, plateau_v: float, siemens: float
 ) -> tuple[Array, Array]:
-    """Voltage and current of a pulse at times since its begin: arrays as `t_us`, in V and A."""
-    v, a = np.zeros_like(t_us), np.zeros_like(t_us)
-    current_a = (open_v - plateau_v) * siemens
-    ends = pulse_ends(open_v, delay_us, opens_us, plateau_v, current_a)
-    for k in range(len(t_us)):
-        v[k], a[k] = pulse_at(t_us[k], open_v, delay_us, opens_us, plateau_v, current_a, ends)
+    """Return voltage, V, and current, A, of a pulse at times since its begin, shape (n,) as `t_us`."""
+    t_us = np.ascontiguousarray(t_us)
+    v, a = np.empty_like(t_us), np.empty_like(t_us)
+    library().pulse_signals(
+        len(t_us),
+        t_us.ctypes.data,
+        open_v,
+        delay_us,
+        opens_us,
+        plateau_v,
+        siemens,
+        v.ctypes.data,
+        a.ctypes.data,
+    )
     return v, a

@@ -15,9 +15,9 @@ names.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache, cached_property
-from typing import Any, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,18 @@ def series(length: int) -> Any:
     return ctypes.c_double * length
 
 
+class Address:
+    """Declares a field that is an address: `declared` is the pointer's type in C."""
+
+    def __init__(self, declared: str) -> None:
+        self.declared = declared
+
+
+def address(declared: str) -> Any:
+    """Declare a field that is an address, such as `double *`."""
+    return Address(declared)
+
+
 @cache
 def _layout(kind: type[Record]) -> np.dtype[Any]:
     """Layout of a record, the same object every time: compiled code compares another like it field by field."""
@@ -44,6 +56,14 @@ def _layout(kind: type[Record]) -> np.dtype[Any]:
 
 class Record(ctypes.Structure):
     """Named numbers; all are zero at first."""
+
+    pointers: ClassVar[Mapping[str, str]] = {}
+    """Types in C of the fields that are addresses."""
+
+    @property
+    def place(self) -> int:
+        """The address of the record."""
+        return ctypes.addressof(self)
 
     @cached_property
     def shared(self) -> Sequence[Self]:
@@ -80,5 +100,7 @@ _R = TypeVar("_R", bound=Record)
 def record(cls: type[_R]) -> type[_R]:
     """Make the fields of a record of its annotations."""
     declared = vars(cls)
-    cls._fields_ = [(name, declared.get(name) or _KINDS[kind]) for name, kind in cls.__annotations__.items()]
+    cls.pointers = {name: one.declared for name, one in declared.items() if isinstance(one, Address)}
+    kinds = {name: None if name in cls.pointers else declared.get(name) for name in cls.__annotations__}
+    cls._fields_ = [(name, kinds[name] or _KINDS[kind]) for name, kind in cls.__annotations__.items()]
     return cls

@@ -108,7 +108,7 @@ void hal_persist(void *board, const struct edm_persistent *words) {
 
 static void put_drive(struct edm_host *h) {
     const struct edm_drive *from = &h->core.drive;
-    struct host_drive *to = h->drive;
+    struct drive *to = h->drive;
     to->actuator_v = (double)from->actuator_v;
     to->pulses_on = from->pulses_on;
     to->pulse_starts = from->pulse_starts;
@@ -125,7 +125,7 @@ static void put_drive(struct edm_host *h) {
 }
 
 static void take_readings(struct edm_host *h) {
-    const struct host_readings *from = h->readings;
+    const struct readings *from = h->readings;
     struct edm_readings *to = &h->core.readings;
     int pulses = from->pulses < EDM_MOST_PULSES ? (int)from->pulses : EDM_MOST_PULSES;
     to->sensor_um = (real)from->sensor_um;
@@ -185,32 +185,30 @@ static void show(struct edm_host *h) {
     seen->touch_offs = c->touch_offs;
 }
 
-EXPORTED size_t edm_host_size(void);
-EXPORTED size_t edm_host_inputs_at(void);
-EXPORTED size_t edm_host_seen_at(void);
-EXPORTED size_t edm_host_out_at(void);
-EXPORTED size_t edm_host_last_samples_at(void);
-EXPORTED int edm_host_real_bytes(void);
-EXPORTED uint32_t edm_host_schema_hash(void);
-EXPORTED void edm_host_bind(struct edm_host *h, struct host_drive *drive, const struct host_readings *readings,
+EDM_EXPORT size_t edm_host_size(void);
+EDM_EXPORT size_t edm_host_inputs_at(void);
+EDM_EXPORT size_t edm_host_seen_at(void);
+EDM_EXPORT size_t edm_host_out_at(void);
+EDM_EXPORT size_t edm_host_last_samples_at(void);
+EDM_EXPORT int edm_host_real_bytes(void);
+EDM_EXPORT uint32_t edm_host_schema_hash(void);
+EDM_EXPORT void edm_host_bind(struct edm_host *h, struct drive *drive, const struct readings *readings,
                             const struct host_callbacks *callbacks);
-EXPORTED void edm_host_create(struct edm_host *h, const char serial[12], double x_um);
-EXPORTED void edm_host_set(struct edm_host *h, int board, uint32_t baud, int driven, double host_time_scale);
-EXPORTED size_t edm_host_receive(struct edm_host *h, const uint8_t *bytes, size_t size);
-EXPORTED void edm_host_line_read(struct edm_host *h);
-EXPORTED void edm_host_advanced(struct edm_host *h);
-EXPORTED void edm_host_taken(struct edm_host *h);
-EXPORTED void edm_host_heard(struct edm_host *h);
-EXPORTED void edm_host_set_boots(struct edm_host *h, uint32_t boots);
-EXPORTED void edm_host_count_from(struct edm_host *h, int64_t since_us, uint16_t event_no, uint32_t boot_count,
+EDM_EXPORT void edm_host_create(struct edm_host *h, const char serial[12], double x_um);
+EDM_EXPORT void edm_host_set(struct edm_host *h, int board, uint32_t baud, int driven, double host_time_scale);
+EDM_EXPORT size_t edm_host_receive(struct edm_host *h, const uint8_t *bytes, size_t size);
+EDM_EXPORT void edm_host_line_read(struct edm_host *h);
+EDM_EXPORT void edm_host_advanced(struct edm_host *h);
+EDM_EXPORT void edm_host_taken(struct edm_host *h);
+EDM_EXPORT void edm_host_heard(struct edm_host *h);
+EDM_EXPORT void edm_host_set_boots(struct edm_host *h, uint32_t boots);
+EDM_EXPORT void edm_host_count_from(struct edm_host *h, int64_t since_us, uint16_t event_no, uint32_t boot_count,
                                   uint32_t frames, uint32_t pulse_no);
-EXPORTED void edm_host_begin(struct edm_host *h);
-EXPORTED int64_t edm_host_end(struct edm_host *h);
-EXPORTED void edm_host_conclude(struct edm_host *h, int64_t happened);
-EXPORTED void edm_host_watch(struct edm_host *h);
-EXPORTED int64_t edm_host_deadline(const struct edm_host *h);
-EXPORTED void edm_host_fault(struct edm_host *h, int code, int detail);
-EXPORTED void edm_host_reset(struct edm_host *h, int cause);
+EDM_EXPORT void edm_host_conclude(struct edm_host *h, int64_t happened);
+EDM_EXPORT void edm_host_watch(struct edm_host *h);
+EDM_EXPORT int64_t edm_host_deadline(const struct edm_host *h);
+EDM_EXPORT void edm_host_fault(struct edm_host *h, int code, int detail);
+EDM_EXPORT void edm_host_reset(struct edm_host *h, int cause);
 
 size_t edm_host_size(void) {
     return sizeof(struct edm_host);
@@ -241,7 +239,7 @@ uint32_t edm_host_schema_hash(void) {
 }
 
 /* Tells where the records and the model are; again after the memory has been copied. */
-void edm_host_bind(struct edm_host *h, struct host_drive *drive, const struct host_readings *readings,
+void edm_host_bind(struct edm_host *h, struct drive *drive, const struct readings *readings,
                    const struct host_callbacks *callbacks) {
     h->core.board = h;
     h->drive = drive;

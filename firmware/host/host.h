@@ -1,37 +1,11 @@
-/* The core as a shared library: one controller in the caller's memory, over records laid out as
- * edmctl/simulator/plant_interface.py and edmctl/firmware/library.py declare them. */
+/* The controller in the caller's memory, over the records of the plant and those that edmctl/core/library.py declares. */
 #ifndef EDM_HOST_H
 #define EDM_HOST_H
 
 #include "../edm.h"
-
-#if defined(_WIN32)
-#define EXPORTED __declspec(dllexport)
-#else
-#define EXPORTED __attribute__((visibility("default")))
-#endif
+#include "../plant/plant.h"
 
 #define OUT_BYTES (256 * 1024)
-
-/* plant_interface.Drive */
-struct host_drive {
-    double actuator_v;
-    int64_t pulses_on, generator, pulse_starts, contact_tests;
-    double stage_x_um, stage_y_um;
-    int64_t stage_moves, stage_line, stage_lines_done;
-    double stage_share, stage_way_um;
-};
-
-/* plant_interface.Readings */
-struct host_readings {
-    int64_t tick;
-    double sensor_um;
-    int64_t contact;
-    double monitor_v, gap_v, charge_uc, generator_siemens, off_time_a;
-    int64_t stray_pulses, first_pulse_ns, pulses;
-    double delay_us[EDM_MOST_PULSES], discharge_us[EDM_MOST_PULSES], plateau_v[EDM_MOST_PULSES],
-        energy_uj[EDM_MOST_PULSES];
-};
 
 /* library.Inputs: written by the caller before edm_host_receive, edm_host_watch and edm_host_create. */
 struct host_inputs {
@@ -65,11 +39,14 @@ struct edm_host {
     struct edm_controller core;
     struct host_inputs inputs;
     struct host_seen seen;
-    struct host_drive *drive;
-    const struct host_readings *readings;
+    struct drive *drive;
+    const struct readings *readings;
     struct host_callbacks callbacks;
     uint8_t last_samples[FRAME_MOST]; /* the newest TLM frame */
     uint8_t out[OUT_BYTES];
 };
+
+void edm_host_begin(struct edm_host *h);
+int64_t edm_host_end(struct edm_host *h);
 
 #endif

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.cli.app import main
-from edmctl.firmware.build import CACHE_VARIABLE
+from edmctl.core.build import CACHE_VARIABLE
 
 if TYPE_CHECKING:
     import pytest

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.firmware.build import compiler
+from edmctl.core.build import compiler
 from edmctl.jobs.study.folder import open_folder
 from edmctl.results.study import RunState
 from edmctl.simulator.config import CONTROLLERS, FIRMWARE, FIRMWARE_FLOAT, PYTHON, STM32

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from edmctl.firmware.build import compiler, source_folder
+from edmctl.core.build import compiler, source_folder
 from edmctl.simulator import BenchConfig, VirtualBench
 from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.config import STM32

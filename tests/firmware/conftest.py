@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from edmctl.firmware.build import Build, built
+from edmctl.core.build import Build, built
 from tests.firmware_tools import built_here
 
 

@@ -16,7 +16,7 @@ from tests.firmware.cuts import cut
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from edmctl.firmware.build import Build
+    from edmctl.core.build import Build
 
 
 @pytest.mark.parametrize("frequency_hz", [2300.0, 50_000.0])

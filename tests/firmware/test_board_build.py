@@ -10,7 +10,7 @@ import pytest
 from edmctl.errors import PreconditionError, RunFileError, installing
 from edmctl.firmware.board_build import COMPILERS, build_board, toolchain
 from edmctl.firmware.boards import STM32F4
-from edmctl.firmware.build import CACHE_VARIABLE
+from edmctl.core.build import CACHE_VARIABLE
 from edmctl.firmware.image import read_image
 from edmctl.link.messages import SCHEMA_HASH
 from tests.cli.commands import ROOT, command

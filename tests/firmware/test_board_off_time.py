@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from edmctl.firmware.build import source_folder
+from edmctl.core.build import source_folder
 from edmctl.firmware.settings import settings_of
 from edmctl.rules.load import load_profile
 from tests.conformance import acts

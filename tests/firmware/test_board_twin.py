@@ -14,7 +14,7 @@ from tests.firmware_tools import need_board_compiler, need_package
 if TYPE_CHECKING:
     import ctypes as ct
 
-    from edmctl.firmware.build import Build
+    from edmctl.core.build import Build
     from tests.firmware.board_twin import Cut
 
 SECONDS, SEED = 2.0, 2

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import PreconditionError
-from edmctl.firmware import build
-from edmctl.firmware.library import library
+from edmctl.core import build
+from edmctl.core.library import library
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from edmctl.firmware.build import Build
+    from edmctl.core.build import Build
 
 
 def test_what_was_built_is_found_again(core: Build) -> None:

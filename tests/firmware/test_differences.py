@@ -13,7 +13,7 @@ from tests.firmware.schedules import Difference, Schedule, WideSchedule
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from edmctl.firmware.build import Build
+    from edmctl.core.build import Build
 
 
 @pytest.mark.parametrize("seed", tiers(3, slow=(4, 6, 8), full=tuple(range(10, 30))))

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.firmware.build import REALS, compiler, source_folder
+from edmctl.core.build import REALS, compiler, source_folder
 from tests.firmware_tools import build_with_sanitizers
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from edmctl.firmware.build import Build
+    from edmctl.core.build import Build
 
 PROGRAMS = Path(__file__).parent
 SANITIZERS = "-fsanitize=address,undefined,float-cast-overflow"

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.firmware.build import compiler, source_folder
+from edmctl.core.build import compiler, source_folder
 from edmctl.link.schema import load_schema
 
 if TYPE_CHECKING:
-    from edmctl.firmware.build import Build
+    from edmctl.core.build import Build
     from edmctl.link.schema import Field, Layout
 
 GOLDEN = Path(__file__).parents[1] / "link" / "golden"

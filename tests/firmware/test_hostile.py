@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeAlias, cast
 import numpy as np
 import pytest
 
-from edmctl.firmware.build import REALS
+from edmctl.core.build import REALS
 from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.simulator import BenchConfig, gap_monitor, open_bench
@@ -43,7 +43,7 @@ from tests.tiers import tiers
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.firmware.build import Build
+    from edmctl.core.build import Build
     from edmctl.simulator import VirtualBench
 
 Measure: TypeAlias = "Callable[[Settings, LoopState, Readings, int], int]"

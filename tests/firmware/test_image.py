@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.firmware.build import compiler, source_folder, source_version
+from edmctl.core.build import compiler, source_folder, source_version
 from edmctl.link import messages as m
 from tests.firmware.images import COMPILERS, Elf, built, compile_command, sources
 from tests.firmware_tools import need_package
@@ -19,7 +19,7 @@ from tests.firmware_tools import need_package
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.firmware.build import Build
+    from edmctl.core.build import Build
 
 FLASH, SRAM, CCM = 0x08000000, 0x20000000, 0x10000000
 KB = 1024

@@ -11,7 +11,7 @@ from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, open_bench
 
 if TYPE_CHECKING:
-    from edmctl.firmware.build import Build
+    from edmctl.core.build import Build
 
 
 @pytest.mark.parametrize("controller", ["python", "firmware"])

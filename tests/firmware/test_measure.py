@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from edmctl.firmware.build import compiler, source_folder
+from edmctl.core.build import compiler, source_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from edmctl.firmware.build import Build
+    from edmctl.core.build import Build
 
 MOST_PULSES = 64
 PER_US = 84

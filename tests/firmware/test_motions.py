@@ -15,7 +15,7 @@ from tests.simulator.conftest import Rig
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.firmware.build import Build
+    from edmctl.core.build import Build
 
 CONTROLLERS = pytest.mark.parametrize("controller", ["python", "firmware", "firmware-float"])
 FAST_UM_S = 20.0

@@ -18,6 +18,7 @@ from tools.generate import (
     firmware,
     machine_diagram,
     machine_page,
+    plant_records,
     profile_page,
     protocol_page,
     run_file_page,
@@ -48,6 +49,7 @@ def wanted_files() -> dict[Path, str]:
         link / "messages.py": formatted(messages_source(schema)),
         _ROOT / "firmware" / "gen" / "edmlink.h": firmware.header(schema, faults),
         _ROOT / "firmware" / "gen" / "edmlink.c": firmware.tables(schema),
+        _ROOT / "firmware" / "plant" / "plant_records.h": plant_records.header(),
         docs / "images" / "build-the-machine.svg": machine_diagram.picture(),
     }
     return made | {

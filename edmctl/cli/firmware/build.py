@@ -72,9 +72,9 @@ def build(
     taken, else that of the package ziglang, and kept in the user's cache folder or in EDMCTL_FIRMWARE_CACHE. Jobs
     with --controller firmware build by themselves what they need.
     """
+    from edmctl.core.build import REALS
     from edmctl.firmware.board_build import COMPILERS, SUFFIXES
     from edmctl.firmware.boards import BOARDS, HOST
-    from edmctl.firmware.build import REALS
 
     if board not in (None, HOST, *BOARDS):
         raise UsageError(
@@ -135,7 +135,7 @@ def _image(outcome: Outcome, board: str, place: Path, compiler: str | None, sett
 def _library(outcome: Outcome, real: str | None, compiler: str | None) -> None:
     from dataclasses import asdict
 
-    from edmctl.firmware.build import REALS, built
+    from edmctl.core.build import REALS, built
 
     environ = _environment(compiler)
     builds = [built(kind, environ) for kind in REALS if real in (None, kind)]
@@ -149,7 +149,7 @@ def _library(outcome: Outcome, real: str | None, compiler: str | None) -> None:
 
 def _environment(compiler: str | None) -> "Mapping[str, str]":
     """The environment in which CC names what --compiler names."""
-    from edmctl.firmware.build import ZIG
+    from edmctl.core.build import ZIG
 
     if compiler is None:
         return os.environ

@@ -1,4 +1,4 @@
-"""The built core, called by ctypes: its functions, and the records that both sides share (firmware/host/host.h)."""
+"""The compiled library, called by ctypes: its functions, and the records that host.h shares with them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from ctypes import (
     CFUNCTYPE,
     POINTER,
+    c_bool,
     c_char_p,
     c_double,
     c_int,
@@ -20,7 +21,7 @@ from ctypes import (
 from functools import cache
 from typing import Any
 
-from edmctl.firmware.build import Build, built, failed
+from edmctl.core.build import Build, built, failed
 
 
 class Inputs(ctypes.Structure):
@@ -110,8 +111,6 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
     "heard": (None, (c_void_p,)),
     "set_boots": (None, (c_void_p, c_uint32)),
     "count_from": (None, (c_void_p, c_int64, c_uint16, c_uint32, c_uint32, c_uint32)),
-    "begin": (None, (c_void_p,)),
-    "end": (c_int64, (c_void_p,)),
     "conclude": (None, (c_void_p, c_int64)),
     "watch": (None, (c_void_p,)),
     "deadline": (c_int64, (c_void_p,)),
@@ -120,32 +119,43 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
 }
 
 
-class Library:
-    """A loaded build: functions of host.c by their names without `edm_host_`.
+_PLANT: dict[str, tuple[Any, Sequence[Any]]] = {
+    "machine_run": (c_int64, (c_int64, c_void_p, c_void_p)),
+    "plant_run": (c_bool, (c_void_p,)),
+    "plant_tick": (c_bool, (c_void_p,)),
+    "plant_follow": (c_bool, (c_void_p,)),
+    "actuator_run": (c_double, (c_void_p, c_int64, c_void_p, *3 * [c_double], *3 * [c_void_p])),
+    "actuator_tick": (None, (c_void_p, c_void_p, c_double)),
+    "pump": (None, (c_void_p, c_void_p, c_double)),
+    "renew_clearing": (None, (c_void_p, c_void_p)),
+    "strike_pulses": (None, (c_void_p,)),
+    "pulse_signals": (None, (c_int64, c_void_p, *5 * [c_double], *2 * [c_void_p])),
+    "work_look": (c_double, (c_void_p, *6 * [c_double])),
+    "work_tabulate": (c_int64, (c_void_p, c_double, c_void_p, c_int64, *2 * [c_void_p])),
+    "work_sink": (None, (c_void_p, c_double, c_double)),
+}
 
-    tick_begin, tick_end : addresses of `begin` and `end`, for compiled loops.
+
+class Library:
+    """A loaded build: functions by their names in C without `edm_` or `edm_host_`.
+
+    Pointers are addresses as integers, or `byref` of a record. Calls release the interpreter's lock.
     """
 
     def __init__(self, build: Build) -> None:
         self.build = build
-        loaded = ctypes.CDLL(str(build.path))
-        for name, (result, arguments) in _FUNCTIONS.items():
-            function = getattr(loaded, f"edm_host_{name}")
-            function.restype, function.argtypes = result, list(arguments)
-            setattr(self, name, function)
-
-        self.tick_begin, self.tick_end = (
-            _address(getattr(loaded, f"edm_host_{name}")) for name in ("begin", "end")
-        )
+        self.loaded = ctypes.CDLL(str(build.path))
+        for prefix, functions in (("edm_host_", _FUNCTIONS), ("edm_", _PLANT)):
+            for name, (result, arguments) in functions.items():
+                function = getattr(self.loaded, f"{prefix}{name}")
+                function.restype, function.argtypes = result, list(arguments)
+                setattr(self, name, function)
+        self.loaded.edm_sources.restype = c_char_p
+        if (sources := self.loaded.edm_sources()) != build.sources.encode():
+            raise OSError(f"it was built from other sources ({sources!r})")
 
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(name)
-
-
-def _address(function: Any) -> int:
-    value = ctypes.cast(function, c_void_p).value
-    assert value is not None
-    return value
 
 
 @cache

@@ -1,4 +1,11 @@
-"""Builds the firmware's core as a shared library with whatever C compiler there is, and keeps it."""
+"""Finds or builds the compiled library: controller, virtual machine and operators in C (firmware/).
+
+A wheel contains the library for its platform. In a source tree whose C sources have changed since then it is built
+again into the user's cache, in seconds, with the C compiler of the system or that of the package ziglang. The name
+of a library contains a digest of its sources and flags.
+
+The build hook (hatch_build.py) imports this module, which needs nothing but the standard library.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +18,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -23,7 +30,9 @@ from edmctl.files import path_variable
 CACHE_VARIABLE = "EDMCTL_FIRMWARE_CACHE"
 ZIG_CACHE_VARIABLE = "ZIG_GLOBAL_CACHE_DIR"
 REALS = ("double", "float")
-"""Arithmetic of a build: double gives what the virtual controller gives bit for bit, float is that of a board."""
+"""Arithmetic of the controller in a build: float is that of a board. The virtual machine is always in double."""
+PARTS = ("core", "gen", "host", "plant", "operators")
+"""Folders of the sources."""
 
 ZIG = (sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline")
 """Without the last word it builds for this very processor; another one may share the folder of the library."""
@@ -39,6 +48,7 @@ _FLAGS = (
     "-fvisibility=hidden",
 )
 """None changes a result: -fno-trapping-math lets both sides of a choice be calculated, no other sums."""
+SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 _WHOLE = "-flto"
 """Of a tick of 0.4 µs calls between files are a tenth; a compiler that cannot look across them does without."""
 _LIBRARIES = () if sys.platform == "win32" else ("-lm",)
@@ -80,31 +90,64 @@ def source_version() -> tuple[int, int, int]:
     return int(numbers["MAJOR"]), int(numbers["MINOR"]), int(numbers["PATCH"])
 
 
-def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Build:
-    """Return the library of that arithmetic, built now unless that was done before.
+def digest_of(real: str) -> str:
+    """Return the digest of the sources and flags of a library."""
+    folder = source_folder()
+    content = hashlib.sha256(repr([*_FLAGS, *_defines(real)]).encode())
+    for part in PARTS:
+        for path in sorted((folder / part).glob("*.[ch]")):
+            content.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
+    for path in sorted(folder.glob("*.h")):
+        content.update(path.name.encode() + path.read_bytes())
+    return content.hexdigest()[:16]
 
+
+def packaged(digest: str, suffix: str = SUFFIX) -> Path:
+    """Return where the library of a wheel is, or would be."""
+    return Path(__file__).with_name(f"_core-{digest}{suffix}")
+
+
+def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Build:
+    """Return the library of that arithmetic: the packaged one, else one in the cache, built now if need be.
+
+    CC in the environment asks for one that this compiler has built.
     Raises PreconditionError: E8093 without a C compiler, E8094 where it cannot build the library.
     """
+    digest = digest_of(real)
+    if not environ.get("CC") and (library := packaged(digest)).is_file():
+        return Build(library, real, digest, "the package", is_new=False)
     command = compiler(environ.get("CC", ""))
     version = version_of(command)
-    folder = source_folder()
-    sources = [path for part in ("core", "gen", "host") for path in sorted((folder / part).glob("*.c"))]
-    arguments = [*_FLAGS, *_defines(real), f"-I{folder / 'core'}", f"-I{folder / 'gen'}"]
-    content = hashlib.sha256(repr([*_FLAGS, *_defines(real), *_LIBRARIES]).encode())
-    for path in sorted(folder.rglob("*.[ch]")):
-        content.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
-    digest = content.hexdigest()[:16]
     maker = hashlib.sha256(repr((command, version)).encode()).hexdigest()[:8]
-    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-    library = cache_folder(environ) / f"edmlink-{real}-{digest}-{maker}{suffix}"
+    library = cache_folder(environ) / f"edmlink-{real}-{digest}-{maker}{SUFFIX}"
     said = f"{shlex.join(command)} ({version})"
     if library.is_file():
         return Build(library, real, digest, said, is_new=False)
-    try:
-        _compile([*command, *arguments, _WHOLE, *map(str, sources), *_LIBRARIES], library)
-    except PreconditionError:
-        _compile([*command, *arguments, *map(str, sources), *_LIBRARIES], library)
+    if sys.stderr is not None:
+        sys.stderr.write(f"building the controller and the virtual machine from {source_folder()}\n")
+    compile_library(command, library, real)
     return Build(library, real, digest, said, is_new=True)
+
+
+def compile_library(
+    command: Sequence[str], library: Path, real: str = "double", libraries: Sequence[str] = _LIBRARIES
+) -> None:
+    """Compile all sources into a shared library. Raises PreconditionError E8094."""
+    folder = source_folder()
+    sources = [str(path) for part in PARTS for path in sorted((folder / part).glob("*.c"))]
+    includes = [f"-I{folder / part}" for part in PARTS]
+    arguments = [
+        *_FLAGS,
+        *_defines(real),
+        f'-DEDM_SOURCES="{digest_of(real)}"',
+        *includes,
+        *sources,
+        *libraries,
+    ]
+    try:
+        _compile([*command, _WHOLE, *arguments], library)
+    except PreconditionError:
+        _compile([*command, *arguments], library)
 
 
 def _defines(real: str) -> list[str]:
@@ -144,7 +187,7 @@ def compiler(named: str = "") -> tuple[str, ...]:
     if importlib.util.find_spec("ziglang") is not None:
         return ZIG
     raise PreconditionError(
-        "There is no C compiler to build the firmware with.",
+        "There is no C compiler to build the controller and the virtual machine with.",
         hint=f"{installing('ziglang')} brings one; CC names another.",
         code="E8093",
     )
@@ -177,7 +220,7 @@ def _compile(command: list[str], library: Path) -> None:
         folder_made = tempfile.TemporaryDirectory(dir=library.parent, prefix="building-")
     except OSError as error:
         raise PreconditionError(
-            f"The firmware's library cannot be kept in {library.parent}: {error.strerror}.",
+            f"The compiled library cannot be kept in {library.parent}: {error.strerror}.",
             hint=f"Name a folder that can be written in {CACHE_VARIABLE}.",
             code="E8094",
         ) from error
@@ -214,7 +257,7 @@ def _reason(error: OSError | subprocess.SubprocessError) -> str:
 def failed(reason: str) -> PreconditionError:
     """The error E8094 of a library that cannot be built or loaded."""
     return PreconditionError(
-        f"The firmware could not be built: {reason}",
+        f"The library of the controller and the virtual machine could not be built: {reason}",
         hint=f"Name another C compiler in CC, or a folder that can be written in {CACHE_VARIABLE}.",
         code="E8094",
     )

@@ -1,0 +1,1 @@
+"""The compiled library: the controller in C, the virtual machine and the operators of the actuator model."""
