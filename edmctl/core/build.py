@@ -51,12 +51,38 @@ _FLAGS = (
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 _WHOLE = "-flto"
 """Of a tick of 0.4 µs calls between files are a tenth; a compiler that cannot look across them does without."""
-_LIBRARIES = () if sys.platform == "win32" else ("-lm",)
-"""What it needs beside a C library: `exp`, which not every Python has loaded."""
+_LIBRARIES = ("-lm",)
+"""What it needs beside a C library, but on Windows: `exp`, which not every Python has loaded."""
 _LINGER_TICKS = 200
 """The simulator sends telemetry so often at least, in ms: simulator/telemetry.py."""
 _SECONDS = 300
 _ANOTHER = "Name another one in CC, or unset it: then one of the system is taken."
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A platform that zig builds for: its name there, the ending of a library, the tag of a wheel."""
+
+    zig: str
+    suffix: str
+    tag: str
+
+    @property
+    def command(self) -> tuple[str, ...]:
+        """The compiler for this platform."""
+        return (*ZIG, f"--target={self.zig}")
+
+
+TARGETS = {
+    "linux-x86_64": Target("x86_64-linux-gnu.2.17", ".so", "manylinux_2_17_x86_64.manylinux2014_x86_64"),
+    "linux-aarch64": Target("aarch64-linux-gnu.2.17", ".so", "manylinux_2_17_aarch64.manylinux2014_aarch64"),
+    "musl-x86_64": Target("x86_64-linux-musl", ".so", "musllinux_1_2_x86_64"),
+    "macos-x86_64": Target("x86_64-macos.11.0", ".dylib", "macosx_11_0_x86_64"),
+    "macos-arm64": Target("aarch64-macos.11.0", ".dylib", "macosx_11_0_arm64"),
+    "windows-x86_64": Target("x86_64-windows-gnu", ".dll", "win_amd64"),
+    "windows-arm64": Target("aarch64-windows-gnu", ".dll", "win_arm64"),
+}
+"""The platforms of the wheels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,20 +156,14 @@ def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Buil
 
 
 def compile_library(
-    command: Sequence[str], library: Path, real: str = "double", libraries: Sequence[str] = _LIBRARIES
+    command: Sequence[str], library: Path, real: str = "double", *, is_windows: bool = sys.platform == "win32"
 ) -> None:
     """Compile all sources into a shared library. Raises PreconditionError E8094."""
     folder = source_folder()
     sources = [str(path) for part in PARTS for path in sorted((folder / part).glob("*.c"))]
     includes = [f"-I{folder / part}" for part in PARTS]
-    arguments = [
-        *_FLAGS,
-        *_defines(real),
-        f'-DEDM_SOURCES="{digest_of(real)}"',
-        *includes,
-        *sources,
-        *libraries,
-    ]
+    arguments = [*_FLAGS, *_defines(real), f'-DEDM_SOURCES="{digest_of(real)}"', *includes, *sources]
+    arguments += () if is_windows else _LIBRARIES
     try:
         _compile([*command, _WHOLE, *arguments], library)
     except PreconditionError:
@@ -171,6 +191,11 @@ def compiler_environment(environ: Mapping[str, str]) -> dict[str, str]:
     return {**environ, ZIG_CACHE_VARIABLE: kept}
 
 
+def system_compiler() -> str | None:
+    """Return the path of the system's C compiler; None without one."""
+    return next((path for name in _COMPILERS if (path := shutil.which(name))), None)
+
+
 @cache
 def compiler(named: str = "") -> tuple[str, ...]:
     """Command of a C compiler: $CC, else one of the system's, else that of the package ziglang."""
@@ -181,9 +206,8 @@ def compiler(named: str = "") -> tuple[str, ...]:
             raise PreconditionError(
                 f"CC names no C compiler: {error} in {named!r}.", hint=_ANOTHER, code="E8093"
             ) from error
-    for name in _COMPILERS:
-        if path := shutil.which(name):
-            return (path,)
+    if found := system_compiler():
+        return (found,)
     if importlib.util.find_spec("ziglang") is not None:
         return ZIG
     raise PreconditionError(
