@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.firmware.board_build import COMPILERS
 from edmctl.core.build import source_version
+from edmctl.firmware.board_build import COMPILERS
 from edmctl.link.messages import SCHEMA_HASH, State
 from edmctl.link.ports import PortInfo
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench

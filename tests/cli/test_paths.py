@@ -13,10 +13,10 @@ from pydantic import BaseModel
 
 from edmctl import api
 from edmctl.cli.app import _commands
+from edmctl.core.build import cache_folder
 from edmctl.errors import ProfileError, UsageError
 from edmctl.exitcodes import ExitCode
 from edmctl.files import read_bytes, user_path
-from edmctl.core.build import cache_folder
 from edmctl.jobs.connect import secret_of
 from edmctl.jobs.plan import MachineAddress, where_is
 from edmctl.jobs.runs.opening import find_run

@@ -7,9 +7,9 @@ import subprocess
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.core.build import source_folder
 from edmctl.firmware.board_build import COMPILERS, Toolchain, sources_of, toolchain
 from edmctl.firmware.boards import STM32F4
-from edmctl.core.build import source_folder
 from edmctl.firmware.image import seal
 from tests.firmware_tools import need_board_compiler
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.core.build import CACHE_VARIABLE
 from edmctl.errors import PreconditionError, RunFileError, installing
 from edmctl.firmware.board_build import COMPILERS, build_board, toolchain
 from edmctl.firmware.boards import STM32F4
-from edmctl.core.build import CACHE_VARIABLE
 from edmctl.firmware.image import read_image
 from edmctl.link.messages import SCHEMA_HASH
 from tests.cli.commands import ROOT, command

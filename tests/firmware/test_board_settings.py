@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.core.build import source_folder
 from edmctl.errors import UsageError
 from edmctl.firmware.board_build import build_board
 from edmctl.firmware.boards import STM32F4
-from edmctl.core.build import source_folder
 from edmctl.firmware.elf import Elf
 from edmctl.firmware.image import read_image
 from edmctl.firmware.settings import parse_settings, settings_of, told_settings

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.errors import PreconditionError
 from edmctl.core import build
 from edmctl.core.library import library
+from edmctl.errors import PreconditionError
 
 if TYPE_CHECKING:
     from pathlib import Path
