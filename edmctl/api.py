@@ -385,7 +385,7 @@ def connect(
     setup : TOML file of the machine's setup
     wait_s : how long to wait for a port that somebody holds
     home : folder where machines have their own calibrations; without, that of the user
-    controller : what drives a new virtual machine: "python", "firmware", "firmware-float"; without, `sim.controller`
+    controller : what drives a new virtual machine: "firmware", "firmware-float"; without, `sim.controller`
         says it; EdmWarning W4102 at a port, where it has no effect
 
     Raises UsageError E2006 for a name of nothing, E2005 for a seed that no run file holds, E2049 for no controller.

@@ -53,8 +53,8 @@ _WHOLE = "-flto"
 """Of a tick of 0.4 µs calls between files are a tenth; a compiler that cannot look across them does without."""
 _LIBRARIES = ("-lm",)
 """What it needs beside a C library, but on Windows: `exp`, which not every Python has loaded."""
-_LINGER_TICKS = 200
-"""The simulator sends telemetry so often at least, in ms: simulator/telemetry.py."""
+LINGER_TICKS = 200
+"""Telemetry of a virtual machine is sent so often at least, in ms."""
 _SECONDS = 300
 _ANOTHER = "Name another one in CC, or unset it: then one of the system is taken."
 
@@ -174,7 +174,7 @@ def _defines(real: str) -> list[str]:
     if real not in REALS:
         raise ValueError(f"the firmware calculates in {' or '.join(REALS)}, not in {real}")
     kind = ["-DEDM_REAL_DOUBLE"] if real == "double" else []
-    return [*kind, f"-DEDM_LINGER_TICKS={_LINGER_TICKS}", "-DEDM_BOX_LASTS=0", "-DEDM_OFF_NS_MIN=0"]
+    return [*kind, f"-DEDM_LINGER_TICKS={LINGER_TICKS}", "-DEDM_BOX_LASTS=0", "-DEDM_OFF_NS_MIN=0"]
 
 
 def cache_folder(environ: Mapping[str, str]) -> Path:

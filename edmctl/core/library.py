@@ -21,20 +21,32 @@ from ctypes import (
 from functools import cache
 from typing import Any
 
+from edmctl.array_types import Array
 from edmctl.core.build import Build, built, failed
+from edmctl.core.records import Record, record, series
+
+PACK = 12
+BOX_TICKS = 2048
+"""Milliseconds of the black box."""
 
 
-class Inputs(ctypes.Structure):
+@record
+class Inputs(Record):
     """What the core reads of interlocks and slow readings; the caller writes it."""
 
-    _fields_ = [
-        *((name, c_int64) for name in ("estop", "door_open", "hv_supply_ok", "level_ok", "limit_switch")),
-        *((name, c_double) for name in ("flow_lpm", "temperature_c", "monitor_v")),
-    ]
+    estop: int
+    door_open: int
+    hv_supply_ok: int
+    level_ok: int
+    limit_switch: int
+    flow_lpm: float
+    temperature_c: float
+    monitor_v: float
 
 
-class Seen(ctypes.Structure):
-    """What stands in the core; every call renews it, but those of the tick."""
+@record
+class Seen(Record):
+    """What is in the core; every call renews it, but those of the tick."""
 
     tick: int
     boot_tick: int
@@ -44,9 +56,9 @@ class Seen(ctypes.Structure):
     boot_count: int
     frozen_tick: int
     watchdog_ticks: int
-    crc: int
+    param_crc: int
     mode: int
-    tick_counts: int
+    tick_counts: int  # pulses of the last millisecond: open, normal, arcs, shorts, PACK bits each
     pulse_no: int
     tlm_next: int
     scanning: int
@@ -67,11 +79,43 @@ class Seen(ctypes.Structure):
     touch_offs: int
     out_bytes: int
     lost_frames: int
+    session: int
+    zero_um: float
+    interlocks: int
+    pulses_allowed: int
+    pulse_period_ns: int
+    duty_v: float
+    sensor_fitted: int
 
 
-Seen._fields_ = [
-    (name, c_double if kind == "float" else c_int64) for name, kind in Seen.__annotations__.items()
-]
+@record
+class Kept(Record):
+    """What outlives a loss of power: latched fault, counters and the black box, a ring of BOX_TICKS milliseconds."""
+
+    fault: int
+    event_no: int
+    boot_count: int
+    boot_tick: int
+    since_tick: int
+    frozen: int
+    frozen_tick: int
+    frozen_boot_tick: int
+    flags: int
+    waves_frozen: int
+    waves_empty: int
+    waves_begin_ns: int
+    waves_end_ns: int
+    waves_boot_ns: int
+    displacement_um: Array = series(BOX_TICKS)
+    actuator_v: Array = series(BOX_TICKS)
+    gap_v: Array = series(BOX_TICKS)
+    charge_uc: Array = series(BOX_TICKS)
+    opens: Array = series(BOX_TICKS)
+    normals: Array = series(BOX_TICKS)
+    arcs: Array = series(BOX_TICKS)
+    shorts: Array = series(BOX_TICKS)
+    states: Array = series(BOX_TICKS)
+    all_flags: Array = series(BOX_TICKS)
 
 
 CALLBACKS: dict[str, Any] = {
@@ -109,13 +153,14 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
     "advanced": (None, (c_void_p,)),
     "taken": (None, (c_void_p,)),
     "heard": (None, (c_void_p,)),
-    "set_boots": (None, (c_void_p, c_uint32)),
     "count_from": (None, (c_void_p, c_int64, c_uint16, c_uint32, c_uint32, c_uint32)),
     "conclude": (None, (c_void_p, c_int64)),
     "watch": (None, (c_void_p,)),
     "deadline": (c_int64, (c_void_p,)),
     "fault": (None, (c_void_p, c_int, c_int)),
     "reset": (None, (c_void_p, c_int)),
+    "keep": (None, (c_void_p, c_void_p)),
+    "take_up": (None, (c_void_p, c_void_p)),
 }
 
 
@@ -150,6 +195,7 @@ class Library:
                 function = getattr(self.loaded, f"{prefix}{name}")
                 function.restype, function.argtypes = result, list(arguments)
                 setattr(self, name, function)
+        self.plant_run_at: int = ctypes.cast(self.loaded.edm_plant_run, c_void_p).value or 0
         self.loaded.edm_sources.restype = c_char_p
         if (sources := self.loaded.edm_sources()) != build.sources.encode():
             raise OSError(f"it was built from other sources ({sources!r})")

@@ -13,7 +13,7 @@ from pathlib import Path
 from edmctl.errors import Interrupted, ProfileError, RunFileError, UsageError
 from edmctl.exitcodes import error_exit_code
 from edmctl.jobs.job import carry_out
-from edmctl.jobs.parallel import Lost, Program, compile_told, cores, process_pool
+from edmctl.jobs.parallel import Lost, Program, cores, process_pool
 from edmctl.jobs.parallel import perform as side_by_side
 from edmctl.jobs.plan import JobRequest, Plan, check
 from edmctl.jobs.run_header import name_run, plain_name, run_path
@@ -134,7 +134,6 @@ def perform_all(
                 observer.runs(number, len(tasks))
             keep(number, perform(task, program, observer if len(tasks) == 1 else Unobserved()))
         return
-    compile_told(observer)
     done = 0
 
     def on_result(number: int, found: SimulatedRun | Lost) -> None:

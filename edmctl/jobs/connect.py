@@ -85,11 +85,6 @@ def connected(
     on: Callable[[LinkMachine], ConnectedMachine] = ConnectedMachine
     with ExitStack() as held:
         if where.in_process:
-            from edmctl.actuator.compiling import compiling_told
-            from edmctl.simulator.config import PYTHON, compiling_takes
-
-            controller = where.controller or (PYTHON if loaded is None else loaded.sim.controller)
-            held.enter_context(compiling_told(say, compiling_takes(controller)))
             line, on = held.enter_context(_virtual(loaded, setup, seed, say, where))
         else:
             line = line_to(where, setup, say, surroundings.environ)
@@ -134,11 +129,11 @@ def introduction(where: MachineAddress, bench: ConnectedMachine) -> str:
 
 
 def driver(bench: VirtualBench | None) -> str:
-    """Return the words on what drives a virtual machine; none on the virtual controller."""
-    from edmctl.simulator.config import PYTHON
+    """Return the words on what drives a virtual machine; none for the usual controller."""
+    from edmctl.simulator.config import FIRMWARE
 
-    kind = PYTHON if bench is None else bench.plant.config.controller
-    return "" if kind == PYTHON else f" under the controller {kind}"
+    kind = FIRMWARE if bench is None else bench.plant.config.controller
+    return "" if kind == FIRMWARE else f" under the controller {kind}"
 
 
 @contextmanager
@@ -174,8 +169,10 @@ def _virtual(
 
 def known_controller(name: str) -> str:
     """Return what can drive a virtual machine. Raises UsageError E2049 for what cannot."""
+    from edmctl.profile.profile_file import CONTROLLER_SYNONYMS
     from edmctl.simulator.config import CONTROLLERS
 
+    name = CONTROLLER_SYNONYMS.get(name, name)
     if name not in CONTROLLERS:
         raise UsageError(
             f"There is no controller {name}: it is one of {', '.join(CONTROLLERS)}.",

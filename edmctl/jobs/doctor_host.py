@@ -67,7 +67,7 @@ class Checks:
         )
 
 
-LIBRARIES = ("numpy", "scipy", "numba", "h5py", "pyserial", "pydantic")
+LIBRARIES = ("numpy", "scipy", "h5py", "pyserial", "pydantic")
 LEAST_FREE_BYTES = 100e6
 """A job with every pulse recorded takes 26 MB in a quarter of an hour."""
 COMFORTABLE_FREE_BYTES = 1e9

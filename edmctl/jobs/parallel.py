@@ -24,7 +24,6 @@ from typing import Any, Generic, TypeVar
 from edmctl.errors import PreconditionError, installing
 from edmctl.exitcodes import ExitCode
 from edmctl.jobs.surroundings import Surroundings
-from edmctl.results.progress import Observer
 
 TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")
@@ -81,7 +80,7 @@ def cores() -> int:
 
 def process_pool(workers: int, program: Program) -> Pool:
     """Return a pool of processes of this computer, which do not outlive this one."""
-    # A forked child would inherit the threads of numba and BLAS half-way through whatever they do.
+    # A forked child would inherit the threads of BLAS half-way through whatever they do.
     context = multiprocessing.get_context("spawn")
 
     def make() -> Executor:
@@ -241,15 +240,6 @@ class _Series(Generic[TaskT, ResultT]):
             if future.done() and not future.cancelled() and future.exception() is None:
                 del self._under_way[future]
                 self._on_result(number, future.result())
-
-
-def compile_told(observer: Observer) -> None:
-    """Compile once what all workers load then, and say so."""
-    from edmctl.actuator.compiling import compiling_told
-    from edmctl.simulator import BenchConfig, open_bench
-
-    with compiling_told(observer.note):
-        open_bench(BenchConfig(), 0).warm_up()
 
 
 def _kill(executor: Executor, *, is_ending: bool) -> None:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from edmctl.profile.model import Profile
 from edmctl.profile.tables import Table
+
+CONTROLLER_SYNONYMS = {"python": "firmware"}
+"""Names in profiles and run files of former versions."""
+
+
+def _present_name(controller: object) -> object:
+    return CONTROLLER_SYNONYMS.get(controller, controller) if isinstance(controller, str) else controller
 
 
 class SimSettings(Table):
@@ -29,10 +36,12 @@ class SimSettings(Table):
         le=100.0,
         description="wear of the tool over that of copper; else by its material",
     )
-    controller: Literal["python", "firmware", "firmware-float", "stm32"] = Field(
-        "python",
-        description="what drives it: the virtual controller, the firmware's core, that in a board's arithmetic, "
-        "or the image of a board",
+    controller: Annotated[
+        Literal["firmware", "firmware-float", "stm32"],
+        BeforeValidator(_present_name),
+    ] = Field(
+        "firmware",
+        description="what drives it: the firmware's core, that in a board's arithmetic, or the image of a board",
     )
     spread: float = Field(
         0.03, ge=0.0, le=0.5, description="relative sd by which every machine differs from the figures below"

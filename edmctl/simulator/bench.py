@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from edmctl.errors import LinkLost
-from edmctl.simulator.commands import Commands
-from edmctl.simulator.config import FIRMWARE_FLOAT, PYTHON, STM32
-from edmctl.simulator.controller import VirtualController
+from edmctl.simulator.config import FIRMWARE_FLOAT, STM32
+from edmctl.simulator.controller import Controller
 from edmctl.simulator.injection import LineDamage
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_S
@@ -17,10 +16,7 @@ from edmctl.simulator.plant_interface import TICK_S
 if TYPE_CHECKING:
     from edmctl.array_types import Array
     from edmctl.simulator.config import BenchConfig
-    from edmctl.simulator.firmware_controller import FirmwareController
     from edmctl.simulator.injection import Injection, LineState
-
-    AnyController = VirtualController | FirmwareController
 
 SETTLE_TICKS, MOST_SETTLES = 50, 2000
 
@@ -45,7 +41,7 @@ class HoleTruth:
 class MemoryTransport:
     """A line without wire: real frame bytes, virtual time, which passes only while the host reads (`HostWait`)."""
 
-    def __init__(self, controller: AnyController) -> None:
+    def __init__(self, controller: Controller) -> None:
         self.name = "sim:"
         self.live = False
         self._controller = controller
@@ -76,35 +72,21 @@ class MemoryTransport:
             raise LinkLost("The line to sim: broke: it was unplugged.", hint="Check the cable.", code="E4003")
 
 
-def _controller_of(plant: Plant, kind: str) -> AnyController:
-    if kind == PYTHON:
-        return VirtualController(plant, Commands)
+def _controller_of(plant: Plant, kind: str) -> Controller:
     if kind == STM32:
         from edmctl.simulator.emulated import emulated_controller
 
         return emulated_controller(plant)  # type: ignore[no-any-return]
-    from edmctl.simulator.firmware_controller import FirmwareController
-
-    return FirmwareController(plant, "float" if kind == FIRMWARE_FLOAT else "double")
+    return Controller(plant, "float" if kind == FIRMWARE_FLOAT else "double")
 
 
 class VirtualBench:
-    """A controller over a plant, and what an all-seeing observer would know of it.
-
-    The firmware's core, where the config asks for it, is built at the first use (edmctl/firmware).
-    """
+    """A controller over a plant, and what an all-seeing observer would know of it."""
 
     def __init__(self, config: BenchConfig, seed: int) -> None:
         self.plant = Plant(config, seed)
-        self.controller: AnyController = _controller_of(self.plant, config.controller)
+        self.controller: Controller = _controller_of(self.plant, config.controller)
         self.transport = MemoryTransport(self.controller)
-
-    @property
-    def python_controller(self) -> VirtualController:
-        """The controller, as the one whose insides Python sees. Raises TypeError where it is the firmware's core."""
-        if not isinstance(self.controller, VirtualController):
-            raise TypeError("the bench runs under the firmware's core")
-        return self.controller
 
     @property
     def line(self) -> LineState:
@@ -118,10 +100,6 @@ class VirtualBench:
     def clear_injections(self) -> None:
         """Forget what is still to go wrong and repair what did."""
         self.controller.injector.clear()
-
-    def warm_up(self) -> None:
-        """Compile, or load, all loops that a host can ask for: it takes seconds, and no time of the machine."""
-        self.controller.step(0)
 
     def settle(self) -> None:
         """Let a machine whose host is gone become safe: what the watchdog would do, and the retreat.

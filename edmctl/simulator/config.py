@@ -64,14 +64,9 @@ class SensorConstants:
     rotary_sd_deg: float = 0.05
 
 
-PYTHON, FIRMWARE, FIRMWARE_FLOAT, STM32 = CONTROLLERS = ("python", "firmware", "firmware-float", "stm32")
-"""What can drive a bench: the virtual controller; the firmware's core with its bits, and that with a board's; the
-image of a board on an emulated chip."""
-
-
-def compiling_takes(controller: str) -> str:
-    """Return how long compiling takes for a bench under a controller, for people."""
-    return "one to two minutes" if controller == STM32 else "some 20 s"
+FIRMWARE, FIRMWARE_FLOAT, STM32 = CONTROLLERS = ("firmware", "firmware-float", "stm32")
+"""What can drive a bench: the controller in C; the same with a board's arithmetic; the image of a board on an
+emulated chip."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +85,6 @@ class BenchConfig:
     cell_um: float = 5.0  # of the map of the work
     discharge: DischargeConstants = field(default_factory=DischargeConstants)
     sensors: SensorConstants = field(default_factory=SensorConstants)
-    controller: str = "python"  # what drives it: one of CONTROLLERS
+    controller: str = FIRMWARE  # what drives it: one of CONTROLLERS
     dielectric_flow_lpm: float = 1.2
     dielectric_temperature_c: float = 22.0

@@ -1,340 +1,432 @@
-"""The virtual controller: time, states, watchdog, faults and the safe state, as a board has them.
+"""The controller in C (firmware/core) over the plant: what a board and a simulator do around the core.
 
-It owns hard real time (through the kernel), obeys EDM Link frames, and protects the machine without the host:
-whatever goes wrong, pulses go off first, then the tool retracts, then everything holds and the fault is latched.
+The simulator adds injections, a driven clock, and the end of slices of time.
 """
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
+from copy import deepcopy
+from typing import Any
 
-from edmctl.link import messages as m
+import numpy as np
+
+from edmctl.core.build import LINGER_TICKS
+from edmctl.core.library import CALLBACKS, Callbacks, Inputs, Kept, Seen, library
 from edmctl.link.faults import FaultCode
-from edmctl.link.messages import EventCode, Interlocks, State
-from edmctl.link.wire import saturated
-from edmctl.simulator import controller_state as k
-from edmctl.simulator.controller_state import LoopState, Settings
-from edmctl.simulator.fault_recorder import BlackBox, Waveforms
-from edmctl.simulator.guards import KERNEL_FAULTS, Guards, input_fault
-from edmctl.simulator.injector import Injector
-from edmctl.simulator.kernel import LOOK, run
-from edmctl.simulator.link_endpoint import Executor, HostWait, LinkEndpoint
-from edmctl.simulator.motion import Motion
-from edmctl.simulator.parameters import Parameters
-from edmctl.simulator.plant import USUAL_PULSES, Plant
+from edmctl.link.frame import FrameDecoder, encode_frame
+from edmctl.link.messages import ResetCause, State, Tlm
+from edmctl.simulator.host_wait import HostWait
+from edmctl.simulator.injection import Trigger
+from edmctl.simulator.injector import NEVER, Injector
+from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_NS
-from edmctl.simulator.telemetry import SLICE_TICKS, Telemetry
+from edmctl.simulator.waveforms import WAVEFORM_PER_REPLY, Waveforms
 
-EVENT_REPEAT_TICKS = 100
-NEVER = 1 << 62
-
-_UNARMED = (State.BOOT, State.IDLE, State.FAULT, State.ESTOP)
-_AFTER = {
-    k.SPARK_FOUND: EventCode.APPROACH_DONE,
-    k.CUT_DONE: EventCode.CUT_DONE,
-    k.TIME_UP: EventCode.TIME_UP,
-    k.TOUCHES_DONE: EventCode.TOUCH_DONE,
-    k.PATH_DONE: EventCode.PATH_DONE,
-}
-_BY_ITSELF = (m.ResetCause.WATCHDOG, m.ResetCause.BROWN_OUT)
+LOOK = 99
+"""Happened beside what the core reports: the stages moved or the sheet gave way (firmware/host/machine.c)."""
+MOST_AT_ONCE = 4096
+"""Bytes that the core gets at once: the answers to them fit into its memory."""
 
 
-class VirtualController:
-    """One controller over one plant. Feed it bytes, let time pass, take bytes.
+class ControllerLink:
+    """The core's end of the line."""
 
-    commands : makes what executes the commands of the line.
-    host_time_scale : controller seconds per second of the host. What watches the host counts by the host's time.
-    board : kind of board that it says to be, 0 = virtual. baud : of the line, 0 where it has none.
-    zero_um : displacement that `safe_z_um` counts from, told by the host since it armed.
-    """
+    answer_ticks = 0
+    """Milliseconds within which a command is answered."""
 
-    def __init__(self, plant: Plant, commands: Callable[[VirtualController], Executor]) -> None:
-        self.plant = plant
-        self.settings, self.loop = Settings(), LoopState()
-        self.commands = commands(self)
-        self.link = LinkEndpoint(self.commands.execute, self.host_heard, self._host_came)
-        self.parameters = Parameters(self.settings)
-        self.motion = Motion(plant, self.settings, self.loop)
-        self.guards = Guards(plant, self.parameters)
-        self.black_box = BlackBox()
-        self.waveforms = Waveforms(plant)
-        self.telemetry = Telemetry(self.settings, self.loop, plant.readings, self.link.send, self.step)
-        self.injector = Injector(self)
-        self.host_wait = HostWait(self.link, self.advance)
-        self.boot_count = 1
-        self.boot_tick = 0
-        self.reset_cause = m.ResetCause.POWER_ON
-        self.baud = self.board = 0
-        self.host_time_scale = 1.0
-        self.fault = 0
-        self.zero_um = 0.0
-        self.disarming = self.pulses_allowed = False
-        self._heard_tick = 0
-        self._repeat_tick = NEVER
-        self.set_generator(*USUAL_PULSES)
-        self.set_state(State.IDLE)
-
-    def set_generator(
-        self, on_time_us: float, off_time_us: float, open_v: float, peak_a: float, set_us: float
-    ) -> None:
-        """Set the pulse generator: times, open voltage, peak current, discharge time (0: as the pulse comes)."""
-        plant, settings = self.plant, self.settings
-        plant.set_generator(on_time_us, off_time_us, open_v, peak_a, set_us)
-        settings.open_v, settings.nominal_siemens = open_v, plant.unit.nominal_siemens
-        settings.pulse_period_ns = plant.unit.pulse_period_ns
-        settings.duty_v = open_v * on_time_us / (on_time_us + off_time_us)
-        settings.per_duty_v = 1.0 / settings.duty_v
-
-    def count_from(self, time_us: int, event_no: int, boot_count: int, frames: int, pulse_no: int) -> None:
-        """Let every counter of the link stand where it does after a long time, as tests of its wrap need it.
-
-        `frames` are those of telemetry, and those that came damaged and for other sessions.
-        """
-        self.boot_tick = self.tick - time_us // 1000
-        self.telemetry.count_from(self.boot_tick, frames)
-        self.link.count_from(event_no, frames, frames)
-        self.boot_count = boot_count
-        self.loop.pulse_no = pulse_no
+    def __init__(self, controller: Controller) -> None:
+        self._c = controller
+        self._out: list[bytes] = []
 
     @property
+    def driven(self) -> bool:
+        return self._c.driven
+
+    @driven.setter
+    def driven(self, driven: bool) -> None:
+        self._c.driven = driven
+        self._c.tell_core()
+
+    @property
+    def urgent(self) -> bool:
+        return bool(self._c.seen.urgent)
+
+    @property
+    def due(self) -> bool:
+        return bool(self._c.seen.due)
+
+    @property
+    def greeting(self) -> bool:
+        seen = self._c.seen
+        return bool(self.driven and seen.urgent and not seen.advanced)
+
+    @property
+    def rx_bad(self) -> int:
+        return self._c.seen.rx_bad
+
+    @property
+    def rx_drop(self) -> int:
+        return self._c.seen.rx_drop
+
+    @property
+    def rx_frames(self) -> int:
+        return self._c.seen.rx_frames
+
+    def keep(self, data: bytes) -> None:
+        self._out.append(data)
+
+    def take_output(self) -> bytes:
+        out = b"".join(self._out)
+        self._out.clear()
+        self._c.output_taken()
+        return out
+
+
+class SampleLine:
+    """What can be wrong with a controller's samples: `lost` ones do not come, `frozen` ones tell an old time."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._c = controller
+        self._lost = self._frozen = False
+        self._frozen_us = 0
+
+    @property
+    def lost(self) -> bool:
+        """Everything is sent but samples."""
+        return self._lost
+
+    @lost.setter
+    def lost(self, lost: bool) -> None:
+        self._c.drain()
+        self._lost = bool(lost)
+
+    @property
+    def frozen(self) -> bool:
+        """All samples have the time of the last ones before."""
+        return self._frozen
+
+    @frozen.setter
+    def frozen(self, frozen: bool) -> None:
+        self._c.drain()
+        if frozen and not self._frozen:
+            frames = FrameDecoder(watch_for_abort=False).feed(self._c.last_samples() + b"\0")
+            self._frozen_us = Tlm.unpack(frames[0].payload).t0_us if frames else 0
+        self._frozen = bool(frozen)
+
+    def passes(self, data: bytes) -> bytes:
+        """Return what is sent of whole frames."""
+        if not (self._lost or self._frozen):
+            return data
+        sent = []
+        for frame in FrameDecoder(watch_for_abort=False).feed(data):
+            payload = frame.payload
+            if frame.type_id == Tlm.ID:
+                if self._lost:
+                    continue
+                if self._frozen:
+                    samples = Tlm.unpack(payload)
+                    samples.t0_us = self._frozen_us
+                    payload = samples.pack()
+            sent.append(encode_frame(frame.type_id, frame.seq, frame.session, frame.flags, payload))
+        return b"".join(sent)
+
+
+class FrozenBox:
+    """What is asked of the black box beside its samples."""
+
+    def __init__(self, seen: Seen) -> None:
+        self._seen = seen
+
+    @property
+    def frozen_tick(self) -> int | None:
+        return None if self._seen.frozen_tick < 0 else self._seen.frozen_tick
+
+
+class Controller:
+    """One core over one plant.
+
+    real : arithmetic of the core, "double" or, as on a board, "float".
+    """
+
+    def __init__(self, plant: Plant, real: str = "double") -> None:
+        self.plant = plant
+        self.real = real
+        self._library = library(real)
+        self._memory = (ctypes.c_double * (self._library.size() // 8 + 1))()
+        self.waveforms = Waveforms(plant)
+        self.baud_told = self.board_told = 0
+        self._scale = 1.0
+        self.driven = False
+        self._failed: BaseException | None = None
+        self._bind()
+        self._read_inputs()
+        self._library.create(self._at, plant.serial.encode().ljust(12, b"\0"), plant.reported[0])
+        self._raise_failed()
+        self.link = ControllerLink(self)
+        self.telemetry = SampleLine(self)
+        self.injector = Injector(self)
+        self.host_wait = HostWait(self.link, self.advance)
+        self._noted = (0, 0)
+
+    def _bind(self) -> None:
+        """Show the core where everything is: its own memory, the plant's records, the model's functions."""
+        core = self._library
+        self._at = ctypes.addressof(self._memory)
+        self._inputs = Inputs.from_buffer(self._memory, core.inputs_at())
+        self.seen = Seen.from_buffer(self._memory, core.seen_at())
+        self.loop = self.parameters = self.seen
+        self.black_box = FrozenBox(self.seen)
+        acts: dict[str, Callable[..., object]] = {
+            "set_generator": self._set_generator,
+            "stage_stop": self.plant.stage_lands,
+            "path_begin": self.plant.begin_scan,
+            "path_line": self.plant.draw_line_error,
+            "path_end": lambda: self.plant.follow_stages(scan_goes_on=False),
+            "wave_memory": lambda: self.waveforms.memory,
+            "wave_keep": lambda: self.waveforms.freeze(self.tick, self.boot_tick),
+            "wave_forget": lambda kept: self.waveforms.thaw() if kept else self.waveforms.forget(),
+            "wave_read": self._read_waveforms,
+        }
+        self._callbacks = Callbacks(*(kind(self._guarded(acts[name])) for name, kind in CALLBACKS.items()))
+        drive, readings = self.plant.drive, self.plant.readings
+        core.bind(
+            self._at, ctypes.addressof(drive), ctypes.addressof(readings), ctypes.byref(self._callbacks)
+        )
+
+    def _guarded(self, act: Callable[..., Any]) -> Callable[..., Any]:
+        """Keep what goes wrong in a function that C calls, for whoever called C."""
+
+        def call(*arguments: float) -> Any:
+            try:
+                return act(*arguments)
+            except BaseException as error:
+                self._failed = error
+                return 0
+
+        return call
+
+    def _raise_failed(self) -> None:
+        failed, self._failed = self._failed, None
+        if failed is not None:
+            raise failed
+
+    def _set_generator(
+        self, on_us: float, off_us: float, open_v: float, peak_a: float, set_us: float
+    ) -> float:
+        self.plant.set_generator(on_us, off_us, open_v, peak_a, set_us)
+        return self.plant.unit.nominal_siemens
+
+    def _read_waveforms(self, offset: int, samples: int, counts: Any) -> None:
+        reply = self.waveforms.read(offset, self.tick)
+        assert reply is not None
+        assert samples <= WAVEFORM_PER_REPLY
+        ctypes.memmove(counts, np.frombuffer(reply.records, "<i2").astype("=i2").tobytes(), 4 * samples)
+
+    # ------------------------------------------------------------------------------- what stands in the core
+    @property
     def tick(self) -> int:
-        """Milliseconds since the machine was set up; resets do not touch them."""
         return self.plant.readings.tick
 
     @property
-    def time_us(self) -> int:
-        """Controller time: µs since its start."""
-        return (self.tick - self.boot_tick) * 1000
+    def boot_tick(self) -> int:
+        return self.seen.boot_tick
 
+    @property
+    def time_us(self) -> int:
+        return (self.tick - self.boot_tick) * TICK_NS // 1000
+
+    @property
+    def state(self) -> State:
+        return State(self.seen.state)
+
+    @property
+    def armed(self) -> bool:
+        return bool(self.seen.armed)
+
+    @property
+    def fault(self) -> int:
+        return self.seen.fault
+
+    @property
+    def boot_count(self) -> int:
+        return self.seen.boot_count
+
+    @property
+    def baud(self) -> int:
+        return self.baud_told
+
+    @baud.setter
+    def baud(self, baud: int) -> None:
+        self.baud_told = baud
+        self.tell_core()
+
+    @property
+    def board(self) -> int:
+        return self.board_told
+
+    @board.setter
+    def board(self, board: int) -> None:
+        self.board_told = board
+        self.tell_core()
+
+    @property
+    def host_time_scale(self) -> float:
+        return self._scale
+
+    @host_time_scale.setter
+    def host_time_scale(self, scale: float) -> None:
+        self._scale = scale
+        self.tell_core()
+
+    def count_from(self, time_us: int, event_no: int, boot_count: int, frames: int, pulse_no: int) -> None:
+        self._library.count_from(
+            self._at, time_us, event_no, boot_count, frames & 0xFFFFFFFF, pulse_no & 0xFFFFFFFF
+        )
+
+    def tell_core(self) -> None:
+        """Tell the core what it is to say of itself and of its line."""
+        self._library.set(self._at, self.board_told, self.baud_told, self.driven, self._scale)
+
+    # ------------------------------------------------------------------------------------------ bytes and time
     def receive(self, data: bytes) -> None:
-        """Take bytes from the line and execute the commands in them."""
-        for part in self.link.up_to_aborts(data):
-            if self.link.receive(part):
-                self.raise_fault(FaultCode.ABORT_RUN)
-        if self.guards.too_noisy(self.link.rx_bad, self.tick, self.armed, self.host_time_scale):
-            self.raise_fault(FaultCode.LINE_NOISE, self.parameters.bad_frames)
-        if self.link.reboots:
-            self.reset(m.ResetCause.COMMANDED)
+        at = 0
+        while at < len(data):
+            self._read_inputs()
+            part = data[at : at + MOST_AT_ONCE]
+            at += self._library.receive(self._at, part, len(part))
+            self._after_call()
+            if self.seen.advancing:
+                self._let_time_pass()
+        self._library.line_read(self._at)
+        self._after_call()
+        if self.seen.reboot_asked:
+            self.reset(ResetCause.COMMANDED)
+
+    def _let_time_pass(self) -> None:
+        timeout_us = self.seen.advance_us
+        if self.seen.reboot_asked:
+            self.reset(ResetCause.COMMANDED)
+        if timeout_us:
+            self.host_wait.wait(timeout_us * 1e-6)
+        self._library.advanced(self._at)
+        self._after_call()
 
     def host_heard(self) -> None:
-        """Feed the watchdog."""
-        self._heard_tick = self.tick
-
-    def _host_came(self) -> None:
-        """A session has opened: what another host left running has nobody who watches it any more."""
-        self.telemetry.forget()  # it was the former host's
-        self.host_heard()
-        if self.armed and not self.disarming:
-            self.raise_fault(FaultCode.HOST_SILENT)
+        self._library.heard(self._at)
 
     def advance(self, ticks: int) -> None:
-        """Let `ticks` milliseconds pass."""
         now = self.tick
         end = now + ticks
         while now < end:
             happened = self.step(min(end, self._next_deadline(now)) - now)
-            self.telemetry.send_full_frames()
-            self.motion.follow_stages()
-            if happened:
-                self._conclude(happened)
+            self.plant.follow_stages(scan_goes_on=True)
+            if happened == LOOK:
+                self.plant.look()
+                happened = 0
+            self._library.conclude(self._at, happened)
+            self._after_call()
             now = self.tick
             self._watch(now)
 
     def step(self, ticks: int) -> int:
-        """Run the kernel for at most `ticks` ms; returns what happened, in the kernel's words."""
+        """Run plant and core for at most `ticks` ms; returns what happened, in the core's words."""
         plant = self.plant
-        pulses = ticks * TICK_NS // self.settings.pulse_period_ns + 2
+        pulses = ticks * TICK_NS // plant.unit.pulse_period_ns + 2
         plant.random.provide(plant.state, pulses, 2 * ticks + 2)
-        return run(
-            ticks,
-            *plant.shared,
-            self.settings.shared,
-            self.loop.shared,
-            self.black_box.ring,
-            self.telemetry.samples,
-            self.telemetry.blocks,
-            self.telemetry.pulses,
-        )
-
-    @property
-    def _watchdog_ticks(self) -> int:
-        return round(self.parameters.watchdog_ticks * self.host_time_scale)
-
-    def _repeat_later(self) -> None:
-        self._repeat_tick = self.tick + round(EVENT_REPEAT_TICKS * self.host_time_scale)
+        happened: int = self._library.machine_run(ticks, plant.machine.place, self._at)
+        return happened
 
     def _next_deadline(self, now: int) -> int:
-        deadline = min(now + SLICE_TICKS, self._repeat_tick, self.injector.next_tick(now))
-        deadline = min(deadline, self.plant.chips.next_tick(now) or NEVER)
-        if self.armed:
-            deadline = min(deadline, self._heard_tick + self._watchdog_ticks)
-        if self.motion.stage:
-            deadline = min(deadline, self.motion.stage.arrival_tick)
-        return max(deadline, now + 1)
+        due: int = self._library.deadline(self._at)
+        deadline = min(now + LINGER_TICKS, due, self.injector.next_tick(now))
+        return max(min(deadline, self.plant.chips.next_tick(now) or NEVER), now + 1)
 
     def _watch(self, now: int) -> None:
-        """Everything that is due by the clock: stage arrival, watchdog, inputs, repetition of events."""
         self.injector.apply_due(now)
         self.plant.chips.look()
-        stage = self.motion.stage
-        if self.plant.inputs().limit_switch and (stage or self.motion.stages_follow):
-            self.raise_fault(FaultCode.STAGE_LIMIT, stage.axis if stage else m.Axis.X)
-        elif stage and now >= stage.arrival_tick:
-            self.motion.stop_stage()
-            self.set_state(State.ARMED)
-            self.emit(EventCode.STAGE_DONE)
-        opened = self.guards.open_interlocks()
-        if opened & Interlocks.ESTOP and self.state is not State.ESTOP:
-            self.raise_fault(FaultCode.ESTOP, opened)
-        elif opened and self.armed:
-            self.raise_fault(input_fault(opened), opened)
-        elif self.armed and now - self._heard_tick >= self._watchdog_ticks:
-            self.raise_fault(FaultCode.HOST_SILENT)
-        if now >= self._repeat_tick:
-            if self.link.repeat_events():
-                self._repeat_later()
-            else:
-                self._repeat_tick = NEVER
+        self._read_inputs()
+        self._library.watch(self._at)
+        self._after_call()
 
-    def set_state(self, state: State) -> None:
-        """Enter a state; the watchdog runs, inputs and monitors count while it is an armed one."""
-        self.state = state
-        self.armed = state not in _UNARMED
-        self.loop.link_state = state
-        self.loop.watched = int(self.armed)
+    def _read_inputs(self) -> None:
+        for name, value in self.plant.inputs()._asdict().items():
+            setattr(self._inputs, name, value)
 
-    def emit(
-        self,
-        code: EventCode,
-        arg: int = 0,
-        z_um: float | None = None,
-        v: float | None = None,
-        ago_ticks: int = 0,
-    ) -> None:
-        """Report an event, after the telemetry up to it.
+    def _after_call(self) -> None:
+        """What follows a call of the core: its bytes are lined up, what it has begun is told to the injector."""
+        if self._failed is not None:
+            self._raise_failed()
+        seen = self.seen
+        if seen.lost_frames:
+            raise RuntimeError(
+                f"{seen.lost_frames} frames of the core did not fit into its memory of the line"
+            )
+        if seen.out_bytes:
+            self.drain()
+        if (seen.arms, seen.touch_offs) != self._noted:
+            arms, touches = self._noted
+            self._noted = seen.arms, seen.touch_offs
+            for _ in range(seen.arms - arms):
+                self.injector.note(Trigger.ARM)
+            for _ in range(seen.touch_offs - touches):
+                self.injector.note(Trigger.TOUCH)
 
-        A host that lets so many of them wait that there is no place for it is one that does not listen.
-        """
-        if not self.link.takes_events:
-            self.raise_fault(FaultCode.HOST_SILENT, code)
-            return
-        self.telemetry.flush()
-        event = m.Event(
-            event_no=self.link.next_event_no(),
-            t_us=self.time_us - ago_ticks * 1000 & 0xFFFFFFFF,
-            code=code,
-            arg=arg,
-            displacement_um=self.loop.displacement_um if z_um is None else z_um,
-            actuator_v=self.plant.drive.actuator_v if v is None else v,
-        )
-        self.link.send_event(saturated(event))
-        self._repeat_later()
+    def drain(self) -> None:
+        """Line up what the core has sent."""
+        size = self.seen.out_bytes
+        self.seen.out_bytes = 0
+        if size:
+            self.link.keep(self.telemetry.passes(ctypes.string_at(self._at + self._library.out_at(), size)))
 
-    def _conclude(self, happened: int) -> None:
-        """Turn what the kernel reports into states and events."""
-        if happened in KERNEL_FAULTS:
-            self.raise_fault(KERNEL_FAULTS[happened])
-        elif happened == LOOK:
-            self.plant.look()
-        elif happened == k.RAMP_DONE:
-            self._end_ramp()
-        elif happened == k.TOUCHED:
-            mean = self.loop.touch_sum / max(1, self.loop.touch_count)
-            number, dwell = self.loop.touch_no, self.loop.dwell_ticks
-            self.emit(EventCode.TOUCH, number, mean, self.loop.touch_v, dwell)
-        elif happened == k.JUMP_DONE:
-            self.set_state(State.MACHINING if self.loop.jump_resumes else State.ARMED)
-            self.emit(EventCode.JUMP_DONE)
-        elif happened == k.TESTED:
-            self._end_test()
-        elif happened in _AFTER:
-            self.set_state(State.ARMED)
-            self.emit(_AFTER[happened])
+    def last_samples(self) -> bytes:
+        """The newest telemetry frame of samples; zeros before the first."""
+        return ctypes.string_at(self._at + self._library.last_samples_at(), 257)
 
-    def _end_ramp(self) -> None:
-        if self.state is State.BOOT:
-            self.set_state(State.IDLE)
-        elif not self.fault:
-            self.set_state(State.IDLE if self.disarming else State.ARMED)
-            self.disarming = False
-            self.emit(EventCode.MOVE_DONE)
+    def output_taken(self) -> None:
+        self._library.taken(self._at)
 
-    def _end_test(self) -> None:
-        off_v = self.loop.test_off_v
-        on_v = self.loop.touch_sum / max(1, self.loop.touch_count)
-        duty_v = self.settings.duty_v
-        error_v = self.parameters.test_error * duty_v
-        if not (abs(off_v) <= error_v and abs(on_v - duty_v) <= error_v):
-            self.raise_fault(FaultCode.GAP_SENSOR, round(1000.0 * on_v))
-            return
-        self.set_state(State.ARMED)
-        self.emit(EventCode.TEST_DONE, round(1000.0 * on_v))
+    # ------------------------------------------------------------------------------------------ keeping it
+    def kept(self) -> Kept:
+        """Return what outlives a loss of power."""
+        kept = Kept()
+        self._library.keep(self._at, kept.place)
+        return kept
 
+    def take_up(self, kept: Kept) -> None:
+        """Go on from what was kept, before a reset."""
+        self._library.take_up(self._at, kept.place)
+        self._noted = (self.seen.arms, self.seen.touch_offs)
+
+    def __deepcopy__(self, memo: dict[int, object]) -> Controller:
+        twin = object.__new__(type(self))
+        memo[id(self)] = twin
+        here = {
+            "_library",
+            "_memory",
+            "_at",
+            "_inputs",
+            "seen",
+            "loop",
+            "parameters",
+            "black_box",
+            "_callbacks",
+        }
+        twin._library = self._library
+        twin._memory = type(self._memory).from_buffer_copy(self._memory)
+        for name, value in vars(self).items():
+            if name not in here:
+                setattr(twin, name, deepcopy(value, memo))
+        twin._bind()
+        return twin
+
+    # ------------------------------------------------------------------------------- what a board finds by itself
     def raise_fault(self, code: FaultCode, detail: int = 0) -> None:
-        """Pulses off, retract, latch, report. The first fault stays the latched one, but for an emergency stop."""
-        self.motion.start_ramp(0.0, self.parameters.retract_v_s)
-        if self.fault and (code is not FaultCode.ESTOP or self.fault == FaultCode.ESTOP):
-            return
-        self.telemetry.flush()
-        self._freeze()
-        self.fault = int(code)
-        self.motion.stop_stage()
-        self.disarming = self.pulses_allowed = False
-        self.set_state(State.ESTOP if code is FaultCode.ESTOP else State.FAULT)
-        report = m.Fault(
-            event_no=self.link.next_event_no(),
-            t_us=self.time_us & 0xFFFFFFFF,
-            code=code,
-            detail=detail,
-            displacement_um=self.loop.displacement_um,
-            gap_v=self.loop.gap_v,
-        )
-        self.link.send_event(saturated(report))
-        self._repeat_later()
+        self._library.fault(self._at, int(code), detail)
+        self._after_call()
 
-    def _freeze(self) -> None:
-        """Keep what is known of the time before a fault."""
-        self.black_box.freeze(self.tick, self.boot_tick)
-        self.waveforms.freeze(self.tick, self.boot_tick)
-
-    def clear_fault(self) -> None:
-        """Leave FAULT or ESTOP for IDLE."""
-        self.fault = 0
-        self.black_box.thaw(self.tick)
-        self.waveforms.thaw()
-        self.set_state(State.IDLE)
-
-    def stop_motion(self) -> None:
-        """Pulses off, hold the tool where it is."""
-        self.motion.hold()
-        self.set_state(State.ARMED)
-        self.emit(EventCode.STOPPED)
-
-    def reset(self, cause: m.ResetCause) -> None:
-        """Start anew: no session, default parameters, pulses off, tool retracting. A latched fault outlives it."""
-        self.telemetry.restart()
-        self.link.restart()
-        self.guards.restart()
-        self.parameters.reset()
-        self.plant.look()  # so that a bench that is restored from here goes on bit for bit
-        if cause is m.ResetCause.POWER_ON:  # the converter has come back at 0 V
-            self.loop.command_v = self.plant.drive.actuator_v = 0.0
-        self.motion.start_ramp(0.0, self.parameters.retract_v_s)
-        self.motion.stop_stage()
-        self.disarming = self.pulses_allowed = False
-        if not self.fault and cause in _BY_ITSELF:
-            self._freeze()
-            self.fault = int(FaultCode.RESET)
-        self.waveforms.forget()
-        self.boot_count = (self.boot_count + 1) & 0xFFFFFFFF
-        self.boot_tick = self.tick
-        self.reset_cause = cause
-        self._repeat_tick = NEVER
-        at_rest = self.loop.command_v == 0.0
-        if self.fault:
-            self.set_state(State.ESTOP if self.fault == FaultCode.ESTOP else State.FAULT)
-        else:
-            self.set_state(State.IDLE if at_rest else State.BOOT)
-        if at_rest:
-            self.motion.hold()
-        self.link.send(m.Boot(cause, self.boot_count))
+    def reset(self, cause: ResetCause) -> None:
+        self.plant.look()
+        self._library.reset(self._at, int(cause))
+        self._after_call()

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
+from edmctl.core.library import PACK
 from edmctl.link.messages import ResetCause, State
-from edmctl.simulator.controller_state import PACK
 from edmctl.simulator.injection import CHIPS, Injection, LineState, Trigger
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_S
@@ -105,7 +105,7 @@ class Counting(Protocol):
 
     @property
     def tick_counts(self) -> int:
-        """Pulses, packed by class (controller_state.PACK)."""
+        """Pulses, packed by class (library.PACK bits each)."""
 
 
 class Injected(Protocol):

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import TypeAlias
 
 import numpy as np
 
-from edmctl.array_types import Array
 from edmctl.core.library import library
 from edmctl.process.discharge import pulse_energy_uj
 from edmctl.process.erosion import tool_um3_per_uj, work_um3_per_uj
@@ -30,11 +28,6 @@ from edmctl.simulator.plant_state import BURNING, Machine, PlantState, Scope, Un
 from edmctl.simulator.unit import RandomBlocks, draw_actuator, set_actuator
 from edmctl.simulator.wiring import Inputs, Wiring
 from edmctl.simulator.work_under_tool import Chips, Hole, WorkUnderTool
-
-_Shared: TypeAlias = tuple[
-    Sequence[Unit], Sequence[PlantState], Sequence[Scope], Array, Array, Array, Array, Sequence[Drive],
-    Sequence[Readings],
-]  # fmt: skip
 
 CONTACT_COMPLIANCE = (
     0.1  # travel of the tool end into the work per µm of free travel beyond contact [assumed]
@@ -115,21 +108,6 @@ class Plant:
             for name, place in zip(Machine.pointers, addresses, strict=True):
                 setattr(machine, name, place)
         return machine
-
-    @property
-    def shared(self) -> _Shared:
-        """The plant for compiled code: the first arguments of `kernel.run`."""
-        return (
-            self.unit.shared,
-            self.state.shared,
-            self.scope.shared,
-            self.random.pulse,
-            self.random.tables,
-            self.random.noise,
-            self.work_under_tool.levels,
-            self.drive.shared,
-            self.readings.shared,
-        )
 
     @property
     def tool_wear_um(self) -> float:

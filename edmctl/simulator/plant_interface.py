@@ -6,11 +6,8 @@ A controller is whatever is called once a millisecond with these two records: it
 
 from __future__ import annotations
 
-import math
-
-from edmctl.actuator.compiling import compiled
 from edmctl.array_types import Array
-from edmctl.simulator.records import Record, record, series
+from edmctl.core.records import Record, record, series
 
 TICK_S = 0.001
 TICK_NS = 1_000_000
@@ -59,9 +56,3 @@ class Readings(Record):
     discharge_us: Array = series(MOST_PULSES)  # time of current; 0: none
     plateau_v: Array = series(MOST_PULSES)  # gap voltage of the discharge, or of the open gap
     energy_uj: Array = series(MOST_PULSES)  # of the discharge
-
-
-@compiled
-def on_grid(voltage_v: float) -> float:
-    """The voltage that the converter makes of one asked for."""
-    return float(math.floor(voltage_v * STEPS_PER_V + 0.5) * DAC_V)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from edmctl.array_types import Array
+from edmctl.core.records import Record, address, record, series
 from edmctl.simulator.plant_interface import PATH_LINES
-from edmctl.simulator.records import Record, address, record, series
 
 PLAYS = 40
 CREEP_TERMS = 12
+TABLE = 1024  # values in each table of a distribution
 BURNING = 256  # steps of the burning time in tables of what a discharge does
 SCOPE_PULSES = 64  # newest pulses remembered, for waveforms; a power of two
 

@@ -14,18 +14,17 @@ from copy import deepcopy
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl.core.library import Kept
+from edmctl.core.records import Record
 from edmctl.errors import RunFileError
 from edmctl.link.messages import ResetCause
 from edmctl.process.erosion import ErosionLaw
 from edmctl.process.gap_conditions import GapLaw
 from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
-from edmctl.simulator.controller import VirtualController
-from edmctl.simulator.controller_kernel import BOX_COLUMNS
-from edmctl.simulator.fault_recorder import PULSE, PULSE_COLUMNS, RecentPulses, Waveforms
-from edmctl.simulator.firmware_controller import FirmwareController
+from edmctl.simulator.controller import Controller
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.records import Record
+from edmctl.simulator.waveforms import PULSE, PULSE_COLUMNS, RecentPulses, Waveforms
 from edmctl.simulator.work_under_tool import Hole
 from edmctl.simulator.workpiece import TILE
 
@@ -33,7 +32,6 @@ State = Mapping[str, object]
 """Names of arrays, numbers, texts and further states."""
 
 _PLANT_RECORDS = ("unit", "state", "drive", "readings")
-_CONTROLLER_RECORDS = ("settings", "loop")
 _PLANT_VALUES = (
     "serial",
     "theta_deg",
@@ -80,13 +78,10 @@ def restored_bench(state: State) -> VirtualBench:
     try:
         plant, controller = _part(state, "plant"), _part(state, "controller")
         bench = VirtualBench(_config(_part(state, "config")), seed=0)
-        _restore_records(bench.plant, _PLANT_RECORDS, plant)
+        for name in _PLANT_RECORDS:
+            _restore_record(getattr(bench.plant, name), _part(plant, name))
         _restore_plant(bench.plant, plant)
-        if isinstance(bench.controller, VirtualController):
-            _restore_records(bench.controller, _CONTROLLER_RECORDS, controller)
-            _restore_controller(bench.controller, controller)
-        else:
-            _restore_firmware(bench.controller, controller)
+        _restore_controller(bench.controller, controller)
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise RunFileError(
             f"The saved bench does not fit this version: {type(error).__name__} {error}.",
@@ -98,21 +93,12 @@ def restored_bench(state: State) -> VirtualBench:
     return bench
 
 
-def _records_state(owner: object, names: tuple[str, ...]) -> State:
-    """Records of plant or controller: their numbers, and each series."""
-    records: dict[str, Record] = {name: getattr(owner, name) for name in names}
-    return {name: {"numbers": record.numbers(), **record.arrays()} for name, record in records.items()}
-
-
-def _restore_records(owner: object, names: tuple[str, ...], state: State) -> None:
-    for name in names:
-        record: Record = getattr(owner, name)
-        part = _part(state, name)
-        numbers = _part(part, "numbers")
-        for field in record.numbers():
-            setattr(record, field, numbers[field])
-        for field in record.arrays():
-            _fill(record.array(field), part[field])
+def _restore_record(record: Record, state: State) -> None:
+    numbers = _part(state, "numbers")
+    for field in record.numbers():
+        setattr(record, field, numbers[field])
+    for field in record.arrays():
+        _fill(record.array(field), state[field])
 
 
 def _plant_state(plant: Plant) -> State:
@@ -122,8 +108,9 @@ def _plant_state(plant: Plant) -> State:
     here = next((i for i, hole in enumerate(holes) if hole is ground.here), _NO_HOLE)
     tiles = ground.work.tiles
     random = plant.random
+    records: dict[str, Record] = {name: getattr(plant, name) for name in _PLANT_RECORDS}
     return {
-        **_records_state(plant, _PLANT_RECORDS),
+        **{name: {"numbers": record.numbers(), **record.arrays()} for name, record in records.items()},
         **{
             name: int(value) if isinstance(value := getattr(plant, name), bool) else value
             for name in _PLANT_VALUES
@@ -185,23 +172,9 @@ def _tile(cells: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _controller_state(bench: VirtualBench, boots: int) -> State:
     controller = bench.controller
-    if not isinstance(controller, VirtualController):
-        return {**controller.kept(boots), **_waveform_state(controller.waveforms)}
-    box = controller.black_box
-    frozen = box._frozen
-    return {
-        **_records_state(controller, _CONTROLLER_RECORDS),
-        "fault": controller.fault,
-        "boot_count": boots,
-        "event_no": controller.link._event_no,
-        "ring": box.ring.copy(),
-        "box_begin": box.begin_tick,
-        "is_frozen": int(frozen is not None),
-        "frozen_ring": frozen[0] if frozen else np.zeros((0, BOX_COLUMNS)),
-        "frozen_tick": frozen[1] if frozen else 0,
-        "frozen_start": frozen[2] if frozen else 0,
-        **_waveform_state(controller.waveforms),
-    }
+    kept = controller.kept()
+    kept.boot_count = boots
+    return {"kept": {"numbers": kept.numbers(), **kept.arrays()}, **_waveform_state(controller.waveforms)}
 
 
 def _waveform_state(waveforms: Waveforms) -> State:
@@ -216,23 +189,10 @@ def _waveform_state(waveforms: Waveforms) -> State:
     }
 
 
-def _restore_firmware(controller: FirmwareController, state: State) -> None:
-    controller.take_up(state)
-    if "waveform_times_ns" in state:
-        _restore_waveforms(controller.waveforms, state)
-
-
-def _restore_controller(controller: VirtualController, state: State) -> None:
-    box = controller.black_box
-    controller.fault = _integer(state, "fault")
-    controller.boot_count = _integer(state, "boot_count")
-    controller.link._event_no = _integer(state, "event_no")
-    _fill(box.ring, state["ring"])
-    box.begin_tick = _integer(state, "box_begin") if "box_begin" in state else 0
-    if state["is_frozen"]:
-        ring = np.zeros_like(box.ring)
-        _fill(ring, state["frozen_ring"])
-        box._frozen = (ring, _integer(state, "frozen_tick"), _integer(state, "frozen_start"))
+def _restore_controller(controller: Controller, state: State) -> None:
+    kept = Kept()
+    _restore_record(kept, _part(state, "kept"))
+    controller.take_up(kept)
     if "waveform_times_ns" in state:
         _restore_waveforms(controller.waveforms, state)
 

@@ -83,7 +83,6 @@ class Server:
         self.traffic = Traffic()
         self._controller.link.driven = speed is None
         self._controller.host_time_scale = speed or 1.0
-        bench.warm_up()  # a stall of seconds in the middle of a job would trip the watchdog
         self._heard_s = self._base_s = self._looked_s = self._answer_by_s = monotonic()
         self._base_tick = self._controller.tick
 

@@ -15,9 +15,8 @@ from statistics import NormalDist
 import numpy as np
 
 from edmctl.array_types import Array
-from edmctl.simulator.discharge import TABLE
 from edmctl.simulator.plant_interface import TICK_S
-from edmctl.simulator.plant_state import CREEP_TERMS, PLAYS, PlantState, Unit
+from edmctl.simulator.plant_state import CREEP_TERMS, PLAYS, TABLE, PlantState, Unit
 
 BLOCK = 32768
 """Random numbers that are drawn at once."""

@@ -3,9 +3,8 @@
 
 #include <stddef.h>
 
-#define PACK 12 /* bits of a count in tick_counts */
-
-_Static_assert(offsetof(struct edm_host, core) == 0, "the core stands first");
+_Static_assert(offsetof(struct edm_host, core) == 0, "the core is first");
+_Static_assert(EDM_BOX_SAMPLES == BOX_TICKS, "the black box of a library");
 
 static struct edm_host *host_of(void *board) {
     return board;
@@ -25,7 +24,7 @@ void hal_send(void *board, const uint8_t *frame, size_t size) {
 }
 
 void hal_inputs(void *board, struct edm_inputs *inputs) {
-    const struct host_inputs *now = &host_of(board)->inputs;
+    const struct inputs *now = &host_of(board)->inputs;
     inputs->estop = now->estop != 0;
     inputs->door_open = now->door_open != 0;
     inputs->hv_supply_ok = now->hv_supply_ok != 0;
@@ -149,7 +148,7 @@ static void take_readings(struct edm_host *h) {
 /* Shows the caller what stands in the controller. */
 static void show(struct edm_host *h) {
     const struct edm_controller *c = &h->core;
-    struct host_seen *seen = &h->seen;
+    struct seen *seen = &h->seen;
     put_drive(h);
     seen->tick = c->tick;
     seen->boot_tick = c->boot_tick;
@@ -183,6 +182,12 @@ static void show(struct edm_host *h) {
     seen->reboot_asked = c->link.reboot_asked;
     seen->arms = c->arms;
     seen->touch_offs = c->touch_offs;
+    seen->session = c->link.session;
+    seen->zero_um = (double)c->zero_um;
+    seen->pulses_allowed = c->pulses_allowed;
+    seen->pulse_period_ns = c->settings.pulse_period_ns;
+    seen->duty_v = (double)c->settings.duty_v;
+    seen->sensor_fitted = !c->settings.sensor_missing;
 }
 
 EDM_EXPORT size_t edm_host_size(void);
@@ -201,7 +206,6 @@ EDM_EXPORT void edm_host_line_read(struct edm_host *h);
 EDM_EXPORT void edm_host_advanced(struct edm_host *h);
 EDM_EXPORT void edm_host_taken(struct edm_host *h);
 EDM_EXPORT void edm_host_heard(struct edm_host *h);
-EDM_EXPORT void edm_host_set_boots(struct edm_host *h, uint32_t boots);
 EDM_EXPORT void edm_host_count_from(struct edm_host *h, int64_t since_us, uint16_t event_no, uint32_t boot_count,
                                   uint32_t frames, uint32_t pulse_no);
 EDM_EXPORT void edm_host_conclude(struct edm_host *h, int64_t happened);
@@ -209,6 +213,8 @@ EDM_EXPORT void edm_host_watch(struct edm_host *h);
 EDM_EXPORT int64_t edm_host_deadline(const struct edm_host *h);
 EDM_EXPORT void edm_host_fault(struct edm_host *h, int code, int detail);
 EDM_EXPORT void edm_host_reset(struct edm_host *h, int cause);
+EDM_EXPORT void edm_host_keep(const struct edm_host *h, struct kept *kept);
+EDM_EXPORT void edm_host_take_up(struct edm_host *h, const struct kept *kept);
 
 size_t edm_host_size(void) {
     return sizeof(struct edm_host);
@@ -292,11 +298,6 @@ void edm_host_heard(struct edm_host *h) {
     h->core.heard_tick = h->core.tick;
 }
 
-void edm_host_set_boots(struct edm_host *h, uint32_t boots) {
-    h->core.keeps.boot_count = boots;
-    show(h);
-}
-
 /* Lets every counter of the link stand where it does after a long time: for tests of their wrap. */
 void edm_host_count_from(struct edm_host *h, int64_t since_us, uint16_t event_no, uint32_t boot_count, uint32_t frames,
                          uint32_t pulse_no) {
@@ -345,5 +346,76 @@ void edm_host_fault(struct edm_host *h, int code, int detail) {
 
 void edm_host_reset(struct edm_host *h, int cause) {
     edm_start(&h->core, (uint8_t)cause);
+    show(h);
+}
+
+/* What outlives a loss of power, by names, so that another version of the core can take it up. */
+void edm_host_keep(const struct edm_host *h, struct kept *kept) {
+    const struct edm_controller *c = &h->core;
+    const struct edm_black_box *box = &c->box;
+    kept->fault = c->keeps.fault;
+    kept->event_no = c->keeps.event_no;
+    kept->boot_count = c->keeps.boot_count;
+    kept->boot_tick = c->boot_tick;
+    kept->since_tick = box->since_tick;
+    kept->frozen = box->frozen;
+    kept->frozen_tick = box->frozen_tick;
+    kept->frozen_boot_tick = box->frozen_boot_tick;
+    kept->flags = box->newest_flags;
+    kept->waves_frozen = c->waveforms.frozen;
+    kept->waves_empty = c->waveforms.empty;
+    kept->waves_begin_ns = c->waveforms.begin_ns;
+    kept->waves_end_ns = c->waveforms.end_ns;
+    kept->waves_boot_ns = c->waveforms.boot_ns;
+    for (int i = 0; i < BOX_TICKS; i++) {
+        const struct edm_sample *sample = &box->ring[i];
+        kept->displacement_um[i] = (double)sample->displacement_um;
+        kept->actuator_v[i] = (double)sample->actuator_v;
+        kept->gap_v[i] = (double)sample->gap_v;
+        kept->charge_uc[i] = (double)sample->charge_uc;
+        kept->opens[i] = sample->counts[0];
+        kept->normals[i] = sample->counts[1];
+        kept->arcs[i] = sample->counts[2];
+        kept->shorts[i] = sample->counts[3];
+        kept->states[i] = sample->state;
+        kept->all_flags[i] = sample->flags;
+    }
+}
+
+/* A byte of a file that may hold anything. */
+static uint8_t byte_of(double value) {
+    return value >= 0 && value <= UINT8_MAX ? (uint8_t)value : 0;
+}
+
+/* The controller of a machine that was kept, before it is switched on again. */
+void edm_host_take_up(struct edm_host *h, const struct kept *kept) {
+    struct edm_controller *c = &h->core;
+    struct edm_black_box *box = &c->box;
+    c->tick = h->readings->tick;
+    c->boot_tick = kept->boot_tick < 0 || kept->boot_tick > c->tick ? c->tick : kept->boot_tick;
+    c->keeps.fault = (uint16_t)kept->fault;
+    c->keeps.event_no = (uint16_t)kept->event_no;
+    c->keeps.boot_count = (uint32_t)kept->boot_count;
+    box->since_tick = kept->since_tick;
+    box->frozen = kept->frozen != 0;
+    box->frozen_tick = kept->frozen_tick;
+    box->frozen_boot_tick = kept->frozen_boot_tick;
+    box->newest_flags = (uint8_t)kept->flags;
+    c->waveforms.frozen = kept->waves_frozen != 0;
+    c->waveforms.empty = kept->waves_empty != 0;
+    c->waveforms.begin_ns = kept->waves_begin_ns;
+    c->waveforms.end_ns = kept->waves_end_ns;
+    c->waveforms.boot_ns = kept->waves_boot_ns;
+    for (int i = 0; i < BOX_TICKS; i++) {
+        box->ring[i] = (struct edm_sample){
+            .displacement_um = (real)kept->displacement_um[i],
+            .actuator_v = (real)kept->actuator_v[i],
+            .gap_v = (real)kept->gap_v[i],
+            .charge_uc = (real)kept->charge_uc[i],
+            .counts = {byte_of(kept->opens[i]), byte_of(kept->normals[i]), byte_of(kept->arcs[i]), byte_of(kept->shorts[i])},
+            .state = byte_of(kept->states[i]),
+            .flags = byte_of(kept->all_flags[i]),
+        };
+    }
     show(h);
 }

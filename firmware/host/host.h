@@ -4,23 +4,9 @@
 
 #include "../edm.h"
 #include "../plant/plant.h"
+#include "host_records.h"
 
 #define OUT_BYTES (256 * 1024)
-
-/* library.Inputs: written by the caller before edm_host_receive, edm_host_watch and edm_host_create. */
-struct host_inputs {
-    int64_t estop, door_open, hv_supply_ok, level_ok, limit_switch;
-    double flow_lpm, temperature_c, monitor_v;
-};
-
-/* library.Seen: what stands in the controller, renewed by every call but those of the tick. */
-struct host_seen {
-    int64_t tick, boot_tick, state, armed, fault, boot_count, frozen_tick, watchdog_ticks, param_crc;
-    int64_t mode, tick_counts, pulse_no, tlm_next, scanning;
-    double command_v, displacement_um, slow_displacement_um, gap_v;
-    int64_t rx_bad, rx_drop, rx_frames, urgent, due, advanced, advancing, advance_us, reboot_asked;
-    int64_t arms, touch_offs, out_bytes, lost_frames;
-};
 
 /* library.Callbacks: what only the machine's model can do; none is called within a tick. */
 struct host_callbacks {
@@ -37,8 +23,8 @@ struct host_callbacks {
 
 struct edm_host {
     struct edm_controller core;
-    struct host_inputs inputs;
-    struct host_seen seen;
+    struct inputs inputs; /* written by the caller before edm_host_receive, edm_host_watch and edm_host_create */
+    struct seen seen;
     struct drive *drive;
     const struct readings *readings;
     struct host_callbacks callbacks;

@@ -2,7 +2,7 @@
  * judges, the plant follows. */
 #include "host.h"
 
-#define LOOK 99 /* edmctl/simulator/firmware_controller.py: the work under the tool has to be looked up again */
+#define LOOK 99 /* edmctl/simulator/controller.py: the work under the tool has to be looked up again */
 
 #ifndef EDM_SOURCES
 #define EDM_SOURCES "unknown"

@@ -4,9 +4,9 @@
 
 #include <stdint.h>
 
-#define TABLE 1024
 #define MOST_PULSES 64
 #define PATH_LINES 16
+#define TABLE 1024
 #define PLAYS 40
 #define CREEP_TERMS 12
 #define BURNING 256

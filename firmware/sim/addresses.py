@@ -6,7 +6,7 @@ one is at 0x4000 0000.
 
 from __future__ import annotations
 
-from edmctl.actuator.compiling import compiled
+from .compiling import compiled
 
 PERIPHERALS, SYSTEM, TRACE, DEBUG = 0x40000000, 0xE000E000, 0xE0001000, 0xE0042000
 PERIPHERAL_BYTES, PAGE_BYTES = 0x28000, 0x1000

@@ -9,10 +9,9 @@ from numba import carray, types  # type: ignore[attr-defined]
 from unicorn.arm_const import UC_ARM_REG_XPSR
 from unicorn.unicorn_const import UC_MEM_FETCH, UC_PROT_ALL, UC_PROT_READ, UC_PROT_WRITE
 
-from edmctl.actuator.compiling import callback
-
 from .addresses import CCM_AT, DBGMCU_APB1_FZ, DWT_CYCCNT, SRAM_AT, SYSTEM_AT, TRACE_AT
 from .calling import call
+from .compiling import callback
 from .registers import (
     DEBUG_FREEZE,
     ENGINE,

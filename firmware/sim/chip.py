@@ -15,8 +15,6 @@ import numpy as np
 from unicorn import Uc, arm_const, unicorn_const
 from unicorn.unicorn_py3.unicorn import uclib
 
-from edmctl.actuator.compiling import compiled
-
 from . import callbacks
 from . import registers as reg
 from .addresses import (
@@ -50,6 +48,7 @@ from .addresses import (
     word,
 )
 from .calling import call
+from .compiling import compiled
 
 if TYPE_CHECKING:
     from edmctl.firmware.elf import Elf

@@ -1,4 +1,4 @@
-"""The emulated board as a controller of the simulator: the interface of `FirmwareController`, behind a real line.
+"""The emulated board as a controller of the simulator: the interface of `Controller`, behind a real line.
 
 Bytes take their time, answers come with the millisecond, and the clock runs: the image knows nothing of a driven
 one. Where the host drives the clock, its ADVANCE is answered here, and HELLO's answer is told so.
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from edmctl.core.library import library
 from edmctl.link.frame import Frame, FrameDecoder, encode_frame
 from edmctl.link.messages import (
     Advance,
@@ -27,6 +28,7 @@ from edmctl.simulator.plant_interface import TICK_NS
 from .addresses import CCM_AT
 from .chip import FLASH_AT, LOCKED_UP, PC, Chip, ChipFailed, Reset
 from .circuit import INPUT_MS, STEP_DEG, STEP_UM, Bench
+from .compiling import shared
 from .converters import NOISE, SAMPLES_PER_MS
 from .host_side import REPLY_BIT, Samples, Stm32Link, Waiting
 from .image_memory import MEMBERS, Seen
@@ -292,7 +294,7 @@ class Stm32Controller:
         reason: int = run(
             ticks,
             stops_when_sent,
-            self.watch.shared,
+            shared(self.watch),
             chip.core,
             chip.r,
             chip.sram,
@@ -300,19 +302,16 @@ class Stm32Controller:
             frame,
             entry,
             leave,
-            self.bench.shared,
+            shared(self.bench),
             self._rx,
             self._tx,
-            plant.unit.shared,
-            plant.state.shared,
-            plant.scope.shared,
-            plant.random.pulse,
-            plant.random.tables,
-            plant.random.noise,
-            plant.work_under_tool.levels,
+            shared(plant.unit),
+            shared(plant.scope),
             self._hiss,
-            plant.drive.shared,
-            plant.readings.shared,
+            shared(plant.drive),
+            shared(plant.readings),
+            library().plant_run_at,
+            plant.machine.place,
         )
         return reason
 

@@ -7,15 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.actuator.compiling import compiled
 from edmctl.simulator.plant_state import SCOPE_PULSES
-from edmctl.simulator.pulse_shape import (
-    CURRENT_NOISE_A,
-    PLATEAU_NOISE,
-    VOLTAGE_NOISE_V,
-    pulse_at,
-    pulse_ends,
-)
+from edmctl.simulator.pulse_shape import CURRENT_NOISE_A, PLATEAU_NOISE, VOLTAGE_NOISE_V
 
 from .addresses import (
     ADC,
@@ -42,8 +35,10 @@ from .addresses import (
     word,
 )
 from .circuit import DISPLACEMENT_UM, FLOW_LPM, GAP_A, GAP_V, MONITOR_V, TEMPERATURE_C
+from .compiling import compiled
 from .dma import carry_words, put, takes
 from .pins import pin_is
+from .pulse_shape import pulse_at, pulse_ends
 from .registers import SAMPLES_FROM, SCAN_FROM, SCAN_PHASE, SCANS_END
 
 if TYPE_CHECKING:

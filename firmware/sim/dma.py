@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from edmctl.actuator.compiling import compiled
-
 from .addresses import (
     CIRC,
     DMA2,
@@ -22,6 +20,7 @@ from .addresses import (
     stream_at,
     word,
 )
+from .compiling import compiled
 from .registers import FLAGS_AT, RELOAD, note_error
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.compiling import compiled
 from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.plant_state import SCOPE_PULSES
 
@@ -25,6 +24,7 @@ from .addresses import (
     word,
 )
 from .circuit import QUEUE
+from .compiling import compiled
 from .dma import put
 from .pins import pin_is
 from .registers import BASE_84

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.compiling import compiled
 from edmctl.link.messages import Heartbeat, PulseBlocks, Pulses, Tlm
 
 from .addresses import (
@@ -30,6 +29,7 @@ from .addresses import (
     stream_at,
     word,
 )
+from .compiling import compiled
 from .dma import put
 from .pins import pin_is
 from .registers import RELOAD, note_error

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.compiling import cached, compiled
-from edmctl.simulator.records import Record, record
+from edmctl.core.records import Record, record
 
 from . import registers as reg
 from .addresses import IWDG, IWDG_PR, IWDG_RLR, IWDG_STOPS, WWDG, WWDG_CFR, WWDG_CR, WWDG_STOPS, word
 from .chip import run_tick
+from .compiling import cached, compiled
 from .wiring import run_millisecond
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from edmctl.array_types import Array
     from edmctl.simulator.plant_interface import Drive, Readings
-    from edmctl.simulator.plant_state import PlantState, Scope, Unit
+    from edmctl.simulator.plant_state import Scope, Unit
 
     from .circuit import Bench
 
@@ -71,18 +71,18 @@ def run(
     rx: np.ndarray,
     tx: np.ndarray,
     units: Sequence[Unit],
-    plants: Sequence[PlantState],
     scopes: Sequence[Scope],
-    random: Array,
-    tables: Array,
-    noise: Array,
-    levels: Array,
     hiss: Array,
     all_drives: Sequence[Drive],
     all_readings: Sequence[Readings],
+    plant_run: int,
+    machine: int,
 ) -> int:
-    """Run up to `ticks` milliseconds: for each, what the chip does at its begin, then the machine's own."""
-    watch, bench, unit, plant, scope = watches[0], benches[0], units[0], plants[0], scopes[0]
+    """Run up to `ticks` milliseconds: for each, what the chip does at its begin, then the machine's own.
+
+    `plant_run` is the address of that function in C, `machine` the address of its argument.
+    """
+    watch, bench, unit, scope = watches[0], benches[0], units[0], scopes[0]
     drive, readings = all_drives[0], all_readings[0]
     for _ in range(ticks):
         if watch.is_due:
@@ -112,9 +112,7 @@ def run(
             )
             if r[reg.GATE_CHANGES] or counted:
                 return CHANGED
-        look = run_millisecond(
-            r, sram, bench, rx, tx, unit, plant, scope, random, tables, noise, levels, hiss, drive, readings
-        )
+        look = run_millisecond(r, sram, bench, rx, tx, unit, scope, hiss, drive, readings, plant_run, machine)
         watch.is_due = 1
         if look:
             return LOOK

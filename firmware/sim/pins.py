@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.compiling import cached, compiled
-
 from .addresses import (
     BIF,
     BKE,
@@ -46,6 +44,7 @@ from .addresses import (
     word,
 )
 from .circuit import DAC_V, INPUTS, PUMP_TICKS, REST_TICKS, SET_A, SET_V, STAGE_TICKS, SWITCH_OFF_NS
+from .compiling import cached, compiled
 from .registers import ALIVE_EDGES, DAC_CODE, GATE_STARTS, IS_BROKEN, PINS, gate_off
 from .steps import TICK_LATE, take_steps
 

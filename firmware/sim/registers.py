@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from edmctl.actuator.compiling import compiled
-
 from .addresses import (
     ADC,
     ADC2,
@@ -126,6 +124,7 @@ from .addresses import (
     stream_at,
     word,
 )
+from .compiling import compiled
 from .steps import TICK_LATE, axis_of, follow, write_step_timer
 
 WORDS = MODEL_AT + 0x100

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.compiling import compiled
-
 from .addresses import (
     MODEL_AT,
     TIM10,
@@ -26,6 +24,7 @@ from .addresses import (
     UG,
     word,
 )
+from .compiling import compiled
 
 if TYPE_CHECKING:
     import numpy as np

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.actuator.compiling import compiled
 from edmctl.simulator.plant_interface import TICK_NS
-from edmctl.simulator.plant_kernel import follow_drive, plant_tick
 
 from .addresses import DMA1, TIM5, TIM_CR1, word
 from .circuit import SWITCH_OFF_NS
+from .compiling import call, compiled
 from .converters import sample_gap, sample_slow
 from .dma import put
 from .edges import GATE_SENSE_AT, send_edges, take_pulses
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
     from edmctl.array_types import Array
     from edmctl.simulator.plant_interface import Drive, Readings
-    from edmctl.simulator.plant_state import PlantState, Scope, Unit
+    from edmctl.simulator.plant_state import Scope, Unit
 
     from .circuit import Bench
 
@@ -35,15 +34,12 @@ def run_millisecond(
     rx: np.ndarray,
     tx: np.ndarray,
     unit: Unit,
-    plant: PlantState,
     scope: Scope,
-    random: Array,
-    tables: Array,
-    noise: Array,
-    levels: Array,
     hiss: Array,
     drive: Drive,
     readings: Readings,
+    plant_run: int,
+    machine: int,
 ) -> bool:
     """The plant's millisecond, and what the chip sees of it. True where somebody should look under the tool."""
     begin_ns = float(readings.tick) * TICK_NS
@@ -54,8 +50,7 @@ def run_millisecond(
     if bench.had_contact and not touches and not drive.pulses_on:
         drive.contact_tests += 1
     bench.had_contact = touches
-    look = follow_drive(unit, plant, drive, noise)
-    gives_way = plant_tick(unit, plant, scope, drive, readings, random, tables, noise, levels)
+    look = call(plant_run, machine)
     if drive.pulses_on:
         take_pulses(bench, scope, readings)
     r[BASE_84] = (bench.ticks * 84_000) & 0xFFFFFFFF
@@ -71,4 +66,4 @@ def run_millisecond(
         bench.ticks += 1
     r[BASE_84] = (bench.ticks * 84_000) & 0xFFFFFFFF
     r[HALFWORDS] = 0
-    return bool(look or gives_way)
+    return bool(look)

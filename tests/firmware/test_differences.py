@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.link import messages as m
-from edmctl.simulator.firmware_controller import FirmwareController
+from edmctl.simulator.controller import Controller
 from tests.firmware.schedules import Difference, Schedule, WideSchedule
 from tests.tiers import tiers
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def test_a_random_schedule_makes_no_difference(core: Build, seed: int) -> None:
     schedule = Schedule(seed)
     schedule.run(150)
-    assert isinstance(schedule.twins.benches[1].controller, FirmwareController)
+    assert isinstance(schedule.twins.benches[1].controller, Controller)
     assert schedule.commands > 150
 
 

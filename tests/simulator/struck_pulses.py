@@ -9,7 +9,7 @@ from edmctl.simulator.controller_state import LOG_FULL, LoopState, Settings
 from edmctl.simulator.discharge import strike_pulses
 from edmctl.simulator.gap_monitor import judge_pulses
 from edmctl.simulator.parameters import Parameters
-from edmctl.simulator.records import rows
+from edmctl.core.records import rows
 
 if TYPE_CHECKING:
     import numpy as np

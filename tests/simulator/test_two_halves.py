@@ -22,7 +22,7 @@ from edmctl.simulator.plant_state import PlantState, Scope, Unit
 from edmctl.simulator.servo import command_tick
 
 if TYPE_CHECKING:
-    from edmctl.simulator.records import Record
+    from edmctl.core.records import Record
 
 PLANT = ("discharge", "plant_kernel", "plant_state")
 CONTROLLER = ("controller_kernel", "controller_state", "gap_monitor", "sequences", "servo")

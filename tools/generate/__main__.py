@@ -18,10 +18,10 @@ from tools.generate import (
     firmware,
     machine_diagram,
     machine_page,
-    plant_records,
     profile_page,
     protocol_page,
     run_file_page,
+    shared_records,
     study_page,
 )
 from tools.generate.messages import messages_source
@@ -30,8 +30,17 @@ from tools.generate.text import filled, formatted
 _ROOT = Path(__file__).parents[2]
 
 
-def wanted_files() -> dict[Path, str]:
-    """Return what each generated file must hold."""
+def _headers() -> dict[Path, str]:
+    """Return the headers of records, which the library is built with that pages need."""
+    firmware_folder = _ROOT / "firmware"
+    return {
+        firmware_folder / "plant" / "plant_records.h": shared_records.plant_header(),
+        firmware_folder / "host" / "host_records.h": shared_records.host_header(),
+    }
+
+
+def _others() -> dict[Path, str]:
+    """Return what each other generated file must hold."""
     schema = load_schema()
     faults = tomllib.loads(SCHEMA_PATH.with_name("faults.toml").read_text(encoding="utf-8"))["fault"]
     faults = [{**row, "hint": FAULTS[row["code"]].hint} for row in faults]
@@ -49,7 +58,6 @@ def wanted_files() -> dict[Path, str]:
         link / "messages.py": formatted(messages_source(schema)),
         _ROOT / "firmware" / "gen" / "edmlink.h": firmware.header(schema, faults),
         _ROOT / "firmware" / "gen" / "edmlink.c": firmware.tables(schema),
-        _ROOT / "firmware" / "plant" / "plant_records.h": plant_records.header(),
         docs / "images" / "build-the-machine.svg": machine_diagram.picture(),
     }
     return made | {
@@ -64,15 +72,15 @@ def main(arguments: list[str]) -> int:
     if arguments and not check:
         sys.stderr.write("usage: python -m tools.generate [--check]\n")
         return 2
-    stale = [
-        (path, text)
-        for path, text in wanted_files().items()
-        if not path.exists() or path.read_text(encoding="utf-8") != text
-    ]
-    for path, text in stale:
-        sys.stdout.write(f"{path.name} {'is out of date' if check else 'written'}\n")
-        if not check:
-            path.write_text(text, encoding="utf-8")
+    stale = 0
+    for wanted in (_headers, _others):
+        for path, text in wanted().items():
+            if path.exists() and path.read_text(encoding="utf-8") == text:
+                continue
+            stale += 1
+            sys.stdout.write(f"{path.name} {'is out of date' if check else 'written'}\n")
+            if not check:
+                path.write_text(text, encoding="utf-8")
     return 1 if check and stale else 0
 
 

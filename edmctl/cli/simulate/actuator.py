@@ -169,7 +169,6 @@ def _refuse_contradictions(
 
 def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, seed: int) -> "Trial":
     """Get the models and drive every waveform."""
-    from edmctl.actuator.compiling import compiling_told
     from edmctl.jobs.actuator_trial import known_model, run_trial
 
     known = None
@@ -179,8 +178,7 @@ def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, se
     with watching(outcome.output) as reporter:
         if not known:
             reporter.note(f"calibrating the virtual actuator of seed {seed}")
-        with compiling_told(reporter.note):
-            trial = run_trial(asked, known, seed)
+        trial = run_trial(asked, known, seed)
     outcome.warn(trial.doubts)
     return trial
 
@@ -220,11 +218,9 @@ def _write(
 
 def _try_paper(outcome: Outcome, asked: "list[Waveform]", start: StartChoice, seed: int) -> "PaperTrial":
     """Fit the paper's model and drive every waveform."""
-    from edmctl.actuator.compiling import compiling_told
     from edmctl.jobs.paper_trial import run_paper_trial
 
-    with watching(outcome.output) as reporter, compiling_told(reporter.note):
-        trial = run_paper_trial(asked, start.value, seed)
+    trial = run_paper_trial(asked, start.value, seed)
     outcome.warn(trial.doubts)
     return trial
 

@@ -167,19 +167,14 @@ def serve(
 
 
 def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _Place | None) -> None:
-    from edmctl.actuator.compiling import compiling_told
     from edmctl.jobs.persistent_simulator import kept_bench
     from edmctl.jobs.served_controllers import announced
-    from edmctl.simulator.config import compiling_takes
     from edmctl.simulator.plant import serial_number
     from edmctl.simulator.serve import EventMonitor, Server
 
     say = partial(tell, outcome.output)
     stop = StopRequest()
-    with (
-        compiling_told(say, compiling_takes(request.config.controller)),
-        kept_bench(request.bench_file, request.config, request.seed) as (bench, keep),
-    ):
+    with kept_bench(request.bench_file, request.config, request.seed) as (bench, keep):
         if outcome.seed is not None and bench.plant.serial != serial_number(outcome.seed):
             raise UsageError(
                 f"{request.bench_file} keeps {bench.plant.serial}, not the machine of --seed {outcome.seed}.",
@@ -189,7 +184,6 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
         for injection in request.injections:
             bench.inject(injection)
         bench.controller.baud = request.baud
-        bench.warm_up()  # before anybody can say hello
         serial = _serial(bench)
         endpoint = _endpoint(link, place, outcome.output)
         try:

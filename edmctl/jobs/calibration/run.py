@@ -138,10 +138,7 @@ def calibrate_machine(
 
 def calibrate_files(checked: CheckedCalibration, observer: Observer) -> CalibrationReport:
     """Fit measured files, and save where a name was given."""
-    from edmctl.actuator.compiling import compiling_told
-
-    with compiling_told(observer.note):
-        findings = _fit([given.record for given in checked.sources], checked, observer)
+    findings = _fit([given.record for given in checked.sources], checked, observer)
     if checked.output is None:
         observer.note("nothing is saved: --output FILE writes a calibration that `machine` can use")
     else:

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from edmctl.errors import UsageError
-from edmctl.jobs.parallel import Lost, Pool, Program, compile_told, perform
+from edmctl.jobs.parallel import Lost, Pool, Program, perform
 from edmctl.jobs.plan import FRESH
 from edmctl.jobs.study.evaluate import RunTask, evaluate, lost_row
 from edmctl.jobs.study.on_machine import refuse_mixture
@@ -103,7 +103,6 @@ def run_virtual(
             done += 1
             observer.runs(done, len(tasks))
 
-        compile_told(observer)
         observer.runs(0, len(tasks))
         if pool is None:
             for number, task in enumerate(tasks):

@@ -1,4 +1,4 @@
-"""Records that Python and compiled code share: each name and type stands once, the memory is laid out as in C.
+"""Records that Python and C share: each name and type is declared once, the memory is laid out as in C.
 
 A record is a class with annotations:
 
@@ -8,25 +8,18 @@ A record is a class with annotations:
         sites: int
         wear_um: Array = series(16)
 
-Python reads and writes plain attributes. Compiled code gets `shared`, an array of one record, and uses the same
-names.
+Python reads and writes plain attributes. The headers in firmware/ are made from the declarations (tools/generate).
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
-from functools import cache, cached_property
+from collections.abc import Mapping
 from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from edmctl.actuator.compiling import COMPILES
 from edmctl.array_types import Array
-
-Rows = NDArray[Any]
-"""Records of the wire, by their names."""
 
 _KINDS: dict[str, Any] = {"float": ctypes.c_double, "int": ctypes.c_int64}
 
@@ -48,12 +41,6 @@ def address(declared: str) -> Any:
     return Address(declared)
 
 
-@cache
-def _layout(kind: type[Record]) -> np.dtype[Any]:
-    """Layout of a record, the same object every time: compiled code compares another like it field by field."""
-    return np.dtype(kind)
-
-
 class Record(ctypes.Structure):
     """Named numbers; all are zero at first."""
 
@@ -64,11 +51,6 @@ class Record(ctypes.Structure):
     def place(self) -> int:
         """The address of the record."""
         return ctypes.addressof(self)
-
-    @cached_property
-    def shared(self) -> Sequence[Self]:
-        """The record for compiled code: its only entry."""
-        return np.frombuffer(self, _layout(type(self))) if COMPILES else [self]  # type: ignore[call-overload]
 
     def array(self, name: str) -> Array:
         """A series as an array that shares its memory."""
@@ -86,12 +68,6 @@ class Record(ctypes.Structure):
 
     def __deepcopy__(self, _: object) -> Self:
         return type(self).from_buffer_copy(self)
-
-
-def rows(dtype: np.dtype[Any], length: int) -> Rows:
-    """So many empty records of the wire, for compiled code to fill by their names."""
-    empty = np.zeros(length, dtype)
-    return empty if COMPILES else empty.view(np.recarray)
 
 
 _R = TypeVar("_R", bound=Record)

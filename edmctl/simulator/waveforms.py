@@ -1,7 +1,7 @@
-"""What a fault freezes: every millisecond of the last two seconds, and the waveforms of the gap about the fault.
+"""What a fault freezes of the gap: the waveforms of the pulses about it.
 
-The black box holds the milliseconds as telemetry would have told them. The plant knows a pulse by its ignition
-delay, discharge time and plateau; `pulse_shape` makes of it what an oscilloscope would show.
+The plant knows a pulse by its ignition delay, discharge time and plateau; `pulse_shape` makes of it what an
+oscilloscope would show. The black box is in the core (firmware/core/blackbox.c).
 """
 
 from __future__ import annotations
@@ -13,16 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.array_types import Array
-from edmctl.link.messages import BlackboxReadReply, Tlm, WaveformReadReply
-from edmctl.simulator.controller_kernel import BOX_COLUMNS, BOX_TICKS
-from edmctl.simulator.controller_state import ARC, NORMAL, OPEN, PACK, SHORT
+from edmctl.link.messages import WaveformReadReply
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.plant_interface import STEPS_PER_V, TICK_NS
+from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.pulse_shape import CURRENT_NOISE_A, PLATEAU_NOISE, VOLTAGE_NOISE_V, pulse_signals
-
-SAMPLES_PER_REPLY = 14
-_COUNTS = (("n_open", OPEN), ("n_normal", NORMAL), ("n_arc", ARC), ("n_short", SHORT))
-_MOST = 0xFFFF
 
 PULSES_BEFORE, PERIODS_AFTER = 64, 16
 MOST_SAMPLES = 65536
@@ -38,61 +32,6 @@ PULSE = np.dtype([(name, np.float64) for name in PULSE_COLUMNS])
 
 SAMPLE_NS = 1000
 SWITCH_OFF_US = 5.0  # from a fault until the switch is open; the protocol asks for 10
-
-
-class BlackBox:
-    """A ring that the kernel writes; a fault freezes what it holds then.
-
-    begin_tick : what lies before it counts no more: when the last fault was cleared.
-    """
-
-    def __init__(self) -> None:
-        self.ring = np.zeros((BOX_TICKS, BOX_COLUMNS))
-        self._frozen: tuple[NDArray[np.float64], int, int] | None = None
-        self.begin_tick = 0
-
-    def freeze(self, now: int, start: int) -> None:
-        """Keep the ring as it is at tick `now` of a controller started at tick `start`; what is kept stays."""
-        if self._frozen is None:
-            self._frozen = (self.ring.copy(), now, start)
-
-    @property
-    def frozen_tick(self) -> int | None:
-        """When a fault froze it; None while it goes on."""
-        return None if self._frozen is None else self._frozen[1]
-
-    def thaw(self, now: int) -> None:
-        """Begin anew at tick `now`: a board has no second memory for the time that a fault was latched."""
-        self._frozen = None
-        self.begin_tick = now
-
-    def newest_flags(self, now: int) -> int:
-        """TlmFlags of the millisecond that ended at tick `now`."""
-        return int(self.ring[now - 1 & (BOX_TICKS - 1), 5]) & 255
-
-    def read(self, offset: int, now: int, start: int) -> BlackboxReadReply:
-        """Part of what is held, oldest first, from sample `offset` on."""
-        ring, end, origin = self._frozen or (self.ring, now, start)
-        total = min(BOX_TICKS, end - max(origin, self.begin_tick))
-        first = end - total + offset
-        n = max(0, min(SAMPLES_PER_REPLY, total - offset))
-        records = _records(ring[np.arange(first, first + n) & (BOX_TICKS - 1)])
-        return BlackboxReadReply(total, (first + 1 - origin) * 1000 & 0xFFFFFFFF, n, records)
-
-
-def _records(rows: NDArray[np.float64]) -> bytes:
-    """Pack rows of the ring, shape (n, BOX_COLUMNS), as the kernel packs samples of 1 ms."""
-    records = np.zeros(len(rows), dtype=Tlm.record_dtype())
-    records["displacement_um"] = np.floor(rows[:, 0] * 1000.0 + 0.5)
-    records["actuator_v"] = rows[:, 1] * STEPS_PER_V + 0.5
-    records["gap_v"] = np.clip(rows[:, 2] * 200.0 + 0.5, 0, _MOST)
-    records["current_a"] = np.clip(rows[:, 3] / 1000.0 * 1000.0 + 0.5, 0, _MOST)
-    counts = rows[:, 4].astype(np.int64)
-    for name, index in _COUNTS:
-        records[name] = np.minimum(255, counts >> (PACK * index) & ((1 << PACK) - 1))
-    rest = rows[:, 5].astype(np.int64)
-    records["state"], records["flags"] = rest >> 8, rest & 255
-    return records.tobytes()
 
 
 @dataclass(frozen=True, slots=True)

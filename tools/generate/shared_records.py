@@ -1,16 +1,17 @@
-"""firmware/plant/plant_records.h: the records of the plant as C lays them out, from their declarations in Python."""
+"""Records that Python and C share, as C lays them out: plant_records.h and host_records.h in firmware/."""
 
 from __future__ import annotations
 
 import ctypes
 from typing import TYPE_CHECKING
 
-from edmctl.simulator import discharge, plant_interface, plant_state
+from edmctl.core import library
+from edmctl.simulator import plant_interface, plant_state
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
-    from edmctl.simulator.records import Record
+    from edmctl.core.records import Record
 
 _RECORDS: dict[str, type[Record]] = {
     "unit": plant_state.Unit,
@@ -22,12 +23,12 @@ _RECORDS: dict[str, type[Record]] = {
     "cells": plant_state.Cells,
 }
 _CONSTANTS = {
-    "TABLE": discharge.TABLE,
     "MOST_PULSES": plant_interface.MOST_PULSES,
     "PATH_LINES": plant_interface.PATH_LINES,
     **{
         name: getattr(plant_state, name)
         for name in (
+            "TABLE",
             "PLAYS",
             "CREEP_TERMS",
             "BURNING",
@@ -37,21 +38,38 @@ _CONSTANTS = {
         )
     },
 }
+_HOST_RECORDS: dict[str, type[Record]] = {
+    "inputs": library.Inputs,
+    "seen": library.Seen,
+    "kept": library.Kept,
+}
 _HEAD = """\
-/* Made from plant_state.py and plant_interface.py in edmctl/simulator by `python -m tools.generate`; edit those. */
-#ifndef EDM_PLANT_RECORDS_H
-#define EDM_PLANT_RECORDS_H
+/* Made from {sources} by `python -m tools.generate`; edit those. */
+#ifndef EDM_{name}_RECORDS_H
+#define EDM_{name}_RECORDS_H
 
 #include <stdint.h>
 
 """
 
 
-def header() -> str:
-    """Return the source."""
-    constants = "".join(f"#define {name} {value}\n" for name, value in _CONSTANTS.items())
-    records = "".join(_record(name, kind) for name, kind in _RECORDS.items())
-    return f"{_HEAD}{constants}{records}\n#endif\n"
+def plant_header() -> str:
+    """Return the records of the plant."""
+    return _header("PLANT", "plant_state.py and plant_interface.py in edmctl/simulator", _CONSTANTS, _RECORDS)
+
+
+def host_header() -> str:
+    """Return the records of the controller in a process."""
+    constants = {"BOX_TICKS": library.BOX_TICKS, "PACK": library.PACK}
+    return _header("HOST", "edmctl/core/library.py", constants, _HOST_RECORDS)
+
+
+def _header(
+    name: str, sources: str, constants: Mapping[str, int], records: Mapping[str, type[Record]]
+) -> str:
+    defines = "".join(f"#define {one} {value}\n" for one, value in constants.items())
+    structs = "".join(_record(one, kind) for one, kind in records.items())
+    return f"{_HEAD.format(sources=sources, name=name)}{defines}{structs}\n#endif\n"
 
 
 def _record(name: str, kind: type[Record]) -> str:
