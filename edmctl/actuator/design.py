@@ -9,15 +9,17 @@ among them, and never touches the samples again.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from ctypes import byref
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.actuator.model import ActuatorModel, none_of
+from edmctl.actuator.model import ActuatorModel, consecutive, none_of
 from edmctl.actuator.record import Record, length_s, sample_s
 from edmctl.array_types import Array, Flags
+from edmctl.core.library import library
 
 BLOCKS = 64
 PLAYS, HINGES = 10, 4
@@ -190,30 +192,25 @@ def _plays_of(design: Design, features: Array) -> Array:
 
 def features_of(design: Design, record: Record) -> Array:
     """Features of every sample, shape (n, features)."""
-    from edmctl.actuator.operators import bank_features
-
     weights = np.zeros(design.features)
     weights[design.first_play] = 1.0
     model = design.model(weights, 0.0, 0.0)
     state = model.starting_state(record.t_s, record.u_v, record.previous_v)
-    path_s, path_v, ends = model.path(
-        state,
-        np.ascontiguousarray(record.t_s, dtype=np.float64),
-        np.ascontiguousarray(record.u_v, dtype=np.float64),
+    t_s, u_v = consecutive(record.t_s, record.u_v, state.t_s)
+    column_of = np.ascontiguousarray(design.column_of, dtype=np.int64)
+    features = np.empty((len(t_s), design.features))
+    memory = state.memory(model)
+    library().bank_features(
+        byref(model.bank),
+        byref(memory),
+        len(t_s),
+        t_s.ctypes.data,
+        u_v.ctypes.data,
+        column_of.ctypes.data,
+        design.creep_columns,
+        features.ctypes.data,
     )
-    features = np.empty((len(path_s), design.features))
-    bank_features(
-        path_s,
-        path_v,
-        state.t_s,
-        state.lagged_v,
-        model.bank,
-        design.column_of,
-        state.memory(),
-        np.empty((3, len(design.time_constants_s))),
-        features,
-    )
-    return features if ends is None else features[ends]
+    return features
 
 
 def choose_design(

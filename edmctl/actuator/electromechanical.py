@@ -16,14 +16,16 @@ resonance, 1 s where only the quasi-static motion matters.
 from __future__ import annotations
 
 import cmath
+from ctypes import byref
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from edmctl.actuator.compiling import cached
-from edmctl.actuator.maxwell import UM_PER_M, HysteresisBlock, MaxwellModel, change_for, move
+from edmctl.actuator.maxwell import UM_PER_M, HysteresisBlock, MaxwellModel
+from edmctl.actuator.operators import Elements
 from edmctl.array_types import Array
+from edmctl.core.library import library
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,22 +125,21 @@ class ElectromechanicalModel:
         virgin.
         """
         state = self.virgin() if state is None else state
-        part, count = self.transducer, len(u_v)
-        response = Response(np.empty(count), np.empty(count), np.empty(count))
-        forces = np.ascontiguousarray(np.broadcast_to(force_n, (count,)), dtype=np.float64) * part.lever
+        part, block = self.transducer, self.block
+        volts = np.ascontiguousarray(u_v, dtype=np.float64)
+        forces = np.ascontiguousarray(np.broadcast_to(force_n, (len(volts),)), dtype=np.float64) * part.lever
+        constants = np.append(
+            self._propagator(step_s), [part.transformer_n_per_v, part.capacitance_f, block.remainder_per_f]
+        )
+        elements = Elements(1.0 / block.capacitances_f, block.limits_v * block.capacitances_f, state.stops_c)
         motion = np.array([state.position_m, state.speed_m_s, state.force_n, state.charge_c])
-        advance_transducer(
-            np.ascontiguousarray(u_v, dtype=np.float64),
-            forces,
-            self._propagator(step_s),
-            part.transformer_n_per_v,
-            part.capacitance_f,
-            self.block.remainder_per_f,
-            1.0 / self.block.capacitances_f,
-            self.block.limits_v * self.block.capacitances_f,
-            motion,
-            state.stops_c,
-            *response,
+        response = Response(*(np.empty(len(volts)) for _ in range(3)))
+        library().transducer_advance(
+            constants.ctypes.data,
+            byref(elements),
+            motion.ctypes.data,
+            len(volts),
+            *(one.ctypes.data for one in (volts, forces, *response)),
         )
         state.position_m, state.speed_m_s, state.force_n, state.charge_c = motion.tolist()
         response.y_um[:] *= part.lever * UM_PER_M
@@ -163,52 +164,3 @@ class ElectromechanicalModel:
         constant = held - free @ held
         ramp = held + rising - free @ rising
         return np.column_stack([free, constant - ramp, ramp])
-
-
-@cached
-def advance_transducer(
-    u_v: Array,
-    pushes_n: Array,
-    propagator: Array,
-    transformer: float,
-    capacitance: float,
-    remainder: float,
-    elastance: Array,
-    limits: Array,
-    motion: Array,
-    stops: Array,
-    positions: Array,
-    charges: Array,
-    transducer_v: Array,
-) -> None:
-    """Advance over voltages and forces on the stacks (k,); the last three (k,) receive what comes of it.
-
-    propagator : (2, 4), position and speed from position, speed, force before and force after.
-    remainder, elastance (n,), limits (n,) : 1/C_r, 1/C_i and C_i·v_i of the block H.
-    motion : (4,), position, speed, force on the oscillator and charge; advances, as do the stops (n,).
-    """
-    position, speed, force, charge = motion
-    drive = transformer / capacitance
-    base = (1.0 - transformer * propagator[0, 3] * drive) / capacitance + remainder
-    for k in range(u_v.shape[0]):
-        coasting = propagator[0, 0] * position + propagator[0, 1] * speed + propagator[0, 2] * force
-        reached = coasting + propagator[0, 3] * (drive * charge - pushes_n[k])
-        load = (charge - transformer * reached) / capacitance + remainder * charge
-        for i in range(limits.shape[0]):
-            load += elastance[i] * stops[i]
-        change = change_for(base, elastance, limits, stops, u_v[k] - load)
-        move(limits, stops, change)
-        charge += change
-        after = drive * charge - pushes_n[k]
-        speed = (
-            propagator[1, 0] * position
-            + propagator[1, 1] * speed
-            + propagator[1, 2] * force
-            + propagator[1, 3] * after
-        )
-        position = coasting + propagator[0, 3] * after
-        force = after
-        positions[k] = position
-        charges[k] = charge
-        transducer_v[k] = (charge - transformer * position) / capacitance
-    motion[0], motion[1], motion[2], motion[3] = position, speed, force, charge

@@ -10,6 +10,7 @@ range is enough, a move ends short.
 
 from __future__ import annotations
 
+from ctypes import byref
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator, consecutive
 from edmctl.array_types import Array
+from edmctl.core.library import library
 
 STEPS = 32
 """Points of a path; more of them change its end by less than 0.1 % of the way."""
@@ -51,28 +53,23 @@ class Inverse:
 
         Raises ValueError for arrays that are not one-dimensional, equally long, finite, or whose time runs back.
         """
-        from edmctl.actuator.operators import solve_bank
-
         model, state = self.model, self.state
         times_s, wanted_um = consecutive(t_s, y_um, state.t_s)
+        free_um = wanted_um - model.zero_um
         u_v, beyond = np.empty(len(times_s)), np.zeros(len(times_s), dtype=np.bool_)
-        if len(times_s):
-            state.lagged_v = solve_bank(
-                times_s,
-                wanted_um - model.zero_um,
-                state.t_s,
-                state.u_v,
-                state.lagged_v,
-                model.low_v,
-                model.high_v,
-                model.lag_s,
-                model.bank,
-                state.memory(),
-                np.empty((3, len(model.time_constants_s))),
-                u_v,
-                beyond,
-            )
-            state.u_v, state.t_s = float(u_v[-1]), float(times_s[-1])
+        memory = state.memory(model)
+        library().bank_solve(
+            byref(model.bank),
+            byref(memory),
+            len(times_s),
+            times_s.ctypes.data,
+            free_um.ctypes.data,
+            model.low_v,
+            model.high_v,
+            u_v.ctypes.data,
+            beyond.ctypes.data,
+        )
+        state.move_to(memory)
         return u_v, beyond
 
 

@@ -12,13 +12,15 @@ model cannot do: its loops are symmetric and the same everywhere in the range, a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from ctypes import byref
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from edmctl.actuator.compiling import cached, compiled
+from edmctl.actuator.operators import Elements
 from edmctl.array_types import Array
+from edmctl.core.library import library
 
 UM_PER_M = 1e6
 
@@ -114,8 +116,7 @@ class MaxwellModel:
         """
         state = self.virgin() if state is None else state
         path = np.ascontiguousarray(y_um, dtype=np.float64)
-        output = np.empty(len(path))
-        advance_loads(path, state.position_um, *self._elements, state.stops_um, output)
+        output = self._advanced(library().maxwell_loads, path, state)
         state.position_um = float(path[-1]) if len(path) else state.position_um
         return output
 
@@ -123,8 +124,7 @@ class MaxwellModel:
         """Displacement in µm under a voltage, shape (k,). `state` advances; default: virgin."""
         state = self.virgin() if state is None else state
         path = np.ascontiguousarray(u_v, dtype=np.float64)
-        output = np.empty(len(path))
-        advance_positions(path, state.position_um, *self._elements, state.stops_um, output)
+        output = self._advanced(library().maxwell_positions, path, state)
         state.position_um = float(output[-1]) if len(path) else state.position_um
         return output
 
@@ -151,86 +151,16 @@ class MaxwellModel:
             remainder_per_f=(self.base_v_per_um - transduction_v_per_um) / coulomb_per_um,
         )
 
-    @property
-    def _elements(self) -> tuple[float, Array, Array]:
-        return self.base_v_per_um, self.stiffness_v_per_um, self.limits_um
-
-
-@compiled
-def stop(limit: float, stretched: float) -> float:
-    """One stop that would be at `stretched` if it did not slip."""
-    return min(max(stretched, -limit), limit)
-
-
-@compiled
-def move(limits: Array, stops: Array, change: float) -> None:
-    """Advance the state by a change of the position, monotone and of any size."""
-    for i in range(limits.shape[0]):
-        stops[i] = stop(limits[i], stops[i] + change)
-
-
-@compiled
-def change_for(base: float, stiffness: Array, limits: Array, stops: Array, added: float) -> float:
-    """Change of the position that adds `added` to the load; the state stays.
-
-    On the way more and more stops slip and none sticks again, so the load is concave in the change upwards
-    and convex downwards: Newton's method from the present state approaches from one side and ends exactly,
-    after as many steps as there are sets of slipping stops in between.
-    """
-    up = added > 0.0
-    change = 0.0
-    for _ in range(limits.shape[0] + 2):
-        load, slope = base * change, base
-        for i in range(limits.shape[0]):
-            stretched = stops[i] + change
-            load += stiffness[i] * (stop(limits[i], stretched) - stops[i])
-            if (stretched < limits[i]) if up else (stretched > -limits[i]):
-                slope += stiffness[i]
-        further = (added - load) / slope
-        if change + further == change:
-            break
-        change += further
-    return change
-
-
-@cached
-def advance_loads(
-    positions: Array,
-    since: float,
-    base: float,
-    stiffness: Array,
-    limits: Array,
-    stops: Array,
-    loads: Array,
-) -> None:
-    """Advance the state over positions (k,), from position `since`; `loads` (k,) receives the load at each."""
-    position = since
-    for k in range(positions.shape[0]):
-        move(limits, stops, positions[k] - position)
-        position = positions[k]
-        total = base * position
-        for i in range(limits.shape[0]):
-            total += stiffness[i] * stops[i]
-        loads[k] = total
-
-
-@cached
-def advance_positions(
-    loads: Array,
-    since: float,
-    base: float,
-    stiffness: Array,
-    limits: Array,
-    stops: Array,
-    positions: Array,
-) -> None:
-    """Advance the state over loads (k,), from position `since`; `positions` (k,) receives each position."""
-    position = since
-    for k in range(loads.shape[0]):
-        total = base * position
-        for i in range(limits.shape[0]):
-            total += stiffness[i] * stops[i]
-        change = change_for(base, stiffness, limits, stops, loads[k] - total)
-        move(limits, stops, change)
-        position += change
-        positions[k] = position
+    def _advanced(self, function: Callable[..., None], path: Array, state: MaxwellState) -> Array:
+        """Return what the function in C makes of a path, shape (k,); the stops of the state advance."""
+        elements = Elements(self.stiffness_v_per_um, self.limits_um, state.stops_um)
+        output = np.empty(len(path))
+        function(
+            byref(elements),
+            self.base_v_per_um,
+            state.position_um,
+            len(path),
+            path.ctypes.data,
+            output.ctypes.data,
+        )
+        return output

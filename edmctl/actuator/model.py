@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from ctypes import byref
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -30,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from edmctl.actuator.operators import Bank, Memory
 from edmctl.array_types import Array
+from edmctl.core.library import library
 
 CREEP_FROM_S, CREEP_TO_S = 0.1, 10.0
 """Creep rates are customarily given between these times after a step."""
@@ -107,21 +109,11 @@ class ActuatorModel:
         y_um = self.advance(start.copy(), times_s, volts)
         return np.interp(times_s - self.delay_s, times_s, y_um) if self.delay_s > 0.0 else y_um
 
-    def check_state(self, state: ActuatorState) -> None:
-        """Raise ValueError for the state of another model, which a compiled loop would run beyond."""
-        shapes = (state.plays_v.shape, state.lags_v.shape, state.stops_v.shape)
-        if shapes != self._shapes:
-            raise ValueError(f"a state of shape {shapes} for a model of {self._shapes}")
-
-    @cached_property
-    def _shapes(self) -> tuple[tuple[int, ...], ...]:
-        return self.thresholds_v.shape, self.creep_um_per_v.shape, self.rounded_um_per_v.shape
-
     def own_state(self, state: ActuatorState | None) -> ActuatorState:
-        """Return a copy of `state` (default: conditioned, at the low end). Raises as `check_state`."""
+        """Return a copy of `state` (default: conditioned, at the low end). Raises ValueError for another model's."""
         if state is None:
             return ActuatorState.conditioned(self)
-        self.check_state(state)
+        state.memory(self)
         return state.copy()
 
     def starting_state(self, t_s: Array, u_v: Array, previous_v: float | None = None) -> ActuatorState:
@@ -139,29 +131,24 @@ class ActuatorModel:
         return state
 
     def advance(self, state: ActuatorState, t_s: Array, u_v: Array) -> Array:
-        """Advance `state` in place; return the displacement without delay, µm, shape (n,). Raises as `predict`."""
-        self.check_state(state)
+        """Advance `state` in place; return the displacement without delay, µm, shape (n,).
+
+        Raises ValueError as `predict`, and for the state of another model; `state` stays as it was then.
+        """
         return self.advance_checked(state, *consecutive(t_s, u_v, state.t_s))
 
     def advance_checked(self, state: ActuatorState, times_s: Array, volts: Array) -> Array:
-        """Do the same with what `check_state` and `consecutive` have seen before."""
-        from edmctl.actuator.operators import advance_bank
-
-        if not len(times_s):
-            return np.empty(0)
-        output = np.empty(len(times_s))
-        state.lagged_v = advance_bank(
-            times_s,
-            volts,
-            state.t_s,
-            state.u_v,
-            state.lagged_v,
-            self.lag_s,
-            self.bank,
-            state.memory(),
-            output,
+        """Do the same with what `consecutive` has returned."""
+        memory, output = state.memory(self), np.empty(len(times_s))
+        library().bank_advance(
+            byref(self.bank),
+            byref(memory),
+            len(times_s),
+            times_s.ctypes.data,
+            volts.ctypes.data,
+            output.ctypes.data,
         )
-        state.u_v, state.t_s = float(volts[-1]), float(times_s[-1])
+        state.move_to(memory)
         output += self.zero_um
         return output
 
@@ -173,26 +160,9 @@ class ActuatorModel:
         y_um = self.without_lag.advance(state.copy(), np.array([state.t_s]), np.array([u_v]))
         return float(y_um[0])
 
-    def path(
-        self, state: ActuatorState, times_s: Array, volts: Array
-    ) -> tuple[Array, Array, NDArray[np.int64] | None]:
-        """Return times and voltages behind the lag, with its turning points; which are samples (None: all)."""
-        if self.lag_s == 0.0:
-            return times_s, volts, None
-        from edmctl.actuator.operators import lagged_path
-
-        path_s, path_v = np.empty(2 * len(times_s)), np.empty(2 * len(times_s))
-        ends = np.empty(len(times_s), dtype=np.int64)
-        count = lagged_path(
-            times_s, volts, state.t_s, state.u_v, state.lagged_v, self.lag_s, path_s, path_v, ends
-        )
-        return path_s[:count], path_v[:count], ends
-
     @cached_property
     def bank(self) -> Bank:
-        """Return the parameters behind the lag as `operators` takes them."""
-        from edmctl.actuator.operators import Bank
-
+        """Return the parameters as `operators` takes them."""
         return Bank(
             self.thresholds_v,
             self.knots_v,
@@ -202,6 +172,7 @@ class ActuatorModel:
             self.creep_plays,
             self.time_constants_s,
             self.creep_um_per_v,
+            self.lag_s,
         )
 
     @cached_property
@@ -355,11 +326,17 @@ class ActuatorState:
         """Held at `from_v`, then brought to `to_v` in one move; creep has followed the move."""
         return cls._relaxed(model, (from_v, to_v))
 
-    def memory(self) -> Memory:
-        """Return the arrays as `operators` takes them."""
-        from edmctl.actuator.operators import Memory
+    def memory(self, model: ActuatorModel) -> Memory:
+        """Return the state as `operators` takes it, over the same arrays.
 
-        return Memory(self.plays_v, self.stops_v, self.lags_v)
+        Raises ValueError for the state of another model.
+        """
+        arrays = (self.plays_v, self.stops_v, self.lags_v)
+        return Memory(model.bank, arrays, self.t_s, self.u_v, self.lagged_v)
+
+    def move_to(self, memory: Memory) -> None:
+        """Take time and voltages of a memory over the arrays of this state."""
+        self.t_s, self.u_v, self.lagged_v = memory.t_s, memory.u_v, memory.lagged_v
 
     def copy(self) -> ActuatorState:
         """Return an independent copy."""
@@ -370,13 +347,14 @@ class ActuatorState:
     @classmethod
     def _relaxed(cls, model: ActuatorModel, turns: Sequence[float]) -> ActuatorState:
         """At rest where it is after the voltage has gone from the first turn to the last; virgin at the first."""
-        plays_v, stops_v = np.full(len(model.thresholds_v), turns[0]), np.zeros(len(model.rounded_um_per_v))
+        plays_v, stops_v = np.full(model.thresholds_v.shape, turns[0]), np.zeros(len(model.rounded_um_per_v))
         for u_v in turns:
             plays_v = np.clip(plays_v, u_v - model.thresholds_v, u_v + model.thresholds_v)
         if len(stops_v):
-            from edmctl.actuator.operators import turned_stops
-
-            turned_stops(model.rounded, np.array(turns), stops_v)
+            rounded, way_v = np.ascontiguousarray(model.rounded), np.array(turns, dtype=np.float64)
+            library().turned_stops(
+                len(stops_v), rounded.ctypes.data, len(way_v), way_v.ctypes.data, stops_v.ctypes.data
+            )
         rest_v = turns[-1]
         standing_v = np.concatenate([plays_v, model.rounded[:, -1] * rest_v - stops_v])
         lags_v = np.repeat(standing_v[model.creep_plays, np.newaxis], len(model.time_constants_s), axis=1)
@@ -439,7 +417,6 @@ class Estimator:
         is_plain = self.model.delay_s == 0.0 and dt_s >= 0.0 and math.isfinite(u_v) and math.isfinite(dt_s)
         if not is_plain:
             return float(self.advance(t_s, volts)[0])
-        self.model.check_state(self.state)
         return self.gain * float(self.model.advance_checked(self.state, t_s, volts)[0]) + self.offset_um
 
     def advance(self, t_s: Array, u_v: Array) -> Array:
@@ -447,12 +424,9 @@ class Estimator:
 
         Raises ValueError, and stays as it was, as `ActuatorModel.predict` does.
         """
-        self.model.check_state(self.state)
         t_s, u_v = consecutive(t_s, u_v, self.state.t_s)
-        if not len(t_s):
-            return np.empty(0)
         y_um = self.model.advance_checked(self.state, t_s, u_v)
-        if self.model.delay_s > 0.0:
+        if self.model.delay_s > 0.0 and len(t_s):
             y_um = self._delayed(t_s, y_um)
         corrected_um: Array = self.gain * y_um + self.offset_um
         return corrected_um

@@ -180,6 +180,17 @@ _PLANT: dict[str, tuple[Any, Sequence[Any]]] = {
     "work_sink": (None, (c_void_p, c_double, c_double)),
 }
 
+_OPERATORS: dict[str, tuple[Any, Sequence[Any]]] = {
+    "bank_room": (c_int64, (c_void_p,)),
+    "bank_advance": (None, (*2 * [c_void_p], c_int64, *3 * [c_void_p])),
+    "bank_features": (None, (*2 * [c_void_p], c_int64, *3 * [c_void_p], c_int64, c_void_p)),
+    "bank_solve": (None, (*2 * [c_void_p], c_int64, *2 * [c_void_p], *2 * [c_double], *2 * [c_void_p])),
+    "turned_stops": (None, (c_int64, c_void_p, c_int64, *2 * [c_void_p])),
+    "maxwell_loads": (None, (c_void_p, *2 * [c_double], c_int64, *2 * [c_void_p])),
+    "maxwell_positions": (None, (c_void_p, *2 * [c_double], c_int64, *2 * [c_void_p])),
+    "transducer_advance": (None, (*3 * [c_void_p], c_int64, *5 * [c_void_p])),
+}
+
 
 class Library:
     """A loaded build: functions by their names in C without `edm_` or `edm_host_`.
@@ -190,7 +201,7 @@ class Library:
     def __init__(self, build: Build) -> None:
         self.build = build
         self.loaded = ctypes.CDLL(str(build.path))
-        for prefix, functions in (("edm_host_", _FUNCTIONS), ("edm_", _PLANT)):
+        for prefix, functions in (("edm_host_", _FUNCTIONS), ("edm_", _PLANT | _OPERATORS)):
             for name, (result, arguments) in functions.items():
                 function = getattr(self.loaded, f"{prefix}{name}")
                 function.restype, function.argtypes = result, list(arguments)

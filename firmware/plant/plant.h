@@ -7,15 +7,10 @@
 #ifndef EDM_PLANT_H
 #define EDM_PLANT_H
 
+#include "../export.h"
 #include "plant_records.h"
 
 #include <stdbool.h>
-
-#if defined(_WIN32)
-#define EDM_EXPORT __declspec(dllexport)
-#else
-#define EDM_EXPORT __attribute__((visibility("default")))
-#endif
 
 #define PLANT_TICK_S 0.001
 #define PLANT_TICK_NS 1000000
