@@ -29,7 +29,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from edmctl.actuator.operators import Bank, Memory
+from edmctl.actuator.operators import Bank, Memory, place_of
 from edmctl.array_types import Array
 from edmctl.core.library import library
 
@@ -146,7 +146,7 @@ class ActuatorModel:
             len(times_s),
             times_s.ctypes.data,
             volts.ctypes.data,
-            output.ctypes.data,
+            place_of(output),
         )
         state.move_to(memory)
         output += self.zero_um
@@ -353,7 +353,7 @@ class ActuatorState:
         if len(stops_v):
             rounded, way_v = np.ascontiguousarray(model.rounded), np.array(turns, dtype=np.float64)
             library().turned_stops(
-                len(stops_v), rounded.ctypes.data, len(way_v), way_v.ctypes.data, stops_v.ctypes.data
+                len(stops_v), rounded.ctypes.data, len(way_v), way_v.ctypes.data, place_of(stops_v)
             )
         rest_v = turns[-1]
         standing_v = np.concatenate([plays_v, model.rounded[:, -1] * rest_v - stops_v])

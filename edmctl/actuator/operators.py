@@ -26,14 +26,17 @@ from __future__ import annotations
 
 import ctypes
 from ctypes import c_double, c_int64, c_void_p
-from typing import Any
 
 import numpy as np
 
 from edmctl.array_types import Array, Integers
 from edmctl.core.library import library
 
+States = tuple[Array, Array, Array]
+"""Arrays of a state: plays (n,), stops (k,) and lags (g, j)."""
 _FLOAT = np.dtype(np.float64)
+_Bytes = ctypes.c_char * 0
+"""Gives an address several times as fast as `ndarray.ctypes`."""
 
 
 class Bank(ctypes.Structure):
@@ -82,9 +85,13 @@ class Bank(ctypes.Structure):
         self.shapes = ((n,), (k,), (g, j))
         self.room: int = library().bank_room(ctypes.byref(self))
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Return how a copy is made: with arrays of its own."""
+        return Bank, (*self._arrays, self.lag_s)
+
 
 class Memory(ctypes.Structure):
-    """State of a bank, `struct memory`, over the arrays plays (n,), stops (k,) and lags (g, j), which it changes.
+    """State of a bank, `struct memory`, over its arrays, which C changes.
 
     Raises ValueError for arrays of another bank.
     """
@@ -98,14 +105,14 @@ class Memory(ctypes.Structure):
         *((name, c_double) for name in ("t_s", "u_v", "lagged_v")),
     ]
 
-    def __init__(
-        self, bank: Bank, arrays: tuple[Array, Array, Array], t_s: float, u_v: float, lagged_v: float
-    ) -> None:
-        shapes = tuple(one.shape for one in arrays)
-        if shapes != bank.shapes:
+    def __init__(self, bank: Bank, arrays: States, t_s: float, u_v: float, lagged_v: float) -> None:
+        plays, stops, lags = arrays
+        if (plays.shape, stops.shape, lags.shape) != bank.shapes:
+            shapes = tuple(one.shape for one in arrays)
             raise ValueError(f"a state of shape {shapes} for a model of {bank.shapes}")
-        self._arrays = (*arrays, np.empty(bank.room))  # kept as long as their addresses
-        super().__init__(*(_changed(one) for one in self._arrays), t_s, u_v, lagged_v)
+        room = np.empty(bank.room)
+        self._arrays = plays, stops, lags, room  # kept as long as their addresses
+        super().__init__(place_of(plays), place_of(stops), place_of(lags), place_of(room), t_s, u_v, lagged_v)
 
 
 class Elements(ctypes.Structure):
@@ -120,15 +127,15 @@ class Elements(ctypes.Structure):
         if not stiffness.shape == limits.shape == stops.shape == (len(stops),):
             raise ValueError(f"a state of shape {stops.shape} for {stiffness.size} elements")
         self._arrays = (_constant(stiffness), _constant(limits), stops)  # kept as long as their addresses
-        super().__init__(len(stops), *(one.ctypes.data for one in self._arrays[:2]), _changed(stops))
+        super().__init__(len(stops), *(one.ctypes.data for one in self._arrays[:2]), place_of(stops))
 
 
 def _constant(array: Array) -> Array:
     return np.ascontiguousarray(array, dtype=np.float64)
 
 
-def _changed(array: np.ndarray[Any, Any]) -> int:
-    """Return the address of an array that C changes. Raises ValueError unless it is float64 and contiguous."""
+def place_of(array: Array) -> int:
+    """Return the address of an array that C writes. Raises ValueError unless it is contiguous, writable float64."""
     if array.dtype != _FLOAT or not array.flags.carray:
         raise ValueError("the arrays of a state are float64, row after row in memory, and writable")
-    return array.ctypes.data
+    return ctypes.addressof(_Bytes.from_buffer(array.data))

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from edmctl.actuator.inverse import Inverse
 from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator, rounded_table
-from edmctl.actuator.operators import stop
+from edmctl.actuator.operators import place_of
+from edmctl.core.library import library
 from edmctl.procedures.servo.limits import stroke_left_um
 from tests.actuator.models import Array, clock, driven, make_model, voltages
 
@@ -42,6 +43,13 @@ rounded_models = st.builds(
     unloading=st.floats(0.0, 2.0),
     lag_s=st.sampled_from([0.0, 0.002, 0.02]),
 )
+
+
+def stop(row: Array, move_v: float, stop_v: float) -> float:
+    """Where the stop of a rounded play is after a monotone move."""
+    stops_v, turns_v = np.array([stop_v]), np.array([0.0, move_v])
+    library().turned_stops(1, place_of(row), 2, place_of(turns_v), place_of(stops_v))
+    return float(stops_v[0])
 
 
 def integrated(row: Array, move_v: float, stop_v: float) -> float:
