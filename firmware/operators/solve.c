@@ -6,7 +6,9 @@
 #include <math.h>
 #include <string.h>
 
-#define ENOUGH 1e-14   /* a displacement is met within this share of the range times the steepest slope of play 0 */
+/* A displacement is met within this share of the range times the steepest slope of play 0. It is beyond the range by
+ * more than this share times the steepest slope of the whole bank, which is more than rounding. */
+#define ENOUGH 1e-14
 #define ITERATIONS 200 /* bound of the root search; regula falsi needs about six, bisection alone fifty */
 
 /* Displacement after a monotone move from `before` to u, both behind the lag; the state stays. */
@@ -37,7 +39,7 @@ struct sample {
     const double *follow;
     struct memory *trial;
     double *trial_follow;
-    double y_um, enough_um;
+    double y_um, enough_um, beyond_um;
 };
 
 /* How much the displacement is above the wanted one when the voltage before the lag goes straight to u. */
@@ -61,12 +63,12 @@ static double error_um(const struct sample *p, double u) {
 /* Regula falsi, Illinois variant, until the bracket is as narrow as numbers are. */
 static double root_v(const struct sample *p, double low, double high, bool *beyond) {
     double below = error_um(p, low);
-    *beyond = below > p->enough_um;
+    *beyond = below > p->beyond_um;
     if (below >= 0.0) {
         return low;
     }
     double above = error_um(p, high);
-    *beyond = above < -p->enough_um;
+    *beyond = above < -p->beyond_um;
     if (above <= 0.0) {
         return high;
     }
@@ -117,19 +119,43 @@ static void settle(const struct bank *b, struct memory *s, const struct way *way
     s->lagged_v = end_v;
 }
 
+static double steepest(const struct bank *b, int64_t i) {
+    double slope = b->slopes[i * b->m];
+    for (int64_t piece = 1; piece < b->m; piece++) {
+        slope = b->slopes[i * b->m + piece] > slope ? b->slopes[i * b->m + piece] : slope;
+    }
+    return slope;
+}
+
+/* The steepest that the displacement can rise. */
+static double steepest_um_per_v(const struct bank *b) {
+    double total = 0.0;
+    for (int64_t i = 0; i < b->n; i++) {
+        total += steepest(b, i);
+    }
+    for (int64_t i = 0; i < b->k; i++) {
+        total += b->roundness[i] * edm_rounded_v(b, i, 1.0, 0.0);
+    }
+    for (int64_t g = 0; g < b->g; g++) {
+        double slope = b->creeping[g] < b->n ? 1.0 : edm_rounded_v(b, b->creeping[g] - b->n, 1.0, 0.0);
+        for (int64_t i = 0; i < b->j; i++) {
+            total += b->weights[g * b->j + i] * slope;
+        }
+    }
+    return total;
+}
+
 void edm_bank_solve(const struct bank *b, struct memory *s, int64_t count, const double *t_s, const double *y_um,
                     double low_v, double high_v, double *u_v, bool *beyond) {
     double *follow = s->room, *trial_follow = follow + FOLLOW * b->j, *rest = trial_follow + FOLLOW * b->j;
     struct memory trial = {.plays = rest, .stops = rest + b->n, .lags = rest + b->n + b->k};
-    double steepest = b->slopes[0], known_s = 0.0;
-    for (int64_t i = 1; i < b->m; i++) {
-        steepest = b->slopes[i] > steepest ? b->slopes[i] : steepest;
-    }
+    double share_v = ENOUGH * (high_v - low_v), known_s = 0.0;
+    double enough_um = share_v * steepest(b, 0), beyond_um = share_v * steepest_um_per_v(b);
     edm_following(b, known_s, follow);
     for (int64_t k = 0; k < count; k++) {
         struct way way = {t_s[k] - s->t_s, s->u_v, s->lagged_v};
         known_s = edm_followed(b, way.elapsed_s, known_s, follow);
-        struct sample sample = {b, s, way, follow, &trial, trial_follow, y_um[k], ENOUGH * (high_v - low_v) * steepest};
+        struct sample sample = {b, s, way, follow, &trial, trial_follow, y_um[k], enough_um, beyond_um};
         bool is_still = b->lag_s > 0.0 && way.elapsed_s <= 0.0; /* in no time nothing comes through a lag */
         double low = is_still ? s->u_v : low_v, high = is_still ? s->u_v : high_v;
         u_v[k] = root_v(&sample, low, high, &beyond[k]);

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from edmctl.actuator.inverse import Inverse
@@ -99,6 +99,7 @@ def test_displacement_rises_with_the_voltage_from_any_state(
 
 
 @settings(max_examples=30, deadline=None)
+@example(model=rounded_model((1.0, 21.0), 1.0, 1.0, 0.02), volts=[24.0, 0.0])  # steep: rounding is coarser
 @given(model=rounded_models, volts=voltages)
 def test_the_inverse_gives_back_the_voltage(model: ActuatorModel, volts: list[float]) -> None:
     u_v = np.array(volts)
