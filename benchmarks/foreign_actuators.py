@@ -44,10 +44,10 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.actuator.compiling import cached, compiled
 from edmctl.actuator.record import Record
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from edmctl.actuator.model import ActuatorModel
 
 Array = NDArray[np.float64]
+compiled = numba.njit(nogil=True, error_model="numpy")
 
 KINDS = ("bouc-wen", "preisach", "prandtl")
 BOUC_WEN, PREISACH, PRANDTL = range(3)
@@ -182,7 +183,7 @@ def prandtl(w: float, before: float, shape: Array, thresholds: Array, weights: A
     return total
 
 
-@cached
+@compiled
 def run_actuator(
     kind: int,
     held_v: Array,
