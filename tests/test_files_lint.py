@@ -39,6 +39,7 @@ ALLOWED = {
     "link/serial_line.py: open_port": "a serial port",
     "process/materials.py: materials": "a file of the package",
     "record/damaged_file_recovery.py: _opened": OPENED,
+    "record/delimited.py: _plain_numbers": "lines of a text",
     "record/hdf5.py: open_hdf5": OPENED,
     "record/hdf5.py: open_swmr": OPENED,
     "record/integrity.py: append_checksum": OWN,

@@ -15,7 +15,7 @@ from edmctl.console.layout import Span, cells_of, cut, plain_ascii, render_line
 from edmctl.console.progress import depth_words, has_pulses, while_cutting
 from edmctl.console.style import Ink, Style
 from edmctl.results.progress import Progress
-from edmctl.wording import duration, printable
+from edmctl.wording import decimal, duration, printable
 
 LABEL = 8
 GAP = 2
@@ -210,7 +210,9 @@ def _charted(
 ) -> list[list[Span]]:
     """A chart with the newest figures beside its first row and the range beside its last."""
     known = math.isfinite(history.low)
-    extent = f"{history.low:.1f} to {history.high:.1f} {unit} in {SPAN_S:.0f} s" if known else ""
+    extent = (
+        f"{decimal(history.low, 1)} to {decimal(history.high, 1)} {unit} in {SPAN_S:.0f} s" if known else ""
+    )
     if not place.chart:
         return [_row(label, [], [(words, None)])]
     if not known:

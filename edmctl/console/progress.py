@@ -166,7 +166,8 @@ def progress_line(p: Progress) -> str:
     if has_pulses(p.ratios):
         parts.append(f"gap {p.gap_v:.1f} V (reference {p.reference_v:.1f} V)")
         parts.append(render_ratios(p.ratios, decimals=0))
-        parts.append(f"depth {depth_words(p)}")
+        if math.isfinite(p.depth_um):
+            parts.append(f"depth {depth_words(p)}")
     if p.time_left_s > 0:
         parts.append(f"{duration(p.time_left_s)} left")
     return "; ".join(parts)

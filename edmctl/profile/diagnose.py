@@ -39,6 +39,7 @@ _CODES = {
     "less_than": Code.OUT_OF_RANGE,
     "less_than_equal": Code.OUT_OF_RANGE,
     "finite_number": Code.OUT_OF_RANGE,
+    "too_small_to_divide_by": Code.OUT_OF_RANGE,
     "multiple_of": Code.NOT_A_MULTIPLE,
     "file_name": Code.UNREADABLE,
     "string_too_short": Code.OUT_OF_RANGE,

@@ -7,7 +7,15 @@ import types
 from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    field_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from edmctl.errors import UsageError
@@ -38,10 +46,21 @@ FileName: TypeAlias = Annotated[
 ]
 
 
+LEAST = 1e-30
+"""Of any number that is not zero: its powers and quotients are numbers, too."""
+
+
 class Table(BaseModel):
     """A table of a profile or setup file: closed, immutable, no silent conversions."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*")
+    @classmethod
+    def _no_denormal(cls, value: object) -> object:
+        if isinstance(value, float) and 0.0 < abs(value) < LEAST:
+            raise PydanticCustomError("too_small_to_divide_by", "no quantity is so small")
+        return value
 
 
 def field_at(model: type[BaseModel], path: KeyPath) -> FieldInfo | None:

@@ -25,9 +25,9 @@ FILTER_PERIODS = 20.0
 DISCHARGE_MARGIN_US = 10.0
 
 
-def reference_window(job: Job) -> Iterator[Finding]:
-    """Rule 1: the reference lies between an all-sparking and an all-open gap."""
-    pulse, servo = job.profile.pulse, job.profile.servo
+def room_for_reference(profile: Profile) -> Iterator[Finding]:
+    """Rule 1: the open voltage is above the discharge voltage; otherwise no pulse can be expected to ignite."""
+    pulse = profile.pulse
     if pulse.open_voltage_v <= pulse.discharge_voltage_v + VOLTAGE_ROOM_V:
         yield Finding(
             Code.REFERENCE_WINDOW,
@@ -36,7 +36,14 @@ def reference_window(job: Job) -> Iterator[Finding]:
             f"{pulse.discharge_voltage_v:g} V: the mean gap voltage cannot tell a spark from an open gap",
             f"use more than {pulse.discharge_voltage_v + VOLTAGE_ROOM_V:g} V",
         )
+
+
+def reference_window(job: Job) -> Iterator[Finding]:
+    """Rule 1: the reference lies between an all-sparking and an all-open gap."""
+    if wrong := list(room_for_reference(job.profile)):
+        yield from wrong
         return
+    pulse, servo = job.profile.pulse, job.profile.servo
     low, unit = pulse.rho + REFERENCE_MARGIN, pulse.duty_voltage_v
     if low - ROUNDING <= servo.reference <= REFERENCE_MAX + ROUNDING:
         return
@@ -81,6 +88,12 @@ def pulse_energy(job: Job) -> Iterator[Finding]:
             f"(below {FINE_TOOL_UM:g} µm: at most {FINE_TOOL_ENERGY_UJ:g} µJ)",
             lower,
         )
+
+
+def does_nothing(profile: Profile) -> Iterator[Finding]:
+    """Rules 1 and 38, without which nothing can be expected of the pulses."""
+    yield from room_for_reference(profile)
+    yield from removes_nothing(profile)
 
 
 def removes_nothing(profile: Profile) -> Iterator[Finding]:

@@ -113,7 +113,7 @@ def violations(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -
     """
     once = _findings(reference_stated_once, Job(profile, setup))
     shaped = _findings(sites.path_keys, Job(profile, setup))
-    if idle := _findings(lambda job: pulse.removes_nothing(job.profile), Job(profile, setup)):
+    if idle := _findings(lambda job: pulse.does_nothing(job.profile), Job(profile, setup)):
         return [*once, *shaped, *idle]  # what such pulses let expect is nothing that a rule could look at
     try:
         known = without(profile, ("servo", "reference")) if once else _with_share(profile)

@@ -10,6 +10,7 @@ import dataclasses
 import json
 from collections.abc import Mapping
 from copy import deepcopy
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +83,7 @@ def restored_bench(state: State) -> VirtualBench:
             _restore_record(getattr(bench.plant, name), _part(plant, name))
         _restore_plant(bench.plant, plant)
         _restore_controller(bench.controller, controller)
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
         raise RunFileError(
             f"The saved bench does not fit this version: {type(error).__name__} {error}.",
             hint="Use the version of edmctl that wrote the file, or begin a new bench under another name.",
@@ -214,7 +215,21 @@ def _config(state: State) -> BenchConfig:
     sensors = dict(_part(values, "sensors"))
     sensors["fitted"] = bool(sensors["fitted"])
     values |= {"discharge": discharge, "sensors": SensorConstants(**sensors)}  # type: ignore[arg-type]
-    return BenchConfig(**values)  # type: ignore[arg-type]
+    config = BenchConfig(**values)  # type: ignore[arg-type]
+    _refuse_other_kinds(config, BenchConfig())
+    return config
+
+
+def _refuse_other_kinds(given: Any, usual: Any) -> None:
+    """Raise TypeError or OverflowError where a value is of another kind than usual."""
+    for field in dataclasses.fields(usual):
+        value, known = getattr(given, field.name), getattr(usual, field.name)
+        if dataclasses.is_dataclass(known):
+            _refuse_other_kinds(value, known)
+        elif isinstance(known, float) and type(value) in (int, float):
+            float(value)
+        elif type(value) is not type(known):
+            raise TypeError(f"{field.name} is of another kind")
 
 
 def _discharge(state: State) -> DischargeConstants:

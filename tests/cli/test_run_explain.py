@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -220,9 +221,11 @@ def test_a_file_of_an_earlier_version_knows_no_reasons() -> None:
 def test_a_way_through_a_sheet_ends_by_itself_behind_the_breakthrough(here: Here, tmp_path: Path) -> None:
     sheet = ("work.thickness_um=25.0", "target.completion_um=12.0", 'log.pulses="off"')
     options = [word for value in (*QUICK[1:], *sheet) for word in ("--set", value)]
-    folder = ("--out", str(tmp_path), "--run-id", "sheet", "--quiet")
+    folder = ("--out", str(tmp_path), "--run-id", "sheet", "--events")
     said = here("machine", "--profile", "foil-through", *options, "--seed", "1", *folder)
     assert said.exit_code == 0, said.err
+    progress = [json.loads(line) for line in said.err.splitlines() if '"depth_um"' in line]
+    assert progress[-1]["depth_um"] is None, "an open hole has no depth"
     told = here("run", "explain", str(tmp_path / "sheet.h5"), "--json").document["result"]["story"]
     codes = [sentence["code"] for sentence in told]
     assert codes.count("BREAKTHROUGH") == 1

@@ -34,6 +34,22 @@ def test_hostile_overrides_are_refused(override: str) -> None:
         load_profile("cu270", [override])
 
 
+@pytest.mark.parametrize(
+    ("override", "code"),
+    [
+        ("pulse.open_voltage_v=20", "E3101"),
+        ("pulse.discharge_voltage_v=40", "E3101"),
+        ("pulse.discharge_voltage_v=39.9", "E3101"),
+        ("work.removal_um3_per_uj=1e-320", "E3005"),
+        ("target.depth_um=5e-324", "E3005"),
+    ],
+)
+def test_values_that_no_rule_could_calculate_with_are_named(override: str, code: str) -> None:
+    with pytest.raises(ProfileError) as refused:
+        load_profile("cu270", [override])
+    assert [one.code for one in refused.value.diagnostics] == [code]
+
+
 @pytest.mark.parametrize("value", ["9" * 5000, "9" * 400, "[" * 2000])
 def test_hostile_values_in_a_file_are_refused(value: str, tmp_path: Path) -> None:
     path = tmp_path / "p.toml"

@@ -265,7 +265,7 @@ def refuse_unknown_length(account: ToolAccount, folder: Path, plan: Plan) -> Non
     command = command_to_go_on(run_file)
     anew = f"touch the pad anew with `{reference_command(plan)}`."
     raise PreconditionError(
-        f"How long the tool {account.label} is, nobody knows: {run_file} was killed while it machined.",
+        f"The length of the tool {account.label} is unknown: the run {run_file.stem} was killed while it machined.",
         hint=f"Finish it with `{command}`; to give it up, {anew}"
         if command
         else f"{anew[0].upper()}{anew[1:]}",

@@ -190,7 +190,8 @@ class OpenHole:
         touched, error = run.job.touch_basis, run.watch.feed_error
         total, z1, z2, z3 = self.sums.total, self.z1, self.bottom, self.pad
         self.found = found
-        run.tally.depth_um, run.tally.unmeasured_site = found.depth_um, ""
+        run.tally.depth_um = math.nan if through else found.depth_um
+        run.tally.unmeasured_site = ""
         ratio_lin, ratio_vol, mrr = _erosion(run.profile, found, total.time_s, through=through)
         depth_model_u95_um, wear_model_u95_um = model_u95_um(run, found, z2.creep_um - z3.creep_um)
         pad_model_um = z3.model_um + worn_um - self.drift_um

@@ -83,7 +83,7 @@ def _cut(run: JobRun, hole: OpenHole, knowledge: JobKnowledge, plan: CutPlan, li
     cut = run_cut(run, plan, left)
     keep_cut_ended(run, hole, cut)
     run.tally.machining_time_s = machined_before_s + cut.time_s
-    run.tally.depth_um = plan.depth_at(cut.end_displacement_um)
+    run.tally.depth_um = math.nan if cut.through else plan.depth_at(cut.end_displacement_um)
     if hole.target.kind == "through":
         decision = end_of_through_hole(run, hole, knowledge, plan, cut)
     elif (

@@ -148,8 +148,9 @@ class Supervisor(TelemetrySums):
         self._judge(duration_s, fresh, sparking=machining)
         if self._through:
             self._look_for_the_back(duration_s, fresh, energy, now_s, sparking=machining)
+        shown_um = math.nan if self.is_through else depth_um
         tally = self._run.tally
-        tally.depth_um = depth_um
+        tally.depth_um = shown_um
         cut_s = max(0.0, now_s - self._start_s)
         tally.machining_time_s = self._machined_before_s + cut_s
         tally.cut = RunningCut(self.total, self.energy_j, cut_s, self.sparked_at_um)
@@ -160,7 +161,7 @@ class Supervisor(TelemetrySums):
             gap_v=gap_v,
             reference_v=self.reference_v,
             ratios=ratios,
-            depth_um=depth_um,
+            depth_um=shown_um,
             depth_target_um=self._plan.target_um,
             displacement_um=self.displacement_um,
             time_left_s=self._time_left_s(now_s, depth_um),
