@@ -23,6 +23,8 @@ from random import Random
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from edmctl.link.wire import Request
     from edmctl.simulator import BenchConfig, VirtualBench
 
@@ -37,6 +39,7 @@ def bench_at(frequency_hz: float | None) -> VirtualBench:
     from dataclasses import replace
 
     from edmctl.link import messages as m
+    from edmctl.link.session import Session
     from edmctl.profile.profile_file import SimSettings
     from edmctl.simulator import BenchConfig, open_bench
 
@@ -44,20 +47,21 @@ def bench_at(frequency_hz: float | None) -> VirtualBench:
     if hasattr(config, "spread"):  # checkouts before decision 0042 draw nothing
         config = replace(config, spread=SimSettings().spread)
     bench = open_bench(config, 1)
-    controller, crc = bench.python_controller, m.param_crc({})
+    controller = bench.controller
+    session, crc = Session(bench.transport, Random(1)), m.param_crc({})
+    session.open()
     period_us = 1e6 / (frequency_hz or 2300.0)
     pulses = m.PulseConfig(0.3 * period_us, 0.7 * period_us, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0)
     move = m.StageMove(m.Axis.X, 0, 50_000_000)
+    message: Request[Any]
     for message in (m.CommitProfile(crc), pulses, m.Arm(crc), m.PulseEnable(1), move):
-        controller.commands.execute(message)
-        controller.advance(240)
-        controller.host_heard()
+        session.request(message)
+        session.pump(0.24)
     if frequency_hz:
-        controller.commands.execute(m.Approach(1.0, 100.0, 0.9 * DUTY_V))
+        session.request(m.Approach(1.0, 100.0, 0.9 * DUTY_V))
         while controller.state is m.State.APPROACH:
-            controller.host_heard()
-            controller.advance(100)
-        controller.commands.execute(m.ServoStart(0.8 * DUTY_V, 500.0, 1e5))
+            session.pump(0.1)
+        session.request(m.ServoStart(0.8 * DUTY_V, 500.0, 1e5))
     return bench
 
 
@@ -192,15 +196,15 @@ def session_digest(
     return host.digest()
 
 
-def digests() -> dict[str, str]:
-    """Digests of all sessions, by what is special in them."""
+def sessions() -> dict[str, tuple[BenchConfig, int, dict[str, Any]]]:
+    """Machine, seed and options of each session, by what is special in it."""
     from edmctl.simulator import BenchConfig, SensorConstants
     from edmctl.simulator.injection import INJECTIONS
 
     near = BenchConfig(offset_um=20.0)
     foil = BenchConfig(offset_um=20.0, thickness_um=6.0, tool_diameter_um=100.0, tip_rounding_um=3.0)
     blind = BenchConfig(offset_um=20.0, sensors=SensorConstants(fitted=False))
-    cases: dict[str, tuple[BenchConfig, int, dict[str, Any]]] = {
+    return {
         **{f"seed {seed}": (near, seed, {}) for seed in (1, 2, 3)},
         "blocks": (near, 4, {"full": False}),
         "50 kHz": (near, 5, {"period_us": 20.0, "full": False, "cut_s": 1.0}),
@@ -212,7 +216,15 @@ def digests() -> dict[str, str]:
         "deep": (near, 11, {"cut_s": 120.0, "full": False}),
         **{name: (near, 12, {"fault": name}) for name in INJECTIONS},
     }
-    return {name: session_digest(config, seed, **rest) for name, (config, seed, rest) in cases.items()}
+
+
+def digests(names: Collection[str] = ()) -> dict[str, str]:
+    """Digests of these sessions, or of all."""
+    return {
+        name: session_digest(config, seed, **rest)
+        for name, (config, seed, rest) in sessions().items()
+        if not names or name in names
+    }
 
 
 def told_by(root: Path, what: str) -> Any:
@@ -241,7 +253,7 @@ def main() -> int:
         return 0
     roots = (Path(__file__).resolve().parents[1], arguments.other.resolve())
     for root in roots:
-        told_by(root, "speed")  # fills the caches of compiled code
+        told_by(root, "speed")  # builds its library
     runs = [[told_by(root, "speed") for root in roots] for _ in range(arguments.repeat)]
     missed = False
     for way, least in zip(WAYS, (0.0, *arguments.least), strict=True):

@@ -1,6 +1,8 @@
 /* The board that the core finds in a process: records of the virtual plant, callbacks into its model, bytes in memory. */
 #include "host.h"
 
+#include "../core/core.h"
+
 #include <stddef.h>
 
 _Static_assert(offsetof(struct edm_host, core) == 0, "the core is first");
@@ -184,6 +186,8 @@ static void show(struct edm_host *h) {
     seen->touch_offs = c->touch_offs;
     seen->session = c->link.session;
     seen->zero_um = (double)c->zero_um;
+    struct edm_inputs inputs;
+    seen->interlocks = guards_interlocks(&h->core, &inputs);
     seen->pulses_allowed = c->pulses_allowed;
     seen->pulse_period_ns = c->settings.pulse_period_ns;
     seen->duty_v = (double)c->settings.duty_v;

@@ -121,7 +121,7 @@ def test_every_mistake_is_in_the_table() -> None:
     assert set(NAMED) == set(WIRING_MISTAKES)
 
 
-@pytest.mark.parametrize("controller", ["python", "firmware", "firmware-float"])
+@pytest.mark.parametrize("controller", ["firmware", "firmware-float"])
 def test_a_sound_machine_passes_under_every_controller(here: Here, wired: Any, controller: str) -> None:
     bench = wired()
     said = here("first-start", "--yes", "--json", "--seed", "3", "--controller", controller)
@@ -173,12 +173,9 @@ def test_readings_tell_what_is_judged(here: Here, wired: Any) -> None:
     assert found["self-test"]["read"] == "gate off: less than 0.50 V; gate on: 10.00 V of 10.00 V"
 
 
-@pytest.mark.parametrize("controller", ["python", "firmware"])
-def test_a_gate_that_is_stuck_on_shows_the_voltage_with_the_gate_off(
-    here: Here, wired: Any, controller: str
-) -> None:
+def test_a_gate_that_is_stuck_on_shows_the_voltage_with_the_gate_off(here: Here, wired: Any) -> None:
     wired("GATE_STUCK")
-    said = here("first-start", "--yes", "--json", "--seed", "1", "--controller", controller)
+    said = here("first-start", "--yes", "--json", "--seed", "1")
     read = items(said)["self-test"]["read"]
     numbers = re.match(
         r"gate off: ([0-9.]+) V \(expected 0\); gate on: 10\.00 V \(expected 10\.00\), fault 3", read
@@ -239,7 +236,7 @@ class Kept(Bench):
 
 def test_five_mistakes_at_once_are_all_named(here: Here, wired: Any) -> None:
     five = ("ESTOP_DOOR_SWAPPED", "LEVEL_INVERTED", "CONTACT_INVERTED", "GAP_REVERSED", "SENSOR_OPEN")
-    for controller in ("python", "firmware"):
+    for controller in ("firmware", "firmware-float"):
         bench = wired(*five)
         said = here("first-start", "--yes", "--json", "--seed", "1", "--controller", controller)
         assert sorted(statuses(said, "fail")) == sorted(NAMED[name][0] for name in five), said.err

@@ -1,7 +1,7 @@
 """Which controller the suite runs against: `--controller-port URL` names a board, without it a virtual machine.
 
-`--controller firmware` puts the firmware's core in the place of the virtual controller, `--controller stm32` the
-image of a board on an emulated chip.
+`--controller firmware-float` runs the firmware's core in a board's arithmetic, `--controller stm32` the image of a
+board on an emulated chip.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     group.addoption(
         "--controller",
-        choices=["python", "firmware", "firmware-float", "stm32"],
-        default="python",
-        help="what drives the virtual machine: the virtual controller, the firmware's core, or a board's image",
+        choices=["firmware", "firmware-float", "stm32"],
+        default="firmware",
+        help="what drives the virtual machine: the firmware's core in either arithmetic, or a board's image",
     )
     group.addoption("--controller-baud", type=int, default=500_000, help="baud of that port")
 
@@ -72,7 +72,7 @@ def _board(config: pytest.Config) -> Serial:
 @pytest.fixture
 def line(shared_line: Line | None, request: pytest.FixtureRequest) -> Iterator[Line]:
     """The line to the controller under test. Whatever is asked of an image, it is without error to its chip."""
-    line = shared_line or InProcess(request.config.getoption("--controller", default="python"))
+    line = shared_line or InProcess(request.config.getoption("--controller", default="firmware"))
     yield line
     assert chip_errors(line.bench) == (0, None)
 

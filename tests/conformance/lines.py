@@ -40,7 +40,7 @@ STM32_DECIDES_US = 350.0
 """Its tick takes 35 % of a millisecond at most (docs/firmware.md)."""
 
 
-def new_bench(controller: str = "python", seed: int = 5) -> Any:
+def new_bench(controller: str = "firmware", seed: int = 5) -> Any:
     """A virtual bench with a surface 20 µm away, so that the tool is soon at work."""
     from edmctl.simulator import BenchConfig, open_bench
 
@@ -98,7 +98,7 @@ class InProcess:
 
     virtual_time = True
 
-    def __init__(self, controller: str = "python") -> None:
+    def __init__(self, controller: str = "firmware") -> None:
         self.name = f"the virtual machine in process, controller: {controller}"
         self.decides_us = STM32_DECIDES_US if controller == STM32 else 0.0
         self.bench = new_bench(controller)
@@ -145,7 +145,7 @@ class Serial:
 
 
 @contextmanager
-def served(controller: str = "python") -> Iterator[Serial]:
+def served(controller: str = "firmware") -> Iterator[Serial]:
     """The virtual machine behind a pty, its clock driven by this host."""
     bench = new_bench(controller)
     with serving(bench) as path:

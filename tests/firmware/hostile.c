@@ -720,6 +720,73 @@ static void short_beyond_the_limit(void) {
     }
 }
 
+/* A millisecond of a cut with two pulses, of which so many ignite, at a place that both readings tell. */
+static int measured(int sparks, real displacement_um, real slow_um) {
+    const int pulses = 2;
+    c.readings.pulses = (uint8_t)pulses;
+    c.readings.gap_v = 10;
+    c.gap.displacement_um = displacement_um;
+    c.gap.slow_displacement_um = slow_um;
+    c.gap.tick.of[PULSE_CLASS_OPEN] = (uint16_t)(pulses - sparks);
+    c.gap.tick.of[PULSE_CLASS_NORMAL] = (uint16_t)sparks;
+    return gap_measure(&c, 0);
+}
+
+/* What counts as a spark, and as its place. */
+static void places_of_sparks(void) {
+    const real at_um[][3] = {{7, R(6.5), 7}, {DISPLACEMENT_FAILED_UM, R(6.5), 7}, {8, R(6.5), 8}, {108, R(6.5), 13},
+                             {R(8.5), R(6.5), R(8.5)}, {13, -40, 13}}; /* a spike; back from a jump the slow one lags */
+    set_up(NULL, 0);
+    c.gap.last_spark_um = 0;
+    for (int i = 0; i < 6; i++) {
+        HOLDS(measured(2, at_um[i][0], at_um[i][1]) == NOTHING && c.gap.open_ticks == 0);
+        HOLDS(!(magnitude(c.gap.last_spark_um - at_um[i][2]) > R(0.001)));
+    }
+    for (int ms = 1; ms < 4; ms++) {
+        HOLDS(measured(0, 13, 13) == NOTHING && c.gap.open_ticks == ms);
+    }
+    HOLDS(measured(1, 13, 13) == NOTHING && c.gap.open_ticks == 0);
+}
+
+/* A tool feeds at 50 µm/s through a gap without work, in which now and then a pulse ignites: sparks that are apart are
+ * chance, with a spike of the sensor or without. */
+static void sparks_by_themselves(void) {
+    for (int way = 0; way < 6; way++) {
+        const int apart_ms[] = {90, 15, 14};
+        int apart = apart_ms[way % 3], found = NOTHING, ms = 0;
+        set_up(NULL, 0);
+        c.gap.last_spark_um = 0;
+        c.settings.pulse_period_ns = 434783;
+        c.settings.open_lost_um = 15;
+        c.servo.time_ticks = 60000;
+        c.servo.z_limit_um = 10000;
+        for (; ms < 4000 && found == NOTHING; ms++) {
+            real z_um = R(0.05) * (real)ms;
+            bool sparks = ms % apart == apart - 1;
+            HOLDS(measured(sparks, z_um + (sparks && way > 2 ? R(100.0) : 0), z_um - R(2.5)) == NOTHING);
+            found = servo_watch(&c);
+        }
+        HOLDS(apart == 14 ? found == NOTHING : found == FAULT_NO_SPARK && R(0.05) * (real)ms < R(17.6));
+    }
+}
+
+/* Of slow pulses some ignite, by chance, while the tool feeds at 1 µm/s: they are sparks. */
+static void sparse_sparks(void) {
+    const uint32_t period_ms[] = {1, 10, 100, 1000}, percent[] = {5, 20, 20, 70};
+    for (int i = 0; i < 4; i++) {
+        set_up(NULL, 0);
+        c.gap.last_spark_um = 0;
+        c.settings.pulse_period_ns = (int64_t)period_ms[i] * TICK_NS;
+        c.servo.time_ticks = c.settings.open_ticks_max * 1000000;
+        c.servo.z_limit_um = R(1e9);
+        for (uint32_t pulse = 0; pulse < 2000; pulse++) {
+            real z_um = R(0.001) * (real)(pulse * period_ms[i]);
+            c.gap.silent_ticks = period_ms[i] - 1;
+            HOLDS(measured(draw(100) < percent[i] ? 2 : 0, z_um, z_um) == NOTHING && servo_watch(&c) == NOTHING);
+        }
+    }
+}
+
 /* The hardware has ended the pulses: whatever needs them stands still until a fault is latched, a jump in each of its phases. */
 static void pulses_broken(void) {
     for (int ms = 0; ms < 260; ms += 7) {
@@ -801,6 +868,9 @@ int main(int argc, char **argv) {
         small_steps();
         short_beyond_the_limit();
         pulses_broken();
+        places_of_sparks();
+        sparks_by_themselves();
+        sparse_sparks();
         printf("%d broken\n", broken);
         return broken != 0;
     }

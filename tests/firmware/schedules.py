@@ -1,4 +1,4 @@
-"""Random schedules of frames and time for two controllers over equal plants: whatever one says the other has to say.
+"""Random schedules of frames and time for one virtual machine, and a digest of all that comes of them.
 
 A schedule is a host that mostly knows what it does, and everything that can go wrong between it and the machine:
 damaged and repeated frames, other sessions, aborts, restarts, injected faults, values that make no sense.
@@ -6,6 +6,7 @@ damaged and repeated frames, other sessions, aborts, restarts, injected faults, 
 
 from __future__ import annotations
 
+import hashlib
 import math
 from random import Random
 from typing import TYPE_CHECKING, Any
@@ -36,73 +37,14 @@ FAILED = (
 """Constants of the machine that no machine has, for what it then reads."""
 
 
-class Difference(AssertionError):
-    """Two controllers have said or done different things."""
-
-
-class Twins:
-    """Two benches that get the same; `check` compares what came of it."""
-
-    def __init__(self, seed: int, first: str, second: str, offset_um: float) -> None:
-        configs = [BenchConfig(offset_um=offset_um, controller=kind) for kind in (first, second)]
-        self.benches = [open_bench(config, seed) for config in configs]
-        self.story: list[str] = []
-
-    @property
-    def lead(self) -> VirtualBench:
-        """The bench whose state the schedule looks at."""
-        return self.benches[0]
-
-    def check(self, what: str) -> bytes:
-        """Compare bytes, state and plant after `what`; returns the bytes."""
-        self.story = [*self.story[-30:], what]
-        said = [bench.controller.link.take_output() for bench in self.benches]
-        views = [self._view(bench) for bench in self.benches]
-        if said[0] != said[1] or views[0] != views[1]:
-            told = "\n".join(
-                f"{name}: {view}\n  {self._frames(data)}"
-                for name, view, data in zip(("first", "second"), views, said, strict=True)
-            )
-            raise Difference("after\n  " + "\n  ".join(self.story) + "\n" + told)
-        return said[0]
-
-    @staticmethod
-    def _view(bench: VirtualBench) -> tuple[object, ...]:
-        c, plant = bench.controller, bench.plant
-        return (
-            c.tick,
-            c.state.name,
-            c.fault,
-            c.armed,
-            c.boot_count,
-            (c.link.rx_bad, c.link.rx_drop, c.link.rx_frames, c.link.urgent, c.link.due),
-            (
-                c.loop.command_v,
-                c.loop.displacement_um,
-                c.loop.slow_displacement_um,
-                c.loop.gap_v,
-                c.loop.pulse_no,
-            ),
-            bytes(plant.drive)[: 4 * 8],
-            hash(bytes(plant.state)),
-            tuple(plant.reported),
-            tuple(plant.position_um.tolist()),
-        )
-
-    @staticmethod
-    def _frames(data: bytes) -> str:
-        frames = FrameDecoder(watch_for_abort=False).feed(data)
-        return "\n  ".join(
-            f"{f.type_id:02X} {f.seq} {f.session} {f.flags} {f.payload.hex(' ')}" for f in frames[-6:]
-        )
-
-
 class Schedule:
     """One host and its mishaps. `commands` counts frames that were sent whole."""
 
-    def __init__(self, seed: int, first: str = "python", second: str = "firmware") -> None:
+    def __init__(self, seed: int) -> None:
         self.random = Random(seed)
-        self.twins = Twins(seed, first, second, self.random.choice((2.0, 5.0, 20.0, 45.0)))
+        offset_um = self.random.choice((2.0, 5.0, 20.0, 45.0))
+        self.bench = open_bench(BenchConfig(offset_um=offset_um), seed)
+        self._digest = hashlib.sha256()
         self.commands = 0
         self.session = self.seq = self.beat_seq = 0
         self.sent: list[bytes] = []
@@ -113,12 +55,16 @@ class Schedule:
         self.faults: set[int] = set()
 
     def run(self, steps: int) -> None:
-        """Do so many things; Difference where the controllers part."""
+        """Do so many things."""
         self._open()
         acts = [(act, weight) for act, weight in self._acts()]
         for _ in range(steps):
             (act,) = self.random.choices([a for a, _ in acts], [w for _, w in acts])
             act()
+
+    def digest(self) -> str:
+        """SHA-256 of every byte that the controller has said, and of its state and its plant after every step."""
+        return self._digest.hexdigest()
 
     def _acts(self) -> list[tuple[Any, float]]:
         return [
@@ -142,19 +88,22 @@ class Schedule:
         ]
 
     # ------------------------------------------------------------------------------------------------ the line
-    def _write(self, data: bytes, what: str) -> bytes:
+    def _write(self, data: bytes) -> bytes:
         """Hand bytes over, sometimes in pieces."""
         cuts = sorted(
             self.random.randrange(len(data) + 1) for _ in range(self.random.choice((0, 0, 0, 1, 3)))
         )
-        for bench in self.twins.benches:
-            at = 0
-            for cut in [*cuts, len(data)]:
-                bench.controller.receive(data[at:cut])
-                at = cut
-        return self._hear(self.twins.check(what))
+        at = 0
+        for cut in [*cuts, len(data)]:
+            self.bench.controller.receive(data[at:cut])
+            at = cut
+        return self._hear()
 
-    def _hear(self, data: bytes) -> bytes:
+    def _hear(self) -> bytes:
+        """Return what the controller has said since the last call."""
+        data = self.bench.controller.link.take_output()
+        self._digest.update(data)
+        self._digest.update(_view(self.bench))
         for frame in FrameDecoder(watch_for_abort=False).feed(data):
             if frame.type_id in (m.Event.ID, m.Fault.ID):
                 self.last_event = int.from_bytes(frame.payload[:2], "little")
@@ -172,12 +121,11 @@ class Schedule:
         return data
 
     def _send(self, message: Message, **header: int) -> bytes:
-        return self._write(self._framed(message, **header), f"{message}")
+        return self._write(self._framed(message, **header))
 
     def _advance(self, ticks: int) -> None:
-        for bench in self.twins.benches:
-            bench.controller.advance(ticks)
-        self._hear(self.twins.check(f"{ticks} ms"))
+        self.bench.controller.advance(ticks)
+        self._hear()
 
     # ------------------------------------------------------------------------------------------------- the acts
     def _open(self) -> None:
@@ -189,7 +137,7 @@ class Schedule:
             m.Hello(m.PROTO_MAJOR, r.choice((5, 4, 6)), r.getrandbits(32), hash_), seq=self.seq
         )
         self.hellos.append(hello)
-        self._write(hello, "HELLO")
+        self._write(hello)
 
     def _pass_time(self) -> None:
         self._advance(self.random.choice((1, 1, 2, 5, 20, 49, 50, 120, 200, 240)))
@@ -204,7 +152,7 @@ class Schedule:
 
     def _alive(self, ms: int) -> None:
         """Let time pass with heartbeats."""
-        while ms > 0 and not self.twins.lead.controller.fault:
+        while ms > 0 and not self.bench.controller.fault:
             self.host_us += 50_000
             self.beat_seq = (self.beat_seq + 1) % 256
             self._send(m.Heartbeat(self.host_us, self.last_event), seq=self.beat_seq)
@@ -216,7 +164,7 @@ class Schedule:
 
     def _work(self) -> None:
         """The next sensible thing for the state that the machine is in."""
-        r, c = self.random, self.twins.lead.controller
+        r, c = self.random, self.bench.controller
         state = c.state
         if state in (m.State.FAULT, m.State.ESTOP):
             if r.random() < 0.5:
@@ -245,7 +193,7 @@ class Schedule:
             self._send(self._generator())
         if r.random() < 0.8:
             self._send(self._telemetry())
-        self._send(m.Arm(self.twins.lead.controller.parameters.crc))
+        self._send(m.Arm(self.bench.controller.seen.param_crc))
         if r.random() < 0.9:
             self._send(m.PulseEnable(1))
         if r.random() < 0.7:
@@ -257,7 +205,7 @@ class Schedule:
         param = r.choice(list(m.PARAMS.values()))
         wire = param.to_wire(self._any_value(param))
         self._send(m.SetParam(param.id, wire))
-        if self.twins.lead.controller.state is m.State.IDLE:
+        if self.bench.controller.state is m.State.IDLE:
             self.values[param.name] = param.from_wire(wire)
 
     def _any_value(self, param: Param) -> float:
@@ -379,27 +327,27 @@ class Schedule:
         self.seq = (self.seq + r.choice((1, 1, 1, 1, 2, 127, 128, 129, 255))) % 256
         session = self.session if r.random() < 0.95 else r.randrange(256)
         self.commands += 1
-        self._write(encode_frame(type_id, self.seq, session, 0, payload), f"{kind.NAME} {payload.hex()}")
+        self._write(encode_frame(type_id, self.seq, session, 0, payload))
 
     def _repeat(self) -> None:
         """A copy of something: of one of the last commands, or of any HELLO ever."""
         if self.hellos and self.random.random() < 0.2:
             self.commands += 1
-            self._write(self.random.choice(self.hellos), "a copy of a HELLO")
+            self._write(self.random.choice(self.hellos))
         elif self.sent:
             self.commands += 1
-            self._write(self.random.choice(self.sent), "a copy")
+            self._write(self.random.choice(self.sent))
 
     def _damage(self) -> None:
         r = self.random
         data = bytearray(self._framed(m.GetStatus()) if not self.sent else r.choice(self.sent))
         for _ in range(r.choice((1, 1, 3))):
             data[r.randrange(len(data))] ^= 1 << r.randrange(8)
-        self._write(bytes(data[: r.randrange(1, len(data) + 1)]) + b"\0", "a damaged frame")
+        self._write(bytes(data[: r.randrange(1, len(data) + 1)]) + b"\0")
 
     def _garbage(self) -> None:
         r = self.random
-        self._write(bytes(r.choice((0, 1, r.randrange(256))) for _ in range(r.randrange(600))), "garbage")
+        self._write(bytes(r.choice((0, 1, r.randrange(256))) for _ in range(r.randrange(600))))
 
     def _together(self) -> None:
         """Several frames, some of them damaged, in one read."""
@@ -412,40 +360,37 @@ class Schedule:
             if r.random() < 0.4:
                 frame[r.randrange(1, len(frame) - 1)] ^= 0x10
             data += bytes(frame)
-        self._write(data, "several frames")
+        self._write(data)
 
     def _zeros(self) -> None:
         r = self.random
         zeros = bytes(r.choice((ABORT_ZEROS - 2, ABORT_ZEROS, 32)))
         behind = self._framed(m.GetStatus()) if r.random() < 0.5 else b""
-        self._write(zeros + behind, f"{len(zeros)} zeros")
+        self._write(zeros + behind)
 
     def _spoil(self) -> None:
         r = self.random
         name = r.choice(SPOILED)
-        now_s = (self.twins.lead.controller.tick - self.twins.lead.controller.boot_tick) * 1e-3
+        now_s = (self.bench.controller.tick - self.bench.controller.boot_tick) * 1e-3
         text = f"{name}@{now_s + r.choice((0.0, 0.013, 0.4)):.3f}" if r.random() < 0.6 else name
         if r.random() < 0.1:
             text = f"{name}@arm+0.1"
-        for bench in self.twins.benches:
-            bench.inject(parse_injection(text))
-        self.twins.check(text)
+        self.bench.inject(parse_injection(text))
+        self._hear()
 
     def _short(self) -> None:
         """A wire that shorts the gap of a cut for a while."""
-        c = self.twins.lead.controller
+        c = self.bench.controller
         if c.state is not m.State.MACHINING:
             return
         now_s = (c.tick - c.boot_tick) * 1e-3
-        for bench in self.twins.benches:
-            bench.inject(parse_injection(f"WIRE_SHORT@{now_s:.3f}"))
+        self.bench.inject(parse_injection(f"WIRE_SHORT@{now_s:.3f}"))
         self._alive(self.random.choice((300, 1200, 1200, 4000)))
         self._repair()
 
     def _repair(self) -> None:
-        for bench in self.twins.benches:
-            bench.clear_injections()
-        self.twins.check("repaired")
+        self.bench.clear_injections()
+        self._hear()
 
     def _restart(self) -> None:
         r = self.random
@@ -453,40 +398,33 @@ class Schedule:
             self._send(m.Reboot(0x0B007EDB if r.random() < 0.8 else 1))
             return
         cause = r.choice(CAUSES)
-        for bench in self.twins.benches:
-            bench.controller.reset(cause)
-        self.twins.check(f"reset {cause.name}")
+        self.bench.controller.reset(cause)
+        self._hear()
 
     def _drive(self) -> None:
         """A while with a driven clock: time passes in ADVANCE alone."""
         r = self.random
-        for bench in self.twins.benches:
-            bench.controller.link.driven = True
+        self.bench.controller.link.driven = True
         for _ in range(r.randrange(1, 6)):
             if r.random() < 0.5:
                 self._beat()
             timeout_us = r.choice((0, 100, 1000, 20_000, 150_000))
             payload = m.Advance(timeout_us).pack() if r.random() < 0.95 else b"\1"
             self.commands += 1
-            self._write(
-                encode_frame(m.Advance.ID, r.randrange(256), self.session, 0, payload),
-                f"ADVANCE {timeout_us}",
-            )
-        for bench in self.twins.benches:
-            bench.controller.link.driven = False
+            self._write(encode_frame(m.Advance.ID, r.randrange(256), self.session, 0, payload))
+        self.bench.controller.link.driven = False
         self._send(m.Advance(1000))
 
 
 class WideSchedule(Schedule):
     """Parameters from the whole of their range, slow lines, hosts of another time, readings that cannot be."""
 
-    def __init__(self, seed: int, first: str = "python", second: str = "firmware") -> None:
-        super().__init__(seed, first, second)
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
         baud = self.random.choice((0, 115_200, 230_400, 500_000))
         scale = self.random.choice((1.0, 1.0, 3.0, 0.25, 1.2345, 0.7071))
-        for bench in self.twins.benches:
-            bench.controller.baud, bench.controller.host_time_scale = baud, scale
-        unit = self.twins.lead.plant.unit
+        self.bench.controller.baud, self.bench.controller.host_time_scale = baud, scale
+        unit = self.bench.plant.unit
         self._sound = {name: getattr(unit, name) for name, _ in FAILED}
 
     def _any_value(self, param: Param) -> float:
@@ -502,15 +440,31 @@ class WideSchedule(Schedule):
             super()._spoil()
             return
         name, value = self.random.choice(FAILED)
-        for bench in self.twins.benches:
-            setattr(bench.plant.unit, name, value)
-        self.twins.check(f"{name} {value}")
+        setattr(self.bench.plant.unit, name, value)
+        self._hear()
 
     def _repair(self) -> None:
-        for bench in self.twins.benches:
-            for name, value in self._sound.items():
-                setattr(bench.plant.unit, name, value)
+        for name, value in self._sound.items():
+            setattr(self.bench.plant.unit, name, value)
         super()._repair()
+
+
+def _view(bench: VirtualBench) -> bytes:
+    """State of a controller and its plant."""
+    c, plant = bench.controller, bench.plant
+    seen = c.seen
+    numbers = (
+        c.tick,
+        c.state.name,
+        c.fault,
+        c.armed,
+        c.boot_count,
+        (seen.rx_bad, seen.rx_drop, seen.rx_frames, seen.urgent, seen.due),
+        (seen.command_v, seen.displacement_um, seen.slow_displacement_um, seen.gap_v, seen.pulse_no),
+        tuple(plant.reported),
+        tuple(plant.position_um.tolist()),
+    )
+    return repr(numbers).encode() + bytes(plant.drive)[: 4 * 8] + bytes(plant.state)
 
 
 def _size_of(kind: type[Message]) -> int:

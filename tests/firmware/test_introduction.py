@@ -1,10 +1,8 @@
-"""Asking an armed controller who it is: both controllers tell it, and nothing else happens."""
+"""Asking an armed controller who it is: it tells, and nothing else happens."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
-
-import pytest
 
 from edmctl.link import messages as m
 from edmctl.link.session import Session
@@ -14,9 +12,8 @@ if TYPE_CHECKING:
     from edmctl.core.build import Build
 
 
-@pytest.mark.parametrize("controller", ["python", "firmware"])
-def test_who_asks_ends_no_session_and_leaves_the_machine_armed(controller: str, core: Build) -> None:
-    bench = open_bench(BenchConfig(controller=controller), 1)
+def test_who_asks_ends_no_session_and_leaves_the_machine_armed(core: Build) -> None:
+    bench = open_bench(BenchConfig(), 1)
     host = Session(bench.transport)
     host.open()
     host.request(m.CommitProfile(m.param_crc({})))
@@ -28,10 +25,9 @@ def test_who_asks_ends_no_session_and_leaves_the_machine_armed(controller: str, 
     assert (m.State(status.state), status.fault) == (m.State.ARMED, 0)
 
 
-@pytest.mark.parametrize("controller", ["python", "firmware"])
-def test_a_common_hello_ends_it(controller: str, core: Build) -> None:
+def test_a_common_hello_ends_it(core: Build) -> None:
     """The reason for asking otherwise (docs/decisions/0028)."""
-    bench = open_bench(BenchConfig(controller=controller), 1)
+    bench = open_bench(BenchConfig(), 1)
     host = Session(bench.transport)
     host.open()
     host.request(m.CommitProfile(m.param_crc({})))

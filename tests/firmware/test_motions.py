@@ -1,4 +1,4 @@
-"""What a motion does that meets the work, millisecond by millisecond, of both controllers."""
+"""What a motion does that meets the work, millisecond by millisecond."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import pytest
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.simulator import BenchConfig
-from edmctl.simulator.controller_state import JUMP_RETURN, TOUCH_BACK
 from tests.simulator.conftest import Rig
 
 if TYPE_CHECKING:
@@ -17,8 +16,9 @@ if TYPE_CHECKING:
 
     from edmctl.core.build import Build
 
-CONTROLLERS = pytest.mark.parametrize("controller", ["python", "firmware", "firmware-float"])
+CONTROLLERS = pytest.mark.parametrize("controller", ["firmware", "firmware-float"])
 FAST_UM_S = 20.0
+JUMP_RETURN, TOUCH_BACK = 7, 11  # `mode` of the core: enum edm_mode in firmware/core/controller.h
 ROUNDING = (0, 1)
 """A ramp may have a last step that the converter does not show."""
 

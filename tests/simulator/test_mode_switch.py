@@ -77,10 +77,9 @@ def test_pulses_end_at_a_switch_that_is_stuck_at_the_contact_circuit() -> None:
     assert plant.state.depth_um == depth_um
 
 
-@pytest.mark.parametrize("controller", ["python", "firmware"])
-def test_the_controllers_tell_the_switch_alike(controller: str) -> None:
+def test_the_controller_tells_the_switch() -> None:
     """Generator at the gap in sparks, jumps and both halves of a self-test, the contact circuit otherwise."""
-    line = InProcess(controller)
+    line = InProcess()
     peer, drive = Peer(line), line.bench.plant.drive
     acts.settle(peer)
     assert drive.generator == 0
@@ -95,9 +94,8 @@ def test_the_controllers_tell_the_switch_alike(controller: str) -> None:
     assert (drive.generator, drive.pulses_on) == (0, 0)
 
 
-@pytest.mark.parametrize("controller", ["python", "firmware"])
-def test_the_self_test_finds_a_gate_that_is_stuck_on_by_its_first_half(controller: str) -> None:
-    line = InProcess(controller)
+def test_the_self_test_finds_a_gate_that_is_stuck_on_by_its_first_half() -> None:
+    line = InProcess()
     peer, bench = Peer(line), line.bench
     acts.settle(peer)
     acts.arm(peer)

@@ -1,0 +1,56 @@
+"""Plant and controller give the recorded bytes, with every compiler and on every machine."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks import kernel
+from tests.firmware.schedules import Schedule, WideSchedule
+from tests.simulator.golden_core import SCHEDULES, WIDE, golden, schedule, session
+from tests.tiers import tiers
+
+SAMPLE = (
+    "seed 1",
+    "50 kHz",
+    "200 Hz",
+    "PI servo",
+    "slow servo",
+    "no sensor",
+    "ESTOP",
+    "WATCHDOG",
+    "CARBON",
+    "WIRE_SHORT",
+    "SILENCE",
+    "LINE_NOISE",
+)
+"""Sessions of the default tier."""
+
+
+def test_the_recorded_digests_are_those_of_all_sessions_and_schedules() -> None:
+    recorded = golden()
+    assert recorded["sessions"].keys() == kernel.sessions().keys() > set(SAMPLE)
+    assert list(map(int, recorded["schedules"])) == list(SCHEDULES)
+    assert list(map(int, recorded["wide"])) == list(WIDE)
+    digests = [digest for group in ("schedules", "wide") for digest in recorded[group].values()]
+    assert len(set(digests)) == len(digests)
+
+
+@pytest.mark.parametrize("name", tiers(*SAMPLE, slow=[n for n in kernel.sessions() if n not in SAMPLE]))
+def test_a_session_gives_the_recorded_bytes(name: str) -> None:
+    assert session(name) == golden()["sessions"][name]
+
+
+@pytest.mark.parametrize("seed", tiers(*SCHEDULES[:9], slow=SCHEDULES[9:]))
+def test_a_random_schedule_gives_the_recorded_bytes(seed: int) -> None:
+    assert schedule(Schedule, seed) == golden()["schedules"][str(seed)]
+
+
+@pytest.mark.parametrize("seed", tiers(*WIDE[:3], slow=WIDE[3:]))
+def test_parameters_of_any_value_and_failed_readings_give_the_recorded_bytes(seed: int) -> None:
+    assert schedule(WideSchedule, seed) == golden()["wide"][str(seed)]
+
+
+def test_a_constant_of_the_plant_changes_the_digest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The comparison can fail."""
+    monkeypatch.setattr("edmctl.simulator.plant.Plant.stage_lands", lambda *_: None)
+    assert session("seed 1") != golden()["sessions"]["seed 1"]
