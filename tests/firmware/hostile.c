@@ -766,7 +766,7 @@ static void sparks_by_themselves(void) {
             HOLDS(measured(sparks, z_um + (sparks && way > 2 ? R(100.0) : 0), z_um - R(2.5)) == NOTHING);
             found = servo_watch(&c);
         }
-        HOLDS(apart == 14 ? found == NOTHING : found == FAULT_NO_SPARK && R(0.05) * (real)ms < R(17.6));
+        HOLDS(apart == 14 ? found == NOTHING : found == FAULT_NO_SPARK && R(0.05) * (real)(ms - 1) < R(17.6));
     }
 }
 
