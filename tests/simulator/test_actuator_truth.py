@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from edmctl.core.library import library
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.plant_kernel import actuator_tick
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,7 +19,7 @@ def drive(plant: Plant, actuator_v: NDArray[np.float64]) -> NDArray[np.float64]:
     """Free displacement [µm] for a voltage sampled at 1 kHz."""
     out = np.empty(actuator_v.size)
     for i, v in enumerate(actuator_v):
-        actuator_tick(plant.unit.shared[0], plant.state.shared[0], v)
+        library().actuator_tick(plant.unit.place, plant.state.place, v)
         out[i] = plant.state.free_z_um
     return out
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from edmctl.core.library import library
+from edmctl.link.messages import PulseClass
 from edmctl.process.erosion import tool_um3_per_uj, work_um3_per_uj
 from edmctl.simulator import BenchConfig, DischargeConstants
-from edmctl.simulator.controller_state import ARC, NORMAL, OPEN, SHORT
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_NS, TICK_S
-from edmctl.simulator.plant_kernel import pump, renew_clearing
-from tests.simulator.struck_pulses import PulseLog
+from tests.simulator import struck_pulses
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -49,10 +49,10 @@ def strike(
     """Strike pulses in the same dirty gap again and again; depth, wear and debris start from zero each time."""
     plant = Plant(BenchConfig(discharge=constants), 3)
     plant.set_generator(ON_TIME_US, off_time_us, 40.0, 0.12, 0.0)
-    unit, state, log = plant.unit, plant.state, PulseLog(plant)
+    unit, state = plant.unit, plant.state
     taken = []
     count, depth, wear, voltage = 0, 0.0, 0.0, 0.0
-    renew_clearing(unit.shared[0], state.shared[0])
+    library().renew_clearing(unit.place, state.place)
     while count < pulses:
         state.depth_um = state.wear_um = 0.0
         state.carbon *= keep_carbon
@@ -61,13 +61,13 @@ def strike(
         # One pulse a call, so that debris and gap are the same for each.
         plant.readings.tick = state.next_pulse_ns // TICK_NS
         state.next_pulse_ns = (plant.readings.tick + 1) * TICK_NS - 1
-        sum_v, struck = log.strike()
+        sum_v, struck = struck_pulses.strike(plant)
         assert len(struck) == 1
         taken.append(struck)
         count, voltage = count + 1, voltage + sum_v
         depth, wear = depth + state.depth_um, wear + state.wear_um
     records = np.concatenate(taken)
-    return Struck(records["pulse_class"], records["discharge_us"] * 0.1, depth, wear, voltage / count, plant)
+    return Struck(records["pulse_class"], records["discharge_us"], depth, wear, voltage / count, plant)
 
 
 def of(gap: dict[str, float] | None = None, **constants: Any) -> DischargeConstants:
@@ -97,13 +97,13 @@ def test_discharges_arc_as_debris_and_what_came_before_say(fraction: float) -> N
     tau_us = D.gap.tau_reference_us * (narrowed_um / D.gap.gap_reference_um) ** D.gap.gap_exponent
     draws_us = D.formative_us - tau_us * np.log(1.0 - np.random.default_rng(1).random(100_000))
     delays_us = draws_us[draws_us < ON_TIME_US]
-    ignited, before = np.isin(classes[1:], (NORMAL, ARC)), classes[:-1]
-    for name, follows in (("open", before == OPEN), ("normal", before == NORMAL), ("arc", before == ARC)):
+    ignited, before = np.isin(classes[1:], (PulseClass.NORMAL, PulseClass.ARC)), classes[:-1]
+    for name, follows in (("open", before == PulseClass.OPEN), ("normal", before == PulseClass.NORMAL), ("arc", before == PulseClass.ARC)):
         of_these = classes[1:][ignited & follows]
         expected = arcs_expected(fraction, delays_us, after=name != "open", after_arc=name == "arc")
         sd = math.sqrt(expected * (1.0 - expected) / of_these.size)
         assert of_these.size > 20, name
-        assert (of_these == ARC).mean() == pytest.approx(expected, abs=4.0 * sd), name
+        assert (of_these == PulseClass.ARC).mean() == pytest.approx(expected, abs=4.0 * sd), name
 
 
 @pytest.mark.slow
@@ -112,14 +112,14 @@ def test_a_channel_that_is_still_conducting_ignites_again_at_once() -> None:
         plant_constants = of({"bridge_base": 0.0, "arc_debris": 1e9, "arc_base": 0.0}, roughness_um=0.0)
         struck = strike(0.05, 1.2, 8_000, constants=plant_constants, off_time_us=off_time_us)
         before, now = struck.classes[:-1], struck.classes[1:]
-        for kind, factor in ((NORMAL, 1.0), (ARC, D.gap.deionisation_after_arc)):
+        for kind, factor in ((PulseClass.NORMAL, 1.0), (PulseClass.ARC, D.gap.deionisation_after_arc)):
             memory_us = D.gap.deionisation_us * (1.0 + 0.05 * D.gap.deionisation_debris) * factor
             expected = math.exp(-off_time_us / memory_us)
             of_these = now[before == kind]
             if of_these.size > 100:
                 sd = math.sqrt(expected * (1.0 - expected) / of_these.size)
                 # A discharge that ignited late leaves a little less: its energy counts by a power of 0.3.
-                assert (of_these == ARC).mean() == pytest.approx(expected, abs=4.0 * sd + 0.02)
+                assert (of_these == PulseClass.ARC).mean() == pytest.approx(expected, abs=4.0 * sd + 0.02)
 
 
 @pytest.mark.slow
@@ -131,7 +131,7 @@ def test_a_bridge_forms_as_often_as_a_chain_of_particles() -> None:
         expected = min(0.5, D.gap.bridge_base * fraction**particles)
         sd = math.sqrt(expected / struck.classes.size)
         # A bridge that burns off leaves the next pulse to form another, with the same chance.
-        assert np.count_nonzero(struck.classes == SHORT) / struck.classes.size == pytest.approx(
+        assert np.count_nonzero(struck.classes == PulseClass.SHORT) / struck.classes.size == pytest.approx(
             expected, abs=5.0 * sd + 0.02 * expected
         )
 
@@ -148,7 +148,7 @@ def test_debris_narrows_the_gap() -> None:
 def test_removal_and_wear_follow_the_laws_of_a_pulse() -> None:
     struck = strike(0.0, 1.2, 12_000, constants=of({"arc_base": 0.0, **FORGETS}))
     plant, law = struck.plant, D.erosion
-    burning_us = struck.burning_us[struck.classes == NORMAL]
+    burning_us = struck.burning_us[struck.classes == PulseClass.NORMAL]
     assert burning_us.size > 8_000
     molten_uj = 22.0 * 0.12 * burning_us - law.threshold_uj
     for found, by_law, share in (
@@ -181,7 +181,7 @@ def test_debris_costs_work_and_no_tool() -> None:
 def test_an_arc_removes_little_and_wears_as_much() -> None:
     burnt = of({"arc_base": 1.0, "side_base": 0.0, **FORGETS})
     struck = strike(0.0, 1.2, 8_000, constants=burnt)
-    arcs = np.count_nonzero(struck.classes == ARC)
+    arcs = np.count_nonzero(struck.classes == PulseClass.ARC)
     assert arcs > 6_000
     energy_uj = 17.0 * 23.0 / 150.0 * ON_TIME_US - D.erosion.threshold_uj
     work, tool = (
@@ -196,7 +196,7 @@ def test_an_arc_removes_little_and_wears_as_much() -> None:
 
 def test_twenty_arcs_in_a_row_begin_to_build_carbon() -> None:
     struck = strike(0.0, 1.5, 60, constants=of({"arc_base": 1.0, **FORGETS}), keep_carbon=True)
-    arcs = np.count_nonzero(struck.classes == ARC)
+    arcs = np.count_nonzero(struck.classes == PulseClass.ARC)
     assert struck.plant.state.carbon == pytest.approx(arcs - 20, abs=1)
 
 
@@ -205,7 +205,7 @@ def test_debris_leaves_with_the_flush_time_of_tool_and_depth() -> None:
         plant = Plant(BenchConfig(tool_diameter_um=diameter_um), 1)
         plant.state.depth_um = depth_um
         plant.state.true_z_um = plant.state.surface_um + depth_um - plant.unit.working_gap_um
-        renew_clearing(plant.unit.shared[0], plant.state.shared[0])
+        library().renew_clearing(plant.unit.place, plant.state.place)
         flush_s = -TICK_S / math.log(plant.state.tick_clearing)
         expected_s = 0.5 * (diameter_um / 270.0) ** 2 * (1.0 + (depth_um / (1.1 * diameter_um)) ** 2)
         assert flush_s == pytest.approx(expected_s, rel=1e-9)
@@ -221,7 +221,7 @@ def test_opening_the_gap_draws_oil_in_however_the_tool_moves() -> None:
     for step_um in (60.0, 1.0):
         state.debris_um3, state.carbon, state.opening_um = 1000.0, 60.0, 0.0
         for lifted_um in np.arange(step_um, 60.0 + 0.5 * step_um, step_um):
-            pump(unit.shared[0], state.shared[0], lifted_um)
+            library().pump(unit.place, state.place, lifted_um)
         refill_um3 = unit.annulus_area_um2 * 100.0 + 3.0 * unit.tool_area_um2
         expected = 1000.0 * math.exp(-unit.tool_area_um2 * 60.0 / refill_um3)
         assert state.debris_um3 == pytest.approx(expected, rel=1e-9)

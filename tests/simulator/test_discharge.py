@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from edmctl.link.messages import PulseClass
 from edmctl.simulator import BenchConfig
-from edmctl.simulator.controller_state import NORMAL, OPEN, SHORT
-from edmctl.simulator.discharge import power
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.unit import BLOCK
-from tests.simulator.struck_pulses import PulseLog
+from tests.simulator.struck_pulses import strike
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -43,13 +42,13 @@ def fixed_gap(
     `rarity` is the face of the tool over what of the sheet is left under it.
     """
     plant = Plant(BenchConfig(), seed)
-    state, log = plant.state, PulseLog(plant)
+    state = plant.state
     state.rarity = rarity
     taken, voltage_sum, count = [], 0.0, 0
     while count < pulses:
         state.debris_um3 = state.depth_um = state.wear_um = 0.0
         state.true_z_um = state.surface_um - gap_um
-        sum_v, struck = log.strike()
+        sum_v, struck = strike(plant)
         voltage_sum, count = voltage_sum + sum_v, count + len(struck)
         taken.append(struck)
         plant.readings.tick += 1
@@ -61,19 +60,18 @@ def test_ignition_is_rarer_by_the_share_of_the_face_that_has_nothing_under_it() 
     tau_us = []
     for rarity in (1.0, 4.0):
         _, pulses = fixed_gap(2.5, 20_000, rarity=rarity)
-        unlit = float((pulses["pulse_class"] == OPEN).mean())
+        unlit = float((pulses["pulse_class"] == PulseClass.OPEN).mean())
         tau_us.append(ON_TIME_US / -math.log(unlit))
     assert tau_us[1] / tau_us[0] == pytest.approx(4.0, rel=0.06)
     _, pulses = fixed_gap(2.5, 1000, rarity=math.inf)
-    assert (pulses["pulse_class"] == OPEN).mean() > 0.99
+    assert (pulses["pulse_class"] == PulseClass.OPEN).mean() > 0.99
 
 
 def test_ignition_delays_follow_a_laue_line() -> None:
     _, pulses = fixed_gap(3.0, 60_000)
-    on_time = 10.0 * ON_TIME_US
-    ignited = np.sort(pulses["delay_us"][pulses["pulse_class"] == NORMAL].astype(float)) * 0.1
+    ignited = np.sort(pulses["delay_us"][pulses["pulse_class"] == PulseClass.NORMAL])
     survivors = 1.0 - (np.arange(ignited.size) + 0.5) / len(pulses)
-    inside = (ignited > 5.0) & (ignited < 0.09 * on_time)
+    inside = (ignited > 5.0) & (ignited < 0.9 * ON_TIME_US)
     x, y = ignited[inside], np.log(survivors[inside])
     slope, offset = np.polyfit(x, y, 1)
     residual = y - (slope * x + offset)
@@ -90,16 +88,16 @@ def test_mean_voltage_follows_the_gap(gap_um: float) -> None:
 def test_a_closed_gap_is_a_short_and_an_open_one_stays_open() -> None:
     shorted_v, shorts = fixed_gap(-0.5, 2_000)
     open_v, opens = fixed_gap(30.0, 2_000)
-    assert np.all(shorts["pulse_class"] == SHORT)
+    assert np.all(shorts["pulse_class"] == PulseClass.SHORT)
     assert shorted_v == pytest.approx(0.3, abs=0.01)
-    assert np.all(opens["pulse_class"] == OPEN)
+    assert np.all(opens["pulse_class"] == PulseClass.OPEN)
     assert open_v == pytest.approx(12.0, abs=0.001)
 
 
 def test_pulse_energy_is_a_few_hundred_microjoules() -> None:
     _, pulses = fixed_gap(1.5, 5_000)
-    normal = pulses[pulses["pulse_class"] == NORMAL]
-    energy_uj = 22.0 * 18.0 / 150.0 * normal["discharge_us"] * 0.1
+    normal = pulses[pulses["pulse_class"] == PulseClass.NORMAL]
+    energy_uj = 22.0 * 18.0 / 150.0 * normal["discharge_us"]
     assert energy_uj.max() < 344.5
     assert 200.0 < energy_uj.mean() < 344.0
 
@@ -133,5 +131,17 @@ def test_random_numbers_do_not_depend_on_where_blocks_end() -> None:
 def test_the_delay_grows_about_as_the_power_of_the_gap_that_a_unit_has_drawn(
     exponent: float, within: float
 ) -> None:
+    plant = Plant(BenchConfig(), 3)
+    unit, state = plant.unit, plant.state
+    unit.gap_exponent, unit.tau_reference_us = exponent, 1.0
+    unit.formative_us = unit.roughness_um = unit.arc_base = 0.0
+    plant.random.provide(state, 64, 1)
+    decide, _, delay = plant.random.pulse
+    decide[:], delay[:] = 0.5, 1.0
     for base in (0.5, 0.8, 1.0, 1.3, 2.0):
-        assert power(base, exponent) == pytest.approx(base**exponent, rel=within + 1e-12)
+        state.true_z_um = state.surface_um - base / unit.per_open_gap
+        state.debris_um3 = state.depth_um = state.wear_um = 0.0
+        state.previous_burning = -1.0
+        _, pulses = strike(plant)
+        assert pulses["delay_us"][0] == pytest.approx(base**exponent, rel=within + 1e-9)
+        plant.readings.tick += 1

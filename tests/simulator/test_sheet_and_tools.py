@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.core.library import library
 from edmctl.link import messages as m
 from edmctl.simulator import BenchConfig, SensorConstants
 from edmctl.simulator.plant_interface import TICK_S
-from edmctl.simulator.plant_kernel import renew_clearing
 from edmctl.simulator.saving import bench_state, restored_bench
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def test_debris_leaves_faster_the_more_of_the_face_is_open_below(rig: RigMaker) 
     rates = []
     for rarity in (1.0, 2.0, math.inf):
         plant.state.rarity = rarity
-        renew_clearing(plant.unit.shared[0], plant.state.shared[0])
+        library().renew_clearing(plant.unit.place, plant.state.place)
         rates.append(-math.log(plant.state.tick_clearing) / TICK_S)
     assert rates[1] - rates[0] == pytest.approx(25.0)
     assert rates[2] - rates[0] == pytest.approx(50.0)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from edmctl.core.library import library
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.actuator import HIGH_V, RATE_HZ, SLEW_V_S, VirtualActuator
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.plant_kernel import actuator_tick
 
 RISE = np.minimum(0.05 * np.arange(3000.0), 90.0)
 
@@ -18,7 +18,7 @@ def test_it_moves_as_the_actuator_of_the_bench_with_the_same_seed() -> None:
     plant = Plant(BenchConfig(), 5)
     expected = np.empty(RISE.size)
     for i, v in enumerate(driven.applied_v):
-        actuator_tick(plant.unit.shared[0], plant.state.shared[0], v)
+        library().actuator_tick(plant.unit.place, plant.state.place, v)
         expected[i] = plant.state.free_z_um
     assert np.array_equal(driven.truth_um, expected)
 

@@ -14,7 +14,6 @@ from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.link.session import CommandRefused, Session
 from edmctl.simulator import BenchConfig
-from edmctl.simulator.controller_state import OPEN
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.saving import bench_state, restored_bench
@@ -108,7 +107,7 @@ def test_the_waveforms_are_those_of_the_pulses_that_telemetry_told(rig: RigMaker
         if start_us + ON_US > fault_us:
             continue
         assert v[-50:] == pytest.approx(0.0, abs=0.5), "no voltage between pulses"
-        if pulse["pulse_class"] == OPEN:
+        if pulse["pulse_class"] == m.PulseClass.OPEN:
             assert np.abs(a).max() < 0.005
             assert v[10:120].mean() == pytest.approx(40.0, abs=0.1)
             continue
