@@ -146,7 +146,7 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
     "real_bytes": (c_int, ()),
     "schema_hash": (c_uint32, ()),
     "bind": (None, (c_void_p, c_void_p, c_void_p, POINTER(Callbacks))),
-    "create": (None, (c_void_p, c_char_p, c_double)),
+    "create": (None, (c_void_p, c_char_p, POINTER(c_double))),
     "set": (None, (c_void_p, c_int, c_uint32, c_int, c_double)),
     "receive": (c_size_t, (c_void_p, c_char_p, c_size_t)),
     "line_read": (None, (c_void_p,)),

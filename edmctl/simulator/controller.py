@@ -22,7 +22,7 @@ from edmctl.simulator.injection import Trigger
 from edmctl.simulator.injector import NEVER, Injector
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_NS
-from edmctl.simulator.waveforms import WAVEFORM_PER_REPLY, Waveforms
+from edmctl.simulator.waveforms import Waveforms
 
 LOOK = 99
 """Happened beside what the core reports: the stages moved or the sheet gave way (firmware/host/machine.c)."""
@@ -162,8 +162,7 @@ class Controller:
         self._failed: BaseException | None = None
         self._bind()
         self._read_inputs()
-        self._library.create(self._at, plant.serial.encode().ljust(12, b"\0"), plant.reported[0])
-        self._raise_failed()
+        self._create()
         self.link = ControllerLink(self)
         self.telemetry = SampleLine(self)
         self.injector = Injector(self)
@@ -195,6 +194,11 @@ class Controller:
             self._at, ctypes.addressof(drive), ctypes.addressof(readings), ctypes.byref(self._callbacks)
         )
 
+    def _create(self) -> None:
+        places = (ctypes.c_double * 3)(*self.plant.reported)
+        self._library.create(self._at, self.plant.serial.encode().ljust(12, b"\0"), places)
+        self._raise_failed()
+
     def _guarded(self, act: Callable[..., Any]) -> Callable[..., Any]:
         """Keep what goes wrong in a function that C calls, for whoever called C."""
 
@@ -221,7 +225,7 @@ class Controller:
     def _read_waveforms(self, offset: int, samples: int, counts: Any) -> None:
         reply = self.waveforms.read(offset, self.tick)
         assert reply is not None
-        assert samples <= WAVEFORM_PER_REPLY
+        assert samples == reply.n
         ctypes.memmove(counts, np.frombuffer(reply.records, "<i2").astype("=i2").tobytes(), 4 * samples)
 
     # ------------------------------------------------------------------------------- what stands in the core
@@ -395,7 +399,9 @@ class Controller:
         return kept
 
     def take_up(self, kept: Kept) -> None:
-        """Go on from what was kept, before a reset."""
+        """Go on from what was kept on the plant as it is now, before a reset."""
+        self._create()
+        self.tell_core()
         self._library.take_up(self._at, kept.place)
         self._noted = (self.seen.arms, self.seen.touch_offs)
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from edmctl.core.library import Kept
 from edmctl.core.records import Record
 from edmctl.errors import RunFileError
+from edmctl.link.faults import FAULTS
 from edmctl.link.messages import ResetCause
 from edmctl.process.erosion import ErosionLaw
 from edmctl.process.gap_conditions import GapLaw
@@ -25,9 +26,12 @@ from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
 from edmctl.simulator.controller import Controller
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.waveforms import PULSE, PULSE_COLUMNS, RecentPulses, Waveforms
+from edmctl.simulator.plant_interface import MOST_PULSES, PATH_LINES
+from edmctl.simulator.plant_state import BURNING
+from edmctl.simulator.unit import BLOCK
+from edmctl.simulator.waveforms import PULSE, PULSE_COLUMNS, SAMPLE_NS, RecentPulses, Waveforms
 from edmctl.simulator.work_under_tool import Hole
-from edmctl.simulator.workpiece import TILE
+from edmctl.simulator.workpiece import MOST_CELLS, TILE
 
 State = Mapping[str, object]
 """Names of arrays, numbers, texts and further states."""
@@ -52,6 +56,21 @@ _PLANT_ARRAYS = ("position_um", "_tilt_mrad")
 _RANDOM_ARRAYS = ("pulse", "noise", "tables")
 _STREAMS = ("_decide", "_shape", "_delay", "_noise")
 _NO_HOLE = -1
+_MOST = 1 << 60
+"""Whole numbers are smaller than this, so that C can add two of them."""
+_RANGES: Mapping[str, tuple[float, float]] = {
+    "random_at": (0, BLOCK),
+    "noise_at": (0, BLOCK),
+    "level_at": (0, _MOST),
+    "previous_burning": (-1, BURNING - 1),
+    "stage_line": (0, PATH_LINES - 1),
+    "stage_lines_done": (0, PATH_LINES),
+    "pulses": (0, MOST_PULSES),
+    "tick": (0, 1 << 40),
+    "pulse_period_ns": (1, 1 << 40),
+    "gap_exponent": (0, 20),
+}
+"""Least and greatest value of what the library in C counts by, or finds its place in an array by."""
 
 
 def bench_state(bench: VirtualBench) -> State:
@@ -83,7 +102,7 @@ def restored_bench(state: State) -> VirtualBench:
             _restore_record(getattr(bench.plant, name), _part(plant, name))
         _restore_plant(bench.plant, plant)
         _restore_controller(bench.controller, controller)
-    except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, ArithmeticError, MemoryError) as error:
         raise RunFileError(
             f"The saved bench does not fit this version: {type(error).__name__} {error}.",
             hint="Use the version of edmctl that wrote the file, or begin a new bench under another name.",
@@ -96,8 +115,12 @@ def restored_bench(state: State) -> VirtualBench:
 
 def _restore_record(record: Record, state: State) -> None:
     numbers = _part(state, "numbers")
-    for field in record.numbers():
-        setattr(record, field, numbers[field])
+    for field, present in record.numbers().items():
+        number: float = numbers[field]  # type: ignore[assignment]
+        whole = (-_MOST, _MOST) if isinstance(present, int) else None
+        if (within := _RANGES.get(field, whole)) and not within[0] <= number <= within[1]:
+            raise ValueError(f"{field} is {number}")
+        setattr(record, field, number)
     for field in record.arrays():
         _fill(record.array(field), state[field])
 
@@ -156,6 +179,9 @@ def _restore_plant(plant: Plant, state: State) -> None:
     random = _part(state, "random")
     for name in _RANDOM_ARRAYS:
         _fill(getattr(plant.random, name), random[name])
+    shapes = plant.random.pulse[1]
+    if not np.all((shapes >= 0.0) & (shapes < 1.0)):
+        raise ValueError("a random number is outside of its range")
     for name in _STREAMS:
         _set_stream(getattr(plant.random, name), random[name])
 
@@ -193,9 +219,16 @@ def _waveform_state(waveforms: Waveforms) -> State:
 def _restore_controller(controller: Controller, state: State) -> None:
     kept = Kept()
     _restore_record(kept, _part(state, "kept"))
+    if kept.fault and kept.fault not in FAULTS:
+        raise ValueError(f"{kept.fault} is no fault")
     controller.take_up(kept)
     if "waveform_times_ns" in state:
         _restore_waveforms(controller.waveforms, state)
+    if kept.waves_frozen and not kept.waves_empty:
+        pulses = controller.waveforms.frozen
+        window_ns = (kept.waves_begin_ns, kept.waves_end_ns)
+        if pulses is None or controller.waveforms.window_ns(pulses) != window_ns:
+            raise ValueError("the waveforms are not those of the fault")
 
 
 def _restore_waveforms(waveforms: Waveforms, state: State) -> None:
@@ -204,7 +237,12 @@ def _restore_waveforms(waveforms: Waveforms, state: State) -> None:
     _fill(generator, state["waveform_generator"])
     rows = np.zeros((len(np.asarray(state["waveform_pulses"])), len(PULSE_COLUMNS)))
     _fill(rows, state["waveform_pulses"])
+    start_ns = rows[:, PULSE_COLUMNS.index("start_ns")]
     fault_ns, period_ns, waveforms.boot_ns = times_ns.tolist()
+    oldest_ns = fault_ns - waveforms.memory * SAMPLE_NS
+    ascend = len(rows) == 0 or (oldest_ns <= start_ns[0] and np.all(np.diff(start_ns) > 0.0))
+    if not (ascend and np.all(np.isfinite(rows)) and np.all(np.abs(times_ns) < _MOST) and period_ns > 0):
+        raise ValueError("the pulses of the waveforms cannot be")
     open_v, on_time_us = generator.tolist()
     waveforms.frozen = RecentPulses(rows.view(PULSE)[:, 0], fault_ns, period_ns, open_v, on_time_us)
 
@@ -217,6 +255,8 @@ def _config(state: State) -> BenchConfig:
     values |= {"discharge": discharge, "sensors": SensorConstants(**sensors)}  # type: ignore[arg-type]
     config = BenchConfig(**values)  # type: ignore[arg-type]
     _refuse_other_kinds(config, BenchConfig())
+    if not 0.0 < config.tool_diameter_um < MOST_CELLS * config.cell_um:
+        raise ValueError(f"a tool of {config.tool_diameter_um} µm over cells of {config.cell_um} µm")
     return config
 
 

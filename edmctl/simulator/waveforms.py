@@ -138,10 +138,9 @@ class Waveforms:
         pulses = self.frozen
         if pulses is None or len(pulses.rows) == 0:
             return WaveformReadReply(0, 0, SAMPLE_NS, 0, b"")
-        end_ns = pulses.fault_ns + min(PERIODS_AFTER * pulses.period_ns, self._most_after * SAMPLE_NS)
+        begin_ns, end_ns = self.window_ns(pulses)
         if now * TICK_NS < end_ns:
             return None
-        begin_ns = int(pulses.rows["start_ns"][0]) // SAMPLE_NS * SAMPLE_NS
         total = (end_ns - begin_ns) // SAMPLE_NS
         if not self._records:
             self._records = self._drawn(pulses, begin_ns, total)
@@ -149,6 +148,13 @@ class Waveforms:
         records = self._records[offset * _RECORD.itemsize : (offset + n) * _RECORD.itemsize]
         t0_us = (begin_ns - self.boot_ns) // 1000 & 0xFFFFFFFF
         return WaveformReadReply(total, t0_us, SAMPLE_NS, n, records)
+
+    def window_ns(self, pulses: RecentPulses) -> tuple[int, int]:
+        """From when to when samples are held of these pulses."""
+        begin_ns = int(pulses.rows["start_ns"][0]) // SAMPLE_NS * SAMPLE_NS
+        return begin_ns, pulses.fault_ns + min(
+            PERIODS_AFTER * pulses.period_ns, self._most_after * SAMPLE_NS
+        )
 
     def _drawn(self, pulses: RecentPulses, begin_ns: int, total: int) -> bytes:
         """Every sample as the wire carries it. The noise is the machine's and the moment's own."""

@@ -21,6 +21,7 @@ from edmctl.simulator.plant_state import Cells
 _Square = tuple[slice, slice]
 
 TILE = 64  # cells along the side of a tile
+MOST_CELLS = 1024  # under a tool, along a side
 GONE_WITHIN_UM = 1e-3  # of the back face: what is left then is no sheet any more
 
 
@@ -93,6 +94,8 @@ class Footprint:
         self._row = math.floor((y_um - tip.reach_um) / cell) - 1
         self._thickness_um = thickness_um
         size = math.ceil(2.0 * tip.reach_um / cell) + 4
+        if size > MOST_CELLS:
+            raise ValueError(f"the tool is wider than {MOST_CELLS} cells of the work")
         self._cells = work.patch(self._column, self._row, size)
         self._effective, self._weights, self._under = (np.empty_like(self._cells) for _ in range(3))
         self.level_um = library().work_look(

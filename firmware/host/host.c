@@ -203,7 +203,7 @@ EDM_EXPORT int edm_host_real_bytes(void);
 EDM_EXPORT uint32_t edm_host_schema_hash(void);
 EDM_EXPORT void edm_host_bind(struct edm_host *h, struct drive *drive, const struct readings *readings,
                             const struct host_callbacks *callbacks);
-EDM_EXPORT void edm_host_create(struct edm_host *h, const char serial[12], double x_um);
+EDM_EXPORT void edm_host_create(struct edm_host *h, const char serial[12], const double stages_at[3]);
 EDM_EXPORT void edm_host_set(struct edm_host *h, int board, uint32_t baud, int driven, double host_time_scale);
 EDM_EXPORT size_t edm_host_receive(struct edm_host *h, const uint8_t *bytes, size_t size);
 EDM_EXPORT void edm_host_line_read(struct edm_host *h);
@@ -257,14 +257,17 @@ void edm_host_bind(struct edm_host *h, struct drive *drive, const struct reading
     h->callbacks = *callbacks;
 }
 
-/* Makes the controller of a machine that has been switched on, in memory that edm_host_bind was called on. */
-void edm_host_create(struct edm_host *h, const char serial[12], double x_um) {
+/* Makes the controller of a machine that has been switched on, in memory that edm_host_bind was called on. The stages are
+ * at these places: x, y in µm and theta in degrees. */
+void edm_host_create(struct edm_host *h, const char serial[12], const double stages_at[3]) {
     struct edm_identity identity = {.host_time_scale = 1};
     const struct edm_persistent keeps = {.boot_count = 1};
     memcpy(identity.serial, serial, sizeof identity.serial);
     edm_create(&h->core, h, &identity, &keeps);
     h->core.tick = h->core.boot_tick = h->readings->tick;
-    h->core.stages.at[AXIS_X] = (real)x_um;
+    for (int axis = AXIS_X; axis <= AXIS_THETA; axis++) {
+        h->core.stages.at[axis] = (real)stages_at[axis];
+    }
     show(h);
 }
 

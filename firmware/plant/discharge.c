@@ -127,8 +127,8 @@ static inline void erode(const struct machine *m, struct gap *g, struct pulse *x
     bool arcs = x->arc > 0.0;
     double work_share = arcs ? unit->arc_work * unit->work_factor : unit->work_factor;
     double tool_share = arcs ? unit->arc_tool * unit->tool_factor : unit->tool_factor;
-    int step = (int)(x->discharge_us * per_burning);
-    step = step < BURNING - 1 ? step : BURNING - 1;
+    double place = x->discharge_us * per_burning;
+    int step = place > 0.0 && place < BURNING ? (int)place : place > 0.0 ? BURNING - 1 : 0;
     double molten_uj = greater(0.0, x->energy_uj - unit->threshold_uj) *
                        m->lognormal[(int)(m->shape[at] * SHAPES) / TABLE];
     double lost = x->debris * unit->per_redeposition;

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from random import Random
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +13,7 @@ import pytest
 
 from edmctl.errors import RunFileError
 from edmctl.link import messages as m
+from edmctl.link.faults import FaultCode
 from edmctl.link.session import Session
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.simulator import (
@@ -23,10 +26,12 @@ from edmctl.simulator import (
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.saving import bench_state, restored_bench
 from edmctl.simulator.unit import BLOCK
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from edmctl.simulator.plant_interface import Drive, Readings
     from tests.simulator.conftest import Rig
 
 RigMaker = Callable[..., "Rig"]
@@ -34,9 +39,10 @@ NEAR = BenchConfig(offset_um=20.0, discharge=DischargeConstants(scatter=0.4))
 
 
 def power_cycled(bench: VirtualBench) -> VirtualBench:
-    """The bench itself after its power was cut at rest."""
-    bench.python_controller.reset(m.ResetCause.POWER_ON)
-    bench.python_controller.link.take_output()
+    """The bench itself after its power was cut at rest: its controller has what outlives that."""
+    bench.controller.take_up(bench.controller.kept())
+    bench.controller.reset(m.ResetCause.POWER_ON)
+    bench.controller.link.take_output()
     return bench
 
 
@@ -55,7 +61,7 @@ def cut(rig: Rig) -> None:
 
 def next_bytes(bench: VirtualBench) -> bytes:
     """All that a bench says in two touches and another cut in the same hole."""
-    said, first_pulse = bytearray(), bench.python_controller.loop.pulse_no
+    said, first_pulse = bytearray(), bench.controller.loop.pulse_no
     read = bench.transport.read
 
     def listening(timeout_s: float) -> bytes:
@@ -86,7 +92,7 @@ def next_bytes(bench: VirtualBench) -> bytes:
     session.pump(8.0)
     session.request(m.ServoStart(9.6, 500.0, 100.0))
     session.pump(2.0)
-    assert bench.python_controller.loop.pulse_no - first_pulse > BLOCK
+    assert bench.controller.loop.pulse_no - first_pulse > BLOCK
     assert len(bench.truth()) == 1
     return bytes(said)
 
@@ -120,7 +126,7 @@ def test_a_state_saved_again_is_the_same_state(rig: RigMaker) -> None:
     first, second = flat(once), flat(bench_state(restored_bench(once)))
     assert first.keys() == second.keys()
     differing = {name for name in first if not same(first[name], second[name])}
-    assert differing == {"controller.boot_count"}
+    assert differing == {"controller.kept.numbers.boot_count"}
 
 
 def test_a_machine_saved_in_mid_cut_has_lost_its_power_and_retracted(rig: RigMaker) -> None:
@@ -130,10 +136,10 @@ def test_a_machine_saved_in_mid_cut_has_lost_its_power_and_retracted(rig: RigMak
     r.start_sparking()
     r.session.pump(2.0)
     again = restored_bench(bench_state(r.bench))
-    assert r.bench.python_controller.state is m.State.MACHINING
+    assert r.bench.controller.state is m.State.MACHINING
     assert (again.controller.state, again.controller.fault) == (m.State.IDLE, 0)
     assert again.controller.loop.command_v == 0.0
-    assert again.controller.boot_count == r.bench.python_controller.boot_count + 1
+    assert again.controller.boot_count == r.bench.controller.boot_count + 1
     assert again.truth() == r.bench.truth()
     assert again.controller.link.take_output() == b""
 
@@ -149,8 +155,8 @@ def test_a_latched_fault_and_its_black_box_are_kept_and_what_was_broken_is_repai
     r.session.pump(1.0)
     again = restored_bench(bench_state(r.bench))
     assert (again.controller.state, again.controller.fault) == (state, fault.code)
-    assert again.python_controller.guards.open_interlocks() == 0
-    assert r.bench.python_controller.guards.open_interlocks() != 0
+    assert again.controller.seen.interlocks == 0
+    assert r.bench.controller.seen.interlocks != 0
     session = Session(again.transport, Random(3))
     hello = session.open()
     assert (hello.fault, hello.reset_cause, hello.boot_count) == (fault.code, m.ResetCause.POWER_ON, 2)
@@ -181,8 +187,12 @@ def test_a_bench_without_a_sensor_and_a_long_serial_come_back() -> None:
         lambda state: state["config"].update(dielectric_flow_lpm="x"),
         lambda state: state["config"].update(offset_um=10**400),
         lambda state: state["config"]["sensors"].update(noise_um=None),
-        lambda state: state["controller"].update(fault="none"),
+        lambda state: state["controller"]["kept"]["numbers"].update(fault="none"),
         lambda state: state.update(config=1.0),
+        lambda state: state["config"].update(cell_um=1e-6),
+        lambda state: state["plant"].update(position_um=np.full(2, math.inf)),
+        lambda state: state["plant"]["random"]["pulse"].fill(1.0),
+        lambda state: state["controller"]["kept"]["numbers"].update(fault=12345),
     ],
 )
 def test_a_state_that_does_not_fit_is_refused_in_words(spoil: Callable[[Any], object]) -> None:
@@ -191,6 +201,94 @@ def test_a_state_that_does_not_fit_is_refused_in_words(spoil: Callable[[Any], ob
     with pytest.raises(RunFileError, match="does not fit this version") as caught:
         restored_bench(state)
     assert caught.value.code == "E9021"
+
+
+HOSTILE = (math.nan, math.inf, -math.inf, 0, -1, 0.5, 65, 1 << 20, 1 << 59, -(1 << 62), 1 << 70, -1e300)
+"""Numbers that files of no bench have."""
+
+
+def gate_on(_: Readings, drive: Drive) -> None:
+    """A controller whose pulses are on, whatever happens; stages move."""
+    drive.pulses_on = drive.stage_moves = 1
+    drive.actuator_v = 40.0
+
+
+@pytest.mark.parametrize("part", ["unit", "state", "drive", "readings", "kept"])
+@pytest.mark.parametrize("seed", tiers(1, slow=range(2, 12)))
+def test_no_number_of_a_file_makes_the_library_read_or_write_elsewhere(part: str, seed: int) -> None:
+    """Whatever one number is, the file is refused, or its machine lives."""
+    random, bench = Random(seed), open_bench(NEAR, 1)
+    bench.controller.raise_fault(FaultCode.DOOR)
+    kept: Any = bench_state(bench)
+    names = list((kept["controller"] if part == "kept" else kept["plant"])[part]["numbers"])
+    for name in names:
+        state = deepcopy(kept)
+        owner = state["controller"] if part == "kept" else state["plant"]
+        owner[part]["numbers"][name] = random.choice(HOSTILE)
+        try:
+            again = restored_bench(state)
+        except RunFileError as error:
+            assert error.code == "E9021"
+            continue
+        session = Session(again.transport, Random(3))
+        session.open()
+        for request in (m.BlackboxRead(0), m.BlackboxRead(2000), m.WaveformRead(0), m.GetStatus()):
+            session.request(request)
+        again.plant.advance(gate_on, 130)
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "number"),
+    [
+        ("state", "random_at", BLOCK + 1),
+        ("state", "noise_at", -1),
+        ("state", "previous_burning", 256.0),
+        ("state", "previous_burning", math.nan),
+        ("unit", "pulse_period_ns", 0),
+        ("unit", "stray_pulses", 1 << 70),
+        ("drive", "stage_line", 16),
+        ("readings", "pulses", 65),
+    ],
+)
+def test_a_place_outside_of_an_array_is_refused(part: str, name: str, number: float) -> None:
+    state: Any = bench_state(open_bench(BenchConfig(), 1))
+    state["plant"][part]["numbers"][name] = number
+    with pytest.raises(RunFileError, match=name):
+        restored_bench(state)
+
+
+def test_waveforms_that_are_not_those_of_the_fault_are_refused(rig: RigMaker) -> None:
+    r = rig(NEAR, seed=1)
+    r.arm()
+    r.to_pad()
+    r.start_sparking()
+    r.session.pump(1.0)
+    r.bench.controller.raise_fault(FaultCode.DOOR)
+    r.session.pump(0.5)
+    state: Any = bench_state(r.bench)
+    assert restored_bench(state).controller.waveforms.frozen is not None
+    spoils: list[Callable[[Any], object]] = [
+        lambda controller: controller.pop("waveform_times_ns"),
+        lambda controller: controller["kept"]["numbers"].update(waves_end_ns=10**12),
+        lambda controller: controller["waveform_pulses"].__setitem__((3, 0), math.nan),
+        lambda controller: controller["waveform_times_ns"].__setitem__(1, 0),
+    ]
+    for spoil in spoils:
+        spoiled = deepcopy(state)
+        spoil(spoiled["controller"])
+        with pytest.raises(RunFileError, match="waveforms"):
+            restored_bench(spoiled)
+
+
+def test_a_restored_controller_tells_its_serial_and_where_the_stages_are(rig: RigMaker) -> None:
+    r = rig(NEAR, seed=7)
+    cut(r)
+    before = r.session.request(m.GetStatus())
+    session = Session(restored_bench(bench_state(r.bench)).transport, Random(2))
+    assert session.open().serial == r.session.hello.serial == "SIM-7"
+    after = session.request(m.GetStatus())
+    assert (after.x_um, after.y_um, after.theta_deg) == (before.x_um, before.y_um, before.theta_deg)
+    assert after.theta_deg != 0.0
 
 
 def flat(state: Mapping[str, object], prefix: str = "") -> dict[str, Any]:

@@ -270,18 +270,3 @@ def test_a_fault_that_outlives_the_power_keeps_its_waveforms(rig: RigMaker) -> N
     assert restored.a.tolist() == kept.a.tolist()
     session.request(m.ClearFault(FaultCode.DOOR))
     assert session.request(m.WaveformRead(0)).total == 0
-
-
-def test_a_saved_bench_from_before_waveforms_is_taken(rig: RigMaker) -> None:
-    r = cutting(rig)
-    stopped(r, "DOOR@0")
-    state = bench_state(r.bench)
-    controller = {
-        name: value
-        for name, value in state["controller"].items()  # type: ignore[attr-defined]
-        if not name.startswith("waveform_")
-    }
-    again = restored_bench({**state, "controller": controller})
-    session = Session(again.transport, Random(3))
-    assert session.open().fault == FaultCode.DOOR
-    assert session.request(m.WaveformRead(0)).total == 0
