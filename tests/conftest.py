@@ -49,14 +49,13 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile once before the workers begin, who would all do it otherwise, and the servers that they wait for."""
+    """Build the library, and the image of a board that is asked for, once before the workers begin."""
     if getattr(session.config.option, "numprocesses", None):
         from edmctl.errors import PreconditionError
         from edmctl.simulator import BenchConfig, open_bench
 
-        open_bench(BenchConfig(), 0).warm_up()
-        controller = session.config.getoption("--controller", default="python")
+        controller = session.config.getoption("--controller", default="firmware")
         try:
-            open_bench(BenchConfig(controller=controller), 0).warm_up()
+            open_bench(BenchConfig(controller=controller), 0)
         except PreconditionError as error:
             pytest.exit(f"{error.message} {error.hint}", returncode=pytest.ExitCode.USAGE_ERROR)

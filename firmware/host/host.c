@@ -305,10 +305,12 @@ void edm_host_heard(struct edm_host *h) {
     h->core.heard_tick = h->core.tick;
 }
 
-/* Lets every counter of the link stand where it does after a long time: for tests of their wrap. */
+/* Lets the clock be that of the plant, and every counter of the link what it is after a long time: for tests of a machine
+ * that has been on for hours, and of the wrap of counters. */
 void edm_host_count_from(struct edm_host *h, int64_t since_us, uint16_t event_no, uint32_t boot_count, uint32_t frames,
                          uint32_t pulse_no) {
     struct edm_controller *c = &h->core;
+    c->tick = h->readings->tick;
     c->boot_tick = c->tick - since_us / TICK_US;
     c->telemetry.counter = c->telemetry.pulse_counter = (uint16_t)frames;
     c->keeps.event_no = event_no;

@@ -189,15 +189,6 @@ def test_run_files_of_a_grid_are_named_after_values_and_seed(tmp_path: Path) -> 
     assert edmctl.simulate("cu270", [1, 2], overrides=SHALLOW, stop=stop) == []
 
 
-def test_numba_keeps_its_blas_in_a_program() -> None:
-    look = (
-        "import sys, edmctl.simulator.kernel as k, numba.np.arraymath as m;"
-        "print(m._HAVE_BLAS, len([n for n in sys.meta_path if 'edmctl' in type(n).__module__]))"
-    )
-    told = subprocess.run([sys.executable, "-c", look], check=True, capture_output=True, text=True, cwd=ROOT)
-    assert told.stdout.split() == ["True", "0"]
-
-
 def test_a_name_that_is_not_there_is_told() -> None:
     with pytest.raises(AttributeError, match="no attribute 'machines'"):
         edmctl.machines  # noqa: B018

@@ -12,7 +12,8 @@ from edmctl.errors import ProtocolMismatch
 from edmctl.jobs import doctor_host as doctor_host
 from edmctl.jobs.doctor_machine import _line, _round_trip
 from edmctl.link.faults import FaultCode
-from edmctl.link.messages import ResetCause, State
+from edmctl.link.messages import ClearFault, ResetCause, State
+from edmctl.link.session import Session
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.results.equipment import CheckStatus
 from edmctl.results.telemetry import LinkReport
@@ -98,7 +99,7 @@ def hot(workshop: Workshop) -> None:
 
 
 def latched(workshop: Workshop) -> None:
-    workshop.bench.python_controller.raise_fault(FaultCode.SHORT_STUCK)
+    workshop.bench.controller.raise_fault(FaultCode.SHORT_STUCK)
 
 
 def monitor(workshop: Workshop) -> None:
@@ -127,9 +128,10 @@ def test_what_fails_on_the_machine_is_a_precondition_with_its_fix(
 
 
 def test_a_controller_that_restarted_by_itself_is_a_warning(here: Here, workshop: Workshop) -> None:
-    controller = workshop.bench.python_controller
-    controller.reset(ResetCause.BROWN_OUT)
-    controller.clear_fault()
+    workshop.bench.controller.reset(ResetCause.BROWN_OUT)
+    session = Session(workshop.bench.transport)
+    session.open()
+    session.request(ClearFault(FaultCode.RESET))
     said = here("doctor", "--json")
     start = found(said)["start"]
     assert (said.exit_code, start["status"]) == (0, "warn")
@@ -142,7 +144,7 @@ def test_the_gap_sensor_is_tested_on_demand_and_said_so_before(here: Here, works
     assert found(said)["gap sensor"]["message"].startswith("10.00 V of 10.00 V")
     assert "making pulses" in said.err
     assert "making pulses" not in here("doctor", "--sensors", "--quiet").err
-    assert workshop.bench.python_controller.state is State.IDLE
+    assert workshop.bench.controller.state is State.IDLE
 
 
 def test_a_dead_gap_sensor_fails_and_leaves_the_tool_up(here: Here, workshop: Workshop) -> None:
@@ -152,7 +154,7 @@ def test_a_dead_gap_sensor_fails_and_leaves_the_tool_up(here: Here, workshop: Wo
     check = found(said)["gap sensor"]
     assert check["status"] == "fail"
     assert "`edmctl reset --ack 3003`" in check["fix"]
-    assert workshop.bench.python_controller.loop.command_v == 0.0
+    assert workshop.bench.controller.loop.command_v == 0.0
 
 
 def test_sensors_are_not_tested_on_a_machine_that_is_not_idle(here: Here, workshop: Workshop) -> None:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.exitcodes import MEANING
-from edmctl.simulator import BenchConfig, open_bench
 from tests.cli.commands import ROOT, environment, in_a_shell
 from tests.cli.warm_process import client, warm_process
 
@@ -116,7 +115,6 @@ def test_every_command_of_the_pages_works(tmp_path: Path) -> None:
 
     One test: workers that share several out would each type all.
     """
-    open_bench(BenchConfig(), 0).warm_up()  # or all of them compile at once
     with warm_process(environment()) as warm, ThreadPoolExecutor(len(PAGES)) as pool:
         newcomers = [newcomer(tmp_path / str(number), warm) for number in range(len(PAGES))]
         failures = dict(zip(PAGES, pool.map(failures_of, PAGES, *zip(*newcomers, strict=True)), strict=True))

@@ -19,8 +19,20 @@ import pytest
 
 from edmctl.core.build import source_version
 from edmctl.firmware.board_build import COMPILERS
-from edmctl.link.messages import SCHEMA_HASH, State
+from edmctl.link.messages import (
+    SCHEMA_HASH,
+    Arm,
+    Axis,
+    CommitProfile,
+    PulseEnable,
+    ServoStart,
+    StageMove,
+    State,
+    TouchOff,
+    param_crc,
+)
 from edmctl.link.ports import PortInfo
+from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from tests.cli.commands import command, environment
 from tests.firmware.image_bytes import image_bytes
@@ -30,6 +42,7 @@ from tests.serving import serving
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from edmctl.link.wire import Request
     from tests.cli.commands import Here
 
 FAKE = Path(__file__).parents[1] / "firmware" / "fake_flash_tool.py"
@@ -42,8 +55,25 @@ OFF = "--yes-high-voltage-is-off"
 def bench() -> VirtualBench:
     """Return a controller that says that it is the board of the images."""
     bench = open_bench(BenchConfig(), 1)
-    bench.python_controller.board = 0x0429
+    bench.controller.board = 0x0429
     return bench
+
+
+def brought_to(state: State, bench: VirtualBench) -> None:
+    """Let a host bring the machine into a state, and say no more."""
+    session = Session(bench.transport)
+    session.open()
+    crc = param_crc({})
+    requests: dict[State, Request[object]] = {
+        State.MOVING: StageMove(Axis.X, 0, 1_000_000),
+        State.TOUCH: TouchOff(20.0, 40.0, 5.0, 90.0, 5.0, 0.1, 1),
+        State.MACHINING: ServoStart(9.6, 500.0, 100.0),
+    }
+    for request in (CommitProfile(crc), Arm(crc), PulseEnable(1)):
+        session.request(request)
+    if state in requests:
+        session.request(requests[state])
+    assert bench.controller.state is state
 
 
 @pytest.fixture
@@ -127,12 +157,12 @@ def test_info_warns_of_an_image_that_this_edmctl_does_not_understand(here: Here,
 def test_info_asks_a_board_and_leaves_what_runs_there_alone(
     here: Here, bench: VirtualBench, port: str
 ) -> None:
-    bench.python_controller.set_state(State.ARMED)
+    brought_to(State.ARMED, bench)
     said = here("firmware", "info", port, "--json")
     found = said.document["result"]["board"]
     assert said.exit_code == 0, said.err
     assert (found["state"], found["serial"], found["board_name"]) == ("ARMED", "SIM-1", "NUCLEO-F429ZI")
-    assert (bench.python_controller.state, bench.python_controller.fault) == (State.ARMED, 0)
+    assert (bench.controller.state, bench.controller.fault) == (State.ARMED, 0)
     assert "ARMED" in here("firmware", "info", port).out
 
 
@@ -163,7 +193,7 @@ def test_verify_finds_a_board_that_runs_the_image(here: Here, image: str, port: 
 def test_verify_of_a_virtual_controller_names_no_image_for_one(
     here: Here, image: str, port: str, bench: VirtualBench
 ) -> None:
-    bench.python_controller.board = 0
+    bench.controller.board = 0
     error = here("firmware", "verify", image, port, "--json").document["error"]
     assert error["code"] == "E5003"
     assert error["hint"].startswith("Name the port of a board")
@@ -364,11 +394,11 @@ def test_flash_refuses_while_a_job_runs_and_leaves_it_alone(
     here: Here, board: FakeBoard, image: str, bench: VirtualBench, port: str, state: State
 ) -> None:
     board.install("pyocd")
-    bench.python_controller.set_state(state)
+    brought_to(state, bench)
     said = here("firmware", "flash", image, OFF, "--port", port, "--json")
     assert (said.exit_code, said.document["error"]["code"]) == (8, "E8123")
     assert state.name in said.document["error"]["message"]
-    assert (bench.python_controller.state, bench.python_controller.fault) == (state, 0)
+    assert (bench.controller.state, bench.controller.fault) == (state, 0)
     assert board.log == []
 
 
@@ -458,7 +488,7 @@ def test_flash_refuses_the_image_of_another_board_than_answers(
     here: Here, board: FakeBoard, image: str, bench: VirtualBench, port: str
 ) -> None:
     board.install("pyocd")
-    bench.python_controller.board = 2
+    bench.controller.board = 2
     said = here("firmware", "flash", image, OFF, "--port", port, "--json")
     assert said.document["error"]["code"] == "E8122"
     assert board.log == []

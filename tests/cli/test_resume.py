@@ -21,6 +21,7 @@ from edmctl.jobs.measure_wear import _aged
 from edmctl.jobs.resume.checkpoint import tell_way_on
 from edmctl.jobs.resume.selection import checked, find_run, taken_up
 from edmctl.jobs.run_header import RunName
+from edmctl.link.faults import FaultCode
 from edmctl.machine.controller import LinkMachine
 from edmctl.procedures.job import REPORT_DELAY_S, job_of
 from edmctl.procedures.job_state import job_state
@@ -341,7 +342,7 @@ def test_a_restarted_controller_needs_somebody_who_homed_its_stages(here: Here, 
 def test_a_controller_that_stayed_on_needs_nobody(here: Here, killed: Path) -> None:
     bench = restored_bench(read_bench(Path("bench.h5")))
     journal = read_journal(Path("runs/a.journal"))
-    job = replace(journal.job, boots=bench.python_controller.boot_count)
+    job = replace(journal.job, boots=bench.controller.boot_count)
     write_journal(Path("runs/a.journal"), replace(journal, job=job))
     with serving(bench) as port:
         assert here(*RESUME, "--port", port).exit_code == 0
@@ -350,7 +351,8 @@ def test_a_controller_that_stayed_on_needs_nobody(here: Here, killed: Path) -> N
 @pytest.mark.parametrize("code", ["E8010", "E8100"])
 def test_another_job_that_is_refused_leaves_nothing_to_take_up(here: Here, killed: Path, code: str) -> None:
     def latch(bench: VirtualBench) -> None:
-        bench.python_controller.fault = 1001 if code == "E8010" else 0
+        if code == "E8010":
+            bench.controller.raise_fault(FaultCode.HOST_SILENT)
 
     bench_changed(latch)
     there = ("--set", 'sites=[{name="there",x_um=1500,y_um=0}]', "--set", "flush.min_flow_lpm=2.0")
@@ -362,7 +364,7 @@ def test_another_job_that_is_refused_leaves_nothing_to_take_up(here: Here, kille
 
 def test_a_latched_fault_is_cleared_first(here: Here, killed: Path) -> None:
     def latch(bench: VirtualBench) -> None:
-        bench.python_controller.fault = 1001
+        bench.controller.raise_fault(FaultCode.HOST_SILENT)
 
     bench_changed(latch)
     refused(here(*RESUME, *BENCH), "E8010")

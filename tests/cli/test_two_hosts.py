@@ -98,7 +98,7 @@ def test_frames_of_another_session_do_nothing_to_the_job(
         nonlocal sent
         stops: tuple[Message, ...] = (m.Disarm(), m.ServoStop(), m.PulseEnable(0), m.PiezoSet(0.0, 500.0))
         with heeding_no_lock(port) as number:
-            for session in set(range(1, 256)) - {bench.python_controller.link._session}:
+            for session in set(range(1, 256)) - {bench.controller.seen.session}:
                 for stop in stops:
                     os.write(number, encode_frame(stop.ID, session, session, 0, stop.pack()))
                     sent += 1
@@ -112,7 +112,7 @@ def test_frames_of_another_session_do_nothing_to_the_job(
 def test_a_hello_that_heeds_no_lock_ends_the_job_safely_and_is_named(here: Here, bench: VirtualBench) -> None:
     def another_says_hello() -> None:
         hello = m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 1, m.SCHEMA_HASH)
-        session = bench.python_controller.link._session % 255 + 1
+        session = bench.controller.seen.session % 255 + 1
         with heeding_no_lock(port) as number:
             os.write(number, encode_frame(hello.ID, 1, session, 0, hello.pack()))
 
@@ -122,4 +122,4 @@ def test_a_hello_that_heeds_no_lock_ends_the_job_safely_and_is_named(here: Here,
     assert (said.exit_code, error["code"]) == (4, "E4013")
     assert "Another host" in error["message"]
     assert bench.is_safe
-    assert bench.python_controller.fault == 1001
+    assert bench.controller.fault == 1001

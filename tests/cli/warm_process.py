@@ -1,7 +1,7 @@
 """`edmctl` in a process that has loaded everything: a copy of one process instead of a start for every command.
 
-`python -m tests.cli.warm_process SOCKET` loads the program, makes one small job so that loops are compiled and in
-memory, and then makes a copy of itself (fork) for each command it is asked for. `client(SOCKET)` is the text of a
+`python -m tests.cli.warm_process SOCKET` loads the program, makes one small job so that modules and the library are
+in memory, and then makes a copy of itself (fork) for each command it is asked for. `client(SOCKET)` is the text of a
 program that stands for `edmctl`: it hands over its arguments, folder, environment and streams, passes signals on,
 and ends with the exit code of the copy. How a process starts is tested elsewhere (tests/cli/test_start_up.py).
 """
@@ -32,7 +32,7 @@ WARMING = (
     "simulate actuator sine --seed 1 --quiet",
     "calibrate --seed 1 --output actuator.toml --quiet",
 )
-"""Commands that load and compile what others need too."""
+"""Commands that load what others need too."""
 
 _CLIENT = """#!{python} -SE
 import array, json, os, signal, socket, sys

@@ -13,18 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from contextlib import AbstractContextManager
 
-COMPILED = (
-    "controller_kernel",
-    "discharge",
-    "gap_monitor",
-    "kernel",
-    "plant_interface",
-    "plant_kernel",
-    "sequences",
-    "servo",
-    "workpiece",
-)
-"""Modules of the simulator with functions for numba, which takes no instrumented ones."""
 GOLDEN = Path(__file__).parents[1] / "link" / "golden"
 
 
@@ -41,8 +29,7 @@ def coverage_guided(wanted: bool) -> AbstractContextManager[Any]:
     import atheris
 
     context: AbstractContextManager[Any] = atheris.instrument_imports(
-        include=["edmctl.link", "edmctl.simulator"],
-        exclude=[f"edmctl.simulator.{name}" for name in COMPILED],
+        include=["edmctl.link", "edmctl.simulator"]
     )
     return context
 

@@ -187,7 +187,7 @@ def test_a_badly_flushed_cut_jumps_more_often_and_says_why(shop: OpenShop) -> No
 def test_a_wider_gap_and_longer_pauses_reach_the_machine_in_the_middle_of_a_cut(shop: OpenShop) -> None:
     # By these thresholds every gap is bad, and nothing helps.
     s = shop((*FEED_30, "adaptive.arc_high=0.0011", "adaptive.arc_low=0.001", "adaptive.duty_min=0.2"))
-    pulse_period = s.bench.python_controller.settings.pulse_period_ns
+    pulse_period = s.bench.controller.seen.pulse_period_ns
     result = s.run_job()
     codes = [code for _, code, _, _, _ in s.seen.events]
     assert RunEvent.REFERENCE_CHANGED in codes
@@ -199,7 +199,7 @@ def test_a_wider_gap_and_longer_pauses_reach_the_machine_in_the_middle_of_a_cut(
     assert sum(row.gap_ratio for row in last) / len(last) == pytest.approx(0.9, abs=0.03)
     site = result.sites[0]
     assert site.pulses < 0.9 * site.machining_time_s * s.profile.pulse.frequency_hz
-    assert s.bench.python_controller.settings.pulse_period_ns == pulse_period
+    assert s.bench.controller.seen.pulse_period_ns == pulse_period
 
 
 SEEKING = ("adaptive.seek_reference=true",)

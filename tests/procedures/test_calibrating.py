@@ -56,7 +56,7 @@ class Rig:
 
     @property
     def applied_v(self) -> float:
-        return self.bench.python_controller.plant.drive.actuator_v
+        return self.bench.plant.drive.actuator_v
 
 
 def test_the_plan_spans_the_stroke_and_ends_with_fast_swings_and_use() -> None:
@@ -136,20 +136,20 @@ def test_it_ends_retracted_and_idle() -> None:
 
 def test_no_pulse_is_possible_meanwhile() -> None:
     rig = Rig()
-    seen: list[tuple[bool, int]] = []
+    seen: list[tuple[int, int]] = []
 
     class Watching(Told):
         def progress(self, p: Progress) -> None:
             seen.append(
                 (
-                    rig.bench.python_controller.pulses_allowed,
-                    rig.bench.python_controller.plant.drive.pulses_on,
+                    rig.bench.controller.seen.pulses_allowed,
+                    rig.bench.plant.drive.pulses_on,
                 )
             )
 
     rig.told = Watching()
     rig.measure()
-    assert set(seen) == {(False, 0)}
+    assert set(seen) == {(0, 0)}
 
 
 def test_a_machine_armed_without_pulses_refuses_to_cut() -> None:
@@ -211,8 +211,8 @@ def test_a_lost_line_leaves_the_machine_to_its_watchdog() -> None:
     rig.when_calibrating(rig.bench.transport.close)
     with pytest.raises(LinkLost):
         rig.measure()
-    rig.bench.python_controller.advance(2000)
-    assert rig.bench.python_controller.state is MachineState.FAULT
+    rig.bench.controller.advance(2000)
+    assert rig.bench.controller.state is MachineState.FAULT
     assert rig.applied_v == 0.0
 
 

@@ -60,7 +60,9 @@ def drifting(rate_um_s: float, hours: float = 0.0, overrides: tuple[str, ...] = 
 def later(shop: Shop, hours: float) -> Shop:
     """Let an idle machine be some hours older; nothing but the clock and what drifts with it is another."""
     shop.bench.plant.readings.tick += round(hours * 3600.0 / TICK_S)
-    shop.bench.python_controller.advance(1)
+    controller = shop.bench.controller
+    kept, seen = controller.kept(), controller.seen
+    controller.count_from(controller.time_us, kept.event_no, kept.boot_count, 0, seen.pulse_no)
     return shop
 
 
@@ -94,7 +96,7 @@ def test_the_controller_is_told_where_home_is() -> None:
     run = armed(shop)
     run.machine.rest(0.5)
     move_to(run, run.job.parking)
-    assert shop.bench.python_controller.zero_um == pytest.approx(FAST_UM_S * 3.0 * 3600.0, abs=1.0)
+    assert shop.bench.controller.seen.zero_um == pytest.approx(FAST_UM_S * 3.0 * 3600.0, abs=1.0)
     assert run.machine.status().x_um == pytest.approx(run.job.parking.x_um)
 
 
@@ -103,7 +105,7 @@ def test_without_drift_the_controller_is_told_nothing() -> None:
     run = armed(shop)
     run.machine.rest(0.5)
     move_to(run, run.job.parking)
-    assert shop.bench.python_controller.zero_um == 0.0
+    assert shop.bench.controller.seen.zero_um == 0.0
 
 
 def test_a_tool_that_creep_holds_low_waits_for_a_controller_that_takes_no_such_home() -> None:
@@ -191,7 +193,7 @@ def test_the_wear_of_a_long_array_holds_a_fast_drift() -> None:
     for site in shop.tally.sites.values():
         true_um = min(holes, key=lambda h: math.hypot(h.x_um - site.x_um, h.y_um - site.y_um)).depth_um
         assert abs(site.depth_um - true_um) <= 3.0 * site.depth_u_um
-    assert shop.bench.python_controller.fault == 0
+    assert shop.bench.controller.fault == 0
 
 
 def test_stages_stand_still_while_the_tool_is_low() -> None:

@@ -12,6 +12,7 @@ import pytest
 from edmctl.errors import MachineFault
 from edmctl.forecasts.forecast import forecast, stroke_um
 from edmctl.link.faults import FaultCode
+from edmctl.link.frame import FrameDecoder
 from edmctl.link.messages import WaveformRead
 from edmctl.machine.interface import Machine, MachineState
 from edmctl.procedures.hole.cut import refuse_wrong_setup
@@ -31,9 +32,7 @@ from .test_supervisor import a_slice
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.link.wire import Message
     from edmctl.record.rows import EventLevel, Row
-    from edmctl.simulator.link_endpoint import Outcome
 
     from .conftest import Done, Shop
 
@@ -280,14 +279,14 @@ def test_a_line_that_dies_while_a_fault_is_read_does_not_hide_the_fault(
     dies_after: int, shop: OpenShop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     s, seen, asked = shop(), Box(), [0]
-    execute = s.bench.python_controller.commands.execute
+    write = s.bench.transport.write
 
-    def mute(message: Message) -> Outcome:
-        asked[0] += isinstance(message, WaveformRead)
+    def mute(data: bytes) -> None:
+        write(data)
+        asked[0] += sum(frame.type_id == WaveformRead.ID for frame in FrameDecoder().feed(data))
         s.bench.line.silent = s.bench.line.unplugged = asked[0] > dies_after
-        return execute(message)
 
-    monkeypatch.setattr(s.bench.python_controller.link, "_execute", mute)
+    monkeypatch.setattr(s.bench.transport, "write", mute)
     s.bench.inject(parse_injection("ESTOP"))
     with pytest.raises(MachineFault, match="Emergency stop") as caught:
         s.run_job(seen)

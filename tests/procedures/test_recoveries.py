@@ -65,7 +65,7 @@ def test_a_single_burn_costs_the_way_back_and_no_more(shop: OpenShop) -> None:
     assert result.sites[0].depth_um == pytest.approx(12.0, abs=2.0)
     assert codes(s).count(RunEvent.ARC_BURN_RECOVERY) == 1
     assert RunEvent.REFERENCE_CHANGED not in codes(s)
-    assert s.bench.python_controller.fault == 0
+    assert s.bench.controller.fault == 0
 
 
 BURN = MachineFault("", code=ARC_BURN, fault=3002)
@@ -136,7 +136,7 @@ def test_after_the_second_burn_the_gap_is_kept_wider_and_the_pauses_longer(shop:
     duties = [args for _, code, _, _, args in s.seen.events if code == RunEvent.DUTY_CHANGED]
     assert [duty["to"] for duty in duties] == pytest.approx([0.24])
     # The next approach and the next cut start with the recipe's own pulses.
-    assert s.bench.python_controller.settings.duty_v == pytest.approx(s.profile.pulse.duty_voltage_v)
+    assert s.bench.controller.seen.duty_v == pytest.approx(s.profile.pulse.duty_voltage_v)
 
 
 def test_a_spot_that_burns_at_once_again_is_given_up_with_the_fault(shop: OpenShop) -> None:
@@ -145,7 +145,7 @@ def test_a_spot_that_burns_at_once_again_is_given_up_with_the_fault(shop: OpenSh
         s.run_job()
     assert caught.value.code == "E63002"
     assert codes(s).count(RunEvent.ARC_BURN_RECOVERY) == 2 < MOST_BURNS
-    controller = s.bench.python_controller
+    controller = s.bench.controller
     assert (controller.fault, controller.loop.command_v) == (3002, 0.0)
 
 

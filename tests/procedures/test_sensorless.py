@@ -84,8 +84,7 @@ def test_the_host_ends_a_cut_where_the_estimate_reaches_its_limit(blind: Done) -
 
 def test_the_controller_goes_by_volts_times_the_mean_gain(blind: Done) -> None:
     shop = blind.shop
-    assert shop.bench.python_controller.parameters["sensor_fitted"] == 0.0
-    shop.bench.plant.drive.actuator_v = 0.0
+    assert shop.bench.controller.seen.sensor_fitted == 0
     status = shop.machine.status()
     assert status.displacement_um == pytest.approx(2.967 * status.actuator_v, abs=1e-3)
 
@@ -153,7 +152,7 @@ def test_the_zero_of_the_estimate_is_none_of_the_controllers() -> None:
     machine.configure(settings, pulse_settings(s.profile))
     machine.arm()
     machine.set_zero(30.0)
-    assert s.bench.python_controller.zero_um == 0.0
+    assert s.bench.controller.seen.zero_um == 0.0
 
 
 def test_without_samples_there_is_no_estimate_and_no_cut() -> None:
@@ -162,6 +161,6 @@ def test_without_samples_there_is_no_estimate_and_no_cut() -> None:
     with pytest.raises(LinkLost, match="do not come any more") as caught:
         s.run_job()
     assert caught.value.code == "E4022"
-    ((_, lost_tick),) = s.bench.python_controller.injector.applied
+    ((_, lost_tick),) = s.bench.controller.injector.applied
     assert s.tally.time_s < lost_tick * TICK_S + 5.0
     assert s.bench.is_safe

@@ -79,7 +79,7 @@ def test_a_fault_is_named_in_time_safe_latched_and_cleared(rig: RigMaker, inject
     r.wait(m.EventCode.MOVE_DONE, 5.0)
     injection = parse_injection(inject)
     r.bench.inject(injection)
-    crc = r.bench.python_controller.parameters.crc
+    crc = r.bench.controller.seen.param_crc
     r.session.request(m.Arm(crc))
     r.session.request(m.PulseEnable(1))
     if code == FaultCode.HOST_SILENT:
@@ -88,7 +88,7 @@ def test_a_fault_is_named_in_time_safe_latched_and_cleared(rig: RigMaker, inject
         noisy_host(r)
     else:
         run_job(r)
-    controller, plant = r.bench.python_controller, r.bench.plant
+    controller, plant = r.bench.controller, r.bench.plant
     assert controller.fault == code
     assert plant.drive.pulses_on == 0
     applied = [tick for done, tick in controller.injector.applied if done == injection]
@@ -98,12 +98,13 @@ def test_a_fault_is_named_in_time_safe_latched_and_cleared(rig: RigMaker, inject
     controller.advance(1500)
     assert (plant.drive.actuator_v, plant.drive.pulses_on) == (0.0, 0)
     assert controller.state is (m.State.ESTOP if code == FaultCode.ESTOP else m.State.FAULT)
-    assert controller.motion.stage is None
+    assert r.session.request(m.GetStatus()).x_um == pytest.approx(plant.reported[0], abs=0.01)
     for forbidden in (m.Arm(crc), m.PiezoSet(10.0, 10.0), m.ClearFault(9999), m.PulseEnable(1), m.Disarm()):
-        assert controller.commands.execute(forbidden)[0] is not m.Status.OK
+        with pytest.raises(CommandRefused):
+            r.session.request(forbidden)
     assert controller.fault == code
     r.bench.clear_injections()
-    assert controller.commands.execute(m.ClearFault(code))[0] is m.Status.OK
+    r.session.request(m.ClearFault(code))
     clean_cut(r, params)
 
 
@@ -122,7 +123,7 @@ def silent_host(r: Rig) -> None:
     r.to_pad()
     r.start_sparking()
     r.session.pump(0.9)
-    controller = r.bench.python_controller
+    controller = r.bench.controller
     while not controller.injector.applied:
         controller.host_heard()
         controller.advance(1)
@@ -137,7 +138,7 @@ def noisy_host(r: Rig) -> None:
     """Let sparks flow; then frames arrive damaged, as the line carries them."""
     r.to_pad()
     r.start_sparking()
-    controller = r.bench.python_controller
+    controller = r.bench.controller
     while not controller.injector.applied:
         r.session.pump(0.05)
     assert r.bench.line.noise > 0.0
@@ -181,7 +182,7 @@ def test_travel_limit_no_spark_and_stage_limit_keep_their_time(rig: RigMaker) ->
     r.start_sparking()
     r.session.pump(1.0)
     r.bench.inject(parse_injection("NO_SPARK@0"))
-    start = r.bench.python_controller.tick
+    start = r.bench.controller.tick
     assert r.wait_fault(20.0).code == FaultCode.NO_SPARK
     assert (r.faults[0].t_us / 1000 - start) * 1e-3 <= FAULTS[FaultCode.NO_SPARK].pulses_off_s
 
@@ -189,7 +190,7 @@ def test_travel_limit_no_spark_and_stage_limit_keep_their_time(rig: RigMaker) ->
     r.arm()
     r.session.request(m.StageMove(m.Axis.X, 0, 1_000_000))
     r.session.pump(1.0)
-    due_s = r.bench.python_controller.tick * 1e-3 + 0.123
+    due_s = r.bench.controller.tick * 1e-3 + 0.123
     r.bench.inject(parse_injection(f"STAGE_LIMIT@{due_s:.3f}"))
     fault = r.wait_fault(1.0)
     assert fault.code == FaultCode.STAGE_LIMIT
@@ -202,7 +203,7 @@ def test_an_emergency_stop_dominates_whatever_is_latched(rig: RigMaker) -> None:
     r.arm()
     r.session.abort()
     r.session.pump(1.0)
-    controller = r.bench.python_controller
+    controller = r.bench.controller
     assert controller.fault == FaultCode.ABORT_RUN
     r.bench.inject(parse_injection("ESTOP@0"))
     r.session.pump(0.3)
@@ -227,7 +228,7 @@ def test_an_idle_machine_obeys_the_emergency_stop_and_nothing_else(rig: RigMaker
     assert r.session.request(m.GetStatus()).interlocks == m.Interlocks.DOOR
     r.bench.inject(parse_injection("ESTOP@0"))
     r.session.pump(0.3)
-    assert r.bench.python_controller.state is m.State.ESTOP
+    assert r.bench.controller.state is m.State.ESTOP
 
 
 @pytest.mark.parametrize("cause", ["WATCHDOG", "BROWN_OUT", "POWER_LOSS"])
@@ -239,7 +240,7 @@ def test_a_reset_in_a_cut_ends_safe_and_without_a_session(rig: RigMaker, cause: 
     r.to_pad()
     r.start_sparking()
     r.bench.inject(parse_injection(cause))
-    controller, plant = r.bench.python_controller, r.bench.plant
+    controller, plant = r.bench.controller, r.bench.plant
     while not controller.injector.applied:
         controller.host_heard()
         controller.advance(10)
@@ -251,9 +252,10 @@ def test_a_reset_in_a_cut_ends_safe_and_without_a_session(rig: RigMaker, cause: 
     expected = 0 if cause == "POWER_LOSS" else FaultCode.RESET
     assert controller.fault == expected
     assert controller.state is (m.State.FAULT if expected else m.State.IDLE)
-    assert controller.parameters.crc == m.param_crc({})
+    assert controller.seen.param_crc == m.param_crc({})
     if expected:
-        assert controller.commands.execute(m.ClearFault(expected))[0] is m.Status.OK
+        r.session.open()
+        r.session.request(m.ClearFault(expected))
     clean_cut(r, {})
 
 
@@ -261,7 +263,7 @@ def test_the_line_unplugged_and_noise_are_left_to_whoever_carries_the_bytes(rig:
     r = rig()
     r.bench.inject(parse_injection("UNPLUG@0"))
     r.bench.inject(parse_injection("LINE_NOISE@0"))
-    r.bench.python_controller.advance(2)
+    r.bench.controller.advance(2)
     assert (r.bench.line.unplugged, r.bench.line.noise) == (True, 0.5)
     r.bench.clear_injections()
     assert (r.bench.line.unplugged, r.bench.line.noise) == (False, 0.0)
@@ -273,9 +275,9 @@ def test_faults_of_the_host_are_brought_about_too(rig: RigMaker) -> None:
     before = (plant.unit.numbers(), plant.state.walk_um)
     for name in ("Z_MISMATCH", "STALL", "SETUP"):
         r.bench.inject(parse_injection(f"{FAULTS[FaultCode[name]].inject}@0"))
-    now_s = r.bench.python_controller.tick * 1e-3
-    r.bench.python_controller.advance(10_000)
-    drift = r.bench.python_controller.loop.displacement_um - plant.state.true_z_um
+    now_s = r.bench.controller.tick * 1e-3
+    r.bench.controller.advance(10_000)
+    drift = r.bench.controller.loop.displacement_um - plant.state.true_z_um
     assert drift == pytest.approx(5.0 * (10.0 - now_s), abs=2.0)
     assert plant.unit.threshold_uj > 1e6
     assert plant.unit.tool_factor == pytest.approx(5.0 * before[0]["tool_factor"])

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import socket
-import subprocess
-import sys
 import threading
 import time
 from contextlib import ExitStack, contextmanager
@@ -499,22 +497,3 @@ def test_a_driven_clock_has_no_watchdog_on_the_wall(monkeypatch: pytest.MonkeyPa
     assert server._bench.controller.armed
     os.close(client)
     endpoint.close()
-
-
-def test_nothing_is_left_to_compile_when_somebody_waits() -> None:
-    """A compiler in the middle of a job holds the server up for seconds, and its watchdog ends that job."""
-    script = """
-from pathlib import Path
-from edmctl.simulator import BenchConfig, kernel, open_bench, workpiece
-from edmctl.simulator.endpoints import PtyEndpoint
-from edmctl.simulator.serve import Server
-endpoint = PtyEndpoint()
-Server(open_bench(BenchConfig(), 1), endpoint, 1.0)
-endpoint.close()
-functions = {**vars(kernel), **vars(workpiece)}
-cached = {name: f for name, f in functions.items() if hasattr(f, "stats") and f.stats.cache_path}
-del cached["run_actuator"], cached["run_firmware"]
-print(len(cached), [name for name, function in cached.items() if not function.signatures])
-"""
-    told = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout
-    assert told.split(maxsplit=1)[1] == "[]\n", told

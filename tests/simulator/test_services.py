@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.core.library import BOX_TICKS
 from edmctl.errors import LinkLost
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
 from edmctl.link.schema import load_schema
 from edmctl.link.session import CommandRefused, Session
 from edmctl.simulator import BenchConfig
-from edmctl.simulator.controller_kernel import BOX_TICKS
 from edmctl.simulator.injection import parse_injection
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def reboot(r: Rig) -> None:
         r.session.request(REBOOT)
     with pytest.raises(LinkLost, match="restarted"):
         r.session.pump(0.1)
-    r.session = Session(r.bench.transport, Random(r.bench.python_controller.boot_count))
+    r.session = Session(r.bench.transport, Random(r.bench.controller.boot_count))
     r.session.subscribe(m.Tlm, r.samples.append)
     r.session.open()
 
@@ -103,14 +103,14 @@ def test_a_young_controller_has_a_short_black_box(rig: RigMaker) -> None:
     r = rig()
     r.session.pump(0.1)
     total = r.session.request(m.BlackboxRead(0)).total
-    assert total == r.bench.python_controller.tick
+    assert total == r.bench.controller.tick
     assert total < BOX_TICKS
     assert r.session.request(m.BlackboxRead(total - 3)).n == 3
 
 
 def test_a_reboot_ends_the_session_and_clears_no_fault(rig: RigMaker) -> None:
     r = rig()
-    controller = r.bench.python_controller
+    controller = r.bench.controller
     r.arm({"watchdog_s": 0.5})
     assert refusal(r, REBOOT) == m.Status.BAD_STATE
     r.session.abort()
@@ -118,10 +118,10 @@ def test_a_reboot_ends_the_session_and_clears_no_fault(rig: RigMaker) -> None:
     assert refusal(r, m.Reboot(1)) == m.Status.OUT_OF_RANGE
     r.session.request(m.TlmStart(1000, 14, m.PulseLog.OFF))
     reboot(r)
-    assert (controller.boot_count, controller.reset_cause) == (2, m.ResetCause.COMMANDED)
+    assert (r.session.hello.boot_count, r.session.hello.reset_cause) == (2, m.ResetCause.COMMANDED)
     assert (controller.state, controller.fault) == (m.State.FAULT, FaultCode.ABORT_RUN)
-    assert controller.parameters.crc == m.param_crc({})
-    assert r.bench.python_controller.loop.tlm_next == -1
+    assert controller.seen.param_crc == m.param_crc({})
+    assert r.bench.controller.seen.tlm_next == -1
     assert (r.session.hello.boot_count, r.session.hello.fault) == (2, FaultCode.ABORT_RUN)
     r.session.request(m.ClearFault(FaultCode.ABORT_RUN))
     reboot(r)
@@ -145,7 +145,7 @@ def test_a_sound_gap_sensor_passes_the_test(rig: RigMaker) -> None:
     r.session.request(m.SelfTest())
     event = r.wait(m.EventCode.TEST_DONE, 1.0)
     assert event.arg == pytest.approx(12_000, abs=60)
-    assert r.bench.python_controller.state is m.State.ARMED
+    assert r.bench.controller.state is m.State.ARMED
     assert r.bench.plant.drive.pulses_on == 0
 
 
@@ -185,10 +185,10 @@ def test_a_rate_that_the_line_cannot_carry_is_refused(rig: RigMaker) -> None:
     fast, slow = m.TlmStart(1000, 14, m.PulseLog.OFF), m.TlmStart(2000, 14, m.PulseLog.OFF)
     everything = m.TlmStart(1000, 14, m.PulseLog.FULL)
     for baud, refused in ((115_200, fast), (230_400, everything), (57_600, slow)):
-        r.bench.python_controller.baud = baud
+        r.bench.controller.baud = baud
         assert refusal(r, refused) == m.Status.RATE_TOO_HIGH
     for baud, granted in ((115_200, slow), (230_400, fast), (921_600, everything), (0, everything)):
-        r.bench.python_controller.baud = baud
+        r.bench.controller.baud = baud
         r.session.request(granted)
 
 
@@ -212,7 +212,7 @@ def test_a_stage_stops_where_it_is(rig: RigMaker) -> None:
     r.session.pump(0.1)
     assert r.events[-1].code == m.EventCode.STOPPED
     assert r.session.request(m.GetStatus()).x_um == pytest.approx(-3000.0, abs=20.0)
-    assert r.bench.python_controller.state is m.State.ARMED
+    assert r.bench.controller.state is m.State.ARMED
 
 
 def test_status_has_the_voltage_monitor_and_the_flags(rig: RigMaker) -> None:
@@ -229,7 +229,7 @@ def test_status_has_the_voltage_monitor_and_the_flags(rig: RigMaker) -> None:
 def test_what_watches_the_host_goes_by_the_hosts_clock(rig: RigMaker) -> None:
     r = rig()
     r.arm()
-    controller = r.bench.python_controller
+    controller = r.bench.controller
     controller.host_time_scale = 10.0
     controller.host_heard()
     controller.advance(2499)
