@@ -152,9 +152,7 @@ class Waveforms:
     def window_ns(self, pulses: RecentPulses) -> tuple[int, int]:
         """From when to when samples are held of these pulses."""
         begin_ns = int(pulses.rows["start_ns"][0]) // SAMPLE_NS * SAMPLE_NS
-        return begin_ns, pulses.fault_ns + min(
-            PERIODS_AFTER * pulses.period_ns, self._most_after * SAMPLE_NS
-        )
+        return begin_ns, pulses.fault_ns + min(PERIODS_AFTER * pulses.period_ns, self._most_after * SAMPLE_NS)
 
     def _drawn(self, pulses: RecentPulses, begin_ns: int, total: int) -> bytes:
         """Every sample as the wire carries it. The noise is the machine's and the moment's own."""

@@ -17,6 +17,7 @@ from edmctl.link.session import Session
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.results.equipment import CheckStatus
 from edmctl.results.telemetry import LinkReport
+from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import parse_injection
 from tests.faults.workshop import Workshop
 
@@ -129,7 +130,7 @@ def test_what_fails_on_the_machine_is_a_precondition_with_its_fix(
 
 def test_a_controller_that_restarted_by_itself_is_a_warning(here: Here, workshop: Workshop) -> None:
     workshop.bench.controller.reset(ResetCause.BROWN_OUT)
-    session = Session(workshop.bench.transport)
+    session = Session(MemoryTransport(workshop.bench.controller))
     session.open()
     session.request(ClearFault(FaultCode.RESET))
     said = here("doctor", "--json")

@@ -12,6 +12,7 @@ import select
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ from edmctl.link.messages import (
     Arm,
     Axis,
     CommitProfile,
+    HelloReply,
     PulseEnable,
     ServoStart,
     StageMove,
@@ -528,7 +530,12 @@ def test_doctor_says_that_a_board_is_older_and_how_to_flash_it(
         return next(c for c in said.document["result"]["checks"] if c["name"] == "firmware")
 
     assert firmware()["status"] == "ok"
-    monkeypatch.setattr("edmctl.simulator.commands.FIRMWARE", (0, 9, 0))
+    told = HelloReply.unpack
+
+    def older(payload: bytes) -> HelloReply:
+        return replace(told(payload), fw_major=0, fw_minor=9)
+
+    monkeypatch.setattr(HelloReply, "unpack", older)
     check = firmware()
     assert check["status"] == "warn"
     assert "0.9.0, older than the 1.0.0" in check["message"]

@@ -11,7 +11,7 @@ import pytest
 import edmctl
 from edmctl.errors import EdmError, LinkLost, MachineFault
 from edmctl.machine.interface import EventCode
-from edmctl.simulator.config import PYTHON, STM32
+from edmctl.simulator.config import FIRMWARE, STM32
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop
 from tests.tiers import tiers
@@ -77,7 +77,7 @@ def test_a_touch_finds_the_surface_that_is_there(tmp_path: Path) -> None:
         connected(controller, 4, tmp_path)
         .approach("cu270", contact=True, overrides=HURRIED, out=tmp_path)
         .to_dict()
-        for controller in (PYTHON, STM32)
+        for controller in (FIRMWARE, STM32)
     ]
     assert found[0]["touches"] == found[1]["touches"] > 1
     assert abs(found[1]["displacement_um"] - found[0]["displacement_um"]) < AT_A_TOUCH_UM
@@ -90,7 +90,7 @@ def test_jumps_are_as_high_as_with_the_virtual_controller(tmp_path: Path) -> Non
         connected(controller, 4, tmp_path)
         .jump_flush("cu270", count=4, overrides=HURRIED, out=tmp_path)
         .to_dict()
-        for controller in (PYTHON, STM32)
+        for controller in (FIRMWARE, STM32)
     ]
     for expected, jump in zip(series[0]["jumps"], series[1]["jumps"], strict=True):
         assert jump["height_model_um"] == pytest.approx(expected["height_model_um"], abs=0.3)

@@ -80,9 +80,7 @@ def test_a_reading_that_cannot_be_ends_the_cut(
 
 
 @pytest.mark.parametrize(("leak_a", "fault"), [(0.0, 0), (5.0, 3004), (math.nan, 3004), (-math.inf, 3004)])
-def test_current_in_the_off_time_of_an_open_gap_is_found(
-    core: Build, leak_a: float, fault: int
-) -> None:
+def test_current_in_the_off_time_of_an_open_gap_is_found(core: Build, leak_a: float, fault: int) -> None:
     bench = cut("firmware", 0.1)
     bench.plant.tool_lost_um = 1e4
     bench.plant.set_surface()
@@ -120,9 +118,7 @@ def test_damaged_frames_count_from_the_reset_on(core: Build) -> None:
 
 
 @pytest.mark.parametrize(("damaged", "fault"), [(9, 0), (10, 1003)])
-def test_damaged_frames_before_a_reset_count_no_more(
-    core: Build, damaged: int, fault: int
-) -> None:
+def test_damaged_frames_before_a_reset_count_no_more(core: Build, damaged: int, fault: int) -> None:
     """Though the next host arms in the very call in which it comes."""
     bench = open_bench(BenchConfig(), 1)
     for nonce, count in ((1, 9), (2, damaged)):

@@ -15,6 +15,7 @@ import pytest
 
 from edmctl.errors import EdmError, Interrupted, PreconditionError
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now, with_home, with_home_left
+from edmctl.link import messages as m
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.interface import Axis
 from edmctl.machine.stop import StopRequest
@@ -75,9 +76,18 @@ def known_since(shop: Shop, age_s: float) -> Shop:
 
 
 def over_the_pad(shop: Shop) -> Shop:
-    """Stand over the pad, where every job that touches ends."""
-    for axis in (Axis.X, Axis.Y):
-        shop.bench.plant.stage_lands(axis, 0.0)
+    """Stand over the pad, where every job that touches ends. Meanwhile the sensor does not drift."""
+    unit, session, crc = shop.bench.plant.unit, shop.session, m.param_crc({})
+    rate_um_s, unit.sensor_drift_um_s = unit.sensor_drift_um_s, 0.0
+    for request in (m.CommitProfile(crc), m.Arm(crc), m.StageMove(m.Axis.X, 0, 50_000_000)):
+        session.request(request)
+        session.pump(0.3)
+    session.request(m.StageMove(m.Axis.Y, 0, 50_000_000))
+    session.pump(0.3)
+    session.request(m.Disarm())
+    session.pump(0.1)
+    assert shop.bench.plant.reported[:2] == [0.0, 0.0]
+    unit.sensor_drift_um_s = rate_um_s
     return shop
 
 

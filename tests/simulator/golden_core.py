@@ -1,4 +1,4 @@
-"""Golden digests of plant and controller: what every byte on the line and the plant are in fixed sessions and schedules.
+"""Golden digests of plant and controller: every byte on the line in fixed sessions and schedules, and the plant.
 
     python -m tests.simulator.golden_core --record "why they change"
 

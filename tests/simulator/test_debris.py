@@ -98,7 +98,11 @@ def test_discharges_arc_as_debris_and_what_came_before_say(fraction: float) -> N
     draws_us = D.formative_us - tau_us * np.log(1.0 - np.random.default_rng(1).random(100_000))
     delays_us = draws_us[draws_us < ON_TIME_US]
     ignited, before = np.isin(classes[1:], (PulseClass.NORMAL, PulseClass.ARC)), classes[:-1]
-    for name, follows in (("open", before == PulseClass.OPEN), ("normal", before == PulseClass.NORMAL), ("arc", before == PulseClass.ARC)):
+    for name, follows in (
+        ("open", before == PulseClass.OPEN),
+        ("normal", before == PulseClass.NORMAL),
+        ("arc", before == PulseClass.ARC),
+    ):
         of_these = classes[1:][ignited & follows]
         expected = arcs_expected(fraction, delays_us, after=name != "open", after_arc=name == "arc")
         sd = math.sqrt(expected * (1.0 - expected) / of_these.size)

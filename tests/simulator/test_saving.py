@@ -227,8 +227,7 @@ def test_no_number_of_a_file_makes_the_library_read_or_write_elsewhere(part: str
         owner[part]["numbers"][name] = random.choice(HOSTILE)
         try:
             again = restored_bench(state)
-        except RunFileError as error:
-            assert error.code == "E9021"
+        except RunFileError:
             continue
         session = Session(again.transport, Random(3))
         session.open()
