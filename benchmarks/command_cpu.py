@@ -3,8 +3,8 @@
     python benchmarks/command_cpu.py [OTHER_CHECKOUT] [--repeat 7] [-- ARGUMENTS OF edmctl]
 
 With another checkout both run by turns, so that they see the same computer, and the ratio of the rests is printed.
-Imports hold the start of the interpreter and what numba loads from its cache; of each part the least and the median
-of all repeats are told, over all threads of the process. Compiled code and bytecode are made in a first run.
+Imports hold the start of the interpreter; of each part the least and the median of all repeats are told, over all
+threads of the process. Bytecode and the library are made in a first run.
 
     python benchmarks/command_cpu.py --calibrate [--repeat 3]
 
@@ -27,9 +27,7 @@ from statistics import median
 from typing import Any
 
 COMMAND = ["machine", "--profile", "cu270", "--set", "target.depth_um=40", "--seed", "1"]
-KERNEL = "edmctl.simulator.kernel"
-CALLER = "edmctl.simulator.controller"
-"""May have the kernel's entry under its own name."""
+KERNEL = "edmctl.core.library"
 PARTS = ("kernel", "imports", "rest", "total")
 HERE = Path(__file__).resolve().parents[1]
 BY_API = "import sys, edmctl; edmctl.connect(seed=1).calibrate(output=sys.argv[1])"
@@ -37,7 +35,7 @@ MOST_API_RATIO = 1.15
 
 
 class Meter:
-    """CPU seconds in imports and in the kernel's entry, whichever thread they are in."""
+    """CPU seconds in imports and in the loop of machine and controller, whichever thread they are in."""
 
     def __init__(self) -> None:
         self.kernel_s = 0.0
@@ -60,32 +58,29 @@ class Meter:
             self._meter_kernel()
 
     def _meter_kernel(self) -> None:
-        """Time the kernel once it is there; its first call loads compiled code."""
-        kernel, caller = sys.modules.get(KERNEL), sys.modules.get(CALLER)
-        entry = getattr(kernel, "run", None)
-        if entry is None:
+        """Let libraries that are loaded from now on time their loop."""
+        module = sys.modules.get(KERNEL)
+        base = getattr(module, "Library", None)
+        if base is None or getattr(base, "is_metered", False):
             return
-        if getattr(entry, "is_metered", False):
-            if hasattr(caller, "run"):
-                caller.run = entry  # type: ignore[union-attr]
-            return
-        calls = 0
+        meter = self
 
-        def run(*arguments: Any) -> Any:
-            nonlocal calls
-            start_s = time.thread_time()
-            result = entry(*arguments)
-            taken_s = time.thread_time() - start_s
-            if calls:
-                self.kernel_s += taken_s
-            else:
-                self.imports_s += taken_s
-            calls += 1
-            return result
+        class Metered(base):  # type: ignore[misc, valid-type]
+            is_metered = True
 
-        run.is_metered = True  # type: ignore[attr-defined]
-        kernel.run = run  # type: ignore[union-attr]
-        self._meter_kernel()
+            def __init__(self, build: Any) -> None:
+                super().__init__(build)
+                entry = self.machine_run
+
+                def run(*places: Any) -> Any:
+                    start_s = time.thread_time()
+                    result = entry(*places)
+                    meter.kernel_s += time.thread_time() - start_s
+                    return result
+
+                self.machine_run = run
+
+        module.Library = Metered  # type: ignore[union-attr]
 
 
 def measure(arguments: list[str]) -> None:

@@ -38,6 +38,7 @@ from edmctl.jobs.connect import bench_config
 from edmctl.jobs.ledger.elapsed import Now, with_home, with_home_left
 from edmctl.jobs.truth import TrueWear, channel_truth
 from edmctl.labels import Basis
+from edmctl.link.messages import ClearFault
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
@@ -204,7 +205,7 @@ def perform(case: Case) -> Outcome:
         homes.append(HomeSeen(ledger.home_um, math.nan, bench.transport.now_s()))
         touched_um = [site.z3_um - ledger.home_um for site in ledger.sites.values()]
         pad_um = touched_um[-1] if touched_um else pad_um
-        bench.python_controller.advance(round(1000.0 * case.between_s) + 1)
+        bench.controller.advance(round(1000.0 * case.between_s) + 1)
     return outcome
 
 
@@ -213,7 +214,7 @@ def _taken_up(
 ) -> tuple[JobTally, str]:
     """Take a job up again after a pause, as `--resume` does; what was said of the hole that it left counts too."""
     outcome.holes += [hole for hole in _holes(bench, job, left, wear, LEFT) if not hole.said.finished]
-    bench.python_controller.advance(round(1000.0 * pause_s) + 1)
+    bench.controller.advance(round(1000.0 * pause_s) + 1)
     assert isinstance(wear.journal, Kept)
     state = job_state(wear.journal.state)
     job = with_home_left(replace(job, resumed=state, pause_s=pause_s))
@@ -265,8 +266,9 @@ def _job(
         end = error.code
         bench.clear_injections()
         bench.settle()
-        if bench.python_controller.fault:
-            bench.python_controller.clear_fault()
+        if fault := bench.controller.fault:
+            session.open()
+            session.request(ClearFault(fault))
     outcome.time_s += ledger.time_s
     return ledger, end
 

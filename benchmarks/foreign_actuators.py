@@ -547,10 +547,10 @@ def calibration_drive() -> Driven:
     def noting(timeout_s: float) -> bytes:
         nonlocal seen
         data = read(timeout_s)
-        ring, tick = bench.python_controller.black_box.ring, bench.plant.readings.tick
+        ring, tick = bench.controller.kept().array("actuator_v"), bench.plant.readings.tick
         if tick - seen > len(ring):
             raise RuntimeError("more milliseconds passed at once than the controller remembers")
-        held.append(ring[np.arange(seen, tick) % len(ring), 1])
+        held.append(ring[np.arange(seen, tick) % len(ring)])
         seen = tick
         return data
 

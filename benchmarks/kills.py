@@ -1,12 +1,12 @@
-"""Hosts that die: `python -m benchmarks.kills [--kills 100] [--signals 100] [--jobs 2] [--controller python]`.
+"""Hosts that die: `python -m benchmarks.kills [--kills 100] [--signals 100] [--jobs 2] [--controller firmware]`.
 
-`edmctl machine` works on a served machine at the pace of a real one, under the virtual controller or the firmware's
-core, and is killed (SIGKILL) at a random instant of its cut. The instant is stamped by the clock that every row of
-the machine's own account (benchmarks/plant_record.py) has beside its ticks: where the kill lies between two rows, so
-does its tick. At most 260 ms of the machine's time later the pulses are off for good, fault 1001 is latched, and
-the tool goes back to 0 V. Between two ticks the machine makes nothing, so what this computer is late by is told
-apart, as time on the wall until the account has the fault. Then SIGINT and SIGTERM at random instants of a whole
-run: exit code, no traceback, run file closed, tool back. Exit code 1 where one goes wrong.
+`edmctl machine` works on a served machine at the pace of a real one and is killed (SIGKILL) at a random instant of
+its cut. The instant is stamped by the clock that every row of the machine's own account
+(benchmarks/plant_record.py) has beside its ticks: where the kill lies between two rows, so does its tick. At most
+260 ms of the machine's time later the pulses are off for good, fault 1001 is latched, and the tool goes back to 0
+V. Between two ticks the machine makes nothing, so what this computer is late by is told apart, as time on the wall
+until the account has the fault. Then SIGINT and SIGTERM at random instants of a whole run: exit code, no
+traceback, run file closed, tool back. Exit code 1 where one goes wrong.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from benchmarks.serving import result, served, start
 from edmctl.link.messages import ClearFault, GetStatus, State
 from edmctl.link.opening import open_line
 from edmctl.link.session import Session
-from edmctl.simulator.config import CONTROLLERS, PYTHON
+from edmctl.simulator.config import CONTROLLERS, FIRMWARE
 
 if TYPE_CHECKING:
     import subprocess
@@ -196,7 +196,7 @@ def main() -> int:
     parser.add_argument("--signals", type=int, default=100)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--controller", choices=CONTROLLERS, default=PYTHON)
+    parser.add_argument("--controller", choices=CONTROLLERS, default=FIRMWARE)
     arguments = parser.parse_args()
     jobs, first = arguments.jobs, arguments.seed
     seeds = range(first, first + jobs)

@@ -24,14 +24,28 @@ from queue import SimpleQueue
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "edmctl"
-COPIED = (PACKAGE, "tests", "tools", "profiles", "docs", "benchmarks", "pyproject.toml", "README.md", ".ci")
+COPIED = (
+    PACKAGE,
+    "firmware",
+    "tests",
+    "tools",
+    "profiles",
+    "docs",
+    "benchmarks",
+    "pyproject.toml",
+    "README.md",
+    ".ci",
+)
 TARGETED_S, ALL_S = 400.0, 900.0
 """A program that hangs is noticed, too: so long its tests may take, those of one file and all."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mutation:
-    """In the function `where` (`f` or `Class.f` of any file) `old` becomes `new`; `tests` should see it."""
+    """In the function `where` (`f` or `Class.f` of any file) `old` becomes `new`; `tests` should see it.
+
+    In a file of firmware/core (`where` ends with .c) `old` is text.
+    """
 
     name: str
     where: str
@@ -43,93 +57,93 @@ class Mutation:
 SERVO = (
     Mutation(
         "a short drives the tool on",
-        "servo_tick",
-        "-hurry * settings.short_back_um_s * settings.v_per_um",
-        "hurry * settings.short_back_um_s * settings.v_per_um",
+        "servo.c",
+        "-hurry * s->short_back_um_s * s->v_per_um",
+        "hurry * s->short_back_um_s * s->v_per_um",
         "simulator/test_servo.py",
     ),
     Mutation(
         "a short that lasts is left no faster",
-        "servo_tick",
-        "4.0 if loop.short_ticks > SHORT_HURRY_TICKS else 1.0",
-        "1.0",
+        "servo.c",
+        "c->gap.short_ticks > SHORT_HURRY_TICKS ? R(4.0) : R(1.0)",
+        "R(1.0)",
         "simulator/test_servo.py",
     ),
     Mutation(
         "the servo has no latency",
-        "servo_tick",
-        "loop.history[max(0, count - settings.latency_decisions) & (HISTORY - 1)]",
-        "loop.history[count & (HISTORY - 1)]",
+        "servo.c",
+        "(count > latency ? count - latency : 0) % HISTORY",
+        "count % HISTORY",
         "simulator/test_servo.py",
     ),
     Mutation(
         "silent ticks do not count for the mean gap voltage",
-        "measure_gap",
-        "keep if elapsed == 1 else keep**elapsed",
-        "keep",
+        "gap.c",
+        "power_of(R(1.0) - s->filter_alpha, elapsed)",
+        "power_of(R(1.0) - s->filter_alpha, 1)",
         "simulator/test_servo.py",
     ),
     Mutation(
         "a stuck short is borne twice as long",
-        "measure_gap",
-        "loop.short_ticks > settings.short_ticks_max",
-        "loop.short_ticks > 2 * settings.short_ticks_max",
+        "gap.c",
+        "gap->short_ticks > s->short_ticks_max",
+        "gap->short_ticks > 2 * s->short_ticks_max",
         "simulator/test_faults.py conformance/test_safety.py",
     ),
     Mutation(
         "an arc may burn one pulse longer",
-        "measure_gap",
-        "loop.arc_run >= settings.arc_run_max",
-        "loop.arc_run > settings.arc_run_max",
+        "gap.c",
+        "gap->arc_run >= s->arc_run_max",
+        "gap->arc_run > s->arc_run_max",
         "simulator/test_faults.py conformance/test_safety.py",
     ),
     Mutation(
         "a cut ends 2 µm beyond its limit",
-        "cut_tick",
-        "loop.slow_displacement_um >= loop.z_limit_um",
-        "loop.slow_displacement_um >= loop.z_limit_um + 2.0",
+        "servo.c",
+        "return c->gap.slow_displacement_um >= c->servo.z_limit_um;",
+        "return c->gap.slow_displacement_um >= c->servo.z_limit_um + 2;",
         "simulator/test_controller.py simulator/test_servo.py",
     ),
     Mutation(
         "the way out has no slew limit",
-        "command_tick",
-        "min(before + most, max(before - most, v))",
-        "max(before - most, v)",
+        "motion.c",
+        "v = least(before + step, most(before - step, v));",
+        "v = most(before - step, v);",
         "simulator/test_controller.py",
     ),
     Mutation(
         "a contact under voltage is believed",
-        "touch_tick",
-        "readings.contact == 1 and loop.tick_gap_v > settings.short_v",
-        "False",
+        "touch.c",
+        "contact && c->gap.tick_gap_v > c->settings.short_v",
+        "false",
         "simulator/test_services.py",
     ),
     Mutation(
         "only an actuator that lags is a tracking fault",
-        "watch_monitor",
-        "abs(drive.actuator_v - monitor_v)",
-        "drive.actuator_v - monitor_v",
+        "guards.c",
+        "magnitude(c->drive.actuator_v - monitor_v) > s->track_v",
+        "c->drive.actuator_v - monitor_v > s->track_v",
         "simulator/test_services.py",
     ),
     Mutation(
         "the stages go on in a short",
-        "follow_path",
-        "loop.mode != SERVO or loop.shorted == 1 or loop.path_count == 0",
-        "loop.mode != SERVO or loop.path_count == 0",
+        "scan.c",
+        "c->gap.shorted || ",
+        "",
         "simulator/test_scan.py",
     ),
     Mutation(
         "the watchdog waits twice as long",
-        "VirtualController._watch",
-        "now - self._heard_tick >= self._watchdog_ticks",
-        "now - self._heard_tick >= 2 * self._watchdog_ticks",
+        "watchdog.c",
+        "c->heard_tick + host_ticks(c, c->settings.watchdog_ticks)",
+        "c->heard_tick + 2 * host_ticks(c, c->settings.watchdog_ticks)",
         "conformance/test_safety.py",
     ),
     Mutation(
         "the newest fault is the latched one",
-        "VirtualController.raise_fault",
-        "self.fault and (code is not FaultCode.ESTOP or self.fault == FaultCode.ESTOP)",
-        "False",
+        "states.c",
+        "latched != 0 && (code != FAULT_ESTOP || latched == FAULT_ESTOP)",
+        "false",
         "conformance/test_safety.py simulator/test_faults.py",
     ),
 )
@@ -137,30 +151,30 @@ SERVO = (
 SESSION = (
     Mutation(
         "a new session inherits the sparks",
-        "VirtualController._host_came",
-        "self.armed and not self.disarming",
-        "False",
+        "session.c",
+        "c->armed && !c->disarming",
+        "false",
         "conformance/test_sessions.py conformance/test_safety.py",
     ),
     Mutation(
         "a command is executed as often as it is sent",
-        "LinkEndpoint._reply_to",
-        "kept is not None",
-        "False",
+        "delivery.c",
+        "if (before != NULL) {",
+        "if (false) {",
         "conformance/test_delivery.py",
     ),
     Mutation(
         "a repeated heartbeat feeds the watchdog",
-        "LinkEndpoint._hear_beat",
-        "beat.t_host_us > self._newest_beat_us",
-        "beat.t_host_us >= self._newest_beat_us",
+        "delivery.c",
+        "beat_us > link->newest_beat_us",
+        "beat_us >= link->newest_beat_us",
         "conformance/test_delivery.py conformance/test_safety.py",
     ),
     Mutation(
         "a late HELLO opens what it opened before",
-        "LinkEndpoint._greet",
-        "outcome[0] == Status.OK and self._is_former(frame)",
-        "False",
+        "session.c",
+        "is_used(c, request.host_nonce)",
+        "false",
         "conformance/test_sessions.py",
     ),
     Mutation(
@@ -337,7 +351,7 @@ MUTATIONS = (*SERVO, *SESSION, *RECORD, *DECISION)
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a mutation is in its file: from one byte to another of the lines from `first` to `last`."""
+    """Where a mutation is in its file: from one byte to another."""
 
     path: Path
     begin: int
@@ -350,6 +364,8 @@ class Lost(Exception):
 
 def place_of(mutation: Mutation, root: Path) -> Place:
     """Find the place by the syntax of `old`, however it is laid out. Raises Lost."""
+    if mutation.where.endswith(".c"):
+        return _place_in_c(mutation, root)
     wanted = _dump(mutation.old)
     name = mutation.where.rpartition(".")[2]
     found = []
@@ -366,6 +382,15 @@ def place_of(mutation: Mutation, root: Path) -> Place:
     if len(found) != 1:
         raise Lost(f"{mutation.where}: {len(found)} places of `{mutation.old}`")
     return found[0]
+
+
+def _place_in_c(mutation: Mutation, root: Path) -> Place:
+    path, old = root / "firmware" / "core" / mutation.where, mutation.old.encode()
+    text = path.read_bytes()
+    if text.count(old) != 1:
+        raise Lost(f"{mutation.where}: {text.count(old)} places of `{mutation.old}`")
+    begin = text.index(old)
+    return Place(path, begin, begin + len(old))
 
 
 def _functions(tree: ast.Module, where: str) -> list[ast.AST]:
@@ -431,6 +456,8 @@ class Copies:
 
 
 def _is_expression(mutation: Mutation) -> bool:
+    if mutation.where.endswith(".c"):
+        return False
     (statement,) = ast.parse(mutation.new).body
     return isinstance(statement, ast.Expr)
 

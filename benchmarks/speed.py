@@ -3,7 +3,7 @@
     python benchmarks/speed.py [--repeat 5]
 
 Every figure is the best of several repeats, because other work on the machine only ever adds time. Run it with
-the interpreter that has edmctl installed; the first repeat fills the compiled caches and does not count.
+the interpreter that has edmctl installed; the first repeat fills the caches and does not count.
 """
 
 from __future__ import annotations
@@ -16,6 +16,10 @@ import tempfile
 import time
 from pathlib import Path
 from statistics import median
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from edmctl.link.wire import Request
 
 KERNEL_SECONDS = 200
 BLOCK_TICKS = 1000
@@ -51,26 +55,26 @@ def script() -> list[str]:
 def kernel_speed(repeat: int) -> float:
     """Virtual seconds per second of plant and servo alone, sparking, random numbers included."""
     from edmctl.link import messages as m
+    from edmctl.link.session import Session
     from edmctl.simulator import BenchConfig, open_bench
 
     bench = open_bench(BenchConfig(offset_um=5.0), 1)
-    controller = bench.python_controller
+    controller, session = bench.controller, Session(bench.transport)
+    session.open()
     crc = m.param_crc({})
-    commands = controller.commands
-    for message in (
+    request: Request[object]
+    for request in (
         m.CommitProfile(crc),
         m.Arm(crc),
         m.PulseEnable(1),
         m.StageMove(m.Axis.X, 0, 50_000_000),
     ):
-        commands.execute(message)
-        controller.advance(240)
-        controller.host_heard()
-    commands.execute(m.Approach(1.0, 100.0, 10.8))
+        session.request(request)
+        session.pump(0.24)
+    session.request(m.Approach(1.0, 100.0, 10.8))
     while controller.state is m.State.APPROACH:
-        controller.host_heard()
-        controller.advance(100)
-    commands.execute(m.ServoStart(9.6, 500.0, 1e5))
+        session.pump(0.1)
+    session.request(m.ServoStart(9.6, 500.0, 1e5))
     best = 0.0
     for _ in range(repeat):
         start = time.perf_counter()
