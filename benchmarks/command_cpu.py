@@ -70,7 +70,7 @@ class Meter:
 
             def __init__(self, build: Any) -> None:
                 super().__init__(build)
-                entry = self.machine_run
+                entry: Any = self.machine_run  # type: ignore[has-type]
 
                 def run(*places: Any) -> Any:
                     start_s = time.thread_time()
