@@ -50,7 +50,7 @@ def run_millisecond(
     if bench.had_contact and not touches and not drive.pulses_on:
         drive.contact_tests += 1
     bench.had_contact = touches
-    look = call(plant_run, machine)
+    look: bool = call(plant_run, machine)  # type: ignore[call-arg]
     if drive.pulses_on:
         take_pulses(bench, scope, readings)
     r[BASE_84] = (bench.ticks * 84_000) & 0xFFFFFFFF

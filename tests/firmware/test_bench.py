@@ -1,4 +1,4 @@
-"""A bench under the core: kept in a file and taken up, several in one process, in both arithmetics."""
+"""A bench under the core: kept in a file and taken up, several in one process, in both arithmetic."""
 
 from __future__ import annotations
 
