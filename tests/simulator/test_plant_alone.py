@@ -17,7 +17,10 @@ FIRMWARE = Path(__file__).parents[2] / "firmware"
 @pytest.mark.parametrize(
     ("half", "headers"),
     [
-        ("plant", {"plant.h", "plant_records.h", "math.h", "stdbool.h", "stdint.h", "stdlib.h"}),
+        (
+            "plant",
+            {"plant.h", "plant_records.h", "../export.h", "math.h", "stdbool.h", "stdint.h", "stdlib.h"},
+        ),
         ("core", set()),
     ],
 )
