@@ -1,4 +1,4 @@
-"""Build hook: compiles the library of firmware/ into the package, with the C compiler of the system or with zig.
+"""Build hook: compiles the library of firmware/ into a wheel, with the C compiler of the system or with zig.
 
 EDMCTL_TARGET names another platform to build for, one of `edmctl.core.build.TARGETS` (tools/wheels.py).
 """
@@ -9,6 +9,7 @@ import os
 import sys
 import sysconfig
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
@@ -17,7 +18,7 @@ ZIG = "ziglang>=0.13,<0.18"
 
 
 class CoreHook(BuildHookInterface[Any]):
-    """Adds the library to a wheel, or to the source tree of an editable installation."""
+    """Adds the library to a wheel; an editable installation has it in the source tree."""
 
     PLUGIN_NAME = "custom"
 
@@ -31,16 +32,24 @@ class CoreHook(BuildHookInterface[Any]):
         """Compile, and say what the wheel is for."""
         from edmctl.core import build
 
+        self._made = TemporaryDirectory()
+        os.environ.setdefault(build.ZIG_CACHE_VARIABLE, f"{self._made.name}/zig")
         target = build.TARGETS.get(os.environ.get("EDMCTL_TARGET", ""))
         command = build.compiler(os.environ.get("CC", "")) if target is None else target.command
-        library = build.packaged(build.digest_of("double"), build.SUFFIX if target is None else target.suffix)
-        for other in library.parent.glob("_core-*"):
+        place = build.packaged(build.digest_of("double"), build.SUFFIX if target is None else target.suffix)
+        library = place if version == "editable" else Path(self._made.name) / place.name
+        for other in place.parent.glob("_core-*"):
             other.unlink()
         build.compile_library(command, library, is_windows=library.suffix == ".dll")
-        build_data["pure_python"] = False
-        build_data["artifacts"].append(f"edmctl/core/{library.name}")
+        if version != "editable":
+            build_data["force_include"][str(library)] = f"edmctl/core/{library.name}"
         platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+        build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{platform if target is None else target.tag}"
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Delete what was compiled beside the wheel."""
+        self._made.cleanup()
 
 
 sys.path.insert(0, str(Path(__file__).parent))
