@@ -1,1 +1,1 @@
-"""The firmware's core as a library in this process: how it is built, and how it is called."""
+"""Images of boards: building, reading and flashing them."""

@@ -45,7 +45,7 @@ SERIAL_LENGTH = 12  # bytes in the reply to HELLO
 
 
 class Plant:
-    """State and parameters of the body; the kernel advances them. Same config and seed, same machine."""
+    """State and parameters of the body, which the library in C advances. Same config and seed, same machine."""
 
     def __init__(self, config: BenchConfig, seed: int) -> None:
         seeds = np.random.SeedSequence(seed).spawn(5)

@@ -1,6 +1,6 @@
 """How a machine is wired to its controller: a switch reaches its input, another one, none, or the wrong way.
 
-Mistakes of analog wires and of the contact stand in `Unit`, where the kernel reads them.
+Mistakes of analog wires and of the contact are in `Unit`, which the plant reads.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What lies under the tool: its place on the work, the hole that it is in, and chips on it.
 
-The kernel's state holds one depth and the area that sinks with it. This looks them up in the height map when the
+The plant's state holds one depth and the area that sinks with it. This looks them up in the height map when the
 tool comes to a place, and writes them back when it leaves.
 """
 
@@ -64,7 +64,7 @@ class Hole:
 
 
 class WorkUnderTool:
-    """The work under one tool. `levels` is the table for the kernel, `solid` whether there is anything to meet.
+    """The work under one tool. `levels` is the table for the plant, `solid` whether there is anything to meet.
 
     `work` is the height map, `holes` is what was cut by a tool that stood.
     """
