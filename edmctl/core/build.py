@@ -133,15 +133,19 @@ def packaged(digest: str, suffix: str = SUFFIX) -> Path:
     return Path(__file__).with_name(f"_core-{digest}{suffix}")
 
 
-def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Build:
-    """Return the library of that arithmetic: the packaged one, else one in the cache, built now if need be.
+def found(real: str = "double") -> Build:
+    """Return the library of that arithmetic: the packaged one, else one that is built. Raises as `built` does."""
+    digest = digest_of(real)
+    library = packaged(digest)
+    return Build(library, real, digest, "the package", is_new=False) if library.is_file() else built(real)
 
-    CC in the environment asks for one that this compiler has built.
+
+def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Build:
+    """Return a library in the cache, built now by CC or the compiler that there is unless that was done before.
+
     Raises PreconditionError: E8093 without a C compiler, E8094 where it cannot build the library.
     """
     digest = digest_of(real)
-    if not environ.get("CC") and (library := packaged(digest)).is_file():
-        return Build(library, real, digest, "the package", is_new=False)
     command = compiler(environ.get("CC", ""))
     version = version_of(command)
     maker = hashlib.sha256(repr((command, version)).encode()).hexdigest()[:8]

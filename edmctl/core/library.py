@@ -22,7 +22,7 @@ from functools import cache
 from typing import Any
 
 from edmctl.array_types import Array
-from edmctl.core.build import Build, built, failed
+from edmctl.core.build import Build, built, failed, found
 from edmctl.core.records import Record, record, series
 
 PACK = 12
@@ -222,14 +222,14 @@ def library(real: str = "double") -> Library:
     One that cannot be loaded, a damaged file or another system's, is built anew.
     Raises PreconditionError E8093, E8094 as `built` does.
     """
-    found = built(real)
+    build = found(real)
     try:
-        return Library(found)
+        return Library(build)
     except (OSError, AttributeError) as error:
-        reason = f"what {found.compiler} made cannot be loaded: {error}"
+        reason = f"what {build.compiler} made cannot be loaded: {error}"
         try:
-            found.path.unlink(missing_ok=True)
-            if not found.is_new:
+            build.path.unlink(missing_ok=True)
+            if not build.is_new:
                 return Library(built(real))
         except (OSError, AttributeError) as again:
             reason = f"{reason}; {again}"
