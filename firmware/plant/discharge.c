@@ -229,7 +229,8 @@ void edm_strike_pulses(const struct machine *m) {
     struct scope *scope = m->scope;
     struct readings *r = m->readings;
     int64_t begin_ns = r->tick * PLANT_TICK_NS, end_ns = begin_ns + PLANT_TICK_NS;
-    if (m->drive->pulse_starts != p->pulse_starts) {
+    /* A controller that was switched on again counts its starts anew. */
+    if (m->drive->pulse_starts != p->pulse_starts || p->next_pulse_ns < begin_ns) {
         p->pulse_starts = m->drive->pulse_starts;
         p->next_pulse_ns = begin_ns;
     }

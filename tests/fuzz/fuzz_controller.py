@@ -96,7 +96,7 @@ class Run:
         how = self.script.byte() % 8
         payload = bytearray(PAYLOADS[type_id])
         if type_id == m.Arm.ID and how != 0:
-            payload[:] = m.Arm(self.bench.controller.parameters.crc).pack()
+            payload[:] = m.Arm(self.bench.controller.seen.param_crc).pack()
         elif how < 4:
             payload[:] = USUAL.get(type_id, bytes(payload))
         if how == 5 and payload:

@@ -58,3 +58,13 @@ def test_a_plain_callable_drives_the_plant() -> None:
     assert plant.state.depth_um > 0.3
     assert plant.tool_wear_um > 0.05
     assert abs(plant.readings.sensor_um - plant.state.true_z_um) < 1.0
+
+
+def test_pulses_that_were_due_long_ago_are_not_made_up_for() -> None:
+    """As after a loss of power, when a controller counts its starts anew."""
+    plant = Plant(BenchConfig(offset_um=5.0), seed=1)
+    plant.drive.pulses_on = 1
+    plant.drive.pulse_starts = plant.state.pulse_starts = 1
+    plant.readings.tick = 10_000
+    plant.advance(lambda readings, drive: None, 1)
+    assert 1 <= plant.readings.pulses <= 1e6 / plant.unit.pulse_period_ns + 1
