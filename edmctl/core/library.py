@@ -26,6 +26,7 @@ from edmctl.core.build import Build, built, failed, found
 from edmctl.core.records import Record, record, series
 
 PACK = 12
+"""Bits of each count in `Seen.tick_counts`."""
 BOX_TICKS = 2048
 """Milliseconds of the black box."""
 

@@ -228,7 +228,7 @@ class Controller:
         assert samples == reply.n
         ctypes.memmove(counts, np.frombuffer(reply.records, "<i2").astype("=i2").tobytes(), 4 * samples)
 
-    # ------------------------------------------------------------------------------- what stands in the core
+    # ------------------------------------------------------------------------------------ state of the core
     @property
     def tick(self) -> int:
         return self.plant.readings.tick

@@ -69,9 +69,6 @@ double edm_sensor(const struct unit *unit, struct plant *p, int64_t tick, const 
 
 /* The actuator alone, a tick per command, with nothing in the tool's way: voltage, free displacement and reading.
  * Commands pass a slew limit, the range and the converter. Returns the last command. `noise` has two numbers a tick. */
-EDM_EXPORT double edm_actuator_run(const struct machine *m, int64_t count, const double *command_v, double before_v,
-                                   double slew_v_s, double highest_v, double *applied_v, double *free_um,
-                                   double *sensor_um);
 double edm_actuator_run(const struct machine *m, int64_t count, const double *command_v, double before_v,
                         double slew_v_s, double highest_v, double *applied_v, double *free_um, double *sensor_um) {
     double v = before_v, step_v = slew_v_s * PLANT_TICK_S;

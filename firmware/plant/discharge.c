@@ -33,6 +33,7 @@ struct gap {
 /* A pulse that is being struck. */
 struct pulse {
     double width_um, debris, local_um; /* gap, its debris fraction, gap at the place of the pulse */
+    int shape;                         /* places in two tables in one number */
     double low, width;                 /* interval in which `decide` is still uniform */
     double delay_us, plateau_v, discharge_us, energy_uj;
     double burning; /* table step of the burning time, -1 without a discharge */
@@ -130,7 +131,7 @@ static inline void erode(const struct machine *m, struct gap *g, struct pulse *x
     double place = x->discharge_us * per_burning;
     int step = place > 0.0 && place < BURNING ? (int)place : place > 0.0 ? BURNING - 1 : 0;
     double molten_uj = greater(0.0, x->energy_uj - unit->threshold_uj) *
-                       m->lognormal[(int)(m->shape[at] * SHAPES) / TABLE];
+                       m->lognormal[x->shape / TABLE];
     double lost = x->debris * unit->per_redeposition;
     double removal_um3 = work_share * unit->work_um3_per_uj[step] * molten_uj / (1.0 + lost * lost);
     double worn_um3 = tool_share * unit->tool_um3_per_uj[step] * molten_uj;
@@ -250,9 +251,9 @@ void edm_strike_pulses(const struct machine *m) {
         struct pulse x = {.width = 1.0, .delay_us = unit->on_time_us, .plateau_v = unit->open_v, .burning = -1.0};
         x.width_um = reach_um + g.depth_um + g.wear_um;
         x.debris = lesser(MOST_DEBRIS, g.debris_um3 * unit->per_tool_area / greater(x.width_um, DEBRIS_GAP_UM));
-        int shape = (int)(m->shape[at] * SHAPES); /* two table places in one number */
+        x.shape = (int)(m->shape[at] * SHAPES);
         x.local_um = greater(LEAST_GAP_UM, x.width_um * (1.0 - unit->debris_gap_factor * x.debris)) -
-                     unit->roughness_um * m->half_normal[shape % TABLE] - unit->gap_closed_um;
+                     unit->roughness_um * m->half_normal[x.shape % TABLE] - unit->gap_closed_um;
         if (g.bridge_until_um > 0.0) {
             break_bridge(unit, &g, &x, m->decide[at]);
         }

@@ -157,7 +157,6 @@ bool edm_plant_follow(const struct machine *m) {
 }
 
 /* The plant alone, for another controller: follows its drive, then lives through the millisecond. */
-EDM_EXPORT bool edm_plant_run(const struct machine *m);
 bool edm_plant_run(const struct machine *m) {
     bool look = edm_plant_follow(m);
     bool gives_way = edm_plant_tick(m);

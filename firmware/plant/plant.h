@@ -34,4 +34,17 @@ EDM_EXPORT void edm_pump(const struct unit *unit, struct plant *p, double openin
 EDM_EXPORT void edm_renew_clearing(const struct unit *unit, struct plant *p);
 EDM_EXPORT void edm_strike_pulses(const struct machine *m);
 
+/* Described where they are defined. */
+EDM_EXPORT double edm_actuator_run(const struct machine *m, int64_t count, const double *command_v, double before_v,
+                                   double slew_v_s, double highest_v, double *applied_v, double *free_um,
+                                   double *sensor_um);
+EDM_EXPORT bool edm_plant_run(const struct machine *m);
+EDM_EXPORT double edm_work_look(const struct cells *f, double x, double y, double radius, double reach,
+                                double rounding_um, double gone_um);
+EDM_EXPORT int64_t edm_work_tabulate(const struct cells *f, double level_um, double *table, int64_t width,
+                                     double *now, void *room);
+EDM_EXPORT void edm_work_sink(const struct cells *f, double before_um, double after_um);
+EDM_EXPORT void edm_pulse_signals(int64_t count, const double *t_us, double open_v, double delay_us, double opens_us,
+                                  double plateau_v, double siemens, double *v, double *a);
+
 #endif

@@ -21,8 +21,6 @@ static double left(double t_us, double tau_us) {
 
 /* Voltage in V and current in A of a pulse at `count` times since its begin. A pulse without ignition has
  * delay_us = opens_us, the time after which the switch opens. */
-EDM_EXPORT void edm_pulse_signals(int64_t count, const double *t_us, double open_v, double delay_us, double opens_us,
-                                  double plateau_v, double siemens, double *v, double *a);
 void edm_pulse_signals(int64_t count, const double *t_us, double open_v, double delay_us, double opens_us,
                        double plateau_v, double siemens, double *v, double *a) {
     double current_a = (open_v - plateau_v) * siemens, burning_us = opens_us - delay_us;

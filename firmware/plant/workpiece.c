@@ -11,8 +11,6 @@
  * x, y, radius and reach are in cells, from the centre of the first cell on. The effective depth of a cell is its depth
  * and how far the rounded tip lies back there. A cell counts by the share of it that the disc covers, adjusted so that
  * the disc has its exact area; under the face it counts whole. */
-EDM_EXPORT double edm_work_look(const struct cells *f, double x, double y, double radius, double reach,
-                                double rounding_um, double gone_um);
 double edm_work_look(const struct cells *f, double x, double y, double radius, double reach, double rounding_um,
                      double gone_um) {
     double total = 0.0, partial = 0.0, level_um = (double)INFINITY;
@@ -118,14 +116,12 @@ static double rarity_of(const struct sinking *s) {
 /* Write the table of a footprint, three rows of `width`: levels, sinking share and rarity of ignition from there on.
  * Returns the columns used; `now` gets share and rarity at the level. `room` has 4 * size * size * 2 doubles.
  * Cells join what sinks at their effective depth, and fall out of a sheet one thickness below its face. */
-EDM_EXPORT int64_t edm_work_tabulate(const struct cells *f, double level_um, double *table, int64_t width,
-                                     double *now, void *room);
 int64_t edm_work_tabulate(const struct cells *f, double level_um, double *table, int64_t width, double *now,
                           void *room) {
     double *levels_um = table, *share = table + width, *rarity = table + 2 * width;
     struct sinking s = counted(f, level_um);
     int64_t columns = 0;
-    now[0] = s.face_left == 0 ? 1.0 : s.is_whole && s.cells == s.cells_left ? 1.0 : s.weight / s.whole;
+    now[0] = s.face_left == 0 ? 1.0 : share_of(&s);
     now[1] = rarity_of(&s);
     if (s.face_left > 0) {
         struct event *events = room;
@@ -155,7 +151,6 @@ int64_t edm_work_tabulate(const struct cells *f, double level_um, double *table,
 }
 
 /* Lower the cells by what the level sank: those deeper than it from where it met them, those above with it. */
-EDM_EXPORT void edm_work_sink(const struct cells *f, double before_um, double after_um);
 void edm_work_sink(const struct cells *f, double before_um, double after_um) {
     for (int64_t at = 0; at < f->size * f->size; at++) {
         double effective_um = f->effective[at], weight = f->weights[at];

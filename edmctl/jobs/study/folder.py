@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from edmctl.errors import Diagnostic, EdmError, PreconditionError, ProfileError, RunFileError, UsageError
-from edmctl.files import open_descriptor, read_bytes, user_path
+from edmctl.files import json_of, open_descriptor, read_bytes, user_path
 from edmctl.jobs.output_files import make_folder, unwritable, write
 from edmctl.jobs.plan import JobRequest
 from edmctl.jobs.study.planning import PlannedStudy, base_request, check_plan
@@ -309,11 +309,11 @@ def open_folder(path: Path) -> StudyFolder:
             code="E2101",
         ) from refused
     try:
-        document = json.loads(content)
+        document = json_of(content)
         study = document["study"]
         body = json.dumps(study, ensure_ascii=False, allow_nan=False).encode()
         is_whole = hashlib.sha256(body).hexdigest() == document["sha256"]
-    except (ValueError, KeyError, TypeError, RecursionError):
+    except (ValueError, KeyError, TypeError):
         is_whole = False
     if not is_whole:
         raise _changed(path, PLAN)
