@@ -31,7 +31,7 @@ CACHE_VARIABLE = "EDMCTL_FIRMWARE_CACHE"
 ZIG_CACHE_VARIABLE = "ZIG_GLOBAL_CACHE_DIR"
 REALS = ("double", "float")
 """Arithmetic of the controller in a build: float is that of a board. The virtual machine is always in double."""
-PARTS = ("core", "gen", "host", "plant", "operators")
+PARTS = ("core", "gen", "host", "math", "plant", "operators")
 """Folders of the sources."""
 
 ZIG = (sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline")

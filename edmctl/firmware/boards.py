@@ -55,7 +55,7 @@ STM32F4 = Board(
     number=0x0429,
     title="NUCLEO-F429ZI",
     chip="STM32F42x/43x",
-    folders=("core", "gen", "board", "board/stm32f4"),
+    folders=("core", "gen", "math", "board", "board/stm32f4"),
     script="board/stm32f4/f429.ld",
     zig=("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp"),
     gcc=("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-nostdlib"),

@@ -1,13 +1,6 @@
-/* Parameters: staged by SET_PARAM, current after COMMIT_PROFILE, made ready for the tick (docs/protocol.md, Parameters).
- * The only file that needs a math library: exp, when parameters are committed. */
+/* Parameters: staged by SET_PARAM, current after COMMIT_PROFILE, made ready for the tick (docs/protocol.md, Parameters). */
+#include "../math/elementary.h"
 #include "core.h"
-
-#if __STDC_HOSTED__
-#include <math.h>
-#else
-double exp(double x);
-float expf(float x);
-#endif
 
 #define FULL_SCALE_V R(150.0) /* what track_error is a share of */
 #define DISPLACEMENT_FILTER_S R(0.05) /* low-pass of the sensor for depth limits */
@@ -50,11 +43,7 @@ static int32_t at_least_one(int32_t value) {
 }
 
 static real exponential(real x) {
-#ifdef EDM_REAL_DOUBLE
-    return exp(x);
-#else
-    return expf(x);
-#endif
+    return (real)edm_exp((double)x);
 }
 
 /* Makes ready for the tick what is current. */

@@ -4,7 +4,7 @@
  * lag and an output-side mode: richer than any estimator of the project. Constants: edmctl/simulator/unit.py. */
 #include "plant.h"
 
-#include <math.h>
+#include "../math/elementary.h"
 
 #define BEND_PER_UM 0.004 /* where over the stroke the bend of the sensor lies [assumed] */
 #define BEND_AT 0.8
@@ -48,7 +48,7 @@ void edm_actuator_tick(const struct unit *unit, struct plant *p, double applied_
     double u = driven_v + unit->amplifier_decay * (p->amplifier_v - driven_v);
     p->amplifier_v = u;
     double y = plays(unit, p, u);
-    y += unit->envelope_um * (1.0 - 2.0 / (exp((y - unit->envelope_centre_um) * unit->envelope_steepness) + 1.0));
+    y += unit->envelope_um * (1.0 - 2.0 / (edm_exp((y - unit->envelope_centre_um) * unit->envelope_steepness) + 1.0));
     double still = (y + creep(unit, p, y) - unit->actuator_zero_um) * unit->stroke_share;
     double deviation = p->free_z_um - still, velocity = p->mode_velocity_um_s;
     p->free_z_um = still + unit->mode_a11 * deviation + unit->mode_a12 * velocity;
@@ -75,7 +75,7 @@ double edm_actuator_run(const struct machine *m, int64_t count, const double *co
     for (int64_t i = 0; i < count; i++) {
         v = lesser(v + step_v, greater(v - step_v, command_v[i]));
         v = lesser(highest_v, greater(0.0, v));
-        m->drive->actuator_v = floor(v * STEPS_PER_V + 0.5) * DAC_V;
+        m->drive->actuator_v = __builtin_floor(v * STEPS_PER_V + 0.5) * DAC_V;
         edm_actuator_tick(m->unit, m->plant, m->drive->actuator_v);
         m->plant->true_z_um = m->plant->free_z_um;
         sensor_um[i] = edm_sensor(m->unit, m->plant, m->readings->tick, m->noise);

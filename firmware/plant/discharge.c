@@ -10,7 +10,7 @@
  * picks roughness and crater scatter from their tables, `delay` a unit exponential. */
 #include "plant.h"
 
-#include <math.h>
+#include "../math/elementary.h"
 
 #define MOST_DEBRIS 0.6
 #define SHAPES ((double)TABLE * TABLE)
@@ -87,7 +87,7 @@ static inline void make_bridge(const struct unit *unit, struct gap *g, struct pu
         x->width -= bound;
         return;
     }
-    double limit = lesser(bound, unit->bridge_base * pow(x->debris, particles) * x->width);
+    double limit = lesser(bound, unit->bridge_base * edm_pow(x->debris, particles) * x->width);
     if (number < limit) {
         g->bridge_until_um = greater(x->width_um, LEAST_GAP_UM) + (1.5 + 40.0 * x->debris) * unit->particle_um;
     } else {
@@ -105,7 +105,7 @@ static inline double again(const struct unit *unit, const struct gap *g, const s
     if (g->previous_arc > 0.0) {
         memory_us *= unit->deionisation_after_arc;
     }
-    return exp(-unit->off_time_us / memory_us);
+    return edm_exp(-unit->off_time_us / memory_us);
 }
 
 /* Chance that a discharge that ignites after this delay is an arc. */
@@ -118,7 +118,7 @@ static inline double arc_share(const struct unit *unit, const struct gap *g, con
     }
     double dense = lesser(1.0, x->debris * x->debris * unit->arc_debris * (1.0 + 8.0 * g->previous_arc));
     double after = ignition_us / (unit->arc_delay_us * (1.0 + g->previous_arc));
-    return lesser(1.0, unit->arc_base + dense * unit->arc_pause * exp(-after));
+    return lesser(1.0, unit->arc_base + dense * unit->arc_pause * edm_exp(-after));
 }
 
 /* What a discharge removes from work and tool, where, and what it leaves in the gap. */
@@ -296,7 +296,7 @@ void edm_strike_pulses(const struct machine *m) {
     }
     r->pulses = count;
     r->charge_uc = charge_uc;
-    r->gap_v = count > 0 ? read * voltage_sum / (double)count : (double)NAN;
+    r->gap_v = count > 0 ? read * voltage_sum / (double)count : NOT_A_NUMBER;
     r->generator_siemens = charge_uc > 0.0 ? unit->siemens : 0.0;
     r->off_time_a = unit->off_time_a;
 }

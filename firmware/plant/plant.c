@@ -1,7 +1,7 @@
 /* The plant's millisecond: contact, gap without pulses, levels of the work, stages. */
 #include "plant.h"
 
-#include <math.h>
+#include "../math/elementary.h"
 
 #define SURFACE_UM 3.0        /* depth over which newer craters replace older ones: process/erosion.py */
 #define CLEARING_LEAST 0.0625 /* range of the clearance by the width of the gap: process/gap_conditions.py */
@@ -20,7 +20,7 @@ void edm_pump(const struct unit *unit, struct plant *p, double opening_um) {
     p->opening_um = opening_um;
     if (drawn_um > 0.0) {
         double refill = unit->annulus_area_um2 * p->depth_um + 3.0 * unit->tool_area_um2;
-        p->debris_um3 *= exp(-unit->tool_area_um2 * drawn_um / refill);
+        p->debris_um3 *= edm_exp(-unit->tool_area_um2 * drawn_um / refill);
         p->carbon = 0.0;
     }
 }
@@ -39,15 +39,15 @@ void edm_renew_clearing(const struct unit *unit, struct plant *p) {
     double gap = (p->surface_um + p->depth_um + p->wear_um - p->true_z_um) / unit->working_gap_um;
     double opened = lesser(CLEARING_MOST, greater(CLEARING_LEAST, gap > 0.0 ? gap * gap : 0.0));
     double rate = opened / (unit->flush_time_s * (1.0 + ratio * ratio)) + (1.0 - 1.0 / p->rarity) / FLUSH_THROUGH_S;
-    p->clearing = exp(-(double)unit->pulse_period_ns * 1e-9 * rate);
-    p->tick_clearing = exp(-PLANT_TICK_S * rate);
+    p->clearing = edm_exp(-(double)unit->pulse_period_ns * 1e-9 * rate);
+    p->tick_clearing = edm_exp(-PLANT_TICK_S * rate);
 }
 
 /* A floor that sinks shows its newest craters. */
 static void forget_craters(struct plant *p) {
     double sunk_um = p->depth_um - p->crater_depth_um;
     if (sunk_um > 0.0) {
-        double kept = exp(-sunk_um / SURFACE_UM);
+        double kept = edm_exp(-sunk_um / SURFACE_UM);
         p->crater_um3 *= kept;
         p->crater_um6 *= kept;
         p->arc_um3 *= kept;
@@ -73,7 +73,7 @@ static void rest(const struct unit *unit, struct plant *p, const struct drive *d
     r->stray_pulses = unit->stray_pulses;
     bool stuck = unit->gate_stuck == 1 && unit->supply_off == 0 && generator_at_gap(unit, drive);
     double applied_v = unit->gap_wire * (stuck ? unit->open_v : unit->battery_v);
-    double at_rest_v = applied_v > LEAST_GAP_V ? applied_v : (double)NAN;
+    double at_rest_v = applied_v > LEAST_GAP_V ? applied_v : NOT_A_NUMBER;
     r->gap_v = unit->gap_stuck_v >= 0.0 ? unit->gap_stuck_v : at_rest_v;
 }
 
@@ -84,7 +84,7 @@ static bool sink_levels(const struct machine *m) {
     int64_t at = p->level_at;
     while (p->depth_um >= m->level_um[at] && m->level_um[at] < (double)INFINITY) { /* the last one is infinite */
         double level_um = m->level_um[at], share = m->level_share[at], rarity = m->level_rarity[at];
-        if (share == 0.0 || rarity == (double)INFINITY) {
+        if (share == 0.0 || rarity == INFINITE) {
             p->depth_um = level_um;
             return true;
         }

@@ -3,7 +3,7 @@
  * constants are assumed. */
 #include "plant.h"
 
-#include <math.h>
+#include "../math/elementary.h"
 
 #define RISE_US 0.5      /* of the open voltage: series resistor and capacitance of gap and leads [assumed] */
 #define BREAKDOWN_US 0.1 /* of the voltage at ignition [assumed] */
@@ -12,11 +12,11 @@
 #define SETTLED 40.0     /* time constants after which nothing is left to be seen in a double */
 
 static double risen(double t_us, double tau_us) {
-    return t_us > SETTLED * tau_us ? 1.0 : -expm1(-t_us / tau_us);
+    return t_us > SETTLED * tau_us ? 1.0 : -edm_expm1(-t_us / tau_us);
 }
 
 static double left(double t_us, double tau_us) {
-    return t_us > SETTLED * tau_us ? 0.0 : exp(-t_us / tau_us);
+    return t_us > SETTLED * tau_us ? 0.0 : edm_exp(-t_us / tau_us);
 }
 
 /* Voltage in V and current in A of a pulse at `count` times since its begin. A pulse without ignition has

@@ -1,7 +1,7 @@
 /* Cells of the work under a tool: what sinks with its face, and what becomes of them (edmctl/simulator/workpiece.py). */
 #include "plant.h"
 
-#include <math.h>
+#include "../math/elementary.h"
 #include <stdlib.h>
 
 #define PI 3.141592653589793
@@ -13,16 +13,16 @@
  * the disc has its exact area; under the face it counts whole. */
 double edm_work_look(const struct cells *f, double x, double y, double radius, double reach, double rounding_um,
                      double gone_um) {
-    double total = 0.0, partial = 0.0, level_um = (double)INFINITY;
+    double total = 0.0, partial = 0.0, level_um = INFINITE;
     for (int64_t i = 0; i < f->size; i++) {
         for (int64_t j = 0; j < f->size; j++) {
             int64_t at = i * f->size + j;
-            double across = (double)j - x, down = (double)i - y, away = sqrt(across * across + down * down);
+            double across = (double)j - x, down = (double)i - y, away = edm_sqrt(across * across + down * down);
             double covered = lesser(1.0, greater(0.0, 0.5 + reach - away));
             f->under[at] = away <= radius ? 1.0 : 0.0;
             double weight = greater(covered, f->under[at]);
             f->weights[at] = weight;
-            f->effective[at] = (double)INFINITY;
+            f->effective[at] = INFINITE;
             total += weight;
             partial += weight * (1.0 - weight);
             if (weight > 0.0 && f->cells[at] < f->thickness_um - gone_um) {
@@ -69,7 +69,7 @@ static struct sinking counted(const struct cells *f, double level_um) {
     for (int64_t at = 0; at < f->size * f->size; at++) {
         s.whole += f->weights[at];
         s.face += (int64_t)f->under[at];
-        if (f->effective[at] < (double)INFINITY) {
+        if (f->effective[at] < INFINITE) {
             s.cells_left++;
             s.face_left += (int64_t)f->under[at];
             if (f->effective[at] <= level_um) {
@@ -86,14 +86,14 @@ static int64_t listed(const struct cells *f, double level_um, struct event *even
     int64_t n = 0;
     for (int64_t at = 0; at < f->size * f->size; at++) {
         double effective_um = f->effective[at];
-        if (effective_um == (double)INFINITY) {
+        if (effective_um == INFINITE) {
             continue;
         }
         if (effective_um > level_um) {
             events[n] = (struct event){effective_um, f->weights[at], n, 0};
             n++;
         }
-        if (f->thickness_um < (double)INFINITY) {
+        if (f->thickness_um < INFINITE) {
             double falls_um = f->thickness_um + (effective_um - f->cells[at]);
             events[n] = (struct event){falls_um, -f->weights[at], n, 1 + (int64_t)f->under[at]};
             n++;
@@ -110,7 +110,7 @@ static double share_of(const struct sinking *s) {
 }
 
 static double rarity_of(const struct sinking *s) {
-    return s->face_left > 0 ? (double)s->face / (double)s->face_left : (double)INFINITY;
+    return s->face_left > 0 ? (double)s->face / (double)s->face_left : INFINITE;
 }
 
 /* Write the table of a footprint, three rows of `width`: levels, sinking share and rarity of ignition from there on.
@@ -145,7 +145,7 @@ int64_t edm_work_tabulate(const struct cells *f, double level_um, double *table,
             columns++;
         }
     }
-    levels_um[columns] = (double)INFINITY;
+    levels_um[columns] = INFINITE;
     share[columns] = rarity[columns] = 1.0;
     return columns + 1;
 }

@@ -18,6 +18,7 @@ from tools.generate import (
     firmware,
     machine_diagram,
     machine_page,
+    math_tables,
     profile_page,
     protocol_page,
     run_file_page,
@@ -35,6 +36,7 @@ def _headers() -> dict[Path, str]:
     firmware_folder = _ROOT / "firmware"
     return {
         firmware_folder / "plant" / "plant_records.h": shared_records.plant_header(),
+        firmware_folder / "math" / "tables.h": math_tables.header(),
         firmware_folder / "host" / "host_records.h": shared_records.host_header(),
     }
 
