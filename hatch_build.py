@@ -40,7 +40,7 @@ class CoreHook(BuildHookInterface[Any]):
         library = place if version == "editable" else Path(self._made.name) / place.name
         for other in place.parent.glob("_core-*"):
             other.unlink()
-        build.compile_library(command, library, is_windows=library.suffix == ".dll")
+        build.compile_library(command, library)
         if version != "editable":
             build_data["force_include"][str(library)] = f"edmctl/core/{library.name}"
         platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")

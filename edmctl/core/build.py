@@ -51,8 +51,6 @@ _FLAGS = (
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 _WHOLE = "-flto"
 """Of a tick of 0.4 µs calls between files are a tenth; a compiler that cannot look across them does without."""
-_LIBRARIES = ("-lm",)
-"""What it needs beside a C library, but on Windows: `exp`, which not every Python has loaded."""
 LINGER_TICKS = 200
 """Telemetry of a virtual machine is sent so often at least, in ms."""
 _SECONDS = 300
@@ -159,15 +157,12 @@ def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Buil
     return Build(library, real, digest, said, is_new=True)
 
 
-def compile_library(
-    command: Sequence[str], library: Path, real: str = "double", *, is_windows: bool = sys.platform == "win32"
-) -> None:
+def compile_library(command: Sequence[str], library: Path, real: str = "double") -> None:
     """Compile all sources into a shared library. Raises PreconditionError E8094."""
     folder = source_folder()
     sources = [str(path) for part in PARTS for path in sorted((folder / part).glob("*.c"))]
     includes = [f"-I{folder / part}" for part in PARTS]
     arguments = [*_FLAGS, *_defines(real), f'-DEDM_SOURCES="{digest_of(real)}"', *includes, *sources]
-    arguments += () if is_windows else _LIBRARIES
     try:
         _compile([*command, _WHOLE, *arguments], library)
     except PreconditionError:

@@ -2,15 +2,15 @@
  * plays; creep is linear (class of Kuhnen 2003). */
 #include "operators.h"
 
-#include <math.h>
+#include "../math/elementary.h"
 
 #define SAME_STEP 1e-9 /* steps of a clock differ by its rounding, which is no reason to calculate every lag anew */
 
 /* How each lag follows a straight move of `elapsed_s`; the shares sum to 1. In no time a lag stays where it is. */
 void edm_following(const struct bank *b, double elapsed_s, double *follow) {
     for (int64_t i = 0; i < b->j; i++) {
-        double share = elapsed_s / b->taus[i], stays = exp(-share);
-        double mean = share > 0.0 ? -expm1(-share) / share : 1.0;
+        double share = elapsed_s / b->taus[i], stays = edm_exp(-share);
+        double mean = share > 0.0 ? -edm_expm1(-share) / share : 1.0;
         follow[i] = stays;
         follow[b->j + i] = mean - stays;
         follow[2 * b->j + i] = 1.0 - mean;
@@ -19,7 +19,7 @@ void edm_following(const struct bank *b, double elapsed_s, double *follow) {
 
 /* Bring `follow`, which is for moves of `known_s`, to moves of `step_s`; returns the time that it is for now. */
 double edm_followed(const struct bank *b, double step_s, double known_s, double *follow) {
-    if (fabs(step_s - known_s) > SAME_STEP * known_s) {
+    if (__builtin_fabs(step_s - known_s) > SAME_STEP * known_s) {
         edm_following(b, step_s, follow);
         return step_s;
     }

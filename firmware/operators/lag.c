@@ -1,7 +1,7 @@
 /* The amplifier's lag, u_f' = (u - u_f) / tau, exact for a voltage that goes straight to u. */
 #include "operators.h"
 
-#include <math.h>
+#include "../math/elementary.h"
 
 /* Voltage behind the lag at the end of the way. */
 double edm_lagged(double lag_s, const struct way *way, double u) {
@@ -12,7 +12,7 @@ double edm_lagged(double lag_s, const struct way *way, double u) {
     if (share == 0.0) {
         return way->lagged_v;
     }
-    double stays = exp(-share), mean = -expm1(-share) / share;
+    double stays = edm_exp(-share), mean = -edm_expm1(-share) / share;
     return stays * way->lagged_v + (mean - stays) * way->from_v + (1.0 - mean) * u;
 }
 
@@ -22,7 +22,7 @@ double edm_turn_s(double lag_s, const struct way *way, double u) {
     if (lag_s == 0.0 || way->elapsed_s <= 0.0 || behind * rise <= 0.0) {
         return 0.0;
     }
-    double at_s = lag_s * log1p(behind * way->elapsed_s / (rise * lag_s));
+    double at_s = lag_s * edm_log1p(behind * way->elapsed_s / (rise * lag_s));
     return at_s < way->elapsed_s ? at_s : 0.0;
 }
 

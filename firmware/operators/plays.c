@@ -1,7 +1,7 @@
 /* One play, bent or rounded. Krasnosel'skii & Pokrovskii 1989; Bouc 1967, Wen 1976. */
 #include "operators.h"
 
-#include <math.h>
+#include "../math/elementary.h"
 
 #define STRAIGHT 1e-7 /* a stop unloads along a straight line below this root of its equation's discriminant */
 
@@ -34,18 +34,18 @@ double edm_bent_um(const struct bank *b, int64_t i, double z) {
 /* A stop that unloads, at < 0, by `way`: a Riccati equation with constant coefficients, 1 + b s + a s^2, whose moves
  * are fractions of `both` and `slope`. `end` receives the way on which the stop comes to 0; returns 0 beyond it. */
 static double unloaded(double limit, double a, double half_b, double way, double at, double *end) {
-    double bend = half_b * half_b - a, root = sqrt(fabs(bend));
+    double bend = half_b * half_b - a, root = edm_sqrt(__builtin_fabs(bend));
     *end = -at / (1.0 + half_b * at);
     if (root > STRAIGHT) {
-        *end = bend > 0.0 ? atanh(root * *end) / root : atan(root * *end) / root;
+        *end = bend > 0.0 ? edm_atanh(root * *end) / root : edm_atan(root * *end) / root;
     }
     if (way >= *end) {
         return 0.0;
     }
     double both = 1.0, slope = way;
     if (root > STRAIGHT) {
-        both = bend > 0.0 ? cosh(root * way) : cos(root * way);
-        slope = bend > 0.0 ? sinh(root * way) / root : sin(root * way) / root;
+        both = bend > 0.0 ? edm_cosh(root * way) : edm_cos(root * way);
+        slope = bend > 0.0 ? edm_sinh(root * way) / root : edm_sin(root * way) / root;
     }
     return limit * (at * (both + half_b * slope) + slope) / (both - (half_b + a * at) * slope);
 }
@@ -65,7 +65,7 @@ double edm_stop(const double *rounded, double move, double stop) {
         at = 0.0;
         way -= end;
     }
-    double left = (1.0 - at) / (1.0 + c * at) * exp(-(1.0 + c) * way);
+    double left = (1.0 - at) / (1.0 + c * at) * edm_exp(-(1.0 + c) * way);
     return limit * (1.0 - left) / (1.0 + c * left);
 }
 

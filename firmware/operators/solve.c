@@ -3,7 +3,7 @@
  * The displacement rises strictly with the voltage from any state, so a bracket always contains the one root. */
 #include "operators.h"
 
-#include <math.h>
+#include "../math/elementary.h"
 #include <string.h>
 
 /* A displacement is met within this share of the range times the steepest slope of play 0. It is beyond the range by
@@ -83,7 +83,7 @@ static double root_v(const struct sample *p, double low, double high, bool *beyo
             break;
         }
         double error = error_um(p, u);
-        if (fabs(error) <= p->enough_um) {
+        if (__builtin_fabs(error) <= p->enough_um) {
             break;
         }
         if (error < 0.0) {

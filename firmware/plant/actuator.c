@@ -75,7 +75,7 @@ double edm_actuator_run(const struct machine *m, int64_t count, const double *co
     for (int64_t i = 0; i < count; i++) {
         v = lesser(v + step_v, greater(v - step_v, command_v[i]));
         v = lesser(highest_v, greater(0.0, v));
-        m->drive->actuator_v = __builtin_floor(v * STEPS_PER_V + 0.5) * DAC_V;
+        m->drive->actuator_v = (double)(int64_t)(v * STEPS_PER_V + 0.5) * DAC_V; /* v is not negative */
         edm_actuator_tick(m->unit, m->plant, m->drive->actuator_v);
         m->plant->true_z_um = m->plant->free_z_um;
         sensor_um[i] = edm_sensor(m->unit, m->plant, m->readings->tick, m->noise);

@@ -82,7 +82,7 @@ static void rest(const struct unit *unit, struct plant *p, const struct drive *d
 static bool sink_levels(const struct machine *m) {
     struct plant *p = m->plant;
     int64_t at = p->level_at;
-    while (p->depth_um >= m->level_um[at] && m->level_um[at] < (double)INFINITY) { /* the last one is infinite */
+    while (p->depth_um >= m->level_um[at] && m->level_um[at] < INFINITE) { /* the last one is infinite */
         double level_um = m->level_um[at], share = m->level_share[at], rarity = m->level_rarity[at];
         if (share == 0.0 || rarity == INFINITE) {
             p->depth_um = level_um;

@@ -19,7 +19,15 @@ FIRMWARE = Path(__file__).parents[2] / "firmware"
     [
         (
             "plant",
-            {"../export.h", "plant.h", "plant_records.h", "math.h", "stdbool.h", "stdint.h", "stdlib.h"},
+            {
+                "../export.h",
+                "plant.h",
+                "plant_records.h",
+                "../math/elementary.h",
+                "stdbool.h",
+                "stdint.h",
+                "stdlib.h",
+            },
         ),
         ("core", set()),
     ],
