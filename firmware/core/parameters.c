@@ -43,7 +43,11 @@ static int32_t at_least_one(int32_t value) {
 }
 
 static real exponential(real x) {
-    return (real)edm_exp((double)x);
+#ifdef EDM_REAL_DOUBLE
+    return edm_exp(x);
+#else
+    return edm_expf(x);
+#endif
 }
 
 /* Makes ready for the tick what is current. */

@@ -5,7 +5,6 @@
 #include "tables.h"
 
 #include <stdint.h>
-#include <string.h>
 
 #define LN2_HI 0x1.62e42fee00000p-1
 #define LN2_LO 0x1.a39ef35793c76p-33
@@ -18,21 +17,26 @@
 #define HALF_PI_LO 0x1.3198a2e037073p-69
 #define PER_HALF_PI 0x1.45f306dc9c883p-1
 #define HALF_PI 0x1.921fb54442d18p+0
+#define MOST_ANGLE 1e5
 #define MOST_EXP 709.782712893384
 #define LEAST_EXP (-745.1332191019412)
 #define NEAR 0.0625 /* 1 within it: no logarithm from differences of the table */
 #define SERIES 0.35 /* below it a power series is exact enough, and a difference from 1 is not */
 
 static uint64_t bits_of(double x) {
-    uint64_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    return bits;
+    union {
+        double x;
+        uint64_t bits;
+    } as = {.x = x};
+    return as.bits;
 }
 
 static double number_of(uint64_t bits) {
-    double x;
-    memcpy(&x, &bits, sizeof x);
-    return x;
+    union {
+        uint64_t bits;
+        double x;
+    } as = {.bits = bits};
+    return as.x;
 }
 
 /* 2^k for -1022 <= k <= 1023 */
@@ -114,14 +118,18 @@ double edm_pow(double x, double y) {
     if (y == 0.0 || x == 1.0) {
         return 1.0;
     }
-    if (!(x > 0.0)) {
-        return x < 0.0 ? NOT_A_NUMBER : y > 0.0 ? 0.0 : INFINITE;
+    if (x == 0.0) {
+        return y > 0.0 ? 0.0 : y < 0.0 ? INFINITE : y;
     }
     return edm_exp(y * edm_log(x));
 }
 
 /* Which quarter turn x is in, and r, what it is beyond the nearest whole one. */
 static int quarter_of(double x, double *r) {
+    if (!(x < MOST_ANGLE && x > -MOST_ANGLE)) {
+        *r = NOT_A_NUMBER;
+        return 0;
+    }
     double n = (x * PER_HALF_PI + ROUND) - ROUND;
     *r = ((x - n * HALF_PI_HI) - n * HALF_PI_MID) - n * HALF_PI_LO;
     return (int)((int64_t)n & 3);

@@ -77,10 +77,10 @@ def built(folder: Path) -> ct.CDLL:
     source = source_folder()
     path = folder / "twin.so"
     here = source.parent / "tests" / "firmware" / "twin.c"
-    files = [*sorted((source / "core").glob("*.c")), *sorted((source / "gen").glob("*.c"))]
+    files = [path for part in ("core", "gen", "math") for path in sorted((source / part).glob("*.c"))]
     flags = ["-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared"]
     command = [*compiler(), *flags, f"-I{source}", str(here), str(source / "board" / "measure.c")]
-    subprocess.run([*command, *map(str, files), "-lm", "-o", str(path)], check=True)
+    subprocess.run([*command, *map(str, files), "-o", str(path)], check=True)
     library = ct.CDLL(str(path))
     library.twin_inputs.argtypes = [ct.c_uint32, ct.c_int, ct.c_void_p, ct.c_uint32, ct.c_uint32, ct.c_int]
     library.twin_start.argtypes = [ct.c_char_p]

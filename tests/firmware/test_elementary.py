@@ -96,10 +96,19 @@ def test_powers_are_exact_to_1e_13() -> None:
         ("log", math.inf, math.inf),
         ("log1p", -1.0, -math.inf),
         ("atan", math.inf, math.pi / 2.0),
+        ("sin", 1e300, math.nan),
+        ("cos", -math.inf, math.nan),
     ],
 )
 def test_values_at_the_ends(name: str, x: float, value: float) -> None:
     assert function(library().loaded, name)(x) == pytest.approx(value, nan_ok=True)
+
+
+@pytest.mark.parametrize("x", [0.0, 0.5, 1.0, 2.0, math.inf, math.nan])
+@pytest.mark.parametrize("y", [-math.inf, -2.0, 0.0, 2.0, math.inf, math.nan])
+def test_powers_at_the_ends(x: float, y: float) -> None:
+    known = math.inf if x == 0.0 and y < 0.0 else math.pow(x, y)
+    assert function(library().loaded, "pow")(x, y) == pytest.approx(known, nan_ok=True)
 
 
 def digest(of: ctypes.CDLL) -> str:

@@ -10,7 +10,7 @@ import pytest
 from tests.firmware_tools import program
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
-SOURCES = sorted(str(path) for part in ("core", "board") for path in FIRMWARE.glob(f"{part}/*.c"))
+SOURCES = sorted(str(path) for part in ("core", "math", "board") for path in FIRMWARE.glob(f"{part}/*.c"))
 REALS = ("-DEDM_REAL_DOUBLE", "-UEDM_REAL_DOUBLE")
 
 pytestmark = pytest.mark.slow

@@ -3,7 +3,7 @@
     python -m tests.simulator.golden_core --record "why they change"
 
 writes golden_core.json anew: digests of the sessions of benchmarks/kernel.py, of random schedules and of wide random
-schedules (tests/firmware/schedules.py), and the reason.
+schedules (tests/firmware/schedules.py), and the reason. Earlier records are kept below them, the last one first.
 """
 
 from __future__ import annotations
@@ -54,7 +54,9 @@ def main() -> int:
         "schedules": {str(seed): schedule(Schedule, seed) for seed in SCHEDULES},
         "wide": {str(seed): schedule(WideSchedule, seed) for seed in WIDE},
     }
-    text = json.dumps({"reason": reason, "digests": digests}, indent=1)
+    before = json.loads(GOLDEN.read_text(encoding="utf-8"))
+    earlier = [before, *before.pop("earlier", [])]
+    text = json.dumps({"reason": reason, "digests": digests, "earlier": earlier}, indent=1)
     GOLDEN.write_text(text + "\n", encoding="utf-8")
     return 0
 

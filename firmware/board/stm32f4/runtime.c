@@ -1,5 +1,7 @@
-/* What the compilers ask of a C library and of their own: memory, a float and 64 bits, the exponential. Here and not theirs, so
- * that every image has the same bits, and none any double (libgcc converts to 64 bits by way of it). */
+/* What the compilers ask of a C library and of their own: memory, a float and 64 bits. Here and not theirs, so that
+ * every image has the same bits, and none any double (libgcc converts to 64 bits by way of it). */
+#include "../../math/float_bits.h"
+
 #include <stddef.h>
 #include <stdint.h>
 
@@ -9,7 +11,6 @@ void *memcpy(void *restrict to, const void *restrict from, size_t size);
 void *memmove(void *to, const void *from, size_t size);
 void *memset(void *to, int byte, size_t size);
 int memcmp(const void *a, const void *b, size_t size);
-float expf(float x);
 
 /* A word at any address: the core reads and writes those too, one at a time (PM0214 3.3.5). */
 struct __attribute__((packed, may_alias)) word {
@@ -79,85 +80,6 @@ int memcmp(const void *a, const void *b, size_t size) {
         }
     }
     return 0;
-}
-
-static uint32_t bits_of(float x) {
-    union {
-        float x;
-        uint32_t bits;
-    } as = {.x = x};
-    return as.bits;
-}
-
-static float float_of(uint32_t bits) {
-    union {
-        uint32_t bits;
-        float x;
-    } as = {.bits = bits};
-    return as.x;
-}
-
-/* m x 2^e, the nearest float, the even one of two; bit 63 of m is set. Below the normal ones in steps of the least. */
-static float rounded(uint64_t m, int e) {
-    int exponent = e + 63 + 127; /* biased */
-    int shift = 40;
-    if (exponent <= 0) {
-        shift += 1 - exponent;
-        exponent = 0;
-    }
-    if (shift > 64) {
-        return 0;
-    }
-    uint64_t kept = shift < 64 ? m >> shift : 0, lost = m << (64 - shift);
-    if (lost > (uint64_t)1 << 63 || (lost == (uint64_t)1 << 63 && (kept & 1u) != 0)) {
-        kept++;
-    }
-    uint32_t bits = (uint32_t)kept;
-    if (exponent > 0) {
-        bits += (uint32_t)(exponent - 1) << 23; /* the leading bit adds one, a carry of the rounding another one */
-    }
-    return float_of(bits < 0x7F800000u ? bits : 0x7F800000u);
-}
-
-/* Upper half of a product. */
-static uint64_t upper(uint64_t a, uint64_t b) {
-    uint64_t a0 = (uint32_t)a, a1 = a >> 32, b0 = (uint32_t)b, b1 = b >> 32;
-    uint64_t middle = a1 * b0 + (a0 * b0 >> 32);
-    return a1 * b1 + (middle >> 32) + ((a0 * b1 + (uint32_t)middle) >> 32);
-}
-
-/* The exponential, in whole numbers: right to the last bit but for one case of 10^7 that lies halfway. x = k ln 2 + r, and
- * the series of e^r. */
-float expf(float x) {
-    const int64_t ln2 = 0x58B90BFBE8E7BC; /* ln 2 x 2^55 */
-    uint32_t bits = bits_of(x);
-    if ((bits & 0x7FFFFFFFu) > 0x7F800000u) {
-        return x;
-    }
-    if (x > 89.0f) {
-        return float_of(0x7F800000u);
-    }
-    if (x < -104.0f) {
-        return 0;
-    }
-    int exponent = (int)(bits >> 23 & 255u) - 150; /* of the mantissa as a whole number */
-    if (exponent < -55) {
-        return 1.0f; /* |x| < 2^-31 */
-    }
-    uint64_t mantissa = (bits & 0x7FFFFFu) | 0x800000u;
-    int shift = exponent + 55;
-    int64_t whole = (int64_t)(mantissa << shift); /* x 2^55: below 2^62 */
-    whole = bits >> 31 != 0 ? -whole : whole;
-    int64_t k = whole / ln2;
-    if (whole % ln2 < 0) {
-        k--;
-    }
-    uint64_t r = (uint64_t)(whole - k * ln2) << 9; /* x 2^64 */
-    uint64_t sum = (uint64_t)1 << 62;
-    for (uint32_t n = 22; n > 0; n--) {
-        sum = ((uint64_t)1 << 62) + upper(sum, r) / n;
-    }
-    return rounded(sum << 1, (int)k - 63);
 }
 
 /* Conversions that the processor has no instruction for (run-time ABI of the ARM architecture, 4.1.2): they are called with
