@@ -21,8 +21,9 @@ from __future__ import annotations
 import shlex
 import sys
 import time
-from dataclasses import dataclass
 from typing import ClassVar
+
+from edmctl.dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
 from typing import Any
+
+from edmctl.dataclasses import dataclass
 
 _PANELS = 64
 """Panels of Simpson's rule: quantiles up to 95 % are within 1e-5."""

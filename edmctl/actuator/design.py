@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from ctypes import byref
-from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +19,7 @@ from edmctl.actuator.model import ActuatorModel, consecutive, none_of
 from edmctl.actuator.record import Record, length_s, sample_s
 from edmctl.array_types import Array, Flags
 from edmctl.core.library import library
+from edmctl.dataclasses import dataclass, field, replace
 
 BLOCKS = 64
 PLAYS, HINGES = 10, 4

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from edmctl.actuator.checks import noise_sd
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.array_types import Array, Flags
+from edmctl.dataclasses import dataclass
 
 MAIN_SHARE = 0.5
 """Of the squares, that a cause has to explain."""

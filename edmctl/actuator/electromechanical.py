@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import cmath
 from ctypes import byref
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ from edmctl.actuator.maxwell import UM_PER_M, HysteresisBlock, MaxwellModel
 from edmctl.actuator.operators import Elements
 from edmctl.array_types import Array
 from edmctl.core.library import library
+from edmctl.dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,13 +14,13 @@ because importing `scipy.optimize` takes 0.2 s, a fifth of a whole virtual run; 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.actuator.design import Design, Reduction, triangle_of
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass
 
 RIDGE = 1e-10
 """Only settles what the records leave open: held-out errors do not change from here to 1e-6."""

@@ -9,7 +9,6 @@ threshold 0 is the straight line; ten plays without hinges and creep are the Max
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +36,7 @@ from edmctl.actuator.uncertainty import Bands, apart, bands_of, figures, held_ou
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
+from edmctl.dataclasses import dataclass
 
 QUICK_PLAYS = 12
 QUICK_CREEPING = 2

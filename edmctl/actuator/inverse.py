@@ -11,7 +11,6 @@ range is enough, a move ends short.
 from __future__ import annotations
 
 from ctypes import byref
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator, consecutive
 from edmctl.array_types import Array
 from edmctl.core.library import library
+from edmctl.dataclasses import dataclass
 
 STEPS = 32
 """Points of a path; more of them change its end by less than 0.1 % of the way."""

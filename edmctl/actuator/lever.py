@@ -5,11 +5,10 @@ Muralidhara et al. 2009, §2.1: the amplification is linear, about 18, from a li
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass
 from edmctl.errors import RecordError
 
 LEAST_SAMPLES = 10

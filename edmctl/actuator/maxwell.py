@@ -14,13 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from ctypes import byref
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from edmctl.actuator.operators import Elements
 from edmctl.array_types import Array
 from edmctl.core.library import library
+from edmctl.dataclasses import dataclass, field
 
 UM_PER_M = 1e6
 

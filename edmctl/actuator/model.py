@@ -23,7 +23,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from ctypes import byref
-from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from edmctl.actuator.operators import Bank, Memory, place_of
 from edmctl.array_types import Array
 from edmctl.core.library import library
+from edmctl.dataclasses import dataclass, field, replace
 
 CREEP_FROM_S, CREEP_TO_S = 0.1, 10.0
 """Creep rates are customarily given between these times after a step."""

@@ -7,7 +7,6 @@ leaves that open, the place is stated here.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from edmctl.actuator.waveforms import SLEW_V_S, jump_train, sine, square
 from edmctl.array_types import Array, Integers
+from edmctl.dataclasses import dataclass
 
 NAMES = {
     "fig3a": "Fig. 3a, sine 10 mHz",

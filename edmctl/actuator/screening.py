@@ -6,7 +6,6 @@ They are found in the residual of a first fit. Knocks and jumps of the sensor la
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -15,6 +14,7 @@ from edmctl.actuator.checks import noise_sd
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record, settled_from
 from edmctl.array_types import Array, Flags
+from edmctl.dataclasses import dataclass
 
 WINDOWS = 400
 """A record is looked at in so many parts, each by its largest residual."""

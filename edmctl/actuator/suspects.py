@@ -7,7 +7,6 @@ features that the model uses.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.ringing import ringing_of
 from edmctl.actuator.screening import residual_um, standing_out
 from edmctl.array_types import Array, Flags
+from edmctl.dataclasses import dataclass
 
 POLYNOMIAL = 2
 """Of time, which drift follows."""

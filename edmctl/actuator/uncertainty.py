@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from edmctl.actuator.model import CREEP_FROM_S, CREEP_TO_S, ActuatorModel
 from edmctl.actuator.record import Record, half_periods_s, longest_hold_s
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.array_types import Array, Flags
+from edmctl.dataclasses import dataclass
 
 REACH_SHARE = 0.01
 """Of the range; a play this far outside of where others were is not beyond them."""

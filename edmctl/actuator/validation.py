@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -16,6 +15,7 @@ from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record, check_numbers, settled_from
 from edmctl.actuator.screening import looked_through
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass, replace
 
 Refit = Literal["gain", "zero"]
 ZERO: tuple[Refit, ...] = ("zero",)

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass
 
 SLEW_V_S = 1000.0
 """Slew limit of a "step" where none is given: 0–150 V in 0.15 s."""

@@ -15,6 +15,7 @@ import typer
 from edmctl.cli import completion
 from edmctl.cli.outcome import Outcome, Output, mutter, run_command
 from edmctl.cli.signals import shell
+from edmctl.dataclasses import dataclass
 from edmctl.exitcodes import ExitCode
 from edmctl.files import user_path
 from edmctl.profile.folders import SETUP_VARIABLE
@@ -134,7 +135,7 @@ def controlled_by(controller: str | None) -> tuple[str, ...]:
     return (f"sim.controller={known_controller(controller)}",)
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class JobOptions:
     """What to do, on which machine, by which calibration."""
 
@@ -182,7 +183,7 @@ class JobOptions:
         return plan
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class RunOptions:
     """Where the run goes, unless it is only planned."""
 

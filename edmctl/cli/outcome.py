@@ -7,7 +7,6 @@ import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
 
@@ -15,6 +14,7 @@ from edmctl.cli.signals import SignalArrived, ignore_signals, signal_name
 from edmctl.console.diagnostics import render_diagnostics, summary_line
 from edmctl.console.progress import EventReporter, LineReporter, Reporter
 from edmctl.console.style import Style, style_of
+from edmctl.dataclasses import dataclass, field
 from edmctl.errors import (
     Diagnostic,
     EdmError,

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from edmctl.console.layout import Span
 from edmctl.console.style import Ink
+from edmctl.dataclasses import dataclass
 from edmctl.results.telemetry import PulseShares
 
 BEYOND = 1.08

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 from edmctl.console.charts import PULSE_INKS, SPAN_S, History, chart, depth_bar, pulse_bar
 from edmctl.console.layout import Span, cells_of, cut, plain_ascii, render_line
 from edmctl.console.progress import depth_words, has_pulses, while_cutting
 from edmctl.console.style import Ink, Style
+from edmctl.dataclasses import dataclass, field
 from edmctl.results.progress import Progress
 from edmctl.wording import decimal, duration, printable
 

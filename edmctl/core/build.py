@@ -20,10 +20,10 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError, installing
 from edmctl.files import path_variable
 

@@ -8,12 +8,12 @@ Design and Analysis of Experiments, 2017, chapter 13).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
+from edmctl.dataclasses import dataclass
 from edmctl.doe.linear_model import MEAN, Settings, Term, fit, model_matrix, term_name, undetermined
 
 ERROR = "error"

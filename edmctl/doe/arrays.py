@@ -10,11 +10,12 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+
+from edmctl.dataclasses import dataclass
 
 Levels = NDArray[np.int64]
 """Level numbers from 0: (runs, columns)."""

@@ -9,10 +9,11 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from edmctl.dataclasses import dataclass
 
 LETTERS = "ABCDEFGHJKLMNOPQRSTUVWXYZ"
 

@@ -18,7 +18,6 @@ a block are spread more, by a factor of e each way.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -27,6 +26,7 @@ from scipy import linalg, optimize, special
 
 from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
+from edmctl.dataclasses import dataclass, replace
 
 Trend = Literal["constant", "linear", "quadratic"]
 

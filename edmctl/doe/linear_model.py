@@ -8,13 +8,13 @@ Design and Analysis of Experiments (2017), chapters 10 and 11.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass, field
 
 Term = tuple[tuple[str, int], ...]
 """Factors with their powers; without any it is the mean. A category has the power 1."""

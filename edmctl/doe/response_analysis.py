@@ -12,7 +12,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +19,7 @@ from scipy import special
 
 from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
+from edmctl.dataclasses import dataclass, field, replace
 from edmctl.doe.anova import Anova, anova, differing, pooled_anova
 from edmctl.doe.linear_model import Fit, LackOfFit, Settings, Term, fit, model_matrix, term_name, undetermined
 from edmctl.doe.signal_to_noise import Better, LevelMeans, response_table, signal_to_noise_db

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass
 from edmctl.quantity import coverage_factor
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from edmctl.dataclasses import dataclass
 
 Better = Literal["larger", "smaller", "nominal"]
 

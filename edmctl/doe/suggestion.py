@@ -11,7 +11,6 @@ predicts that from 0 and 1 (least-squares classification, Rasmussen and Williams
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass, replace
 from edmctl.doe.gaussian_process import GaussianProcess, fit_process
 
 Constraints = Sequence[tuple[ArrayLike, float]]

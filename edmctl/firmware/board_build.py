@@ -9,10 +9,10 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from edmctl.core.build import compiler_environment, source_folder, version_of
+from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError, RunFileError, installing
 from edmctl.firmware.boards import Board
 from edmctl.firmware.hex_file import hex_of

@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+
+from edmctl.dataclasses import dataclass
 
 _HEADER = struct.Struct("<16sHHIIIIIHHHHHH")
 _SECTION, _SEGMENT, _SYMBOL = struct.Struct("<10I"), struct.Struct("<8I"), struct.Struct("<IIIBBH")

@@ -19,9 +19,9 @@ import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError, UsageError, installing
 from edmctl.files import open_regular
 from edmctl.firmware.boards import CHIPS, Board

@@ -9,9 +9,9 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import RecordError
 from edmctl.files import read_bytes
 from edmctl.firmware.boards import Board, board_name, board_of

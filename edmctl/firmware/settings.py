@@ -6,9 +6,9 @@ import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import UsageError
 
 SOURCES: dict[str, tuple[str, ...]] = {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from edmctl.dataclasses import dataclass
 from edmctl.forecasts.measuring import (
     Stand,
     between_s,

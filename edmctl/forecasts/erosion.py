@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.process.discharge import hole_area_um2, pulse_energy_uj, tool_area_um2
 from edmctl.process.erosion import roughness_ra_um
 from edmctl.process.gap_conditions import GAP_LAW, side_gap_um

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from functools import cached_property
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.forecasts.channel import (
     channel,
     channel_measuring_s,

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, ZERO_DRIFT_UM_PER_S
+from edmctl.dataclasses import dataclass
 from edmctl.forecasts.removal import (
     SIDE_DISCHARGE_SHARE,
     Hole,

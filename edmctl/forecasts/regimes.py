@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import accumulate
 
+from edmctl.dataclasses import dataclass
 from edmctl.forecasts.erosion import expected_gap, expected_side_gap_um, usual_depth_um, with_sought_reference
 from edmctl.process.erosion import SURFACE_UM, roughness_ra_um
 from edmctl.profile.model import Profile, Regime

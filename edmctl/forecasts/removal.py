@@ -8,8 +8,8 @@ ideal integrator).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from edmctl.dataclasses import dataclass
 from edmctl.forecasts.erosion import expected_gap, usual_depth_um
 from edmctl.forecasts.regimes import recipes_of
 from edmctl.process.discharge import hole_area_um2

@@ -8,7 +8,6 @@ noise. What they say is judged by the truth.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,6 +16,7 @@ from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import judge
 from edmctl.actuator.waveforms import calibration_waveform, sine
+from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.jobs import output_files
 from edmctl.jobs.actuator_waveforms import Waveform

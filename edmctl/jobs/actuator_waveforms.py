@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from edmctl.actuator import paper_figures
 from edmctl.actuator.waveforms import Leg, jump_train, sampled, servo_dither, sine, square, triangle
+from edmctl.dataclasses import dataclass
 from edmctl.errors import RecordError, UsageError
 from edmctl.record.columns import read_voltage
 from edmctl.simulator import actuator

@@ -5,11 +5,11 @@ from __future__ import annotations
 import gc
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Interrupted, ProfileError, RunFileError, UsageError
 from edmctl.exitcodes import error_exit_code
 from edmctl.jobs.job import carry_out

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, LinkLost, PreconditionError, ProtocolMismatch, UsageError
 from edmctl.files import lock_holder
 from edmctl.firmware.boards import Board, board_name, board_of

@@ -8,10 +8,10 @@ import platform
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass, field
 from edmctl.errors import EdmError, PreconditionError, installing
 from edmctl.jobs.plan import where_is
 from edmctl.jobs.runs.opening import on_machine

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic
 from edmctl.profile.folders import find_drift
 from edmctl.quantity import Value

@@ -6,11 +6,11 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import EdmError, PreconditionError, RunFileError
 from edmctl.jobs.calibration.selection import ModelUsed
 from edmctl.jobs.connected_run import connected_run, ending

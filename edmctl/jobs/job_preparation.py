@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import Diagnostic
 from edmctl.forecasts.forecast import forecast
 from edmctl.jobs.ledger.elapsed import with_home

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from edmctl.dataclasses import asdict, dataclass
 from edmctl.jobs.calibration.request import check_writable
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.elapsed import with_home

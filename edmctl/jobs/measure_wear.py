@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import Diagnostic, PreconditionError, UsageError
 from edmctl.forecasts.measuring import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
 from edmctl.jobs.drift_choice import choose_drift

@@ -9,7 +9,6 @@ waveforms.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -19,6 +18,7 @@ from edmctl.actuator.maxwell import MaxwellModel
 from edmctl.actuator.model import ActuatorState, Estimator
 from edmctl.actuator.paper_figures import Reading, readings
 from edmctl.actuator.validation import ErrorFigures
+from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import Diagnostic, PreconditionError
 from edmctl.jobs import output_files
 from edmctl.jobs.actuator_trial import ModelErrors, Trace, Truth, slow_cycle, slowed

@@ -16,11 +16,11 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import util
 from typing import Any, Generic, TypeVar
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError, installing
 from edmctl.exitcodes import ExitCode
 from edmctl.jobs.surroundings import Surroundings

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, ProfileError, UsageError
 from edmctl.files import user_path
 from edmctl.jobs.calibration.selection import look_at_named, refuse_unasked

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
+from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import EdmError, UsageError
 from edmctl.forecasts.forecast import STROKE_RESERVE_UM
 from edmctl.forecasts.measuring import (

@@ -6,11 +6,11 @@ import getpass
 import re
 import socket
 import threading
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import UsageError
 from edmctl.jobs.calibration.selection import Choice
 from edmctl.record.run_meta import RunMeta, SourceText, profile_leaves

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import PreconditionError, UsageError
 from edmctl.files import user_path
 from edmctl.jobs.batch import Task

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import EdmError
 from edmctl.jobs.calibration.selection import Choice
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now

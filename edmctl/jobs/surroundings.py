@@ -6,8 +6,8 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
 
+from edmctl.dataclasses import dataclass, field
 from edmctl.errors import Diagnostic, EdmWarning
 from edmctl.machine.stop import StopRequest
 from edmctl.results.progress import Progress

@@ -9,9 +9,9 @@ import operator
 import re
 import secrets
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import SupportsIndex
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.wording import plural
 

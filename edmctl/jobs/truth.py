@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
+from edmctl.dataclasses import dataclass, field
 from edmctl.errors import RunFileError
 from edmctl.procedures.job_state import JobState, StateStore
 from edmctl.record.rows import Recorder, TruthMap

@@ -7,7 +7,8 @@ between sending and receiving, so half the round trip is the best guess of when,
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+
+from edmctl.dataclasses import dataclass
 
 WINDOW_S = 60.0
 """Heartbeats older than this are forgotten: crystals drift with temperature."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import struct
 import zlib
-from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import EdmError, ProtocolMismatch
 from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH, GetSchema, Hello
 from edmctl.link.wire import Request

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass, fields, replace
 from edmctl.errors import stages_by_hand
 
 

@@ -7,11 +7,11 @@ Fields carry physical values; the comment beside each says type and size of one 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from struct import pack
 from zlib import crc32
 
+from edmctl.dataclasses import dataclass
 from edmctl.link.wire import Ack, Message, Param, Request
 
 PROTO_MAJOR = 1

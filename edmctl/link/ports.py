@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+
+from edmctl.dataclasses import dataclass
 
 _PTY = re.compile(r"/dev/(pts/|ttys\d|pty)")
 """Of Linux, macOS and BSD."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from time import monotonic
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import EdmError, LinkLost
 from edmctl.link import ports as known
 from edmctl.link.messages import HelloReply

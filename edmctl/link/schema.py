@@ -10,9 +10,10 @@ import json
 import tomllib
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
+
+from edmctl.dataclasses import dataclass
 
 SCHEMA_PATH = Path(__file__).with_name("edmlink1.toml")
 TEXT_TYPE = "utf8"

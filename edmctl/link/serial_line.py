@@ -11,11 +11,11 @@ import select
 import socket
 import threading
 from contextlib import suppress
-from dataclasses import dataclass
 from time import monotonic
 
 import serial
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import LinkLost
 from edmctl.link import gate
 from edmctl.link.ports import DEVICE, SOCKET, scheme_of

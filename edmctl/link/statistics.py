@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
 
+from edmctl.dataclasses import dataclass, field
 from edmctl.link.clock import ClockLine
 from edmctl.link.messages import HeartbeatReply
 from edmctl.results.telemetry import LinkReport

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from dataclasses import fields as dataclass_fields
 from functools import cache
 from typing import TYPE_CHECKING, ClassVar, Generic, Self, TypeVar, cast
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.link.frame import MAX_PAYLOAD
 
 if TYPE_CHECKING:

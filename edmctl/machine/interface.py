@@ -5,9 +5,9 @@ Everything a procedure needs of the machine is imported from here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
+from edmctl.dataclasses import dataclass
 from edmctl.machine.faults import host_fault
 from edmctl.machine.requests import (
     ControllerSettings,

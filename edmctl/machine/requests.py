@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 
+from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import PreconditionError
 from edmctl.link.messages import PARAMS, CommitProfile, PulseConfig, SetParam, param_crc
 from edmctl.link.session import Session

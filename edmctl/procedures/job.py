@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass
 from edmctl.forecasts.removal import completion
 from edmctl.labels import PAD, PARKING, Basis, Verdict
 from edmctl.profile.places import Place

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Protocol
 
+from edmctl.dataclasses import dataclass, field, fields
 from edmctl.process.touches import TouchScatter
 from edmctl.results.job import Belief, ChannelResult, JobResult, Reached, SiteResult
 from edmctl.results.progress import Phase

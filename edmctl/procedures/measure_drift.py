@@ -7,8 +7,8 @@ and touches of the pad alone would never excite it as a job does.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 
+from edmctl.dataclasses import dataclass, field
 from edmctl.errors import ObjectiveNotReached, PreconditionError, UsageError
 from edmctl.forecasts.measuring import again_s, move_time_s, park_to_pad_um, touch_time_s
 from edmctl.procedures.monitoring.beliefs import judge

@@ -8,8 +8,8 @@ it. The bottom is judged by how deep the hole is known to be, and a tool that ha
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import ObjectiveNotReached
 from edmctl.labels import Basis
 from edmctl.procedures.hole.hole import model_u95_um

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
 
+from edmctl.dataclasses import asdict, dataclass, field, replace
 from edmctl.machine.interface import Machine, TelemetryBlock
 from edmctl.procedures.job import HoleTarget, Job, target_of
 from edmctl.procedures.job_state import (

@@ -9,8 +9,8 @@ every floor. Wear follows the discharge energy; how far is learned at every touc
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from edmctl.dataclasses import dataclass
 from edmctl.process.live_erosion import ARC_REMOVAL, ARC_WEAR, WIDENING_SDS, Energy
 from edmctl.process.plane import Plane
 

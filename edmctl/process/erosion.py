@@ -17,8 +17,8 @@ Lengths in µm, times in µs, energies in µJ.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from edmctl.dataclasses import dataclass
 from edmctl.process.discharge import pulse_energy_uj
 
 USUAL_CURRENT_A = 0.12

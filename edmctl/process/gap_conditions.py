@@ -7,8 +7,8 @@ ranges stated; what they rest on is said with each function. Lengths in µm, tim
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from edmctl.dataclasses import dataclass
 from edmctl.process.erosion import USUAL_PULSE_UJ
 
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import dataclass, replace
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.process.gap_conditions import ARC_V, GAP_LAW
 
 ARC_REMOVAL = GAP_LAW.arc_work * ARC_V / 22.0

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+
+from edmctl.dataclasses import dataclass
 
 ASSUMED_U_REL = 0.3
 """Relative standard uncertainty of a figure that no measurement stands behind [assumed]."""

@@ -7,8 +7,8 @@ only where what is known of the wear suffices; otherwise it stays short of it by
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from edmctl.dataclasses import dataclass
 from edmctl.process.live_erosion import ErosionEstimate
 
 CLEAR_SIGMAS = 2.0

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass
 
 CHORD_UM = 20.0
 """Curves are cut into pieces about so long: at a radius of 300 µm a chord lies 0.2 µm beside its arc."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass
 from edmctl.process.touches import TOUCH_CHECK_SD_UM
 
 TOUCHES_FOR_A_PLANE = 3

@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
+from edmctl.dataclasses import dataclass
 from edmctl.process.touches import Drift, Reading, TouchScatter, share_u
 from edmctl.quantity import Value
 

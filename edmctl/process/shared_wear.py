@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass
 
 CONTRADICTION_SDS = 2.0
 """A touch further from the expectation than this makes the expectation as uncertain as it was wrong."""

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from operator import mul
 
+from edmctl.dataclasses import dataclass
 from edmctl.process.discharge import delay_over_on_time, pulse_energy_uj, tool_area_um2
 from edmctl.process.erosion import LAW, molten_uj, tool_um3_per_uj, work_um3_per_uj
 from edmctl.process.gap_conditions import (

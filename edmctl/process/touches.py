@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from edmctl.dataclasses import dataclass
 from edmctl.quantity import Value, coverage_factor
 
 TOUCH_SD_PRIOR_UM = 0.06

@@ -6,9 +6,9 @@ E30xx are about the file; E31nn and W31nn (a warning) are cross-field rule nn.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import Location
 from edmctl.profile.positions import KeyPath
 

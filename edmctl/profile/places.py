@@ -5,10 +5,10 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from edmctl.csv_text import cells_of, span_of
+from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import Diagnostic, Location, ProfileError
 from edmctl.files import read_bytes, user_path
 from edmctl.profile.findings import Code

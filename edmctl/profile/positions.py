@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeAlias
 
+from edmctl.dataclasses import dataclass, field
 from edmctl.errors import Location
 
 KeyPath: TypeAlias = tuple[str | int, ...]

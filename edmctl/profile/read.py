@@ -8,10 +8,10 @@ import tomllib
 import unicodedata
 from collections.abc import Iterator, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, Location, ProfileError, UsageError
 from edmctl.files import read_bytes
 from edmctl.profile.findings import Code

@@ -5,12 +5,12 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable
 from copy import deepcopy
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, ProfileError, UsageError
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
 from edmctl.profile.findings import Code

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import IntEnum
 
+from edmctl.dataclasses import dataclass
 from edmctl.record import layout
 from edmctl.record.reader import RunFile
 

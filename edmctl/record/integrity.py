@@ -12,11 +12,11 @@ import mmap
 import re
 import struct
 import zlib
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import BinaryIO
 
+from edmctl.dataclasses import dataclass
 from edmctl.files import open_regular
 
 MAGIC = b"\x89HDF\r\n\x1a\n"

@@ -14,10 +14,10 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError, RunFileError
 from edmctl.files import json_of, read_bytes, sync
 from edmctl.record.disk_thread import DiskThread

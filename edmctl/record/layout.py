@@ -12,8 +12,8 @@ compression leaves 3. Everything else is in its plain unit.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
+from edmctl.dataclasses import dataclass
 from edmctl.record.rows import (
     EventLevel,
     EventRow,

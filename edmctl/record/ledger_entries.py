@@ -6,9 +6,9 @@ import dataclasses
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TypeAlias
 
+from edmctl.dataclasses import dataclass
 from edmctl.files import json_of
 
 VERSION = 4

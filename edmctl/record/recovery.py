@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass, field
 from edmctl.errors import RunFileError
 from edmctl.record import layout
 from edmctl.record.compaction import CLOSING, compact

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis
 from edmctl.record.events import RecordedCode, recorded_events
 from edmctl.record.layout import RESULTS, SLOW, TOUCHES

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
+from edmctl.dataclasses import dataclass
 from edmctl.record.layout import PURE, TEXT
 
 UNIT_SUFFIXES = {

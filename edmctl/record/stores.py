@@ -6,7 +6,6 @@ many were written before, so a write that was interrupted can be repeated.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
@@ -15,6 +14,7 @@ import numpy as np
 from h5py import h5s, h5t
 from numpy.typing import NDArray
 
+from edmctl.dataclasses import dataclass
 from edmctl.record.create import compound_dtype
 from edmctl.record.layout import Table
 from edmctl.results.telemetry import PulseTrain

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
 
+from edmctl.dataclasses import dataclass, field, replace
 from edmctl.record.ledger_entries import (
     UNFINISHED,
     JobBegun,

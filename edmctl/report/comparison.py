@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from edmctl.dataclasses import dataclass
 from edmctl.labels import basis_of
 from edmctl.record.reader import RunFile
 from edmctl.record.results import estimated_depth

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from edmctl.csv_text import header_line, row_lines, text_cell
+from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError, installing
 from edmctl.record import layout
 from edmctl.record.layout import Column, Table

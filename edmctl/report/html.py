@@ -5,11 +5,11 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass
 from edmctl.report.style import NothingToDraw, house_style, rendered
 
 if TYPE_CHECKING:

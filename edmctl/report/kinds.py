@@ -6,9 +6,10 @@ This module loads nothing; that of a figure is loaded when it is drawn.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, cast
+
+from edmctl.dataclasses import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

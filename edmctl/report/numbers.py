@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import asdict, dataclass, fields
 from edmctl.labels import basis_of, weakest
 from edmctl.record.layout import RESULTS
 from edmctl.record.results import Labels, labels_of

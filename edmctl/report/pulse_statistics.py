@@ -9,13 +9,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.array_types import Array, Integers
+from edmctl.dataclasses import dataclass
 from edmctl.quantity import half_width
 from edmctl.record import layout
 from edmctl.record.reader import RunFile

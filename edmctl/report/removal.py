@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.array_types import Array, Flags
+from edmctl.dataclasses import dataclass, replace
 from edmctl.labels import Basis
 from edmctl.record import layout
 from edmctl.record.events import RecordedCode, recorded_events

@@ -7,13 +7,13 @@ first: masked by state, or subtracted.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass
 from edmctl.record import layout
 from edmctl.record.events import RecordedState
 from edmctl.record.reader import RunFile

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass
 from edmctl.doe.sensitivity import SobolIndices
 from edmctl.report import html, study_tables, study_words
 from edmctl.report.html import PageTable, Picture

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from typing import ClassVar
 
+from edmctl.dataclasses import asdict, dataclass
 from edmctl.results.result import Result, html_table
 from edmctl.wording import duration, facts, length
 

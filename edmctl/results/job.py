@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 
+from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import ObjectiveNotReached
 from edmctl.labels import Basis, Seen, Verdict
 from edmctl.quantity import half_width

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis
 
 if TYPE_CHECKING:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
+from edmctl.dataclasses import dataclass
 from edmctl.results.telemetry import PulseShares
 
 

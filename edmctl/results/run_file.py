@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass, fields
 from edmctl.errors import RunFileError
 from edmctl.results.job import SiteTruth
 from edmctl.results.telemetry import PulseShares

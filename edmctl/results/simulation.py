@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
 from typing import Any
 
+from edmctl.dataclasses import dataclass, field, fields
 from edmctl.labels import Basis, Verdict
 from edmctl.results.job import SiteTruth
 

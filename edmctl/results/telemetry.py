@@ -9,8 +9,9 @@ Times are seconds since the first message of the run, on the controller's clock.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from edmctl.dataclasses import dataclass
 
 if TYPE_CHECKING:
     import numpy as np

@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 from pydantic import BaseModel, ValidationError
 
+from edmctl.dataclasses import astuple, dataclass, replace
 from edmctl.errors import Diagnostic, ProfileError
 from edmctl.forecasts.erosion import with_expected_erosion
 from edmctl.forecasts.forecast import Job

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import LinkLost
 from edmctl.simulator.config import FIRMWARE_FLOAT, STM32
 from edmctl.simulator.controller import Controller

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
 from typing import TypeVar
 
 import numpy as np
 
+from edmctl.dataclasses import dataclass, field, fields, replace
 from edmctl.process.erosion import LAW, ErosionLaw
 from edmctl.process.gap_conditions import ARC_V, BRIDGE_CLEAR, GAP_LAW, SHORT_V, GapLaw
 

@@ -10,12 +10,12 @@ import socket
 import tty
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
 from time import monotonic
 from typing import Protocol
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import LinkLost
 from edmctl.link import gate
 

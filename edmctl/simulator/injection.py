@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import Enum
 from random import Random
 
+from edmctl.dataclasses import dataclass
 from edmctl.link.faults import FAULTS
 from edmctl.link.messages import Advance
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Protocol
 
 from edmctl.core.library import PACK
+from edmctl.dataclasses import dataclass
 from edmctl.link.messages import ResetCause, State
 from edmctl.simulator.injection import CHIPS, Injection, LineState, Trigger
 from edmctl.simulator.plant import Plant

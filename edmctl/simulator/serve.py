@@ -11,9 +11,9 @@ from __future__ import annotations
 import re
 import select
 from collections.abc import Callable
-from dataclasses import dataclass
 from time import monotonic
 
+from edmctl.dataclasses import dataclass
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.endpoints import Endpoint

@@ -7,12 +7,12 @@ oscilloscope would show. The black box is in the core (firmware/core/blackbox.c)
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass
 from edmctl.link.messages import WaveformReadReply
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_NS

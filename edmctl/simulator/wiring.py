@@ -5,8 +5,9 @@ Mistakes of analog wires and of the contact are in `Unit`, which the plant reads
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
+
+from edmctl.dataclasses import dataclass
 
 STAGE_X, STAGE_Y = 0, 1
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass
 from edmctl.process.erosion import roughness_ra_um, widening_um
 from edmctl.simulator.config import BenchConfig
 from edmctl.simulator.plant_interface import Drive

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from ctypes import byref
-from dataclasses import dataclass
 
 import numpy as np
 
 from edmctl.array_types import Array
 from edmctl.core.library import library
+from edmctl.dataclasses import dataclass
 from edmctl.simulator.plant_state import Cells
 
 _Square = tuple[slice, slice]

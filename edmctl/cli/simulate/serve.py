@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,6 +21,7 @@ from edmctl.cli.options import (
 )
 from edmctl.cli.outcome import Outcome, Output, tell
 from edmctl.cli.signals import requests_by_signal, shell, stopping_signals
+from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.machine.stop import StopRequest

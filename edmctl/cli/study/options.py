@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
@@ -11,6 +10,7 @@ import typer
 from edmctl.cli import completion
 from edmctl.cli.options import NewToolOption, PortOption, WaitOption
 from edmctl.cli.outcome import Outcome
+from edmctl.dataclasses import dataclass
 from edmctl.errors import UsageError
 from edmctl.profile.folders import find_profile, find_study
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
 
 from edmctl.actuator.acceptance import DIFFERING, excess_of, rate_in_words, restrictions_on
 from edmctl.actuator.identification import Identification, fit_line, fit_maxwell, identify
@@ -11,6 +10,7 @@ from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record
 from edmctl.actuator.uncertainty import within_rates
 from edmctl.actuator.validation import ErrorFigures, Refit, Validation, validate
+from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import Diagnostic, RecordError
 from edmctl.profile.calibration_bounds import contradictions
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, RecordError, RunFileError, UsageError
 from edmctl.jobs import output_files
 from edmctl.jobs.connect import known_controller

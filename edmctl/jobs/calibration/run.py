@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import Diagnostic, EdmError
 from edmctl.jobs.calibration.request import CheckedCalibration, LeverFound, check_writable, doubtful
 from edmctl.jobs.connect import connected, introduction

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS
+from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, PreconditionError
 from edmctl.profile.folders import find_calibration
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import partial
 from statistics import linear_regression
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.jobs.first_start import nets
 from edmctl.jobs.first_start.checklist import Checklist, Found, Spec, mean
 from edmctl.jobs.first_start.nets import cause

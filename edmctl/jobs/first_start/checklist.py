@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass, field
 from edmctl.errors import EdmError, Interrupted, LinkLost, MachineFault, UsageError
 from edmctl.jobs.first_start.person import ACTS, QUESTIONS, Done, Person
 from edmctl.link.faults import FaultCode

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from statistics import pstdev
 
+from edmctl.dataclasses import dataclass
 from edmctl.jobs.first_start import nets
 from edmctl.jobs.first_start.checklist import Checklist, Found, Skip, Spec, mean
 from edmctl.jobs.first_start.nets import cause

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import partial
 from statistics import median
 from typing import Any, cast
 
+from edmctl.dataclasses import dataclass, field
 from edmctl.errors import MachineFault
 from edmctl.jobs.first_start import nets
 from edmctl.jobs.first_start.checklist import Checklist, Found, Spec, mean

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Protocol
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import UsageError
 from edmctl.files import read_bytes
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.procedures.job import REPORT_DELAY_S, Job
 from edmctl.procedures.monitoring.drift import contradicting_between_jobs_um_s, displacement_uncertainty
 from edmctl.record.tool_account import MachineHistory

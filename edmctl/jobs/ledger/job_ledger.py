@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 
+from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import Diagnostic
 from edmctl.jobs.drift_choice import choose_drift, doubts_of_use
 from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job

@@ -7,10 +7,10 @@ import math
 import re
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, PreconditionError, RunFileError
 from edmctl.forecasts.forecast import forecast, stroke_available_um
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now

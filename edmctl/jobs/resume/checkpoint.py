@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import EdmError, MachineFault, ObjectiveNotReached, PreconditionError, RunFileError
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.plan import Plan

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass, field
 from edmctl.labels import PAD
 from edmctl.link.faults import FAULTS
 from edmctl.record.events import recorded_events

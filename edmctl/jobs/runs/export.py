@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import UsageError
 from edmctl.jobs.output_files import check_free
 

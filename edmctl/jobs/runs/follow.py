@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass
 from edmctl.jobs.runs.events import DEBUG, LEFT_OUT, events_of
 from edmctl.jobs.runs.explanation import depths_of_holes
 from edmctl.labels import PAD, PARKING

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import UsageError
 from edmctl.jobs import output_files
 from edmctl.report.kinds import KINDS, NAMES, REPORT, Kind, kind_called

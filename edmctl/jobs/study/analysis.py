@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError
 from edmctl.jobs.study.design import AS_LEVELS, SENSITIVITY, terms_of
 from edmctl.jobs.study.expectations import predicted

@@ -5,10 +5,10 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from edmctl.csv_text import number_of
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import RecordError
 from edmctl.files import user_path
 from edmctl.jobs.study.factors import BLOCK, middle, settings_matrix, value_at

@@ -7,11 +7,11 @@ import hashlib
 import socket
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import EdmError, Interrupted, PreconditionError, RunFileError
 from edmctl.exitcodes import error_exit_code
 from edmctl.files import open_regular

@@ -16,10 +16,10 @@ import shutil
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, PreconditionError, ProfileError, RunFileError, UsageError
 from edmctl.files import json_of, open_descriptor, read_bytes, user_path
 from edmctl.jobs.output_files import make_folder, unwritable, write

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, ProfileError
 from edmctl.files import user_path
 from edmctl.jobs.plan import JobRequest, Plan, check

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from edmctl.dataclasses import asdict, dataclass, field
 from edmctl.jobs.plan import SIMULATOR, MachineAddress
 from edmctl.jobs.study.factors import is_within
 from edmctl.jobs.study.responses import LARGEST

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import UsageError
 from edmctl.jobs.parallel import Lost, Pool, Program, perform
 from edmctl.jobs.plan import FRESH

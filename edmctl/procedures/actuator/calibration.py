@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 from edmctl.actuator.checks import check_record
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
+from edmctl.dataclasses import dataclass, field
 from edmctl.errors import LinkLost, PreconditionError, stages_by_hand
 from edmctl.machine.interface import (
     Axis,

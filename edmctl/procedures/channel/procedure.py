@@ -7,9 +7,9 @@ stop, so the last layers are cut by what was measured and not by what was assume
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import partial
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import MachineFault
 from edmctl.forecasts.channel import LAYERS_BEFORE_FIRST_STOP, PLACES, PLACES_AT_THE_END
 from edmctl.labels import NOT_SHOWN_CODE, Verdict

@@ -8,11 +8,11 @@ wear along a path is not.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from edmctl.array_types import Array
+from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import CutRequest, EventCode, MachineEvent, MachineState, ScanLine
 from edmctl.procedures.hole.cut_planning import energy_of

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from edmctl.dataclasses import dataclass
 from edmctl.procedures.channel.scan import PassPlan, PassResult
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to

@@ -6,9 +6,9 @@ And what follows it: another one, the end, or the end short of the objective.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import MachineFault
 from edmctl.forecasts.measuring import cut_budget
 from edmctl.labels import Verdict

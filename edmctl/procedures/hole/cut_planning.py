@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.forecasts.measuring import cut_budget, estimate_of
 from edmctl.forecasts.removal import feed_rate_um_s
 from edmctl.procedures.job import HoleTarget, target_of

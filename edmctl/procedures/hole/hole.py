@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
 
+from edmctl.dataclasses import dataclass, field, replace
 from edmctl.forecasts.measuring import FACE_LIMIT_UM, estimate_of
 from edmctl.labels import Basis
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of

@@ -9,9 +9,9 @@ the deeper side what was cut after the journal was written is added.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.forecasts.removal import feed_rate_um_s
 from edmctl.procedures.job_state import PERIOD_S, JobState

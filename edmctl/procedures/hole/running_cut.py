@@ -8,9 +8,9 @@ the way back; after the second the gap is kept wider and the pulses pause longer
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 from edmctl.actuator.inverse import jump_volts
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import MachineFault
 from edmctl.forecasts.removal import approach_speed_um_s, least_jump_um
 from edmctl.machine.interface import CutRequest, EventCode, MachineEvent

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
 
+from edmctl.dataclasses import dataclass, field, replace
 from edmctl.labels import NOT_SHOWN_CODE, Basis, Verdict
 from edmctl.procedures.actuator.tracker import FeedError
 from edmctl.procedures.hole.cut import CutResult, Decision, remedy

@@ -7,8 +7,8 @@ judged by the shares of arcs and shorts while it sparks, not during a jump and n
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from edmctl.dataclasses import dataclass
 from edmctl.procedures.run import Args
 from edmctl.procedures.servo.pulse_window import PulseWindow
 from edmctl.procedures.servo.reference_search import ReferenceSearch

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from edmctl.actuator.model import Estimator
+from edmctl.dataclasses import dataclass
 from edmctl.forecasts.forecast import forecast
 from edmctl.procedures.run import JobRun
 from edmctl.record.rows import EventLevel, RunEvent

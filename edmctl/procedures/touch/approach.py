@@ -8,9 +8,9 @@ away, and touches again; what stays in doubt widens the interval.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 from edmctl.actuator.inverse import ramp_by
+from edmctl.dataclasses import dataclass, replace
 from edmctl.forecasts.removal import approach_speed_um_s
 from edmctl.machine.interface import MachineEvent
 from edmctl.procedures.run import JobRun, rest_and_look

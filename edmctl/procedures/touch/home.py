@@ -8,8 +8,8 @@ decides, where what is under the tool is known: the way to contact holds no drif
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError
 from edmctl.procedures.channel.way import is_on_way, way_of_path
 from edmctl.procedures.hole.hole_estimate import (

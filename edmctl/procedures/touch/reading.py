@@ -7,8 +7,8 @@ The tool hunts at contact, so that creep cannot push it into the work, and the s
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import ObjectiveNotReached, PreconditionError
 from edmctl.machine.interface import Touch, TouchRequest
 from edmctl.procedures.run import JobRun

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to

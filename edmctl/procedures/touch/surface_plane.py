@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
 
+from edmctl.dataclasses import dataclass, field, replace
 from edmctl.forecasts.measuring import FACE_LIMIT_UM
 from edmctl.procedures.job_state import SurfaceTouch
 from edmctl.procedures.run import Args, JobRun

@@ -7,9 +7,9 @@ magnified. Colours are those of Okabe & Ito, which the colour-blind can tell apa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import dataclass
 from edmctl.report.signals import broken
 from edmctl.report.style import (
     BLACK,

@@ -8,12 +8,12 @@ in its stead.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl.dataclasses import dataclass
 from edmctl.report.removal import along, lengths_um, planned_path
 from edmctl.report.style import (
     BLACK,

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl.dataclasses import dataclass
 from edmctl.report.signals import POINTS, broken
 from edmctl.report.style import (
     BLACK,

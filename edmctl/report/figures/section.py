@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis, marked
 from edmctl.report.numbers import numbers_of
 from edmctl.report.style import (

@@ -10,11 +10,11 @@ what is faster than half their rate is folded into the spectrum, and the figure 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.dataclasses import dataclass
 from edmctl.record.events import RecordedState
 from edmctl.report.signals import BLOCK_ROWS, Spans, sampling_hz
 from edmctl.report.style import (

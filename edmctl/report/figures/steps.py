@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis, basis_of, marked
 from edmctl.record.results import has_sensor
 from edmctl.report.numbers import numbers_of
