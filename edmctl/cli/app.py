@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Sequence
 from functools import cache
+from importlib import import_module
 from io import TextIOWrapper
 from itertools import takewhile
 from pathlib import Path
@@ -15,13 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from edmctl.cli.commands import calibrate, doctor, first_start, machine, ports, procedures, profile
-from edmctl.cli.firmware import app as firmware
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
-from edmctl.cli.run import app as run_files
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
-from edmctl.cli.simulate import seeds as simulate
-from edmctl.cli.study import app as studies
 from edmctl.errors import EdmError, UsageError
 from edmctl.exitcodes import ExitCode, exit_code_table
 from edmctl.version import __version__
@@ -30,37 +26,30 @@ from edmctl.wording import code_point, with_hyphens
 if TYPE_CHECKING:
     from typing import NoReturn
 
-app = typer.Typer(
-    name="edmctl",
-    epilog="\b\nExit codes:\n" + exit_code_table(),
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-app.command("calibrate")(calibrate.calibrate)
-app.command("approach")(procedures.approach)
-app.command("machine")(machine.machine)
-app.command("measure-wear")(procedures.measure_wear)
-app.command("measure-drift")(procedures.measure_drift)
-app.command("jump-flush")(procedures.jump_flush)
-app.command("reset")(doctor.reset)
-app.command("doctor")(doctor.doctor)
-app.command("first-start")(first_start.first_start)
-app.command("ports")(ports.ports)
-app.add_typer(simulate.app, name="simulate")
-app.add_typer(firmware, name="firmware")
-app.add_typer(profile.app, name="profile")
-app.add_typer(run_files, name="run")
-app.add_typer(studies, name="study")
-
-
-_GROUPS = ("firmware", "profile", "run", "simulate", "study")
+_COMMANDS = {
+    "calibrate": "commands.calibrate:calibrate",
+    "approach": "commands.procedures:approach",
+    "machine": "commands.machine:machine",
+    "measure-wear": "commands.procedures:measure_wear",
+    "measure-drift": "commands.procedures:measure_drift",
+    "jump-flush": "commands.procedures:jump_flush",
+    "reset": "commands.doctor:reset",
+    "doctor": "commands.doctor:doctor",
+    "first-start": "commands.first_start:first_start",
+    "ports": "commands.ports:ports",
+}
+_GROUPS = {
+    "simulate": "simulate.seeds:app",
+    "firmware": "firmware:app",
+    "profile": "commands.profile:app",
+    "run": "run:app",
+    "study": "study:app",
+}
 
 # Some versions of typer carry click inside; this finds its base of all usage errors in either place.
 _ClickError = cast("type[Exception]", typer.BadParameter.__mro__[2])
 
 
-@app.callback(invoke_without_command=True)
 def edmctl(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
@@ -96,7 +85,9 @@ def _run(arguments: Sequence[str]) -> int:
     )
     try:
         _refuse_dashes(arguments)
-        code = _commands().main(args=list(arguments), prog_name="edmctl", standalone_mode=False)
+        code = command_tree(arguments[0] if arguments else "").main(
+            args=list(arguments), prog_name="edmctl", standalone_mode=False
+        )
         sys.stdout.flush()
     except _ClickError as mistake:
         return finish(Outcome(output), _usage_error(mistake, arguments))
@@ -132,14 +123,35 @@ def _typed(part: str) -> str:
 
 
 @cache
-def _commands() -> Any:
+def command_tree(name: str = "") -> Any:
     """Return the command tree as its library runs it, made once for callers that go on afterwards.
 
+    If `name` is that of a command or group, only this one is imported and in the tree, else all are.
     Lists of commands show the first paragraph of each command's help in full; the library would cut it off.
     """
+    app = typer.Typer(
+        name="edmctl",
+        epilog="\b\nExit codes:\n" + exit_code_table(),
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback(invoke_without_command=True)(edmctl)
+    is_one = name in _COMMANDS or name in _GROUPS
+    for known, place in _COMMANDS.items():
+        if not is_one or name == known:
+            app.command(known)(_imported(place))
+    for known, place in _GROUPS.items():
+        if not is_one or name == known:
+            app.add_typer(_imported(place), name=known)
     tree = typer.main.get_command(app)
     _describe(tree)
     return tree
+
+
+def _imported(place: str) -> Any:
+    module, _, name = place.partition(":")
+    return getattr(import_module(f"edmctl.cli.{module}"), name)
 
 
 def _describe(command: Any) -> None:
@@ -179,7 +191,7 @@ def _meant(message: str, path: str, arguments: Sequence[str]) -> str:
     unknown = re.search(r"No such command '(.+)'", message)
     groups = [
         f"`edmctl {name} {unknown[1]}`"
-        for name, group in _commands().commands.items()
+        for name, group in command_tree().commands.items()
         if unknown is not None and path == "edmctl" and unknown[1] in getattr(group, "commands", {})
     ]
     return f"Did you mean {' or '.join(groups)}?" if groups else ""
@@ -198,7 +210,7 @@ def _pairs_apart(arguments: Sequence[str]) -> str:
 
 def _parameters(path: str) -> list[Any]:
     """The parameters of a command that is no group's."""
-    command = _commands()
+    command = command_tree()
     for word in path.split()[1:]:
         command = getattr(command, "commands", {}).get(word, command)
     return list(command.params)

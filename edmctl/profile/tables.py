@@ -53,7 +53,7 @@ LEAST = 1e-30
 class Table(BaseModel):
     """A table of a profile or setup file: closed, immutable, no silent conversions."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
     @field_validator("*")
     @classmethod

@@ -12,7 +12,7 @@ import pytest
 from pydantic import BaseModel
 
 from edmctl import api
-from edmctl.cli.app import _commands
+from edmctl.cli.app import command_tree
 from edmctl.core.build import cache_folder
 from edmctl.errors import ProfileError, UsageError
 from edmctl.exitcodes import ExitCode
@@ -62,7 +62,7 @@ def commands(tree: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str
 
 def test_every_path_on_the_command_line_is_read_by_one_function() -> None:
     wrong = []
-    for words, command in commands(_commands()):
+    for words, command in commands(command_tree()):
         for parameter in command.params:
             reads = getattr(parameter.type, "func", None)
             names_file = re.search(r"FILE|DIR|FOLDER|PATH|PAGE|\.csv", parameter.metavar or "")
@@ -249,7 +249,7 @@ def test_every_run_reports_which_file_it_uses(here: Here, tmp_path: Path) -> Non
 def test_no_help_is_cut_off_at_80_columns(monkeypatch: pytest.MonkeyPatch, here: Here) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     wrong = []
-    for words, command in commands(_commands()):
+    for words, command in commands(command_tree()):
         shown = here(*words, "--help").out
         wrong += [(words, line) for line in shown.splitlines() if re.search(r"[a-z,.]\.\.\.", line)]
         wrong += [(words, line) for line in shown.splitlines() if len(line) > 80]

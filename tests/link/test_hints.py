@@ -7,9 +7,8 @@ import struct
 from dataclasses import fields
 
 import pytest
-import typer
 
-from edmctl.cli.app import app
+from edmctl.cli.app import command_tree
 from edmctl.link.faults import FAULTS, FaultRow
 from edmctl.link.frame import Frame
 from edmctl.link.link_errors import nak_error
@@ -17,8 +16,7 @@ from edmctl.link.messages import Arm, PathMove, StageMove, Status
 
 
 def commands() -> set[str]:
-    tree = typer.main.get_command(app)
-    return set(tree.commands)  # type: ignore[attr-defined]
+    return set(command_tree().commands)
 
 
 def unknown_commands(text: str) -> set[str]:
