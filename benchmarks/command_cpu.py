@@ -9,11 +9,17 @@ threads of the process. Bytecode and the library are made in a first run.
     python benchmarks/command_cpu.py --calibrate [--repeat 3]
 
 CPU time of `edmctl calibrate --seed 1` and of the same calibration by the Python API in a bare process.
+
+    python benchmarks/command_cpu.py --startup [--repeat 7]
+
+CPU time of a job, of its start until the first tick of its machine, and of commands that compute nothing; how many
+dataclasses a job makes, and how long that takes.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import os
 import subprocess
@@ -32,6 +38,8 @@ PARTS = ("kernel", "imports", "rest", "total")
 HERE = Path(__file__).resolve().parents[1]
 BY_API = "import sys, edmctl; edmctl.connect(seed=1).calibrate(output=sys.argv[1])"
 MOST_API_RATIO = 1.15
+JOB = ["machine", "--profile", "cu270", "--set", "target.depth_um=10", "--seed", "1", "--json"]
+MOST_DATACLASS_S = 0.12
 
 
 class Meter:
@@ -99,13 +107,79 @@ def measure(arguments: list[str]) -> None:
     sys.stderr.write(f"\n{json.dumps({'code': code, **parts})}\n")
 
 
-def once(checkout: Path, command: list[str], folder: str) -> dict[str, float]:
+def measure_startup(arguments: list[str]) -> None:
+    """Run a job in this process, and write what its start takes to the last line of stderr."""
+    made_s: list[float] = []
+    first: list[tuple[float, int]] = []
+    process: Any = dataclasses._process_class  # type: ignore[attr-defined]
+
+    def timed(*given: Any, **options: Any) -> Any:
+        start_s = time.thread_time()
+        try:
+            return process(*given, **options)
+        finally:
+            made_s.append(time.thread_time() - start_s)
+
+    dataclasses._process_class = timed  # type: ignore[attr-defined]
+    from edmctl.cli.start_up import spare_start_up
+
+    spare_start_up()
+    from edmctl.cli.app import main as edmctl
+    from edmctl.core.library import Library
+
+    def watched(library: Any, name: str, value: Any) -> None:
+        def run(*places: Any) -> Any:
+            if not first:
+                first.append((time.process_time(), len(sys.modules)))
+            return value(*places)
+
+        object.__setattr__(library, name, run if name == "machine_run" else value)
+
+    Library.__setattr__ = watched  # type: ignore[method-assign]
+    code = edmctl(arguments)
+    found = {"code": code, "dataclasses_s": sum(made_s), "dataclasses": len(made_s)}
+    if first:
+        found.update(first_tick_s=first[0][0], modules=first[0][1])
+    sys.stderr.write(f"\n{json.dumps({**found, 'total_s': time.process_time()})}\n")
+
+
+def startup(repeat: int) -> int:
+    """Print the start of a job and of two commands that compute nothing; 1 if dataclasses take too long."""
+    with tempfile.TemporaryDirectory() as folder:
+        jobs = [once(HERE, JOB, folder, "--measure-startup") for _ in range(repeat + 1)][1:]
+        others = {
+            " ".join(command): min(
+                _cpu_s([sys.executable, "-m", "edmctl", *command], folder) for _ in range(repeat)
+            )
+            for command in (["--version"], ["--help"], ["run", "list"])
+        }
+    least = {name: min(job[name] for job in jobs) for name in jobs[0]}
+    print(
+        f"a job: {least['total_s']:.2f} s, {least['first_tick_s']:.2f} s before the first tick, "
+        f"{least['modules']:.0f} modules; {least['dataclasses']:.0f} dataclasses in "
+        f"{least['dataclasses_s']:.3f} s, at most {MOST_DATACLASS_S} s"
+    )
+    for command, seconds in others.items():
+        print(f"edmctl {command:<10} {seconds:.2f} s")
+    return int(least["dataclasses_s"] > MOST_DATACLASS_S)
+
+
+def _cpu_s(command: list[str], folder: str) -> float:
+    before = os.times()
+    subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": str(HERE)}, cwd=folder, capture_output=True, check=True
+    )
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system
+
+
+def once(checkout: Path, command: list[str], folder: str, how: str = "--measure") -> dict[str, float]:
     """Measure one command of a checkout in a process of its own."""
     environ = {**os.environ, "PYTHONPATH": str(checkout), "PYTHONPYCACHEPREFIX": f"{folder}/bytecode"}
     environ.pop("PYTHONDONTWRITEBYTECODE", None)
     arguments = [*command, "--out", f"{folder}/runs"]
     done = subprocess.run(
-        [sys.executable, __file__, "--measure", *arguments],
+        [sys.executable, __file__, how, *arguments],
         env=environ,
         cwd=folder,
         capture_output=True,
@@ -152,6 +226,9 @@ def main() -> None:
     if sys.argv[1:2] == ["--measure"]:
         measure(sys.argv[2:])
         return
+    if sys.argv[1:2] == ["--measure-startup"]:
+        measure_startup(sys.argv[2:])
+        return
     own, _, command = " ".join(sys.argv[1:]).partition(" -- ")
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -159,7 +236,10 @@ def main() -> None:
     parser.add_argument("other", nargs="?", type=Path, help="another checkout of the project")
     parser.add_argument("--repeat", type=int, default=7)
     parser.add_argument("--calibrate", action="store_true", help="compare the command with the Python API")
+    parser.add_argument("--startup", action="store_true", help="measure the start of a job")
     options = parser.parse_args(own.split())
+    if options.startup:
+        sys.exit(startup(options.repeat))
     if options.calibrate:
         sys.exit(compare_calibrations(options.repeat))
     trees = [HERE] if options.other is None else [options.other.resolve(), HERE]

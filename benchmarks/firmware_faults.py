@@ -17,7 +17,7 @@ from unittest import mock
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from edmctl.core import build
-from edmctl.core.library import library
+from edmctl.core.library import loaded
 from tests.firmware.schedules import Schedule
 
 FAULTS = {
@@ -110,7 +110,7 @@ def found_by(name: str, expected: list[str], steps: int) -> str:
             mock.patch.object(build, "source_folder", return_value=copy),
             mock.patch.dict("os.environ", {build.CACHE_VARIABLE: folder}),
         ):
-            library.cache_clear()
+            loaded.cache_clear()
             commands = 0
             for seed, sound in enumerate(expected, 1):
                 found, sent = digest(seed, steps)

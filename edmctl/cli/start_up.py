@@ -7,7 +7,7 @@ import os
 
 from edmctl.blas import VARIABLES
 
-FEW_CYCLES = 50_000
+FEW_CYCLES = 100_000
 """So many objects more than were freed have the garbage collector look; Python's number is 700. What a command makes
 by the thousand, rows and frames, is freed as it goes, and each look at all that was imported takes some 40 ms."""
 

@@ -11,7 +11,6 @@ from edmctl.console.style import PLAIN, Style
 from edmctl.labels import Basis, Seen, basis_of, heading, is_doubtful, marked, meanings
 from edmctl.quantity import half_width
 from edmctl.results.job import Belief, ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
-from edmctl.results.run_file import SiteNumbers
 from edmctl.results.telemetry import PulseShares
 from edmctl.wording import (
     BEYOND_EXIT,
@@ -28,6 +27,8 @@ from edmctl.wording import (
 )
 
 if TYPE_CHECKING:
+    from edmctl.results.run_file import SiteNumbers
+
     Site: TypeAlias = SiteResult | SiteNumbers
 
 _LABEL = 21

@@ -216,13 +216,18 @@ class Library:
         raise AttributeError(name)
 
 
-@cache
 def library(real: str = "double") -> Library:
     """Return the library of that arithmetic, built if need be.
 
     One that cannot be loaded, a damaged file or another system's, is built anew.
     Raises PreconditionError E8093, E8094 as `built` does.
     """
+    return loaded(real)
+
+
+@cache
+def loaded(real: str) -> Library:
+    """Return the same; every call has its arithmetic, so that a library is looked for and loaded once."""
     build = found(real)
     try:
         return Library(build)

@@ -46,14 +46,14 @@ def choose_drift(
     the same result, whatever was measured meanwhile. A file that is too old or of another machine does not count,
     and is warned of. Raises RecordError where one that was found cannot be used.
     """
-    from edmctl.profile.drift_file import load_drift
-    from edmctl.profile.read import read_source
-
     if not (setup.drift.use and setup.sensor.fitted):
         return DriftChoice()
     path = find_drift(environ, setup.drift.file, serial if lasting else None)
     if path is None:
         return DriftChoice()
+    from edmctl.profile.drift_file import load_drift
+    from edmctl.profile.read import read_source
+
     found = load_drift(path)
     if found.made.serial != serial:
         return _ignored("W8106", f"{path} is of {found.made.serial}; this machine is {serial}.")

@@ -11,10 +11,8 @@ from dataclasses import replace
 from edmctl.forecasts.forecast import hole_time_s, working_order
 from edmctl.forecasts.removal import hole
 from edmctl.machine.interface import Machine
-from edmctl.procedures.channel.procedure import machine_path, record_left_channel
 from edmctl.procedures.hole.cut import Decision
 from edmctl.procedures.hole.hole import JobKnowledge, begin_hole, initial_knowledge
-from edmctl.procedures.hole.resuming import check_last_hole, resume_hole, resume_through_hole
 from edmctl.procedures.hole.site import keep_hole_begun, machine_hole
 from edmctl.procedures.hole.site_result import judge_holes, open_site, record_left, record_results
 from edmctl.procedures.job import Job, target_of
@@ -73,20 +71,24 @@ def run_job(
         pulses=True,
         store=store,
         self_test=True,
-        record_left=_record_left,
+        record_left=record_left if job.profile.path is None else _record_left_channel,
     ) as run:
         if job.profile.path is None:
             missed = machine_sites(run)
             record_results(run)
             missed = judge_holes(run, missed)
         else:
+            from edmctl.procedures.channel.procedure import machine_path
+
             missed = machine_path(run)
     if missed is not None:
         raise ObjectiveMissed(missed.missed, hint=missed.hint, result=tally.result(), code=missed.code)
     return tally.result()
 
 
-def _record_left(run: JobRun) -> None:
+def _record_left_channel(run: JobRun) -> None:
+    from edmctl.procedures.channel.procedure import record_left_channel
+
     record_left(run)
     record_left_channel(run)
 
@@ -105,12 +107,11 @@ def machine_sites(run: JobRun) -> Decision | None:
 def _machine_sites(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
     limits = TimeLimits(run)
     resumed = run.job.resumed
-    resume = resume_hole
-    if run.profile.target.kind == "through" and not run.job.restart_hole:
-        resume = resume_through_hole
     done = set(run.tally.sites)
     left = [site for site in working_order(run.profile, run.setup, run.job.sites) if site.name not in done]
     if resumed is not None and not resumed.begun and left:
+        from edmctl.procedures.hole.resuming import check_last_hole
+
         check_last_hole(run, knowledge)
     for number, site in enumerate(left):
         used_up = _used_up(run, knowledge, left[number:])
@@ -118,13 +119,20 @@ def _machine_sites(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
             return used_up
         open_site(run, site)
         begun = resumed is not None and resumed.begun and resumed.site == site.name
-        decision = resume(run, site, knowledge, limits) if begun else None
+        decision = _resumed(run, site, knowledge, limits) if begun else None
         if decision is None:
             decision = _machine_fresh(run, site, knowledge, left[number:], limits)
         run.keeper.keep(MOVING, None)
         if decision.missed:
             return _of_several(run, decision, site)
     return None
+
+
+def _resumed(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
+    from edmctl.procedures.hole.resuming import resume_hole, resume_through_hole
+
+    is_through = run.profile.target.kind == "through" and not run.job.restart_hole
+    return (resume_through_hole if is_through else resume_hole)(run, site, knowledge, limits)
 
 
 def _of_several(run: JobRun, decision: Decision, site: Place) -> Decision:

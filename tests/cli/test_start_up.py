@@ -74,6 +74,22 @@ def test_a_job_loads_no_scipy_beyond_its_name(tmp_path: Path) -> None:
     assert not loaded & {"numba", "scipy.linalg", "scipy.optimize"}
 
 
+def test_a_job_loads_only_what_it_uses(tmp_path: Path) -> None:
+    job = ["machine", "-p", "cu270", "--quiet", "--seed", "1", "--set", "target.depth_um=8"]
+    unused = {
+        "edmctl.actuator.identification",
+        "edmctl.cli.commands.calibrate",
+        "edmctl.cli.run",
+        "edmctl.cli.study",
+        "edmctl.procedures.channel.procedure",
+        "edmctl.procedures.hole.resuming",
+        "edmctl.profile.calibration",
+        "edmctl.results.run_file",
+        "edmctl.results.study",
+    }
+    assert not modules_after(job, tmp_path) & unused
+
+
 def test_version_is_said(tmp_path: Path) -> None:
     said = in_process_of_its_own("--version", cwd=tmp_path)
     assert (said.exit_code, said.out) == (0, f"edmctl {__version__}\n")

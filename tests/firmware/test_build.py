@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.core import build
-from edmctl.core.library import library
+from edmctl.core.library import library, loaded
 from edmctl.errors import PreconditionError
 
 if TYPE_CHECKING:
@@ -101,12 +101,12 @@ def test_a_damaged_library_is_built_anew_and_a_false_one_told(
 ) -> None:
     monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
     (tmp_path / core.path.name).write_bytes(b"damaged")
-    again = library.__wrapped__()
+    again = loaded.__wrapped__("double")
     assert (again.build.is_new, again.real_bytes()) == (True, 8)
     false = tmp_path / "false-cc"
     false.write_text('#!/bin/sh\nfor last; do :; done\n[ "$1" = --version ] || echo no >"$last"\n')
     false.chmod(0o755)
     monkeypatch.setenv("CC", str(false))
     with pytest.raises(PreconditionError, match="cannot be loaded") as caught:
-        library.__wrapped__()
+        loaded.__wrapped__("double")
     assert caught.value.code == "E8094"

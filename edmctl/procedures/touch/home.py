@@ -11,7 +11,6 @@ import math
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError
-from edmctl.procedures.channel.way import is_on_way, way_of_path
 from edmctl.procedures.hole.hole_estimate import (
     STANDARD_UNCERTAINTIES,
     Estimate,
@@ -147,6 +146,8 @@ def _work_below(run: JobRun) -> _WorkBelow | None:
     slope_um = STANDARD_UNCERTAINTIES * 1e-3 * run.setup.surface.tilt_u_mrad * away_um
     path = run.profile.path
     if path is not None:
+        from edmctl.procedures.channel.way import is_on_way, way_of_path
+
         if resumed is None or not is_on_way(way_of_path(path), here, known_um):
             return None
         depth_um, reach_um = (resumed.depth_um, left.feed_reach_um) if resumed.begun else (0.0, 0.0)
