@@ -17,7 +17,7 @@ def main() -> None:
     try:
         if sys.argv[1:] == ["--version"] and _says_version():
             return
-        from edmctl.cli.start_up import spare_start_up
+        from edmctl.start_up import spare_start_up
 
         spare_start_up()
         from edmctl.cli.app import run

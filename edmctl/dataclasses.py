@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import asdict, astuple, field, fields, replace
+from reprlib import recursive_repr
 from typing import TYPE_CHECKING, Any
 
 __all__ = ["asdict", "astuple", "dataclass", "field", "fields", "replace"]
@@ -47,6 +48,7 @@ def _hash(self: Any) -> int:
     return hash(_compared(self))
 
 
+@recursive_repr()
 def _repr(self: Any) -> str:
     shown = [f"{one.name}={getattr(self, one.name)!r}" for one in fields(self) if one.repr]
     return f"{self.__class__.__qualname__}({', '.join(shown)})"

@@ -10,8 +10,8 @@ from tempfile import TemporaryDirectory
 import pytest
 from hypothesis import settings
 
-from edmctl.cli.start_up import spare_start_up
 from edmctl.core.build import CACHE_VARIABLE
+from edmctl.start_up import spare_start_up
 
 # A busy machine is no failure, the same tree gives the same examples, and nothing is left in the tree.
 settings.register_profile("edmctl", deadline=None, derandomize=True, database=None)

@@ -70,6 +70,12 @@ def test_hash_is_that_of_the_standard_library() -> None:
 def test_text_is_that_of_the_standard_library() -> None:
     for own, standard in zip(QUICK, STANDARD, strict=True):
         assert repr(own(1.5)) == repr(standard(1.5))
+    texts = []
+    for _, state, _ in (QUICK, STANDARD):
+        of_itself = state(1.5)
+        of_itself.many.append(of_itself)
+        texts.append(repr(of_itself))
+    assert texts[0] == texts[1]
 
 
 def test_copies_and_pickles_are_equal() -> None:

@@ -206,7 +206,4 @@ def shell() -> Surroundings:
 
 def begin_worker() -> None:
     """Begin a worker process of the command line: its parent answers for all signals."""
-    from edmctl.cli.start_up import spare_start_up
-
-    spare_start_up()
     ignore_signals()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import shlex
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -23,6 +22,7 @@ from edmctl.jobs.sweep import grid_of, of_sweep
 from edmctl.record.disk import refuse_place
 from edmctl.results.progress import Observer, SeriesObserver
 from edmctl.results.simulation import SimulatedRun
+from edmctl.start_up import collect_garbage
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +150,7 @@ def perform_all(
 
 def perform(task: Task, program: Program, observer: Observer | None = None) -> SimulatedRun:
     """Perform one task. Raises Interrupted and RunFileError; every other error is in the run."""
-    gc.collect()  # the virtual machine of the run before: plant and controller refer to each other
+    collect_garbage()
     plan = check(task.request, program.surroundings())
     name = name_run(task.out, task.run_id, plan.loaded, datetime.now(UTC)) if task.out else None
     if name is not None:

@@ -24,6 +24,7 @@ from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError, installing
 from edmctl.exitcodes import ExitCode
 from edmctl.jobs.surroundings import Surroundings
+from edmctl.start_up import spare_start_up
 
 TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")
@@ -262,6 +263,7 @@ def _close(executor: Executor) -> None:
 
 def _begin(program: Program) -> None:
     """Begin a worker process, which does not outlive its parent."""
+    spare_start_up()
     program.begin_worker()
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

@@ -81,7 +81,7 @@ def _main(path: str) -> None:
 
     import edmctl.__main__ as entry
     from edmctl.cli.app import main
-    from edmctl.cli.start_up import spare_start_up
+    from edmctl.start_up import spare_start_up
 
     spare_start_up()
     with TemporaryDirectory() as folder, Path(os.devnull).open("w") as nowhere:

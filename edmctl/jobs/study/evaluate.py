@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import hashlib
 import socket
 import time
@@ -22,6 +21,7 @@ from edmctl.jobs.study.responses import responses_of, truth_of
 from edmctl.jobs.surroundings import NONE, Unobserved
 from edmctl.jsonout import JsonValue
 from edmctl.results.study import PlannedRun, RunRow
+from edmctl.start_up import collect_garbage
 
 if TYPE_CHECKING:
     from edmctl.jobs.parallel import Program
@@ -44,7 +44,7 @@ def evaluate(task: RunTask, program: Program | None = None) -> RunRow:
     Raises Interrupted, RunFileError, and PreconditionError E8203 where the recipe is not the planned one.
     """
     started, begin_s = datetime.now(UTC), time.perf_counter()
-    gc.collect()  # the virtual machine of the run before: plant and controller refer to each other
+    collect_garbage()
     plan = check(task.request, program.surroundings() if program is not None else NONE)
     refuse_other_recipe(plan, task.recipe, task.run)
     name = None
