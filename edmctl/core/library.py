@@ -192,6 +192,11 @@ _OPERATORS: dict[str, tuple[Any, Sequence[Any]]] = {
     "transducer_advance": (None, (*3 * [c_void_p], c_int64, *5 * [c_void_p])),
 }
 
+_ELEMENTARY: dict[str, tuple[Any, Sequence[Any]]] = {
+    **{name: (c_double, (c_double,)) for name in ("exp", "log", "sin", "cos")},
+    "pow": (c_double, 2 * (c_double,)),
+}
+
 
 class Library:
     """A loaded build: functions by their names in C without `edm_` or `edm_host_`.
@@ -202,7 +207,7 @@ class Library:
     def __init__(self, build: Build) -> None:
         self.build = build
         self.loaded = ctypes.CDLL(str(build.path))
-        for prefix, functions in (("edm_host_", _FUNCTIONS), ("edm_", _PLANT | _OPERATORS)):
+        for prefix, functions in (("edm_host_", _FUNCTIONS), ("edm_", _PLANT | _OPERATORS | _ELEMENTARY)):
             for name, (result, arguments) in functions.items():
                 function = getattr(self.loaded, f"{prefix}{name}")
                 function.restype, function.argtypes = result, list(arguments)

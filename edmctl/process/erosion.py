@@ -17,6 +17,7 @@ Lengths in µm, times in µs, energies in µJ.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from edmctl.dataclasses import dataclass
 from edmctl.process.discharge import pulse_energy_uj
@@ -55,22 +56,25 @@ class ErosionLaw:
 
 LAW = ErosionLaw()
 
+Power = Callable[[float, float], float]
+"""A power of a base. `math.pow` has other last digits on other computers; the virtual machine passes its own."""
 
-def efficiency(law: ErosionLaw, burning_us: float, current_a: float) -> float:
+
+def efficiency(law: ErosionLaw, burning_us: float, current_a: float, power: Power = math.pow) -> float:
     """Removal per energy over that of the best burning time, `2 x / (1 + x²)`: less on both sides of it."""
-    best_us = law.peak_us * math.pow(current_a / USUAL_CURRENT_A, law.peak_per_current)
-    x = math.pow(max(burning_us, 1e-9) / best_us, law.peak_exponent)
+    best_us = law.peak_us * power(current_a / USUAL_CURRENT_A, law.peak_per_current)
+    x = power(max(burning_us, 1e-9) / best_us, law.peak_exponent)
     return 2.0 * x / (1.0 + x * x)
 
 
-def cathode_over_anode(law: ErosionLaw, burning_us: float) -> float:
+def cathode_over_anode(law: ErosionLaw, burning_us: float, power: Power = math.pow) -> float:
     """Erosion of the cathode over that of the anode, of one metal."""
-    return law.cathode_least + math.pow(burning_us / law.cathode_us, law.cathode_exponent)
+    return law.cathode_least + power(burning_us / law.cathode_us, law.cathode_exponent)
 
 
-def carbon_shield(law: ErosionLaw, burning_us: float, current_a: float) -> float:
+def carbon_shield(law: ErosionLaw, burning_us: float, current_a: float, power: Power = math.pow) -> float:
     """Share of its wear that carbon leaves a positive tool in a hydrocarbon oil; long pulses deposit more."""
-    half_us = law.carbon_us * math.pow(current_a / USUAL_CURRENT_A, law.carbon_per_current)
+    half_us = law.carbon_us * power(current_a / USUAL_CURRENT_A, law.carbon_per_current)
     return 1.0 / (1.0 + (burning_us / half_us) ** 2)
 
 
@@ -79,30 +83,34 @@ def molten_uj(law: ErosionLaw, energy_uj: float) -> float:
     return max(energy_uj - law.threshold_uj, 0.0)
 
 
-def work_um3_per_uj(law: ErosionLaw, burning_us: float, current_a: float, *, tool_negative: bool) -> float:
+def work_um3_per_uj(
+    law: ErosionLaw, burning_us: float, current_a: float, power: Power = math.pow, *, tool_negative: bool
+) -> float:
     """Work removed per molten energy in clean oil, µm³/µJ, where it erodes like copper."""
-    r = cathode_over_anode(law, burning_us)
+    r = cathode_over_anode(law, burning_us, power)
     share = 1.0 / (1.0 + r) if tool_negative else r / (1.0 + r)
-    return law.removal_um3_per_uj * efficiency(law, burning_us, current_a) * share
+    return law.removal_um3_per_uj * efficiency(law, burning_us, current_a, power) * share
 
 
-def tool_um3_per_uj(law: ErosionLaw, burning_us: float, current_a: float, *, tool_negative: bool) -> float:
+def tool_um3_per_uj(
+    law: ErosionLaw, burning_us: float, current_a: float, power: Power = math.pow, *, tool_negative: bool
+) -> float:
     """Tool lost per molten energy, µm³/µJ, where it erodes like copper."""
-    r = cathode_over_anode(law, burning_us)
-    share = r / (1.0 + r) if tool_negative else carbon_shield(law, burning_us, current_a) / (1.0 + r)
-    return law.removal_um3_per_uj * law.tool_share * efficiency(law, burning_us, current_a) * share
+    r = cathode_over_anode(law, burning_us, power)
+    share = r / (1.0 + r) if tool_negative else carbon_shield(law, burning_us, current_a, power) / (1.0 + r)
+    return law.removal_um3_per_uj * law.tool_share * efficiency(law, burning_us, current_a, power) * share
 
 
 SURFACE_UM = 3.0
 """Depth in which a floor's craters are others, some craters deep [assumed]."""
 
 
-def roughness_ra_um(crater_um3: float, arc_share: float = 0.0) -> float:
+def roughness_ra_um(crater_um3: float, arc_share: float = 0.0, power: Power = math.pow) -> float:
     """Arithmetic mean roughness Ra of a surface of craters, µm: the cube root of their volume-weighted mean volume.
 
     Craters of one shape; 0.1 of that cube root, half as much again where all were arcs [assumed].
     """
-    return 0.1 * math.cbrt(crater_um3) * (1.0 + 0.5 * arc_share)
+    return 0.1 * power(crater_um3, 1.0 / 3.0) * (1.0 + 0.5 * arc_share)
 
 
 def roughness_rz_um(ra_um: float) -> float:
@@ -120,7 +128,7 @@ def corner_radius_um(wear_um: float, diameter_um: float) -> float:
     return -last_um * math.expm1(-0.5 * max(wear_um, 0.0) / last_um)
 
 
-def widening_um(unhindered_um: float, side_gap_um: float) -> float:
+def widening_um(unhindered_um: float, side_gap_um: float, power: Power = math.pow) -> float:
     """How much wider a hole is at its mouth than at its bottom, on the radius, µm.
 
     `unhindered_um` is the volume that discharges took from the wall over the wall's area at that time, summed up.
@@ -128,4 +136,4 @@ def widening_um(unhindered_um: float, side_gap_um: float) -> float:
     `dr = (1 + r/s)^-4 dX` [assumed]. That straight tools make conical holes, by wear and by particles,
     is known (J. JSPE 65, 1999, 1793).
     """
-    return side_gap_um * (math.pow(1.0 + 5.0 * unhindered_um / side_gap_um, 0.2) - 1.0)
+    return side_gap_um * (power(1.0 + 5.0 * unhindered_um / side_gap_um, 0.2) - 1.0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from edmctl.dataclasses import dataclass
-from edmctl.process.erosion import USUAL_PULSE_UJ
+from edmctl.process.erosion import USUAL_PULSE_UJ, Power
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,14 +78,14 @@ MOST_DEBRIS = 0.6
 """A gap packed full: about the densest random packing of spheres."""
 
 
-def crater_scale(full_pulse_uj: float) -> float:
+def crater_scale(full_pulse_uj: float, power: Power = math.pow) -> float:
     """Linear size of craters and particles of a full pulse over that of the usual one: the energy's cube root."""
-    return math.cbrt(full_pulse_uj / USUAL_PULSE_UJ)
+    return power(full_pulse_uj / USUAL_PULSE_UJ, 1.0 / 3.0)
 
 
-def deionisation_us(law: GapLaw, energy_uj: float) -> float:
+def deionisation_us(law: GapLaw, energy_uj: float, power: Power = math.pow) -> float:
     """Time constant in which a discharge's channel loses its conductivity in clean oil, µs."""
-    return law.deionisation_us * math.pow(energy_uj / USUAL_PULSE_UJ, law.deionisation_exponent)
+    return law.deionisation_us * power(energy_uj / USUAL_PULSE_UJ, law.deionisation_exponent)
 
 
 def working_gap_um(law: GapLaw, open_voltage_v: float) -> float:
@@ -99,7 +99,7 @@ def flush_time_s(law: GapLaw, diameter_um: float, depth_um: float) -> float:
     return law.flush_time_s * (diameter_um / FLUSH_DIAMETER_UM) ** 2 * (1.0 + deep * deep)
 
 
-def side_gap_um(law: GapLaw, open_voltage_v: float, full_pulse_uj: float) -> float:
+def side_gap_um(law: GapLaw, open_voltage_v: float, full_pulse_uj: float, power: Power = math.pow) -> float:
     """Gap between tool and wall, µm: what the voltage breaks through, and what a crater takes out beyond."""
     by_voltage = law.side_per_voltage_um * open_voltage_v / USUAL_OPEN_V
-    return by_voltage + law.side_per_energy_um * crater_scale(full_pulse_uj)
+    return by_voltage + law.side_per_energy_um * crater_scale(full_pulse_uj, power)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-
+from edmctl.core.library import library
 from edmctl.dataclasses import dataclass, field, fields, replace
 from edmctl.process.erosion import LAW, ErosionLaw
 from edmctl.process.gap_conditions import ARC_V, BRIDGE_CLEAR, GAP_LAW, SHORT_V, GapLaw
+
+if TYPE_CHECKING:
+    import numpy as np
 
 _Law = TypeVar("_Law", ErosionLaw, GapLaw)
 
@@ -37,8 +39,8 @@ def drawn(book: DischargeConstants, spread: float, draw: np.random.Generator) ->
     """Draw the process of one machine: every constant of the laws is off by some of `spread`, relative sd."""
 
     def off(law: _Law) -> _Law:
-        factors = np.exp(spread * draw.standard_normal(len(fields(law))))
-        values = {f.name: getattr(law, f.name) * float(x) for f, x in zip(fields(law), factors, strict=True)}
+        factors = [library().exp(x) for x in spread * draw.standard_normal(len(fields(law)))]
+        values = {f.name: getattr(law, f.name) * x for f, x in zip(fields(law), factors, strict=True)}
         return replace(law, **values)
 
     return replace(book, erosion=off(book.erosion), gap=off(book.gap))

@@ -210,7 +210,7 @@ class Plant:
         self, on_time_us: float, off_time_us: float, open_v: float, peak_a: float, set_us: float
     ) -> None:
         """Wire the pulse generator: its series resistance gives the peak current in a normal discharge."""
-        unit, d = self.unit, self.discharge
+        unit, d, power = self.unit, self.discharge, library().pow
         unit.open_v, unit.discharge_set_us = open_v, set_us
         unit.on_time_us, unit.off_time_us = on_time_us, off_time_us
         unit.nominal_siemens = peak_a / max(open_v - unit.discharge_v, 0.1)
@@ -226,12 +226,12 @@ class Plant:
         unit.longest_memory_us = FORGOTTEN * dirtiest * by_time[2][-1]
         unit.arc_pause = 1.0 / (1.0 + off_time_us / d.gap.arc_pause_us)
         full_uj = pulse_energy_uj(d.discharge_v, peak_a, set_us or on_time_us)
-        scale = crater_scale(full_uj)
+        scale = crater_scale(full_uj, power)
         unit.particle_um = d.gap.particle_um * scale
         unit.roughness_um = d.roughness_um * scale
         unit.working_gap_um = working_gap_um(d.gap, open_v)
         unit.free_gap_um = max(FREE_GAP_UM, 1.5 * unit.working_gap_um)
-        wall_um = side_gap_um(d.gap, open_v, full_uj)
+        wall_um = side_gap_um(d.gap, open_v, full_uj, power)
         if wall_um != self.work_under_tool.side_gap_um:
             self.work_under_tool.side_gap_um = wall_um
             self._set_hole()
@@ -332,11 +332,12 @@ def _by_burning_time(
     d: DischargeConstants, on_time_us: float, peak_a: float, *, tool_negative: bool
 ) -> tuple[list[float], list[float], list[float]]:
     """Work removed and tool lost per molten energy, and the gap's memory, over the burning time in BURNING steps."""
+    power = library().pow
     times_us = [(i + 0.5) / BURNING * on_time_us for i in range(BURNING)]
     return (
-        [work_um3_per_uj(d.erosion, t, peak_a, tool_negative=tool_negative) for t in times_us],
-        [tool_um3_per_uj(d.erosion, t, peak_a, tool_negative=tool_negative) for t in times_us],
-        [deionisation_us(d.gap, pulse_energy_uj(d.discharge_v, peak_a, t)) for t in times_us],
+        [work_um3_per_uj(d.erosion, t, peak_a, power, tool_negative=tool_negative) for t in times_us],
+        [tool_um3_per_uj(d.erosion, t, peak_a, power, tool_negative=tool_negative) for t in times_us],
+        [deionisation_us(d.gap, pulse_energy_uj(d.discharge_v, peak_a, t), power) for t in times_us],
     )
 
 

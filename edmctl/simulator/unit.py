@@ -1,5 +1,7 @@
 """One unit of the machine as its seed draws it: its actuator, and its random numbers.
 
+Elementary functions are those of the library: a machine has the same bytes on every computer.
+
 The actuator is deliberately richer than any estimator of this project: forty play operators on thresholds of no
 one's grid, a tanh envelope on their sum, twelve creep time constants, an amplifier's lag and an output-side mode
 (class of Kuhnen's modified Prandtl-Ishlinskii operator with linear creep). It is scaled to the 445 µm at 150 V of
@@ -15,6 +17,7 @@ from statistics import NormalDist
 import numpy as np
 
 from edmctl.array_types import Array
+from edmctl.core.library import library
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.plant_state import CREEP_TERMS, PLAYS, TABLE, PlantState, Unit
 
@@ -35,33 +38,36 @@ MODE_HZ, MODE_DAMPING = 320.0, 0.04  # loaded output-side resonance [assumed]
 
 def draw_actuator(unit: Unit, build: np.random.Generator) -> None:
     """Draw this unit's plays and creep."""
-    thresholds = PLAY_SPAN_V * ((np.arange(PLAYS) + 0.37) / PLAYS) ** 1.35
+    c = library()
+    thresholds = PLAY_SPAN_V * np.array([c.pow((k + 0.37) / PLAYS, 1.35) for k in range(PLAYS)])
     thresholds *= 1.0 + 0.03 * build.standard_normal(PLAYS)
-    weights = np.exp(-thresholds / PLAY_DENSITY_V) * (1.0 + 0.1 * build.standard_normal(PLAYS))
+    weights = np.array([c.exp(-v / PLAY_DENSITY_V) for v in thresholds]) * (
+        1.0 + 0.1 * build.standard_normal(PLAYS)
+    )
     weights *= (1.0 - REVERSIBLE_SHARE) / weights.sum()
     thresholds.sort()
     thresholds[0] = 0.013
     weights[0] += REVERSIBLE_SHARE
     weights *= GAIN_UM_PER_V * (1.0 + 0.01 * build.standard_normal())
-    taus = CREEP_FIRST_S * CREEP_RATIO ** np.arange(CREEP_TERMS)
-    creep_shares = (
-        CREEP_PER_DECADE * math.log10(CREEP_RATIO) * (1.0 + 0.1 * build.standard_normal(CREEP_TERMS))
-    )
+    taus_s = [CREEP_FIRST_S * c.pow(CREEP_RATIO, k) for k in range(CREEP_TERMS)]
+    decades = c.log(CREEP_RATIO) / c.log(10.0)
+    creep_shares = CREEP_PER_DECADE * decades * (1.0 + 0.1 * build.standard_normal(CREEP_TERMS))
     unit.array("play_threshold_v")[:] = thresholds
     unit.array("play_um_per_v")[:] = weights
-    unit.array("creep_decay")[:] = np.exp(-TICK_S / taus)
+    unit.array("creep_decay")[:] = [c.exp(-TICK_S / tau_s) for tau_s in taus_s]
     unit.array("creep_share")[:] = creep_shares
 
 
 def set_actuator(unit: Unit, state: PlantState) -> None:
     """Set its constants, and leave it as after yesterday's work: cycled over the full range, at 0 V, creep gone."""
-    unit.amplifier_decay = math.exp(-TICK_S / AMPLIFIER_LAG_S)
+    c = library()
+    unit.amplifier_decay = c.exp(-TICK_S / AMPLIFIER_LAG_S)
     unit.envelope_um, unit.envelope_centre_um = ENVELOPE_UM, ENVELOPE_CENTRE_UM
     unit.envelope_steepness = 2.0 / ENVELOPE_WIDTH_UM
     omega, zeta = 2.0 * math.pi * MODE_HZ, MODE_DAMPING
     damped = omega * math.sqrt(1.0 - zeta**2)
-    decay = math.exp(-zeta * omega * TICK_S)
-    cos, sin = math.cos(damped * TICK_S), math.sin(damped * TICK_S)
+    decay = c.exp(-zeta * omega * TICK_S)
+    cos, sin = c.cos(damped * TICK_S), c.sin(damped * TICK_S)
     unit.mode_a11 = decay * (cos + zeta * omega / damped * sin)
     unit.mode_a12 = decay * sin / damped
     unit.mode_a21 = -decay * omega**2 / damped * sin
@@ -69,9 +75,9 @@ def set_actuator(unit: Unit, state: PlantState) -> None:
     thresholds, plays = unit.array("play_threshold_v"), state.array("play_v")
     for u in (150.0, 0.0, 150.0, 0.0):
         np.clip(plays, u - thresholds, u + thresholds, out=plays)
-    y = float(unit.array("play_um_per_v") @ plays)
+    y = math.fsum(unit.array("play_um_per_v") * plays)
     state.play_sum_um = y
-    y += ENVELOPE_UM * math.tanh((y - ENVELOPE_CENTRE_UM) / ENVELOPE_WIDTH_UM)
+    y += ENVELOPE_UM * (1.0 - 2.0 / (c.exp((y - ENVELOPE_CENTRE_UM) * unit.envelope_steepness) + 1.0))  # tanh
     state.array("creep_um")[:] = y
     unit.actuator_zero_um = y * (1.0 + float(unit.array("creep_share").sum()))
 
@@ -112,11 +118,16 @@ class RandomBlocks:
             state.noise_at = 0
 
 
+def _rounded(quantile: float) -> float:
+    """Drop the digits in which C libraries differ; none of the quantiles is near a tie."""
+    return round(quantile, 10)
+
+
 @lru_cache(16)
 def _tables(scatter: float) -> Array:
     """Equally likely values of |N(0, 1)| and of a lognormal of mean one: the middles of TABLE equal steps."""
     normal = NormalDist()
     steps = (np.arange(TABLE) + 0.5) / TABLE
-    half = np.array([normal.inv_cdf(0.5 + 0.5 * p) for p in steps])
-    volume = np.exp([scatter * normal.inv_cdf(p) for p in steps])
+    half = [_rounded(normal.inv_cdf(0.5 + 0.5 * p)) for p in steps]
+    volume = np.array([library().exp(scatter * _rounded(normal.inv_cdf(p))) for p in steps])
     return np.stack([half, volume / volume.mean()])

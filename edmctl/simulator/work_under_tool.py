@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from edmctl.array_types import Array
+from edmctl.core.library import library
 from edmctl.dataclasses import dataclass
 from edmctl.process.erosion import roughness_ra_um, widening_um
 from edmctl.simulator.config import BenchConfig
@@ -55,12 +56,15 @@ class Hole:
         """Roughness of its floor."""
         if self.crater_um3 <= 0.0:
             return math.nan
-        return roughness_ra_um(self.crater_um6 / self.crater_um3, self.arc_um3 / self.crater_um3)
+        arc_share = self.arc_um3 / self.crater_um3
+        return roughness_ra_um(self.crater_um6 / self.crater_um3, arc_share, library().pow)
 
     @property
     def taper_um(self) -> float:
         """How much wider its mouth is than its bottom, on the radius."""
-        return widening_um(self.wall_um, self.side_gap_um) if self.side_gap_um > 0.0 else math.nan
+        if self.side_gap_um <= 0.0:
+            return math.nan
+        return widening_um(self.wall_um, self.side_gap_um, library().pow)
 
 
 class WorkUnderTool:
@@ -214,7 +218,7 @@ class Chips:
         away_um = radius_um * math.sqrt(self._random.random())
         angle = 2.0 * math.pi * self._random.random()
         x, y = self._position_um
-        place = float(x) + away_um * math.cos(angle), float(y) + away_um * math.sin(angle)
+        place = float(x) + away_um * library().cos(angle), float(y) + away_um * library().sin(angle)
         self.lying.append(Chip(*place, height_um, WASHED_AWAY if loose else 0.0))
         self._depth_um = self._state.depth_um
         self._changed()
@@ -272,7 +276,7 @@ class Chips:
         if not under or not removed_um3 > 0.0 or not self._drive.pulses_on:
             return False
         chip = max(under, key=lambda one: one.height_um)
-        chip.height_um = max(0.0, chip.height_um**3 - removed_um3) ** (1.0 / 3.0)
+        chip.height_um = library().pow(max(0.0, chip.height_um**3 - removed_um3), 1.0 / 3.0)
         if chip.height_um < LEAST_UM:
             self.lying.remove(chip)
         return True

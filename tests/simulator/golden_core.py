@@ -1,25 +1,48 @@
 """Golden digests of plant and controller: every byte on the line in fixed sessions and schedules, and the plant.
 
     python -m tests.simulator.golden_core --record "why they change"
+    python -m tests.simulator.golden_core --check [--sample] [--build FOLDER [--flags=-O1]]
 
-writes golden_core.json anew: digests of the sessions of benchmarks/kernel.py, of random schedules and of wide random
-schedules (tests/firmware/schedules.py), and the reason. Earlier records are kept below them, the last one first.
+`--record` writes golden_core.json anew: digests of the sessions of benchmarks/kernel.py, of random schedules and of
+wide random schedules (tests/firmware/schedules.py), and the reason. Earlier records are kept below, the last first.
+`--check` prints how many digests are the recorded ones now; the exit code is 1 if any is not. With `--build` the
+library is compiled into a folder, by the compiler that CC names and with more flags behind the project's.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
+import shlex
 import sys
 from pathlib import Path
 
 from benchmarks import kernel
+from edmctl.core import build
 from tests.firmware.schedules import Schedule, WideSchedule
 
 GOLDEN = Path(__file__).with_name("golden_core.json")
 SCHEDULES = range(1, 151)
 WIDE = range(1, 51)
 STEPS = 150
+SAMPLE = (
+    "seed 1",
+    "50 kHz",
+    "200 Hz",
+    "PI servo",
+    "slow servo",
+    "no sensor",
+    "ESTOP",
+    "WATCHDOG",
+    "CARBON",
+    "WIRE_SHORT",
+    "SILENCE",
+    "LINE_NOISE",
+)
+"""Sessions of the default tier."""
+SAMPLE_SEEDS = 9, 3
+"""Schedules and wide ones of the default tier."""
 DIGITS = 16
 """Hexadecimal digits kept of a digest."""
 
@@ -42,22 +65,60 @@ def schedule(kind: type[Schedule], seed: int) -> str:
     return random_host.digest()[:DIGITS]
 
 
-def main() -> int:
+def digests_now(*, is_sample: bool = False) -> dict[str, dict[str, str]]:
+    """Return the digests now, of all sessions and schedules or of a sample."""
+    names = SAMPLE if is_sample else tuple(kernel.sessions())
+    some, some_wide = SAMPLE_SEEDS if is_sample else (len(SCHEDULES), len(WIDE))
+    return {
+        "sessions": {name: session(name) for name in names},
+        "schedules": {str(seed): schedule(Schedule, seed) for seed in SCHEDULES[:some]},
+        "wide": {str(seed): schedule(WideSchedule, seed) for seed in WIDE[:some_wide]},
+    }
+
+
+def use_library_built_with(flags: str, folder: Path) -> None:
+    """Compile the library with more flags, and use it in this process, which has loaded none yet."""
+    build._FLAGS = (*build._FLAGS, *shlex.split(flags))
+    build.packaged = lambda digest, suffix=build.SUFFIX: folder / f"{digest}{suffix}"
+    target = build.packaged(build.digest_of("double"))
+    build.compile_library(build.compiler(os.environ.get("CC", "")), target)
+
+
+def check(*, is_sample: bool) -> int:
+    """Print how many digests are the recorded ones; return the exit code."""
+    recorded, differing = golden(), 0
+    for group, now in digests_now(is_sample=is_sample).items():
+        others = [name for name, digest in now.items() if digest != recorded[group][name]]
+        print(f"{len(now) - len(others)} of {len(now)} {group} as recorded", *others)
+        differing += len(others)
+    return int(differing > 0)
+
+
+def record(reason: str) -> None:
     """Record the digests."""
+    before = json.loads(GOLDEN.read_text(encoding="utf-8"))
+    earlier = [before, *before.pop("earlier", [])]
+    text = json.dumps({"reason": reason, "digests": digests_now(), "earlier": earlier}, indent=1)
+    GOLDEN.write_text(text + "\n", encoding="utf-8")
+
+
+def main() -> int:
+    """Record or check; return the exit code."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--record", metavar="REASON", required=True)
-    reason = parser.parse_args().record
-    digests = {
-        "sessions": {name: session(name) for name in kernel.sessions()},
-        "schedules": {str(seed): schedule(Schedule, seed) for seed in SCHEDULES},
-        "wide": {str(seed): schedule(WideSchedule, seed) for seed in WIDE},
-    }
-    before = json.loads(GOLDEN.read_text(encoding="utf-8"))
-    earlier = [before, *before.pop("earlier", [])]
-    text = json.dumps({"reason": reason, "digests": digests, "earlier": earlier}, indent=1)
-    GOLDEN.write_text(text + "\n", encoding="utf-8")
+    act = parser.add_mutually_exclusive_group(required=True)
+    act.add_argument("--record", metavar="REASON")
+    act.add_argument("--check", action="store_true")
+    parser.add_argument("--sample", action="store_true")
+    parser.add_argument("--build", type=Path, metavar="FOLDER")
+    parser.add_argument("--flags", default="")
+    arguments = parser.parse_args()
+    if arguments.build:
+        use_library_built_with(arguments.flags, arguments.build)
+    if arguments.check:
+        return check(is_sample=arguments.sample)
+    record(arguments.record)
     return 0
 
 

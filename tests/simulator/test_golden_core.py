@@ -6,24 +6,10 @@ import pytest
 
 from benchmarks import kernel
 from tests.firmware.schedules import Schedule, WideSchedule
-from tests.simulator.golden_core import SCHEDULES, WIDE, golden, schedule, session
+from tests.simulator.golden_core import SAMPLE, SAMPLE_SEEDS, SCHEDULES, WIDE, golden, schedule, session
 from tests.tiers import tiers
 
-SAMPLE = (
-    "seed 1",
-    "50 kHz",
-    "200 Hz",
-    "PI servo",
-    "slow servo",
-    "no sensor",
-    "ESTOP",
-    "WATCHDOG",
-    "CARBON",
-    "WIRE_SHORT",
-    "SILENCE",
-    "LINE_NOISE",
-)
-"""Sessions of the default tier."""
+SOME, SOME_WIDE = SAMPLE_SEEDS
 
 
 def test_the_recorded_digests_are_those_of_all_sessions_and_schedules() -> None:
@@ -40,12 +26,12 @@ def test_a_session_gives_the_recorded_bytes(name: str) -> None:
     assert session(name) == golden()["sessions"][name]
 
 
-@pytest.mark.parametrize("seed", tiers(*SCHEDULES[:9], slow=SCHEDULES[9:]))
+@pytest.mark.parametrize("seed", tiers(*SCHEDULES[:SOME], slow=SCHEDULES[SOME:]))
 def test_a_random_schedule_gives_the_recorded_bytes(seed: int) -> None:
     assert schedule(Schedule, seed) == golden()["schedules"][str(seed)]
 
 
-@pytest.mark.parametrize("seed", tiers(*WIDE[:3], slow=WIDE[3:]))
+@pytest.mark.parametrize("seed", tiers(*WIDE[:SOME_WIDE], slow=WIDE[SOME_WIDE:]))
 def test_parameters_of_any_value_and_failed_readings_give_the_recorded_bytes(seed: int) -> None:
     assert schedule(WideSchedule, seed) == golden()["wide"][str(seed)]
 
