@@ -37,7 +37,7 @@ PARTS = ("core", "gen", "host", "math", "plant", "operators")
 ZIG = (sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline")
 """Without the last word it builds for this very processor; another one may share the folder of the library."""
 _COMPILERS = ("cc", "gcc", "clang")
-_FLAGS = (
+_FLAGS: tuple[str, ...] = (
     "-std=c11",
     "-O3",
     "-ffp-contract=off",
