@@ -1,12 +1,13 @@
 """Golden digests of plant and controller: every byte on the line in fixed sessions and schedules, and the plant.
 
     python -m tests.simulator.golden_core --record "why they change"
-    python -m tests.simulator.golden_core --check [--sample] [--build FOLDER [--flags=-O1]]
+    python -m tests.simulator.golden_core --check [--sample] [--build FOLDER [--flags=-O1] | --library FILE]
 
 `--record` writes golden_core.json anew: digests of the sessions of benchmarks/kernel.py, of random schedules and of
 wide random schedules (tests/firmware/schedules.py), and the reason. Earlier records are kept below, the last first.
 `--check` prints how many digests are the recorded ones now; the exit code is 1 if any is not. With `--build` the
-library is compiled into a folder, by the compiler that CC names and with more flags behind the project's.
+library is compiled into a folder, by the compiler that CC names and with more flags behind the project's. `--library`
+is one that was compiled before with the project's flags.
 """
 
 from __future__ import annotations
@@ -79,9 +80,14 @@ def digests_now(*, is_sample: bool = False) -> dict[str, dict[str, str]]:
 def use_library_built_with(flags: str, folder: Path) -> None:
     """Compile the library with more flags, and use it in this process, which has loaded none yet."""
     build._FLAGS = (*build._FLAGS, *shlex.split(flags))
-    build.packaged = lambda digest, suffix=build.SUFFIX: folder / f"{digest}{suffix}"
-    target = build.packaged(build.digest_of("double"))
-    build.compile_library(build.compiler(os.environ.get("CC", "")), target)
+    made = folder / f"core{build.SUFFIX}"
+    build.compile_library(build.compiler(os.environ.get("CC", "")), made)
+    use_library(made)
+
+
+def use_library(file: Path) -> None:
+    """Use a library in this process, which has loaded none yet."""
+    build.packaged = lambda *_: file
 
 
 def check(*, is_sample: bool) -> int:
@@ -113,7 +119,10 @@ def main() -> int:
     parser.add_argument("--sample", action="store_true")
     parser.add_argument("--build", type=Path, metavar="FOLDER")
     parser.add_argument("--flags", default="")
+    parser.add_argument("--library", type=Path, metavar="FILE")
     arguments = parser.parse_args()
+    if arguments.library:
+        use_library(arguments.library)
     if arguments.build:
         use_library_built_with(arguments.flags, arguments.build)
     if arguments.check:

@@ -1,0 +1,181 @@
+"""Plant and controller give the recorded bytes with other compilers and processors, in threads, under sanitizers."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import struct
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.core import build
+from edmctl.simulator import BenchConfig
+from edmctl.simulator.plant import Plant
+from tests.firmware.test_garbage import program
+from tests.firmware_tools import missing, need_package
+from tests.simulator.golden_core import SAMPLE, golden, session
+from tests.tiers import tiers
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+ROOT = Path(__file__).parents[2]
+FUSED = "-O2 -mfma -mavx2"
+SANITIZED = "-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all -g -O1"
+TICKS = "20000"
+
+
+def has_fused() -> bool:
+    """Whether this processor has fused multiply-add."""
+    try:
+        return {"fma", "avx2"} <= set(Path("/proc/cpuinfo").read_text(encoding="utf-8").split())
+    except OSError:
+        return False
+
+
+def command_of(compiler: str) -> str:
+    """Return the command of a compiler; the test is skipped without it."""
+    if compiler == "zig":
+        need_package("ziglang")
+        return shlex.join(build.ZIG)
+    if shutil.which(compiler) is None:
+        pytest.skip(f"there is no {compiler}")
+    return compiler
+
+
+def checked(
+    compiler: str, flags: str, folder: Path, *options: str, **environ: str
+) -> subprocess.CompletedProcess[str]:
+    """Compare the golden digests with those of a library of that compiler, in a process of its own."""
+    command = [sys.executable, "-m", "tests.simulator.golden_core", "--check", "--build", str(folder)]
+    return subprocess.run(
+        [*command, f"--flags={flags}", *options],
+        cwd=ROOT,
+        env={**os.environ, "CC": command_of(compiler), **environ},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("compiler", "flags", "options"),
+    tiers(
+        ("gcc", f"{FUSED} -O1", ("--sample",)),
+        slow=[
+            (compiler, flags, ())
+            for compiler, flags in (
+                ("gcc", ""),
+                ("gcc", "-O1"),
+                ("gcc", FUSED),
+                ("clang", ""),
+                ("clang", FUSED),
+                ("zig", ""),
+            )
+        ],
+    ),
+)
+def test_every_compiler_gives_the_recorded_bytes(
+    compiler: str, flags: str, options: tuple[str, ...], tmp_path: Path
+) -> None:
+    if FUSED in flags and not has_fused():
+        pytest.skip("this processor has no fused multiply-add")
+    done = checked(compiler, flags, tmp_path, *options)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def sanitizers() -> dict[str, str]:
+    """Return the environment of a process that loads a library with sanitizers."""
+    if shutil.which("gcc") is None:
+        missing("there is no gcc")
+    asked = [f"-print-file-name=lib{name}.so" for name in ("asan", "ubsan")]
+    found = [subprocess.run(["gcc", one], capture_output=True, text=True, check=True).stdout for one in asked]
+    places = [place.strip() for place in found]
+    if not all(Path(place).is_absolute() for place in places):
+        missing("gcc has no sanitizers")
+    return {"LD_PRELOAD": ":".join(places), "ASAN_OPTIONS": "detect_leaks=0"}
+
+
+@pytest.mark.slow
+def test_sanitizers_find_nothing_in_the_golden_sessions(tmp_path: Path) -> None:
+    """Nor do they change a byte: sessions with every injection, random schedules, parameters of any value."""
+    done = checked("gcc", SANITIZED, tmp_path, **sanitizers())
+    assert (done.returncode, done.stderr) == (0, ""), done.stdout + done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("body", "found"), [("a[i] = 1", "store to address"), ("i << i * 9", "shift")])
+def test_sanitizers_find_what_is_wrong(body: str, found: str, tmp_path: Path) -> None:
+    source, made = tmp_path / "wrong.c", tmp_path / "wrong.so"
+    source.write_text(
+        f"#include <stdlib.h>\nint wrong(int i) {{ char *a = malloc(4); int x = {body}; free(a); return x; }}\n"
+    )
+    environ = {**os.environ, **sanitizers()}
+    command = ["gcc", *shlex.split(SANITIZED), "-fPIC", "-shared", str(source), "-o", str(made)]
+    subprocess.run(command, check=True)
+    call = [sys.executable, "-c", f"import ctypes; ctypes.CDLL({str(made)!r}).wrong(4)"]
+    done = subprocess.run(call, env=environ, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert found in done.stderr
+
+
+def test_two_threads_give_the_recorded_bytes() -> None:
+    """Calls release the interpreter's lock, and the library has no state of its own."""
+    with ThreadPoolExecutor(2) as threads:
+        digests = list(threads.map(session, SAMPLE[:2]))
+    assert digests == [golden()["sessions"][name] for name in SAMPLE[:2]]
+
+
+def saved_machine(file: Path) -> None:
+    """Write the parts of a machine for plant_alone.c."""
+    plant = Plant(BenchConfig(offset_um=5.0), seed=1)
+    plant.stage_lands(0, 0.0)
+    assert plant.machine.unit
+    records = (plant.unit, plant.state, plant.scope, plant.drive, plant.readings)
+    random, levels = plant.random, plant.work_under_tool.levels
+    rows = (*random.pulse, random.noise, *random.tables, *levels)
+    parts = [*(bytes(record) for record in records), *(row.tobytes() for row in rows)]
+    assert len(parts) == len(plant.machine.pointers)
+    file.write_bytes(b"".join(struct.pack("<q", len(part)) + part for part in parts))
+
+
+def compiled(command: Sequence[str], made: Path) -> list[str]:
+    folder = build.source_folder()
+    sources = [path for part in ("plant", "math") for path in sorted((folder / part).glob("*.c"))]
+    flags = ("-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", f"-I{folder / 'plant'}")
+    alone = Path(__file__).with_name("plant_alone.c")
+    subprocess.run([*command, *flags, str(alone), *map(str, sources), "-o", str(made)], check=True)
+    return [str(made)]
+
+
+@pytest.mark.slow
+def test_an_arm_processor_gives_the_same_bytes(tmp_path: Path) -> None:
+    """A cut of the plant, and random work of the controller, emulated; the digests are those of this processor.
+
+    All golden sessions on such a processor, with its Python and numpy: benchmarks/arm_sessions.py.
+    """
+    need_package("ziglang")
+    if (emulator := shutil.which("qemu-aarch64")) is None:
+        pytest.skip("there is no qemu-aarch64 (package qemu-user)")
+    arm = (*build.ZIG, "--target=aarch64-linux-musl")
+    machine = tmp_path / "machine"
+    saved_machine(machine)
+    here = [*compiled(build.compiler(), tmp_path / "here"), str(machine), TICKS]
+    there = [emulator, *compiled(arm, tmp_path / "there"), str(machine), TICKS]
+    assert said_by(here) == said_by(there)
+    hostile = program("hostile", "double", tmp_path)
+    subprocess.run(hostile, check=True)
+    crossed = [*arm, *hostile[len(build.compiler()) : -1], str(tmp_path / "hostile-arm")]
+    subprocess.run(crossed, check=True)
+    work = ["7", "20000", "2000"]
+    assert said_by([hostile[-1], *work]) == said_by([emulator, crossed[-1], *work])
+
+
+def said_by(command: list[str]) -> str:
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
