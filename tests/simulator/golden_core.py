@@ -6,8 +6,8 @@
 `--record` writes golden_core.json anew: digests of the sessions of benchmarks/kernel.py, of random schedules and of
 wide random schedules (tests/firmware/schedules.py), and the reason. Earlier records are kept below, the last first.
 `--check` prints how many digests are the recorded ones now; the exit code is 1 if any is not. With `--build` the
-library is compiled into a folder, by the compiler that CC names and with more flags behind the project's. `--library`
-is one that was compiled before with the project's flags.
+library is compiled into a folder, by the compiler that CC names and with more flags behind the project's.
+`--library` is one that was compiled before with the project's flags.
 """
 
 from __future__ import annotations
