@@ -102,7 +102,7 @@ def results(other: dict[str, str]) -> dict[str, Values]:
 def is_same(a: Any, b: Any) -> bool:
     """Whether values are the same to the bit; NaN is NaN."""
     if isinstance(a, np.ndarray):
-        return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+        return bool(a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes())
     return bool(a == b) or (isinstance(a, float) and math.isnan(a) and math.isnan(b))
 
 
