@@ -7,7 +7,7 @@ import os
 
 from edmctl.blas import VARIABLES
 
-FEW_CYCLES = 100_000
+FEW_CYCLES = 200_000
 """Objects made since the last search for cycles at which Python searches again; its own number is 700. Rows and
 frames are freed without a search, and each search looks at all that was imported, for some 20 ms."""
 
@@ -16,9 +16,11 @@ def spare_start_up() -> None:
     """Spare this process what edmctl never uses; a program that imports edmctl has it all.
 
     BLAS keeps to one thread: matrices are small, and threads would only wait for each other, on busy cores 40 ms at
-    a time. The garbage collector looks for cycles rarely.
+    a time. The garbage collector looks for cycles rarely, and pydantic looks for no plugins in all packages that
+    are installed.
     """
     gc.set_threshold(FEW_CYCLES)
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     for name in VARIABLES:
         os.environ.setdefault(name, "1")
 
