@@ -83,22 +83,17 @@ def molten_uj(law: ErosionLaw, energy_uj: float) -> float:
     return max(energy_uj - law.threshold_uj, 0.0)
 
 
-def work_um3_per_uj(
+def removal_um3_per_uj(
     law: ErosionLaw, burning_us: float, current_a: float, power: Power = math.pow, *, tool_negative: bool
-) -> float:
-    """Work removed per molten energy in clean oil, µm³/µJ, where it erodes like copper."""
+) -> tuple[float, float]:
+    """Work and tool removed per molten energy in clean oil, µm³/µJ, where both erode like copper."""
     r = cathode_over_anode(law, burning_us, power)
-    share = 1.0 / (1.0 + r) if tool_negative else r / (1.0 + r)
-    return law.removal_um3_per_uj * efficiency(law, burning_us, current_a, power) * share
-
-
-def tool_um3_per_uj(
-    law: ErosionLaw, burning_us: float, current_a: float, power: Power = math.pow, *, tool_negative: bool
-) -> float:
-    """Tool lost per molten energy, µm³/µJ, where it erodes like copper."""
-    r = cathode_over_anode(law, burning_us, power)
-    share = r / (1.0 + r) if tool_negative else carbon_shield(law, burning_us, current_a, power) / (1.0 + r)
-    return law.removal_um3_per_uj * law.tool_share * efficiency(law, burning_us, current_a, power) * share
+    most = law.removal_um3_per_uj, law.removal_um3_per_uj * law.tool_share
+    shares = 1.0 / (1.0 + r), r / (1.0 + r)
+    if not tool_negative:
+        shares = r / (1.0 + r), carbon_shield(law, burning_us, current_a, power) / (1.0 + r)
+    best = efficiency(law, burning_us, current_a, power)
+    return most[0] * best * shares[0], most[1] * best * shares[1]
 
 
 SURFACE_UM = 3.0

@@ -15,7 +15,7 @@ from operator import mul
 
 from edmctl.dataclasses import dataclass
 from edmctl.process.discharge import delay_over_on_time, pulse_energy_uj, tool_area_um2
-from edmctl.process.erosion import LAW, molten_uj, tool_um3_per_uj, work_um3_per_uj
+from edmctl.process.erosion import LAW, molten_uj, removal_um3_per_uj
 from edmctl.process.gap_conditions import (
     ARC_V,
     BRIDGE_CLEAR,
@@ -221,8 +221,8 @@ def _normal(recipe: GapRecipe, delay: float) -> _Kind:
     burning_us, current_a, negative = recipe.on_time_us * share, recipe.current_a, recipe.tool_negative
     energy_uj = pulse_energy_uj(recipe.discharge_voltage_v, current_a, burning_us)
     molten = molten_uj(LAW, energy_uj)
-    work = recipe.work_removal * work_um3_per_uj(LAW, burning_us, current_a, tool_negative=negative)
-    tool = recipe.tool_wear * tool_um3_per_uj(LAW, burning_us, current_a, tool_negative=negative)
+    work, tool = removal_um3_per_uj(LAW, burning_us, current_a, tool_negative=negative)
+    work, tool = recipe.work_removal * work, recipe.tool_wear * tool
     return _Kind(delay + recipe.rho * share, energy_uj, molten * work, molten * tool)
 
 

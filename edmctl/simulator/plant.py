@@ -12,7 +12,7 @@ import numpy as np
 
 from edmctl.core.library import library
 from edmctl.process.discharge import pulse_energy_uj
-from edmctl.process.erosion import tool_um3_per_uj, work_um3_per_uj
+from edmctl.process.erosion import removal_um3_per_uj
 from edmctl.process.gap_conditions import (
     MOST_DEBRIS,
     USUAL_OPEN_V,
@@ -330,15 +330,15 @@ class Plant:
 @lru_cache(16)
 def _by_burning_time(
     d: DischargeConstants, on_time_us: float, peak_a: float, *, tool_negative: bool
-) -> tuple[list[float], list[float], list[float]]:
-    """Work removed and tool lost per molten energy, and the gap's memory, over the burning time in BURNING steps."""
-    power = library().pow
-    times_us = [(i + 0.5) / BURNING * on_time_us for i in range(BURNING)]
-    return (
-        [work_um3_per_uj(d.erosion, t, peak_a, power, tool_negative=tool_negative) for t in times_us],
-        [tool_um3_per_uj(d.erosion, t, peak_a, power, tool_negative=tool_negative) for t in times_us],
-        [deionisation_us(d.gap, pulse_energy_uj(d.discharge_v, peak_a, t), power) for t in times_us],
-    )
+) -> tuple[tuple[float, ...], ...]:
+    """Work and tool removed per molten energy, and the gap's memory, over the burning time in BURNING steps."""
+    power, rows = library().pow, []
+    for i in range(BURNING):
+        time_us = (i + 0.5) / BURNING * on_time_us
+        memory_us = deionisation_us(d.gap, pulse_energy_uj(d.discharge_v, peak_a, time_us), power)
+        removed = removal_um3_per_uj(d.erosion, time_us, peak_a, power, tool_negative=tool_negative)
+        rows.append((*removed, memory_us))
+    return tuple(zip(*rows, strict=True))
 
 
 def serial_number(seed: int) -> str:

@@ -41,9 +41,8 @@ def draw_actuator(unit: Unit, build: np.random.Generator) -> None:
     c = library()
     thresholds = PLAY_SPAN_V * np.array([c.pow((k + 0.37) / PLAYS, 1.35) for k in range(PLAYS)])
     thresholds *= 1.0 + 0.03 * build.standard_normal(PLAYS)
-    weights = np.array([c.exp(-v / PLAY_DENSITY_V) for v in thresholds]) * (
-        1.0 + 0.1 * build.standard_normal(PLAYS)
-    )
+    weights = np.array([c.exp(-v / PLAY_DENSITY_V) for v in thresholds])
+    weights *= 1.0 + 0.1 * build.standard_normal(PLAYS)
     weights *= (1.0 - REVERSIBLE_SHARE) / weights.sum()
     thresholds.sort()
     thresholds[0] = 0.013
@@ -118,16 +117,13 @@ class RandomBlocks:
             state.noise_at = 0
 
 
-def _rounded(quantile: float) -> float:
-    """Drop the digits in which C libraries differ; none of the quantiles is near a tie."""
-    return round(quantile, 10)
-
-
 @lru_cache(16)
 def _tables(scatter: float) -> Array:
-    """Equally likely values of |N(0, 1)| and of a lognormal of mean one: the middles of TABLE equal steps."""
-    normal = NormalDist()
-    steps = (np.arange(TABLE) + 0.5) / TABLE
-    half = [_rounded(normal.inv_cdf(0.5 + 0.5 * p)) for p in steps]
-    volume = np.array([library().exp(scatter * _rounded(normal.inv_cdf(p))) for p in steps])
+    """Equally likely values of |N(0, 1)| and of a lognormal of mean one: the middles of TABLE equal steps.
+
+    Quantiles lack the digits in which C libraries differ; none is near a tie.
+    """
+    steps, quantile, exp = (np.arange(TABLE) + 0.5) / TABLE, NormalDist().inv_cdf, library().exp
+    half = [round(quantile(0.5 + 0.5 * p), 10) for p in steps]
+    volume = np.array([exp(scatter * round(quantile(p), 10)) for p in steps])
     return np.stack([half, volume / volume.mean()])

@@ -11,10 +11,9 @@ from edmctl.process.erosion import (
     USUAL_PULSE_UJ,
     corner_radius_um,
     efficiency,
+    removal_um3_per_uj,
     roughness_ra_um,
-    tool_um3_per_uj,
     widening_um,
-    work_um3_per_uj,
 )
 
 CURRENT_A = 0.12
@@ -22,8 +21,8 @@ CURRENT_A = 0.12
 
 def wear_ratio(burning_us: float, *, tool_negative: bool) -> float:
     """Tool over work, copper on copper."""
-    tool = tool_um3_per_uj(LAW, burning_us, CURRENT_A, tool_negative=tool_negative)
-    return tool / work_um3_per_uj(LAW, burning_us, CURRENT_A, tool_negative=tool_negative)
+    work, tool = removal_um3_per_uj(LAW, burning_us, CURRENT_A, tool_negative=tool_negative)
+    return tool / work
 
 
 def test_removal_per_energy_has_an_optimum_that_grows_with_current() -> None:
@@ -49,7 +48,8 @@ def test_long_pulses_spare_a_positive_tool_and_wear_a_negative_one() -> None:
 def test_anode_and_cathode_share_a_pulse() -> None:
     for burning_us in (10.0, 100.0):
         straight, reversed_ = (
-            work_um3_per_uj(LAW, burning_us, CURRENT_A, tool_negative=negative) for negative in (True, False)
+            removal_um3_per_uj(LAW, burning_us, CURRENT_A, tool_negative=negative)[0]
+            for negative in (True, False)
         )
         whole = LAW.removal_um3_per_uj * efficiency(LAW, burning_us, CURRENT_A)
         assert straight + reversed_ == pytest.approx(whole)

@@ -11,7 +11,7 @@ import pytest
 
 from edmctl.core.library import library
 from edmctl.link.messages import PulseClass
-from edmctl.process.erosion import tool_um3_per_uj, work_um3_per_uj
+from edmctl.process.erosion import removal_um3_per_uj
 from edmctl.simulator import BenchConfig, DischargeConstants
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_NS, TICK_S
@@ -155,15 +155,10 @@ def test_removal_and_wear_follow_the_laws_of_a_pulse() -> None:
     burning_us = struck.burning_us[struck.classes == PulseClass.NORMAL]
     assert burning_us.size > 8_000
     molten_uj = 22.0 * 0.12 * burning_us - law.threshold_uj
-    for found, by_law, share in (
-        (struck.depth_um / plant.state.per_hole_area, work_um3_per_uj, 1.0 - D.gap.side_base),
-        (struck.wear_um / plant.unit.per_tool_area, tool_um3_per_uj, 1.0 - D.gap.side_base),
-    ):
-        expected = sum(
-            uj * by_law(law, us, 0.12, tool_negative=True)
-            for uj, us in zip(molten_uj.tolist(), burning_us.tolist(), strict=True)
-        )
-        assert found == pytest.approx(share * expected, rel=0.02)
+    laws = np.array([removal_um3_per_uj(law, us, 0.12, tool_negative=True) for us in burning_us.tolist()])
+    work_um3, tool_um3 = (1.0 - D.gap.side_base) * molten_uj @ laws
+    assert struck.depth_um / plant.state.per_hole_area == pytest.approx(work_um3, rel=0.02)
+    assert struck.wear_um / plant.unit.per_tool_area == pytest.approx(tool_um3, rel=0.02)
 
 
 def test_debris_costs_work_and_no_tool() -> None:
@@ -189,8 +184,8 @@ def test_an_arc_removes_little_and_wears_as_much() -> None:
     assert arcs > 6_000
     energy_uj = 17.0 * 23.0 / 150.0 * ON_TIME_US - D.erosion.threshold_uj
     work, tool = (
-        law(D.erosion, ON_TIME_US, 0.12, tool_negative=True) * energy_uj * arcs * 17.0 / 22.0
-        for law in (work_um3_per_uj, tool_um3_per_uj)
+        per_uj * energy_uj * arcs * 17.0 / 22.0
+        for per_uj in removal_um3_per_uj(D.erosion, ON_TIME_US, 0.12, tool_negative=True)
     )
     assert struck.depth_um / struck.plant.state.per_hole_area == pytest.approx(
         D.gap.arc_work * work, rel=0.02

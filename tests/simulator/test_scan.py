@@ -80,7 +80,7 @@ def test_a_scan_loses_no_volume_between_the_sparks_and_the_map(
     # The wear of a tool that wears in proportion to the work counts what the discharges took.
     by_time = plant._by_burning_time
 
-    def tool_like_work(*args: Any, **kwargs: Any) -> tuple[list[float], list[float], list[float]]:
+    def tool_like_work(*args: Any, **kwargs: Any) -> tuple[tuple[float, ...], ...]:
         work, _, memory = by_time(*args, **kwargs)
         return work, work, memory
 
