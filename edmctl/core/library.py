@@ -189,12 +189,9 @@ _OPERATORS: dict[str, tuple[Any, Sequence[Any]]] = {
     "turned_stops": (None, (c_int64, c_void_p, c_int64, *2 * [c_void_p])),
     "maxwell_loads": (None, (c_void_p, *2 * [c_double], c_int64, *2 * [c_void_p])),
     "maxwell_positions": (None, (c_void_p, *2 * [c_double], c_int64, *2 * [c_void_p])),
-    "transducer_advance": (None, (*3 * [c_void_p], c_int64, *5 * [c_void_p])),
-}
-
-_ELEMENTARY: dict[str, tuple[Any, Sequence[Any]]] = {
+    "pow": (c_double, (c_double, c_double)),
     **{name: (c_double, (c_double,)) for name in ("exp", "log", "sin", "cos")},
-    "pow": (c_double, 2 * (c_double,)),
+    "transducer_advance": (None, (*3 * [c_void_p], c_int64, *5 * [c_void_p])),
 }
 
 
@@ -207,7 +204,7 @@ class Library:
     def __init__(self, build: Build) -> None:
         self.build = build
         self.loaded = ctypes.CDLL(str(build.path))
-        for prefix, functions in (("edm_host_", _FUNCTIONS), ("edm_", _PLANT | _OPERATORS | _ELEMENTARY)):
+        for prefix, functions in (("edm_host_", _FUNCTIONS), ("edm_", _PLANT | _OPERATORS)):
             for name, (result, arguments) in functions.items():
                 function = getattr(self.loaded, f"{prefix}{name}")
                 function.restype, function.argtypes = result, list(arguments)

@@ -29,16 +29,13 @@ def series(length: int) -> Any:
     return ctypes.c_double * length
 
 
-class Address:
-    """Declares a field that is an address: `declared` is the pointer's type in C."""
-
+class _Address:
     def __init__(self, declared: str) -> None:
         self.declared = declared
 
 
-def address(declared: str) -> Any:
-    """Declare a field that is an address, such as `double *`."""
-    return Address(declared)
+address: Any = _Address
+"""Declare a field that is an address: the pointer's type in C, such as `double *`."""
 
 
 class Record(ctypes.Structure):
@@ -76,7 +73,7 @@ _R = TypeVar("_R", bound=Record)
 def record(cls: type[_R]) -> type[_R]:
     """Make the fields of a record of its annotations."""
     declared = vars(cls)
-    cls.pointers = {name: one.declared for name, one in declared.items() if isinstance(one, Address)}
+    cls.pointers = {name: one.declared for name, one in declared.items() if isinstance(one, _Address)}
     kinds = {name: None if name in cls.pointers else declared.get(name) for name in cls.__annotations__}
     cls._fields_ = [(name, kinds[name] or _KINDS[kind]) for name, kind in cls.__annotations__.items()]
     return cls

@@ -67,11 +67,6 @@ def efficiency(law: ErosionLaw, burning_us: float, current_a: float, power: Powe
     return 2.0 * x / (1.0 + x * x)
 
 
-def cathode_over_anode(law: ErosionLaw, burning_us: float, power: Power = math.pow) -> float:
-    """Erosion of the cathode over that of the anode, of one metal."""
-    return law.cathode_least + power(burning_us / law.cathode_us, law.cathode_exponent)
-
-
 def carbon_shield(law: ErosionLaw, burning_us: float, current_a: float, power: Power = math.pow) -> float:
     """Share of its wear that carbon leaves a positive tool in a hydrocarbon oil; long pulses deposit more."""
     half_us = law.carbon_us * power(current_a / USUAL_CURRENT_A, law.carbon_per_current)
@@ -87,7 +82,7 @@ def removal_um3_per_uj(
     law: ErosionLaw, burning_us: float, current_a: float, power: Power = math.pow, *, tool_negative: bool
 ) -> tuple[float, float]:
     """Work and tool removed per molten energy in clean oil, µm³/µJ, where both erode like copper."""
-    r = cathode_over_anode(law, burning_us, power)
+    r = law.cathode_least + power(burning_us / law.cathode_us, law.cathode_exponent)  # cathode's over anode's
     most = law.removal_um3_per_uj, law.removal_um3_per_uj * law.tool_share
     shares = 1.0 / (1.0 + r), r / (1.0 + r)
     if not tool_negative:

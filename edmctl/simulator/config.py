@@ -39,9 +39,8 @@ def drawn(book: DischargeConstants, spread: float, draw: np.random.Generator) ->
     """Draw the process of one machine: every constant of the laws is off by some of `spread`, relative sd."""
 
     def off(law: _Law) -> _Law:
-        factors = [library().exp(x) for x in spread * draw.standard_normal(len(fields(law)))]
-        values = {f.name: getattr(law, f.name) * x for f, x in zip(fields(law), factors, strict=True)}
-        return replace(law, **values)
+        exp, normal = library().exp, draw.standard_normal
+        return replace(law, **{f.name: getattr(law, f.name) * exp(spread * normal()) for f in fields(law)})
 
     return replace(book, erosion=off(book.erosion), gap=off(book.gap))
 

@@ -29,9 +29,7 @@ from edmctl.simulator.unit import RandomBlocks, draw_actuator, set_actuator
 from edmctl.simulator.wiring import Inputs, Wiring
 from edmctl.simulator.work_under_tool import Chips, Hole, WorkUnderTool
 
-CONTACT_COMPLIANCE = (
-    0.1  # travel of the tool end into the work per µm of free travel beyond contact [assumed]
-)
+CONTACT_COMPLIANCE = 0.1  # travel of the tool end into the work per µm of free travel beyond [assumed]
 PARK_X_UM = -5000.0
 CLEAR_UM = 1e6
 
@@ -40,6 +38,12 @@ FORGOTTEN = 9.0  # time constants after which a channel ignites again in one of 
 
 USUAL_PULSES = (130.435, 304.348, 40.0, 0.12, 0.0)
 """Until the generator is set: on and off time, µs, open voltage, peak current, discharge time (0: as it comes)."""
+
+_OF_THE_GAP = (
+    *("tau_reference_us", "gap_exponent", "debris_gap_factor", "arc_base", "arc_delay_us", "bridge_base"),
+    *("deionisation_debris", "deionisation_after_arc", "side_base", "side_debris"),
+)
+"""Constants of the gap's law that the library takes as they are."""
 
 SERIAL_LENGTH = 12  # bytes in the reply to HELLO
 
@@ -275,23 +279,15 @@ class Plant:
         unit.discharge_v = d.discharge_v
         unit.arc_plateau_v = d.arc_v
         unit.short_plateau_v = d.short_v
-        unit.tau_reference_us = d.gap.tau_reference_us
-        unit.gap_exponent = d.gap.gap_exponent
         unit.formative_us = d.formative_us
-        unit.debris_gap_factor = d.gap.debris_gap_factor
         unit.threshold_uj = d.erosion.threshold_uj
         unit.per_redeposition = 1.0 / d.gap.redeposition
-        unit.arc_base = d.gap.arc_base
         unit.arc_debris = 1.0 / d.gap.arc_debris**2
-        unit.arc_delay_us = d.gap.arc_delay_us
         unit.arc_work = d.gap.arc_work * d.arc_v / d.discharge_v
         unit.arc_tool = d.gap.arc_tool * d.arc_v / d.discharge_v
-        unit.deionisation_debris = d.gap.deionisation_debris
-        unit.deionisation_after_arc = d.gap.deionisation_after_arc
-        unit.bridge_base = d.gap.bridge_base
         unit.bridge_clear = d.bridge_clear
-        unit.side_base = d.gap.side_base
-        unit.side_debris = d.gap.side_debris
+        for name in _OF_THE_GAP:
+            setattr(unit, name, getattr(d.gap, name))
         self._set_tool()
 
     def _set_tool(self) -> None:

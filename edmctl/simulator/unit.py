@@ -1,11 +1,9 @@
 """One unit of the machine as its seed draws it: its actuator, and its random numbers.
 
-Elementary functions are those of the library: a machine has the same bytes on every computer.
-
 The actuator is deliberately richer than any estimator of this project: forty play operators on thresholds of no
 one's grid, a tanh envelope on their sum, twelve creep time constants, an amplifier's lag and an output-side mode
 (class of Kuhnen's modified Prandtl-Ishlinskii operator with linear creep). It is scaled to the 445 µm at 150 V of
-Muralidhara et al. 2009, §2.1.
+Muralidhara et al. 2009, §2.1. Functions of the library draw it, with the same bytes on every computer.
 """
 
 from __future__ import annotations
