@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
 
 from edmctl.dataclasses import dataclass
 from edmctl.doe.linear_model import MEAN, Settings, Term, fit, model_matrix, term_name, undetermined
@@ -82,6 +81,8 @@ def anova(
     No F is given where nothing is left to estimate the error. Raises ValueError where the runs do not determine a
     term.
     """
+    from scipy import special
+
     kept = [*(term for term in terms if term not in pooled), *by_block]
     model = model_matrix(settings, kept)
     fitted = fit(model, response)
@@ -123,6 +124,8 @@ def differing(settings: Settings, terms: Sequence[Term], response: ArrayLike, bl
     One is taken after the other while its probability is below `STANDS_OUT` over the number of factors, so that
     chance takes out of the error no more often than that, and while the error keeps `LEAST_ERROR_DOF`.
     """
+    from scipy import special
+
     factors = [term for term in terms if len(term) == 1 and term[0][1] == 1 and term[0][0] != block]
     left: list[Term] = [(*term, (block, 1)) for term in factors] if ((block, 1),) in terms else []
     found: list[Term] = []

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
 
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass, field
@@ -203,4 +202,6 @@ class LackOfFit:
     @property
     def p(self) -> float:
         """Probability of such a ratio where the model is right."""
+        from scipy import special
+
         return float(special.fdtrc(self.dof, self.pure_dof, self.f))

@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
 
 from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
@@ -126,6 +125,8 @@ class ResponseModel:
 
         Raises ValueError for a category that the fit does not know.
         """
+        from scipy import special
+
         columns = self._columns(settings)
         expected = columns @ self.fit.coefficients
         leverage = np.einsum("ij,jk,ik->i", columns, self.fit.unscaled_covariance, columns)
@@ -209,6 +210,8 @@ class ResponseAnalysis:
 
         adjusted : values without the effects of their blocks, as `without_block` returns them
         """
+        from scipy import special
+
         values = np.asarray(adjusted, float)
         values = np.log(values) if self.is_log else values
         scatter, miss_dof = self.scatter, self.model.miss_dof if self.model is not None else 0
@@ -489,6 +492,8 @@ def _left_out_coverage(terms: Sequence[Term], runs: Runs, values: Array, block: 
 
 def _coefficients(fitted: Fit, settings: Settings, table: Anova) -> list[Coefficient]:
     """Coefficients, each with the error that the table compares its term with."""
+    from scipy import special
+
     unscaled = np.diag(fitted.unscaled_covariance)
     found = []
     for term, span in fitted.model.spans.items():

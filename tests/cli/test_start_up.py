@@ -74,6 +74,11 @@ def test_a_job_loads_no_scipy_beyond_its_name(tmp_path: Path) -> None:
     assert not loaded & {"numba", "scipy.linalg", "scipy.optimize"}
 
 
+def test_the_state_of_a_study_loads_no_scipy_and_no_machine(tmp_path: Path) -> None:
+    loaded = modules_after(["study", "status", "none"], tmp_path)
+    assert not loaded & {"scipy.special", "edmctl.jobs.job", "edmctl.simulator"}
+
+
 def test_a_job_loads_only_what_it_uses(tmp_path: Path) -> None:
     job = ["machine", "-p", "cu270", "--quiet", "--seed", "1", "--set", "target.depth_um=8"]
     unused = {

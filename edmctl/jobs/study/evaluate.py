@@ -14,7 +14,6 @@ from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import EdmError, Interrupted, PreconditionError, RunFileError
 from edmctl.exitcodes import error_exit_code
 from edmctl.files import open_regular
-from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import JobRequest, Plan, check
 from edmctl.jobs.run_header import RunName, run_path
 from edmctl.jobs.study.responses import responses_of, truth_of
@@ -43,6 +42,8 @@ def evaluate(task: RunTask, program: Program | None = None) -> RunRow:
 
     Raises Interrupted, RunFileError, and PreconditionError E8203 where the recipe is not the planned one.
     """
+    from edmctl.jobs.job import carry_out
+
     started, begin_s = datetime.now(UTC), time.perf_counter()
     collect_garbage()
     plan = check(task.request, program.surroundings() if program is not None else NONE)

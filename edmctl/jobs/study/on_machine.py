@@ -24,7 +24,6 @@ from edmctl.errors import (
     UsageError,
 )
 from edmctl.files import path_variable
-from edmctl.jobs.job import carry_out
 from edmctl.jobs.ledger.places_taken import WALL_UM
 from edmctl.jobs.plan import JobRequest, MachineAddress, Plan, check
 from edmctl.jobs.run_header import RunName
@@ -183,6 +182,8 @@ class _Series:
                 hint=f"Approve it and go on: `{self._command()} --yes`.",
                 code="E8205",
             )
+        from edmctl.jobs.job import carry_out
+
         what = "resuming" if left is not None else "making"
         self._observer.note(
             f"{what} run {run.planned.number}: {settings_words(run.planned.settings)}, at {coordinates(*site_um)}"
