@@ -1,10 +1,11 @@
-"""Golden digests of plant and controller: every byte on the line in fixed sessions and schedules, and the plant.
+"""Golden digests of plant, controller and operators: every byte on the line in sessions and schedules, the plant.
 
     python -m tests.simulator.golden_core --record "why they change"
     python -m tests.simulator.golden_core --check [--sample] [--build FOLDER [--flags=-O1] | --library FILE]
 
 `--record` writes golden_core.json anew: digests of the sessions of benchmarks/kernel.py, of random schedules and of
-wide random schedules (tests/firmware/schedules.py), and the reason. Earlier records are kept below, the last first.
+wide random schedules (tests/firmware/schedules.py), of the actuator model's operators on random banks
+(tests/actuator/operator_banks.py), and the reason. Earlier records are kept below, the last first.
 `--check` prints how many digests are the recorded ones now; the exit code is 1 if any is not. With `--build` the
 library is compiled into a folder, by the compiler that CC names and with more flags behind the project's.
 `--library` is one that was compiled before with the project's flags.
@@ -21,11 +22,13 @@ from pathlib import Path
 
 from benchmarks import kernel
 from edmctl.core import build
+from tests.actuator import operator_banks
 from tests.firmware.schedules import Schedule, WideSchedule
 
 GOLDEN = Path(__file__).with_name("golden_core.json")
 SCHEDULES = range(1, 151)
 WIDE = range(1, 51)
+BANKS = range(20)
 STEPS = 150
 SAMPLE = (
     "seed 1",
@@ -49,7 +52,7 @@ DIGITS = 16
 
 
 def golden() -> dict[str, dict[str, str]]:
-    """Return the recorded digests: "sessions", "schedules" and "wide" by the name or seed of each."""
+    """Return the recorded digests: by group, then by the name or seed of each."""
     recorded: dict[str, dict[str, str]] = json.loads(GOLDEN.read_text(encoding="utf-8"))["digests"]
     return recorded
 
@@ -66,6 +69,11 @@ def schedule(kind: type[Schedule], seed: int) -> str:
     return random_host.digest()[:DIGITS]
 
 
+def operators(seed: int) -> str:
+    """Return the digest of the operators on a bank now."""
+    return operator_banks.digest_of(seed)[:DIGITS]
+
+
 def digests_now(*, is_sample: bool = False) -> dict[str, dict[str, str]]:
     """Return the digests now, of all sessions and schedules or of a sample."""
     names = SAMPLE if is_sample else tuple(kernel.sessions())
@@ -74,6 +82,7 @@ def digests_now(*, is_sample: bool = False) -> dict[str, dict[str, str]]:
         "sessions": {name: session(name) for name in names},
         "schedules": {str(seed): schedule(Schedule, seed) for seed in SCHEDULES[:some]},
         "wide": {str(seed): schedule(WideSchedule, seed) for seed in WIDE[:some_wide]},
+        "operators": {str(seed): operators(seed) for seed in BANKS},
     }
 
 

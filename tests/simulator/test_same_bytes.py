@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from benchmarks.processors import OTHER
 from edmctl.core import build
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.plant import Plant
@@ -87,6 +88,13 @@ def test_every_compiler_gives_the_recorded_bytes(
     if FUSED in flags and not has_fused():
         pytest.skip("this processor has no fused multiply-add")
     done = checked(compiler, flags, tmp_path, *options)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.slow
+def test_a_processor_without_fused_multiply_add_gives_the_recorded_bytes(tmp_path: Path) -> None:
+    """As far as numpy, OpenBLAS and the C library can be told that they are on one."""
+    done = checked("gcc", "", tmp_path, **OTHER)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
