@@ -6,7 +6,7 @@
 #include "../plant/plant.h"
 #include "host_records.h"
 
-#define OUT_BYTES (256 * 1024)
+#define OUT_BYTES 262144 /* 256 KiB */
 
 /* library.Callbacks: what only the machine's model can do; none is called within a tick. */
 struct host_callbacks {

@@ -63,7 +63,7 @@ void edm_step(const struct bank *b, struct memory *s, double before, const doubl
 }
 
 int64_t edm_bank_room(const struct bank *b) {
-    return 2 * FOLLOW * b->j + b->n + b->k + b->g * b->j;
+    return b->j * 2 * FOLLOW + b->n + b->k + b->g * b->j;
 }
 
 /* Creep after a move to u. A sum for each play, because additions wait for each other. */

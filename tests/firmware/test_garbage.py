@@ -54,10 +54,10 @@ def test_garbage_is_no_command_and_does_no_harm(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("real", REALS)
-def test_the_core_compiles_without_a_warning(core: Build, real: str, tmp_path: Path) -> None:
-    folder = source_folder()
+def test_the_sources_compile_without_a_warning(core: Build, real: str, tmp_path: Path) -> None:
+    folder, parts = source_folder(), (*PARTS, "host", "plant", "operators")
     flags = ["-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror"]
-    for path in sorted(path for part in (*PARTS, "host") for path in (folder / part).glob("*.c")):
+    for path in sorted(path for part in parts for path in (folder / part).glob("*.c")):
         kind = ["-DEDM_REAL_DOUBLE"] if real == "double" else []
         include = [f"-I{folder / 'core'}", f"-I{folder / 'gen'}"]
         command = [*compiler(), "-std=c11", "-O2", *flags, *kind, *include, "-c", str(path)]

@@ -1,4 +1,4 @@
-"""What clang-tidy and cppcheck find in the core and a board's arithmetic by the chosen rules: nothing."""
+"""What clang-tidy and cppcheck find in the sources by the chosen rules: nothing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import pytest
 from tests.firmware_tools import program
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
-SOURCES = sorted(str(path) for part in ("core", "math", "board") for path in FIRMWARE.glob(f"{part}/*.c"))
+PARTS = ("core", "math", "board", "plant", "operators", "host")
+SOURCES = sorted(str(path) for part in PARTS for path in FIRMWARE.glob(f"{part}/*.c"))
 REALS = ("-DEDM_REAL_DOUBLE", "-UEDM_REAL_DOUBLE")
 
 pytestmark = pytest.mark.slow
