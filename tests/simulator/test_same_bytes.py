@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shlex
 import shutil
@@ -24,7 +25,7 @@ from tests.simulator.golden_core import SAMPLE, golden, session
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
 ROOT = Path(__file__).parents[2]
 FUSED = "-O2 -mfma -mavx2"
@@ -187,3 +188,53 @@ def test_an_arm_processor_gives_the_same_bytes(tmp_path: Path) -> None:
 
 def said_by(command: list[str]) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+EXACT = {"inf", "nan", "pi", "sqrt", "isfinite", "isnan", "isinf", "fsum", "floor", "ceil", "hypot"}
+INEXACT = {
+    "exp",
+    "expm1",
+    "log",
+    "log10",
+    "log1p",
+    "power",
+    "cbrt",
+    "sin",
+    "cos",
+    "tan",
+    "tanh",
+    "geomspace",
+    "logspace",
+}
+
+
+def inexact(tree: ast.Module) -> Iterator[int]:
+    """Yield the lines whose last digits depend on a C library, numpy's instructions or BLAS."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Attribute(value=ast.Name(id="math"), attr=name) if name not in EXACT:
+                yield node.lineno
+            case ast.Attribute(value=ast.Name(id="np"), attr=name) if name in INEXACT or name in (
+                "dot",
+                "linalg",
+            ):
+                yield node.lineno
+            case ast.BinOp(op=ast.MatMult()):
+                yield node.lineno
+            case ast.BinOp(op=ast.Pow(), right=right) if not (
+                isinstance(right, ast.Constant) and isinstance(right.value, int)
+            ):
+                yield node.lineno
+
+
+@pytest.mark.parametrize(
+    "source", sorted((ROOT / "edmctl" / "simulator").glob("*.py")), ids=lambda path: path.name
+)
+def test_the_virtual_machine_calculates_with_the_library(source: Path) -> None:
+    """`library().exp` and others have the same bytes everywhere."""
+    assert list(inexact(ast.parse(source.read_text(encoding="utf-8")))) == []
+
+
+def test_inexact_functions_are_found() -> None:
+    lines = "math.exp(x)\nnp.exp(x)\na @ b\nx ** 0.5\nmath.sqrt(x) + np.sum(a) + x ** 2\n"
+    assert list(inexact(ast.parse(lines))) == [1, 2, 3, 4]
