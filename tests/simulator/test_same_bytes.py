@@ -227,14 +227,13 @@ def inexact(tree: ast.Module) -> Iterator[int]:
                 yield node.lineno
 
 
-@pytest.mark.parametrize(
-    "source", sorted((ROOT / "edmctl" / "simulator").glob("*.py")), ids=lambda path: path.name
-)
-def test_the_virtual_machine_calculates_with_the_library(source: Path) -> None:
+def test_the_virtual_machine_calculates_with_the_library() -> None:
     """`library().exp` and others have the same bytes everywhere."""
-    assert list(inexact(ast.parse(source.read_text(encoding="utf-8")))) == []
+    sources = sorted((ROOT / "edmctl" / "simulator").glob("*.py"))
+    found = {path.name: list(inexact(ast.parse(path.read_text(encoding="utf-8")))) for path in sources}
+    assert {name: lines for name, lines in found.items() if lines} == {}
 
 
 def test_inexact_functions_are_found() -> None:
     lines = "math.exp(x)\nnp.exp(x)\na @ b\nx ** 0.5\nmath.sqrt(x) + np.sum(a) + x ** 2\n"
-    assert list(inexact(ast.parse(lines))) == [1, 2, 3, 4]
+    assert sorted(inexact(ast.parse(lines))) == [1, 2, 3, 4]
