@@ -51,8 +51,8 @@ _lost: list[int] = []
 def raising_signals() -> Iterator[None]:
     """While nothing moves: turn a signal into `SignalArrived`.
 
-    One that comes while a library calls back, as LLVM does for every function it loads, is raised as soon as a
-    machine may move, or at the end.
+    One that comes while a library calls back, or an object is finalized, is raised as soon as a machine may move, or
+    at the end.
     """
 
     def handle(number: int, frame: FrameType | None) -> None:

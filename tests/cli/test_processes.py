@@ -228,7 +228,7 @@ def test_a_stopped_job_gives_the_cursor_back(tmp_path: Path, stop: signal.Signal
 
 
 def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path: Path) -> None:
-    """LLVM calls back for every function that is loaded, and what is raised there Python can only tell of."""
+    """What is raised where a library calls back, Python can only tell of."""
     code = (
         "import ctypes, os, signal\n"
         "from edmctl.cli.signals import SignalArrived, raising_signals, stopping_signals\n"
