@@ -5,7 +5,7 @@
     python -m benchmarks.studies points [--repeats 8] [--seed 1]
     python -m benchmarks.studies optimum [--repeats 8] [--dense 300] [--judges 6] [--seed 1]
     python -m benchmarks.studies kills [--kills 20] [--seed 1]
-    python -m benchmarks.studies throughput [--runs 200]
+    python -m benchmarks.studies throughput [--runs 400]
     python -m benchmarks.studies planning
 
 null: a factor that does nothing is flagged at 5 % in 2 to 9 % of the studies. intervals: of a response surface over
@@ -835,7 +835,7 @@ def main() -> int:
     parser.add_argument("--dense", type=int, default=300)
     parser.add_argument("--judges", type=int, default=6)
     parser.add_argument("--kills", type=int, default=20)
-    parser.add_argument("--runs", type=int, default=200)
+    parser.add_argument("--runs", type=int, default=400)
     args = parser.parse_args()
     return COMMANDS[args.what](args)
 
