@@ -2,7 +2,8 @@
 
     python benchmarks/command_cpu.py [OTHER_CHECKOUT] [--repeat 7] [-- ARGUMENTS OF edmctl]
 
-With another checkout both run by turns, so that they see the same computer, and the ratio of the rests is printed.
+With another checkout both run by turns, so that they see the same computer, and the ratios of rests and totals are
+printed.
 Imports hold the start of the interpreter; of each part the least and the median of all repeats are told, over all
 threads of the process. Bytecode and the library are made in a first run.
 
@@ -265,11 +266,12 @@ def main() -> None:
             values = [one[part] for one in found[tree]]
             print(f"  {part:<8} {min(values):6.2f} s least   {median(values):6.2f} s median")
     if len(trees) > 1:
-        before, after = ([one["rest"] for one in found[tree]] for tree in trees)
-        print(
-            f"rest, here : there   {min(after) / min(before):.2f} least   "
-            f"{median(after) / median(before):.2f} median"
-        )
+        for part in ("rest", "total"):
+            before, after = ([one[part] for one in found[tree]] for tree in trees)
+            print(
+                f"{part}, here : there   {min(after) / min(before):.2f} least   "
+                f"{median(after) / median(before):.2f} median"
+            )
 
 
 if __name__ == "__main__":
