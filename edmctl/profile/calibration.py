@@ -3,8 +3,6 @@
 The arrays are those of `ActuatorModel`; numbers are read back exactly.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """The drift file: what `edmctl measure-drift` has told of a machine, hashed and checked like a calibration file."""
 
-from __future__ import annotations
-
 import json
 import math
 from datetime import UTC, datetime

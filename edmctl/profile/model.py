@@ -1,7 +1,5 @@
 """The recipe of a job: every table of a profile file with its units and limits."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """A profile file: the recipe and the `[sim]` table of the virtual machine, with a JSON schema for editors."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field

@@ -1,7 +1,5 @@
 """The machine's own settings, what stays when the recipe changes, and loading them."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """Where a job machines: the `[[sites]]` of holes, how they are worked off, and the `[path]` of a channel."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag

@@ -1,7 +1,5 @@
 """A study file: factors, design, responses, and how its runs are made; read with positions, as profiles are."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterable
 from copy import deepcopy

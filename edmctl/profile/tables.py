@@ -1,4 +1,7 @@
-"""What every table of a file is, and what it permits at a key: its type, its limits, its neighbours, in words."""
+"""What every table of a file is, and what it permits at a key: its type, its limits, its neighbours, in words.
+
+Modules of tables do not postpone their annotations: pydantic would compile the text of each one.
+"""
 
 from __future__ import annotations
 
