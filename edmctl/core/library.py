@@ -87,6 +87,9 @@ class Seen(Record):
     pulse_period_ns: int
     duty_v: float
     sensor_fitted: int
+    watched: int  # written by the caller: the host waits, and is heard without heartbeats
+    merges: int  # written by the caller: samples are taken from `samples_at`, without frames
+    sample_bytes: int
 
 
 @record
@@ -129,6 +132,8 @@ CALLBACKS: dict[str, Any] = {
     "wave_keep": CFUNCTYPE(None),
     "wave_forget": CFUNCTYPE(None, c_int64),
     "wave_read": CFUNCTYPE(None, c_int64, c_int64, POINTER(c_int16)),
+    "follow": CFUNCTYPE(None, c_int64),
+    "due": CFUNCTYPE(c_int64),
 }
 
 
@@ -144,6 +149,7 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
     "seen_at": (c_size_t, ()),
     "out_at": (c_size_t, ()),
     "last_samples_at": (c_size_t, ()),
+    "samples_at": (c_size_t, ()),
     "real_bytes": (c_int, ()),
     "schema_hash": (c_uint32, ()),
     "bind": (None, (c_void_p, c_void_p, c_void_p, POINTER(Callbacks))),
@@ -155,9 +161,6 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
     "taken": (None, (c_void_p,)),
     "heard": (None, (c_void_p,)),
     "count_from": (None, (c_void_p, c_int64, c_uint16, c_uint32, c_uint32, c_uint32)),
-    "conclude": (None, (c_void_p, c_int64)),
-    "watch": (None, (c_void_p,)),
-    "deadline": (c_int64, (c_void_p,)),
     "fault": (None, (c_void_p, c_int, c_int)),
     "reset": (None, (c_void_p, c_int)),
     "keep": (None, (c_void_p, c_void_p)),
@@ -167,6 +170,7 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
 
 _PLANT: dict[str, tuple[Any, Sequence[Any]]] = {
     "machine_run": (c_int64, (c_int64, c_void_p, c_void_p)),
+    "machine_advance": (None, (c_int64, c_bool, c_int64, c_void_p, c_void_p)),
     "plant_run": (c_bool, (c_void_p,)),
     "plant_tick": (c_bool, (c_void_p,)),
     "plant_follow": (c_bool, (c_void_p,)),

@@ -148,7 +148,7 @@ def _virtual(
         from edmctl.simulator import open_bench
 
         fresh = open_bench(config, seed)
-        yield fresh.transport, lambda machine: ConnectedMachine(machine, fresh, made_by)
+        yield fresh.direct_line(), lambda machine: ConnectedMachine(machine, fresh, made_by)
         return
     from edmctl.jobs.persistent_simulator import fit, kept_line
 

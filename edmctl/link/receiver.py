@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from edmctl.link.frame import Frame, FrameDecoder
@@ -20,6 +20,7 @@ from edmctl.link.messages import (
     Tlm,
 )
 from edmctl.link.statistics import Statistics
+from edmctl.link.transport import MergedTlm
 
 REPLY = 0x40
 _COUNTER_WRAP = 1 << 16
@@ -67,6 +68,12 @@ class Subscriptions:
             return
         for callback in self._subscribers.get(type(message), ()):
             callback(message)
+
+    def deliver_samples(self, samples: MergedTlm) -> None:
+        """Deliver samples that came without frames, so that none is lost or repeated."""
+        self._next_counter[Tlm] = (samples.counter + 1) % _COUNTER_WRAP
+        for callback in self._subscribers.get(Tlm, ()):
+            callback(samples)
 
     def _is_newer(self, message: Tlm | PulseBlocks | Pulses) -> bool:
         """Whether a frame is none that came before, or was overtaken; counts what is missing before it."""
@@ -140,6 +147,13 @@ class Receiver:
         self._statistics.bytes_received += len(data)
         self._inbox.extend(self._decoder.feed(data))
         self._statistics.bad_frames = self._decoder.bad
+
+    def take_samples(self, samples: Sequence[MergedTlm]) -> None:
+        """Take samples that came without frames."""
+        for some in samples:
+            self._statistics.frames_received += some.frames
+            self._hear()
+            self._subscriptions.deliver_samples(some)
 
     def dispatch(self) -> None:
         """Handle every frame that has come. What a subscriber raises comes out here and loses no other frame."""

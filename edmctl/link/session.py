@@ -2,7 +2,8 @@
 
 Bytes are read and subscribers called only while the caller waits in `request`, `pump` or `pump_until`. Where time
 is virtual, heartbeats are sent there as well; on a live line they have a thread of their own, which falls silent
-when the caller does not come back.
+when the caller does not come back. A `VirtualLine` keeps the watchdog from acting while the host reads: there
+heartbeats only acknowledge events and set the clock.
 """
 
 from __future__ import annotations
@@ -43,13 +44,15 @@ from edmctl.link.messages import (
 )
 from edmctl.link.receiver import Receiver, Subscriptions
 from edmctl.link.statistics import LONGEST_S, RetransmitTimer, Statistics, link_report
-from edmctl.link.transport import SteppedLine, Transport
+from edmctl.link.transport import SteppedLine, Transport, VirtualLine
 from edmctl.link.wire import Request
 from edmctl.results.telemetry import LinkReport
 
 __all__ = ["DEADLINE_S", "HEARTBEAT_S", "SILENCE_S", "CommandRefused", "Session"]
 
 HEARTBEAT_S = 0.05
+VIRTUAL_BEAT_S = 0.1
+"""On a `VirtualLine` a heartbeat goes before a read where the last one is so old."""
 DEADLINE_S = 0.75
 """Longest wait for the reply to a command, all its repetitions included."""
 SILENCE_S = 0.5
@@ -79,6 +82,7 @@ class Session:
         self, transport: Transport, random_source: Random | None = None, heartbeat_s: float = HEARTBEAT_S
     ) -> None:
         self.transport = self._line = transport
+        self._virtual = transport if isinstance(transport, VirtualLine) else None
         self.heartbeat_s = heartbeat_s
         self._random = random_source or SystemRandom()
         self._subscriptions = Subscriptions()
@@ -93,7 +97,7 @@ class Session:
         self._hello: HelloReply | None = None
         self._is_open = False
         self._lost: LinkLost | None = None
-        self._seq = self._beat_seq = 0
+        self._seq = self._beat_seq = self._acknowledged = 0
         self._beats_us = [_NEVER_US] * 256
         self._next_beat_s = inf
         self._unanswered_since_s = inf
@@ -178,20 +182,26 @@ class Session:
         """Read and dispatch for `duration_s`. What a subscriber raises comes out here and loses no frame."""
         self.pump_until(lambda: False, duration_s)
 
-    def pump_until(self, predicate: Callable[[], bool], timeout_s: float) -> bool:
-        """Read and dispatch until `predicate` holds; False where it did not in `timeout_s` of controller time."""
+    def pump_until(self, predicate: Callable[[], bool], timeout_s: float, *, wakes: bool = False) -> bool:
+        """Read and dispatch until `predicate` holds; False where it did not in `timeout_s` of controller time.
+
+        With `wakes` a wait in virtual time also ends, with False, when the controller has cut a read short: it has
+        sent what its host has to see at once.
+        """
         end_s = self.transport.now_s() + timeout_s / self._rate
         while not predicate():
             now_s = self.transport.now_s()
             if end_s - now_s < _CLOCK_TICK_S:
                 return False
-            self._step(now_s, min(end_s, now_s + _LOOK_S))
+            woken = self._step(now_s, end_s if self._is_watched else min(end_s, now_s + _LOOK_S))
             if self._is_silent():
                 # As above: what came meanwhile may not have been read yet.
                 now_s = self.transport.now_s()
                 self._step(now_s, now_s + self._last_look_s)
             if self._is_silent():
                 raise self._give_up(fell_silent(self.transport.name, SILENCE_S))
+            if wakes and woken:
+                return predicate()
         return True
 
     def subscribe(self, message_type: type[MessageT], callback: Callable[[MessageT], None]) -> None:
@@ -214,6 +224,11 @@ class Session:
         if self.transport.live:
             now_s = self.transport.now_s()
             self._step(now_s, now_s)
+
+    def take_samples(self) -> None:
+        """Dispatch the samples that a transport has kept apart from its bytes."""
+        if self._virtual is not None:
+            self._receiver.take_samples(self._virtual.samples())
 
     def seconds(self, t_us: int) -> float:
         """Return controller time in seconds of the 32-bit time that a message just received carries."""
@@ -272,6 +287,11 @@ class Session:
         return max(1.0, self._rate)
 
     @property
+    def _is_watched(self) -> bool:
+        """Whether the controller hears its host without heartbeats."""
+        return self._virtual is not None and self._virtual.is_watched
+
+    @property
     def _last_look_s(self) -> float:
         """How long the reader of a live line gets to hand over what came while the host was away."""
         return _LAST_LOOK_S if self.transport.live else 0.0
@@ -291,6 +311,8 @@ class Session:
         self._start_heartbeats()
 
     def _start_heartbeats(self) -> None:
+        if self._virtual is not None:
+            self._virtual.watch(watched=True)
         if not self.transport.live:
             return
         now_s = self.transport.now_s
@@ -300,6 +322,8 @@ class Session:
         self._pulse.start()
 
     def _end_heartbeats(self) -> None:
+        if self._virtual is not None:
+            self._virtual.watch(watched=False)
         pulse, self._pulse = self._pulse, None
         if pulse is not None:
             pulse.stop()
@@ -344,33 +368,38 @@ class Session:
     def _beat(self, now_s: float) -> None:
         with self._writing:
             seq, self._beat_seq = self._beat_seq, (self._beat_seq + 1) & 0xFF
+            self._acknowledged = self._subscriptions.last_event
             self._beats_us[seq] = int(now_s * 1e6)
-            self._send(
-                Heartbeat.ID, seq, Heartbeat(self._beats_us[seq], self._subscriptions.last_event).pack()
-            )
+            self._send(Heartbeat.ID, seq, Heartbeat(self._beats_us[seq], self._acknowledged).pack())
         # A host that was away itself cannot blame the controller for the silence.
         was_away = now_s - self._next_beat_s > self.heartbeat_s
         self._unanswered_since_s = now_s if was_away else min(self._unanswered_since_s, now_s)
         if not self.transport.live:
-            self._next_beat_s = now_s + self.heartbeat_s
+            self._next_beat_s = now_s + (VIRTUAL_BEAT_S if self._is_watched else self.heartbeat_s)
         self.statistics.heartbeats_sent += 1
 
-    def _step(self, now_s: float, until_s: float) -> None:
-        """Heartbeat if one is due, then one read that ends before the next is."""
+    def _step(self, now_s: float, until_s: float) -> bool:
+        """Heartbeat if one is due, then read until the next; return whether virtual time stopped early."""
         if self._lost is not None:
             raise self._lost
         self._moved_s = now_s
         if self._next_beat_s - now_s < _CLOCK_TICK_S:
             self._beat(now_s)
+        if not self._is_watched:
+            until_s = min(until_s, self._next_beat_s)
+        until_s = max(until_s, now_s)
         # A subscriber that raised has left frames behind; they come before new bytes.
         if not self._receiver.pending:
-            self._receiver.feed(self.transport.read(max(min(until_s, self._next_beat_s) - now_s, 0.0)))
+            self._receiver.feed(self.transport.read(until_s - now_s))
         try:
             self._receiver.dispatch()
         finally:
             if self._receiver.heard:
                 self._receiver.heard = False
                 self._unanswered_since_s = inf
+        if not self.transport.live and self._subscriptions.last_event != self._acknowledged:
+            self._next_beat_s = now_s
+        return not self.transport.live and until_s - self.transport.now_s() > _CLOCK_TICK_S
 
     def _on_heartbeat(self, reply: HeartbeatReply, seq: int) -> None:
         before, is_ours = self.last_heartbeat, reply.t_host_us == self._beats_us[seq]

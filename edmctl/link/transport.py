@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
 
+from edmctl.dataclasses import dataclass
 from edmctl.errors import LinkLost
 from edmctl.link.frame import Frame, FrameDecoder, encode_frame
-from edmctl.link.messages import Advance, AdvanceReply, Status
+from edmctl.link.messages import Advance, AdvanceReply, Status, Tlm
 
 
 class Transport(Protocol):
@@ -43,6 +45,31 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Give the line back."""
+        ...
+
+
+@dataclass(slots=True, eq=False)
+class MergedTlm(Tlm):
+    """`frames` consecutive TLM frames without a gap as one message; `counter` is that of the last one."""
+
+    frames: int
+
+
+@runtime_checkable
+class VirtualLine(Protocol):
+    """A line to a simulated controller in this process: what needs no frame comes without."""
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether the controller hears its host while that reads."""
+        ...
+
+    def watch(self, *, watched: bool) -> None:
+        """Let the controller hear its host, as by heartbeats, while that reads; or no longer."""
+        ...
+
+    def samples(self) -> Sequence[MergedTlm]:
+        """Return the samples since the last call; the bytes that were read meanwhile do not have them."""
         ...
 
 

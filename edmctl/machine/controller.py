@@ -33,6 +33,7 @@ from edmctl.link.session import Session
 from edmctl.machine.faults import FaultLatched, latched_error
 from edmctl.machine.inbox import Inbox
 from edmctl.machine.interface import (
+    SLICE_S,
     MachineEvent,
     MachineIdentity,
     MachineListener,
@@ -231,6 +232,10 @@ class LinkMachine:
         self._position |= {Axis.X: line.x_um, Axis.Y: line.y_um}
         return True
 
+    @property
+    def slice_s(self) -> float:
+        return self._waits.slice_s
+
     def watch_cut(self, duration_s: float) -> MachineEvent | None:
         return self._waits.cut(duration_s)
 
@@ -259,6 +264,7 @@ class LinkMachine:
     def disarm(self) -> None:
         self._waits.retreat(Disarm())
         self._waits.event((EventCode.MOVE_DONE,), self._retract_time_s())
+        self._waits.rest(SLICE_S)  # the last samples are to show the rest
         self._actuator_v = 0.0
 
     def safe_stop(self) -> None:
@@ -275,6 +281,8 @@ class LinkMachine:
             elif state is not MachineState.IDLE:
                 self._waits.retreat(Disarm())
                 self._waits.event_whatever_comes(EventCode.MOVE_DONE, self._retract_time_s() + GRACE_S)
+        with suppress(EdmError):
+            self._session.pump(SLICE_S)  # as in `disarm`
         with suppress(EdmError):
             self._session.request(TlmStop())
         with suppress(EdmError):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
@@ -28,35 +27,28 @@ _PULSE_SCALE = Pulses.record_scales()
 _WAVEFORM_SCALE = WaveformReadReply.record_scales()
 
 
-def lost_frames(previous: int | None, counters: Sequence[int]) -> int:
-    """Return the number of frames missing before and between frames with these u16 counters."""
-    seen = list(counters) if previous is None else [previous, *counters]
-    if (seen[-1] - seen[0]) & 0xFFFF == len(seen) - 1:
-        return 0
-    return sum((after - before - 1) & 0xFFFF for before, after in pairwise(seen))
+def _times(starts_s: Sequence[float], counts: Sequence[int], step_us: float) -> Array:
+    """Return the times of records that are `step_us` apart within each frame, s.
 
-
-def _times(starts_s: Sequence[float], counts: Sequence[int], step_s: float) -> Array:
-    """Return the times of records that are `step_s` apart within each frame."""
-    return np.concatenate([start + _steps(n, step_s) for start, n in zip(starts_s, counts, strict=True)])
+    Frames begin at whole microseconds; samples at whole ones too have the same times however they are framed.
+    """
+    pairs = zip(starts_s, counts, strict=True)
+    return np.concatenate([round(start * 1e6) + _steps(n, step_us) for start, n in pairs]) / 1e6
 
 
 @lru_cache(maxsize=64)
-def _steps(n: int, step_s: float) -> Array:
-    """Return multiples of `step_s`, shared between frames of one size and therefore read-only."""
-    steps = step_s * np.arange(n, dtype=np.float64)
+def _steps(n: int, step_us: float) -> Array:
+    """Return multiples of `step_us`, shared between frames of one size and therefore read-only."""
+    steps = step_us * np.arange(n, dtype=np.float64)
     steps.flags.writeable = False
     return steps
 
 
 def telemetry_block(frames: Sequence[Tlm], to_seconds: ToSeconds, missing_frames: int) -> TelemetryBlock:
     """Return the samples of consecutive frames with one sample period, shape (n,) per column."""
-    first, step_s = frames[0], 1e-6 * frames[0].period_us
-    if len(frames) == 1:
-        data, time_s = first.records, to_seconds(first.t0_us) + _steps(first.n, step_s)
-    else:
-        data = b"".join(frame.records for frame in frames)
-        time_s = _times([to_seconds(frame.t0_us) for frame in frames], [frame.n for frame in frames], step_s)
+    data = frames[0].records if len(frames) == 1 else b"".join(frame.records for frame in frames)
+    starts = [to_seconds(frame.t0_us) for frame in frames]
+    time_s = _times(starts, [frame.n for frame in frames], frames[0].period_us)
     rows = np.frombuffer(data, dtype=_TLM_DTYPE)
     return TelemetryBlock(
         time_s=time_s,
@@ -78,9 +70,9 @@ def pulse_block_batch(frames: Sequence[PulseBlocks], to_seconds: ToSeconds) -> P
     """Return the pulse blocks of consecutive frames with one block size, shape (n,) per column."""
     rows = np.frombuffer(b"".join(frame.records for frame in frames), dtype=_BLOCK_DTYPE)
     starts = [to_seconds(frame.t0_us) for frame in frames]
-    step_s = 1e-9 * frames[0].period_ns * frames[0].block_pulses
+    step_us = 1e-3 * frames[0].period_ns * frames[0].block_pulses
     return PulseBlockBatch(
-        time_s=_times(starts, [frame.n for frame in frames], step_s),
+        time_s=_times(starts, [frame.n for frame in frames], step_us),
         n_open=rows["n_open"],
         n_normal=rows["n_normal"],
         n_arc=rows["n_arc"],
@@ -125,7 +117,7 @@ def waveform_batch(pages: Sequence[WaveformReadReply], to_seconds: ToSeconds) ->
     rows = np.frombuffer(b"".join(page.records for page in pages), dtype=_WAVEFORM_DTYPE)
     first = pages[0]
     return WaveformBatch(
-        time_s=_times([to_seconds(first.t0_us)], [len(rows)], 1e-9 * first.period_ns),
+        time_s=_times([to_seconds(first.t0_us)], [len(rows)], 1e-3 * first.period_ns),
         gap_v=rows["gap_v"] * _WAVEFORM_SCALE["gap_v"],
         current_a=rows["current_a"] * _WAVEFORM_SCALE["current_a"],
     )

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from edmctl.errors import EdmError
 from edmctl.link.messages import PulseBlocks, Pulses, Tlm
 from edmctl.link.session import Session
+from edmctl.link.transport import MergedTlm
 from edmctl.machine.faults import host_fault
 from edmctl.machine.requests import TelemetrySettings
 
@@ -35,6 +36,7 @@ class SampleStream:
         self._settings: TelemetrySettings | None = None
         self._last: Tlm | None = None
         self._newest_s = 0.0
+        self.missing = 0
 
     def begin(self, settings: TelemetrySettings) -> None:
         """Telemetry has been asked for: samples are due from now on."""
@@ -47,7 +49,11 @@ class SampleStream:
         self._settings = None
 
     def wrong(self, frames: Sequence[Tlm]) -> str:
-        """Take the next frames; return what cannot be in them, in words, and nothing where all can."""
+        """Take the next frames; return what cannot be in them, in words, and nothing where all can.
+
+        `missing` is then the number of frames lost before and between them.
+        """
+        self.missing = 0
         latest_s = self._session.latest_s
         for frame in frames:
             end_s = self._end_s(frame)
@@ -56,24 +62,28 @@ class SampleStream:
             self._last, self._newest_s = frame, end_s
         return ""
 
-    def too_old(self, arrived: Sequence[Tlm]) -> EdmError | None:
-        """Return the fault of samples that have stayed away; None while there are some, or none are due.
-
-        `arrived` are frames that nobody has taken yet.
-        """
+    def age_s(self, arrived: Sequence[Tlm] = ()) -> float:
+        """Return how old the newest sample is, 0 where none is due; `arrived` has frames not yet taken."""
         if self._settings is None:
-            return None
+            return 0.0
         newest_s = max(self._newest_s, self._end_s(arrived[-1])) if arrived else self._newest_s
-        age_s = self._session.heard_s - newest_s
+        return self._session.heard_s - newest_s
+
+    def too_old(self, arrived: Sequence[Tlm]) -> EdmError | None:
+        """Return the fault of samples that have stayed away; None while there are some, or none are due."""
+        age_s = self.age_s(arrived)
         if age_s <= OLDEST_SAMPLE_S * self._session.pace:
             return None
         return host_fault("SAMPLES_LOST", f" (the newest is {age_s:.1f} s old)")
 
     def _wrong_frame(self, frame: Tlm, end_s: float, ahead_s: float) -> str:
         settings, last = self._settings, self._last
+        frames = frame.frames if isinstance(frame, MergedTlm) else 1
         if frame.n == 0:
             return "TLM without samples"
-        if settings is not None and (frame.period_us != settings.period_us or frame.n > settings.batch):
+        if settings is not None and (
+            frame.period_us != settings.period_us or frame.n > settings.batch * frames
+        ):
             return (
                 f"TLM with {frame.n} samples {frame.period_us} µs apart, asked for were {settings.batch} "
                 f"samples {settings.period_us} µs apart"
@@ -83,7 +93,8 @@ class SampleStream:
         if last is None:
             behind_s = self._newest_s - end_s
             return f"first samples of {behind_s:.1f} s before" if behind_s > OLDEST_SAMPLE_S else ""
-        missing = (frame.counter - last.counter - 1) & 0xFFFF
+        missing = (frame.counter - frames - last.counter) & 0xFFFF
+        self.missing += missing
         due_us = last.t0_us + last.n * frame.period_us
         # The 32-bit times start over, so the difference is signed.
         skipped_us = (frame.t0_us - due_us + _WRAP_US // 2) % _WRAP_US - _WRAP_US // 2

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from edmctl.errors import EdmError
 from edmctl.link.messages import Event, EventCode, Fault, Log, PulseBlocks, Pulses, Tlm
 from edmctl.link.session import Session
-from edmctl.machine.decode import ToSeconds, lost_frames, pulse_batches, pulse_block_batch, telemetry_block
+from edmctl.machine.decode import ToSeconds, pulse_batches, pulse_block_batch, telemetry_block
 from edmctl.machine.frame_sequence import PulseFrames, SampleStream
 from edmctl.machine.interface import MachineEvent, MachineListener, MachineState, TelemetryBlock
 from edmctl.machine.plausibility import (
@@ -23,6 +23,7 @@ from edmctl.machine.requests import TelemetrySettings
 
 _PULSE_FRAMES = 16
 """Pulse frames gathered before they are handed on: they are only recorded, so they may wait."""
+LATE_S = 0.4
 OLDEST_EVENT_S = 70.0
 """A touch is reported after its dwell, 65 s at most, and a report that got lost is sent again every 100 ms."""
 
@@ -46,7 +47,6 @@ class Inbox:
         self._pulses: list[Pulses] = []
         self._logs: list[Log] = []
         self._unheard: list[MachineEvent] = []
-        self._telemetry_counter: int | None = None
         self._stream = SampleStream(session)
         self._block_frames, self._pulse_frames = PulseFrames(session), PulseFrames(session)
         self._malformed = session.statistics.malformed
@@ -100,7 +100,6 @@ class Inbox:
 
     def begin_telemetry(self, settings: TelemetrySettings) -> None:
         """Telemetry has been asked for; its next frame is the first."""
-        self._telemetry_counter = None
         self._stream.begin(settings)
         self._block_frames.begin()
         self._pulse_frames.begin()
@@ -118,8 +117,14 @@ class Inbox:
         finally:
             self._gathered = None
 
+    @property
+    def samples_are_late(self) -> bool:
+        """Whether the newest samples are older than a wait in virtual time is long."""
+        return self._stream.age_s() > LATE_S
+
     def doubts(self) -> EdmError | None:
         """Return the fault of what has come, or has stayed away: the controller lies, or its samples are lost."""
+        self._session.take_samples()
         malformed = self._session.statistics.malformed
         if malformed > self._malformed:
             self._doubt(
@@ -130,6 +135,7 @@ class Inbox:
 
     def deliver(self, listener: MachineListener, *, everything: bool = False) -> None:
         """Hand on what has come in; `everything` also empties the pulse buffers."""
+        self._session.take_samples()
         if self._telemetry:
             self._deliver_telemetry(listener)
         for event in self._unheard:
@@ -151,13 +157,10 @@ class Inbox:
         if problem := self._stream.wrong(frames):
             self._doubt(problem)
             return
-        counters = [frame.counter for frame in frames]
-        missing = lost_frames(self._telemetry_counter, counters)
-        block = telemetry_block(frames, self._to_seconds, missing)
+        block = telemetry_block(frames, self._to_seconds, self._stream.missing)
         if problem := wrong_block(block):
             self._doubt(problem)
             return
-        self._telemetry_counter = counters[-1]
         self.time_s = float(block.time_s[-1])
         if block.state.item(-1) != self.state:
             self.state, self.state_since_s = block.state.item(-1), self.time_s

@@ -161,6 +161,10 @@ class SampleListener:
         """Do nothing."""
 
 
+SLICE_S = 0.1
+"""A wait on a live line looks around so often; frames of samples come as often."""
+
+
 class Machine(Protocol):
     """A piezo-fed micro-EDM machine.
 
@@ -241,6 +245,10 @@ class Machine(Protocol):
 
     def path_move(self, line: ScanLine) -> bool:
         """Append a line to the path of a scan; False where the queue is full: try again after `watch_cut`."""
+
+    @property
+    def slice_s(self) -> float:
+        """How long a cut may be left alone, s: less on a live line than where time is virtual."""
 
     def watch_cut(self, duration_s: float) -> MachineEvent | None:
         """Let at most `duration_s` of a cut or scan pass; the event that ended it, None while it goes on."""

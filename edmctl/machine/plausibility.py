@@ -57,20 +57,18 @@ def impossible(what: str) -> EdmError:
 
 
 def wrong_block(block: TelemetryBlock) -> str:
-    """Judge samples. Lists of some ten numbers have their extremes sooner than arrays."""
+    """Return what in these samples cannot be."""
     state, flags = max(block.state.tobytes()), max(block.flags.tobytes())
     if state > _LAST_STATE or flags > _FLAGS:
         return f"samples with state {state} and flags {flags:#04x}"
-    heights_um = block.displacement_um.tolist()
-    farthest_um = max(max(heights_um), -min(heights_um))
-    if farthest_um > FARTHEST_UM:
+    seen = block.summary
+    if (farthest_um := max(seen.high_um, -seen.low_um)) > FARTHEST_UM:
         return f"samples at {farthest_um:.0f} µm"
-    for unit, values, most in (
-        ("V on the actuator", block.actuator_v, GREATEST_V),
-        ("V at the gap", block.gap_v, GREATEST_GAP_V),
-        ("A", block.current_a, GREATEST_A),
+    for unit, greatest, most in (
+        ("V on the actuator", seen.actuator_high_v, GREATEST_V),
+        ("V at the gap", seen.gap_high_v, GREATEST_GAP_V),
+        ("A", seen.current_high_a, GREATEST_A),
     ):
-        greatest = max(values.tolist())
         if greatest > most:
             return f"samples with {greatest:.0f} {unit}"
     return ""

@@ -12,15 +12,16 @@ from edmctl.link.session import Session
 from edmctl.link.wire import Request
 from edmctl.machine.faults import fault_error
 from edmctl.machine.inbox import Inbox
-from edmctl.machine.interface import MachineEvent, MachineListener
+from edmctl.machine.interface import SLICE_S, MachineEvent, MachineListener
 from edmctl.machine.plausibility import impossible
 from edmctl.machine.queries import read_status
 from edmctl.machine.requests import TouchRequest
 from edmctl.machine.states import EventCode, MachineState
 from edmctl.machine.stop import StopRequest
 
-SLICE_S = 0.1
-"""A wait looks around this often."""
+VIRTUAL_SLICE_S = 0.5
+"""Where time is virtual, a wait looks around so often. It ends at once when an event or a fault has come, or samples
+that are not those of a calm gap."""
 GRACE_S = 5.0
 """How much longer than computed a motion may take before it counts as lost."""
 SLOWEST = 4.0
@@ -51,6 +52,12 @@ class Waits:
         self.settings = settings
         self.listener: MachineListener | None = None
         self._begun_s = 0.0
+
+    @property
+    def slice_s(self) -> float:
+        """How long a wait lasts until it looks around; samples that stay away shorten it."""
+        is_long = not self._session.transport.live and not self._inbox.samples_are_late
+        return VIRTUAL_SLICE_S if is_long else SLICE_S
 
     @property
     def now_s(self) -> float:
@@ -103,13 +110,13 @@ class Waits:
     def rest(self, duration_s: float) -> None:
         end_s = self.now_s + duration_s
         while (left_s := end_s - self.now_s) > 1e-6:
-            self.slice(min(left_s, SLICE_S))
+            self.slice(min(left_s, self.slice_s))
 
     def slice(self, duration_s: float) -> None:
         """Read for one slice or until there is news; then hand over, and raise what must be raised."""
         inbox = self._inbox
         inbox.news = False
-        self._session.pump_until(lambda: inbox.news, duration_s)
+        self._session.pump_until(lambda: inbox.news, duration_s, wakes=True)
         self.hand_over()
         self._raise_what_came()
         self._stop.check()
@@ -142,7 +149,7 @@ class Waits:
             self._refuse_strange(codes)
             if self.now_s > deadline_s or self._stands_since(begun_s, _MOVING):
                 raise _not_reported(codes, f"within {expected_s + grace_s:.1f} s")
-            self.slice(SLICE_S)
+            self.slice(min(self.slice_s, max(SLICE_S, deadline_s - self.now_s)))
         return event
 
     def cut(self, duration_s: float) -> MachineEvent | None:

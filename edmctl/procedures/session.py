@@ -23,7 +23,7 @@ from edmctl.actuator.inverse import jump_volts
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.errors import EdmError, LinkLost, MachineFault, PreconditionError, ProtocolMismatch, RunFileError
-from edmctl.machine.interface import Machine, TelemetryBlock, joined
+from edmctl.machine.interface import SLICE_S, Machine, TelemetryBlock, joined
 from edmctl.procedures.actuator.sensorless import SensorlessMachine
 from edmctl.procedures.actuator.tracker import Tracker, home
 from edmctl.procedures.hole.regimes import take_recipe
@@ -239,6 +239,7 @@ def condition(run: JobRun, *, pulses: bool = True) -> None:
     try:
         rest_and_look(run, REST_S)
         _swing(run)
+        run.machine.rest(2.0 * SLICE_S)  # until the last samples of the swings are in
         run.machine.disarm()
     finally:
         run.watch.follow(None)

@@ -67,6 +67,8 @@ LEAST_CREEP = -0.05
 LEAST_CREEP_U = 1e-6
 """Of each: less than a sensor's last digit after a full stroke is not known of it."""
 
+_GATHERED = 20
+"""Blocks of samples that are followed together."""
 REST_V = 0.5
 """An actuator at less is at rest."""
 
@@ -112,8 +114,9 @@ class CreepLags:
 
     def __init__(self, left: CreepLeft | None = None) -> None:
         self._before = CreepLeft.none() if left is None else left
-        self.um: Array = self._before.um.copy()
-        self.out_s: Array = np.zeros(len(TIME_CONSTANTS_S))
+        self._um: Array = self._before.um.copy()
+        self._out_s: Array = np.zeros(len(TIME_CONSTANTS_S))
+        self._fresh: list[tuple[Array, Array, Array]] = []
         self._home_um = math.nan
         self._begin_s = self._time_s = math.nan
 
@@ -126,17 +129,39 @@ class CreepLags:
         if math.isnan(self._time_s):
             self._home_um, self._begin_s = float(displacement_um[0]), float(time_s[0])
             self._time_s = self._begin_s
+        self._fresh.append((time_s, displacement_um, actuator_v))
+        if len(self._fresh) >= _GATHERED:
+            self._follow()
+
+    def _follow(self) -> None:
+        if not self._fresh:
+            return
+        time_s, displacement_um, actuator_v = map(np.concatenate, zip(*self._fresh, strict=True))
+        self._fresh.clear()
         end_s = float(time_s[-1])
         edges_s = np.concatenate(([self._time_s], time_s))
         kept = np.exp((edges_s[:, None] - end_s) / _TAU_S)
         is_out, gains = actuator_v > REST_V, np.diff(kept, axis=0)
-        self.um = self.um * kept[0] + np.where(is_out, displacement_um - self._home_um, 0.0) @ gains
-        self.out_s = self.out_s * kept[0] + np.where(is_out, time_s - self._begin_s, 0.0) @ gains
+        self._um = self._um * kept[0] + np.where(is_out, displacement_um - self._home_um, 0.0) @ gains
+        self._out_s = self._out_s * kept[0] + np.where(is_out, time_s - self._begin_s, 0.0) @ gains
         self._time_s = end_s
+
+    @property
+    def um(self) -> Array:
+        """Lags of the displacement, µm."""
+        self._follow()
+        return self._um
+
+    @property
+    def out_s(self) -> Array:
+        """Lags of the time out, s."""
+        self._follow()
+        return self._out_s
 
     @property
     def left(self) -> CreepLeft:
         """What is left for whoever uses the actuator next."""
+        self._follow()
         passed_s = 0.0 if math.isnan(self._time_s) else self._time_s - self._begin_s
         return CreepLeft(self.um.copy(), self._before.unknown_s + passed_s)
 

@@ -227,7 +227,7 @@ SLOW = Table(
     "/entry/slow",
     "NXdata",
     1024,
-    "the supervisor's view, 10 Hz",
+    "the supervisor's view, 10 Hz on a live line, 2 Hz where time is virtual",
     (
         _TIME,
         Column("feed_um_s", "feed_um_s", "f4", "um/s", "feed rate"),

@@ -36,7 +36,9 @@ class Extremes:
 
 @dataclass(slots=True)
 class Progress:
-    """The state of a job, ten times a second. Unknown values are NaN, unknown numbers 0, unknown words empty.
+    """The state of a job, 10 Hz on a live line, 2 Hz in virtual time.
+
+    Unknown values are NaN, unknown numbers 0, unknown words empty.
 
     `depth_um` is estimated while a cut runs, with the half-width `depth_u95_um` of its 95 % interval; so is the
     wear. `feed_um` is their sum; `feed_target_um` is what the job wants of it where it wants no depth. `step` is

@@ -66,7 +66,7 @@ class VirtualActuator:
             part = slice(start, start + _TICKS_AT_ONCE)
             plant.random.provide(plant.state, 0, 2 * command_v[part].size)
             self._command_v = library().actuator_run(
-                plant.machine.place,
+                plant.in_c().place,
                 command_v[part].size,
                 command_v[part].ctypes.data,
                 self._command_v,

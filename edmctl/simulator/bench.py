@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass
 from edmctl.errors import LinkLost
+from edmctl.link.transport import MergedTlm
 from edmctl.simulator.config import FIRMWARE_FLOAT, STM32
 from edmctl.simulator.controller import Controller
 from edmctl.simulator.injection import LineDamage
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from edmctl.simulator.config import BenchConfig
     from edmctl.simulator.injection import Injection, LineState
 
+GATHERED_BYTES = 65536
+"""Samples apart are taken out of the controller's memory, which holds four times as much."""
 SETTLE_TICKS, MOST_SETTLES = 50, 2000
 
 
@@ -47,6 +50,12 @@ class MemoryTransport:
         self._controller = controller
         self._damage = LineDamage(controller.injector.line)
         self._open = True
+        self._set_merging(on=False)
+
+    def _set_merging(self, *, on: bool) -> None:
+        if isinstance(self._controller, Controller):
+            self._controller.seen.merges = int(on)
+            self._controller.seen.sample_bytes = 0  # of an earlier host
 
     def write(self, data: bytes) -> None:
         self._check()
@@ -72,6 +81,39 @@ class MemoryTransport:
             raise LinkLost("The line to sim: broke: it was unplugged.", hint="Check the cable.", code="E4003")
 
 
+class DirectLine(MemoryTransport):
+    """A `VirtualLine`: samples come as columns without frames, and a waiting host needs no heartbeats."""
+
+    def __init__(self, controller: Controller) -> None:
+        super().__init__(controller)
+        self._watched = False
+        self._samples: list[MergedTlm] = []
+        self._set_merging(on=True)
+
+    def read(self, timeout_s: float) -> bytes:
+        seen = self._controller.seen
+        seen.watched = int(self.is_watched)
+        data = super().read(timeout_s)
+        seen.watched = 0
+        if seen.sample_bytes > GATHERED_BYTES:
+            self._samples += self._controller.take_samples()
+        return data
+
+    def samples(self) -> list[MergedTlm]:
+        """Return the samples since the last call."""
+        samples, self._samples = self._samples, []
+        return samples + self._controller.take_samples() if self._controller.seen.sample_bytes else samples
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether the controller hears its host while that reads: not on a line that is damaged."""
+        return self._watched and not self._controller.injector.line.is_damaged
+
+    def watch(self, *, watched: bool) -> None:
+        """Let the controller hear its host while that reads, or no longer."""
+        self._watched = watched
+
+
 def _controller_of(plant: Plant, kind: str) -> Controller:
     if kind == STM32:
         from edmctl.simulator.emulated import emulated_controller
@@ -87,6 +129,12 @@ class VirtualBench:
         self.plant = Plant(config, seed)
         self.controller: Controller = _controller_of(self.plant, config.controller)
         self.transport = MemoryTransport(self.controller)
+
+    def direct_line(self) -> MemoryTransport:
+        """Put the fastest line in the place of the first one, and return it; a board has only frames."""
+        if type(self.transport) is MemoryTransport and isinstance(self.controller, Controller):
+            self.transport = DirectLine(self.controller)
+        return self.transport
 
     @property
     def line(self) -> LineState:

@@ -6,26 +6,34 @@ The simulator adds injections, a driven clock, and the end of slices of time.
 from __future__ import annotations
 
 import ctypes
+import struct
 from collections.abc import Callable
 from copy import deepcopy
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from edmctl.core.build import LINGER_TICKS
-from edmctl.core.library import CALLBACKS, Callbacks, Inputs, Kept, Seen, library
+from edmctl.core.library import CALLBACKS, Callbacks, Kept, Seen, library
 from edmctl.link.faults import FaultCode
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import ResetCause, State, Tlm
+from edmctl.link.transport import MergedTlm
 from edmctl.simulator.host_wait import HostWait
 from edmctl.simulator.injection import Trigger
 from edmctl.simulator.injector import NEVER, Injector
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_NS
+from edmctl.simulator.unit import BLOCK
 from edmctl.simulator.waveforms import Waveforms
 
 LOOK = 99
 """Happened beside what the core reports: the stages moved or the sheet gave way (firmware/host/machine.c)."""
+_MERGED = struct.Struct("=6q")
+"""Head of merged samples: struct merged of firmware/host/host.h."""
+_INPUTS = struct.Struct("=5q3d")
+FRAME_TICKS = 100
+"""A host that waits sees what is wrong with its samples as soon as on a live line."""
 MOST_AT_ONCE = 4096
 """Bytes that the core gets at once: the answers to them fit into its memory."""
 
@@ -101,6 +109,7 @@ class SampleLine:
     def lost(self, lost: bool) -> None:
         self._c.drain()
         self._lost = bool(lost)
+        self._c.seen.merges = 0
 
     @property
     def frozen(self) -> bool:
@@ -114,10 +123,16 @@ class SampleLine:
             frames = FrameDecoder(watch_for_abort=False).feed(self._c.last_samples() + b"\0")
             self._frozen_us = Tlm.unpack(frames[0].payload).t0_us if frames else 0
         self._frozen = bool(frozen)
+        self._c.seen.merges = 0
+
+    @property
+    def is_broken(self) -> bool:
+        """Whether something is wrong with the samples."""
+        return self._lost or self._frozen
 
     def passes(self, data: bytes) -> bytes:
         """Return what is sent of whole frames."""
-        if not (self._lost or self._frozen):
+        if not self.is_broken:
             return data
         sent = []
         for frame in FrameDecoder(watch_for_abort=False).feed(data):
@@ -166,14 +181,14 @@ class Controller:
         self.link = ControllerLink(self)
         self.telemetry = SampleLine(self)
         self.injector = Injector(self)
-        self.host_wait = HostWait(self.link, self.advance)
+        self.host_wait = HostWait(self.link, partial(self.advance, wakes=True))
         self._noted = (0, 0)
 
     def _bind(self) -> None:
         """Show the core where everything is: its own memory, the plant's records, the model's functions."""
         core = self._library
         self._at = ctypes.addressof(self._memory)
-        self._inputs = Inputs.from_buffer(self._memory, core.inputs_at())
+        self._inputs_at = core.inputs_at()
         self.seen = Seen.from_buffer(self._memory, core.seen_at())
         self.loop = self.parameters = self.seen
         self.black_box = FrozenBox(self.seen)
@@ -187,6 +202,8 @@ class Controller:
             "wave_keep": lambda: self.waveforms.freeze(self.tick, self.boot_tick),
             "wave_forget": lambda kept: self.waveforms.thaw() if kept else self.waveforms.forget(),
             "wave_read": self._read_waveforms,
+            "follow": self._follow,
+            "due": self._see_to_what_is_due,
         }
         self._callbacks = Callbacks(*(kind(self._guarded(acts[name])) for name, kind in CALLBACKS.items()))
         drive, readings = self.plant.drive, self.plant.readings
@@ -200,7 +217,7 @@ class Controller:
         self._raise_failed()
 
     def _guarded(self, act: Callable[..., Any]) -> Callable[..., Any]:
-        """Keep what goes wrong in a function that C calls, for whoever called C."""
+        """Keep what goes wrong in a function that C calls, for the caller of C; show C where it has put things."""
 
         def call(*arguments: float) -> Any:
             try:
@@ -208,6 +225,8 @@ class Controller:
             except BaseException as error:
                 self._failed = error
                 return 0
+            finally:
+                self.plant.in_c()
 
         return call
 
@@ -320,43 +339,56 @@ class Controller:
     def host_heard(self) -> None:
         self._library.heard(self._at)
 
-    def advance(self, ticks: int) -> None:
-        now = self.tick
-        end = now + ticks
-        while now < end:
-            happened = self.step(min(end, self._next_deadline(now)) - now)
-            self.plant.follow_stages(scan_goes_on=True)
-            if happened == LOOK:
-                self.plant.look()
-                happened = 0
-            self._library.conclude(self._at, happened)
+    def advance(self, ticks: int, *, wakes: bool = False) -> int:
+        """Let milliseconds pass, with `wakes` until something is sent that the host answers; return how many."""
+        plant, end = self.plant, self.tick + ticks
+        most = BLOCK // (TICK_NS // plant.unit.pulse_period_ns + 2) - 2
+        if wakes and self.telemetry.is_broken:
+            most = min(most, FRAME_TICKS)
+        while (left := end - self.tick) > 0:
+            self._provide(min(most, left))
+            self._read_inputs()
+            self._library.machine_advance(min(most, left), wakes, self._due(), plant.in_c().place, self._at)
             self._after_call()
-            now = self.tick
-            self._watch(now)
+            if wakes and (self.seen.urgent or self._is_host_misled):
+                break
+        return self.tick - end + ticks
 
     def step(self, ticks: int) -> int:
         """Run plant and core for at most `ticks` ms; returns what happened, in the core's words."""
+        self._provide(ticks)
+        happened: int = self._library.machine_run(ticks, self.plant.in_c().place, self._at)
+        return happened
+
+    def _provide(self, ticks: int) -> None:
         plant = self.plant
         pulses = ticks * TICK_NS // plant.unit.pulse_period_ns + 2
         plant.random.provide(plant.state, pulses, 2 * ticks + 2)
-        happened: int = self._library.machine_run(ticks, plant.machine.place, self._at)
-        return happened
 
-    def _next_deadline(self, now: int) -> int:
-        due: int = self._library.deadline(self._at)
-        deadline = min(now + LINGER_TICKS, due, self.injector.next_tick(now))
-        return max(min(deadline, self.plant.chips.next_tick(now) or NEVER), now + 1)
+    def _follow(self, look: int) -> None:
+        self.plant.follow_stages(scan_goes_on=True)
+        if look:
+            self.plant.look()
 
-    def _watch(self, now: int) -> None:
-        self.injector.apply_due(now)
+    def _due(self) -> int:
+        """The tick at which injections or chips have to be looked at next."""
+        now = self.tick
+        return min(self.injector.next_tick(now), self.plant.chips.next_tick(now) or NEVER)
+
+    def _see_to_what_is_due(self) -> int:
+        self._note_begun()
+        self.injector.apply_due(self.tick)
         self.plant.chips.look()
         self._read_inputs()
-        self._library.watch(self._at)
-        self._after_call()
+        return 0 if self._is_host_misled else max(self._due(), self.tick + 1)
+
+    @property
+    def _is_host_misled(self) -> bool:
+        """Whether a host that waits is to look sooner: at its samples, or at a line that needs heartbeats now."""
+        return self.telemetry.is_broken or bool(self.seen.watched and self.injector.line.is_damaged)
 
     def _read_inputs(self) -> None:
-        for name, value in self.plant.inputs()._asdict().items():
-            setattr(self._inputs, name, value)
+        _INPUTS.pack_into(self._memory, self._inputs_at, *self.plant.inputs())
 
     def _after_call(self) -> None:
         """What follows a call of the core: its bytes are lined up, what it has begun is told to the injector."""
@@ -369,6 +401,10 @@ class Controller:
             )
         if seen.out_bytes:
             self.drain()
+        self._note_begun()
+
+    def _note_begun(self) -> None:
+        seen = self.seen
         if (seen.arms, seen.touch_offs) != self._noted:
             arms, touches = self._noted
             self._noted = seen.arms, seen.touch_offs
@@ -383,6 +419,18 @@ class Controller:
         self.seen.out_bytes = 0
         if size:
             self.link.keep(self.telemetry.passes(ctypes.string_at(self._at + self._library.out_at(), size)))
+
+    def take_samples(self) -> list[MergedTlm]:
+        """Return the samples that were merged; none of them is in a frame."""
+        size, self.seen.sample_bytes = self.seen.sample_bytes, 0
+        data, at, found = ctypes.string_at(self._at + self._library.samples_at(), size), 0, []
+        while at < size:
+            counter, frames, t0_us, period_us, n, dropped = _MERGED.unpack_from(data, at)
+            end = at + _MERGED.size + n * Tlm.record_dtype().itemsize
+            records = data[at + _MERGED.size : end]
+            found.append(MergedTlm(counter, t0_us, period_us, n, dropped, records, frames))
+            at = end
+        return found
 
     def last_samples(self) -> bytes:
         """The newest telemetry frame of samples; zeros before the first."""
@@ -412,7 +460,7 @@ class Controller:
             "_library",
             "_memory",
             "_at",
-            "_inputs",
+            "_inputs_at",
             "seen",
             "loop",
             "parameters",

@@ -57,6 +57,11 @@ class LineState:
     silent: bool = False
     noise: float = 0.0
 
+    @property
+    def is_damaged(self) -> bool:
+        """Whether what the host sends may not arrive."""
+        return self.unplugged or self.silent or self.noise > 0.0
+
 
 WIRING_MISTAKES = (
     "ESTOP_DOOR_SWAPPED",

@@ -14,6 +14,8 @@ from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.plant_state import STUCK_AT_CONTACT, STUCK_AT_GENERATOR
 
 NEVER = 1 << 62
+LOOK_TICKS = 10
+"""An injection that waits for sparks looks this often whether the servo runs, ms."""
 HUGE = 1e12
 MONITOR_HIGH_V = 160.0
 STROKE_LEFT = 0.5
@@ -193,15 +195,15 @@ class Injector:
         """The tick before which the clock must stop for the next injection."""
         if not self._pending:
             return NEVER
-        if self._looks_for_sparks:
-            return now + 1
+        if self._waits_for_sparks:
+            return now + (1 if self._c.state is State.MACHINING else LOOK_TICKS)
         return min(NEVER if p.due_tick is None else p.due_tick for p in self._pending)
 
     def apply_due(self, now: int) -> None:
         """Bring about what is due at tick `now`."""
         if not self._pending:
             return
-        if self._looks_for_sparks and self._c.loop.tick_counts >> PACK:
+        if self._c.state is State.MACHINING and self._waits_for_sparks and self._c.loop.tick_counts >> PACK:
             self.note(Trigger.SPARKS)
         due = [p for p in self._pending if p.due_tick is not None and p.due_tick <= now]
         for pending in due:
@@ -210,10 +212,8 @@ class Injector:
             self._apply(pending.injection, now)
 
     @property
-    def _looks_for_sparks(self) -> bool:
-        return self._c.state is State.MACHINING and any(
-            p.due_tick is None and p.injection.trigger is Trigger.SPARKS for p in self._pending
-        )
+    def _waits_for_sparks(self) -> bool:
+        return any(p.due_tick is None and p.injection.trigger is Trigger.SPARKS for p in self._pending)
 
     def _apply(self, injection: Injection, now: int) -> None:
         name, unit = injection.name, self._c.plant.unit

@@ -97,12 +97,11 @@ class Plant:
         for _ in range(ticks):
             controller(self.readings, self.drive)
             self.random.provide(self.state, TICK_NS // self.unit.pulse_period_ns + 2, 4)
-            if run(self.machine.place):
+            if run(self.in_c().place):
                 self.look()
 
-    @property
-    def machine(self) -> Machine:
-        """Where everything is, for the library in C."""
+    def in_c(self) -> Machine:
+        """Return where everything is, for the library in C; `look` moves some of it."""
         machine, levels = self._machine, self.work_under_tool.levels
         if machine.unit == 0 or self._levels is not levels:
             self._levels, random = levels, self.random

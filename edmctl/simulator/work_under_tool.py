@@ -234,11 +234,8 @@ class Chips:
         return max((chip.height_um for chip in self.lying if self._is_under(chip)), default=0.0)
 
     def next_tick(self, now: int) -> int | None:
-        """The tick at which to look again; None while nothing can happen to a chip."""
-        if not self.lying:
-            return None
-        near = any(not chip.lifted or self._is_under(chip) for chip in self.lying)
-        return now + LOOK_TICKS if near else None
+        """The tick at which to look again; None while there is no chip."""
+        return now + LOOK_TICKS if self.lying else None
 
     def look(self) -> None:
         """See what lifts and sparks have done since the last time."""

@@ -14,8 +14,15 @@ static struct edm_host *host_of(void *board) {
 
 void hal_send(void *board, const uint8_t *frame, size_t size) {
     struct edm_host *h = host_of(board);
-    if (frame[2] == MSG_TLM) {
+    uint8_t type = frame[2];
+    if (type == MSG_TLM) {
         memcpy(h->last_samples, frame, size);
+    }
+    if (type == MSG_EVENT || type == MSG_FAULT || type == MSG_BOOT || (type == MSG_TLM && host_samples_are_urgent(h))) {
+        h->urgent = true;
+    }
+    if (type == MSG_TLM && h->seen.merges && host_merge_samples(h, frame, size)) {
+        return;
     }
     if (h->seen.out_bytes + (int64_t)size > OUT_BYTES) {
         h->seen.lost_frames++;
@@ -73,6 +80,7 @@ void hal_stage_stop(void *board, uint8_t axis, real at) {
 }
 
 void hal_path_begin(void *board) {
+    host_of(board)->follows_path = true;
     host_of(board)->callbacks.path_begin();
 }
 
@@ -81,6 +89,7 @@ void hal_path_line(void *board, uint8_t row) {
 }
 
 void hal_path_end(void *board) {
+    host_of(board)->follows_path = false;
     host_of(board)->callbacks.path_end();
 }
 
@@ -176,7 +185,7 @@ static void show(struct edm_host *h) {
     seen->rx_bad = c->receiver.bad;
     seen->rx_drop = c->link.drop;
     seen->rx_frames = c->link.frames;
-    seen->urgent = c->link.urgent;
+    seen->urgent = c->link.urgent || h->urgent;
     seen->due = c->link.due;
     seen->advanced = c->link.advanced;
     seen->advancing = c->link.advance_came;
@@ -199,6 +208,7 @@ EDM_EXPORT size_t edm_host_inputs_at(void);
 EDM_EXPORT size_t edm_host_seen_at(void);
 EDM_EXPORT size_t edm_host_out_at(void);
 EDM_EXPORT size_t edm_host_last_samples_at(void);
+EDM_EXPORT size_t edm_host_samples_at(void);
 EDM_EXPORT int edm_host_real_bytes(void);
 EDM_EXPORT uint32_t edm_host_schema_hash(void);
 EDM_EXPORT void edm_host_bind(struct edm_host *h, struct drive *drive, const struct readings *readings,
@@ -212,9 +222,6 @@ EDM_EXPORT void edm_host_taken(struct edm_host *h);
 EDM_EXPORT void edm_host_heard(struct edm_host *h);
 EDM_EXPORT void edm_host_count_from(struct edm_host *h, int64_t since_us, uint16_t event_no, uint32_t boot_count,
                                   uint32_t frames, uint32_t pulse_no);
-EDM_EXPORT void edm_host_conclude(struct edm_host *h, int64_t happened);
-EDM_EXPORT void edm_host_watch(struct edm_host *h);
-EDM_EXPORT int64_t edm_host_deadline(const struct edm_host *h);
 EDM_EXPORT void edm_host_fault(struct edm_host *h, int code, int detail);
 EDM_EXPORT void edm_host_reset(struct edm_host *h, int cause);
 EDM_EXPORT void edm_host_keep(const struct edm_host *h, struct kept *kept);
@@ -238,6 +245,10 @@ size_t edm_host_out_at(void) {
 
 size_t edm_host_last_samples_at(void) {
     return offsetof(struct edm_host, last_samples);
+}
+
+size_t edm_host_samples_at(void) {
+    return offsetof(struct edm_host, samples);
 }
 
 int edm_host_real_bytes(void) {
@@ -297,7 +308,7 @@ void edm_host_advanced(struct edm_host *h) {
 
 /* What there was to send has been taken. */
 void edm_host_taken(struct edm_host *h) {
-    h->core.link.urgent = h->core.link.due = false;
+    h->core.link.urgent = h->core.link.due = h->urgent = false;
     h->seen.urgent = h->seen.due = 0;
 }
 
@@ -330,6 +341,9 @@ void edm_host_begin(struct edm_host *h) {
 int64_t edm_host_end(struct edm_host *h) {
     take_readings(h);
     int happened = edm_tick_end(&h->core);
+    for (int k = 0; k < 4; k++) {
+        h->pulses[k] += h->core.gap.tick.of[k];
+    }
     put_drive(h);
     return happened;
 }
@@ -344,8 +358,13 @@ void edm_host_watch(struct edm_host *h) {
     show(h);
 }
 
-int64_t edm_host_deadline(const struct edm_host *h) {
-    return edm_next_deadline(&h->core);
+/* The tick by which the core has to be called: something is due, or a telemetry frame is full. */
+int64_t edm_host_slice_end(const struct edm_host *h) {
+    const struct edm_telemetry *t = &h->core.telemetry;
+    int64_t end = h->core.tick + EDM_LINGER_TICKS, due = edm_next_deadline(&h->core);
+    int64_t full = t->next + (int64_t)(t->batch - 1 - t->pending) * t->ticks + 1;
+    end = due < end ? due : end;
+    return t->next >= 0 && full < end ? full : end;
 }
 
 void edm_host_fault(struct edm_host *h, int code, int detail) {

@@ -58,8 +58,11 @@ struct seen {
     int64_t pulse_period_ns;
     double duty_v;
     int64_t sensor_fitted;
+    int64_t watched;
+    int64_t merges;
+    int64_t sample_bytes;
 };
-_Static_assert(sizeof(struct seen) == 304, "seen");
+_Static_assert(sizeof(struct seen) == 328, "seen");
 
 struct kept {
     int64_t fault;

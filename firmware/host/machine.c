@@ -4,12 +4,16 @@
 
 #define LOOK 99 /* edmctl/simulator/controller.py: the work under the tool has to be looked up again */
 
+#define BEAT_TICKS 50 /* the host of a live line sends heartbeats so often */
+
 #ifndef EDM_SOURCES
 #define EDM_SOURCES "unknown"
 #endif
 
 EDM_EXPORT const char *edm_sources(void);
 EDM_EXPORT int64_t edm_machine_run(int64_t ticks, const struct machine *m, struct edm_host *h);
+EDM_EXPORT void edm_machine_advance(int64_t ticks, bool wakes, int64_t due, const struct machine *m,
+                                    struct edm_host *h);
 
 /* Digest of the sources of this library. */
 const char *edm_sources(void) {
@@ -32,4 +36,30 @@ int64_t edm_machine_run(int64_t ticks, const struct machine *m, struct edm_host 
         }
     }
     return 0;
+}
+
+/* Advance by `ticks` ms with all that is due meanwhile; stops early when the memory for what is sent is half full and,
+ * with `wakes`, when something was sent that the host answers. The model is
+ * asked at tick `due` and at those that it names; it stops the advance by naming none later. */
+void edm_machine_advance(int64_t ticks, bool wakes, int64_t due, const struct machine *m, struct edm_host *h) {
+    const struct readings *r = m->readings;
+    int64_t end = r->tick + ticks;
+    do {
+        int64_t until = edm_host_slice_end(h);
+        until = due < until ? due : until;
+        until = end < until ? end : until;
+        int64_t happened = edm_machine_run(until > r->tick ? until - r->tick : 1, m, h);
+        if (h->follows_path || happened == LOOK) {
+            h->callbacks.follow(happened == LOOK);
+        }
+        edm_host_conclude(h, happened == LOOK ? 0 : happened);
+        if (r->tick >= due && (due = h->callbacks.due()) <= r->tick) {
+            break;
+        }
+        h->inputs.monitor_v = m->unit->monitor_gain * m->plant->amplifier_v + m->unit->monitor_zero_v;
+        if (h->seen.watched) {
+            h->core.heard_tick = r->tick - r->tick % BEAT_TICKS;
+        }
+        edm_host_watch(h);
+    } while (r->tick < end && h->seen.out_bytes < OUT_BYTES / 2 && !(wakes && h->urgent));
 }

@@ -311,7 +311,7 @@ class Stm32Controller:
             shared(plant.drive),
             shared(plant.readings),
             library().plant_run_at,
-            plant.machine.place,
+            plant.in_c().place,
         )
         return reason
 

@@ -94,9 +94,9 @@ class Heard:
 class Rig:
     """A bench, a machine on it, and a listener."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, direct: bool = False) -> None:
         self.bench: VirtualBench = open_bench(BenchConfig(), 1)
-        self.session = Session(self.bench.transport, Random(1))
+        self.session = Session(self.bench.direct_line() if direct else self.bench.transport, Random(1))
         self.session.open()
         self.stop = StopRequest()
         self.machine = LinkMachine(self.session, self.stop)

@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import numpy as np
 import pytest
 
-from edmctl.link.messages import PulseBlocks, Pulses, Tlm
-from edmctl.machine.decode import lost_frames, pulse_batches, pulse_block_batch, telemetry_block
+from edmctl.link.messages import PulseBlocks, PulseLog, Pulses, Tlm
+from edmctl.link.session import Session
+from edmctl.link.transport import MergedTlm
+from edmctl.machine.decode import pulse_batches, pulse_block_batch, telemetry_block
+from edmctl.machine.frame_sequence import SampleStream
+from edmctl.machine.requests import TelemetrySettings
+from edmctl.simulator import BenchConfig, open_bench
+
+
+def open_session() -> Session:
+    session = Session(open_bench(BenchConfig(), 1).transport, Random(1))
+    session.open()
+    return session
 
 
 def seconds(t_us: int) -> float:
@@ -51,7 +64,26 @@ def test_times_follow_each_frame_and_not_the_first_alone() -> None:
 def test_lost_frames_are_counted_across_the_wrap(
     previous: int | None, counters: list[int], lost: int
 ) -> None:
-    assert lost_frames(previous, counters) == lost
+    def tlm(counter: int) -> Tlm:
+        return a_tlm(counter, (counter + 10) % (1 << 16) * 20_000, [0.0, 0.0])
+
+    stream = SampleStream(open_session())
+    stream.begin(TelemetrySettings(10_000, 2, PulseLog.OFF))
+    if previous is not None:
+        assert stream.wrong([tlm(previous)]) == ""
+    assert stream.wrong([tlm(counter) for counter in counters]) == ""
+    assert stream.missing == lost
+
+
+def test_frames_that_were_merged_are_judged_as_one_by_one() -> None:
+    stream = SampleStream(open_session())
+    stream.begin(TelemetrySettings(10_000, 2, PulseLog.OFF))
+    rows = a_tlm(0, 0, 6 * [1.0]).records
+    assert stream.wrong([MergedTlm(7, 0, 10_000, 6, 0, rows, 3)]) == ""
+    assert stream.missing == 0
+    assert stream.wrong([a_tlm(9, 80_000, [1.0, 1.0])]) == ""
+    assert stream.missing == 1
+    assert "TLM with 6 samples" in stream.wrong([MergedTlm(12, 100_000, 10_000, 6, 0, rows, 2)])
 
 
 def test_a_pause_between_pulses_begins_a_new_train() -> None:

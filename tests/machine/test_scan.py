@@ -57,7 +57,7 @@ def test_a_full_queue_is_told_and_takes_the_line_later(rig: MakeRig) -> None:
         taken += 1
         assert taken < 30
     assert taken >= 16
-    assert r.machine.watch_cut(1.0) is None
+    r.machine.rest(1.0)
     assert r.machine.path_move(line(0.0, last=True))
     assert end_of(r).code is EventCode.PATH_DONE
 

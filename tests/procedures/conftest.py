@@ -130,6 +130,7 @@ class Shop:
         calibration: CalibratedActuator | None = None,
         *,
         sensor: bool = True,
+        direct: bool = False,
         changed: Callable[[BenchConfig], BenchConfig] = _as_it_is,
     ) -> None:
         loaded = load_profile(CU270, (*QUICK, *overrides))
@@ -140,7 +141,8 @@ class Shop:
             sensors=SensorConstants(fitted=sensor),
         )
         self.bench: VirtualBench = open_bench(changed(config), seed)
-        self.session = Session(self.bench.transport, Random(1))
+        line = self.bench.direct_line() if direct else self.bench.transport
+        self.session = Session(line, Random(1))
         self.session.open()
         self.stop = StopRequest()
         self.machine = LinkMachine(self.session, self.stop)

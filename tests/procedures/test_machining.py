@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -95,9 +96,12 @@ def test_every_sample_reaches_the_recorder_once_and_in_order(done: Done) -> None
     assert set(np.unique(direction[~machining])) <= {0, 1}
 
 
-def test_the_supervisor_writes_ten_rows_a_second(done: Done) -> None:
+def test_the_supervisor_writes_two_rows_a_second_of_virtual_time(done: Done) -> None:
     (site,) = done.result.sites
-    assert len(done.shop.seen.slow) == pytest.approx(10 * site.machining_time_s, rel=0.1)
+    rows = done.shop.seen.slow
+    assert len(rows) >= 1.9 * site.machining_time_s
+    steps_s = [after.time_s - before.time_s for before, after in pairwise(rows)]
+    assert max(step_s for step_s in steps_s if step_s < 5.0) <= 0.501  # longer ones are measuring stops
     last = done.shop.seen.slow[-1]
     assert last.depth_um == pytest.approx(site.depth_um, abs=1.0)
     assert last.wear_um == pytest.approx(site.wear_um, abs=1.0)
@@ -213,7 +217,7 @@ def test_a_job_stopped_in_the_middle_of_a_cut_says_how_far_it_came(shop: OpenSho
     with pytest.raises(Interrupted):
         s.run_job()
     result = s.tally.result()
-    machining_s = 0.1 * len(s.seen.slow)
+    machining_s = s.seen.slow[-1].time_s - s.seen.slow[0].time_s
     assert result.machining_time_s == pytest.approx(machining_s, abs=0.5)
     assert result.machining_time_s > 2.0
     assert result.measuring_time_s == pytest.approx(result.time_s - machining_s, abs=0.5)

@@ -118,6 +118,12 @@ def test_a_touch_that_finds_no_surface_ends_as_with_a_sensor(shop: OpenShop) -> 
     assert s.machine.status().actuator_v < 120.0
 
 
+def scan_on(machine: SensorlessMachine, duration_s: float) -> None:
+    end_s = machine.time_s + duration_s
+    while machine.time_s < end_s:
+        assert machine.watch_cut(0.1) is None
+
+
 def test_a_scanning_tool_is_held_where_the_inverse_puts_it() -> None:
     s = Shop(calibration=calibrated(), sensor=False)
     calibration = s.job.calibration
@@ -131,13 +137,11 @@ def test_a_scanning_tool_is_held_where_the_inverse_puts_it() -> None:
     machine.ramp(12.0, 50.0)
     machine.rest(1.0)
     machine.start_scan(CutRequest(9.6, 20.0, 100.0))
-    for _ in range(80):
-        assert machine.watch_cut(0.1) is None
+    scan_on(machine, 8.0)
     assert s.bench.plant.state.true_z_um == pytest.approx(20.0, abs=1.5)
     x_um = machine.status().x_um
     assert machine.path_move(ScanLine(x_um - 30.0, 0.0, 20.0, 26.0, last=False))
-    for _ in range(30):
-        assert machine.watch_cut(0.1) is None
+    scan_on(machine, 3.0)
     assert s.bench.plant.state.true_z_um == pytest.approx(26.0, abs=1.5)
     assert machine.status().x_um == pytest.approx(x_um - 30.0)
     assert machine.stop_cut().code is EventCode.STOPPED

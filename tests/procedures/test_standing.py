@@ -25,8 +25,8 @@ def states() -> list[Progress]:
 
 def test_a_watcher_hears_of_the_machine_in_every_phase(states: list[Progress]) -> None:
     swings = [s for s in states if s.phase is Phase.CONDITIONING]
-    assert len(swings) > 50
-    assert max(b.time_s - a.time_s for a, b in pairwise(swings)) < 0.5
+    assert len(swings) > 10
+    assert max(b.time_s - a.time_s for a, b in pairwise(swings)) < 0.6
     assert max(s.displacement_um for s in swings) > 200.0
     assert {Phase.MOVING, Phase.MEASURING, Phase.APPROACHING, Phase.MACHINING} <= {s.phase for s in states}
 

@@ -58,8 +58,8 @@ def held_up(s: Shop, monkeypatch: pytest.MonkeyPatch, held_s: float) -> None:
     """Let the host be busy elsewhere for so long at every event: what comes meanwhile is read with it."""
     pump_until = s.session.pump_until
 
-    def late(predicate: Callable[[], bool], timeout_s: float) -> bool:
-        came = pump_until(predicate, timeout_s)
+    def late(predicate: Callable[[], bool], timeout_s: float, *, wakes: bool = False) -> bool:
+        came = pump_until(predicate, timeout_s, wakes=wakes)
         if came:
             pump_until(lambda: False, held_s)
         return came
@@ -94,7 +94,7 @@ def test_where_the_tool_is_now_is_not_where_it_was_while_the_host_was_held_up(
     s.machine.ramp(60.0, 200.0)
     pump_until = s.session.pump_until
 
-    def once_in_a_while(predicate: Callable[[], bool], timeout_s: float) -> bool:
+    def once_in_a_while(predicate: Callable[[], bool], timeout_s: float, *, wakes: bool = False) -> bool:
         pump_until(lambda: False, 0.9)
         return predicate()
 

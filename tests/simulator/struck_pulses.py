@@ -20,7 +20,7 @@ PULSE = np.dtype([("pulse_class", "u1"), ("delay_us", "f8"), ("discharge_us", "f
 def strike(plant: Plant) -> tuple[float, NDArray[np.void]]:
     """Strike the pulses of this millisecond: the sum of their mean voltages, and a record of each, dtype PULSE."""
     plant.random.provide(plant.state, 64, 1)
-    library().strike_pulses(plant.machine.place)
+    library().strike_pulses(plant.in_c().place)
     unit, readings = plant.unit, plant.readings
     pulses = np.zeros(readings.pulses, PULSE)
     for name in ("delay_us", "discharge_us", "plateau_v"):

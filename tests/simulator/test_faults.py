@@ -140,7 +140,7 @@ def noisy_host(r: Rig) -> None:
     r.start_sparking()
     controller = r.bench.controller
     while not controller.injector.applied:
-        r.session.pump(0.05)
+        r.session.pump(0.001)
     assert r.bench.line.noise > 0.0
     for n in range(9):
         controller.receive(b"\x00damaged %d\x00" % n)

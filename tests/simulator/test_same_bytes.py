@@ -145,12 +145,12 @@ def saved_machine(file: Path) -> None:
     """Write the parts of a machine for plant_alone.c."""
     plant = Plant(BenchConfig(offset_um=5.0), seed=1)
     plant.stage_lands(0, 0.0)
-    assert plant.machine.unit
+    assert plant.in_c().unit
     records = (plant.unit, plant.state, plant.scope, plant.drive, plant.readings)
     random, levels = plant.random, plant.work_under_tool.levels
     rows = (*random.pulse, random.noise, *random.tables, *levels)
     parts = [*(bytes(record) for record in records), *(row.tobytes() for row in rows)]
-    assert len(parts) == len(plant.machine.pointers)
+    assert len(parts) == len(plant.in_c().pointers)
     file.write_bytes(b"".join(struct.pack("<q", len(part)) + part for part in parts))
 
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 from edmctl.actuator.correction import SlowCorrection
 from edmctl.actuator.inverse import travel_by
 from edmctl.machine.interface import (
+    SLICE_S,
     Axis,
     ControllerSettings,
     CutRequest,
@@ -231,6 +232,11 @@ class SensorlessMachine:
     def path_move(self, line: ScanLine) -> bool:
         """Append a line; its limit becomes the voltage that the inverse gives now, so send it not long before."""
         return self._machine.path_move(replace(line, z_limit_um=self._sent_um(line.z_limit_um, AT)))
+
+    @property
+    def slice_s(self) -> float:
+        """The limit of a cut is looked for in every slice, so they are short."""
+        return SLICE_S
 
     def watch_cut(self, duration_s: float) -> MachineEvent | None:
         """Let at most `duration_s` of a cut pass, and end it where the estimate has reached its limit."""

@@ -14,7 +14,7 @@ import numpy as np
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError
-from edmctl.machine.interface import CutRequest, EventCode, MachineEvent, MachineState, ScanLine
+from edmctl.machine.interface import SLICE_S, CutRequest, EventCode, MachineEvent, MachineState, ScanLine
 from edmctl.procedures.hole.cut_planning import energy_of
 from edmctl.procedures.job_state import Counts, RunningCut
 from edmctl.procedures.run import JobRun
@@ -27,7 +27,6 @@ from edmctl.quantity import half_width
 from edmctl.results.progress import Phase, Progress
 from edmctl.results.telemetry import TelemetryBlock
 
-SLICE_S = 0.1
 LOOK_AHEAD_S = 3.0
 """Lines are sent so long before the tool gets to them: a late host must not make it stand, and a line that is sent
 holds what was known of the wear then."""
@@ -255,12 +254,13 @@ class PassFollower(TelemetrySums):
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
         """Take the samples of one slice."""
-        now_s, gap_v = float(block.time_s[-1]), float(block.gap_v.mean())
-        self.add(block, float(block.current_a.mean()))
+        seen = block.summary
+        now_s, gap_v = seen.end_s, seen.gap_mean_v
+        self.add(seen)
         self.shorted = self.ratios.short > 0.5
-        if block.state[0] == block.state[-1] == MachineState.MACHINING:
-            self.add_gap_ratio(gap_v / self.duty_v, len(block.time_s))
-            self.displacement_um = float(block.displacement_um.mean())
+        if seen.state == MachineState.MACHINING:
+            self.add_gap_ratio(gap_v / self.duty_v, seen.samples)
+            self.displacement_um = seen.mean_um
         over = self._ratio_limits.update(now_s, self.ratios, window_is_full=self.window_is_full)
         if over:
             self.unstable = f"{over} have stayed over their limit"
@@ -281,10 +281,10 @@ class PassFollower(TelemetrySums):
             step=self._step,
             wear_um=self.wear_um,
             wear_u95_um=self.wear_u95_um,
-            gap_low_v=float(block.gap_v.min()),
-            gap_high_v=float(block.gap_v.max()),
-            displacement_low_um=float(block.displacement_um.min()),
-            displacement_high_um=float(block.displacement_um.max()),
+            gap_low_v=seen.gap_low_v,
+            gap_high_v=seen.gap_high_v,
+            displacement_low_um=seen.low_um,
+            displacement_high_um=seen.high_um,
             warning=tally.warning,
             warned_s=tally.warned_s,
         )

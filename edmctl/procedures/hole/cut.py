@@ -28,7 +28,6 @@ from edmctl.record.rows import EventLevel, EventRow, RunEvent
 from edmctl.results.telemetry import PulseShares, pulse_shares
 from edmctl.wording import decimal, plural, signed
 
-WATCH_SLICE_S = 0.1
 STATUS_PERIOD_S = 5.0
 """The dielectric is asked for this often; the controller itself guards it."""
 SPARKLESS_UM = 1.0
@@ -133,7 +132,7 @@ def _watch(run: JobRun, cutting: CutControl, burns: ArcRecovery, supervisor: Sup
 def _watch_sparks(run: JobRun, cutting: CutControl, supervisor: Supervisor) -> MachineEvent:
     next_status_s = run.machine.time_s
     while True:
-        ended = run.machine.watch_cut(WATCH_SLICE_S)
+        ended = run.machine.watch_cut(supervisor.slice_s(run.machine.time_s))
         if ended is not None:
             return ended
         if run.machine.time_s >= next_status_s:

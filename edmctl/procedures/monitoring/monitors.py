@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 from edmctl.array_types import Array
@@ -24,7 +23,6 @@ LARGEST_SHARE = 0.15
 """Of the stroke that the job uses: the bound of Muralidhara et al. 2009 for a model of hysteresis."""
 PATIENCE_S = 2.0
 """A difference that lasts so long ends the job; a jolt or a jump is over sooner."""
-REPORT_EVERY_S = 0.1
 
 
 class LinkMonitor:
@@ -39,7 +37,7 @@ class LinkMonitor:
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
         """Judge the line at the time of these samples. Raises MachineFault E61003."""
-        now_s = float(block.time_s[-1])
+        now_s = block.summary.end_s
         self._look_for_noise(now_s)
         if now_s >= self._next_report_s:
             self._next_report_s = REPORT_S * (now_s // REPORT_S + 1.0)
@@ -143,34 +141,11 @@ class IdleMonitor:
 
     def __init__(self, run: JobRun) -> None:
         self._run = run
-        self._due_s = -math.inf
-        self._clear()
-
-    def _clear(self) -> None:
-        self._gap_low_v = self._low_um = math.inf
-        self._gap_high_v = self._high_um = -math.inf
-        self._counts = [0, 0, 0, 0]
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
-        """Add the samples of a block, and report when it is time."""
+        """Report the samples of a block."""
         if self._run.tally.phase is Phase.MACHINING:
             return
-        gaps_v, heights_um = block.gap_v.tolist(), block.displacement_um.tolist()
-        self._gap_low_v = min(self._gap_low_v, *gaps_v)
-        self._gap_high_v = max(self._gap_high_v, *gaps_v)
-        self._low_um = min(self._low_um, *heights_um)
-        self._high_um = max(self._high_um, *heights_um)
-        for i, numbers in enumerate((block.n_open, block.n_normal, block.n_arc, block.n_short)):
-            self._counts[i] += sum(numbers.tolist())
-        now_s = float(block.time_s[-1])
-        if now_s < self._due_s:
-            return
-        self._due_s = now_s + REPORT_EVERY_S
-        self._run.report_idle(
-            now_s,
-            sum(gaps_v) / len(gaps_v),
-            pulse_shares(*self._counts),
-            sum(heights_um) / len(heights_um),
-            Extremes(now_s, self._gap_low_v, self._gap_high_v, self._low_um, self._high_um),
-        )
-        self._clear()
+        seen = block.summary
+        between = Extremes(seen.end_s, seen.gap_low_v, seen.gap_high_v, seen.low_um, seen.high_um)
+        self._run.report_idle(seen.end_s, seen.gap_mean_v, pulse_shares(*seen.counts), seen.mean_um, between)

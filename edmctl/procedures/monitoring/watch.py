@@ -24,8 +24,8 @@ from edmctl.procedures.monitoring.drift import Rests
 from edmctl.process.rest_drift import CreepLags, CreepLeft, Rest
 from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent, ServoBlock
 
-_GATHERED_BLOCKS = 5
-"""Blocks estimated and recorded together: half a second of them in a running cut."""
+_GATHERED_S = 0.45
+"""Blocks are estimated and recorded together until they last so long."""
 
 NEWEST_S = 0.1
 """Where the tool is now is the mean over this much of the newest samples, a frame's worth of them. A host that was
@@ -174,9 +174,8 @@ class Watch:
         self._fresh.append(block)
         self.missing_frames += block.missing_frames
         if self._sensor:
-            heights_um = block.displacement_um.tolist()
-            self.rests.reach(min(heights_um), max(heights_um))
-        if len(self._fresh) >= _GATHERED_BLOCKS:
+            self.rests.reach(block.summary.low_um, block.summary.high_um)
+        if block.time_s[-1] - self._fresh[0].time_s[0] >= _GATHERED_S:
             self.settle()
         if self._follower is not None:
             self._follower(block)

@@ -97,11 +97,16 @@ class AdaptiveControl:
         elif clean.is_full and clean.arcs < limits.arc_low and clean.shorts < limits.short_low:
             self._relax(clean.arcs, clean.shorts)
 
+    @property
+    def clock_due_s(self) -> float:
+        """When the clock asks for the next jump; infinity without jumps."""
+        return math.inf if math.isnan(self.period_s) else self._last_s + self.period_s
+
     def due(self, now_s: float) -> str:
         """Return why to jump now; empty while there is no reason."""
         if self._at_once:
             return self._at_once
-        return f"{self.period_s:.3g} s have passed" if now_s - self._last_s >= self.period_s else ""
+        return f"{self.period_s:.3g} s have passed" if now_s >= self.clock_due_s else ""
 
     @property
     def arcs(self) -> float:

@@ -82,6 +82,12 @@ class StallDetection:
         self.jump_wanted = False
         self.message = ""
 
+    @property
+    def due_s(self) -> float:
+        """When a tool that does not advance is to be answered next; infinity before it was seen."""
+        after_s = STALL_S if self._tried else JUMP_AFTER_S
+        return math.inf if math.isnan(self._since_s) else self._since_s + after_s
+
     def update(self, now_s: float, displacement_um: float) -> bool:
         """Judge where the tool is while sparking; True when the cut has stalled, `message` then says by what."""
         if math.isnan(self._since_s) or displacement_um - self._since_um > self._least_um:

@@ -1,4 +1,4 @@
-"""Judges a running cut ten times a second: pulse ratios, feed, estimated depth and wear, time left, limits.
+"""Judges a running cut slice by slice: pulse ratios, feed, estimated depth and wear, time left, limits.
 
 The controller keeps the gap; the supervisor only watches, tells, and says when a cut should end.
 """
@@ -10,10 +10,8 @@ from collections import deque
 from collections.abc import Sequence
 from enum import StrEnum
 
-import numpy as np
-
 from edmctl.forecasts.forecast import forecast
-from edmctl.machine.interface import MachineState, MachineStatus, TelemetryBlock, host_fault
+from edmctl.machine.interface import SLICE_S, MachineState, MachineStatus, TelemetryBlock, host_fault
 from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
 from edmctl.procedures.hole.cut_planning import CutPlan, energy_of
 from edmctl.procedures.hole.hole_estimate import estimate_in_cut
@@ -82,6 +80,7 @@ class Supervisor(TelemetrySums):
         self._spark_loss = SparkLoss(profile.limits.open_lost_um, OPEN_LOST_S)
         self.adaptive = AdaptiveControl(profile, start_s)
         self.shorts = ShortRecovery()
+        self._newest = round(NEWEST_S / self._sample_s)
         self.breakthrough = Breakthrough(profile.work.thickness_um)
         self.sparking_s = 0.0
         self.displacement_um = math.nan
@@ -91,6 +90,7 @@ class Supervisor(TelemetrySums):
         self._feed_target_um = plan.feed_um if math.isnan(plan.target_um) else math.nan
         self._spark_um = plan.start.bottom_um - plan.start.gap_um
         self._deepest_um = -math.inf
+        self._near_the_end = False
         self.stop_reason: StopReason | None = None
         self.message = ""
         run.tally.phase = Phase.MACHINING
@@ -110,6 +110,18 @@ class Supervisor(TelemetrySums):
             return self.breakthrough.at_um
         return max(self._spark_um, self._deepest_um - SWING_UM)
 
+    def slice_s(self, now_s: float) -> float:
+        """Return how long the cut may be left alone from now on.
+
+        It is watched closely near the end of the stroke and in a sheet. What is due by the clock is done on time: a
+        jump, and what follows where the tool does not advance.
+        """
+        longest_s = self._run.machine.slice_s
+        due_s = min(self.adaptive.clock_due_s, self._stall.due_s) - now_s
+        if self._through or self._near_the_end:
+            return SLICE_S
+        return SLICE_S * max(1, math.ceil(due_s / SLICE_S - 1e-6)) if due_s < longest_s else longest_s
+
     def jump_due(self, now_s: float) -> tuple[RunEvent, str] | None:
         """Return which kind of jump is due, and why; None while there is no reason."""
         if reason := self.shorts.due():
@@ -128,16 +140,13 @@ class Supervisor(TelemetrySums):
         self.adaptive.jumped(now_s)
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
-        """Judge the samples of one slice. Sums over ten numbers take less as lists than as arrays."""
-        now_s = float(block.time_s[-1])
-        gaps_v, heights_um = block.gap_v.tolist(), block.displacement_um.tolist()
-        gap_v = sum(gaps_v) / len(gaps_v)
-        machining = bool(block.state[0] == block.state[-1] == _MACHINING)
-        fresh = self.add(block, sum(block.current_a.tolist()) / len(gaps_v))
-        duration_s = self.duration_s(block)
+        """Judge the samples of one slice."""
+        seen, heights_um = block.summary, block.displacement_um.tolist()
+        now_s, machining = seen.end_s, seen.state == _MACHINING
+        fresh, duration_s = self.add(seen), self.duration_s(seen)
         self._note_sparks(block, heights_um)
         if machining:
-            self._follow_tool(heights_um, gap_v, now_s)
+            self._follow_tool(heights_um, seen.gap_mean_v, now_s)
         ratios = self.ratios
         if self._ratio_limits.update(now_s, ratios, window_is_full=self.window_is_full):
             self.stop_reason = StopReason.UNSTABLE
@@ -158,7 +167,7 @@ class Supervisor(TelemetrySums):
         progress = Progress(
             phase=_PHASE[machining],
             time_s=now_s,
-            gap_v=gap_v,
+            gap_v=seen.gap_mean_v,
             reference_v=self.reference_v,
             ratios=ratios,
             depth_um=shown_um,
@@ -173,10 +182,10 @@ class Supervisor(TelemetrySums):
             feed_um_s=feed_um_s,
             wear_um=erosion.wear_um,
             wear_u95_um=wear.u95,
-            gap_low_v=min(gaps_v),
-            gap_high_v=max(gaps_v),
-            displacement_low_um=min(heights_um),
-            displacement_high_um=max(heights_um),
+            gap_low_v=seen.gap_low_v,
+            gap_high_v=seen.gap_high_v,
+            displacement_low_um=seen.low_um,
+            displacement_high_um=seen.high_um,
             jumps=self.jumps,
             jump_period_s=self.adaptive.period_s,
             last_jump_s=self.last_jump_s,
@@ -202,15 +211,13 @@ class Supervisor(TelemetrySums):
         times_s = block.time_s.tolist()
         since_s = times_s[sparked[-1]] - NEWEST_S
         newest_um = [heights_um[i] for i in sparked if times_s[i] > since_s]
-        all_of_it = len(newest_um) == len(heights_um)
-        total_um = np.add.reduce(block.displacement_um if all_of_it else newest_um)
-        self._spark_um = float(total_um) / len(newest_um)
+        self._spark_um = sum(newest_um) / len(newest_um)
         self._deepest_um = max(self._deepest_um, self._spark_um)
 
     def _follow_tool(self, heights_um: list[float], gap_v: float, now_s: float) -> None:
-        n = len(heights_um)
-        self.add_gap_ratio(gap_v / self.duty_v, n)
-        self.displacement_um = sum(heights_um) / n
+        self.add_gap_ratio(gap_v / self.duty_v, len(heights_um))
+        newest_um = heights_um[-self._newest :]
+        self.displacement_um = sum(newest_um) / len(newest_um)
         self.seen_s = now_s
         self._track.append((now_s, self.displacement_um))
         self._begin = self._begin or self._track[0]
@@ -285,7 +292,11 @@ class Supervisor(TelemetrySums):
         if gain_um_per_v * (limit_v - actuator_v) > NEAR_THE_END_UM:
             return
         estimator = self._run.watch.estimator()
-        if estimator is not None and (left_um := stroke_left_um(estimator, limit_v)) < STROKE_RESERVE_UM:
+        if estimator is None:
+            return
+        left_um = stroke_left_um(estimator, limit_v)
+        self._near_the_end = left_um < 2.0 * STROKE_RESERVE_UM
+        if left_um < STROKE_RESERVE_UM:
             self._end(f"{left_um:.1f} µm of stroke are left at {actuator_v:.1f} of {limit_v:.0f} V")
 
     def _end(self, message: str) -> None:

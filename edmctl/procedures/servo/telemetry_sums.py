@@ -13,7 +13,7 @@ from edmctl.procedures.settings import telemetry_settings
 from edmctl.profile.model import Pulse
 from edmctl.record.rows import SlowRow
 from edmctl.results.progress import Progress
-from edmctl.results.telemetry import PulseShares, TelemetryBlock, pulse_shares
+from edmctl.results.telemetry import BlockSummary, PulseShares, pulse_shares
 
 RATIO_WINDOW_S = 2.0
 """Arcs and shorts are judged over this: a limit that is exceeded so long is told at once (decision 0012)."""
@@ -59,21 +59,15 @@ class TelemetrySums:
         """Mean of the normalised gap voltage while sparking; NaN before any sample."""
         return self._gap_ratio_sum / self._gap_samples if self._gap_samples else math.nan
 
-    def duration_s(self, block: TelemetryBlock) -> float:
-        """Return the time that the samples of a slice stand for."""
-        return len(block.time_s) * self._sample_s
+    def duration_s(self, seen: BlockSummary) -> float:
+        """Return the time that the samples of a slice cover."""
+        return seen.samples * self._sample_s
 
-    def add(self, block: TelemetryBlock, current_a: float) -> Counts:
-        """Add a slice with its mean gap current; return its pulses."""
-        self._newest_s = block.time_s.item(-1)
-        fresh = (
-            sum(block.n_open.tolist()),
-            sum(block.n_normal.tolist()),
-            sum(block.n_arc.tolist()),
-            sum(block.n_short.tolist()),
-        )
-        duration_s = self.duration_s(block)
-        energy_j = discharge_energy_j(self._pulse(), fresh, current_a * duration_s)
+    def add(self, seen: BlockSummary) -> Counts:
+        """Add a slice; return its pulses."""
+        self._newest_s, fresh = seen.end_s, seen.counts
+        duration_s = self.duration_s(seen)
+        energy_j = discharge_energy_j(self._pulse(), fresh, seen.current_mean_a * duration_s)
         self.energy_j += energy_j
         self.power_w = energy_j / duration_s
         self._window.append((self._newest_s, fresh))

@@ -119,7 +119,7 @@ def _reference_v(run: RunFile, time_s: Array, rows: tuple[int, int]) -> Array:
     if not len(slow_s) or not len(open_s):
         return reference_v
     nearest = np.clip(np.searchsorted(slow_s, time_s), 0, len(slow_s) - 1)
-    # Rows come ten times a second while cutting, so a second without one is none.
+    # Rows come at least twice a second while cutting: a second without one is a pause.
     cutting = np.abs(slow_s[nearest] - time_s) <= max(1.0, 2.0 * float(np.median(np.diff(time_s))))
     scale_v = open_v[np.clip(np.searchsorted(open_s, time_s), 0, len(open_s) - 1)]
     reference_v[cutting] = (share[nearest] * scale_v)[cutting]

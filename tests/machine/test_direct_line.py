@@ -1,0 +1,71 @@
+"""Samples come without frames on the line of a machine in this process: the same ones, and the same faults."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from edmctl.errors import EdmError, LinkLost
+from edmctl.results.telemetry import TelemetryBlock, joined
+from edmctl.simulator.injection import parse_injection
+from tests.machine.conftest import Rig
+
+COLUMNS = [name for name in TelemetryBlock.__slots__ if name != "missing_frames"]
+
+
+def samples_of(*, direct: bool) -> TelemetryBlock:
+    """Samples of an approach, a cut and a jump."""
+    r = Rig(direct=direct)
+    r.ready()
+    r.sparking()
+    for _ in range(4):
+        r.machine.rest(1.0)
+    r.machine.safe_stop()
+    assert sum(block.missing_frames for block in r.heard.blocks) == 0
+    return joined(r.heard.blocks)
+
+
+def test_samples_without_frames_are_those_of_the_frames() -> None:
+    framed, direct = samples_of(direct=False), samples_of(direct=True)
+    for name in COLUMNS:
+        np.testing.assert_array_equal(getattr(framed, name), getattr(direct, name), err_msg=name)
+
+
+def test_the_watchdog_hears_a_host_that_waits_and_no_other() -> None:
+    r = Rig(direct=True)
+    r.ready()
+    r.machine.rest(5.0)
+    assert r.bench.controller.fault == 0
+    r.bench.controller.advance(600)  # nobody reads
+    assert r.bench.controller.fault == 1001
+
+
+@pytest.mark.parametrize("inject", ["SILENCE@5", "UNPLUG@5"])
+def test_a_line_that_breaks_while_the_host_waits_trips_the_watchdog_in_time(inject: str) -> None:
+    r = Rig(direct=True)
+    r.bench.inject(parse_injection(inject))
+    r.ready()
+    with pytest.raises(EdmError):
+        r.machine.rest(10.0)
+    controller = r.bench.controller
+    ((_, applied),) = controller.injector.applied
+    while controller.fault == 0:
+        controller.advance(1)
+    assert controller.fault == 1001
+    assert controller.tick - applied <= controller.seen.watchdog_ticks + 1
+
+
+def test_a_host_that_falls_silent_is_not_heard() -> None:
+    r = Rig(direct=True)
+    r.ready()
+    r.session.fall_silent(0.2)
+    assert r.bench.controller.fault == 0
+    r.session.fall_silent(0.3)
+    assert r.bench.controller.fault == 1001
+
+
+def test_a_closed_line_is_lost() -> None:
+    r = Rig(direct=True)
+    r.session.close()
+    with pytest.raises(LinkLost):
+        r.session.pump(0.1)
