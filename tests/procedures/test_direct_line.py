@@ -12,5 +12,7 @@ def test_a_job_without_frames_is_the_job_with_them() -> None:
     results = framed.run_job(), direct.run_job()
     assert results[0].sites == results[1].sites
     for name in ("time_s", "displacement_um", "model_um", "gap_v", "state"):
-        columns = [np.concatenate([getattr(row, name) for row in s.seen.servo]) for s in (framed, direct)]
-        np.testing.assert_array_equal(*columns, err_msg=name)
+        ours, theirs = (
+            np.concatenate([getattr(row, name) for row in s.seen.servo]) for s in (framed, direct)
+        )
+        np.testing.assert_array_equal(ours, theirs, err_msg=name)
