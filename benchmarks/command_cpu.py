@@ -82,7 +82,7 @@ class Meter:
 
             def __init__(self, build: Any) -> None:
                 super().__init__(build)
-                entry: Any = self.machine_run  # type: ignore[has-type]
+                entry: Any = self.machine_advance  # type: ignore[has-type]
 
                 def run(*places: Any) -> Any:
                     start_s = time.thread_time()
@@ -90,7 +90,7 @@ class Meter:
                     meter.kernel_s += time.thread_time() - start_s
                     return result
 
-                self.machine_run = run
+                self.machine_advance = run
 
         module.Library = Metered  # type: ignore[union-attr]
 
@@ -139,7 +139,7 @@ def measure_startup(arguments: list[str]) -> None:
                 first.append((time.process_time(), len(sys.modules)))
             return value(*places)
 
-        object.__setattr__(library, name, run if name == "machine_run" else value)
+        object.__setattr__(library, name, run if name == "machine_advance" else value)
 
     Library.__setattr__ = watched  # type: ignore[method-assign]
     code = edmctl(arguments)
