@@ -47,7 +47,8 @@ class BackgroundWriter:
     def __init__(self, writer: RunWriter, *, waits: bool) -> None:
         self._writer = writer
         self._waits = waits
-        self._rows: deque[Row] = deque()
+        self._rows: deque[tuple[Row, int]] = deque()
+        """Rows that wait, each with its memory."""
         # Each is changed by one thread only: handing over takes no lock.
         self._handed_bytes = 0
         self._taken_bytes = 0
@@ -85,8 +86,9 @@ class BackgroundWriter:
         if self._failure is not None:
             self._accepts = False
             raise self._failure
-        self._rows.append(row)
-        self._handed_bytes += _size(row)
+        size = _size(row)
+        self._rows.append((row, size))
+        self._handed_bytes += size
         # A thread that is awake, but has not cleared this yet, takes the row too.
         if (backlog_bytes > _WAKE_BYTES or layout.is_urgent(row)) and not self._wake.is_set():
             self._wake.set()
@@ -186,9 +188,9 @@ class BackgroundWriter:
 
     def _work_off(self) -> None:
         for _ in range(len(self._rows)):
-            row = self._rows.popleft()
+            row, size = self._rows.popleft()
             self._writer.append(row)
-            self._taken_bytes += _size(row)
+            self._taken_bytes += size
             self._taken_at_s = time.monotonic()
         self._taken.set()
 

@@ -529,7 +529,7 @@ DEFAULT_AUXILIARY = ("z_model",)
 
 def is_urgent(row: Row) -> bool:
     """Whether a row is flushed as soon as it is handed over: what a killed process must not lose."""
-    if isinstance(row, EventRow):
-        return row.level >= EventLevel.WARNING
     table = TABLE_OF.get(type(row))
-    return table.at_once if table is not None else isinstance(row, RejectedTouch)
+    if table is None:
+        return isinstance(row, RejectedTouch)
+    return row.level >= EventLevel.WARNING if isinstance(row, EventRow) else table.at_once

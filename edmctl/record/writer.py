@@ -66,6 +66,7 @@ class RunWriter:
         self._failure: RunFileError | None = None
         self._accepts = True
         self._stores = {table.path: store_of(file, table) for table in layout.TABLES}
+        self._store_of = {kind: self._stores[table.path] for kind, table in layout.TABLE_OF.items()}
         self._segment: Segment | None = None
         self._wear_um = 0.0
 
@@ -107,15 +108,8 @@ class RunWriter:
         """
         if not self._accepts:
             return
-        if isinstance(row, RejectedTouch):
-            self._guarded(lambda: self._reject_touch(row.time_s))
-        elif isinstance(row, TruthMap):
-            self._guarded(lambda: self._put_truth(row), more_bytes=2 * row.depth_um.nbytes)
-        elif isinstance(row, Summary):
-            utf8 = row.json_text.encode()
-            self._guarded(lambda: self._put_summary(utf8), more_bytes=2 * len(utf8))
-        else:
-            store = self._stores[layout.TABLE_OF[type(row)].path]
+        store = self._store_of.get(type(row))
+        if store is not None:
             if isinstance(row, PulseTrain):
                 self._follow(row, store.rows)
             elif isinstance(row, SiteResult):
@@ -126,6 +120,14 @@ class RunWriter:
                 self.flush()
             else:
                 self._tend(store)
+        elif isinstance(row, RejectedTouch):
+            self._guarded(lambda: self._reject_touch(row.time_s))
+        elif isinstance(row, TruthMap):
+            self._guarded(lambda: self._put_truth(row), more_bytes=2 * row.depth_um.nbytes)
+        else:
+            assert isinstance(row, Summary)
+            utf8 = row.json_text.encode()
+            self._guarded(lambda: self._put_summary(utf8), more_bytes=2 * len(utf8))
 
     def flush(self) -> None:
         """Bring everything handed over so far to the operating system."""
