@@ -256,7 +256,7 @@ def _job(
 ) -> tuple[JobTally, str]:
     """One job of a fresh session; how it ended, and a machine that is ready for another."""
     outcome.sessions += 1
-    session = Session(bench.transport, Random(outcome.sessions))
+    session = Session(bench.direct_line(), Random(outcome.sessions))
     session.open()
     machine, ledger = LinkMachine(session, observer.request), JobTally()
     end = "ok"

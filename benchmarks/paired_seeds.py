@@ -4,8 +4,8 @@
 
 Both simulate the same seeds. Errors are the stated depth and wear less the truth of the plant. Printed are the
 mean shift in standard deviations of the other's and the ratio of the standard deviations, with 95 % intervals by
-bootstrap over the pairs. Bars: a shift of at most 0.2, a ratio of 0.9 to 1.1, at most 2 % more jobs that end early.
-Without --set the holes are 10 µm deep.
+bootstrap over the pairs. Bars, but for the time of the whole job: a shift of at most 0.2, a ratio of 0.9 to 1.1, at
+most 2 % more jobs that end early. Without --set the holes are 10 µm deep.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ QUANTITIES: dict[str, Callable[[Run], float]] = {
     "cut time, s": lambda run: run["machining_time_s"],
     "job time, s": lambda run: run["time_s"],
 }
+WITHOUT_BAR = ("job time, s",)
+"""A host that waits less shortens jobs."""
 
 
 def simulated(root: Path, options: list[str]) -> dict[int, Run]:
@@ -73,7 +75,7 @@ def main() -> int:
         a, b = (np.array([quantity(pair[side]) for pair in pairs]) for side in (0, 1))
         shift, ratio = shift_and_ratio(a, b)
         low, high = np.percentile(shift_and_ratio(a[draws], b[draws]), (2.5, 97.5), axis=-1)
-        is_met = abs(shift) <= MOST_SHIFT and RATIOS[0] <= ratio <= RATIOS[1]
+        is_met = name in WITHOUT_BAR or (abs(shift) <= MOST_SHIFT and RATIOS[0] <= ratio <= RATIOS[1])
         missed |= not is_met
         print(
             f"{name:16} {a.mean():8.3f} ± {a.std(ddof=1):7.3f}, other {b.mean():8.3f} ± {b.std(ddof=1):7.3f}; "

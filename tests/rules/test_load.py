@@ -130,6 +130,9 @@ def test_the_hash_is_of_the_recipe_in_effect_and_the_simulators_apart() -> None:
     bench = loaded("sim.tool_wear=0.4")
     assert bench.sha256 == plain.sha256
     assert bench.sim_sha256 != plain.sim_sha256
+    # Runs of a time when there was another one go on.
+    assert loaded("sim.controller='python'").sim_sha256 == plain.sim_sha256
+    assert loaded("sim.controller='firmware-float'").sim_sha256 != plain.sim_sha256
 
 
 def test_a_reference_in_volts_becomes_a_share() -> None:
