@@ -13,7 +13,6 @@ import numpy as np
 
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record, check_numbers, settled_from
-from edmctl.actuator.screening import looked_through
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass, replace
 
@@ -109,6 +108,8 @@ def validate(model: ActuatorModel, record: Record, refit: Collection[Refit] = ZE
     judged from then on: before, its hysteresis is unknown. Raises ValueError for a record without two samples, with
     numbers that are not finite, or without a displacement that changes.
     """
+    from edmctl.actuator.screening import looked_through
+
     check_numbers(record)
     if len(record.t_s) < 2 or not np.ptp(record.y_um) > 0.0:
         raise ValueError(f"{record.name}: the displacement does not change, so that nothing can be judged")

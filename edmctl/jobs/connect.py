@@ -20,8 +20,6 @@ from edmctl.jobs.plan import FRESH, MachineAddress, where_is
 from edmctl.jobs.session import ConnectedMachine
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.jobs.sweep import seed_to_use
-from edmctl.link.gate import LEAST_SECRET
-from edmctl.link.ports import SOCKET, scheme_of
 from edmctl.process.erosion import ErosionLaw
 from edmctl.process.gap_conditions import GapLaw
 from edmctl.profile.folders import is_file, own_setup_path
@@ -275,6 +273,8 @@ SECRET_VARIABLE = "EDMCTL_SECRET_FILE"
 
 def asks_for_secret(*ports: str) -> bool:
     """Whether one of the ports may ask for a secret."""
+    from edmctl.link.ports import SOCKET, scheme_of
+
     return any(scheme_of(port) == SOCKET for port in ports)
 
 
@@ -289,6 +289,8 @@ def read_secret(path: Path) -> bytes:
 
     Raises UsageError E2047: it cannot be read, others may read it, or it is too short.
     """
+    from edmctl.link.gate import LEAST_SECRET
+
     try:
         secret, mode = read_bytes(path).strip(), path.stat().st_mode
     except OSError as error:
