@@ -4,9 +4,9 @@
 
 Both run by turns in processes of their own. Speed is CPU time a tick (1 ms of the machine), the least of all
 repeats: held without pulses, and cutting at 2.3 kHz and 50 kHz, on a machine that is drawn as a profile's default
-draws it. Printed is the share of the time of the other, against 0.45, 0.70 and 0.95. What they say is a digest of all
-bytes on the line, in sessions with touches, cuts, jumps, a scan and every fault that can be injected; it has to be the
-same, but with `--other-laws`.
+draws it. Printed is the share of the time of the other, against 0.45, 0.70 and 0.95. What they say is a digest of
+every byte on the line, in sessions with touches, cuts, jumps, a scan and every fault that can be injected. It has to
+be the same, but with `--other-laws`.
 """
 
 from __future__ import annotations
