@@ -132,6 +132,8 @@ class Session:
         if reply.host_nonce != hello.host_nonce:
             raise self._lose(other_host(self.transport.name))
         self._hello = reply
+        if self._virtual is not None:
+            self._virtual.samples()  # those of an earlier session
         if reply.clock == Clock.DRIVEN:
             self.transport = SteppedLine(self.transport, self._session)
         self._is_open = True
@@ -287,6 +289,13 @@ class Session:
         return max(1.0, self._rate)
 
     @property
+    def _beat_period_s(self) -> float:
+        """Time between heartbeats where they are sent in virtual time: on a damaged line as on a live one."""
+        if self._virtual is None:
+            return self.heartbeat_s
+        return VIRTUAL_BEAT_S if self._virtual.is_watched else HEARTBEAT_S
+
+    @property
     def _is_watched(self) -> bool:
         """Whether the controller hears its host without heartbeats."""
         return self._virtual is not None and self._virtual.is_watched
@@ -375,7 +384,7 @@ class Session:
         was_away = now_s - self._next_beat_s > self.heartbeat_s
         self._unanswered_since_s = now_s if was_away else min(self._unanswered_since_s, now_s)
         if not self.transport.live:
-            self._next_beat_s = now_s + (VIRTUAL_BEAT_S if self._is_watched else self.heartbeat_s)
+            self._next_beat_s = now_s + self._beat_period_s
         self.statistics.heartbeats_sent += 1
 
     def _step(self, now_s: float, until_s: float) -> bool:

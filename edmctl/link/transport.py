@@ -74,7 +74,7 @@ class VirtualLine(Protocol):
 
 
 PATIENCE_S = 20.0
-"""Longest wait, by the computer's clock, for one ADVANCE: the simulator may have to compile itself first."""
+"""Longest wait, by the computer's clock, for one ADVANCE."""
 MOST_STILL = 1000
 """So many answers in a row in which no time has passed are those of a clock that stands."""
 _REPLY = 0x40

@@ -24,6 +24,7 @@ from edmctl.machine.requests import TelemetrySettings
 _PULSE_FRAMES = 16
 """Pulse frames gathered before they are handed on: they are only recorded, so they may wait."""
 LATE_S = 0.4
+"""Samples that stay away for so long shorten the waits in virtual time, which last 0.5 s."""
 OLDEST_EVENT_S = 70.0
 """A touch is reported after its dwell, 65 s at most, and a report that got lost is sent again every 100 ms."""
 
@@ -119,7 +120,7 @@ class Inbox:
 
     @property
     def samples_are_late(self) -> bool:
-        """Whether the newest samples are older than a wait in virtual time is long."""
+        """Whether no samples have come for `LATE_S`."""
         return self._stream.age_s() > LATE_S
 
     def doubts(self) -> EdmError | None:

@@ -27,9 +27,9 @@ BLOCK_ROWS = 1 << 20
 MIN_WORK_S = 1.0
 WORKING = (RecordedState.APPROACH, RecordedState.MACHINING, RecordedState.JUMP, RecordedState.TOUCH)
 APART_S = 2.0
-"""Rows come every 0.1 s, and a jump with its search for the gap takes less than this."""
+"""Rows come at least every 0.5 s, and a jump with its search for the gap takes less than this."""
 ROW_S = 0.1
-"""Each row covers so much before its time."""
+"""The first row of a cut covers so much before its time: samples that show another state end a wait."""
 MEAN_S = 10.0
 """Rates and shares of a second scatter; their means over this show what they do."""
 

@@ -56,6 +56,10 @@ class LoadedProfile:
     stated: TomlTable
     """What the file, the files that it extends and the overrides state; all else are defaults or follows from it."""
 
+    def has_sim(self, sha256: str) -> bool:
+        """Return whether a hash is of this `[sim]`, whatever an earlier version called the controller."""
+        return sha256 in (self.sim_sha256, _sha256(self.sim))
+
     def __repr__(self) -> str:
         changed = f", {len(self.overrides)} values overridden" if self.overrides else ""
         return f"<LoadedProfile {self.profile.meta.name}, {self.path}{changed}>"
@@ -91,7 +95,7 @@ def load_profile(
         path=path,
         text=file.sources[0].text,
         sha256=_sha256(profile, found),
-        sim_sha256=_sha256(written.sim.model_copy(update=_as_before(written.sim.controller))),
+        sim_sha256=_sha256(_as_before(written.sim)),
         overrides=merged.changes,
         warnings=warnings,
         places=found,
@@ -135,9 +139,9 @@ def _refuse_errors(
     raise ProfileError(diagnostics)
 
 
-def _as_before(controller: str) -> dict[str, str]:
-    """Return the controller by the name that hashes of earlier runs have: they go on."""
-    return {"controller": "python" if controller == "firmware" else controller}
+def _as_before(sim: SimSettings) -> SimSettings:
+    """Return the settings with the controller by the name that it had where nothing was stated."""
+    return sim.model_copy(update={"controller": "python"}) if sim.controller == "firmware" else sim
 
 
 def _sha256(model: BaseModel, found: tuple[Place, ...] = ()) -> str:

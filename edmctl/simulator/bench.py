@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from edmctl.simulator.config import BenchConfig
     from edmctl.simulator.injection import Injection, LineState
 
-GATHERED_BYTES = 65536
-"""Samples apart are taken out of the controller's memory, which holds four times as much."""
 SETTLE_TICKS, MOST_SETTLES = 50, 2000
 
 
@@ -55,7 +53,7 @@ class MemoryTransport:
     def _set_merging(self, *, on: bool) -> None:
         if isinstance(self._controller, Controller):
             self._controller.seen.merges = int(on)
-            self._controller.seen.sample_bytes = 0  # of an earlier host
+            self._controller.take_samples()  # of an earlier host
 
     def write(self, data: bytes) -> None:
         self._check()
@@ -87,22 +85,18 @@ class DirectLine(MemoryTransport):
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller)
         self._watched = False
-        self._samples: list[MergedTlm] = []
         self._set_merging(on=True)
 
     def read(self, timeout_s: float) -> bytes:
-        seen = self._controller.seen
-        seen.watched = int(self.is_watched)
-        data = super().read(timeout_s)
-        seen.watched = 0
-        if seen.sample_bytes > GATHERED_BYTES:
-            self._samples += self._controller.take_samples()
-        return data
+        self._controller.seen.watched = int(self.is_watched)
+        try:
+            return super().read(timeout_s)
+        finally:
+            self._controller.seen.watched = 0
 
     def samples(self) -> list[MergedTlm]:
         """Return the samples since the last call."""
-        samples, self._samples = self._samples, []
-        return samples + self._controller.take_samples() if self._controller.seen.sample_bytes else samples
+        return self._controller.take_samples()
 
     @property
     def is_watched(self) -> bool:

@@ -32,6 +32,8 @@ LOOK = 99
 _MERGED = struct.Struct("=6q")
 """Head of merged samples: struct merged of firmware/host/host.h."""
 _INPUTS = struct.Struct("=5q3d")
+HALF_OF_SAMPLES = 131072
+"""Bytes of merged samples, half of what the core has room for: SAMPLES_BYTES of firmware/host/host.h."""
 FRAME_TICKS = 100
 """A host that waits sees what is wrong with its samples as soon as on a live line."""
 MOST_AT_ONCE = 4096
@@ -175,6 +177,7 @@ class Controller:
         self._scale = 1.0
         self.driven = False
         self._failed: BaseException | None = None
+        self._samples: list[MergedTlm] = []
         self._bind()
         self._read_inputs()
         self._create()
@@ -350,6 +353,8 @@ class Controller:
             self._read_inputs()
             self._library.machine_advance(min(most, left), wakes, self._due(), plant.in_c().place, self._at)
             self._after_call()
+            if self.seen.sample_bytes >= HALF_OF_SAMPLES:
+                self._merge()
             if wakes and (self.seen.urgent or self._is_host_misled):
                 break
         return self.tick - end + ticks
@@ -421,16 +426,23 @@ class Controller:
             self.link.keep(self.telemetry.passes(ctypes.string_at(self._at + self._library.out_at(), size)))
 
     def take_samples(self) -> list[MergedTlm]:
-        """Return the samples that were merged; none of them is in a frame."""
+        """Return the samples that were merged since the last call; none of them is in a frame."""
+        self._merge()
+        samples, self._samples = self._samples, []
+        return samples
+
+    def _merge(self) -> None:
+        """Take merged samples out of the memory of the core."""
         size, self.seen.sample_bytes = self.seen.sample_bytes, 0
-        data, at, found = ctypes.string_at(self._at + self._library.samples_at(), size), 0, []
+        if size == 0:
+            return
+        data, at = ctypes.string_at(self._at + self._library.samples_at(), size), 0
         while at < size:
             counter, frames, t0_us, period_us, n, dropped = _MERGED.unpack_from(data, at)
             end = at + _MERGED.size + n * Tlm.record_dtype().itemsize
             records = data[at + _MERGED.size : end]
-            found.append(MergedTlm(counter, t0_us, period_us, n, dropped, records, frames))
+            self._samples.append(MergedTlm(counter, t0_us, period_us, n, dropped, records, frames))
             at = end
-        return found
 
     def last_samples(self) -> bytes:
         """The newest telemetry frame of samples; zeros before the first."""

@@ -362,7 +362,7 @@ void edm_host_watch(struct edm_host *h) {
 int64_t edm_host_slice_end(const struct edm_host *h) {
     const struct edm_telemetry *t = &h->core.telemetry;
     int64_t end = h->core.tick + EDM_LINGER_TICKS, due = edm_next_deadline(&h->core);
-    int64_t full = t->next + (int64_t)(t->batch - 1 - t->pending) * t->ticks + 1;
+    int64_t full = t->next + (int64_t)(t->batch - 1 - t->pending) * t->ticks;
     end = due < end ? due : end;
     return t->next >= 0 && full < end ? full : end;
 }

@@ -38,7 +38,7 @@ int64_t edm_machine_run(int64_t ticks, const struct machine *m, struct edm_host 
     return 0;
 }
 
-/* Advance by `ticks` ms with all that is due meanwhile; stops early when the memory for what is sent is half full and,
+/* Advance by `ticks` ms with all that is due meanwhile; stops early when a memory for what is sent is half full and,
  * with `wakes`, when something was sent that the host answers. The model is
  * asked at tick `due` and at those that it names; it stops the advance by naming none later. */
 void edm_machine_advance(int64_t ticks, bool wakes, int64_t due, const struct machine *m, struct edm_host *h) {
@@ -61,5 +61,6 @@ void edm_machine_advance(int64_t ticks, bool wakes, int64_t due, const struct ma
             h->core.heard_tick = r->tick - r->tick % BEAT_TICKS;
         }
         edm_host_watch(h);
-    } while (r->tick < end && h->seen.out_bytes < OUT_BYTES / 2 && !(wakes && h->urgent));
+    } while (r->tick < end && h->seen.out_bytes < OUT_BYTES / 2 && h->seen.sample_bytes < SAMPLES_BYTES / 2 &&
+             !(wakes && h->urgent));
 }

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import numpy as np
 import pytest
 
 from edmctl.errors import EdmError, LinkLost
+from edmctl.link.messages import PulseLog, Tlm, TlmStart
+from edmctl.link.session import Session
+from edmctl.machine.controller import LinkMachine
 from edmctl.results.telemetry import TelemetryBlock, joined
 from edmctl.simulator.injection import parse_injection
 from tests.machine.conftest import Rig
@@ -69,3 +74,40 @@ def test_a_closed_line_is_lost() -> None:
     r.session.close()
     with pytest.raises(LinkLost):
         r.session.pump(0.1)
+
+
+def test_a_new_session_gets_no_samples_of_the_one_before() -> None:
+    r = Rig(direct=True)
+    r.session.request(TlmStart(1000, 10, PulseLog.OFF))
+    r.session.pump(0.5)
+    r.session = Session(r.bench.direct_line(), Random(2))
+    r.session.open()
+    r.machine = LinkMachine(r.session, r.stop)
+    r.ready()
+    r.machine.rest(1.0)
+    assert joined(r.heard.blocks).time_s[0] == 0.0
+
+
+def test_samples_of_a_long_wait_come_in_order() -> None:
+    r = Rig(direct=True)
+    counters = []
+    r.session.subscribe(Tlm, lambda tlm: counters.append(tlm.counter))
+    r.session.request(TlmStart(1000, 10, PulseLog.OFF))
+    r.session.pump(25.0)
+    r.session.take_samples()
+    assert counters == sorted(counters)
+    assert counters[-1] >= 2490
+
+
+def test_a_wait_that_is_interrupted_is_over_for_the_watchdog() -> None:
+    r = Rig(direct=True)
+    r.ready()
+
+    def interrupt(timeout_s: float) -> None:
+        raise KeyboardInterrupt
+
+    r.bench.controller.host_wait.wait = interrupt  # type: ignore[method-assign]
+    with pytest.raises(KeyboardInterrupt):
+        r.machine.rest(1.0)
+    r.bench.controller.advance(600)
+    assert r.bench.controller.fault == 1001

@@ -30,7 +30,7 @@ SPAN_S = 60.0
 MOST_ROWS = 60_000
 """Rows in that time at 1 kHz, the highest rate there is."""
 PULSES_S = 2.0
-"""The supervisor writes ten rows a second while there are pulses: without one for so long there are none."""
+"""The supervisor writes two rows a second or more while there are pulses: without one for so long there are none."""
 _MOST_SLOW = int(10.0 * (SPAN_S + PULSES_S))
 
 

@@ -27,7 +27,7 @@ from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent, ServoBl
 _GATHERED_S = 0.45
 """Blocks are estimated and recorded together until they last so long."""
 
-NEWEST_S = 0.1
+NEWEST_S = 0.1 - 1e-6
 """Where the tool is now is the mean over this much of the newest samples, a frame's worth of them. A host that was
 held up gets a block of seconds, and the tool has moved in those."""
 

@@ -30,7 +30,7 @@ class TelemetrySums:
         self._run = run
         self.duty_v = run.profile.pulse.duty_voltage_v
         self._sample_s = 1e-6 * telemetry_settings(run.profile, run.setup).period_us
-        self._window: deque[tuple[float, Counts]] = deque()
+        self._window: deque[tuple[float, float, Counts]] = deque()
         self._window_counts = [0, 0, 0, 0]
         self._gap_ratio_sum = 0.0
         self._gap_samples = 0
@@ -52,7 +52,8 @@ class TelemetrySums:
     @property
     def window_is_full(self) -> bool:
         """Whether there are samples of so long."""
-        return self._newest_s - self._window[0][0] >= 0.9 * RATIO_WINDOW_S
+        end_s, duration_s, _ = self._window[0]
+        return self._newest_s - end_s + duration_s >= 0.9 * RATIO_WINDOW_S
 
     @property
     def gap_ratio_mean(self) -> float:
@@ -70,12 +71,12 @@ class TelemetrySums:
         energy_j = discharge_energy_j(self._pulse(), fresh, seen.current_mean_a * duration_s)
         self.energy_j += energy_j
         self.power_w = energy_j / duration_s
-        self._window.append((self._newest_s, fresh))
+        self._window.append((self._newest_s, duration_s, fresh))
         for i, number in enumerate(fresh):
             self.counts[i] += number
             self._window_counts[i] += number
         while self._window[0][0] <= self._newest_s - RATIO_WINDOW_S:
-            for i, number in enumerate(self._window.popleft()[1]):
+            for i, number in enumerate(self._window.popleft()[2]):
                 self._window_counts[i] -= number
         return fresh
 
