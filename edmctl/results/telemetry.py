@@ -32,10 +32,10 @@ class PulseShares:
     short: float
 
 
-def pulse_shares(open_count: int, normal_count: int, arc_count: int, short_count: int) -> PulseShares:
+def pulse_shares(open_count: float, normal_count: float, arc_count: float, short_count: float) -> PulseShares:
     """Shares from counts."""
     total = open_count + normal_count + arc_count + short_count
-    if total == 0:
+    if total <= 0:
         return PulseShares(0.0, 0.0, 0.0, 0.0)
     return PulseShares(open_count / total, normal_count / total, arc_count / total, short_count / total)
 

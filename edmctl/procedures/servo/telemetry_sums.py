@@ -46,8 +46,19 @@ class TelemetrySums:
 
     @property
     def ratios(self) -> PulseShares:
-        """Shares over the last `RATIO_WINDOW_S`."""
-        return pulse_shares(*self._window_counts)
+        """Shares over the last `RATIO_WINDOW_S`; of the oldest slice by the part that lies in it."""
+        if not self._window:
+            return pulse_shares(0, 0, 0, 0)
+        end_s, duration_s, oldest = self._window[0]
+        before_s = self._newest_s - RATIO_WINDOW_S - (end_s - duration_s)
+        left_out = min(max(before_s / duration_s, 0.0), 1.0)
+        opens, normals, arcs, shorts = self._window_counts
+        return pulse_shares(
+            opens - left_out * oldest[0],
+            normals - left_out * oldest[1],
+            arcs - left_out * oldest[2],
+            shorts - left_out * oldest[3],
+        )
 
     @property
     def window_is_full(self) -> bool:
