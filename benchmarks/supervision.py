@@ -34,6 +34,8 @@ from edmctl.simulator import open_bench
 from edmctl.simulator.injection import INJECTIONS, parse_injection
 
 RECIPE = ('target={kind="depth",depth_um=12.0,tolerance_um=2.0}', "pulse.current_a=0.5", "measure.touches=2")
+BY_CHANCE = (RunEvent.TOUCH_DOUBTED, RunEvent.DOUBT_WITHDRAWN, RunEvent.BELIEF_CONTRADICTED)
+"""Warnings about measurements, which scatter."""
 ANSWERS = (RunEvent.SHORT_RECOVERY, RunEvent.ARC_BURN_RECOVERY, RunEvent.STALL_JUMP, RunEvent.BREAKTHROUGH)
 RATES_S = (SLICE_S, waits.VIRTUAL_SLICE_S)
 LATER_S, LATER_SHARE = 0.1, 0.01
@@ -51,7 +53,7 @@ class _Seen(NullRecorder):
     def append(self, row: Row) -> None:
         if isinstance(row, EventRow) and row.code in set(RunEvent):
             code = RunEvent(row.code)
-            if row.level >= EventLevel.WARNING or code in ANSWERS:
+            if code in ANSWERS or (row.level >= EventLevel.WARNING and code not in BY_CHANCE):
                 self.reactions.add(code.name)
 
     def progress(self, p: Progress) -> None:

@@ -88,6 +88,7 @@ class Session:
         self._subscriptions = Subscriptions()
         self._writing = RLock()
         self._pulse: HeartbeatThread | None = None
+        self._watches = False
         self._begin(0)
 
     def _begin(self, session: int) -> None:
@@ -291,7 +292,7 @@ class Session:
     @property
     def _beat_period_s(self) -> float:
         """Time between heartbeats where they are sent in virtual time: on a damaged line as on a live one."""
-        if self._virtual is None:
+        if self._virtual is None or not self._watches:
             return self.heartbeat_s
         return VIRTUAL_BEAT_S if self._virtual.is_watched else HEARTBEAT_S
 
@@ -321,6 +322,7 @@ class Session:
 
     def _start_heartbeats(self) -> None:
         if self._virtual is not None:
+            self._watches = True
             self._virtual.watch(watched=True)
         if not self.transport.live:
             return
@@ -332,6 +334,7 @@ class Session:
 
     def _end_heartbeats(self) -> None:
         if self._virtual is not None:
+            self._watches = False
             self._virtual.watch(watched=False)
         pulse, self._pulse = self._pulse, None
         if pulse is not None:

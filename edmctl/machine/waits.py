@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-from edmctl.errors import EdmError, MachineFault
+from edmctl.errors import EdmError, LinkLost, MachineFault
 from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import Fault, Status
 from edmctl.link.session import Session
@@ -78,7 +78,7 @@ class Waits:
 
     @contextmanager
     def faults_first(self) -> Iterator[None]:
-        """For a block that sends a command: where it is refused because a fault is latched, raise that fault.
+        """For a block that sends a command: where a fault is why it is refused or not answered, raise that fault.
 
         The refusal may come before the report of the fault that made it.
         """
@@ -87,6 +87,10 @@ class Waits:
         except CommandRefused as refused:
             if refused.status in (Status.BAD_STATE, Status.INTERLOCK):
                 self._raise_what_is_latched()
+            raise
+        except LinkLost:
+            if self._inbox.fault is not None:
+                raise self._fault_error(self._inbox.fault) from None
             raise
 
     def _raise_what_is_latched(self) -> None:
