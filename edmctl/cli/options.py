@@ -77,8 +77,8 @@ ControllerOption: TypeAlias = Annotated[
     str | None,
     typer.Option(
         "--controller",
-        metavar="python|firmware|firmware-float|stm32",
-        help="What drives a new virtual machine, as sim.controller says. Default: python.",
+        metavar="firmware|firmware-float|stm32",
+        help="What drives a new virtual machine, as sim.controller says. Default: firmware.",
     ),
 ]
 CalibrationOption: TypeAlias = Annotated[

@@ -69,7 +69,7 @@ class PreparedJob:
             refuse_too_short(job.profile, job.setup, stroke_um, account, plan)
         if not resuming:
             refuse_unknown_length(account, folder, plan)
-            warnings += refuse_worn_out(job.profile, job.setup, plan.loaded.places, account)
+            warnings += refuse_worn_out(job.profile, job.setup, plan, account)
             warnings += other_tool(plan, account, self.history)
             warnings += left_to_finish(account.label, self.serial, folder)
         if not plan.loaded.places and self.places and job.profile.path is None:

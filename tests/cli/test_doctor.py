@@ -255,16 +255,19 @@ def test_a_virtual_machine_has_no_adapter(system: tuple[Path, Path], tmp_path: P
 
 @pytest.mark.parametrize(
     ("port", "is_told"),
-    [("/dev/ttyUSB0", True), ("COM3", True), ("/dev/pts/0", False), ("sim:", False), ("socket://a:1", False)],
+    [("/dev/ttyUSB0", True), ("COM3", True), ("/dev/pts/0", False), ("socket://a:1", False)],
 )
 def test_a_slow_line_is_blamed_on_an_adapter_where_there_is_one(
     monkeypatch: pytest.MonkeyPatch, port: str, is_told: bool
 ) -> None:
     monkeypatch.setattr("edmctl.jobs.doctor_machine.SLOW_S", -1.0)
-    machine = SimpleNamespace(identity=SimpleNamespace(transport=port), status=lambda: None)
-    check = _round_trip(cast("LinkMachine", machine))
+    identity = SimpleNamespace(transport=port, simulated=False)
+    machine = cast("LinkMachine", SimpleNamespace(identity=identity, status=lambda: None))
+    check = _round_trip(machine)
     assert check.status is CheckStatus.WARN
     assert ("FTDI" in check.fix) == is_told
+    identity.simulated = True
+    assert _round_trip(machine).status is CheckStatus.OK
 
 
 def test_samples_that_do_not_come_are_told(here: Here, workshop: Workshop) -> None:

@@ -319,6 +319,26 @@ def test_nothing_approaches_a_hole(here: Here, how: tuple[str, ...]) -> None:
     assert Path("bench.h5").read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("limit", "code"), [("target.depth_um=75", "E8044"), ("tool.max_wear_um=9", "E8043")]
+)
+def test_wear_of_another_bench_with_the_seed_has_its_own_remedy(here: Here, limit: str, code: str) -> None:
+    assert here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "3").exit_code == 0
+    begun()
+    job = ("machine", "--profile", CU270, "--set", "target.depth_um=10", "--set", limit, "--seed", "3", *KEPT)
+    if code == "E8044":
+        pad = WearMeasured("Cu 270 µm", "old.h5", 300.0, 250.0, 0.5)
+        Ledger.open(Path("runs")).append(kept().plant.serial, pad)
+    for is_new in (False, True):
+        if is_new:
+            Path("bench.h5").unlink()
+        error = here(*job, "--json").document["error"]
+        assert error["code"] == code
+        assert ("--seed" in error["hint"], "--new-tool" in error["hint"]) == (is_new, not is_new)
+    own = here("machine", "--profile", CU270, "--set", "tool.max_wear_um=9", "--json").document["error"]
+    assert "--seed" not in own["hint"]
+
+
 def test_a_worn_tool_that_is_too_short_for_the_job_may_still_look_for_the_surface(here: Here) -> None:
     assert here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "3").exit_code == 0
     begun()

@@ -6,7 +6,6 @@ import json
 import math
 import re
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +17,6 @@ from edmctl.jobs.plan import MachineAddress, Plan
 from edmctl.jobs.runs.opening import command_to_go_on, on_machine
 from edmctl.jobs.session import MachineSession
 from edmctl.profile.model import Profile, Tool
-from edmctl.profile.places import Place
 from edmctl.profile.read import Merged, apply_overrides, put
 from edmctl.profile.setup import Setup
 from edmctl.record.journal import SUFFIX, read_journal
@@ -251,10 +249,21 @@ def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: Too
         raise PreconditionError(
             f"{account.label} touches the pad at {length(account.pad_um)} by now; a stroke of {length(stroke_um)} "
             f"is needed then, and the actuator has {length(available_um)}.",
-            hint=f"Set the tool lower and say `{reference_command(plan)}`, or change it "
-            "and say --new-tool. Keep run files of another machine or of new work in another folder with --out.",
+            hint=_remedy(
+                plan,
+                account,
+                f"Set the tool lower and run `{reference_command(plan)}`, or change it and add --new-tool. "
+                "Keep run files of another machine or of new work in another folder with --out.",
+            ),
             code="E8044",
         )
+
+
+def _remedy(plan: Plan, account: ToolAccount, hint: str) -> str:
+    """Return `hint`; on a bench that this command makes, the remedy for an account of an earlier bench."""
+    if plan.where.seed_of(0) is None or (math.isnan(account.pad_um) and not account.lost_um):
+        return hint
+    return "The bench is new: keep its runs in another folder with --out, or give it another --seed."
 
 
 def refuse_unknown_length(account: ToolAccount, folder: Path, plan: Plan) -> None:
@@ -273,26 +282,24 @@ def refuse_unknown_length(account: ToolAccount, folder: Path, plan: Plan) -> Non
     )
 
 
-def refuse_worn_out(
-    profile: Profile, setup: Setup, places: Sequence[Place], account: ToolAccount
-) -> list[Diagnostic]:
+def refuse_worn_out(profile: Profile, setup: Setup, plan: Plan, account: ToolAccount) -> list[Diagnostic]:
     """Return a warning where the tool will not last for the whole job.
 
     Raises PreconditionError E8043 where it will not last for one hole of it.
     """
-    expected, limit_um = forecast(profile, setup, places), profile.tool.max_wear_um
+    expected, limit_um = forecast(profile, setup, plan.loaded.places), profile.tool.max_wear_um
     lost = f"{account.label} has lost {length(account.lost_um)} so far"
     if account.lost_um + expected.wear_um > limit_um:
         raise PreconditionError(
             f"{lost} and would lose {length(expected.wear_um)} more; tool.max_wear_um is {length(limit_um)}.",
-            hint=_NEW,
+            hint=_remedy(plan, account, _NEW),
             code="E8043",
         )
     if account.lost_um + expected.tool_wear_um > limit_um:
         message = (
             f"{lost}; the whole job takes {length(expected.tool_wear_um)}, of {length(limit_um)} in all."
         )
-        hint = f"The job will stop in order before a hole that the tool cannot make. {_NEW}"
+        hint = f"The job will stop in order before a hole that the tool cannot make. {_remedy(plan, account, _NEW)}"
         return [Diagnostic("W8110", message, hint, is_warning=True)]
     return []
 
