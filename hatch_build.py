@@ -42,7 +42,8 @@ class CoreHook(BuildHookInterface[Any]):
             other.unlink()
         build.compile_library(command, library)
         if version != "editable":
-            build_data["force_include"][str(library)] = f"edmctl/core/{library.name}"
+            for file in (library, build.hash_file(library)):
+                build_data["force_include"][str(file)] = f"edmctl/core/{file.name}"
         platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{platform if target is None else target.tag}"

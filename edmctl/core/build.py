@@ -2,13 +2,15 @@
 
 A wheel contains the library for its platform. In a source tree whose C sources have changed since then it is built
 again into the user's cache, in seconds, with the C compiler of the system or that of the package ziglang. The name
-of a library contains a digest of its sources and flags.
+of a library contains a digest of its sources and flags. Beside it is its hash (LIBRARY.sha256): one without, or with
+another hash, is not used, because a damaged library would kill the process.
 
 The build hook (hatch_build.py) imports this module, which needs nothing but the standard library.
 """
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import importlib.util
 import os
@@ -18,6 +20,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
@@ -25,7 +28,7 @@ from pathlib import Path
 
 from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError, installing
-from edmctl.files import path_variable
+from edmctl.files import RECORD_BYTES, path_variable, read_bytes, sync
 
 CACHE_VARIABLE = "EDMCTL_FIRMWARE_CACHE"
 ZIG_CACHE_VARIABLE = "ZIG_GLOBAL_CACHE_DIR"
@@ -40,6 +43,7 @@ _COMPILERS = ("cc", "gcc", "clang")
 _FLAGS: tuple[str, ...] = (
     "-std=c11",
     "-O3",
+    "-fno-fast-math",  # behind CC's own words
     "-ffp-contract=off",
     "-fno-math-errno",
     "-fno-trapping-math",
@@ -53,7 +57,7 @@ _WHOLE = "-flto"
 """Of a tick of 0.4 µs calls between files are a tenth; a compiler that cannot look across them does without."""
 LINGER_TICKS = 200
 """Telemetry of a virtual machine is sent so often at least, in ms."""
-_SECONDS = 300
+_SECONDS = 600
 _ANOTHER = "Name another one in CC, or unset it: then one of the system is taken."
 
 
@@ -115,15 +119,27 @@ def source_version() -> tuple[int, int, int]:
 
 
 def digest_of(real: str) -> str:
-    """Return the digest of the sources and flags of a library."""
+    """Return the digest of the sources and flags of a library. Raises PreconditionError E8094 without sources."""
     folder = source_folder()
     content = hashlib.sha256(repr([*_FLAGS, *_defines(real)]).encode())
-    for part in PARTS:
-        for path in sorted((folder / part).glob("*.[ch]")):
+    sources = [path for part in PARTS for path in files_in(folder / part, "*.[ch]")]
+    try:
+        if not sources:
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder))
+        for path in (*sources, *files_in(folder, "*.h")):
             content.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
-    for path in sorted(folder.glob("*.h")):
-        content.update(path.name.encode() + path.read_bytes())
+    except OSError as error:
+        raise PreconditionError(
+            f"The C sources of edmctl are absent or cannot be read: {error.filename}: {error.strerror}.",
+            hint=f"Install edmctl again: {installing('--force-reinstall', 'edmctl')}.",
+            code="E8094",
+        ) from error
     return content.hexdigest()[:16]
+
+
+def files_in(folder: Path, pattern: str) -> list[Path]:
+    """Return the regular files of a folder in their order, without hidden ones such as the locks of an editor."""
+    return [path for path in sorted(folder.glob(pattern)) if path.is_file() and path.name[0] != "."]
 
 
 def packaged(digest: str, suffix: str = SUFFIX) -> Path:
@@ -131,15 +147,33 @@ def packaged(digest: str, suffix: str = SUFFIX) -> Path:
     return Path(__file__).with_name(f"_core-{digest}{suffix}")
 
 
+def hash_file(library: Path) -> Path:
+    """Return the file beside a library with its hash."""
+    return library.with_name(f"{library.name}.sha256")
+
+
+def is_whole(library: Path) -> bool:
+    """Return whether the library is there and has the hash that its build has left beside it."""
+    try:
+        return read_bytes(hash_file(library)) == _hash_line(library, read_bytes(library, RECORD_BYTES))
+    except OSError:
+        return False
+
+
+def _hash_line(library: Path, content: bytes) -> bytes:
+    """Return the hash of a library as `sha256sum` writes it."""
+    return f"{hashlib.sha256(content).hexdigest()}  {library.name}\n".encode()
+
+
 def found(real: str = "double") -> Build:
     """Return the library of that arithmetic: the packaged one, else one that is built. Raises as `built` does."""
     digest = digest_of(real)
     library = packaged(digest)
-    return Build(library, real, digest, "the package", is_new=False) if library.is_file() else built(real)
+    return Build(library, real, digest, "the package", is_new=False) if is_whole(library) else built(real)
 
 
-def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Build:
-    """Return a library in the cache, built now by CC or the compiler that there is unless that was done before.
+def built(real: str = "double", environ: Mapping[str, str] = os.environ, *, anew: bool = False) -> Build:
+    """Return a library in the cache, built by CC or the compiler that there is if it is not there, or `anew`.
 
     Raises PreconditionError: E8093 without a C compiler, E8094 where it cannot build the library.
     """
@@ -149,7 +183,7 @@ def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Buil
     maker = hashlib.sha256(repr((command, version)).encode()).hexdigest()[:8]
     library = cache_folder(environ) / f"edmlink-{real}-{digest}-{maker}{SUFFIX}"
     said = f"{shlex.join(command)} ({version})"
-    if library.is_file():
+    if not anew and is_whole(library):
         return Build(library, real, digest, said, is_new=False)
     if sys.stderr is not None:
         sys.stderr.write(f"building the controller and the virtual machine from {source_folder()}\n")
@@ -158,9 +192,9 @@ def built(real: str = "double", environ: Mapping[str, str] = os.environ) -> Buil
 
 
 def compile_library(command: Sequence[str], library: Path, real: str = "double") -> None:
-    """Compile all sources into a shared library. Raises PreconditionError E8094."""
+    """Compile all sources into a shared library, with its hash beside it. Raises PreconditionError E8094."""
     folder = source_folder()
-    sources = [str(path) for part in PARTS for path in sorted((folder / part).glob("*.c"))]
+    sources = [str(path) for part in PARTS for path in files_in(folder / part, "*.c")]
     includes = [f"-I{folder / part}" for part in PARTS]
     arguments = [*_FLAGS, *_defines(real), f'-DEDM_SOURCES="{digest_of(real)}"', *includes, *sources]
     try:
@@ -198,7 +232,7 @@ def system_compiler() -> str | None:
 @cache
 def compiler(named: str = "") -> tuple[str, ...]:
     """Command of a C compiler: $CC, else one of the system's, else that of the package ziglang."""
-    if named:
+    if named.strip():
         try:
             return tuple(shlex.split(named))
         except ValueError as error:
@@ -219,14 +253,8 @@ def compiler(named: str = "") -> tuple[str, ...]:
 @cache
 def version_of(command: tuple[str, ...]) -> str:
     try:
-        done = subprocess.run(
-            [*command, "--version"],
-            env=compiler_environment(os.environ),
-            capture_output=True,
-            text=True,
-            timeout=_SECONDS,
-            check=True,
-        )
+        done = run_compiler([*command, "--version"])
+        done.check_returncode()
     except (OSError, subprocess.SubprocessError) as error:
         raise PreconditionError(
             f"The C compiler {shlex.join(command)} does not run: {_reason(error)}.",
@@ -236,10 +264,28 @@ def version_of(command: tuple[str, ...]) -> str:
     return next(iter(done.stdout.splitlines()), "").strip()
 
 
+def run_compiler(command: Sequence[str]) -> subprocess.CompletedProcess[str]:
+    """Run a compiler. Raises OSError if it does not start, subprocess.TimeoutExpired."""
+    return subprocess.run(
+        command,
+        env=compiler_environment(os.environ),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        encoding="utf-8",
+        errors="replace",
+        timeout=_SECONDS,
+        check=False,
+    )
+
+
 def _compile(command: list[str], library: Path) -> None:
     """Build beside the place of the library and move it there: whoever loads it finds a whole one or none."""
     try:
         library.parent.mkdir(parents=True, exist_ok=True)
+        for left in library.parent.glob("building-*"):
+            with suppress(OSError):
+                if left.stat().st_mtime < time.time() - 3600.0:  # its process died
+                    shutil.rmtree(left, ignore_errors=True)
         folder_made = tempfile.TemporaryDirectory(dir=library.parent, prefix="building-")
     except OSError as error:
         raise PreconditionError(
@@ -250,31 +296,40 @@ def _compile(command: list[str], library: Path) -> None:
     try:
         with folder_made as folder:
             made = Path(folder) / library.name
-            done = subprocess.run(
-                [*command, "-o", str(made)],
-                env=compiler_environment(os.environ),
-                capture_output=True,
-                text=True,
-                timeout=_SECONDS,
-                check=False,
-            )
+            done = run_compiler([*command, "-o", str(made)])
             if done.returncode:
-                raise failed("\n".join(done.stderr.splitlines()[:10]))
+                raise failed(complaint(done))
             if not made.is_file():
                 raise failed(f"{shlex.join(command[:1])} made no library.")
-            with suppress(FileExistsError):  # on Windows, of another process that was quicker
+            hash_file(made).write_bytes(_hash_line(library, read_bytes(made, RECORD_BYTES)))
+            for file in (made, hash_file(made)):
+                with suppress(OSError):  # a system that syncs no file that is open for reading
+                    sync(file)
+            with suppress(FileExistsError, PermissionError):  # on Windows, another process uses the one there
                 made.replace(library)
+                hash_file(made).replace(hash_file(library))
     except (OSError, subprocess.SubprocessError) as error:
         raise failed(f"{_reason(error)}.") from error
+
+
+def complaint(done: subprocess.CompletedProcess[str]) -> str:
+    """Return the first lines of what a compiler that failed has written, or how it ended."""
+    said = "\n".join(done.stderr.splitlines()[:10]).strip()
+    return said or f"{done.args[0]} {_ending(done.returncode)}."
 
 
 def _reason(error: OSError | subprocess.SubprocessError) -> str:
     """Why a program did not run or did not come to its end, in words."""
     if isinstance(error, subprocess.CalledProcessError):
-        return f"with --version it ends with exit code {error.returncode}"
+        return f"with --version it {_ending(error.returncode)}"
     if isinstance(error, subprocess.TimeoutExpired):
         return f"it is not done after {_SECONDS} s"
     return str(getattr(error, "strerror", None) or error)
+
+
+def _ending(code: int) -> str:
+    """Return how a program ended: its exit code, or the signal that killed it."""
+    return f"ends with exit code {code}" if code >= 0 else f"was killed by signal {-code}"
 
 
 def failed(reason: str) -> PreconditionError:

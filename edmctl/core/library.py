@@ -18,7 +18,7 @@ from ctypes import (
     c_uint32,
     c_void_p,
 )
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 from edmctl.array_types import Array
@@ -225,7 +225,7 @@ class Library:
 def library(real: str = "double") -> Library:
     """Return the library of that arithmetic, built if need be.
 
-    One that cannot be loaded, a damaged file or another system's, is built anew.
+    One that cannot be loaded, such as another system's, is built again. Nothing is deleted: the reason may pass.
     Raises PreconditionError E8093, E8094 as `built` does.
     """
     return loaded(real)
@@ -234,15 +234,13 @@ def library(real: str = "double") -> Library:
 @cache
 def loaded(real: str) -> Library:
     """Return the same; every call has its arithmetic, so that a library is looked for and loaded once."""
-    build = found(real)
-    try:
-        return Library(build)
-    except (OSError, AttributeError) as error:
-        reason = f"what {build.compiler} made cannot be loaded: {error}"
+    reasons = []
+    for find in (found, built, partial(built, anew=True)):
+        build = find(real)
         try:
-            build.path.unlink(missing_ok=True)
-            if not build.is_new:
-                return Library(built(real))
-        except (OSError, AttributeError) as again:
-            reason = f"{reason}; {again}"
-        raise failed(reason) from error
+            return Library(build)
+        except (OSError, AttributeError) as error:
+            reasons.append(f"what {build.compiler} made cannot be loaded: {error}")
+        if build.is_new:
+            break
+    raise failed("; ".join(dict.fromkeys(reasons)))

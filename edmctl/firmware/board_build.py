@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import shutil
 import subprocess
 import sys
@@ -11,7 +10,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from edmctl.core.build import compiler_environment, source_folder, version_of
+from edmctl.core.build import complaint, files_in, run_compiler, source_folder, version_of
 from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError, RunFileError, installing
 from edmctl.firmware.boards import Board
@@ -37,7 +36,6 @@ _FLAGS = (
     "-fno-unwind-tables",
     "-fno-asynchronous-unwind-tables",
 )
-_SECONDS = 600
 _REMEDIES = {
     None: f"Install ziglang: {installing('ziglang')}.",
     "zig": f"Install it: {installing('ziglang')}; or say --compiler gcc.",
@@ -146,25 +144,16 @@ def toolchain(board: Board, named: str | None) -> Toolchain:
 
 def sources_of(board: Board, folder: Path) -> list[Path]:
     """Return the files that an image is made of, in the folder of the firmware."""
-    return [file for part in board.folders for file in sorted((folder / part).glob("*.c"))]
+    return [file for part in board.folders for file in files_in(folder / part, "*.c")]
 
 
 def _run(command: list[str]) -> None:
     try:
-        done = subprocess.run(
-            command,
-            env=compiler_environment(os.environ),
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            encoding="utf-8",
-            errors="replace",
-            timeout=_SECONDS,
-            check=False,
-        )
+        done = run_compiler(command)
     except (OSError, subprocess.SubprocessError) as error:
         raise _not_built(f"{error}.") from error
     if done.returncode:
-        raise _not_built("\n".join(done.stderr.splitlines()[:10]))
+        raise _not_built(complaint(done))
 
 
 def _not_written(elf: Path, error: OSError) -> RunFileError:

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
+from edmctl.core.library import library
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Interrupted, ProfileError, RunFileError, UsageError
 from edmctl.exitcodes import error_exit_code
@@ -125,8 +126,9 @@ def perform_all(
     """Perform `tasks`, side by side where there are cores; `keep` gets each with its number when it is finished.
 
     A run that fails is finished too, and one whose worker died is made again. A stop (Interrupted) or a disk that
-    refuses (RunFileError) is raised.
+    refuses (RunFileError) is raised, and PreconditionError E8093 or E8094 where the library cannot be built.
     """
+    library()  # built by this process, once
     workers = min(len(tasks), cores())
     if workers <= 1:
         for number, task in enumerate(tasks):

@@ -58,6 +58,8 @@ _STREAMS = ("_decide", "_shape", "_delay", "_noise")
 _NO_HOLE = -1
 _MOST = 1 << 60
 """Whole numbers are smaller than this, so that C can add two of them."""
+_UNBOUNDED = ("thickness_um", "obstacle_um", "next_level_um", "rarity")
+"""Numbers that may be infinite: what is not there, or never comes."""
 _RANGES: Mapping[str, tuple[float, float]] = {
     "random_at": (0, BLOCK),
     "noise_at": (0, BLOCK),
@@ -96,6 +98,7 @@ def restored_bench(state: State) -> VirtualBench:
     Raises RunFileError E9021 where the state lacks something, or holds what cannot be.
     """
     try:
+        _refuse_not_finite(state)
         plant, controller = _part(state, "plant"), _part(state, "controller")
         bench = VirtualBench(_config(_part(state, "config")), seed=0)
         for name in _PLANT_RECORDS:
@@ -111,6 +114,17 @@ def restored_bench(state: State) -> VirtualBench:
     bench.controller.reset(ResetCause.POWER_ON)
     bench.controller.link.take_output()  # nobody was there to hear it
     return bench
+
+
+def _refuse_not_finite(state: State) -> None:
+    """Raise ValueError where a number is infinite or NaN. What the machine reads may be: no sensor, no pulse."""
+    for name, value in state.items():
+        if name == "readings" or (name in _UNBOUNDED and value == np.inf):
+            continue
+        if isinstance(value, Mapping):
+            _refuse_not_finite(value)
+        elif isinstance(value, float | np.ndarray) and not np.all(np.isfinite(value)):
+            raise ValueError(f"{name} is not finite")
 
 
 def _restore_record(record: Record, state: State) -> None:
@@ -241,7 +255,7 @@ def _restore_waveforms(waveforms: Waveforms, state: State) -> None:
     fault_ns, period_ns, waveforms.boot_ns = times_ns.tolist()
     oldest_ns = fault_ns - waveforms.memory * SAMPLE_NS
     ascend = len(rows) == 0 or (oldest_ns <= start_ns[0] and np.all(np.diff(start_ns) > 0.0))
-    if not (ascend and np.all(np.isfinite(rows)) and np.all(np.abs(times_ns) < _MOST) and period_ns > 0):
+    if not (ascend and np.all(np.abs(times_ns) < _MOST) and period_ns > 0):
         raise ValueError("the pulses of the waveforms cannot be")
     open_v, on_time_us = generator.tolist()
     waveforms.frozen = RecentPulses(rows.view(PULSE)[:, 0], fault_ns, period_ns, open_v, on_time_us)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import subprocess
 import sys
 from typing import TYPE_CHECKING
@@ -12,6 +14,12 @@ import pytest
 from edmctl.core import build
 from edmctl.core.library import library, loaded
 from edmctl.errors import PreconditionError
+from edmctl.jobs import batch
+from edmctl.jobs.parallel import silent_program
+from edmctl.jobs.plan import JobRequest
+from edmctl.jobs.study import running
+from edmctl.jobs.study.study import Study
+from edmctl.jobs.surroundings import Unobserved
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -76,6 +84,14 @@ def test_without_a_compiler_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch, 
         ("false", "E8093", "false does not run: with --version it ends with exit code 1."),
         ("'cc", "E8093", "No closing quotation"),
         ("true", "E8094", "true made no library."),
+        ("sh -c 'printf \"\\351\"; exit 3'", "E8093", "with --version it ends with exit code 3."),
+        ("sh -c '[ $0 = --version ] || kill -9 $$'", "E8094", "was killed by signal 9."),
+        ("sh -c '[ $0 = --version ] || exit 4'", "E8094", "ends with exit code 4."),
+        (
+            "sh -c '[ $0 = --version ] || { printf \"no \\351\" >&2; exit 1; }'",
+            "E8094",
+            "could not be built: no \ufffd",
+        ),
     ],
 )
 def test_a_compiler_that_does_not_compile_is_told(
@@ -100,9 +116,21 @@ def test_a_damaged_library_is_built_anew_and_a_false_one_told(
     core: Build, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
-    (tmp_path / core.path.name).write_bytes(b"damaged")
+    place, other = tmp_path / core.path.name, build.built("float")
+    whole = core.path.read_bytes()
+    spoiled = {
+        "truncated": whole[:20_000],
+        "zeros": whole[:20_000] + bytes(20_000) + whole[40_000:],
+        "other": other.path.read_bytes(),
+    }
+    for content in spoiled.values():
+        place.write_bytes(content)
+        build.hash_file(place).write_bytes(build.hash_file(core.path).read_bytes())
+        assert not build.is_whole(place)
     again = loaded.__wrapped__("double")
-    assert (again.build.is_new, again.real_bytes()) == (True, 8)
+    assert (again.build.is_new, again.real_bytes(), build.is_whole(place)) == (True, 8, True)
+    build.hash_file(place).unlink()
+    assert loaded.__wrapped__("double").build.is_new
     false = tmp_path / "false-cc"
     false.write_text('#!/bin/sh\nfor last; do :; done\n[ "$1" = --version ] || echo no >"$last"\n')
     false.chmod(0o755)
@@ -110,3 +138,81 @@ def test_a_damaged_library_is_built_anew_and_a_false_one_told(
     with pytest.raises(PreconditionError, match="cannot be loaded") as caught:
         loaded.__wrapped__("double")
     assert caught.value.code == "E8094"
+
+
+def test_a_wrong_library_of_the_package_stays_and_one_of_the_cache_is_used(
+    core: Build, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Whether its hash is wrong, or it is another system's with the right hash."""
+    wrong = tmp_path / f"_core{build.SUFFIX}"
+    monkeypatch.setattr(build, "packaged", lambda *_: wrong)
+    wrong.write_bytes(b"")
+    assert loaded.__wrapped__("double").build.path == core.path
+    build.hash_file(wrong).write_bytes(build._hash_line(wrong, b""))
+    assert build.found().path == wrong
+    assert loaded.__wrapped__("double").build.path == core.path
+    assert wrong.is_file()
+
+
+def test_a_whole_library_that_cannot_be_read_for_the_moment_stays(
+    core: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def busy(*_: object, **__: object) -> None:
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr("ctypes.CDLL", busy)
+    monkeypatch.setattr("subprocess.run", busy)
+    with pytest.raises(PreconditionError, match="Too many open files"):
+        loaded.__wrapped__("double")
+    assert build.is_whole(core.path)
+
+
+def test_sources_are_regular_files_and_absent_ones_are_reported(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    sources, digest = tmp_path / "firmware", build.digest_of("double")
+    shutil.copytree(build.source_folder(), sources, ignore=shutil.ignore_patterns("sim", "board"))
+    monkeypatch.setattr(build, "source_folder", lambda: sources)
+    (sources / "plant" / ".#plant.c").symlink_to("user@host.1")
+    (sources / "plant" / ".plant.c").write_text("no C", encoding="utf-8")
+    (sources / "core" / "x.c").mkdir()
+    assert build.digest_of("double") == digest
+    assert build.built(environ={build.CACHE_VARIABLE: str(tmp_path / "cache")}).is_new
+    shutil.rmtree(sources)
+    with pytest.raises(
+        PreconditionError, match=r"sources of edmctl are absent .*: .*firmware: No such file"
+    ) as caught:
+        build.digest_of("double")
+    assert (caught.value.code, "--force-reinstall edmctl" in caught.value.hint) == ("E8094", True)
+
+
+def test_a_blank_cc_is_none_and_old_folders_of_builds_are_removed(tmp_path: Path) -> None:
+    old, new = tmp_path / "building-old", tmp_path / "building-new"
+    for folder in (old, new):
+        folder.mkdir()
+        (folder / "left.o").write_bytes(b"")
+    os.utime(old, (0.0, 0.0))
+    made = build.built(environ={"CC": "   ", build.CACHE_VARIABLE: str(tmp_path)})
+    assert made.is_new
+    assert (old.exists(), new.exists()) == (False, True)
+
+
+def test_without_a_compiler_a_series_ends_before_its_first_run(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def lacking() -> None:
+        raise PreconditionError("There is no C compiler.", hint="Install one.", code="E8093")
+
+    class Counts(Unobserved):
+        def runs(self, done: int, total: int) -> None:
+            pytest.fail(f"{done} of {total} runs were announced")
+
+    monkeypatch.setattr(batch, "library", lacking)
+    monkeypatch.setattr(running, "library", lacking)
+    task = batch.Task(JobRequest("cu270", (), None, None), 1, None, "a")
+    with pytest.raises(PreconditionError, match="no C compiler"):
+        batch.perform_all([task, task], silent_program(), Counts(), lambda *_: pytest.fail("a run was made"))
+    study = Study.load("taguchi-l9").start(tmp_path / "study")
+    with pytest.raises(PreconditionError, match="no C compiler"):
+        study.run(observer=Counts())
+    assert len(study.ask(9)) == 9

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.core.build import is_whole
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -41,6 +43,10 @@ def test_a_wheel_has_every_source_and_no_emulator(tmp_path: Path) -> None:
     )
     (wheel,) = tmp_path.glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
+    core = [name for name in names if name.startswith("edmctl/core/_core-")]
+    zipfile.ZipFile(wheel).extractall(tmp_path, core)
+    (library,) = (tmp_path / name for name in core if not name.endswith(".sha256"))
+    assert is_whole(library)
     assert sorted(set(_sources()) - set(names)) == []
     assert [name for name in names if EMULATOR in Path(name).parts] == []
     assert [name for name in names if "unicorn" in zipfile.ZipFile(wheel).read(name).decode("latin-1")] == [

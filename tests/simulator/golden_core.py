@@ -96,6 +96,8 @@ def use_library_built_with(flags: str, folder: Path) -> None:
 
 def use_library(file: Path) -> None:
     """Use a library in this process, which has loaded none yet."""
+    if not build.is_whole(file):
+        raise ValueError(f"{file} is not a library with its hash beside it")
     build.packaged = lambda *_: file
 
 

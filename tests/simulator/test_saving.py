@@ -192,6 +192,8 @@ def test_a_bench_without_a_sensor_and_a_long_serial_come_back() -> None:
         lambda state: state["config"].update(cell_um=1e-6),
         lambda state: state["plant"].update(position_um=np.full(2, math.inf)),
         lambda state: state["plant"]["random"]["pulse"].fill(1.0),
+        lambda state: state["plant"]["reported"].__setitem__(0, math.nan),
+        lambda state: state["config"].update(thickness_um=math.nan),
         lambda state: state["controller"]["kept"]["numbers"].update(fault=12345),
     ],
 )
@@ -275,7 +277,7 @@ def test_waveforms_that_are_not_those_of_the_fault_are_refused(rig: RigMaker) ->
     for spoil in spoils:
         spoiled = deepcopy(state)
         spoil(spoiled["controller"])
-        with pytest.raises(RunFileError, match="waveforms"):
+        with pytest.raises(RunFileError, match="waveform"):
             restored_bench(spoiled)
 
 

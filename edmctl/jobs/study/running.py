@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+from edmctl.core.library import library
 from edmctl.dataclasses import dataclass
 from edmctl.errors import UsageError
 from edmctl.jobs.parallel import Lost, Pool, Program, perform
@@ -80,7 +81,7 @@ def run_virtual(
     Rows are on disk when they are counted. `pool` takes them side by side; without, this process makes them.
 
     Raises UsageError E2108 where runs of the study are on a machine that lasts, PreconditionError E8201 where
-    another command runs the part, and what `evaluate` raises.
+    another command runs the part, E8093 or E8094 where the library cannot be built, and what `evaluate` raises.
     """
     with folder.claimed(shard.name), folder.writer() as writer:
         state = folder.read()
@@ -88,6 +89,7 @@ def run_virtual(
         left = open_runs(state, shard)
         if not left:
             return 0
+        library()  # built by this process, once
         tasks = [task_of(folder, run) for run in left]
         if tasks[0].folder is not None:
             tasks[0].folder.mkdir(exist_ok=True)
