@@ -17,6 +17,7 @@ import pytest
 
 from benchmarks.processors import OTHER
 from edmctl.core import build
+from edmctl.core.library import library
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.plant import Plant
 from tests.firmware.test_garbage import program
@@ -184,6 +185,40 @@ def test_an_arm_processor_gives_the_same_bytes(tmp_path: Path) -> None:
     subprocess.run(crossed, check=True)
     work = ["7", "20000", "2000"]
     assert said_by([hostile[-1], *work]) == said_by([emulator, crossed[-1], *work])
+
+
+LOADER = """
+#include <stdio.h>
+#include <windows.h>
+int main(int n, char **words) {
+    HMODULE library = LoadLibraryA(words[1]);
+    const char *(*sources)(void) = (void *)GetProcAddress(library, "edm_sources");
+    double (*power)(double, double) = (void *)GetProcAddress(library, "edm_pow");
+    printf("%s %a", sources(), power(1.7, n + 0.3));
+    return 0;
+}
+"""
+
+
+@pytest.mark.full
+def test_the_library_for_windows_loads_and_calculates(tmp_path: Path) -> None:
+    """Under wine, in a program that is built with it: there is no Python for Windows here. It takes minutes."""
+    need_package("ziglang")
+    if (wine := shutil.which("wine64") or shutil.which("wine")) is None:
+        pytest.skip("there is no wine (package wine64)")
+    windows = (*build.ZIG, "--target=x86_64-windows-gnu")
+    made, source = tmp_path / "core.dll", tmp_path / "loader.c"
+    build.compile_library(windows, made)
+    source.write_text(LOADER)
+    program = tmp_path / "loader.exe"
+    subprocess.run([*windows, str(source), "-o", str(program)], check=True)
+    environ = {**os.environ, "WINEPREFIX": str(tmp_path / "wine"), "WINEDEBUG": "-all"}
+    done = subprocess.run(
+        [wine, str(program), str(made)], env=environ, capture_output=True, text=True, check=True
+    )
+    sources, power = done.stdout.split()
+    assert sources == build.digest_of("double")
+    assert float.fromhex(power) == library().pow(1.7, 2.3)
 
 
 def said_by(command: list[str]) -> str:
