@@ -135,14 +135,19 @@ def wear(axes: Axes, trials: Trials) -> None:
     """Wear over the on-time, for both polarities."""
     times_us = [30.0, 75.0, 130.0, 180.0, 240.0, 300.0]
     for polarity in ("tool-negative", "tool-positive"):
-        same = (f'pulse.polarity="{polarity}"', "wear.expected_ratio=0.5")
-        made = trials.tried(20.0, *((*pulses(t, 100.0), *same) for t in times_us))
 
         def expected(t: float, polarity: str = polarity) -> float:
             return mean_of(
                 on_time_us=t, off_time_us=100.0, tool_negative=polarity == "tool-negative"
             ).wear_ratio
 
+        made = trials.tried(
+            20.0,
+            *(
+                (*pulses(t, 100.0), f'pulse.polarity="{polarity}"', f"wear.expected_ratio={expected(t):.3f}")
+                for t in times_us
+            ),
+        )
         drawn(axes, times_us, made, expected, lambda one: one.theta, polarity)
     axes.set(xlabel="on-time, µs", ylabel="wear, volume per volume", title="tool wear, 100 µs off")
     axes.set_yscale("log")
