@@ -178,7 +178,9 @@ def wrong_touch(
     seen_um = samples.displacement_um[dwell]
     if len(seen_um) < LEAST_SAMPLES:
         return ""
-    if not np.any(samples.flags[dwell] & TelemetryFlag.CONTACT):
+    # The event may come before the last samples of the dwell, in which contact opens and closes.
+    is_whole = float(samples.time_s[-1]) >= event.time_s + request.dwell_s
+    if is_whole and not np.any(samples.flags[dwell] & TelemetryFlag.CONTACT):
         return f"a touch at {told_um:.2f} µm, and no sample in contact"
     if contradicts_samples(told_um, seen_um):
         return f"a touch at {told_um:.2f} µm, the samples of it at {float(seen_um.mean()):.2f} µm"

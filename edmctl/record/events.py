@@ -33,6 +33,7 @@ class RecordedCode(IntEnum):
     JUMP_DONE = 5
     TOUCH = 6
     FACE_FITTED = 112
+    CUT_PLANNED = 120
     SITE_MEASURED = 130
     LEFT_UNMEASURED = 133
     SITE_ESTIMATED = 134

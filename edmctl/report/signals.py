@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.record import layout
-from edmctl.record.events import RecordedState
+from edmctl.record.events import RecordedCode, RecordedState, recorded_events
 from edmctl.record.reader import RunFile
 
 Floats = NDArray[np.floating]
@@ -217,9 +217,17 @@ def intervals(time_s: Array) -> list[slice]:
 
 
 def cuts_s(run: RunFile) -> Array:
-    """Return begin and end of each interval of cutting, shape (n, 2), s, with what its first row covers."""
+    """Return begin and end of each interval of cutting, shape (n, 2), s.
+
+    It begins with the cut, or where that was not recorded with what the first row covers.
+    """
     time_s = run.column(layout.SLOW.path, "time").astype(np.float64)
-    ends = [(max(time_s[part][0] - ROW_S, 0.0), time_s[part][-1]) for part in intervals(time_s)]
+    planned_s = np.array([event.time_s for event in recorded_events(run, RecordedCode.CUT_PLANNED)])
+    ends: list[tuple[float, float]] = []
+    for part in intervals(time_s):
+        first_s = time_s[part][0]
+        before_s = planned_s[(planned_s <= first_s) & (planned_s > first_s - ROW_S)]
+        ends.append((max(first_s - ROW_S, 0.0, *before_s), time_s[part][-1]))
     return np.array(ends, np.float64).reshape(-1, 2)
 
 

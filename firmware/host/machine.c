@@ -53,8 +53,11 @@ void edm_machine_advance(int64_t ticks, bool wakes, int64_t due, const struct ma
             h->callbacks.follow(happened == LOOK);
         }
         edm_host_conclude(h, happened == LOOK ? 0 : happened);
-        if (r->tick >= due && (due = h->callbacks.due()) <= r->tick) {
-            break;
+        if (r->tick >= due) {
+            due = h->callbacks.due();
+            if (due <= r->tick) {
+                break;
+            }
         }
         h->inputs.monitor_v = m->unit->monitor_gain * m->plant->amplifier_v + m->unit->monitor_zero_v;
         if (h->seen.watched) {

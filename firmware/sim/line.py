@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.link.messages import Heartbeat, PulseBlocks, Pulses
+from edmctl.link.messages import Heartbeat, PulseBlocks, Pulses, Tlm
 
 from .addresses import (
     DMA1,
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
 LINE_BYTES = 1 << 16
 """Bytes that wait for the chip; a power of two."""
-UNHURRIED = (Pulses.ID, PulseBlocks.ID, Heartbeat.ID | 0x40)
-"""Types of frames that end no wait. Samples do, calm or not."""
+UNHURRIED = (Tlm.ID, Pulses.ID, PulseBlocks.ID, Heartbeat.ID | 0x40)
+"""Types of frames that nobody waits for."""
 TC = 1 << 6
 """Of USART_SR: transmission complete."""
 _OVER8, _RX_REQUESTS, _TX_REQUESTS = 1 << 15, 1 << 6, 1 << 7  # of CR1 and CR3
@@ -70,6 +70,7 @@ def note_frame(bench: Bench, value: int) -> None:
             bench.frame_type == UNHURRIED[0]
             or bench.frame_type == UNHURRIED[1]
             or bench.frame_type == UNHURRIED[2]
+            or bench.frame_type == UNHURRIED[3]
         ):
             bench.urgent = 1
         bench.frame_bytes = 0
