@@ -53,8 +53,8 @@ struct edm_host {
 };
 
 void edm_host_begin(struct edm_host *h);
-EDM_EXPORT void edm_host_conclude(struct edm_host *h, int64_t happened);
-EDM_EXPORT void edm_host_watch(struct edm_host *h);
+void edm_host_conclude(struct edm_host *h, int64_t happened);
+void edm_host_watch(struct edm_host *h);
 int64_t edm_host_slice_end(const struct edm_host *h);
 bool host_samples_are_urgent(struct edm_host *h);
 bool host_merge_samples(struct edm_host *h, const uint8_t *frame, size_t size);

@@ -39,8 +39,8 @@ int64_t edm_machine_run(int64_t ticks, const struct machine *m, struct edm_host 
 }
 
 /* Advance by `ticks` ms with all that is due meanwhile; stops early when a memory for what is sent is half full and,
- * with `wakes`, when something was sent that the host answers. The model is
- * asked at tick `due` and at those that it names; it stops the advance by naming none later. */
+ * with `wakes`, when something was sent that the host answers. The model is asked at tick `due` and at those that it
+ * names; it stops the advance by naming none later. */
 void edm_machine_advance(int64_t ticks, bool wakes, int64_t due, const struct machine *m, struct edm_host *h) {
     const struct readings *r = m->readings;
     int64_t end = r->tick + ticks;
