@@ -15,7 +15,7 @@ from edmctl.core.build import TARGETS
 
 def main(arguments: list[str]) -> int:
     """Build; return the exit code."""
-    if not arguments or not set(arguments[1:]) <= TARGETS.keys():
+    if not arguments or arguments[0].startswith("-") or not set(arguments[1:]) <= TARGETS.keys():
         sys.stderr.write(
             f"usage: python -m tools.wheels FOLDER [TARGET ...]\ntargets: {', '.join(TARGETS)}\n"
         )

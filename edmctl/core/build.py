@@ -50,6 +50,7 @@ _FLAGS: tuple[str, ...] = (
     "-fPIC",
     "-shared",
     "-fvisibility=hidden",
+    "-fno-semantic-interposition",
 )
 """None changes a result: -fno-trapping-math lets both sides of a choice be calculated, no other sums."""
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")

@@ -29,6 +29,8 @@ PACK = 12
 """Bits of each count in `Seen.tick_counts`."""
 BOX_TICKS = 2048
 """Milliseconds of the black box."""
+SAMPLES_BYTES = 262144
+"""Room for the merged samples of an advance; it ends when half of it is full."""
 
 
 @record
@@ -90,6 +92,18 @@ class Seen(Record):
     watched: int  # written by the caller: the host waits, and is heard without heartbeats
     merges: int  # written by the caller: samples are taken from `samples_at`, without frames
     sample_bytes: int
+
+
+@record
+class Merged(Record):
+    """Head of consecutive TLM frames of one period without a gap; their records follow."""
+
+    counter: int  # of the last frame
+    t0_us: int
+    period_us: int
+    samples: int
+    dropped: int
+    frames: int
 
 
 @record

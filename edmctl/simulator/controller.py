@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from edmctl.core.library import CALLBACKS, Callbacks, Kept, Seen, library
+from edmctl.core.library import CALLBACKS, SAMPLES_BYTES, Callbacks, Kept, Merged, Seen, library
 from edmctl.link.faults import FaultCode
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import ResetCause, State, Tlm
@@ -27,13 +27,7 @@ from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.unit import BLOCK
 from edmctl.simulator.waveforms import Waveforms
 
-LOOK = 99
-"""Happened beside what the core reports: the stages moved or the sheet gave way (firmware/host/machine.c)."""
-_MERGED = struct.Struct("=6q")
-"""Head of merged samples: struct merged of firmware/host/host.h."""
 _INPUTS = struct.Struct("=5q3d")
-HALF_OF_SAMPLES = 131072
-"""Bytes of merged samples, half of what the core has room for: SAMPLES_BYTES of firmware/host/host.h."""
 FRAME_TICKS = 100
 """A host that waits sees what is wrong with its samples as soon as on a live line."""
 MOST_AT_ONCE = 4096
@@ -206,7 +200,7 @@ class Controller:
             "wave_forget": lambda kept: self.waveforms.thaw() if kept else self.waveforms.forget(),
             "wave_read": self._read_waveforms,
             "follow": self._follow,
-            "due": self._see_to_what_is_due,
+            "due": self._handle_due,
         }
         self._callbacks = Callbacks(*(kind(self._guarded(acts[name])) for name, kind in CALLBACKS.items()))
         drive, readings = self.plant.drive, self.plant.readings
@@ -353,9 +347,9 @@ class Controller:
             self._read_inputs()
             self._library.machine_advance(min(most, left), wakes, self._due(), plant.in_c().place, self._at)
             self._after_call()
-            if self.seen.sample_bytes >= HALF_OF_SAMPLES:
+            if self.seen.sample_bytes >= SAMPLES_BYTES // 2:
                 self._merge()
-            if wakes and (self.seen.urgent or self._is_host_misled):
+            if wakes and (self.seen.urgent or self._wait_must_be_short):
                 break
         return self.tick - end + ticks
 
@@ -380,15 +374,15 @@ class Controller:
         now = self.tick
         return min(self.injector.next_tick(now), self.plant.chips.next_tick(now) or NEVER)
 
-    def _see_to_what_is_due(self) -> int:
+    def _handle_due(self) -> int:
         self._note_begun()
         self.injector.apply_due(self.tick)
         self.plant.chips.look()
         self._read_inputs()
-        return 0 if self._is_host_misled else max(self._due(), self.tick + 1)
+        return 0 if self._wait_must_be_short else max(self._due(), self.tick + 1)
 
     @property
-    def _is_host_misled(self) -> bool:
+    def _wait_must_be_short(self) -> bool:
         """Whether a host that waits is to look sooner: at its samples, or at a line that needs heartbeats now."""
         return self.telemetry.is_broken or bool(self.seen.watched and self.injector.line.is_damaged)
 
@@ -438,10 +432,20 @@ class Controller:
             return
         data, at = ctypes.string_at(self._at + self._library.samples_at(), size), 0
         while at < size:
-            counter, frames, t0_us, period_us, n, dropped = _MERGED.unpack_from(data, at)
-            end = at + _MERGED.size + n * Tlm.record_dtype().itemsize
-            records = data[at + _MERGED.size : end]
-            self._samples.append(MergedTlm(counter, t0_us, period_us, n, dropped, records, frames))
+            head = Merged.from_buffer_copy(data, at)
+            at += ctypes.sizeof(Merged)
+            end = at + head.samples * Tlm.record_dtype().itemsize
+            self._samples.append(
+                MergedTlm(
+                    head.counter,
+                    head.t0_us,
+                    head.period_us,
+                    head.samples,
+                    head.dropped,
+                    data[at:end],
+                    head.frames,
+                )
+            )
             at = end
 
     def last_samples(self) -> bytes:

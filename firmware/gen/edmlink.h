@@ -783,6 +783,14 @@ static inline void tlm_record_write(uint8_t *p, const struct tlm_record *m) {
     put_u8(p + 15, m->flags);
 }
 _Static_assert(TLM_RECORD_SIZE == 16 && 16 <= MAX_PAYLOAD, "TLM_RECORD");
+static inline void tlm_read(struct tlm *m, const uint8_t *p) {
+    m->counter = get_u16(p + 0);
+    m->t0_us = get_u32(p + 2);
+    m->period_us = get_u16(p + 6);
+    m->n = get_u8(p + 8);
+    m->dropped = get_u8(p + 9);
+}
+_Static_assert(TLM_SIZE == 10 && 10 <= MAX_PAYLOAD, "TLM");
 
 /* Repeated until acknowledged by HEARTBEAT.last_event. */
 #define EVENT_SIZE 18

@@ -7,17 +7,6 @@
 #include "host_records.h"
 
 #define OUT_BYTES 262144 /* 256 KiB */
-#define SAMPLES_BYTES 262144
-
-/* Consecutive TLM frames of one period without a gap; their records follow. */
-struct merged {
-    int64_t counter; /* of the last frame */
-    int64_t frames;
-    int64_t t0_us;
-    int64_t period_us;
-    int64_t samples;
-    int64_t dropped;
-};
 
 /* library.Callbacks: what only the machine's model can do; none is called within a tick. */
 struct host_callbacks {

@@ -6,6 +6,7 @@
 
 #define BOX_TICKS 2048
 #define PACK 12
+#define SAMPLES_BYTES 262144
 
 struct inputs {
     int64_t estop;
@@ -63,6 +64,16 @@ struct seen {
     int64_t sample_bytes;
 };
 _Static_assert(sizeof(struct seen) == 328, "seen");
+
+struct merged {
+    int64_t counter;
+    int64_t t0_us;
+    int64_t period_us;
+    int64_t samples;
+    int64_t dropped;
+    int64_t frames;
+};
+_Static_assert(sizeof(struct merged) == 48, "merged");
 
 struct kept {
     int64_t fault;

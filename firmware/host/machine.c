@@ -2,7 +2,7 @@
  * judges, the plant follows. */
 #include "host.h"
 
-#define LOOK 99 /* edmctl/simulator/controller.py: the work under the tool has to be looked up again */
+#define LOOK 99 /* happened beside what the core reports: the stages moved or the sheet gave way */
 
 #define BEAT_TICKS 50 /* the host of a live line sends heartbeats so often */
 

@@ -32,23 +32,22 @@ bool host_merge_samples(struct edm_host *h, const uint8_t *frame, size_t size) {
     if (!frame_end(&receiver, &plain)) {
         return false;
     }
-    const uint8_t *head = plain.payload; /* struct tlm of gen/edmlink.h */
-    uint32_t t0_us = get_u32(head + 2);
-    uint16_t period_us = get_u16(head + 6);
-    int64_t n = head[8], dropped = head[9];
+    struct tlm head;
+    tlm_read(&head, plain.payload);
     struct merged *last = (struct merged *)(h->samples + h->merged_at);
-    bool goes_on = h->seen.sample_bytes > 0 && dropped == 0 && period_us == last->period_us &&
-                   t0_us == (uint32_t)(last->t0_us + last->samples * last->period_us);
+    bool goes_on = h->seen.sample_bytes > 0 && head.dropped == 0 && head.period_us == last->period_us &&
+                   head.t0_us == (uint32_t)(last->t0_us + last->samples * last->period_us);
     if (!goes_on) {
         h->merged_at = (size_t)h->seen.sample_bytes;
         last = (struct merged *)(h->samples + h->merged_at);
-        *last = (struct merged){.t0_us = t0_us, .period_us = period_us, .dropped = dropped};
+        *last = (struct merged){.t0_us = head.t0_us, .period_us = head.period_us, .dropped = head.dropped};
         h->seen.sample_bytes += (int64_t)sizeof *last;
     }
-    last->counter = get_u16(head);
+    last->counter = head.counter;
     last->frames++;
-    last->samples += n;
-    memcpy(h->samples + h->seen.sample_bytes, plain.payload + TLM_SIZE, (size_t)n * TLM_RECORD_SIZE);
-    h->seen.sample_bytes += n * TLM_RECORD_SIZE;
+    last->samples += head.n;
+    size_t bytes = (size_t)head.n * TLM_RECORD_SIZE;
+    memcpy(h->samples + h->seen.sample_bytes, plain.payload + TLM_SIZE, bytes);
+    h->seen.sample_bytes += (int64_t)bytes;
     return true;
 }

@@ -1,6 +1,7 @@
 """Writes what is made from data files and models: `python -m tools.generate [--check]`, from the project's folder.
 
-Made are edmctl/link/messages.py, firmware/gen/, the marked parts of pages in docs/ and the block diagram of one.
+Made are edmctl/link/messages.py, headers and tables in firmware/, the marked parts of pages in docs/ and the block
+diagram of one.
 With --check nothing is written; the exit code is 1 where a file is out of date.
 """
 
@@ -9,9 +10,10 @@ from __future__ import annotations
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 from edmctl.link.faults import FAULTS
-from edmctl.link.schema import SCHEMA_PATH, load_schema
+from edmctl.link.schema import SCHEMA_PATH, Schema, load_schema
 from tools.generate import (
     actuator_page,
     faults_page,
@@ -31,21 +33,28 @@ from tools.generate.text import filled, formatted
 _ROOT = Path(__file__).parents[2]
 
 
-def _headers() -> dict[Path, str]:
-    """Return the headers of records, which the library is built with that pages need."""
+def _schema_and_faults() -> tuple[Schema, list[dict[str, Any]]]:
+    faults = tomllib.loads(SCHEMA_PATH.with_name("faults.toml").read_text(encoding="utf-8"))["fault"]
+    return load_schema(), [{**row, "hint": FAULTS[row["code"]].hint} for row in faults]
+
+
+def _sources() -> dict[Path, str]:
+    """Return what the library is built with; pages need the library."""
     firmware_folder = _ROOT / "firmware"
+    schema, faults = _schema_and_faults()
     return {
+        _ROOT / "edmctl" / "link" / "messages.py": formatted(messages_source(schema)),
+        firmware_folder / "gen" / "edmlink.h": firmware.header(schema, faults),
+        firmware_folder / "gen" / "edmlink.c": firmware.tables(schema),
         firmware_folder / "plant" / "plant_records.h": shared_records.plant_header(),
         firmware_folder / "math" / "tables.h": math_tables.header(),
         firmware_folder / "host" / "host_records.h": shared_records.host_header(),
     }
 
 
-def _others() -> dict[Path, str]:
-    """Return what each other generated file must hold."""
-    schema = load_schema()
-    faults = tomllib.loads(SCHEMA_PATH.with_name("faults.toml").read_text(encoding="utf-8"))["fault"]
-    faults = [{**row, "hint": FAULTS[row["code"]].hint} for row in faults]
+def _pages() -> dict[Path, str]:
+    """Return what each page and picture must hold."""
+    schema, faults = _schema_and_faults()
     parts = {
         "protocol.md": protocol_page.tables(schema, faults),
         "faults.md": {"faults": faults_page.sections(schema, faults)},
@@ -55,14 +64,8 @@ def _others() -> dict[Path, str]:
         "study.md": study_page.tables(),
         "build-the-machine.md": machine_page.tables(),
     }
-    link, docs = _ROOT / "edmctl" / "link", _ROOT / "docs"
-    made = {
-        link / "messages.py": formatted(messages_source(schema)),
-        _ROOT / "firmware" / "gen" / "edmlink.h": firmware.header(schema, faults),
-        _ROOT / "firmware" / "gen" / "edmlink.c": firmware.tables(schema),
-        docs / "images" / "build-the-machine.svg": machine_diagram.picture(),
-    }
-    return made | {
+    docs = _ROOT / "docs"
+    return {docs / "images" / "build-the-machine.svg": machine_diagram.picture()} | {
         docs / name: filled((docs / name).read_text(encoding="utf-8"), made_parts)
         for name, made_parts in parts.items()
     }
@@ -75,7 +78,7 @@ def main(arguments: list[str]) -> int:
         sys.stderr.write("usage: python -m tools.generate [--check]\n")
         return 2
     stale = 0
-    for wanted in (_headers, _others):
+    for wanted in (_sources, _pages):
         for path, text in wanted().items():
             if path.exists() and path.read_text(encoding="utf-8") == text:
                 continue

@@ -89,6 +89,8 @@ def header(schema: Schema, faults: Sequence[Mapping[str, object]]) -> str:
             parts.append(_written(f"{name}_REPLY", message.reply, f"Reply to {name}."))
         if message.unsolicited is not None and not _has_text(message.unsolicited):
             parts.append(_written(name, message.unsolicited, message.note))
+            if name == "TLM":  # a host in the same process takes samples out of their frames
+                parts.append(_reader(name, message.unsolicited))
     params = sorted(schema.params, key=lambda p: p.id)
     names = "".join(f"    PARAM_{p.name.upper()},  /* {_param_note(p)} */\n" for p in params)
     parts.append(_TABLES.format(names=names, schema_bytes=len(_compressed(schema))))

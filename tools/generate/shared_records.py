@@ -41,6 +41,7 @@ _CONSTANTS = {
 _HOST_RECORDS: dict[str, type[Record]] = {
     "inputs": library.Inputs,
     "seen": library.Seen,
+    "merged": library.Merged,
     "kept": library.Kept,
 }
 _HEAD = """\
@@ -60,7 +61,7 @@ def plant_header() -> str:
 
 def host_header() -> str:
     """Return the records of the controller in a process."""
-    constants = {"BOX_TICKS": library.BOX_TICKS, "PACK": library.PACK}
+    constants = {name: getattr(library, name) for name in ("BOX_TICKS", "PACK", "SAMPLES_BYTES")}
     return _header("HOST", "edmctl/core/library.py", constants, _HOST_RECORDS)
 
 
