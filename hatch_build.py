@@ -38,8 +38,9 @@ class CoreHook(BuildHookInterface[Any]):
         command = build.compiler(os.environ.get("CC", "")) if target is None else target.command
         place = build.packaged(build.digest_of("double"), build.SUFFIX if target is None else target.suffix)
         library = place if version == "editable" else Path(self._made.name) / place.name
-        for other in place.parent.glob("_core-*"):
-            other.unlink()
+        if version == "editable":
+            for other in place.parent.glob("_core-*"):
+                other.unlink()
         build.compile_library(command, library)
         if version != "editable":
             for file in (library, build.hash_file(library)):

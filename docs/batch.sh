@@ -8,7 +8,7 @@ export EDMCTL_PORT=sim:bench.h5
 edmctl calibrate --json > calibration.json
 
 # Where the tool that is in the machine meets the pad. Later touches are compared with it.
-edmctl measure-wear --reference
+edmctl measure-wear --reference --profile cu150
 
 # Each hole gets the next free place. A tool without a reference takes the first touch of its job for one.
 for p in cu150 cu270; do edmctl machine --profile $p --out runs --json >> results.jsonl || exit; done

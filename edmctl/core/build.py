@@ -43,7 +43,8 @@ _COMPILERS = ("cc", "gcc", "clang")
 _FLAGS: tuple[str, ...] = (
     "-std=c11",
     "-O3",
-    "-fno-fast-math",  # behind CC's own words
+    "-fno-fast-math",  # behind CC's own words, as the next one
+    "-fno-unsafe-math-optimizations",
     "-ffp-contract=off",
     "-fno-math-errno",
     "-fno-trapping-math",

@@ -23,7 +23,7 @@ from typing import Any
 
 from edmctl.array_types import Array
 from edmctl.core.build import Build, built, failed, found
-from edmctl.core.records import Record, record, series
+from edmctl.core.records import RECORD_BYTES, Record, record, series
 
 PACK = 12
 """Bits of each count in `Seen.tick_counts`."""
@@ -231,6 +231,11 @@ class Library:
         self.loaded.edm_sources.restype = c_char_p
         if (sources := self.loaded.edm_sources()) != build.sources.encode():
             raise OSError(f"it was built from other sources ({sources!r})")
+        self.loaded.edm_records.restype = c_char_p
+        said = self.loaded.edm_records().decode().split()
+        compiled = dict(zip(said[::2], map(int, said[1::2]), strict=True))
+        if other := [name for name, size in RECORD_BYTES.items() if compiled.get(name, size) != size]:
+            raise OSError(f"its records {', '.join(other)} have other sizes; run `python -m tools.generate`")
 
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(name)

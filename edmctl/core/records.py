@@ -67,6 +67,9 @@ class Record(ctypes.Structure):
         return type(self).from_buffer_copy(self)
 
 
+RECORD_BYTES: dict[str, int] = {}
+"""Sizes of the records that were declared, by the name of the class."""
+
 _R = TypeVar("_R", bound=Record)
 
 
@@ -76,4 +79,5 @@ def record(cls: type[_R]) -> type[_R]:
     cls.pointers = {name: one.declared for name, one in declared.items() if isinstance(one, _Address)}
     kinds = {name: None if name in cls.pointers else declared.get(name) for name in cls.__annotations__}
     cls._fields_ = [(name, kinds[name] or _KINDS[kind]) for name, kind in cls.__annotations__.items()]
+    RECORD_BYTES[cls.__name__] = ctypes.sizeof(cls)
     return cls

@@ -34,8 +34,8 @@ class Task:
     seed: int
     out: Path | None
     run_id: str
-    recipe: str = ""
-    """Hashes of the recipe and of the `[sim]` table in effect."""
+    recipes: tuple[str, ...] = ("",)
+    """Hashes of the recipe and of the `[sim]` table in effect, also as earlier versions made them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ def tasks_of(cases: Sequence[Case], first_seed: int, runs: int, out: Path | None
             seed,
             out,
             f"{plain_name(case.label)}-seed{seed}",
-            f"{case.plan.loaded.sha256} {case.plan.loaded.sim_sha256}",
+            tuple(" ".join(hashes) for hashes in case.plan.loaded.recipes),
         )
         for case in cases
         for seed in range(first_seed, first_seed + runs)

@@ -53,7 +53,7 @@ class SeriesRows:
 
     def keep(self, task: Task, run: SimulatedRun) -> None:
         """Write down a run that is finished."""
-        values = {"run_id": task.run_id, "recipe": task.recipe, "run": _without_nan(asdict(run))}
+        values = {"run_id": task.run_id, "recipe": task.recipes[0], "run": _without_nan(asdict(run))}
         self._writer.append(DONE, values)
 
     def finished(self, tasks: Sequence[Task]) -> dict[int, SimulatedRun]:
@@ -61,12 +61,12 @@ class SeriesRows:
 
         Raises PreconditionError E8213 where one was made by another recipe.
         """
-        recipes = {task.run_id: task.recipe for task in tasks}
+        recipes = {task.run_id: task.recipes for task in tasks}
         found: dict[str, SimulatedRun] = {}
         for line in self._lines:
             if line.get("row") != DONE or line.get("run_id") not in recipes:
                 continue
-            if line.get("recipe") != recipes[line["run_id"]]:
+            if line.get("recipe") not in recipes[line["run_id"]]:
                 raise PreconditionError(
                     f"The recipe of {line['run_id']} is not the one that its series was begun with.",
                     hint="Put profile and setup back as they were, or begin another series in another folder.",

@@ -179,7 +179,8 @@ def wrong_touch(
     if len(seen_um) < LEAST_SAMPLES:
         return ""
     # The event may come before the last samples of the dwell, in which contact opens and closes.
-    is_whole = float(samples.time_s[-1]) >= event.time_s + request.dwell_s
+    sample_s = float(samples.time_s[-1] - samples.time_s[-2])
+    is_whole = float(samples.time_s[-1]) + sample_s >= event.time_s + request.dwell_s
     if is_whole and not np.any(samples.flags[dwell] & TelemetryFlag.CONTACT):
         return f"a touch at {told_um:.2f} µm, and no sample in contact"
     if contradicts_samples(told_um, seen_um):

@@ -56,9 +56,10 @@ class LoadedProfile:
     stated: TomlTable
     """What the file, the files that it extends and the overrides state; all else are defaults or follows from it."""
 
-    def has_sim(self, sha256: str) -> bool:
-        """Return whether a hash is of this `[sim]`, whatever an earlier version called the controller."""
-        return sha256 in (self.sim_sha256, _sha256(self.sim))
+    @property
+    def recipes(self) -> tuple[tuple[str, str], ...]:
+        """Both hashes; then those of earlier versions, in which the controller in C was not the only one."""
+        return (self.sha256, self.sim_sha256), (self.sha256, _sha256(self.sim))
 
     def __repr__(self) -> str:
         changed = f", {len(self.overrides)} values overridden" if self.overrides else ""

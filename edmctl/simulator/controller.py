@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from edmctl.core.library import CALLBACKS, SAMPLES_BYTES, Callbacks, Kept, Merged, Seen, library
+from edmctl.core.library import CALLBACKS, SAMPLES_BYTES, Callbacks, Inputs, Kept, Merged, Seen, library
 from edmctl.link.faults import FaultCode
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import ResetCause, State, Tlm
@@ -27,7 +27,9 @@ from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.unit import BLOCK
 from edmctl.simulator.waveforms import Waveforms
 
-_INPUTS = struct.Struct("=5q3d")
+_INPUTS = struct.Struct(
+    "=" + "".join("q" if kind is ctypes.c_int64 else "d" for _, kind, *_ in Inputs._fields_)
+)
 FRAME_TICKS = 100
 """A host that waits sees what is wrong with its samples as soon as on a live line."""
 MOST_AT_ONCE = 4096

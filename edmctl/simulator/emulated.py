@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from edmctl.core.build import cache_folder, source_folder
+from edmctl.core.build import cache_folder, files_in, source_folder
 from edmctl.errors import PreconditionError
 from edmctl.firmware.board_build import build_board, toolchain
 from edmctl.firmware.boards import BOARDS
@@ -43,8 +43,8 @@ def image(compiler: str | None = None) -> Elf:
     """Return the board's image, built unless that was done before: in the folder where libraries are kept."""
     board = BOARDS["stm32f4"]
     digest = hashlib.sha256(repr(toolchain(board, compiler)).encode())
-    for path in sorted(source_folder().rglob("*.[chl]*")):
-        if path.suffix in (".c", ".h", ".ld"):
+    for pattern in ("**/*.[ch]", "**/*.ld"):
+        for path in files_in(source_folder(), pattern):
             digest.update(path.as_posix().encode() + path.read_bytes())
     kept = cache_folder(os.environ) / f"edmctl-{board.name}-{digest.hexdigest()[:16]}.elf"
     if not kept.is_file():

@@ -11,6 +11,7 @@
 #endif
 
 EDM_EXPORT const char *edm_sources(void);
+EDM_EXPORT const char *edm_records(void);
 EDM_EXPORT int64_t edm_machine_run(int64_t ticks, const struct machine *m, struct edm_host *h);
 EDM_EXPORT void edm_machine_advance(int64_t ticks, bool wakes, int64_t due, const struct machine *m,
                                     struct edm_host *h);
@@ -18,6 +19,11 @@ EDM_EXPORT void edm_machine_advance(int64_t ticks, bool wakes, int64_t due, cons
 /* Digest of the sources of this library. */
 const char *edm_sources(void) {
     return EDM_SOURCES;
+}
+
+/* Names and sizes of the records that Python shares. */
+const char *edm_records(void) {
+    return HOST_RECORDS " " PLANT_RECORDS;
 }
 
 /* Advance by up to `ticks` ms; stops early when something happened and returns what. There have to be random numbers
@@ -55,15 +61,12 @@ void edm_machine_advance(int64_t ticks, bool wakes, int64_t due, const struct ma
         edm_host_conclude(h, happened == LOOK ? 0 : happened);
         if (r->tick >= due) {
             due = h->callbacks.due();
-            if (due <= r->tick) {
-                break;
-            }
         }
         h->inputs.monitor_v = m->unit->monitor_gain * m->plant->amplifier_v + m->unit->monitor_zero_v;
         if (h->seen.watched) {
             h->core.heard_tick = r->tick - r->tick % BEAT_TICKS;
         }
         edm_host_watch(h);
-    } while (r->tick < end && h->seen.out_bytes < OUT_BYTES / 2 && h->seen.sample_bytes < SAMPLES_BYTES / 2 &&
+    } while (r->tick < end && r->tick < due && h->seen.out_bytes < OUT_BYTES / 2 && h->seen.sample_bytes < SAMPLES_BYTES / 2 &&
              !(wakes && h->urgent));
 }

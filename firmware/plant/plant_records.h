@@ -223,4 +223,7 @@ struct cells {
 };
 _Static_assert(sizeof(struct cells) == 48, "cells");
 
+/* Of each class in Python the size. */
+#define PLANT_RECORDS "Unit 7600 PlantState 968 Scope 3592 Drive 96 Readings 2136 Machine 112 Cells 48"
+
 #endif

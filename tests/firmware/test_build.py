@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.core import build
-from edmctl.core.library import library, loaded
+from edmctl.core.library import Library, library, loaded
+from edmctl.core.records import RECORD_BYTES
 from edmctl.errors import PreconditionError
 from edmctl.jobs import batch
 from edmctl.jobs.parallel import silent_program
@@ -216,3 +217,9 @@ def test_without_a_compiler_a_series_ends_before_its_first_run(
     with pytest.raises(PreconditionError, match="no C compiler"):
         study.run(observer=Counts())
     assert len(study.ask(9)) == 9
+
+
+def test_records_of_other_sizes_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(RECORD_BYTES, "Seen", RECORD_BYTES["Seen"] + 8)
+    with pytest.raises(OSError, match=r"records Seen .* tools\.generate"):
+        Library(library().build)

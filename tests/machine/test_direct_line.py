@@ -60,6 +60,20 @@ def test_a_line_that_breaks_while_the_host_waits_trips_the_watchdog_in_time(inje
     assert controller.tick - applied <= controller.seen.watchdog_ticks + 1
 
 
+@pytest.mark.parametrize("first", ["SAMPLES_LOST", "LINE_NOISE"])
+def test_interlocks_are_judged_at_once_whatever_else_is_wrong(first: str) -> None:
+    r = Rig(direct=True)
+    r.ready()
+    now_s = r.bench.controller.time_us * 1e-6
+    for inject in (f"{first}@{now_s + 0.9003}", f"ESTOP@{now_s + 1.2373}"):
+        r.bench.inject(parse_injection(inject))
+    with pytest.raises(EdmError):
+        r.machine.rest(5.0)
+    controller = r.bench.controller
+    applied = controller.injector.applied[-1][1]
+    assert controller.black_box.frozen_tick == applied
+
+
 def test_a_host_that_falls_silent_is_not_heard() -> None:
     r = Rig(direct=True)
     r.ready()

@@ -19,7 +19,7 @@ from edmctl.profile.read import changes, extend
 from edmctl.profile.setup import load_setup
 from edmctl.profile.study_file import read_study
 from edmctl.profile.tables import field_at
-from edmctl.rules.load import load_profile
+from edmctl.rules.load import _sha256, load_profile
 from edmctl.simulator.config import DischargeConstants
 from tests.rules.documents import copy_shipped, loaded, problems, shipped_text
 
@@ -130,8 +130,11 @@ def test_the_hash_is_of_the_recipe_in_effect_and_the_simulators_apart() -> None:
     bench = loaded("sim.tool_wear=0.4")
     assert bench.sha256 == plain.sha256
     assert bench.sim_sha256 != plain.sim_sha256
-    # Runs of a time when there was another one go on.
+    # Runs, series and studies of earlier versions continue, whichever controller they stated.
     assert loaded("sim.controller='python'").sim_sha256 == plain.sim_sha256
+    stated = _sha256(plain.sim)
+    assert stated != plain.sim_sha256
+    assert (plain.sha256, stated) in loaded("sim.controller='firmware'").recipes
     assert loaded("sim.controller='firmware-float'").sim_sha256 != plain.sim_sha256
 
 

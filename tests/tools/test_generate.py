@@ -23,8 +23,8 @@ def test_a_stale_file_is_named_and_left_alone(
 ) -> None:
     stale = tmp_path / "messages.py"
     stale.write_text("old")
-    monkeypatch.setattr(generate, "_headers", dict)
-    monkeypatch.setattr(generate, "_others", lambda: {stale: "new"})
+    monkeypatch.setattr(generate, "_sources", dict)
+    monkeypatch.setattr(generate, "_pages", lambda: {stale: "new"})
     assert generate.main(["--check"]) == 1
     assert stale.read_text() == "old"
     assert "messages.py is out of date" in capsys.readouterr().out

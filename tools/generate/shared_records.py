@@ -70,7 +70,9 @@ def _header(
 ) -> str:
     defines = "".join(f"#define {one} {value}\n" for one, value in constants.items())
     structs = "".join(_record(one, kind) for one, kind in records.items())
-    return f"{_HEAD.format(sources=sources, name=name)}{defines}{structs}\n#endif\n"
+    sizes = " ".join(f"{kind.__name__} {ctypes.sizeof(kind)}" for kind in records.values())
+    sizes = f'\n/* Of each class in Python the size. */\n#define {name}_RECORDS "{sizes}"\n'
+    return f"{_HEAD.format(sources=sources, name=name)}{defines}{structs}{sizes}\n#endif\n"
 
 
 def _record(name: str, kind: type[Record]) -> str:

@@ -95,7 +95,7 @@ def checked(
         if error.code != "E2001":
             raise
         raise _changed("profile", job.profile, "is not there any more", resumption) from error
-    if plan.loaded.sha256 != job.profile_sha256 or not plan.loaded.has_sim(job.sim_sha256):
+    if (job.profile_sha256, job.sim_sha256) not in plan.loaded.recipes:
         raise _changed("profile", job.profile, "says something else by now", resumption)
     refuse_other_setup_of_run(plan, resumption)
     refuse_untouchable(resumption, plan)

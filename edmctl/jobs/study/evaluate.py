@@ -77,7 +77,7 @@ def run_name(folder: Path, run: PlannedRun, attempt: int, start: datetime) -> Ru
 
 def refuse_other_recipe(plan: Plan, recipe: tuple[str, str] | None, run: PlannedRun) -> None:
     """Raise PreconditionError E8203 where a run's recipe in effect is not the one that was planned."""
-    if recipe is not None and (plan.loaded.sha256, plan.loaded.sim_sha256) != recipe:
+    if recipe is not None and recipe not in plan.loaded.recipes:
         raise PreconditionError(
             f"The recipe of run {run.number} is not the one that was planned.",
             hint="Another version of edmctl reads the profile in another way: go on with the version that began the "
