@@ -19,17 +19,17 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from edmctl.firmware.board_build import COMPILERS
+from edmctl.board.board_build import COMPILERS
+from edmctl.board.emulated import image
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.config import STM32
-from edmctl.simulator.emulated import image
 from tests.firmware import board_load
 from tests.firmware.board_load import FREQUENCY_HZ, MOST_PERCENT, RX_RING, STACK_MOST, TICK_CLOCKS, painted
 from tests.firmware.board_twin import WatchedBench, board
 from tests.firmware.cuts import OFFSET_UM, cut_on
 
 if TYPE_CHECKING:
-    from edmctl.firmware.elf import Elf
+    from edmctl.board.elf import Elf
 
 FLASH_MOST, RAM_MOST = 96 * 1024, 220 * 1024
 SPEED_LEAST = 8.0

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from edmctl.firmware.board_build import COMPILERS
+from edmctl.board.board_build import COMPILERS
 from edmctl.link import messages as m
 from tests.firmware import board_twin
 

@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.forecasts.forecast import forecast
 from edmctl.jobs.connect import connected
+from edmctl.planning.forecast import forecast
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
@@ -29,16 +30,15 @@ from edmctl.record.rows import NullRecorder
 from edmctl.report.figures.channel import Channel, Floor, HeightMap, channel_figure
 from edmctl.report.style import house_style, rendered
 from edmctl.results.forecast import Forecast
-from edmctl.rules.load import load_profile
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from edmctl.planning.rules.load import LoadedProfile
     from edmctl.process.path import Way
     from edmctl.results.forecast import Forecast
     from edmctl.results.job import ChannelResult, JobResult
     from edmctl.results.progress import Progress
-    from edmctl.rules.load import LoadedProfile
 
     Array = NDArray[np.float64]
 

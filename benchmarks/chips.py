@@ -25,17 +25,17 @@ from random import Random
 from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError
-from edmctl.forecasts.erosion import of_tool
 from edmctl.jobs.truth import TrueWear
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
+from edmctl.planning.erosion import of_tool
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import job_of
 from edmctl.procedures.job_state import JobTally, NoStateStore
 from edmctl.procedures.machining import run_job
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import EventRow, NullRecorder, RunEvent, TouchRow
-from edmctl.rules.load import load_profile
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import parse_injection
 

@@ -104,7 +104,7 @@ def measure(arguments: list[str]) -> None:
         import_module(
             "edmctl.start_up" if find_spec("edmctl.start_up") else "edmctl.cli.start_up"
         ).spare_start_up()
-    from edmctl.cli.app import main as edmctl
+    from edmctl.app import main as edmctl
 
     code = edmctl(arguments)
     total_s = time.process_time()
@@ -130,7 +130,7 @@ def measure_startup(arguments: list[str]) -> None:
     from edmctl.start_up import spare_start_up
 
     spare_start_up()
-    from edmctl.cli.app import main as edmctl
+    from edmctl.app import main as edmctl
     from edmctl.core.library import Library
 
     def watched(library: Any, name: str, value: Any) -> None:

@@ -42,6 +42,7 @@ from edmctl.link.messages import ClearFault
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import CalibratedActuator, job_of
 from edmctl.procedures.job_state import JobTally, job_state
 from edmctl.procedures.machining import run_job
@@ -50,7 +51,6 @@ from edmctl.profile.setup import Sensor, Setup
 from edmctl.quantity import coverage_factor
 from edmctl.record.rows import NullRecorder
 from edmctl.record.tool_account import HomeSeen, MachineHistory
-from edmctl.rules.load import load_profile
 from edmctl.simulator import open_bench
 from edmctl.simulator.actuator import VirtualActuator
 from edmctl.simulator.injection import parse_injection
@@ -58,12 +58,12 @@ from edmctl.simulator.injection import parse_injection
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from edmctl.planning.rules.load import LoadedProfile
     from edmctl.procedures.job import Job
     from edmctl.procedures.job_state import JobState
     from edmctl.profile.model import Profile
     from edmctl.results.job import ChannelResult, SiteResult
     from edmctl.results.progress import Progress
-    from edmctl.rules.load import LoadedProfile
     from edmctl.simulator import VirtualBench
 
 PROFILES = Path(__file__).parents[1] / "profiles"

@@ -34,6 +34,7 @@ from edmctl.jobs.drift_choice import believed
 from edmctl.jobs.truth import TrueWear
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import job_of
 from edmctl.procedures.job_state import JobTally, NoStateStore
 from edmctl.procedures.machining import run_job
@@ -43,7 +44,6 @@ from edmctl.process.rest_drift import model_of
 from edmctl.profile.setup import Setup
 from edmctl.quantity import half_width
 from edmctl.record.rows import NullRecorder
-from edmctl.rules.load import load_profile
 from edmctl.simulator import open_bench
 from edmctl.simulator.unit import RandomBlocks
 

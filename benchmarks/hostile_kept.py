@@ -28,7 +28,7 @@ import h5py
 import numpy as np
 import tomli_w
 
-from edmctl.cli.app import main as edmctl
+from edmctl.app import main as edmctl
 from edmctl.errors import EdmError
 
 if TYPE_CHECKING:

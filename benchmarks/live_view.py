@@ -79,8 +79,8 @@ def terminal(width: int, height: int) -> Iterator[int]:
 
 def core_share(states: Sequence[Progress], size: tuple[int, int], seconds: float) -> float:
     """CPU seconds per second of following a machine at 10 Hz, all of this process counted."""
-    from edmctl.console.live import LiveReporter
-    from edmctl.console.style import Style
+    from edmctl.cli.render.live import LiveReporter
+    from edmctl.cli.render.style import Style
 
     with terminal(*size) as number, os.fdopen(os.dup(number), "w", encoding="utf-8") as stream:
         reporter = LiveReporter(stream, Style(colour=True, live=True))

@@ -85,8 +85,8 @@ class Recorded:
 def main() -> None:
     """Serve until killed."""
     from edmctl.jobs.connect import bench_config
+    from edmctl.planning.rules.load import load_profile
     from edmctl.profile.setup import Setup
-    from edmctl.rules.load import load_profile
     from edmctl.simulator import open_bench
     from edmctl.simulator.endpoints import PtyEndpoint
     from edmctl.simulator.serve import Server

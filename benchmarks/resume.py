@@ -98,7 +98,7 @@ class Finished:
 
 def die_at(time_s: float, arguments: list[str]) -> NoReturn:
     """Be `edmctl` with these arguments, and die by SIGKILL when the time of the run has come to `time_s`."""
-    from edmctl.cli.app import run
+    from edmctl.app import run
     from edmctl.procedures.run import JobStateKeeper
 
     take = JobStateKeeper.on_telemetry
@@ -269,7 +269,7 @@ def main() -> int:
 
 
 def _profile(options: tuple[str, ...]) -> Profile:
-    from edmctl.rules.load import load_profile
+    from edmctl.planning.rules.load import load_profile
 
     return load_profile(options[0], options[1:]).profile
 

@@ -50,25 +50,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import edmctl
-from edmctl.doe.designs import sobol_points
-from edmctl.doe.linear_model import Settings
 from edmctl.errors import ProfileError
 from edmctl.jobs.plan import check
-from edmctl.jobs.study.analysis import analysis_of
-from edmctl.jobs.study.expectations import expected_at
-from edmctl.jobs.study.factors import coded, value_at
-from edmctl.jobs.study.folder import open_folder
-from edmctl.jobs.study.planning import plan_study, request_of
-from edmctl.jobs.study.responses import responses_of
-from edmctl.jobs.study.table import OF_EXECUTION
 from edmctl.profile.folders import shipped_studies
-from edmctl.profile.study_file import read_study
+from edmctl.study.analysis import analysis_of
+from edmctl.study.expectations import expected_at
+from edmctl.study.factors import coded, value_at
+from edmctl.study.folder import open_folder
+from edmctl.study.planning import plan_study, request_of
+from edmctl.study.responses import responses_of
+from edmctl.study.statistics.designs import sobol_points
+from edmctl.study.statistics.linear_model import Settings
+from edmctl.study.study_file import read_study
+from edmctl.study.table import OF_EXECUTION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from concurrent.futures import Executor
 
-    from edmctl.results.study import Recommendation, Value
+    from edmctl.study.results import Recommendation, Value
 
 HURRIED = (
     'set = ["target.depth_um={depth:g}", "log.pulses=\'off\'", "approach.speed_um_s=5", "measure.fast_um_s=50", '

@@ -24,12 +24,12 @@ from edmctl.link.session import Session
 from edmctl.machine import waits
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.interface import SLICE_S
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import EventLevel, EventRow, NullRecorder, Row, RunEvent
 from edmctl.results.progress import Progress
-from edmctl.rules.load import load_profile
 from edmctl.simulator import open_bench
 from edmctl.simulator.injection import INJECTIONS, parse_injection
 

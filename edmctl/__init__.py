@@ -17,7 +17,7 @@ if TYPE_CHECKING:
         open_run,
         simulate,
     )
-    from edmctl.jobs.study.study import Study
+    from edmctl.study.study import Study
 
 __all__ = [
     "Machine",
@@ -41,7 +41,7 @@ def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module 'edmctl' has no attribute {name!r}")
     if name == "Study":  # needs what no single job does
-        from edmctl.jobs.study.study import Study
+        from edmctl.study.study import Study
 
         return Study
     from edmctl import api

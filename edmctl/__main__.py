@@ -20,7 +20,7 @@ def main() -> None:
         from edmctl.start_up import spare_start_up
 
         spare_start_up()
-        from edmctl.cli.app import run
+        from edmctl.app import run
 
         run()
     except KeyboardInterrupt:

@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from edmctl.jobs.calibration.run import CalibrationReport
     from edmctl.jobs.job import Report
     from edmctl.jobs.procedures import Procedure, ProcedureReport
+    from edmctl.planning.rules.load import LoadedProfile
     from edmctl.record.reader import RunFile
-    from edmctl.rules.load import LoadedProfile
 
     Overrides = Mapping[str, object] | Iterable[str]
     File = str | PathLike[str]
@@ -494,15 +494,15 @@ def calibrate_files(
 
 def load_profile(profile: File, *, overrides: Overrides = ()) -> LoadedProfile:
     """Load and check a profile. Raises ProfileError with every diagnostic."""
-    from edmctl.rules.load import load_profile as load
+    from edmctl.planning.rules.load import load_profile as load
 
     return load(_profile(profile), _texts(overrides))
 
 
 def forecast(profile: File, *, overrides: Overrides = (), setup: File | None = None) -> Forecast:
     """Return what a job will take: time, feed, stroke, wear. Raises ProfileError."""
+    from edmctl.planning.rules.load import load_profile as load
     from edmctl.profile.setup import load_setup
-    from edmctl.rules.load import load_profile as load
 
     return load(_profile(profile), _texts(overrides), setup=load_setup(_path(setup))).forecast
 

@@ -325,3 +325,8 @@ def setting_text(value: bool | int | float | str) -> str:
 def settings_words(settings: Mapping[str, bool | int | float | str]) -> str:
     """Return settings as `key = value, …`."""
     return ", ".join(f"{key} = {setting_text(value)}" for key, value in settings.items())
+
+
+def dotted(version: tuple[int, ...]) -> str:
+    """Return a version as people write it."""
+    return ".".join(map(str, version))

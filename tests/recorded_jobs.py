@@ -21,7 +21,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from edmctl.cli.app import main as edmctl
+from edmctl.app import main as edmctl
 
 RECORDING = Path(__file__).with_name("recorded_jobs.json.gz")
 SEEDS = (1, 2, 3, 4, 5)

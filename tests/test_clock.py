@@ -7,7 +7,7 @@ import time
 import pytest
 
 import edmctl
-from edmctl.cli.app import main
+from edmctl.app import main
 from edmctl.errors import PreconditionError
 from edmctl.wording import iso_of, start_utc, utc_of
 

@@ -11,10 +11,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.cli.render.live_view import Histories, draw_view
+from edmctl.cli.render.result_table import render_job
+from edmctl.cli.render.style import PLAIN, Style
 from edmctl.cli.running import closing_text
-from edmctl.console.live_view import Histories, draw_view
-from edmctl.console.result_table import render_job
-from edmctl.console.style import PLAIN, Style
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import JobRequest, check
 from edmctl.jobs.run_header import RunName

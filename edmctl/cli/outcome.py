@@ -10,10 +10,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
 
+from edmctl.cli.render.diagnostics import render_diagnostics, summary_line
+from edmctl.cli.render.progress import EventReporter, LineReporter, Reporter
+from edmctl.cli.render.style import Style, style_of
 from edmctl.cli.signals import SignalArrived, ignore_signals, signal_name
-from edmctl.console.diagnostics import render_diagnostics, summary_line
-from edmctl.console.progress import EventReporter, LineReporter, Reporter
-from edmctl.console.style import Style, style_of
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import (
     Diagnostic,
@@ -177,7 +177,7 @@ def _reporter(output: Output, style: Style) -> Reporter:
     if output.quiet:
         return Reporter()
     if style.live:
-        from edmctl.console.live import LiveReporter
+        from edmctl.cli.render.live import LiveReporter
 
         return LiveReporter(sys.stderr, style)
     return LineReporter(sys.stderr)

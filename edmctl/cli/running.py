@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
 
 from edmctl.cli.outcome import Outcome, note, stream_style, watching
+from edmctl.cli.render.progress import Reporter
+from edmctl.cli.render.style import Style
 from edmctl.cli.signals import ignore_signals
-from edmctl.console.progress import Reporter
-from edmctl.console.style import Style
 from edmctl.jobs.sweep import seed_to_use, simulated_by
 
 if TYPE_CHECKING:

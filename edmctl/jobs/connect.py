@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.files import path_variable, read_bytes
-from edmctl.forecasts.erosion import of_tool, of_work
 from edmctl.jobs.plan import FRESH, MachineAddress, where_is
 from edmctl.jobs.session import ConnectedMachine
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.jobs.sweep import seed_to_use
+from edmctl.planning.erosion import of_tool, of_work
 from edmctl.process.erosion import ErosionLaw
 from edmctl.process.gap_conditions import GapLaw
 from edmctl.profile.folders import is_file, own_setup_path
@@ -27,8 +27,8 @@ from edmctl.profile.folders import is_file, own_setup_path
 if TYPE_CHECKING:
     from edmctl.link.transport import Transport
     from edmctl.machine.controller import LinkMachine
+    from edmctl.planning.rules.load import LoadedProfile
     from edmctl.profile.setup import Setup
-    from edmctl.rules.load import LoadedProfile
     from edmctl.simulator import BenchConfig, VirtualBench
 
 VIRTUAL_BEAT_SHARE = 0.8

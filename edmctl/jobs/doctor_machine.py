@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from edmctl.core.boards import board_of
 from edmctl.core.build import source_version
 from edmctl.errors import EdmError, Interrupted, LinkLost, stages_by_hand
-from edmctl.firmware.boards import board_of
 from edmctl.jobs.doctor_host import Checks, fail, ok, warn
 from edmctl.link.messages import SCHEMA_HASH, Clock, HelloReply, ResetCause
 from edmctl.link.ports import is_adapter
@@ -25,9 +25,8 @@ from edmctl.machine.interface import (
 from edmctl.procedures.settings import motion_settings
 from edmctl.profile.setup import Setup
 from edmctl.results.equipment import Check
-from edmctl.results.firmware import dotted
 from edmctl.results.telemetry import LinkReport
-from edmctl.wording import coordinates, decimal
+from edmctl.wording import coordinates, decimal, dotted
 
 if TYPE_CHECKING:
     from edmctl.machine.controller import LinkMachine

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import Diagnostic
-from edmctl.forecasts.forecast import forecast
 from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import Place, next_free_x_um, refuse_taken, refuse_unreachable
 from edmctl.jobs.ledger.tool import (
@@ -24,6 +23,7 @@ from edmctl.jobs.ledger.tool import (
 )
 from edmctl.jobs.plan import Plan
 from edmctl.jobs.run_header import RunName
+from edmctl.planning.forecast import forecast
 from edmctl.procedures.job import CalibratedActuator, Job, job_of
 from edmctl.profile.model import Profile
 from edmctl.record.ledger import Ledger

@@ -9,7 +9,6 @@ from typing import Any
 
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import Diagnostic, PreconditionError, UsageError
-from edmctl.forecasts.measuring import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
 from edmctl.jobs.drift_choice import choose_drift
 from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.elapsed import Now, with_home
@@ -34,6 +33,7 @@ from edmctl.jobs.run_header import RunName
 from edmctl.jobs.runs.opening import command_to_go_on
 from edmctl.jobs.session import MachineSession
 from edmctl.jobs.surroundings import Warn
+from edmctl.planning.measuring import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
 from edmctl.procedures.job import Job, job_of
 from edmctl.procedures.measure_wear import (
     LEAST_TOUCHES,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import UsageError
 from edmctl.jobs.ledger.tool import NAMELESS, is_unnamed
-from edmctl.rules.load import LoadedProfile
+from edmctl.planning.rules.load import LoadedProfile
 
 if TYPE_CHECKING:
     from edmctl.simulator import BenchConfig, VirtualBench

@@ -16,12 +16,12 @@ from edmctl.profile.findings import Code
 from edmctl.wording import coordinates, plural
 
 if TYPE_CHECKING:
+    from edmctl.planning.rules.load import LoadedProfile
     from edmctl.procedures.job_state import JobState
     from edmctl.profile.places import Place
     from edmctl.profile.setup import Setup
     from edmctl.record.journal import Journal, JournalledJob
     from edmctl.results.forecast import Forecast
-    from edmctl.rules.load import LoadedProfile
 
 SIMULATOR = "sim:"
 
@@ -191,7 +191,7 @@ class Plan:
 
     def forecast_left(self) -> Forecast | None:
         """Return the forecast of the holes that remain, with the one that was interrupted; None if none remains."""
-        from edmctl.forecasts.forecast import Reached, forecast
+        from edmctl.planning.forecast import Reached, forecast
 
         if self.resumed is None:
             return self.forecast
@@ -267,9 +267,9 @@ def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:
             hint="Say --profile NAME|FILE or set EDMCTL_PROFILE; `--profile cu270` takes a shipped one.",
             code="E2002",
         )
+    from edmctl.planning.rules.load import load_profile
     from edmctl.profile.read import read_source
     from edmctl.profile.setup import load_setup
-    from edmctl.rules.load import load_profile
 
     setup = load_setup(request.setup)
     where = where_is(request.port, setup, request.wait_s)

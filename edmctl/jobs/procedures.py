@@ -10,15 +10,6 @@ from typing import Protocol
 
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import EdmError, UsageError
-from edmctl.forecasts.forecast import STROKE_RESERVE_UM
-from edmctl.forecasts.measuring import (
-    approach_time_s,
-    beside_pad_um,
-    conditioning_time_s,
-    jumps_time_s,
-    touch_time_s,
-)
-from edmctl.forecasts.removal import approach_speed_um_s
 from edmctl.jobs.calibration.selection import ModelUsed
 from edmctl.jobs.connected_run import connected_run
 from edmctl.jobs.job_preparation import PreparedJob, hole_radius_um, ledger_of, prepared_job
@@ -36,6 +27,15 @@ from edmctl.jobs.run_header import RunName, name_run
 from edmctl.jobs.session import MachineSession
 from edmctl.jobs.surroundings import Warn
 from edmctl.jsonout import JsonValue
+from edmctl.planning.forecast import STROKE_RESERVE_UM
+from edmctl.planning.measuring import (
+    approach_time_s,
+    beside_pad_um,
+    conditioning_time_s,
+    jumps_time_s,
+    touch_time_s,
+)
+from edmctl.planning.removal import approach_speed_um_s
 from edmctl.procedures.job import Job, job_of
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.jump_series import SETTLE_AT_DEPTH_S, least_period_s, run_jumps

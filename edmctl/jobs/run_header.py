@@ -20,8 +20,8 @@ from edmctl.version import __version__
 if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
     from edmctl.machine.interface import MachineIdentity
+    from edmctl.planning.rules.load import LoadedProfile
     from edmctl.profile.setup import Setup
-    from edmctl.rules.load import LoadedProfile
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass
-from edmctl.forecasts.removal import completion
 from edmctl.labels import PAD, PARKING, Basis, Verdict
+from edmctl.planning.removal import completion
 from edmctl.profile.places import Place
 
 if TYPE_CHECKING:

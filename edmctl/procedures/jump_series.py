@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from edmctl.array_types import Array
 from edmctl.errors import LinkLost, PreconditionError
-from edmctl.forecasts.removal import jump_time_s
 from edmctl.machine.interface import MachineState, TelemetryBlock
+from edmctl.planning.removal import jump_time_s
 from edmctl.procedures.hole.running_cut import jump_request
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.touch.approach import lower_to

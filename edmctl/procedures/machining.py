@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from edmctl.forecasts.forecast import hole_time_s, working_order
-from edmctl.forecasts.removal import hole
 from edmctl.machine.interface import Machine
+from edmctl.planning.forecast import hole_time_s, working_order
+from edmctl.planning.removal import hole
 from edmctl.procedures.hole.cut import Decision
 from edmctl.procedures.hole.hole import JobKnowledge, begin_hole, initial_knowledge
 from edmctl.procedures.hole.site import keep_hole_begun, machine_hole

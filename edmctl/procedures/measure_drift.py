@@ -10,7 +10,7 @@ import math
 
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import ObjectiveNotReached, PreconditionError, UsageError
-from edmctl.forecasts.measuring import again_s, move_time_s, park_to_pad_um, touch_time_s
+from edmctl.planning.measuring import again_s, move_time_s, park_to_pad_um, touch_time_s
 from edmctl.procedures.monitoring.beliefs import judge
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to, retract

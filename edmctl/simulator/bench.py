@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass
@@ -108,11 +109,14 @@ class DirectLine(MemoryTransport):
         self._watched = watched
 
 
-def _controller_of(plant: Plant, kind: str) -> Controller:
-    if kind == STM32:
-        from edmctl.simulator.emulated import emulated_controller
+OTHERS = {STM32: "edmctl.board.emulated:emulated_controller"}
+"""Controllers of annexes: function that makes one over a plant."""
 
-        return emulated_controller(plant)  # type: ignore[no-any-return]
+
+def _controller_of(plant: Plant, kind: str) -> Controller:
+    if kind in OTHERS:
+        module, _, name = OTHERS[kind].partition(":")
+        return getattr(import_module(module), name)(plant)  # type: ignore[no-any-return]
     return Controller(plant, "float" if kind == FIRMWARE_FLOAT else "double")
 
 

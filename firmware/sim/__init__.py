@@ -7,5 +7,5 @@ by turns, and `controller` is the whole as a controller of the simulator.
 
 Sections cited are those of ST's reference manual RM0090 (peripherals) and programming manual PM0214 (core). Time
 counts executed halfwords, one a clock: deterministic, not true to the cycle. What else is not modelled stands in
-docs/firmware.md. edmctl loads this folder as `firmware_sim` (edmctl/simulator/emulated.py); no package carries it.
+docs/firmware.md. edmctl loads this folder as `firmware_sim` (edmctl/board/emulated.py); no package carries it.
 """

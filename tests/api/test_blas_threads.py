@@ -43,9 +43,9 @@ for name in ("qr", "solve", "lstsq", "inv", "cholesky", "matrix_rank"):
 watched(scipy.linalg, "cholesky")
 
 from edmctl.actuator import Record, identify
-from edmctl.doe.gaussian_process import fit_process
-from edmctl.doe.response_analysis import Runs, analyse
-from edmctl.doe.linear_model import Settings
+from edmctl.study.statistics.gaussian_process import fit_process
+from edmctl.study.statistics.response_analysis import Runs, analyse
+from edmctl.study.statistics.linear_model import Settings
 from tests.process.test_rest_drift import measured
 
 t_s = np.arange(0.0, 20.0, 0.02)

@@ -9,10 +9,10 @@ import pytest
 
 import edmctl
 from edmctl.errors import PreconditionError, UsageError
-from edmctl.jobs.study.optimizing import _data
-from edmctl.jobs.study.table import OF_EXECUTION
-from edmctl.results.study import RunKind
-from tests.jobs.studies import HEAD, SMALL, written
+from edmctl.study.optimizing import _data
+from edmctl.study.results import RunKind
+from edmctl.study.table import OF_EXECUTION
+from tests.study.studies import HEAD, SMALL, written
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edmctl.cli.app import main
+from edmctl.app import main
 from edmctl.core.build import CACHE_VARIABLE
 
 if TYPE_CHECKING:

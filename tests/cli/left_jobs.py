@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.cli.app import main
+from edmctl.app import main
 from edmctl.procedures.run import MACHINING as MACHINING_PHASE
 from edmctl.procedures.run import JobRun, JobStateKeeper
 from edmctl.record.bench_file import read_bench, write_bench

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.jobs.connect import bench_config
+from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
-from edmctl.rules.load import load_profile
 from edmctl.simulator import open_bench
 from tests.cli.commands import CU270, SHALLOW, command, environment
 from tests.serving import serving

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import pytest
 
-from edmctl.cli.app import main
+from edmctl.app import main
 from edmctl.jsonout import to_json_value
 from edmctl.record.ledger import Ledger
 from edmctl.record.ledger_entries import ReferenceTouched, SiteMachined

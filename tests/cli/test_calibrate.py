@@ -18,15 +18,15 @@ from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import validate
 from edmctl.actuator.waveforms import jump_train, sampled, slow_legs, triangle
-from edmctl.cli.app import main
+from edmctl.app import main
 from edmctl.cli.signals import SignalArrived
 from edmctl.errors import Interrupted
 from edmctl.jobs.calibration import run as calibration_run
 from edmctl.jobs.calibration import selection as calibrated
+from edmctl.planning.rules.load import load_profile
 from edmctl.profile.calibration import load_calibration
 from edmctl.profile.setup import Setup
 from edmctl.record.columns import read_record, write_columns
-from edmctl.rules.load import load_profile
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
 from tests.cli.commands import CU270, SHALLOW
 

@@ -18,8 +18,8 @@ from edmctl.link.messages import Arm, param_crc
 from edmctl.link.opening import open_line
 from edmctl.link.session import Session
 from edmctl.machine.requests import default_settings
+from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
-from edmctl.rules.load import load_profile
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.endpoints import PtyEndpoint, SocketEndpoint
 from edmctl.simulator.injection import parse_injection

@@ -165,8 +165,8 @@ def test_the_extending_profile_of_the_page_is_sound(tmp_path: Path) -> None:
 
 
 def test_studies_that_a_page_writes_down_are_sound(tmp_path: Path) -> None:
-    from edmctl.jobs.study.planning import plan_study
-    from edmctl.profile.study_file import read_study
+    from edmctl.study.planning import plan_study
+    from edmctl.study.study_file import read_study
 
     written = files_of("docs/study.md")
     assert written

@@ -271,7 +271,7 @@ def test_an_open_interlock_is_a_precondition(here: Here) -> None:
 def test_a_bug_is_one_line_and_debug_shows_where(
     here: Here, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from edmctl.cli.app import main
+    from edmctl.app import main
     from edmctl.jobs import plan as checking
 
     def broken(*_: object) -> None:

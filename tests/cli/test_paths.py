@@ -12,7 +12,7 @@ import pytest
 from pydantic import BaseModel
 
 from edmctl import api
-from edmctl.cli.app import command_tree
+from edmctl.app import command_tree
 from edmctl.core.build import cache_folder
 from edmctl.errors import ProfileError, UsageError
 from edmctl.exitcodes import ExitCode
@@ -20,16 +20,16 @@ from edmctl.files import read_bytes, user_path
 from edmctl.jobs.connect import secret_of
 from edmctl.jobs.plan import MachineAddress, where_is
 from edmctl.jobs.runs.opening import find_run
-from edmctl.jobs.study.design import points_of
-from edmctl.jobs.study.factors import factors_of
-from edmctl.jobs.study.planning import base_request
+from edmctl.planning.rules.load import load_profile
 from edmctl.profile.findings import Code
 from edmctl.profile.folders import data_folder, find_calibration, find_drift, shipped_folder
 from edmctl.profile.profile_file import ProfileFile
 from edmctl.profile.setup import Setup, load_setup
-from edmctl.profile.study_file import StudyFile, read_study
 from edmctl.profile.tables import NAMES_FILE
-from edmctl.rules.load import load_profile
+from edmctl.study.design import points_of
+from edmctl.study.factors import factors_of
+from edmctl.study.planning import base_request
+from edmctl.study.study_file import StudyFile, read_study
 from tests.cli.commands import ROOT
 
 if TYPE_CHECKING:

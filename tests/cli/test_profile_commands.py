@@ -11,8 +11,8 @@ import pytest
 
 from edmctl.errors import ProfileError
 from edmctl.exitcodes import ExitCode
+from edmctl.planning.rules.load import load_profile
 from edmctl.profile.folders import shipped_profiles
-from edmctl.rules.load import load_profile
 from edmctl.toml_text import toml_value
 from tests.cli.commands import CU270, ROOT
 

@@ -23,6 +23,7 @@ from edmctl.jobs.resume.selection import checked, find_run, taken_up
 from edmctl.jobs.run_header import RunName
 from edmctl.link.faults import FaultCode
 from edmctl.machine.controller import LinkMachine
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import REPORT_DELAY_S, job_of
 from edmctl.procedures.job_state import job_state
 from edmctl.profile.setup import Setup
@@ -33,7 +34,6 @@ from edmctl.record.ledger_entries import UNFINISHED, ReferenceTouched, SiteMachi
 from edmctl.record.reader import open_run
 from edmctl.record.rows import RunEvent
 from edmctl.record.tool_account import ToolAccount, history_of
-from edmctl.rules.load import load_profile
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, ROOT
 from tests.cli.left_jobs import (

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from edmctl.errors import RunFileError
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.record.bench_file import read_bench
 from edmctl.record.journal import read_journal, write_journal
@@ -18,7 +19,6 @@ from edmctl.record.ledger_entries import SiteMachined
 from edmctl.record.reader import open_run
 from edmctl.record.rows import RunEvent
 from edmctl.record.tool_account import history_of
-from edmctl.rules.load import load_profile
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.saving import restored_bench
 from edmctl.simulator.work_under_tool import Chip

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import h5py
 import pytest
 
-from edmctl.cli.app import main
-from edmctl.console.runs_tables import letter
+from edmctl.app import main
+from edmctl.cli.render.runs_tables import letter
 from tests.cli.commands import SHALLOW
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import h5py
 import pytest
 
-from edmctl.cli.app import main
+from edmctl.app import main
 from edmctl.record.integrity import SEAL_BYTES
 from edmctl.record.locks import hold, release
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called

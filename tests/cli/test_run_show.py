@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from edmctl.cli.render.live_view import Histories
+from edmctl.cli.render.progress import Reporter
 from edmctl.cli.signals import SignalArrived
-from edmctl.console.live_view import Histories
-from edmctl.console.progress import Reporter
 from edmctl.errors import RunFileError
 from edmctl.jobs.runs.follow import follow_run
 from edmctl.jobs.runs.summary import jumps_of

@@ -85,12 +85,12 @@ def test_a_job_loads_only_what_it_uses(tmp_path: Path) -> None:
         "edmctl.actuator.identification",
         "edmctl.cli.commands.calibrate",
         "edmctl.cli.run",
-        "edmctl.cli.study",
+        "edmctl.study.commands",
         "edmctl.procedures.channel.procedure",
         "edmctl.procedures.hole.resuming",
         "edmctl.profile.calibration",
         "edmctl.results.run_file",
-        "edmctl.results.study",
+        "edmctl.study.results",
     }
     assert not modules_after(job, tmp_path) & unused
 
@@ -103,15 +103,15 @@ def test_version_is_said(tmp_path: Path) -> None:
 INTERRUPTED_IMPORT = """
 class Interrupting:
     def find_spec(self, name, path=None, target=None):
-        if name == "edmctl.cli.app":
+        if name == "edmctl.app":
             raise KeyboardInterrupt
 sys.meta_path.insert(0, Interrupting())
 """
 INTERRUPTED_RUN = """
-import edmctl.cli.app
+import edmctl.app
 def interrupted():
     raise KeyboardInterrupt
-edmctl.cli.app.raising_signals = interrupted
+edmctl.app.raising_signals = interrupted
 """
 
 

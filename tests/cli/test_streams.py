@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.cli import outcome
-from edmctl.console.live import LiveReporter
-from edmctl.console.style import Style
+from edmctl.cli.render.live import LiveReporter
+from edmctl.cli.render.style import Style
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.jobs.statistics import _statistics
 from edmctl.jobs.sweep import parse_sweep, seed_to_use
 from tests.cli.commands import command, environment
-from tests.console.views import made_state
+from tests.cli.render.views import made_state
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,8 +11,8 @@ import pytest
 from edmctl.jobs.connect import bench_config
 from edmctl.link import messages as m
 from edmctl.link.frame import encode_frame
+from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
-from edmctl.rules.load import load_profile
 from edmctl.simulator import open_bench
 from tests.cli.commands import CU270, SHALLOW, Said, in_process_of_its_own
 from tests.cli.left_jobs import at_time_of_cut

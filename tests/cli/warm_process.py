@@ -80,7 +80,7 @@ def _main(path: str) -> None:
     import matplotlib.figure  # noqa: F401  what a figure needs
 
     import edmctl.__main__ as entry
-    from edmctl.cli.app import main
+    from edmctl.app import main
     from edmctl.start_up import spare_start_up
 
     spare_start_up()

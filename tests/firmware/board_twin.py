@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from edmctl.board.emulated import controller_class, image
 from edmctl.core.build import compiler, source_folder
 from edmctl.simulator import BenchConfig, VirtualBench
 from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.config import STM32
-from edmctl.simulator.emulated import controller_class, image
 from edmctl.simulator.plant import Plant
 from tests.firmware.cuts import OFFSET_UM, cut_on
 

@@ -7,10 +7,10 @@ import subprocess
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from edmctl.board.board_build import COMPILERS, Toolchain, sources_of, toolchain
+from edmctl.board.image import seal
+from edmctl.core.boards import STM32F4
 from edmctl.core.build import source_folder
-from edmctl.firmware.board_build import COMPILERS, Toolchain, sources_of, toolchain
-from edmctl.firmware.boards import STM32F4
-from edmctl.firmware.image import seal
 from tests.firmware_tools import need_board_compiler
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.board.board_build import COMPILERS, build_board, toolchain
+from edmctl.board.image import read_image
+from edmctl.core.boards import STM32F4
 from edmctl.core.build import CACHE_VARIABLE
 from edmctl.errors import PreconditionError, RunFileError, installing
-from edmctl.firmware.board_build import COMPILERS, build_board, toolchain
-from edmctl.firmware.boards import STM32F4
-from edmctl.firmware.image import read_image
 from edmctl.link.messages import SCHEMA_HASH
 from tests.cli.commands import ROOT, command
 from tests.firmware_tools import need_board_compiler
@@ -19,7 +19,7 @@ from tests.firmware_tools import need_board_compiler
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from edmctl.firmware.board_build import BoardBuild
+    from edmctl.board.board_build import BoardBuild
 
 SCRIPT = """
 MEMORY {
@@ -153,8 +153,8 @@ def test_a_broken_zig_is_passed_over_for_gcc_and_told_where_there_is_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     python = _program(tmp_path / "python", "python", "exit 3")
-    monkeypatch.setattr("edmctl.firmware.board_build.sys.executable", str(python))
-    monkeypatch.setattr("edmctl.firmware.board_build.importlib.util.find_spec", lambda _: True)
+    monkeypatch.setattr("edmctl.board.board_build.sys.executable", str(python))
+    monkeypatch.setattr("edmctl.board.board_build.importlib.util.find_spec", lambda _: True)
     monkeypatch.setenv("PATH", str(tmp_path))
     for named in (None, "zig"):
         with pytest.raises(PreconditionError, match="does not run") as caught:

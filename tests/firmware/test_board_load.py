@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edmctl.firmware.board_build import COMPILERS
+from edmctl.board.board_build import COMPILERS
 from edmctl.link import messages as m
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.config import STM32

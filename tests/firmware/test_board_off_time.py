@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from edmctl.board.settings import settings_of
 from edmctl.core.build import source_folder
-from edmctl.firmware.settings import settings_of
-from edmctl.rules.load import load_profile
+from edmctl.planning.rules.load import load_profile
 from tests.conformance import acts
 from tests.conformance.lines import STM32, InProcess
 from tests.conformance.peer import Peer

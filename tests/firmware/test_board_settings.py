@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.board.board_build import build_board
+from edmctl.board.elf import Elf
+from edmctl.board.emulated import controller_class, image
+from edmctl.board.image import read_image
+from edmctl.board.settings import parse_settings, settings_of, told_settings
+from edmctl.core.boards import STM32F4
 from edmctl.core.build import source_folder
 from edmctl.errors import UsageError
-from edmctl.firmware.board_build import build_board
-from edmctl.firmware.boards import STM32F4
-from edmctl.firmware.elf import Elf
-from edmctl.firmware.image import read_image
-from edmctl.firmware.settings import parse_settings, settings_of, told_settings
 from edmctl.link.messages import SCHEMA_HASH
 from edmctl.simulator import BenchConfig, open_bench
-from edmctl.simulator.emulated import controller_class, image
 from tests.firmware_tools import need_board_compiler, need_package
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.board.emulated import PACKAGE
 from edmctl.link.messages import ResetCause
-from edmctl.simulator.emulated import PACKAGE
 from tests.conformance import acts, layouts, wire
 from tests.conformance.peer import STATE
 from tests.firmware.test_board_faults import (

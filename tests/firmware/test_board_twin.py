@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.firmware.board_build import COMPILERS
+from edmctl.board.board_build import COMPILERS
 from edmctl.link import messages as m
 from tests.firmware import board_twin
 from tests.firmware_tools import need_board_compiler, need_package

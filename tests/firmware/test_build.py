@@ -18,9 +18,9 @@ from edmctl.errors import PreconditionError
 from edmctl.jobs import batch
 from edmctl.jobs.parallel import silent_program
 from edmctl.jobs.plan import JobRequest
-from edmctl.jobs.study import running
-from edmctl.jobs.study.study import Study
 from edmctl.jobs.surroundings import Unobserved
+from edmctl.study import running
+from edmctl.study.study import Study
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from edmctl.board.emulated import PACKAGE
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.config import STM32
-from edmctl.simulator.emulated import PACKAGE
 from tests.firmware_tools import built_here, need_package
 
 pytestmark = pytest.mark.slow

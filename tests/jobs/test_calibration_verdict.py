@@ -18,9 +18,9 @@ from edmctl.actuator.validation import ErrorFigures, Validation
 from edmctl.errors import RecordError
 from edmctl.jobs.calibration import fit
 from edmctl.jobs.calibration.selection import choose
+from edmctl.planning.rules.load import load_profile
 from edmctl.profile.calibration import Made, calibration_of, load_calibration, save_calibration
 from edmctl.profile.setup import Setup
-from edmctl.rules.load import load_profile
 from tests.actuator.models import make_model
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from edmctl.jobs.batch import Task
 from edmctl.jobs.batch import perform as perform_task
 from edmctl.jobs.parallel import silent_program
 from edmctl.jobs.plan import JobRequest
-from edmctl.jobs.study.evaluate import evaluate
-from edmctl.jobs.study.running import task_of
-from tests.jobs.studies import SMALL, made
+from edmctl.study.evaluate import evaluate
+from edmctl.study.running import task_of
+from tests.study.studies import SMALL, made
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,7 +8,7 @@ from dataclasses import fields
 
 import pytest
 
-from edmctl.cli.app import command_tree
+from edmctl.app import command_tree
 from edmctl.link.faults import FAULTS, FaultRow
 from edmctl.link.frame import Frame
 from edmctl.link.link_errors import nak_error

@@ -21,6 +21,7 @@ from edmctl.machine.interface import (
     TelemetryBlock,
     TelemetryFlag,
 )
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import Job
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.monitoring.watch import Watch
@@ -28,7 +29,6 @@ from edmctl.procedures.run import JobRun, JobStateKeeper
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import EventRow, NullRecorder
-from edmctl.rules.load import load_profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,6 +16,7 @@ from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import CalibratedActuator, Job, job_of
 from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.machining import run_job
@@ -34,7 +35,6 @@ from edmctl.record.rows import (
 )
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseBlockBatch
-from edmctl.rules.load import load_profile
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.actuator import VirtualActuator
 from edmctl.simulator.config import SensorConstants

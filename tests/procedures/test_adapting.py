@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 import edmctl
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.servo.adaptive import CLEAN_S, LONGEST_SHARE, PATIENCE, AdaptiveControl
 from edmctl.profile.findings import REFERENCE_MARGIN
 from edmctl.record.rows import RunEvent
-from edmctl.rules.load import load_profile
 from tests.tiers import tiers
 
 from .conftest import CU270

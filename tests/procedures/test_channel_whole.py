@@ -18,6 +18,7 @@ from edmctl.labels import Basis
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.job import job_of
 from edmctl.procedures.job_state import JobTally
@@ -25,7 +26,6 @@ from edmctl.procedures.machining import run_job
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase, Progress
-from edmctl.rules.load import load_profile
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.channel_bench import CIRCLE

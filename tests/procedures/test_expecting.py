@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from edmctl.forecasts.measuring import estimate_of
+from edmctl.planning.measuring import estimate_of
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
 from edmctl.procedures.hole.hole_estimate import (
     Estimate,
@@ -23,7 +24,6 @@ from edmctl.procedures.run import total_pause_s
 from edmctl.process.touches import DepthAndWear
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.quantity import Value
-from edmctl.rules.load import load_profile
 
 PROFILE = load_profile("cu270").profile
 LEFT = JobState(

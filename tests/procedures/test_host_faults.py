@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from edmctl.errors import MachineFault
-from edmctl.forecasts.forecast import forecast, stroke_um
 from edmctl.link.faults import FaultCode
 from edmctl.link.frame import FrameDecoder
 from edmctl.link.messages import WaveformRead
 from edmctl.machine.interface import Machine, MachineState
+from edmctl.planning.forecast import forecast, stroke_um
 from edmctl.procedures.hole.cut import refuse_wrong_setup
 from edmctl.procedures.monitoring.monitors import LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.servo.limits import LEAST_S, LONGEST_SHARE, TimeLimits

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pytest
 
-from edmctl.console.result_table import render_job
+from edmctl.cli.render.result_table import render_job
 from edmctl.errors import ObjectiveNotReached, PreconditionError, UsageError
 from edmctl.jobs.truth import TrueWear
 from edmctl.labels import Seen

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.forecasts.measuring import cut_budget, estimate_of
+from edmctl.planning.measuring import cut_budget, estimate_of
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.hole.cut import CutEnd, CutResult, Decision, decide
 from edmctl.procedures.hole.cut_planning import (
     CutPlan,
@@ -24,7 +25,6 @@ from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.touches import DepthAndWear
 from edmctl.profile.places import Place
 from edmctl.quantity import Value
-from edmctl.rules.load import load_profile
 
 from .conftest import CU270
 

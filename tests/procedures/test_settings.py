@@ -9,6 +9,7 @@ import pytest
 
 from edmctl.link.messages import PARAMS, PulseLog, PulseMode, ServoLaw
 from edmctl.machine.requests import settings_by_name
+from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.session import running
 from edmctl.procedures.settings import (
     controller_settings,
@@ -18,7 +19,6 @@ from edmctl.procedures.settings import (
     telemetry_settings,
 )
 from edmctl.profile.setup import Setup
-from edmctl.rules.load import load_profile
 
 from .conftest import CU270, Shop
 

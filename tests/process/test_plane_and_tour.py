@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edmctl.forecasts.forecast import nearest_first
+from edmctl.planning.forecast import nearest_first
 from edmctl.process.plane import fitted_plane, spread_out, unknown_plane
 
 

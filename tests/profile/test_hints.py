@@ -14,9 +14,9 @@ from edmctl.profile.positions import Source, Sources
 from edmctl.profile.profile_file import ProfileFile
 from edmctl.profile.read import Merged, apply_overrides, parse
 from edmctl.profile.setup import Setup
-from edmctl.profile.study_file import StudyFile
 from edmctl.profile.tables import accepts
 from edmctl.profile.units import NO_UNIT, others, quantity, split, unit_of
+from edmctl.study.study_file import StudyFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

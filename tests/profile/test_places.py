@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from edmctl.errors import ProfileError
+from edmctl.planning.rules.load import load_profile
 from edmctl.profile.findings import Code
 from edmctl.profile.places import MOST_PLACES, Place, places
-from edmctl.rules.load import load_profile
-from tests.rules.documents import problems
+from tests.planning.rules.documents import problems
 
 GRID = 'sites=[{kind="grid",x_um=500,columns=3,rows=2,dx_um=300,dy_um=400}]'
 SHALLOW = ("target.depth_um=20", "jump.height_um=60", "limits.max_time_s=1e5")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.cli.app import main
+from edmctl.app import main
 from edmctl.record.writer import RunWriter
 from tests.golden import once
 from tests.record.samples import a_meta, fill

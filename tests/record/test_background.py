@@ -296,7 +296,7 @@ def test_an_existing_run_is_refused_before_any_thread(run_path: Path, meta: RunM
 
 HANGING_JOB = """
 import os, sys, threading
-from edmctl.cli.app import main
+from edmctl.app import main
 from edmctl.record import background
 background.SYNC_INTERVAL_S = 0.0
 background.BACKLOG_BYTES = 20_000

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmctl.cli.app import main
+from edmctl.app import main
 from edmctl.errors import RecordError, RunFileError
 from edmctl.record.columns import WANTED, read_record, read_text, read_voltage, write_columns
 from edmctl.record.delimited import Table

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.cli.app import main
+from edmctl.app import main
 from edmctl.report import style
 from tests.cli.commands import CU270, ROOT
 from tests.faults.workshop import Workshop

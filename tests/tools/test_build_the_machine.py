@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from edmctl.jobs.first_start import nets
+from edmctl.board.first_start import nets
 from tools.generate import machine_diagram, machine_page
 from tools.generate.board_source import FIRMWARE, numbers, pins, wired_together
 from tools.generate.circuits import (

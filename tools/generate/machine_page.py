@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from edmctl.firmware.settings import settings_of
+from edmctl.board.settings import settings_of
 from tools.generate.board_source import FIRMWARE, Pin, numbers, pins, wired_together
 from tools.generate.circuits import circuits
 from tools.generate.circuits.break_chain import contact_rows

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, get_args
 
 from pydantic import BaseModel
 
-from edmctl.jobs.study.responses import RESPONSES, TRUTHS
-from edmctl.profile.study_file import StudyFile
-from edmctl.results.study import TRUTH
+from edmctl.study.responses import RESPONSES, TRUTHS
+from edmctl.study.results import TRUTH
+from edmctl.study.study_file import StudyFile
 from tools.generate.profile_page import section
 from tools.generate.text import table
 

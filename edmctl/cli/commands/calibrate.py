@@ -128,7 +128,7 @@ def calibrate(
     if dry_run:
         _tell_plan(outcome, checked)
     elif checked.plan is None and not checked.sources:
-        from edmctl.console.calibration_tables import render_lever
+        from edmctl.cli.render.calibration_tables import render_lever
 
         outcome.result = {"lever": checked.lever}
         outcome.text = render_lever(checked.lever) if checked.lever else ""
@@ -137,7 +137,7 @@ def calibrate(
 
 
 def _tell_plan(outcome: Outcome, checked: "CheckedCalibration") -> None:
-    from edmctl.console.calibration_tables import render_lever, render_plan
+    from edmctl.cli.render.calibration_tables import render_lever, render_plan
 
     plan = checked.plan
     outcome.result = {
@@ -176,7 +176,7 @@ def _described(given: "MeasuredRecord") -> dict[str, object]:
 
 
 def _run(outcome: Outcome, checked: "CheckedCalibration", seed: int) -> None:
-    from edmctl.console.calibration_tables import render_calibration
+    from edmctl.cli.render.calibration_tables import render_calibration
     from edmctl.jobs.calibration.run import calibrate_files, calibrate_machine
 
     with watching(outcome.output) as reporter:

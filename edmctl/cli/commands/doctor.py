@@ -39,7 +39,7 @@ def doctor(
 
     Nothing moves, but with --sensors.
     """
-    from edmctl.console.procedure_tables import render_checks
+    from edmctl.cli.render.procedure_tables import render_checks
     from edmctl.jobs.doctor_host import Checks
 
     checks = Checks()

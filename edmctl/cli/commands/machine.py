@@ -9,9 +9,9 @@ import typer
 from edmctl.cli import completion
 from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, command
 from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.cli.render.result_table import render_job
 from edmctl.cli.running import identity_before, run_and_tell
 from edmctl.cli.signals import shell
-from edmctl.console.result_table import render_job
 from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def machine(
 
 def _forecast(outcome: Outcome, plan: "Plan", name: "RunName") -> None:
     """Tell what the job will take, and how far it came already. Raises what ledger and bench would refuse."""
-    from edmctl.console.profile_tables import render_forecast
+    from edmctl.cli.render.profile_tables import render_forecast
     from edmctl.jobs.job_preparation import forewarned
 
     text, result = "", dict[str, object]()

@@ -31,7 +31,7 @@ def ports(outcome: Outcome, setup: SetupOption = None, probe: ProbeOption = Fals
     Nothing is opened but with --probe, and then only ports of known USB ids, those that the setup names, and
     those that `edmctl simulate serve` serves.
     """
-    from edmctl.console.procedure_tables import render_ports
+    from edmctl.cli.render.procedure_tables import render_ports
     from edmctl.profile.setup import load_setup
 
     rows = port_rows(load_setup(setup), probe=probe)

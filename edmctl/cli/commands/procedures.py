@@ -8,8 +8,8 @@ import typer
 
 from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, command
 from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.cli.render.style import Style
 from edmctl.cli.running import identity_before, perform_and_tell
-from edmctl.console.style import Style
 
 if TYPE_CHECKING:
     from edmctl.jobs.measure_drift import DriftRun
@@ -40,7 +40,7 @@ def approach(
 
     The feed is the profile's approach speed. With --contact the tool touches the surface by continuity instead.
     """
-    from edmctl.console.procedure_tables import render_approach_plan, render_surface
+    from edmctl.cli.render.procedure_tables import render_approach_plan, render_surface
     from edmctl.jobs.ledger.places_taken import place_of
     from edmctl.jobs.procedures import Approach, approach_forecast
 
@@ -85,7 +85,7 @@ def jump_flush(
     The tool jumps beside the work, as low as at the end of the profile's job, and without sparks. The sensor is
     sampled a thousand times a second, and tells how well and how soon the tool is back.
     """
-    from edmctl.console.procedure_tables import render_jump_plan, render_jumps
+    from edmctl.cli.render.procedure_tables import render_jump_plan, render_jumps
     from edmctl.jobs.procedures import JUMPS_ALONE, Jumps, jumps_forecast, refuse_hurry
 
     changes = [
@@ -130,7 +130,7 @@ def measure_wear(
     the job ledger beside the run files. Without a profile it measures the tool last in use, by the recipe of the
     run that made the hole.
     """
-    from edmctl.console.procedure_tables import render_wear_plan
+    from edmctl.cli.render.procedure_tables import render_wear_plan
     from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun, wear_forecast
     from edmctl.record.ledger import Ledger
 
@@ -147,7 +147,7 @@ def measure_wear(
 
 
 def _wear_table(run: "WearRun", style: "Style") -> str:
-    from edmctl.console.procedure_tables import render_reference, render_wear
+    from edmctl.cli.render.procedure_tables import render_reference, render_wear
 
     label = run.account.label
     if run.touched is not None:
@@ -185,7 +185,7 @@ def measure_drift(
     drift of their rests. Without a profile it measures with the tool last in use, by the
     recipe of its last run.
     """
-    from edmctl.console.procedure_tables import render_drift_plan
+    from edmctl.cli.render.procedure_tables import render_drift_plan
     from edmctl.jobs.measure_drift import DriftRun, drift_forecast
     from edmctl.jobs.measure_wear import TOUCHES_LIKE
 
@@ -200,7 +200,7 @@ def measure_drift(
 
 
 def _drift_table(run: "DriftRun", style: "Style") -> str:
-    from edmctl.console.procedure_tables import render_drift
+    from edmctl.cli.render.procedure_tables import render_drift
 
     assert run.found is not None
     return render_drift(run.found, run.truth, str(run.path), run.use, replaced=run.replaced, style=style)

@@ -17,8 +17,8 @@ from edmctl.jsonout import to_json_value
 from edmctl.profile.folders import as_value, find_profile, is_path
 
 if TYPE_CHECKING:
+    from edmctl.planning.rules.load import LoadedProfile
     from edmctl.profile.setup import Setup
-    from edmctl.rules.load import LoadedProfile
 
 app = command_group("List, check, show and copy profiles, and write their schema.")
 
@@ -85,7 +85,7 @@ def show(outcome: Outcome, profile: FileArgument, overrides: SetOption = None) -
     The output is a profile. Values that the profile does not state are commented out: defaults, and values that
     follow from others, such as the removal of a material.
     """
-    from edmctl.rules.load import load_profile
+    from edmctl.planning.rules.load import load_profile
 
     loaded = load_profile(profile, overrides or [])
     outcome.warn(loaded.warnings)
@@ -118,9 +118,9 @@ def list_shipped(outcome: Outcome, setup: SetupOption = None) -> None:
 
     With --setup on that machine.
     """
-    from edmctl.console.profile_tables import render_profiles
+    from edmctl.cli.render.profile_tables import render_profiles
+    from edmctl.planning.rules.load import summaries
     from edmctl.profile.setup import load_setup
-    from edmctl.rules.load import summaries
 
     found = summaries(load_setup(setup))
     outcome.result = {"profiles": found}
@@ -143,7 +143,7 @@ def schema(
 
 
 def _problems_of(name: str, overrides: list[str], setup: "Setup") -> list[Diagnostic]:
-    from edmctl.rules.load import load_profile
+    from edmctl.planning.rules.load import load_profile
 
     try:
         return list(load_profile(name, overrides, setup).warnings)
@@ -157,7 +157,7 @@ def _values(loaded: "LoadedProfile") -> dict[str, Any]:
 
 
 def _as_toml(loaded: "LoadedProfile") -> str:
-    from edmctl.console.profile_tables import render_toml
+    from edmctl.cli.render.profile_tables import render_toml
 
     origin = [f"# {loaded.path.name}", *(f"# {override}" for override in loaded.overrides)]
     shown = render_toml(_values(loaded), loaded.stated, _descriptions(loaded), stream_style(sys.stdout))

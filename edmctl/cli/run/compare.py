@@ -36,7 +36,7 @@ def compare(outcome: Outcome, files: FilesArgument, out: OutOption = None) -> No
 
     Of the results it is told whether they differ by more than their uncertainty.
     """
-    from edmctl.console.runs_tables import render_comparison
+    from edmctl.cli.render.runs_tables import render_comparison
     from edmctl.jobs import output_files
     from edmctl.report.comparison import compare as compared
 
@@ -67,7 +67,7 @@ def compare(outcome: Outcome, files: FilesArgument, out: OutOption = None) -> No
 
 
 def _drawn(runs: "list[RunFile]", out: Path) -> bytes:
-    from edmctl.console.runs_tables import letter
+    from edmctl.cli.render.runs_tables import letter
     from edmctl.report.figures.comparison import draw
     from edmctl.report.style import house_style, rendered
 

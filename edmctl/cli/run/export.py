@@ -11,7 +11,7 @@ import typer
 
 from edmctl.cli.options import RunArgument, command
 from edmctl.cli.outcome import Outcome, mutter, stream_style, unwritable
-from edmctl.console.layout import render_columns
+from edmctl.cli.render.layout import render_columns
 from edmctl.errors import EdmError, UsageError
 from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
 from edmctl.results.run_file import Exported

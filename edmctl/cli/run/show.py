@@ -45,7 +45,7 @@ def show(outcome: Outcome, file: RunArgument, follow: FollowOption = False) -> N
 
 def _tell(outcome: Outcome, path: Path) -> None:
     """Leave the summary as the result. Raises RunFileError E9008 when the writer was killed."""
-    from edmctl.console.run_view import render_run
+    from edmctl.cli.render.run_view import render_run
     from edmctl.jobs.runs.summary import summary_of
     from edmctl.record.reader import reading
 
@@ -64,7 +64,7 @@ def explain(outcome: Outcome, file: RunArgument) -> None:
 
     What it did, when, and why.
     """
-    from edmctl.console.run_view import render_sentences
+    from edmctl.cli.render.run_view import render_sentences
     from edmctl.jobs.runs.explanation import sentences_of
     from edmctl.record.reader import reading
 
@@ -107,7 +107,7 @@ def _only(folder: Path | None, out: Path | None) -> Path:
 
 
 def _list(outcome: Outcome, folder: Path) -> None:
-    from edmctl.console.runs_tables import render_runs
+    from edmctl.cli.render.runs_tables import render_runs
     from edmctl.record.run_index import heads_of, read_head
 
     if folder == RUNS and not folder.exists():

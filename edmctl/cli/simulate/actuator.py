@@ -185,7 +185,7 @@ def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, se
 
 def _report(outcome: Outcome, trial: "Trial", plot: Path | None, data: Path | None) -> None:
     """Say the figures; then write the files, so that a full disk leaves the figures known."""
-    from edmctl.console.calibration_tables import render_actuator
+    from edmctl.cli.render.calibration_tables import render_actuator
     from edmctl.jobs.actuator_trial import write_figure
 
     outcome.text = render_actuator(trial.waveforms, trial.stroke_um, stream_style(sys.stdout))
@@ -227,7 +227,7 @@ def _try_paper(outcome: Outcome, asked: "list[Waveform]", start: StartChoice, se
 
 def _report_paper(outcome: Outcome, trial: "PaperTrial", plot: Path | None, data: Path | None) -> None:
     """Say the figures; then write the files."""
-    from edmctl.console.calibration_tables import render_paper_trial
+    from edmctl.cli.render.calibration_tables import render_paper_trial
     from edmctl.jobs.paper_trial import write_figure
 
     words = f"simulated, seed {outcome.seed}; model begins {trial.start}"

@@ -105,7 +105,7 @@ def simulate(
     Reports how depth, wear, time and the errors of measuring spread over the seeds. A series in a folder (--out)
     that was interrupted goes on with --resume. `simulate actuator` drives the actuator of one machine alone.
     """
-    from edmctl.console.profile_tables import render_forecasts
+    from edmctl.cli.render.profile_tables import render_forecasts
     from edmctl.jobs.batch import cases_of, check_names, tasks_of
     from edmctl.jobs.plan import SIMULATOR, JobRequest
     from edmctl.jobs.series import Series, SeriesRows
@@ -258,7 +258,7 @@ def _summaries(cases: list["Case"], runs: int, done: "dict[int, SimulatedRun]") 
 def _tell(
     outcome: Outcome, cases: list["Case"], runs: int, done: "dict[int, SimulatedRun]", out: Path | None
 ) -> None:
-    from edmctl.console.runs_tables import render_cases
+    from edmctl.cli.render.runs_tables import render_cases
 
     summaries = _summaries(cases, runs, done)
     outcome.result = {"runs": runs, "finished": len(done), "cases": summaries}

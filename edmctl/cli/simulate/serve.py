@@ -138,8 +138,8 @@ def serve(
     breaks stays broken until SIGUSR1 mends it.
     """
     from edmctl.jobs.connect import bench_config
+    from edmctl.planning.rules.load import load_profile
     from edmctl.profile.setup import load_setup
-    from edmctl.rules.load import load_profile
 
     outcome.simulated = True
     if link is not None and socket is not None:

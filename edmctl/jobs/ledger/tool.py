@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, PreconditionError, RunFileError
-from edmctl.forecasts.forecast import forecast, stroke_available_um
 from edmctl.jobs.ledger.elapsed import CALENDAR, Now
 from edmctl.jobs.plan import MachineAddress, Plan
 from edmctl.jobs.runs.opening import command_to_go_on, on_machine
 from edmctl.jobs.session import MachineSession
+from edmctl.planning.forecast import forecast, stroke_available_um
 from edmctl.profile.model import Profile, Tool
 from edmctl.profile.read import Merged, apply_overrides, put
 from edmctl.profile.setup import Setup

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from edmctl.forecasts.removal import SIDE_DISCHARGE_SHARE, removal_um3_s
+from edmctl.planning.removal import SIDE_DISCHARGE_SHARE, removal_um3_s
 from edmctl.procedures.channel.scan import PassPlan, PassResult, run_pass
 from edmctl.procedures.channel.touching import ChannelSurface, FloorReading, learned_gap_um
 from edmctl.procedures.job_state import CutTotals, RunningCut

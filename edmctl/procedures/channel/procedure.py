@@ -11,9 +11,9 @@ from functools import partial
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import MachineFault
-from edmctl.forecasts.channel import LAYERS_BEFORE_FIRST_STOP, PLACES, PLACES_AT_THE_END
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
 from edmctl.machine.interface import host_fault
+from edmctl.planning.channel import LAYERS_BEFORE_FIRST_STOP, PLACES, PLACES_AT_THE_END
 from edmctl.procedures.channel.layers import Layers
 from edmctl.procedures.channel.result import channel_left, channel_result, channel_row
 from edmctl.procedures.channel.resuming import (

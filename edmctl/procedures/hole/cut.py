@@ -10,10 +10,10 @@ from enum import StrEnum
 
 from edmctl.dataclasses import dataclass
 from edmctl.errors import MachineFault
-from edmctl.forecasts.measuring import cut_budget
 from edmctl.labels import Verdict
 from edmctl.machine.faults import host_fault
 from edmctl.machine.interface import EventCode, MachineEvent
+from edmctl.planning.measuring import cut_budget
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, following_plan
 from edmctl.procedures.hole.running_cut import NO_SPARK, ArcRecovery, CutControl, with_a_check
 from edmctl.procedures.job import HoleTarget, verdict_of

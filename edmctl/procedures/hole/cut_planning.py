@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass, replace
-from edmctl.forecasts.measuring import cut_budget, estimate_of
-from edmctl.forecasts.removal import feed_rate_um_s
+from edmctl.planning.measuring import cut_budget, estimate_of
+from edmctl.planning.removal import feed_rate_um_s
 from edmctl.procedures.job import HoleTarget, target_of
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
 from edmctl.process.next_cut import CLEAR_SIGMAS, NextCut, largest_first_um, next_cut

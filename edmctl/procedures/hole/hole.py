@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from edmctl.dataclasses import dataclass, field, replace
-from edmctl.forecasts.measuring import FACE_LIMIT_UM, estimate_of
 from edmctl.labels import Basis
+from edmctl.planning.measuring import FACE_LIMIT_UM, estimate_of
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
 from edmctl.procedures.hole.hole_estimate import Estimate
 from edmctl.procedures.hole.site_result import CutSums

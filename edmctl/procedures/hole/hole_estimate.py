@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError, stages_by_hand
-from edmctl.forecasts.removal import feed_rate_um_s
+from edmctl.planning.removal import feed_rate_um_s
 from edmctl.procedures.job_state import PERIOD_S, JobState
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy
 from edmctl.process.next_cut import CLEAR_SIGMAS

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.forecasts.measuring import estimate_of
-from edmctl.forecasts.regimes import Recipe, recipes_of
+from edmctl.planning.measuring import estimate_of
+from edmctl.planning.regimes import Recipe, recipes_of
 from edmctl.procedures.job_state import RegimeBegun
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.settings import pulse_settings

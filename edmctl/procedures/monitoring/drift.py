@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from edmctl.forecasts.measuring import displacement
+from edmctl.planning.measuring import displacement
 from edmctl.procedures.job import Job
 from edmctl.process.touches import Displacement, Drift, share_u
 

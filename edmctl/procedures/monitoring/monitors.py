@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 
 from edmctl.array_types import Array
-from edmctl.forecasts.forecast import stroke_um
 from edmctl.machine.faults import host_fault
 from edmctl.machine.interface import TelemetryBlock
+from edmctl.planning.forecast import stroke_um
 from edmctl.procedures.run import JobRun
 from edmctl.record.rows import EventLevel, EventRow, LinkRow, RunEvent
 from edmctl.results.progress import Extremes, Phase

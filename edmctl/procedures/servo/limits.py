@@ -8,7 +8,7 @@ import numpy as np
 
 from edmctl.actuator.model import Estimator
 from edmctl.dataclasses import dataclass
-from edmctl.forecasts.forecast import forecast
+from edmctl.planning.forecast import forecast
 from edmctl.procedures.run import JobRun
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.telemetry import PulseShares

@@ -10,8 +10,8 @@ from collections import deque
 from collections.abc import Sequence
 from enum import StrEnum
 
-from edmctl.forecasts.forecast import forecast
 from edmctl.machine.interface import SLICE_S, MachineState, MachineStatus, TelemetryBlock, host_fault
+from edmctl.planning.forecast import forecast
 from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
 from edmctl.procedures.hole.cut_planning import CutPlan, energy_of
 from edmctl.procedures.hole.hole_estimate import estimate_in_cut

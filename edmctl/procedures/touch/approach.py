@@ -11,8 +11,8 @@ import math
 
 from edmctl.actuator.inverse import ramp_by
 from edmctl.dataclasses import dataclass, replace
-from edmctl.forecasts.removal import approach_speed_um_s
 from edmctl.machine.interface import MachineEvent
+from edmctl.planning.removal import approach_speed_um_s
 from edmctl.procedures.run import JobRun, rest_and_look
 from edmctl.procedures.settings import first_sparks_v
 from edmctl.procedures.stages import move_to, retract

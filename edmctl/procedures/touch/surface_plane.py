@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from edmctl.dataclasses import dataclass, field, replace
-from edmctl.forecasts.measuring import FACE_LIMIT_UM
+from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.procedures.job_state import SurfaceTouch
 from edmctl.procedures.run import Args, JobRun
 from edmctl.procedures.touch.reading import SurfaceReading

@@ -1,0 +1,156 @@
+"""`edmctl firmware build`: the library that `--controller firmware` uses, or the image of a board."""
+
+import os
+import shlex
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from edmctl.cli.options import RESULT, command
+from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.errors import UsageError
+
+BoardOption = Annotated[
+    str | None,
+    typer.Option(
+        "--board",
+        metavar="host|stm32f4",
+        help="What to build for: this computer's virtual machines, or a board. Default: host.",
+    ),
+]
+CompilerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--compiler",
+        metavar="zig|gcc",
+        help="Default: zig (the package ziglang), else arm-none-eabi-gcc; of the host CC, the system's, or zig.",
+    ),
+]
+OutputOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE|FOLDER",
+        help="ELF, with BIN and HEX beside it. Default: edmctl-BOARD.elf.",
+    ),
+]
+RealOption = Annotated[
+    str | None,
+    typer.Option(
+        "--real", metavar="double|float", help="Arithmetic of the library of the host. Default: both."
+    ),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Of a board: a range, step or limit of your machine. May be repeated.",
+    ),
+]
+
+
+@command("firmware build", RESULT)
+def build(
+    outcome: Outcome,
+    board: BoardOption = None,
+    compiler: CompilerOption = None,
+    output: OutputOption = None,
+    real: RealOption = None,
+    settings: SetOption = None,
+) -> None:
+    """Build the image of a board, or the firmware's core as a library for virtual machines.
+
+    The image is written as ELF, BIN and HEX, with its size and a check inside. The package ziglang brings all
+    that it takes. --set gives the ranges of your circuits, as in --set gap_full_v=331.2; the image tells them.
+
+    The library is built unless that was done before. It takes a C compiler: CC names one, else one of the system is
+    taken, else that of the package ziglang, and kept in the user's cache folder or in EDMCTL_FIRMWARE_CACHE. Jobs
+    with --controller firmware build by themselves what they need.
+    """
+    from edmctl.board.board_build import COMPILERS, SUFFIXES
+    from edmctl.core.boards import BOARDS, HOST
+    from edmctl.core.build import REALS
+
+    if board not in (None, HOST, *BOARDS):
+        raise UsageError(
+            f"There is no board {board}.", hint=f"Say {', '.join((HOST, *BOARDS))}.", code="E2090"
+        )
+    if compiler not in (None, *COMPILERS):
+        raise UsageError(
+            f"--compiler {compiler} is none that is known.",
+            hint=f"Say {' or '.join(COMPILERS)}.",
+            code="E2090",
+        )
+    if real is not None and real not in REALS:
+        raise UsageError(f"--real {real} is no arithmetic.", hint=f"Say {' or '.join(REALS)}.", code="E2048")
+    if board in (None, HOST):
+        if output is not None:
+            raise UsageError(
+                "--output is for the image of a board; libraries are kept in the user's cache folder.",
+                hint="Say --board stm32f4, or name a cache folder in EDMCTL_FIRMWARE_CACHE.",
+                code="E2090",
+            )
+        if settings:
+            raise UsageError(
+                "--set is for the image of a board; virtual machines have a setup file.",
+                hint="Say --board stm32f4.",
+                code="E2090",
+            )
+        _library(outcome, real, compiler)
+        return
+    if real is not None:
+        raise UsageError(
+            "--real is for libraries; a board calculates in float.", hint="Leave it out.", code="E2090"
+        )
+    place = output or Path(f"edmctl-{board}.elf")
+    if place.is_dir():
+        place /= f"edmctl-{board}.elf"
+    if place.suffix not in ("", *SUFFIXES):
+        raise UsageError(
+            f"--output {place} is no name of an image.",
+            hint=f"End it with {', '.join(SUFFIXES)}.",
+            code="E2090",
+        )
+    _image(outcome, str(board), place, compiler, settings or [])
+
+
+def _image(outcome: Outcome, board: str, place: Path, compiler: str | None, settings: list[str]) -> None:
+    from edmctl.board.board_build import build_board
+    from edmctl.board.commands.tables import render_image
+    from edmctl.core.boards import BOARDS
+    from edmctl.link.messages import SCHEMA_HASH
+
+    made = build_board(BOARDS[board], place, SCHEMA_HASH, compiler, settings=settings)
+    files = {"elf": str(made.elf), "bin": str(made.bin), "hex": str(made.hex)}
+    outcome.result = {**made.image.facts.as_mapping(), "files": files, "compiler": made.compiler}
+    table = render_image(made.image.facts, stream_style(sys.stdout))
+    outcome.text = f"{table}\n\nBuilt by {made.compiler}: {', '.join(files.values())}"
+
+
+def _library(outcome: Outcome, real: str | None, compiler: str | None) -> None:
+    from dataclasses import asdict
+
+    from edmctl.core.build import REALS, built
+
+    environ = _environment(compiler)
+    builds = [built(kind, environ) for kind in REALS if real in (None, kind)]
+    outcome.result = {"builds": [{**asdict(made), "path": str(made.path)} for made in builds]}
+    lines = [
+        f"{made.real}: {made.path}, {'built now' if made.is_new else 'built before'} by {made.compiler}"
+        for made in builds
+    ]
+    outcome.text = "\n".join(lines)
+
+
+def _environment(compiler: str | None) -> "Mapping[str, str]":
+    """The environment in which CC names what --compiler names."""
+    from edmctl.core.build import ZIG
+
+    if compiler is None:
+        return os.environ
+    return {**os.environ, "CC": shlex.join(ZIG) if compiler == "zig" else "gcc"}

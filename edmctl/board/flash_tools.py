@@ -1,0 +1,392 @@
+"""Programs that flash a board, each as the commands that are run: which chip is there, write, read back, start.
+
+None of them is part of edmctl. They are run in a folder of their own, where the image is `image.bin`, and nobody
+answers their questions. They write and read a chip that was reset and halted: one that was only halted is reset by
+its own watchdog, and what was just written shall not run before it has been compared.
+
+Commands and messages are those of pyOCD 0.46, OpenOCD 0.12, stlink 1.7 and dfu-util 0.11.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from edmctl.core.boards import CHIPS, Board
+from edmctl.dataclasses import dataclass
+from edmctl.errors import PreconditionError, UsageError, installing
+from edmctl.files import open_regular
+
+_IDCODE = 0xE004_2000
+"""DBGMCU_IDCODE, RM0090 38.6.1."""
+_DEVICE_BITS = 0xFFF
+_IMAGE, _BACK = "image.bin", "back.bin"
+_SECONDS = 300
+_TOLD_LINES = 6
+_MOST_SAID = 4_000_000
+"""Bytes that a tool may say."""
+_NO_PROBE = re.compile(
+    r"No connected debug probes|No available debug probes|No target device available|Probe .* not found"
+    r"|Error: open failed|No device found|unable to find a matching|Error: Device not found"
+    r"|Found 0 stlink programmers|Couldn't find any ST-Link|No DFU capable USB device",
+    re.IGNORECASE,
+)
+_NO_RIGHT = re.compile(
+    r"LIBUSB_ERROR_ACCESS|access denied|insufficient permissions|permission denied", re.IGNORECASE
+)
+_SEVERAL = re.compile(r"More than one DFU capable|Enter the number of the debug probe", re.IGNORECASE)
+_NO_CHIP = re.compile(
+    r"unable to connect to the target|Get IDCODE error|No ACK|Failed to connect to target|Failed to enter SWD mode"
+    r"|SWD/JTAG communication failure|Target not available",
+    re.IGNORECASE,
+)
+
+
+class Tool:
+    """A program for flashing that is installed. Its commands raise PreconditionError E8121, E8125."""
+
+    name = ""
+    programs: tuple[str, ...] = ()
+    install = ""
+    by_st_link = True
+    takes_first = False  # of several boards, without a word
+
+    def __init__(self, command: tuple[str, ...], probe: str | None) -> None:
+        self.command = command
+        self.probe = probe
+        self.folder = Path()
+
+    @classmethod
+    def found(cls) -> tuple[str, ...] | None:
+        """Its command where it is installed with all that belongs to it."""
+        paths = [shutil.which(program) for program in cls.programs]
+        return (paths[0],) if paths and paths[0] and all(paths) else None
+
+    def device_id(self, board: Board) -> int:
+        """Which chip is there, as DBGMCU_IDCODE says; nothing is stopped or written."""
+        raise NotImplementedError
+
+    def write(self, board: Board) -> None:
+        """Write the image into the flash, without starting it."""
+        raise NotImplementedError
+
+    def read_back(self, board: Board, size: int) -> None:
+        """Read the flash into the file of what was read back."""
+        raise NotImplementedError
+
+    def start(self, board: Board) -> None:
+        """Reset the board, so that it runs what was written."""
+        raise NotImplementedError
+
+    def run(self, *arguments: str, program: str = "") -> str:
+        """Run the tool and return what it said on both streams."""
+        command = [*((program,) if program else self.command), *arguments]
+        try:
+            process = subprocess.Popen(
+                command,
+                cwd=self.folder,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+            )
+        except OSError as error:
+            raise self._unfit(f"does not run: {error}") from error
+        timer = threading.Timer(_SECONDS, process.kill)
+        with process:
+            timer.start()
+            try:
+                assert process.stdout is not None
+                said = process.stdout.read(_MOST_SAID)
+                if len(said) == _MOST_SAID:
+                    raise self._unfit(f"says more than {_MOST_SAID} bytes")
+                process.wait()
+            except BaseException:
+                process.kill()
+                raise
+            finally:
+                timer.cancel()
+        text = said.decode("utf-8", "replace")
+        self._check(command, process.returncode, text)
+        return text
+
+    def _unfit(self, what: str) -> PreconditionError:
+        return PreconditionError(f"{self.name} {what}.", hint="Name another one with --tool.", code="E8125")
+
+    def _check(self, command: Sequence[str], status: int, said: str) -> None:
+        if _SEVERAL.search(said):
+            raise several_boards(self.name)
+        if _NO_RIGHT.search(said):
+            raise no_board(
+                f"{self.name} may not open the board's USB port.",
+                "Install the udev rules of the tool; on Linux its package brings them.",
+            )
+        if _NO_PROBE.search(said):
+            raise no_board(
+                f"{self.name} finds no board.",
+                "Plug in the USB cable of the ST-LINK; for dfu-util the chip's own, with BOOT0 high at a reset.",
+            )
+        if _NO_CHIP.search(said):
+            raise no_board(
+                f"{self.name} finds the ST-LINK, and no chip behind it.",
+                "Check the supply of the board and its jumpers (on a NUCLEO: both of CN4 closed).",
+            )
+        if status:
+            told = "\n".join(f"  {line}" for line in said.strip().splitlines()[-_TOLD_LINES:])
+            raise PreconditionError(
+                f"{self.name} ended with {status}: `{shlex.join(command)}`\n{told}",
+                hint="The flash may be half written: flash it again, or name another tool with --tool.",
+                code="E8125",
+            )
+
+
+class PyOcd(Tool):
+    """https://pyocd.io; it does not look which chip it writes to."""
+
+    name, programs = "pyocd", ("pyocd",)
+    install = installing("pyocd")
+    _HALTED = ("--connect", "under-reset", "-O", "resume_on_disconnect=false")
+
+    @classmethod
+    def found(cls) -> tuple[str, ...] | None:
+        """On the path, or installed where this program runs."""
+        is_here = importlib.util.find_spec("pyocd") is not None
+        return super().found() or ((sys.executable, "-m", "pyocd") if is_here else None)
+
+    def _at(self, board: Board) -> list[str]:
+        return ["--no-wait", "--target", board.pyocd_target, *(("--uid", self.probe) if self.probe else ())]
+
+    def device_id(self, board: Board) -> int:
+        said = self.run("commander", *self._at(board), "--connect", "attach", "-c", f"read32 0x{_IDCODE:08x}")
+        return _id_in(said, rf"^{_IDCODE:08x}:\s+([0-9a-f]{{8}})", self.name)
+
+    def write(self, board: Board) -> None:
+        place = ("--format", "bin", "--base-address", f"0x{board.flash.address:08x}")
+        self.run("load", *self._at(board), *self._HALTED, "--no-reset", *place, _IMAGE)
+
+    def read_back(self, board: Board, size: int) -> None:
+        command = f"savemem 0x{board.flash.address:08x} {size} {_BACK}"
+        self.run("commander", *self._at(board), *self._HALTED, "-c", command)
+
+    def start(self, board: Board) -> None:
+        self.run("reset", *self._at(board))
+
+
+class OpenOcd(Tool):
+    """https://openocd.org."""
+
+    name, programs = "openocd", ("openocd",)
+    install = "`apt install openocd`"
+    takes_first = True
+
+    def _do(self, board: Board, *commands: str) -> str:
+        quiet = [f"{port} disabled" for port in ("gdb_port", "tcl_port", "telnet_port")]
+        chosen = (f"adapter serial {self.probe}",) if self.probe else ()
+        every = [*quiet, *chosen, "init", *commands, "shutdown"]
+        return self.run("-f", board.openocd_config, *(word for c in every for word in ("-c", c)))
+
+    def device_id(self, board: Board) -> int:
+        said = self._do(board, f"mdw 0x{_IDCODE:08x}")
+        return _id_in(said, rf"^0x{_IDCODE:08x}:\s+([0-9a-f]{{8}})", self.name)
+
+    def write(self, board: Board) -> None:
+        self._do(board, f"program {_IMAGE} 0x{board.flash.address:08x} verify")
+
+    def read_back(self, board: Board, size: int) -> None:
+        self._do(board, "reset halt", f"dump_image {_BACK} 0x{board.flash.address:08x} {size}")
+
+    def start(self, board: Board) -> None:
+        self._do(board, "reset run")
+
+
+class StFlash(Tool):
+    """https://github.com/stlink-org/stlink."""
+
+    name, programs = "st-flash", ("st-flash", "st-info")
+    install = "`apt install stlink-tools`"
+    _HALTED = ("--connect-under-reset",)
+
+    def _at(self) -> tuple[str, ...]:
+        return ("--serial", self.probe) if self.probe else ()
+
+    def device_id(self, board: Board) -> int:
+        said = self.run("--probe", program=shutil.which("st-info") or "st-info")
+        programmers = re.split(r"(?m)^(?=\s*version:)", said)[1:]
+        if self.probe:
+            programmers = [
+                text for text in programmers if re.search(rf"serial:\s+{re.escape(self.probe)}\s", text)
+            ]
+        if not programmers:
+            raise no_board(f"{self.name} finds no board {self.probe or ''}.", "`st-info --probe` lists them.")
+        if len(programmers) > 1:
+            raise no_board(f"{self.name} finds several boards.", "Say which with --probe SERIAL.")
+        return _id_in(programmers[0], r"chipid:\s+(0x[0-9a-f]{1,8})\b", self.name)
+
+    def write(self, board: Board) -> None:
+        self.run(*self._HALTED, *self._at(), "write", _IMAGE, f"0x{board.flash.address:08x}")
+
+    def read_back(self, board: Board, size: int) -> None:
+        self.run(*self._HALTED, *self._at(), "read", _BACK, f"0x{board.flash.address:08x}", str(size))
+
+    def start(self, board: Board) -> None:
+        self.run(*self._at(), "reset")
+
+
+class DfuUtil(Tool):
+    """https://dfu-util.sourceforge.net, with the loader that the chip has in ROM (AN2606)."""
+
+    name, programs = "dfu-util", ("dfu-util",)
+    install = "`apt install dfu-util`"
+    by_st_link = False
+    _USB_ID = "0483:df11"
+
+    def _at(self) -> tuple[str, ...]:
+        return ("-d", self._USB_ID, "-a", "0", *(("-S", self.probe) if self.probe else ()))
+
+    def device_id(self, board: Board) -> int:
+        """By its flash, for the loader does not tell the chip: those of the board's kind have it alone (AN2606)."""
+        said = self.run("-d", self._USB_ID, "-l")
+        names = re.findall(r'Found DFU: .*alt=0, name="(@Internal Flash[^"]*)"(?:, serial="([^"]*)")?', said)
+        layouts = [name for name, serial in names if self.probe in (None, serial)]
+        if not layouts:
+            raise no_board(
+                f"{self.name} finds no board.",
+                "Pull BOOT0 high, reset the board, and plug in the chip's own USB; the ST-LINK is another one.",
+            )
+        if len(layouts) > 1:
+            raise no_board(f"{self.name} finds several boards.", "Say which with --probe SERIAL.")
+        expected = f"/0x{board.flash.address:08X}/{board.flash_layout}"
+        if expected not in layouts[0].replace(" ", ""):
+            raise wrong_chip(board, f"one whose loader tells {layouts[0]}")
+        return min(board.device_ids)
+
+    def write(self, board: Board) -> None:
+        self.run(*self._at(), "-s", f"0x{board.flash.address:08x}", "-D", _IMAGE)
+
+    def read_back(self, board: Board, size: int) -> None:
+        self.run(*self._at(), "-s", f"0x{board.flash.address:08x}:{size}", "-U", _BACK)
+
+    def start(self, board: Board) -> None:
+        self.run(*self._at(), "-s", f"0x{board.flash.address:08x}:4:leave", "-U", "left.bin")
+
+
+TOOLS: dict[str, type[Tool]] = {tool.name: tool for tool in (PyOcd, OpenOcd, StFlash, DfuUtil)}
+"""In the order in which they are taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flashed:
+    """What was done: by which tool, on which chip, and that the flash was read back as it was written."""
+
+    tool: str
+    command: tuple[str, ...]
+    chip: str
+    size_bytes: int
+
+
+def find_tool(named: str | None, probe: str | None = None) -> Tool:
+    """Return the tool of that name, else the first that is installed.
+
+    Raises UsageError E2092 for a name that is none, PreconditionError E8120 where it is not installed.
+    """
+    if named is not None and named not in TOOLS:
+        raise UsageError(f"There is no tool {named}.", hint=f"Say {', '.join(TOOLS)}.", code="E2092")
+    for kind in TOOLS.values():
+        if named in (None, kind.name) and (command := kind.found()):
+            return kind(command, probe)
+    if named is None:
+        message = f"None of {', '.join(TOOLS)} is installed."
+        hint = f"Install pyocd: {PyOcd.install}."
+    else:
+        missing = [program for program in TOOLS[named].programs if not shutil.which(program)]
+        message = f"{' and '.join(missing)} is not installed."
+        hint = f"Install it: {TOOLS[named].install}; without --tool any other one is taken."
+    raise PreconditionError(message, hint=hint, code="E8120")
+
+
+def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> Flashed:
+    """Write an image to a board of its kind, compare what is there then byte by byte, and start it.
+
+    Raises PreconditionError: E8121 without a board, E8122 for another chip, E8125 where the tool fails, E8126 where
+    another image is read back; the board is not started then.
+    """
+    with (
+        tempfile.TemporaryDirectory(prefix="edmctl-flash-") as folder,
+        tempfile.TemporaryDirectory(
+            prefix="edmctl-flash-"
+        ) as folder_back,  # where no image lies to be copied
+    ):
+        tool.folder = Path(folder)
+        (tool.folder / _IMAGE).write_bytes(data)
+        found = tool.device_id(board) & _DEVICE_BITS
+        chip = CHIPS.get(found, f"device id 0x{found:03X}")
+        if found not in board.device_ids:
+            raise wrong_chip(board, chip)
+        say(f"{tool.name}: {chip} found; {len(data)} bytes are written.")
+        tool.write(board)
+        say(f"{tool.name}: written; it is read back.")
+        tool.folder = Path(folder_back)
+        tool.read_back(board, len(data))
+        read = _first_bytes(tool.folder / _BACK, len(data) + 1)
+        if read != data:
+            differences = (at for at, (a, b) in enumerate(zip(read, data, strict=False)) if a != b)
+            first = next(differences, min(len(read), len(data)))
+            raise PreconditionError(
+                f"{len(read)} bytes were read back, and they differ from the image at "
+                f"0x{board.flash.address + first:08X}. The board was not reset.",
+                hint="Flash it again, with another tool or cable; a flash that stays wrong is worn.",
+                code="E8126",
+            )
+        tool.start(board)
+    return Flashed(tool.name, tool.command, chip, len(data))
+
+
+def _first_bytes(file: Path, count: int) -> bytes:
+    """The begin of what a tool has left; nothing where that is no file."""
+    with suppress(OSError), open_regular(file) as opened:
+        return opened.read(count)
+    return b""
+
+
+def _id_in(said: str, pattern: str, tool: str) -> int:
+    """The device id in what a tool said."""
+    if match := re.search(pattern, said, re.IGNORECASE | re.MULTILINE):
+        number = int(match[1], 16)
+        if number & _DEVICE_BITS not in (0, _DEVICE_BITS):
+            return number
+        raise no_board(
+            f"{tool} finds a probe, and no chip behind it.", "Check supply and jumpers of the board."
+        )
+    told = "\n".join(f"  {line}" for line in said.strip().splitlines()[-_TOLD_LINES:])
+    raise PreconditionError(
+        f"{tool} does not say which chip is there:\n{told}",
+        hint="Name another tool with --tool.",
+        code="E8125",
+    )
+
+
+def no_board(message: str, remedy: str) -> PreconditionError:
+    """The error of a tool that reaches no board."""
+    return PreconditionError(message.replace(" .", "."), hint=remedy, code="E8121")
+
+
+def several_boards(tool: str) -> PreconditionError:
+    """The error of a choice that nobody made."""
+    return no_board(f"{tool} finds several boards.", "Unplug the others, or say which with --probe ID.")
+
+
+def wrong_chip(board: Board, found: str) -> PreconditionError:
+    """The error of another chip than the image is for. Nothing was written."""
+    return PreconditionError(
+        f"The image is for {board.title} ({board.chip}), and the chip there is {found}. Nothing was written.",
+        hint="Plug in the right board, or say which one with --probe ID.",
+        code="E8122",
+    )

@@ -1,0 +1,192 @@
+"""Tables of actuator models: what a calibration found, its plan, and the errors of models on a virtual actuator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from edmctl.cli.render.layout import render_columns
+from edmctl.cli.render.style import PLAIN, Style
+from edmctl.quantity import half_width
+from edmctl.wording import count, decimal, duration, with_u95
+
+if TYPE_CHECKING:
+    from edmctl.actuator.identification import Identification
+    from edmctl.actuator.validation import ErrorFigures
+    from edmctl.jobs.actuator_trial import WaveformResult
+    from edmctl.jobs.calibration.fit import FileFigures, Findings
+    from edmctl.jobs.calibration.request import LeverFound
+    from edmctl.procedures.actuator.calibration import CalibrationPlan
+
+    Errors = ErrorFigures | FileFigures
+    from edmctl.jobs.paper_trial import PaperTrial
+
+_MAXWELL = "Maxwell, no creep"
+MODEL_NAMES = {"line": "straight line", "maxwell": _MAXWELL, "paper": _MAXWELL, "ours": "edmctl"}
+"""`maxwell` is fitted to all the data, `paper` to one slow cycle."""
+SMALL_RANGE_UM = 100.0
+"""Errors on a smaller range have three decimals."""
+_NAME_WIDTH = 15
+
+
+def render_calibration(found: Findings, lever: LeverFound | None = None, style: Style = PLAIN) -> str:
+    """Render the errors of the models, what the actuator is like, and what is not accepted and why."""
+    fitted = ("edmctl, fitted data", found.train)
+    alone = ("edmctl, noise taken off", found.identification.held_out_model)
+    rows = [*_models(found.held_out_baselines, found.held_out), alone, fitted]
+    blocks = [_errors("held-out blocks", rows, style)]
+    if found.validated is not None:
+        blocks.append(_validation(found, found.validated, style))
+    blocks.append("\n".join([*_properties(found.identification), *_lever_lines(lever)]))
+    verdict = found.identification
+    accepted = [f"Accepted {one}" for one in verdict.restrictions] or ["Accepted."]
+    verdicts = [f"Not accepted: {problem}" for problem in verdict.problems] or accepted
+    blocks.append("\n".join([*verdicts, *(f"Note: {note}" for note in verdict.notes)]))
+    return "\n\n".join(blocks)
+
+
+def render_lever(lever: LeverFound) -> str:
+    """Render the lever factor alone."""
+    return "\n".join(_lever_lines(lever))
+
+
+def render_plan(plan: CalibrationPlan, style: Style = PLAIN) -> str:
+    """Render the slow legs with the times they begin at, what follows them, and the whole."""
+    rows, time_s = [], 0.0
+    for leg in plan.legs:
+        rows.append([f"{time_s:.1f}", f"{leg.u_v:.1f}", f"{leg.duration_s:.3f}"])
+        time_s += leg.duration_s
+    others = [
+        f"Then {count(len(moves))} {what} in {duration(sum(leg.duration_s for leg in moves))}."
+        for moves, what in (
+            (plan.fast, "moves of 5 to 50 Hz about three voltages"),
+            (plan.use, "moves as a job makes them: swings, steps, a gap servo's feed and jumps"),
+        )
+        if moves
+    ]
+    legs = count(len(plan.legs) + len(plan.fast) + len(plan.use))
+    total = (
+        f"{legs} legs between 0 V and {plan.high_v:.1f} V in {duration(plan.duration_s)} or more, "
+        f"{count(plan.samples)} samples or more, without pulses, at the parking place."
+    )
+    return "\n".join([render_columns(["at s", "to V", "in s"], rows, style, align=">"), *others, total])
+
+
+def _models(baselines: Mapping[str, Errors], ours: Errors) -> list[tuple[str, Errors]]:
+    return [*((MODEL_NAMES[key], figures) for key, figures in baselines.items()), (MODEL_NAMES["ours"], ours)]
+
+
+def _errors(title: str, rows: Sequence[tuple[str, Errors]], style: Style) -> str:
+    header = [title, "max µm", "RMS µm", "max %", "RMS %"]
+    return render_columns(header, [[name, *_numbers(figures)] for name, figures in rows], style)
+
+
+def _numbers(figures: Errors) -> list[str]:
+    digits = 3 if figures.range_um < SMALL_RANGE_UM else 2
+    lengths = [f"{value:.{digits}f}" for value in (figures.max_um, figures.rms_um)]
+    return [*lengths, decimal(figures.max_pct), decimal(figures.rms_pct)]
+
+
+def _validation(found: Findings, ours: Errors, style: Style) -> str:
+    """Errors on the files that no model was fitted to, and on each of them where there are several."""
+    title = found.files[0].name if len(found.files) == 1 else f"{len(found.files)} files"
+    rows = _models(found.validated_baselines, ours)
+    if len(found.files) > 1:
+        rows += [(f"edmctl, {file.name}", file) for file in found.files]
+    for file in found.files:
+        if file.screened:
+            alone = "" if len(found.files) == 1 else f", {file.name}"
+            rows.append((f"edmctl{alone}, screened", file.screened))
+    again = "Gain and zero are" if "gain" in found.refit else "The zero is"
+    notes = [f"Note: {file.note}" for file in found.files if file.note]
+    return "\n".join([_errors(title, rows, style), f"{again} fitted to each file first.", *notes])
+
+
+def _properties(found: Identification) -> list[str]:
+    model, bands = found.model, found.bands
+    stroke_sd_um = bands.gain_sd_um_per_v * (model.high_v - model.low_v)
+    loop_width = with_u95(100.0 * bands.loop_width, half_width(100.0 * bands.loop_width_sd))
+    creep = with_u95(100.0 * bands.gamma_per_decade, half_width(100.0 * bands.gamma_sd_per_decade))
+    mean_um, most_um = half_width(bands.displacement_sd_um), half_width(bands.displacement_sd_max_um)
+    stroke = with_u95(model.stroke_um, half_width(stroke_sd_um))
+    lines = {
+        "stroke": f"{stroke} µm from {model.low_v:.1f} V to {model.high_v:.1f} V",
+        "gain": f"{with_u95(bands.gain_um_per_v, half_width(bands.gain_sd_um_per_v), 4)} µm/V",
+        "loop width": f"{loop_width} % of the stroke",
+        "creep": f"{creep} % per decade of time",
+        "delay": f"{1000.0 * model.delay_s:.2f} ms",
+        **({"lag": f"{1000.0 * model.lag_s:.2f} ms"} if model.lag_s else {}),
+        "noise": f"{found.noise.sd_um:.3f} µm (1 sd) in a sample, {found.noise.largest_um:.2f} µm at most in all",
+        "displacement": f"± {mean_um:.3f} µm on average, ± {most_um:.3f} µm at most (refits and held-out error)",
+    }
+    by_sensor = (
+        "All of it on the scale of the sensor: how far that is off (`sensor.gain_u_rel`) is in none of the ±."
+    )
+    return [*(f"{name:{_NAME_WIDTH}}{text}" for name, text in lines.items()), by_sensor]
+
+
+def _lever_lines(lever: LeverFound | None) -> list[str]:
+    if lever is None:
+        return []
+    return [f"{'lever factor':{_NAME_WIDTH}}{lever.factor:.3f} ± {lever.u95:.3f}"]
+
+
+def render_actuator(waveforms: Sequence[WaveformResult], stroke_um: float, style: Style = PLAIN) -> str:
+    """Render one row per waveform and model, and what the figures mean."""
+    header = ["waveform", "model", "max µm", "RMS µm", "max %", "RMS %"]
+    rows = [
+        [
+            waveform.name if index == 0 else "",
+            MODEL_NAMES[key],
+            *(decimal(value) for value in (errors.max_um, errors.rms_um, errors.max_pct, errors.rms_pct)),
+        ]
+        for waveform in waveforms
+        for index, (key, errors) in enumerate(waveform.models.items())
+    ]
+    return "\n".join(
+        [
+            render_columns(header, rows, style, align="<<>"),
+            f"Errors against the simulated truth, in percent of the stroke of {decimal(stroke_um)} µm.",
+            "Each model gets one zero per waveform (its mean error is taken off): the sensor's zero is not known.",
+            "The sensor's gain error stays in.",
+        ]
+    )
+
+
+_STARTS = {
+    "virgin": "The model begins virgin, with no memory, as a simulation does; the actuator has\nbeen cycled before.",
+    "conditioned": "Model and actuator have both been cycled over the whole range before.",
+}
+
+
+def render_paper_trial(trial: PaperTrial, style: Style = PLAIN) -> str:
+    """Render the errors of each waveform, and what the paper reads off it beside ours."""
+    blocks = []
+    rows = [
+        [reading.figure, reading.what, reading.paper, f"{reading.ours_um:.1f}"]
+        for waveform in trial.waveforms
+        for reading in waveform.readings
+    ]
+    if rows:
+        blocks.append(render_columns(["figure", "error", "paper µm", "ours µm"], rows, style, align="<<>"))
+    errors = [
+        [waveform.name, *(decimal(value) for value in (e.max_um, e.rms_um, e.max_pct, e.rms_pct))]
+        for waveform in trial.waveforms
+        for e in (waveform.errors,)
+    ]
+    header = ["waveform", "max µm", "RMS µm", "max %", "RMS %"]
+    blocks.append(render_columns(header, errors, style))
+    blocks.append("\n".join(_notes(trial)))
+    return "\n\n".join(blocks)
+
+
+def _notes(trial: PaperTrial) -> list[str]:
+    fit = trial.fitted.fit
+    fitted = f"max {fit.max_um:.1f} µm, RMS {fit.rms_um:.1f} µm"
+    return [
+        f"Model less sensor, in percent of the stroke of {decimal(trial.stroke_um)} µm. The model is Table 1",
+        "with k_p = 6e7 N/m and k_a = 6 N/µm; the paper has no numbers of its block H,",
+        f"which is fitted to one slow cycle here ({fitted}). The zero of that",
+        "fit holds for all.",
+        _STARTS[trial.start],
+    ]

@@ -1,0 +1,207 @@
+"""Progress for streams that cannot redraw: plain lines, JSON lines, or nothing.
+
+A reader that goes away (`edmctl machine … 2>&1 | head`) must not stop a job, so a broken pipe only silences.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import TextIO
+
+from edmctl.cli.render.result_table import render_ratios
+from edmctl.jsonout import render_json_line
+from edmctl.labels import Basis, marked
+from edmctl.results.progress import Progress
+from edmctl.results.telemetry import PulseShares
+from edmctl.wording import duration, escaped
+
+PASSING_PHASE = "jumping"
+"""Comes and goes every few seconds of machining, so it is no news of its own."""
+_IN_A_CUT = ("machining", PASSING_PHASE)
+LINE_EVERY_S = 30.0
+EVENT_EVERY_S = 1.0
+_EVENT_KEYS = (
+    *(
+        "phase",
+        "site",
+        "time_s",
+        "gap_v",
+        "reference_v",
+        "ratios",
+        "depth_um",
+        "depth_u95_um",
+        "depth_target_um",
+    ),
+    *(
+        "displacement_um",
+        "time_left_s",
+        "step",
+        "feed_um",
+        "feed_target_um",
+        "feed_um_s",
+        "wear_um",
+        "wear_u95_um",
+    ),
+    *("jumps", "jump_period_s", "sites_done", "sites_total", "warning"),
+)
+
+
+class Reporter:
+    """Watches a job, and shows nothing of it; the others show what their stream can."""
+
+    def progress(self, p: Progress) -> None:
+        """Take the newest state; called at 10 Hz or so of machine time."""
+
+    def note(self, text: str) -> None:
+        """Say something once."""
+
+    def runs(self, done: int, total: int) -> None:
+        """Count finished runs of many."""
+
+    def aside(self) -> None:
+        """Make room for what is written past it."""
+
+    def close(self) -> None:
+        """Leave the terminal clean."""
+
+
+class Pace:
+    """Lets a report through at each change of phase, and otherwise once per `every_s` of wall time."""
+
+    def __init__(self, every_s: float, clock: Callable[[], float]) -> None:
+        self._every_s = every_s
+        self._clock = clock
+        self._phase = ""
+        self._due_s = 0.0
+
+    def is_due(self, phase: str) -> bool:
+        """Say whether to report now; a yes starts the next interval."""
+        now_s = self._clock()
+        if phase in (self._phase, PASSING_PHASE) and now_s < self._due_s:
+            return False
+        self._phase, self._due_s = phase, now_s + self._every_s
+        return True
+
+
+class Pacer:
+    """Says how long a series of runs will still take, by how long those since its begin have taken."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._begin: tuple[float, int, int] | None = None
+
+    def time_left_s(self, done: int, total: int) -> float:
+        """Return the time left; NaN until something is done."""
+        now_s = self._clock()
+        if self._begin is None or self._begin[2] != total or done < self._begin[1]:
+            self._begin = (now_s, done, total)
+        begin_s, begin_done, _ = self._begin
+        made = done - begin_done
+        return (now_s - begin_s) / made * (total - done) if made else math.nan
+
+
+def left_words(time_left_s: float) -> str:
+    """Return the time left in words; nothing where it is unknown or over."""
+    return (
+        f", about {duration(time_left_s)} left" if math.isfinite(time_left_s) and time_left_s >= 1.0 else ""
+    )
+
+
+class LineReporter(Reporter):
+    """Plain lines, never a carriage return."""
+
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+        self._out = _PatientStream(stream)
+        self._pace = Pace(LINE_EVERY_S, clock)
+        self._pacer = Pacer(clock)
+
+    def progress(self, p: Progress) -> None:
+        """Write a line when one is due."""
+        if self._pace.is_due(p.phase):
+            self._out.write(progress_line(p) + "\n")
+
+    def note(self, text: str) -> None:
+        """Write `text` on a line of its own."""
+        self._out.write(escaped(text) + "\n")
+
+    def runs(self, done: int, total: int) -> None:
+        """Write a line when one is due."""
+        left_s = self._pacer.time_left_s(done, total)
+        if self._pace.is_due("runs") or done == total:
+            self._out.write(f"{done} of {total} runs done{left_words(left_s)}\n")
+
+
+class EventReporter(Reporter):
+    """JSON lines: each has the key `event`: `progress`, `runs` or `note`."""
+
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+        self._out = _PatientStream(stream)
+        self._pace = Pace(EVENT_EVERY_S, clock)
+        self._pacer = Pacer(clock)
+
+    def progress(self, p: Progress) -> None:
+        """Write a `progress` object when one is due."""
+        if self._pace.is_due(p.phase):
+            self._emit("progress", {key: getattr(p, key) for key in _EVENT_KEYS})
+
+    def note(self, text: str) -> None:
+        """Write a `note` object."""
+        self._emit("note", {"text": text})
+
+    def runs(self, done: int, total: int) -> None:
+        """Write a `runs` object when one is due."""
+        left_s = self._pacer.time_left_s(done, total)
+        if self._pace.is_due("runs"):
+            self._emit("runs", {"done": done, "total": total, "time_left_s": left_s})
+
+    def _emit(self, event: str, fields: Mapping[str, object]) -> None:
+        self._out.write(render_json_line({"event": event, **fields}))
+
+
+def progress_line(p: Progress) -> str:
+    """Return the state in one line of plain text; gap, pulses and depth only while there are pulses."""
+    parts = [f"{duration(p.time_s)}: {p.phase}{f' {p.site}' if p.site else ''}"]
+    if has_pulses(p.ratios):
+        parts.append(f"gap {p.gap_v:.1f} V (reference {p.reference_v:.1f} V)")
+        parts.append(render_ratios(p.ratios, decimals=0))
+        if math.isfinite(p.depth_um):
+            parts.append(f"depth {depth_words(p)}")
+    if p.time_left_s > 0:
+        parts.append(f"{duration(p.time_left_s)} left")
+    return "; ".join(parts)
+
+
+def depth_words(p: Progress) -> str:
+    """Return the depth, and the target where it is a depth: a feed target has none."""
+    u95 = f" ± {p.depth_u95_um:.1f}" if math.isfinite(p.depth_u95_um) else ""
+    of_target = f" of {p.depth_target_um:.1f}" if math.isfinite(p.depth_target_um) else ""
+    return f"{while_cutting(p)}{p.depth_um:.1f}{u95}{of_target} µm"
+
+
+def while_cutting(p: Progress) -> str:
+    """Return the mark of depth and wear in a cut: estimated, until the next touch."""
+    return marked("", Basis.ESTIMATED) if p.phase in _IN_A_CUT else ""
+
+
+def has_pulses(ratios: PulseShares) -> bool:
+    """Say whether any pulse was counted: without one all shares are zero or unknown."""
+    return ratios.open + ratios.normal + ratios.arc + ratios.short > 0.0
+
+
+class _PatientStream:
+    """A text stream that falls silent when nobody reads it any more."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._alive = True
+
+    def write(self, text: str) -> None:
+        if not self._alive:
+            return
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except (OSError, ValueError):
+            self._alive = False

@@ -1,0 +1,241 @@
+"""The closing table of a job."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite, isnan
+from typing import TYPE_CHECKING, TypeAlias
+
+from edmctl.cli.render.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
+from edmctl.cli.render.style import PLAIN, Style
+from edmctl.labels import Basis, Seen, basis_of, heading, is_doubtful, marked, meanings
+from edmctl.quantity import half_width
+from edmctl.results.job import Belief, ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
+from edmctl.results.telemetry import PulseShares
+from edmctl.wording import (
+    BEYOND_EXIT,
+    UNKNOWN,
+    count,
+    decimal,
+    duration,
+    earlier,
+    length,
+    percent,
+    plural,
+    printable,
+    with_u95,
+)
+
+if TYPE_CHECKING:
+    from edmctl.results.run_file import SiteNumbers
+
+    Site: TypeAlias = SiteResult | SiteNumbers
+
+_LABEL = 21
+FIRST_TO_GO = ("feed µm", "stops", "machining")
+"""Columns of a table that is too wide, the dispensable ones first: a feed is depth and wear together."""
+MOST_BLOCKS = 2
+"""Sites with a block of their own; more make a table."""
+_SEE = "see `edmctl measure-drift`"
+
+
+def render_job(
+    job: JobResult,
+    truths: Sequence[SiteTruth] = (),
+    style: Style = PLAIN,
+    channel_truth: ChannelTruth | None = None,
+    columns: int = USUAL_COLUMNS,
+) -> str:
+    """Render one block per site, one line each where there are many, and a closing line.
+
+    truths : one per site on the simulator, empty on hardware. They stand in a column of their own, beside
+        what the touches measured (with the half-width of its 95 % interval) and what the actuator model makes
+        of the voltage alone.
+    """
+    padded = (*truths, *[None] * (len(job.sites) - len(truths)))
+    blocks = render_sites(list(zip(job.sites, padded, strict=True)), style, columns)
+    if len(job.sites) <= MOST_BLOCKS:
+        blocks = [f"{block}\n{_pulses(site, columns)}" for block, site in zip(blocks, job.sites, strict=True)]
+    if job.channel is not None:
+        blocks.append(_channel_block(job.channel, channel_truth, style))
+    worn = "the tool's wear was not measured"
+    if not isnan(job.tool_wear_total_um):
+        worn = f"the tool is {length(max(0.0, job.tool_wear_total_um))} shorter"
+    before = f", {earlier(job.earlier_time_s, job.pause_s)}" if job.earlier_time_s else ""
+    total = f"Whole job {duration(job.time_s)}{before}; {worn}."
+    closing = [*wrapped(beliefs_in_words(job.beliefs), columns), *wrapped(total, columns)]
+    if job.not_begun:
+        closing[:0] = wrapped(f"Not begun: {', '.join(map(printable, job.not_begun))}.", columns)
+    return "\n\n".join([*blocks, "\n".join(closing)])
+
+
+def render_sites(
+    pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style = PLAIN, columns: int = USUAL_COLUMNS
+) -> list[str]:
+    """Return a block per site, or one table where there are many; what can be done without goes where it is wide."""
+    if len(pairs) > MOST_BLOCKS:
+        return [_site_lines(pairs, style, columns)]
+    return [_site_block(site, truth, style, columns) for site, truth in pairs]
+
+
+def _site_lines(pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style, columns: int) -> str:
+    bases = {basis for site, _ in pairs for basis in (site.depth_basis, site.wear_basis)}
+    table: dict[str, list[str]] = {
+        "site": [printable(site.name) for site, _ in pairs],
+        "depth µm": [
+            "through"
+            if site.through
+            else marked(with_u95(site.depth_um, site.depth_u95_um), site.depth_basis)
+            for site, _ in pairs
+        ],
+        "tool wear µm": [
+            marked(with_u95(site.wear_um, site.wear_u95_um), site.wear_basis) for site, _ in pairs
+        ],
+        "feed µm": [
+            marked(
+                with_u95(site.feed_um, site.feed_u95_um), basis_of("feed", site.depth_basis, site.wear_basis)
+            )
+            for site, _ in pairs
+        ],
+        "stops": [str(site.measuring_stops) for site, _ in pairs],
+        "machining": [duration(site.machining_time_s) for site, _ in pairs],
+    }
+    if any(truth for _, truth in pairs):
+        table["true µm"] = [decimal(truth.depth_um) if truth else UNKNOWN for _, truth in pairs]
+    if any(is_doubtful(site.verdict) for site, _ in pairs):
+        table["verdict"] = [site.verdict or "" for site, _ in pairs]
+    drift = _drift_of_many([site for site, _ in pairs], columns)
+    return "\n".join([render_table(narrowed(table, columns, FIRST_TO_GO), style), *meanings(bases), *drift])
+
+
+def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int) -> str:
+    bases = (site.depth_basis, site.wear_basis)
+    head = heading(bases)
+    header = [printable(site.name), head]
+    depth_um, wear_um = length(site.depth_um, site.depth_u95_um), length(site.wear_um, site.wear_u95_um)
+    if site.through:
+        depth_um = length(site.beyond_exit_um, site.beyond_exit_u95_um)
+    depth = [BEYOND_EXIT if site.through else "depth", marked(depth_um, site.depth_basis, head)]
+    wear = ["tool wear", marked(wear_um, site.wear_basis, head)]
+    from_voltage = (
+        length(site.depth_model_um, site.depth_model_u95_um),
+        length(site.wear_model_um, site.wear_model_u95_um),
+    )
+    # Without a sensor all lengths are the model's.
+    if Basis.MODEL not in bases and isfinite(site.wear_model_um):
+        header.append("from voltage")
+        depth.append(from_voltage[0])
+        wear.append(from_voltage[1])
+    if truth:
+        header.append("truth")
+        depth.append(length(truth.depth_um))
+        wear.append(length(truth.wear_um))
+    feed_um = length(site.feed_um, site.feed_u95_um)
+    feed = ["feed", marked(feed_um, basis_of("feed", *bases), head)]
+    if truth:
+        feed += [""] * (len(header) - 3) + [length(truth.feed_um)]
+    others = [
+        feed,
+        ["Z1 surface before", length(site.z1_um)],
+        ["Z2 tip at the end" if site.through else "Z2 bottom", length(site.z2_um)],
+        ["Z3 surface after", length(site.z3_um)],
+    ]
+    if isfinite(site.face_um) and length(site.face_um) != length(0.0):
+        others.append(["face below the pad", length(site.face_um)])
+    # A channel has none of them.
+    rows = [depth, wear, *(row for row in others if row[1] != UNKNOWN)]
+    table = render_columns(header, rows, style)
+    drift = drift_in_words(site)
+    machining = f"{duration(site.machining_time_s)} in {plural(site.cuts, 'cut')}"
+    if site.through:
+        machining += ", through the sheet"
+    if site.estimated_um:
+        machining += f"; the last {length(site.estimated_um)} were not touched"
+        if length(site.z2_um) != UNKNOWN:
+            machining += ", Z2 and Z3 are where contact would be"
+    lines = [table, labelled("machining", machining, _LABEL, columns)]
+    if drift:
+        lines.append(labelled("drift", drift, _LABEL, columns))
+    if truth and isfinite(truth.taper_um):
+        wide = f"side gap {length(truth.side_gap_um)}, {length(truth.taper_um)} wider at the mouth"
+        surface = (
+            f"{wide}, corner of {length(truth.corner_um)}, Ra {length(truth.ra_um)}, Rz {length(truth.rz_um)}"
+        )
+        lines.append(labelled("true surface", surface, _LABEL, columns))
+    if is_doubtful(site.verdict):
+        lines.append(labelled("verdict", f"{site.verdict}", _LABEL, columns))
+    return "\n".join([*lines, *meanings(bases, head)])
+
+
+def drift_in_words(found: Site | ChannelResult) -> str:
+    """Return what drift there is in the wear: what was taken off, or which command mends it; empty where little.
+
+    It is told where it is more than half of the interval: of the variance, more than a quarter.
+    """
+    left_um = half_width(found.drift_left_u_um)
+    if not isfinite(left_um):
+        return ""
+    if not found.drift_by_rests:
+        return f"± {length(left_um)} of the wear; {_SEE}" if _costs_much(found) else ""
+    if not found.drift_correction_um:
+        return f"nothing taken off: touches do not see it; ± {length(left_um)} left"
+    return f"{length(found.drift_correction_um, left_um)} by the rests, taken off wear and Z values"
+
+
+def _costs_much(found: Site | ChannelResult) -> bool:
+    """Whether a drift that nobody has corrected makes most of the interval; without a sensor there is no cure."""
+    is_cured = found.drift_by_rests or found.wear_basis is Basis.MODEL
+    return not is_cured and half_width(found.drift_left_u_um) >= 0.5 * found.wear_u95_um
+
+
+def _drift_of_many(sites: Sequence[Site], columns: int) -> list[str]:
+    """Return what drift there is in the wear of many holes, in a sentence."""
+    by_rests = [site for site in sites if site.drift_by_rests]
+    if by_rests:
+        far_um = max((site.drift_correction_um for site in by_rests), key=abs)
+        words = f"Wear is corrected by the rests, for a drift of {length(far_um)} at most."
+        return wrapped(words if far_um else "Drift: touches do not see it, nothing is taken off.", columns)
+    left_um = [half_width(site.drift_left_u_um) for site in sites if _costs_much(site)]
+    if not left_um:
+        return []
+    return wrapped(f"Drift: up to ± {length(max(left_um))} of the wear; {_SEE}.", columns)
+
+
+def beliefs_in_words(beliefs: Sequence[Belief]) -> str:
+    """Return what of the setup is contradicted, and what no run can tell; empty where nothing is contradicted."""
+    words = [belief.message for belief in beliefs if belief.seen is Seen.CONTRADICTED]
+    if not words:
+        return ""
+    blind = [belief.name for belief in beliefs if belief.seen is Seen.NEVER]
+    return " ".join([*words, f"No run can show whether {', '.join(blind)} is right."])
+
+
+def _pulses(site: SiteResult, columns: int) -> str:
+    return labelled("pulses", f"{count(site.pulses)}: {render_ratios(site.ratios)}", _LABEL, columns)
+
+
+def _channel_block(channel: ChannelResult, truth: ChannelTruth | None, style: Style) -> str:
+    header = [channel.name, heading((channel.depth_basis, channel.wear_basis))]
+    depth = ["depth, mean", length(channel.depth_um, channel.depth_u95_um)]
+    floor = ["floor, rms about its mean", length(channel.floor_sd_um)]
+    wear = ["tool wear", length(channel.wear_um, channel.wear_u95_um)]
+    if truth:
+        header.append("truth")
+        depth.append(length(truth.depth_um))
+        floor.append(length(truth.floor_sd_um))
+        wear.append(length(truth.wear_um))
+    table = render_columns(header, [depth, floor, wear, ["length", length(channel.length_um)]], style)
+    passes = "1 pass" if channel.passes == 1 else f"{channel.passes} passes"
+    made = f"{plural(channel.layers, 'layer')} in {passes}"
+    pulses = f"{count(channel.pulses)}: {render_ratios(channel.ratios)}"
+    machining = f"{duration(channel.machining_time_s)}, {made}"
+    lines = [table, f"{'machining':27}{machining}", f"{'pulses':27}{pulses}"]
+    if drift := drift_in_words(channel):
+        lines.append(f"{'drift':27}{drift}")
+    return "\n".join([*lines, f"{'verdict':27}{channel.verdict}"] if is_doubtful(channel.verdict) else lines)
+
+
+def render_ratios(ratios: PulseShares, decimals: int = 2) -> str:
+    """Return the shares of the four pulse classes in words."""
+    shares = {name: getattr(ratios, name) for name in ("open", "normal", "arc", "short")}
+    return ", ".join(f"{percent(share, decimals)} {name}" for name, share in shares.items())

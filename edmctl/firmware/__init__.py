@@ -1,1 +1,0 @@
-"""Images of boards: building, reading and flashing them."""

@@ -1,0 +1,377 @@
+"""What a job will take, before it is run: its holes or its channel in order, time, stroke, feed, servo stability."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+
+from edmctl.dataclasses import dataclass, replace
+from edmctl.planning.channel import (
+    channel,
+    channel_measuring_s,
+    channel_passes,
+    pass_time_s,
+    stops_after,
+)
+from edmctl.planning.erosion import expected_ra_um
+from edmctl.planning.measuring import (
+    FACE_LIMIT_UM,
+    Cut,
+    Stand,
+    beside_pad_um,
+    between_s,
+    channel_depth_u95_um,
+    descent_time_s,
+    face_time_s,
+    move_time_s,
+    pad_of,
+    planned_cuts,
+    stop_time_s,
+    touch_time_s,
+)
+from edmctl.planning.regimes import Recipe, ra_of_regimes_um, recipes_of
+from edmctl.planning.removal import (
+    Hole,
+    feed_rate_um_s,
+    hole,
+    machining_share,
+    removal_um3_s,
+    servo_swing,
+    time_share_of_jumps,
+)
+from edmctl.process.discharge import hole_area_um2, mrr_mm3_min, pulse_energy_uj
+from edmctl.process.erosion import roughness_rz_um
+from edmctl.profile.model import Profile
+from edmctl.profile.places import Place
+from edmctl.profile.setup import Setup
+from edmctl.profile.sites import PathTable
+from edmctl.results.forecast import Forecast, RegimeForecast
+
+PLANE_TOUCHES = 3
+STROKE_RESERVE_UM = 15.0
+"""Stroke kept free beyond the job, for creep and retraction."""
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What a job adds up to.
+
+    `deepest` is its deepest hole or its channel, `lowest_um` how far below the surface as the new tool meets it the
+    tool comes to stand, `reaches_um` the same hole by hole, `stops` how often it measures; the cuts of a channel are
+    its passes. `depth_u95_um` is half the 95 % interval of the depth that is known least in the end, NaN where none
+    is wanted.
+    """
+
+    machining_s: float
+    measuring_s: float
+    cuts: int
+    stops: int
+    holes: int
+    deepest: Hole
+    lowest_um: float
+    tool_wear_um: float
+    depth_min_um: float
+    reaches_um: tuple[float, ...] = ()
+    channel_um: float = 0.0
+    layers: int = 0
+    depth_u95_um: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """How deep an earlier run has made a hole, by its name, or the channel."""
+
+    site: str = ""
+    depth_um: float = 0.0
+
+
+def course_of(
+    profile: Profile, setup: Setup, places: Sequence[Place], reached: Reached | None = None
+) -> Course:
+    """Return the expected course of a job: a channel, the holes at these places, or one hole beside the pad."""
+    reached = reached or Reached()
+    if profile.path is not None:
+        return _channel_course(profile, setup, profile.path, reached.depth_um)
+    return _holes_course(profile, setup, places, reached)
+
+
+def working_order(profile: Profile, setup: Setup, places: Sequence[Place]) -> list[Place]:
+    """The places as they are worked off."""
+    if profile.array.order == "given":
+        return list(places)
+    start_um = (setup.stage.reference_x_um, setup.stage.reference_y_um)
+    return [places[i] for i in nearest_first([(place.x_um, place.y_um) for place in places], start_um)]
+
+
+def nearest_first(places_um: Sequence[tuple[float, float]], start_um: tuple[float, float]) -> tuple[int, ...]:
+    """Order of places in which the nearest of those left always comes next; ties go to the one written first."""
+    left = list(range(len(places_um)))
+    order: list[int] = []
+    here = start_um
+    while left:
+        nearest = min(left, key=lambda i: math.dist(places_um[i], here))
+        left.remove(nearest)
+        order.append(nearest)
+        here = places_um[nearest]
+    return tuple(order)
+
+
+def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place], reached: Reached) -> Course:
+    ordered = working_order(profile, setup, places)
+    names = [place.name for place in ordered] or [reached.site]
+    reached_um = [reached.depth_um if name == reached.site else 0.0 for name in names]
+    holes = [hole(profile, place.depth_um) for place in ordered] or [hole(profile)]
+    stands = [Stand(one.x_um, one.y_um, one.theta_deg) for one in ordered] or [
+        Stand(*beside_pad_um(profile, setup))
+    ]
+    pad = here = pad_of(setup)
+    plane = len(ordered) >= PLANE_TOUCHES and profile.array.surface == "plane"
+    away_um = [math.hypot(stand.x_um - pad.x_um, stand.y_um - pad.y_um) for stand in stands]
+    cuts = planned_cuts(profile, setup, holes, away_um, plane=plane)
+    if profile.regimes:
+        cuts = [[cut for recipe in recipes_of(profile) for cut in _cuts_of(recipe, setup, away_um)]]
+    measuring_s = touch_time_s(profile, setup) + (_plane_time_s(profile, setup, stands) if plane else 0.0)
+    worn_um, reaches_um, known_stands = 0.0, [], [pad]
+    has_bottom = profile.target.kind != "through"
+    times_s, tool_wear_um, cuts_left = list[float](), 0.0, list[Cut]()
+    for one, stand, whole, done_um in zip(holes, stands, cuts, reached_um, strict=True):
+        done = replace(one, depth_um=done_um, wear_um=one.wear_um * done_um / one.depth_um, completion_um=0.0)
+        times_s.append(hole_time_s(profile, one, done_um))
+        tool_wear_um += one.wear_um - done.wear_um
+        planned = _after(whole, done.feed_um)
+        cuts_left += planned
+        bottom_um = profile.approach.offset_um + worn_um + done.feed_um
+        if done_um > 0.0:  # pad and bottom are touched again
+            pad_s = between_s(stand, pad, setup)
+            measuring_s += stop_time_s(profile, done.feed_um, worn_um, pad_s, bottom=has_bottom)
+        elif not plane and has_bottom and is_tilt_limited(setup, stand, known_stands):
+            measuring_s += between_s(here, stand, setup) + face_time_s(profile, bottom_um)
+            known_stands.append(stand)
+            here = stand
+        for cut in planned:
+            measuring_s += between_s(here, stand, setup) + descent_time_s(profile, bottom_um)
+            bottom_um, here = bottom_um + cut.feed_um, stand
+            if cut.measured:
+                pad_s, wear_um = between_s(stand, pad, setup), worn_um + one.wear_um
+                measuring_s += stop_time_s(
+                    profile, cut.feed_um, wear_um, pad_s, bottom=has_bottom, rim_um=one.completion_um
+                )
+                here = pad
+        reaches_um.append(worn_um + one.feed_um)
+        worn_um += one.wear_um
+    return Course(
+        machining_s=math.fsum(times_s),
+        measuring_s=measuring_s,
+        cuts=len(cuts_left),
+        stops=sum(cut.measured for cut in cuts_left),
+        holes=len(holes),
+        deepest=max(holes, key=lambda one: one.depth_um),
+        lowest_um=max(reaches_um),
+        tool_wear_um=tool_wear_um,
+        depth_min_um=min(one.depth_um for one in holes),
+        reaches_um=tuple(reaches_um),
+        depth_u95_um=max(planned[-1].depth_u95_um for planned in cuts),
+    )
+
+
+def is_tilt_limited(setup: Setup, stand: Stand, known: Sequence[Stand]) -> bool:
+    """Whether the face is touched at a place before its hole: it lies too far from where the face is known."""
+    away_um = min(math.hypot(stand.x_um - one.x_um, stand.y_um - one.y_um) for one in known)
+    return 1e-3 * setup.surface.tilt_u_mrad * away_um > FACE_LIMIT_UM
+
+
+def _after(cuts: Sequence[Cut], feed_um: float) -> list[Cut]:
+    """Return the cuts that remain after so much feed: the last one in any case, its bottom is measured."""
+    left = []
+    for cut in cuts:
+        remaining_um = max(0.0, cut.feed_um - feed_um)
+        if remaining_um > 0.0 or cut is cuts[-1]:
+            left.append(replace(cut, feed_um=remaining_um))
+        feed_um = max(0.0, feed_um - cut.feed_um)
+    return left
+
+
+def hole_time_s(profile: Profile, one: Hole, reached_um: float = 0.0) -> float:
+    """Return the machining time of one hole from a depth on, s; after a breakthrough the tool opens the exit."""
+    if profile.regimes:
+        return math.fsum(regime_time_s(recipe, reached_um) for recipe in recipes_of(profile))
+
+    def time_to_s(depth_um: float) -> float:
+        rate_um_s = feed_rate_um_s(profile, depth_um)
+        return (depth_um + one.wear_um * (depth_um / one.depth_um)) / rate_um_s / machining_share(profile)
+
+    feed_s = time_to_s(one.depth_um)
+    if reached_um > 0.0:
+        feed_s = max(0.0, feed_s - time_to_s(reached_um))
+    return feed_s + one.completion_um / profile.servo.forward_um_s
+
+
+def _cuts_of(recipe: Recipe, setup: Setup, away_um: Sequence[float]) -> list[Cut]:
+    """The cuts of one regime: nothing is known of its pulses before, as at the begin of a hole."""
+    one = Hole(recipe.depth_um, recipe.wear_um)
+    (cuts,) = planned_cuts(recipe.profile, setup, [one], away_um, plane=False)
+    return cuts
+
+
+def regime_time_s(recipe: Recipe, reached_um: float = 0.0) -> float:
+    """Return the machining time of one regime from a depth of the hole on, s."""
+    profile = recipe.profile
+    rate_um_s = feed_rate_um_s(profile, recipe.to_um) * machining_share(profile)
+    remaining = min(1.0, max(0.0, (recipe.to_um - reached_um) / recipe.depth_um))
+    return remaining * (recipe.depth_um + recipe.wear_um) / rate_um_s
+
+
+def _regimes(profile: Profile) -> tuple[RegimeForecast, ...]:
+    """What each regime will take and leave."""
+    recipes = recipes_of(profile) if profile.regimes else []
+    return tuple(
+        RegimeForecast(
+            name=recipe.name,
+            depth_um=recipe.to_um,
+            machining_time_s=regime_time_s(recipe),
+            wear_um=recipe.wear_um,
+            ra_um=ra_of_regimes_um(recipes[: number + 1]),
+        )
+        for number, recipe in enumerate(recipes)
+    )
+
+
+def _channel_course(profile: Profile, setup: Setup, path: PathTable, reached_um: float) -> Course:
+    whole = channel(profile, path)
+    done = min(whole.layers - 1, int(reached_um / whole.depth_um * whole.layers))
+    passes = channel_passes(profile, setup, path, done)
+    return Course(
+        machining_s=passes * pass_time_s(profile, path, whole),
+        measuring_s=channel_measuring_s(profile, setup, path, done),
+        cuts=passes,
+        stops=len([layer for layer in stops_after(profile, setup, path) if layer > done]),
+        holes=0,
+        deepest=Hole(whole.depth_um, whole.wear_um),
+        lowest_um=whole.depth_um + whole.wear_um,
+        tool_wear_um=whole.wear_um * (1.0 - done / whole.layers),
+        depth_min_um=whole.depth_um,
+        channel_um=whole.length_um,
+        layers=whole.layers,
+        depth_u95_um=channel_depth_u95_um(setup, whole.depth_um),
+    )
+
+
+def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Stand]) -> float:
+    """Return the time of touching three places of an array, as far apart as any two, before it is machined."""
+    # The way between two places is a sum of absolute differences: the longest joins the ends of a diagonal.
+    stage = setup.stage
+    diagonals_s = [
+        [
+            (one.x_um + y * one.y_um) / stage.speed_um_s + turn * one.theta_deg / stage.rotary_deg_s
+            for one in stands
+        ]
+        for y in (1.0, -1.0)
+        for turn in (1.0, -1.0)
+    ]
+    move_s = move_time_s(0.0, setup) + max(max(along_s) - min(along_s) for along_s in diagonals_s)
+    return PLANE_TOUCHES * (move_s + face_time_s(profile, profile.approach.offset_um))
+
+
+def _removal_um3_s(profile: Profile, course: Course) -> float:
+    """Removal while sparking; over all regimes on average where there are some."""
+    if not profile.regimes:
+        return removal_um3_s(profile, course.deepest.depth_um)
+    area_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
+    return course.deepest.depth_um * area_um2 / hole_time_s(profile, course.deepest)
+
+
+def _frequency_hz(recipes: Sequence[Recipe]) -> float:
+    """Pulses per second of machining; of several regimes on average."""
+    if len(recipes) == 1:
+        return recipes[0].profile.pulse.frequency_hz
+    times_s = [regime_time_s(recipe) for recipe in recipes]
+    pulses = math.fsum(
+        t * recipe.profile.pulse.frequency_hz for t, recipe in zip(times_s, recipes, strict=True)
+    )
+    return pulses / math.fsum(times_s)
+
+
+def forecast(
+    profile: Profile, setup: Setup, places: Sequence[Place] = (), reached: Reached | None = None
+) -> Forecast:
+    """Forecast a job from its recipe, the machine's settings and the places of its holes.
+
+    Without places it is one hole beside the reference pad, or the channel of `[path]`. `reached` is the hole or
+    channel that the job resumes: times, cuts, stops, pulses and `tool_wear_um` are of what remains.
+
+    Machining time follows the mean-voltage law of the pulse process (see `edmctl.process.discharge`) and counts
+    jumps; measuring time counts conditioning, approaches, touches and stage moves.
+    """
+    course = course_of(profile, setup, places, reached)
+    deepest, available_um = course.deepest, stroke_available_um(profile, setup)
+    reserve_um = profile.approach.offset_um + STROKE_RESERVE_UM
+    fits = [reach_um + reserve_um <= available_um for reach_um in course.reaches_um]
+    cycle = servo_swing(profile, setup)
+    regimes, recipes = _regimes(profile), recipes_of(profile)
+    ra_um = regimes[-1].ra_um if regimes else expected_ra_um(profile, deepest.depth_um)
+    return Forecast(
+        machining_time_s=course.machining_s,
+        measuring_time_s=course.measuring_s,
+        time_s=course.machining_s + course.measuring_s,
+        cuts=course.cuts,
+        feed_rate_um_s=feed_rate_um_s(profile, deepest.depth_um),
+        feed_um=deepest.feed_um,
+        depth_um=deepest.depth_um,
+        depth_min_um=course.depth_min_um,
+        wear_um=deepest.wear_um,
+        stroke_um=profile.approach.offset_um + course.lowest_um + STROKE_RESERVE_UM,
+        stroke_available_um=available_um,
+        loop_delay_s=cycle.loop_delay_s,
+        limit_cycle_um=cycle.half_amplitude_um,
+        limit_cycle_period_s=cycle.period_s,
+        spark_energy_uj=max(
+            pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us)
+            for pulse in (recipe.profile.pulse for recipe in recipes)
+        ),
+        mrr_mm3_min=mrr_mm3_min(_removal_um3_s(profile, course)),
+        jump_share=time_share_of_jumps(profile),
+        pulses=round(course.machining_s * _frequency_hz(recipes)),
+        holes=course.holes,
+        holes_in_reach=fits.index(False) if False in fits else len(fits),
+        stops=course.stops,
+        tool_wear_um=course.tool_wear_um,
+        channel_um=course.channel_um,
+        layers=course.layers,
+        depth_u95_um=course.depth_u95_um,
+        side_gap_um=profile.work.side_gap_um,
+        ra_um=ra_um,
+        rz_um=roughness_rz_um(ra_um),
+        regimes=regimes,
+    )
+
+
+@dataclass(frozen=True)
+class Job:
+    """A job to be checked. Its forecast needs nearly every value of the profile, so only who asks makes one."""
+
+    profile: Profile
+    setup: Setup
+    places: tuple[Place, ...] = ()
+
+    @cached_property
+    def forecast(self) -> Forecast:
+        """What the job is expected to take."""
+        return forecast(self.profile, self.setup, self.places)
+
+
+def depth_and_wear_um(profile: Profile) -> tuple[float, float]:
+    """Depth and tool wear of one hole or channel at its target, µm, at the expected ratio of wear."""
+    one = hole(profile) if profile.path is None else channel(profile, profile.path)
+    return one.depth_um, one.wear_um
+
+
+def stroke_um(profile: Profile) -> float:
+    """Stroke that one hole or the channel needs, µm: offset, feed and a reserve."""
+    feed_um = sum(depth_and_wear_um(profile)) if profile.path else hole(profile).feed_um
+    return profile.approach.offset_um + feed_um + STROKE_RESERVE_UM
+
+
+def stroke_available_um(profile: Profile, setup: Setup) -> float:
+    """Stroke up to the voltage limit of the job, µm."""
+    return setup.actuator.gain_um_per_v * profile.limits.stroke_v_max

@@ -1,0 +1,322 @@
+"""Cross-field rules of where a job machines: the places of its holes, or its channel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from edmctl.planning.forecast import STROKE_RESERVE_UM, Job, stroke_available_um, working_order
+from edmctl.planning.measuring import beside_pad_um
+from edmctl.planning.removal import hole
+from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Code, Finding, rounded_down, rounded_up
+from edmctl.wording import coordinates
+
+if TYPE_CHECKING:
+    from edmctl.profile.places import Place
+    from edmctl.profile.setup import Limit, Setup
+    from edmctl.profile.sites import PathTable
+
+LEAST_TURN_DEG = 1.0
+"""Places turned against each other by less are one place of the workpiece [assumed]."""
+NEEDED = {
+    "rectangle": ("width_um", "height_um"),
+    "circle": ("radius_um",),
+    "spiral": ("radius_um", "pitch_um", "turns"),
+}
+"""Keys of `[path]` by its kind; the others of these do not go with it."""
+_STEPS_PER_TURN = 360
+
+
+def sites_or_path(job: Job) -> Iterator[Finding]:
+    """Rule 26: a job makes holes or a channel."""
+    if job.profile.sites and job.profile.path is not None:
+        yield Finding(
+            Code.SITES_OR_PATH,
+            ("path",),
+            "the profile has both [[sites]] and [path], and a job makes either holes or a channel",
+            "remove one of the two; to drop inherited places write sites = []",
+        )
+
+
+def names(job: Job) -> Iterator[Finding]:
+    """Rule 27: every place has a name of its own."""
+    first: dict[str, Place] = {}
+    for place in job.places:
+        other = first.setdefault(place.name, place)
+        if other is not place:
+            yield Finding(
+                Code.SITES,
+                ("sites", place.entry),
+                f"two places are called {place.name}: ({other.x_um:g}, {other.y_um:g}) and "
+                f"({place.x_um:g}, {place.y_um:g}) µm",
+                "give one of them another name",
+                place.where,
+            )
+            return
+
+
+def depths_of_places(job: Job) -> Iterator[Finding]:
+    """Rule 23: a place has a depth of its own only where depths are the target."""
+    kind = job.profile.target.kind
+    deep = next((place for place in job.places if not math.isnan(place.depth_um)), None)
+    if deep is not None and kind != "depth":
+        yield Finding(
+            Code.TARGET_KIND,
+            ("sites", deep.entry),
+            f'{deep.name} has depth_um {deep.depth_um:g}, but target.kind is "{kind}"',
+            'remove it, or use target.kind = "depth"',
+            deep.where,
+        )
+
+
+def clear_of_each_other(job: Job) -> Iterator[Finding]:
+    """Rule 28: a wall stands between holes, and between a hole and the reference pad."""
+    profile, stage = job.profile, job.setup.stage
+    gap_um = profile.work.side_gap_um
+    apart_um = profile.tool.diameter_um + 2.0 * gap_um + WALL_UM
+    if close := _closest(job.places, apart_um):
+        a, b, found_um = close
+        yield Finding(
+            Code.OVERLAP,
+            ("sites", b.entry),
+            f"{a.name} and {b.name} are {found_um:.0f} µm apart: hole {profile.tool.diameter_um:g} + 2 x side gap "
+            f"{gap_um:g} + wall {WALL_UM:g} = {apart_um:g} µm",
+            f"keep them {rounded_up(apart_um)} µm apart or more",
+            b.where,
+        )
+    pad_um = profile.tool.diameter_um + gap_um + PAD_MARGIN_UM
+    for place in job.places:
+        found_um = math.hypot(place.x_um - stage.reference_x_um, place.y_um - stage.reference_y_um)
+        if found_um < pad_um:
+            yield Finding(
+                Code.OVERLAP,
+                ("sites", place.entry),
+                f"{place.name} is {found_um:.0f} µm from the reference pad at ({stage.reference_x_um:g}, "
+                f"{stage.reference_y_um:g}) µm and overlaps it or its rim",
+                f"keep it {rounded_up(pad_um)} µm away or more",
+                place.where,
+            )
+            return
+
+
+def within_reach(job: Job) -> Iterator[Finding]:
+    """Rule 40: the stages reach every place, and the workpiece is there."""
+    half_um = job.profile.tool.diameter_um / 2.0 + job.profile.work.side_gap_um
+    path = job.profile.path
+    if path is not None:
+        if found := unreachable("the channel", path.x_um, path.y_um, job.setup, half_um, path):
+            yield Finding(Code.OUT_OF_REACH, ("path", "x_um"), *found)
+        return
+    if not job.profile.sites:
+        x_um, y_um = beside_pad_um(job.profile, job.setup)
+        if found := unreachable("the hole beside the pad", x_um, y_um, job.setup, half_um):
+            yield Finding(Code.OUT_OF_REACH, ("measure", "site_dx_um"), *found)
+        return
+    for place in job.places:
+        if found := unreachable(place.name, place.x_um, place.y_um, job.setup, half_um):
+            yield Finding(Code.OUT_OF_REACH, ("sites", place.entry), *found, place.where)
+            return
+
+
+def unreachable(
+    name: str,
+    x_um: float,
+    y_um: float,
+    setup: Setup,
+    half_um: float,
+    path: PathTable | None = None,
+) -> tuple[str, str] | None:
+    """Return why a place of that half width cannot be machined, and the remedy; None where it can.
+
+    With `path` it is a channel around that place. Edges are stage coordinates, at every angle of the rotary table.
+    """
+    what = f"{name} at {coordinates(x_um, y_um)}"
+    for limit in setup.stage_limits():
+        if (beyond_um := limit.beyond_um(x_um, y_um, _half_um(path, limit))) > 0.0:
+            hint = "move it, or state the travel of the stages in the setup (stage.x_min_um, x_max_um, ...)"
+            return f"{what} is {beyond_um:.0f} µm beyond the travel of the stages, {limit.stated}", hint
+    for edge in setup.workpiece_limits():
+        if (beyond_um := edge.beyond_um(x_um, y_um, _half_um(path, edge) + half_um)) > 0.0:
+            hint = (
+                "move it, or state the edges of the workpiece in the setup (surface.x_min_um, x_max_um, ...)"
+            )
+            return f"{what} reaches {beyond_um:.0f} µm beyond the edge of the workpiece, {edge.stated}", hint
+    return None
+
+
+def _half_um(path: PathTable | None, limit: Limit) -> float:
+    """Return how far a channel's axis reaches from its middle towards a limit, µm; of a spiral its outer circle."""
+    if path is None:
+        return 0.0
+    if path.kind == "rectangle":
+        return (abs(limit.ux) * (path.width_um or 0.0) + abs(limit.uy) * (path.height_um or 0.0)) / 2.0
+    return (path.radius_um or 0.0) + (path.pitch_um or 0.0) * (path.turns or 0.0)
+
+
+def array_wear(job: Job) -> Iterator[Finding]:
+    """Rules 17 and 29: the tool lasts for all places; if not, the job stops and says what is done."""
+    tool, worn_um = job.profile.tool, 0.0
+    ordered = working_order(job.profile, job.setup, job.places)
+    for number, place in enumerate(ordered):
+        worn_um += hole(job.profile, place.depth_um).wear_um
+        if worn_um > tool.max_wear_um:
+            yield Finding(
+                Code.ARRAY_WEAR if number else Code.TOOL_WEAR,
+                ("tool", "max_wear_um"),
+                f"the tool is worn by max_wear_um {tool.max_wear_um:g} µm at hole {number + 1} of {len(ordered)}, "
+                f"{place.name}: the job will stop there, with {number} done",
+                f"permit {rounded_up(job.forecast.tool_wear_um)} µm or more for all of them, or make several jobs",
+            )
+            return
+
+
+def array_stroke(job: Job) -> Iterator[Finding]:
+    """Rules 2 and 30: with the wear carried over, every place is within the stroke, for there is no coarse Z."""
+    profile = job.profile
+    available_um = stroke_available_um(profile, job.setup)
+    ordered, worn_um = working_order(profile, job.setup, job.places), 0.0
+    for number, place in enumerate(ordered):
+        one = hole(profile, place.depth_um)
+        needed_um = profile.approach.offset_um + worn_um + one.feed_um + STROKE_RESERVE_UM
+        if needed_um > available_um:
+            yield Finding(
+                Code.ARRAY_STROKE if number else Code.STROKE,
+                ("sites", place.entry),
+                f"hole {number + 1} of {len(ordered)}, {place.name}, is out of reach: offset "
+                f"{profile.approach.offset_um:g} + tool wear so far {worn_um:.0f} + feed {one.feed_um:.0f} + "
+                f"reserve {STROKE_RESERVE_UM:g} = {needed_um:.0f} µm of stroke, but "
+                f"{profile.limits.stroke_v_max:g} V give {available_um:.0f} µm",
+                f"{number} fit: make the others another job, with the tool set anew"
+                if number
+                else "make it less deep, or raise limits.stroke_v_max",
+                place.where,
+            )
+            return
+        worn_um += one.wear_um
+
+
+def _closest(places: tuple[Place, ...], apart_um: float) -> tuple[Place, Place, float] | None:
+    """Return the two places that are closest, if they are closer than this and not turned apart."""
+    found: tuple[Place, Place, float] | None = None
+    swept = sorted(places, key=lambda place: place.x_um)
+    for index, a in enumerate(swept):
+        for b in swept[index + 1 :]:
+            if b.x_um - a.x_um >= apart_um:
+                break
+            distance_um = math.hypot(b.x_um - a.x_um, b.y_um - a.y_um)
+            turned = abs(math.remainder(b.theta_deg - a.theta_deg, 360.0)) >= LEAST_TURN_DEG
+            if distance_um < (found[2] if found else apart_um) and not turned:
+                found = (a, b, distance_um)
+    return found
+
+
+def path_keys(job: Job) -> Iterator[Finding]:
+    """Rule 25: a path has the sizes of its kind, and no others."""
+    path = job.profile.path
+    if path is None:
+        return
+    for key in dict.fromkeys(key for keys in NEEDED.values() for key in keys):
+        given, needed = getattr(path, key) is not None, key in NEEDED[path.kind]
+        if needed and not given:
+            message, hint = f"a {path.kind} needs path.{key}", f"add {key} to [path]"
+            yield Finding(Code.PATH_KEYS, ("path",), message, hint)
+        elif given and not needed:
+            wanted = " and ".join(NEEDED[path.kind])
+            message, hint = (
+                f"path.{key} does not go with a {path.kind}",
+                f"remove it; a {path.kind} has {wanted}",
+            )
+            yield Finding(Code.PATH_KEYS, ("path", key), message, hint)
+
+
+def channel_depth(job: Job) -> Iterator[Finding]:
+    """Rule 23: a channel is cut to a depth."""
+    if job.profile.path is not None and job.profile.target.kind != "depth":
+        yield Finding(
+            Code.TARGET_KIND,
+            ("target", "kind"),
+            f'a channel is cut to a depth, and target.kind is "{job.profile.target.kind}"',
+            'use kind = "depth", with depth_um',
+        )
+
+
+def walls(job: Job) -> Iterator[Finding]:
+    """Rule 28: the walls of a channel stand, and it keeps clear of the reference pad."""
+    path = job.profile.path
+    if path is None:
+        return
+    profile, stage = job.profile, job.setup.stage
+    gap_um = profile.work.side_gap_um
+    least_um = profile.tool.diameter_um + 2.0 * gap_um + WALL_UM
+    for key, across_um in _widths_um(path).items():
+        if across_um < least_um:
+            yield Finding(
+                Code.OVERLAP,
+                ("path", key),
+                f"the channel runs into itself: its sides are {across_um:g} µm apart by path.{key}, and tool "
+                f"{profile.tool.diameter_um:g} + 2 x side gap {gap_um:g} + wall {WALL_UM:g} = {least_um:g} µm",
+                f"make them {rounded_up(least_um)} µm apart or more, or use a thinner tool",
+            )
+    clear_um = profile.tool.diameter_um + gap_um + PAD_MARGIN_UM
+    found_um = _distance_um(path, stage.reference_x_um, stage.reference_y_um)
+    if found_um < clear_um:
+        yield Finding(
+            Code.OVERLAP,
+            ("path", "x_um"),
+            f"the channel passes {found_um:.0f} µm from the reference pad at ({stage.reference_x_um:g}, "
+            f"{stage.reference_y_um:g}) µm and overlaps it or its rim",
+            f"keep {rounded_up(clear_um)} µm away or more",
+        )
+
+
+def layer(job: Job) -> Iterator[Finding]:
+    """Rule 31: a layer is thinner than the working gap, so that the tool never runs against its step."""
+    path, gap_um = job.profile.path, job.profile.measure.expected_gap_um
+    if path is not None and path.layer_um > gap_um:
+        yield Finding(
+            Code.LAYER,
+            ("path", "layer_um"),
+            f"a layer of {path.layer_um:g} µm is thicker than the working gap, {gap_um:.1f} µm: moving sideways the "
+            "tool runs into the step before it is eroded",
+            f"use at most {rounded_down(gap_um)} µm",
+        )
+
+
+def _widths_um(path: PathTable) -> dict[str, float]:
+    """Least distances between the sides of a channel, axis to axis, by the key that sets them."""
+    if path.kind == "rectangle":
+        return {"width_um": path.width_um or 0.0, "height_um": path.height_um or 0.0}
+    if path.kind == "circle":
+        return {"radius_um": 2.0 * (path.radius_um or 0.0)}
+    inner_um, pitch_um, turns = path.radius_um or 0.0, path.pitch_um or 0.0, path.turns or 0.0
+    across = {"radius_um": 2.0 * inner_um + pitch_um / 2.0} if turns >= 0.5 else {}
+    return across | ({"pitch_um": pitch_um} if turns > 1.0 else {})
+
+
+def _distance_um(path: PathTable, x_um: float, y_um: float) -> float:
+    """Least distance of the channel's axis from a point."""
+    dx_um, dy_um = abs(x_um - path.x_um), abs(y_um - path.y_um)
+    away_um = math.hypot(dx_um, dy_um)
+    if path.kind == "circle":
+        return abs(away_um - (path.radius_um or 0.0))
+    if path.kind == "rectangle":
+        half_w, half_h = (path.width_um or 0.0) / 2.0, (path.height_um or 0.0) / 2.0
+        beyond_x, beyond_y = dx_um - half_w, dy_um - half_h
+        if beyond_x <= 0.0 and beyond_y <= 0.0:
+            return min(-beyond_x, -beyond_y)
+        return math.hypot(max(beyond_x, 0.0), max(beyond_y, 0.0))
+    return _distance_from_spiral_um(path, x_um - path.x_um, y_um - path.y_um)
+
+
+def _distance_from_spiral_um(path: PathTable, x_um: float, y_um: float) -> float:
+    inner_um, pitch_um, turns = path.radius_um or 0.0, path.pitch_um or 0.0, path.turns or 0.0
+    steps = math.ceil(_STEPS_PER_TURN * turns)
+    least_um = math.inf
+    for step in range(steps + 1):
+        angle = 2.0 * math.pi * turns * step / steps
+        radius_um = inner_um + pitch_um * angle / (2.0 * math.pi)
+        least_um = min(
+            least_um, math.hypot(radius_um * math.cos(angle) - x_um, radius_um * math.sin(angle) - y_um)
+        )
+    return least_um

@@ -1,0 +1,166 @@
+"""Cross-field rules of target, measurement and limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from edmctl.planning.channel import waiting_speed_um_s
+from edmctl.planning.forecast import Job, depth_and_wear_um
+from edmctl.profile.findings import Code, Finding, rounded_up
+
+SPARE = 1.25
+"""A tolerance has to be wider than the forecast of the interval by this: touches scatter from job to job."""
+
+LEAST_SHEET_UM = 1.0
+"""Nobody makes holes through less; the thinnest foils that are sold are some µm."""
+
+
+def _least_resolved_um(job: Job) -> float:
+    """The least tolerance that touches resolve which scatter as much as they may."""
+    measure = job.profile.measure
+    return 2.0 * measure.max_sd_um / math.sqrt(measure.touches)
+
+
+def tolerance(job: Job) -> Iterator[Finding]:
+    """Rule 11: the tolerance is wider than the scatter of the touches."""
+    target, measure = job.profile.target, job.profile.measure
+    if target.kind != "depth":
+        return
+    least_um = _least_resolved_um(job)
+    if target.tolerance_um < least_um:
+        yield Finding(
+            Code.TOLERANCE,
+            ("target", "tolerance_um"),
+            f"tolerance {target.tolerance_um:g} µm is below what {measure.touches} touches of up to "
+            f"{measure.max_sd_um:g} µm scatter can resolve, {least_um:.2f} µm",
+            f"use at least {rounded_up(max(least_um, SPARE * job.forecast.depth_u95_um))} µm",
+        )
+
+
+def depth_shown(job: Job) -> Iterator[Finding]:
+    """Rule 32: the depth will be known as well as it is wanted; rule 11 speaks first."""
+    target = job.profile.target
+    if target.kind != "depth":
+        return
+    u95_um = job.forecast.depth_u95_um
+    if _least_resolved_um(job) <= target.tolerance_um < u95_um:
+        why = "" if job.setup.sensor.fitted else ": without a displacement sensor the gain is known to 2.5 %"
+        yield Finding(
+            Code.NOT_SHOWN,
+            ("target", "tolerance_um"),
+            f"the depth may not be shown to be right: it will be known to about ± {u95_um:.2f} µm, and the "
+            f"tolerance is {target.tolerance_um:g} µm; the job ends with exit code 7 then",
+            f"permit {rounded_up(SPARE * u95_um)} µm or more{why}",
+        )
+
+
+def depth_beyond_tolerance(job: Job) -> Iterator[Finding]:
+    """Rule 33: a depth is more than its tolerance; millimetres given for micrometres are not."""
+    target = job.profile.target
+    in_mm = "lengths are in µm, {0:g} mm would be {1:g}"
+    if target.kind == "through" and (sheet_um := job.profile.work.thickness_um) < LEAST_SHEET_UM:
+        yield Finding(
+            Code.LESS_THAN_TOLERANCE,
+            ("work", "thickness_um"),
+            f"a sheet of {sheet_um:g} µm is thinner than a foil of {LEAST_SHEET_UM:g} µm",
+            in_mm.format(sheet_um, 1000.0 * sheet_um),
+        )
+    if target.kind != "depth":
+        return
+    own = [place for place in job.places if math.isfinite(place.depth_um)]
+    shallow = min(own, key=lambda place: place.depth_um, default=None)
+    depth_um = target.depth_um if shallow is None else shallow.depth_um
+    if len(own) < len(job.places) and target.depth_um < depth_um:
+        shallow, depth_um = None, target.depth_um
+    if depth_um <= target.tolerance_um:
+        yield Finding(
+            Code.LESS_THAN_TOLERANCE,
+            ("target", "depth_um") if shallow is None else ("sites", shallow.entry),
+            f"a depth of {depth_um:g} µm is no more than its tolerance, {target.tolerance_um:g} µm: "
+            "work that was never touched is as good",
+            f"{in_mm.format(depth_um, 1000.0 * depth_um)}; or set a smaller tolerance",
+            None if shallow is None else shallow.where,
+        )
+
+
+def feed_without_remeasuring(job: Job) -> Iterator[Finding]:
+    """Rule 14: a feed target is one cut; only a depth target has something to measure in between."""
+    profile = job.profile
+    if profile.target.kind == "feed" and isinstance(profile.wear.remeasure, int):
+        yield Finding(
+            Code.FEED_REMEASURE,
+            ("wear", "remeasure"),
+            f"a feed target of {profile.target.feed_um:g} µm is one cut: it cannot be measured "
+            f"{profile.wear.remeasure} times on the way",
+            'use remeasure = "auto" or "never", or a depth target',
+        )
+
+
+def tool_wear(job: Job) -> Iterator[Finding]:
+    """Rule 17: the tool is long enough for its wear."""
+    tool, (_, wear_um) = job.profile.tool, depth_and_wear_um(job.profile)
+    if job.profile.sites:
+        return
+    if wear_um > tool.max_wear_um:
+        yield Finding(
+            Code.TOOL_WEAR,
+            ("tool", "max_wear_um"),
+            f"the job wears {wear_um:.0f} µm off the tool, more than max_wear_um {tool.max_wear_um:g} µm",
+            f"permit {rounded_up(wear_um)} µm or more, or use a tool that wears less",
+        )
+
+
+def through_target(job: Job) -> Iterator[Finding]:
+    """Rule 23: whoever wants a way through says so of the work and of the target."""
+    work, target = job.profile.work, job.profile.target
+    if target.kind == "through" and work.kind != "through":
+        yield Finding(
+            Code.TARGET_KIND,
+            ("target", "kind"),
+            f'the target is a way through the sheet of {work.thickness_um:g} µm, but work.kind is "{work.kind}"',
+            'set work.kind = "through", and see that nothing under the sheet is in the way',
+        )
+    elif work.kind == "through" and target.kind != "through":
+        wanted_um = target.depth_um if target.kind == "depth" else target.feed_um
+        yield Finding(
+            Code.NOT_THROUGH,
+            ("target", "kind"),
+            f'work.kind is "through", but the target is a {target.kind} of {wanted_um:g} µm: the job ends there, '
+            f"whether or not it is through the sheet of {work.thickness_um:g} µm",
+            'use target.kind = "through" to wait for the breakthrough',
+        )
+
+
+def blind_depth(job: Job) -> Iterator[Finding]:
+    """Rule 19: a blind hole ends inside the sheet."""
+    work, (depth_um, _) = job.profile.work, depth_and_wear_um(job.profile)
+    depth_um = max((place.depth_um for place in job.places if place.depth_um > depth_um), default=depth_um)
+    if job.profile.target.kind == "through":
+        return
+    if work.kind == "blind" and depth_um >= work.thickness_um:
+        yield Finding(
+            Code.BLIND_DEPTH,
+            ("work", "thickness_um"),
+            f"a blind hole of {depth_um:.0f} µm does not end inside a sheet of {work.thickness_um:g} µm",
+            'use a thicker sheet, a smaller target, or kind = "through"',
+        )
+
+
+def time_limit(job: Job) -> Iterator[Finding]:
+    """Rule 20: the job can end within its time limit."""
+    limit_s, time_s = job.profile.limits.max_time_s, job.forecast.time_s
+    if limit_s < time_s:
+        hint = f"permit {3.0 * time_s:.0f} s, three times the forecast"
+        path = job.profile.path
+        if path is not None and path.speed_um_s < (least_um_s := waiting_speed_um_s(job.profile, path)):
+            hint = (
+                f"raise path.speed_um_s from {path.speed_um_s:g} to {rounded_up(least_um_s)} µm/s or more, where a "
+                f"pass takes no longer than its sparks; or {hint}"
+            )
+        yield Finding(
+            Code.TIME_LIMIT,
+            ("limits", "max_time_s"),
+            f"the job takes about {time_s:.0f} s, more than max_time_s {limit_s:g} s",
+            hint,
+        )

@@ -1,0 +1,229 @@
+"""The cross-field rules that a profile violates, also one of which some values could not be read.
+
+In such a partial profile a value that is wrong or missing is absent: asking for it raises AttributeError (see
+`lacks_value`), and rules that need it are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, get_args
+
+from pydantic import TypeAdapter
+
+from edmctl.planning.erosion import with_expected_erosion, with_sought_reference
+from edmctl.planning.forecast import Job, forecast
+from edmctl.planning.regimes import with_regimes
+from edmctl.planning.rules import materials, motion, pulse, regimes, sites, target
+from edmctl.profile.findings import Code, Finding
+from edmctl.profile.model import DepthTarget, FeedTarget, Profile, Regime, ThroughTarget
+from edmctl.profile.places import Place
+from edmctl.profile.positions import KeyPath, TomlTable
+from edmctl.profile.setup import Setup
+from edmctl.profile.sites import SiteTable
+from edmctl.profile.tables import Table, keys_at, nearest
+
+RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
+    pulse.reference_window,
+    motion.stroke,
+    motion.slope_against_feed,
+    motion.limit_cycle,
+    motion.ramp_order,
+    motion.offset,
+    motion.jump,
+    pulse.pulse_energy,
+    pulse.pulse_times,
+    motion.through_stroke,
+    target.tolerance,
+    pulse.filter_corner,
+    target.feed_without_remeasuring,
+    pulse.discharge_time,
+    target.tool_wear,
+    motion.approach_travel,
+    target.blind_depth,
+    motion.actuator_voltage,
+    motion.pad_distance,
+    target.through_target,
+    motion.adaptive_period,
+    motion.adaptive_thresholds,
+    sites.channel_depth,
+    sites.sites_or_path,
+    sites.depths_of_places,
+    sites.names,
+    sites.walls,
+    sites.clear_of_each_other,
+    sites.within_reach,
+    sites.array_wear,
+    sites.array_stroke,
+    sites.layer,
+    target.depth_shown,
+    target.depth_beyond_tolerance,
+    materials.known_materials,
+    materials.within_the_laws,
+    regimes.regimes,
+)
+"""Every rule, in order of its number. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
+
+TIME_LIMIT_FORECASTS = 3.0
+EXPECTED = (
+    ("work", "removal_um3_per_uj"),
+    ("work", "side_gap_um"),
+    ("wear", "expected_ratio"),
+    ("measure", "expected_gap_um"),
+)
+"""What is expected of materials and pulses where it is not given."""
+_TARGETS: dict[object, type[Table]] = {"depth": DepthTarget, "feed": FeedTarget, "through": ThroughTarget}
+_LISTS: dict[str, TypeAdapter[Any]] = {
+    "sites": TypeAdapter(list[SiteTable]),
+    "regimes": TypeAdapter(list[Regime]),
+}
+
+
+def with_time_limit(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -> Profile:
+    """Fill in the time limit where none is given, from the forecast."""
+    if "max_time_s" in profile.limits.model_fields_set:
+        return profile
+    return _with(profile, "limits", max_time_s=TIME_LIMIT_FORECASTS * forecast(profile, setup, places).time_s)
+
+
+def in_share_only(profile: Profile) -> Profile:
+    """Turn a reference in volts, or one that is sought, into the share that it is, so that it is stated once."""
+    stated = with_regimes(_with_share(profile))
+    return stated if stated.servo.reference_v is None else _with(stated, "servo", reference_v=None)
+
+
+def _with(profile: Profile, table: str, **values: float | None) -> Profile:
+    """A copy with other values in a table."""
+    return profile.model_copy(update={table: getattr(profile, table).model_copy(update=values)})
+
+
+def _with_share(profile: Profile) -> Profile:
+    """The profile with its reference as a share, stated in volts or not, or as an adaptive one begins."""
+    if profile.adaptive.seek_reference:
+        return with_sought_reference(profile)
+    if profile.servo.reference_v is None:
+        return profile
+    return _with(profile, "servo", reference=profile.servo.reference_v / profile.pulse.duty_voltage_v)
+
+
+def violations(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -> list[Finding]:
+    """Every violated rule, warnings included, in order.
+
+    Rules that need a value which a partial profile lacks are left out.
+    """
+    once = _findings(reference_stated_once, Job(profile, setup))
+    shaped = _findings(sites.path_keys, Job(profile, setup))
+    if idle := _findings(lambda job: pulse.does_nothing(job.profile), Job(profile, setup)):
+        return [*once, *shaped, *idle]  # what such pulses let expect is nothing that a rule could look at
+    try:
+        known = without(profile, ("servo", "reference")) if once else _with_share(profile)
+    except AttributeError as error:
+        if not lacks_value(error):
+            raise
+        known = without(profile, ("servo", "reference"))
+    doubted = _findings(lambda job: materials.stated_agrees(job.profile), Job(known, setup))
+    try:
+        known = with_expected_erosion(known)
+    except AttributeError as error:
+        if not lacks_value(error):
+            raise
+        known = without(known, *(path for path in EXPECTED if not _is_given(known, *path)))
+    job = Job(without(known, ("path",)) if shaped else known, setup, places)
+    found = [*once, *shaped, *(finding for rule in RULES for finding in _findings(rule, job))]
+    return [*found, *doubted] if all(one.is_warning for one in found) else found
+
+
+def reference_stated_once(job: Job) -> Iterable[Finding]:
+    """Rule 16: the servo reference is given as a share or in volts, not twice and not never."""
+    servo = job.profile.servo
+    share, volts = servo.reference, servo.reference_v
+    given = servo.model_fields_set & {"reference", "reference_v"}
+    if len(given) == 2:
+        message = f"the servo reference is given twice: reference {share:g} and reference_v {volts:g} V"
+        yield Finding(Code.REFERENCE_ONCE, ("servo", "reference_v"), message, "remove one of the two")
+    elif not given and not job.profile.adaptive.seek_reference:
+        hint = "add reference = 0.80 to [servo], or seek_reference = true to [adaptive]"
+        yield Finding(Code.REFERENCE_ONCE, ("servo",), "servo.reference is missing", hint)
+
+
+def _findings(rule: Callable[[Job], Iterable[Finding]], job: Job) -> list[Finding]:
+    """Findings of a rule; none where it asks for a value that could not be read."""
+    try:
+        return list(rule(job))
+    except AttributeError as error:
+        if lacks_value(error):
+            return []
+        raise
+
+
+def partial_profile(table: TomlTable, problems: Mapping[KeyPath, Code]) -> Profile:
+    """What can be read of a profile whose problems are these."""
+    lacking = [lost for path, code in problems.items() if (lost := _lost(path, code, table))]
+    tables: dict[str, Any] = {
+        name: _read_table(name, written)
+        for name in Profile.model_fields
+        if isinstance(written := table.get(name), dict) and not _is_gone(name, lacking)
+    }
+    for name, adapter in _LISTS.items():
+        if name in table and (name,) not in lacking:
+            tables[name] = adapter.validate_python(table[name])
+    return without(Profile.model_construct(**tables), *lacking)
+
+
+def without(profile: Profile, *paths: tuple[str, ...]) -> Profile:
+    """A copy that lacks these tables (`("servo",)`) and values (`("servo", "reference")`)."""
+    copy = profile.model_copy()
+    for table, *keys in paths:
+        if _is_gone(table, paths):
+            copy.__dict__.pop(table, None)
+        elif table in copy.__dict__:
+            held = copy.__dict__[table].model_copy()
+            held.__dict__.pop(keys[0], None)
+            copy.__dict__[table] = held
+    return copy
+
+
+def _is_given(profile: Profile, table: str, key: str) -> bool:
+    held = profile.__dict__.get(table)
+    return held is not None and key in held.model_fields_set
+
+
+def lacks_value(error: AttributeError) -> bool:
+    """Whether the error comes from asking a partial profile for a value that it lacks."""
+    return isinstance(error.obj, Table) and error.name in type(error.obj).model_fields
+
+
+def _read_table(name: str, written: TomlTable) -> Table:
+    model = Profile.model_fields[name].annotation
+    if name == "target":
+        model = _TARGETS[written["kind"]]
+    if not isinstance(model, type):
+        model, _ = get_args(model)
+    assert isinstance(model, type)
+    assert issubclass(model, Table)
+    values = {key: value for key, value in written.items() if key in keys_at(model, ())}
+    return model.model_construct(_fields_set=set(values), **values)
+
+
+def _is_gone(name: str, lacking: Collection[tuple[str, ...]]) -> bool:
+    """Whether nothing of a table can be read: it is missing or no table, or a target of unknown kind."""
+    return (name,) in lacking or (name == "target" and (name, "kind") in lacking)
+
+
+def _lost(path: KeyPath, code: Code, table: TomlTable) -> tuple[str, ...] | None:
+    """The table or value whose value a problem hides; None for an unknown key that stands for nothing."""
+    if path[0] in _LISTS:
+        return (str(path[0]),)
+    names = tuple(str(part) for part in path[:2])
+    return _meant(names, table) if code == Code.UNKNOWN_KEY else names
+
+
+def _meant(path: tuple[str, ...], table: TomlTable) -> tuple[str, ...] | None:
+    """The key that an unknown one is a misspelling of, unless that is written too."""
+    *above, key = path
+    below: object = table
+    for part in above:
+        below = below.get(part) if isinstance(below, dict) else None
+    close = nearest(key, keys_at(Profile, tuple(above)))
+    is_written = isinstance(below, dict) and close in below
+    return (*above, close) if close and not is_written else None

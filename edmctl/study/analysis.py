@@ -1,0 +1,353 @@
+"""A study with its rows, analysed: every response by itself, and points against each other."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from edmctl.dataclasses import dataclass
+from edmctl.errors import PreconditionError
+from edmctl.study.design import AS_LEVELS, SENSITIVITY, terms_of
+from edmctl.study.expectations import predicted
+from edmctl.study.factors import BLOCK, settings_key, settings_matrix
+from edmctl.study.responses import TRUTHS
+from edmctl.study.results import (
+    TRUTH,
+    Choice,
+    ConfirmedLimit,
+    ConstraintInfo,
+    ResponseInfo,
+    RunKind,
+    RunState,
+    StudyPlan,
+    StudyRun,
+)
+from edmctl.wording import plural
+
+if TYPE_CHECKING:
+    from edmctl.study.folder import StudyState
+    from edmctl.study.statistics.response_analysis import ResponseAnalysis, Runs
+    from edmctl.study.statistics.sensitivity import SobolIndices
+
+
+@dataclass(frozen=True, slots=True)
+class StudyAnalysis:
+    """The results of a study.
+
+    runs : the design's runs that are done, in the order of the rows of every analysis; design tables use these alone
+    added : runs that were suggested or added; `choices` use them too
+    truths : analyses of the virtual machine's true values, by response
+    """
+
+    plan: StudyPlan
+    runs: tuple[StudyRun, ...]
+    added: tuple[StudyRun, ...]
+    responses: tuple[ResponseAnalysis, ...]
+    truths: dict[str, ResponseAnalysis]
+    indices: dict[str, SobolIndices]
+    choices: tuple[Choice, ...]
+    notes: tuple[str, ...]
+
+
+def analysis_of(state: StudyState) -> StudyAnalysis:
+    """Analyse the runs that are done. Raises PreconditionError E8206 if there are none."""
+    plan = state.folder.plan
+    done = tuple(run for run in state.runs if run.state is RunState.DONE)
+    if not done:
+        raise PreconditionError(
+            "No run of the study is done yet.",
+            hint=f"Make them with `edmctl study resume {state.folder.path}`.",
+            code="E8206",
+        )
+    designed = tuple(run for run in done if plan.is_of_design(run.planned))
+    added = tuple(
+        run
+        for run in done
+        if not plan.is_of_design(run.planned) and run.planned.kind is not RunKind.CONFIRMATION
+    )
+    runs = doe_runs(plan, designed)
+    analyses, truths, indices = [], {}, {}
+    for response in plan.responses:
+        analyses.append(_analysis(plan, response.name, response, designed, runs))
+        is_measured = (
+            response.name in TRUTHS and not response.is_manual
+        )  # a hand may mean something else by it
+        if is_measured and any(run.row and run.row.truth for run in designed):
+            truths[response.name] = _analysis(plan, f"{TRUTH}{response.name}", response, designed, runs)
+        if plan.model == SENSITIVITY:
+            found = _indices(plan, response, designed)
+            if found is not None:
+                indices[response.name] = found
+    return StudyAnalysis(
+        plan,
+        designed,
+        added,
+        tuple(analyses),
+        truths,
+        indices,
+        _choices(state, (*designed, *added), analyses),
+        _notes(state, designed, added),
+    )
+
+
+def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
+    """Return runs in the form that `doe` reads.
+
+    Runs that share no block with another have no block term: the difference between machines is in their error.
+    """
+    from edmctl.study.statistics.response_analysis import Runs
+
+    settings = [run.planned.settings for run in runs]
+    blocks = [run.block for run in runs]
+    if len(set(blocks)) == len(blocks):
+        blocks = [0] * len(blocks)
+    return Runs(
+        settings_matrix(plan.factors, settings, blocks, as_levels=plan.model in AS_LEVELS),
+        {factor.name: [one[factor.key] for one in settings] for factor in plan.factors},
+        [run.planned.point for run in runs],
+        blocks,
+        frozenset(run.planned.point for run in runs if run.planned.kind is not RunKind.DESIGN)
+        - {run.planned.point for run in runs if run.planned.kind is RunKind.DESIGN},
+        is_one_machine=is_one_machine(runs),
+    )
+
+
+def is_one_machine(runs: Sequence[StudyRun]) -> bool:
+    """Return whether one machine with one tool made all of these runs: its errors are in all of them alike."""
+    return len({run.tool or f"seed {run.planned.seed}" for run in runs}) == 1
+
+
+def _analysis(
+    plan: StudyPlan, name: str, response: ResponseInfo, designed: Sequence[StudyRun], runs: Runs
+) -> ResponseAnalysis:
+    from edmctl.study.statistics.response_analysis import analyse
+
+    values = [_number(run.value(name)) for run in designed]
+    model = "main" if plan.model == SENSITIVITY else plan.model
+    terms = terms_of(model, plan.factors, blocks=BLOCK in runs.settings.categories)
+    u = [_number(run.row.u.get(name) if run.row is not None else None) for run in designed]
+    return analyse(
+        name,
+        runs,
+        values,
+        terms,
+        response.better,  # type: ignore[arg-type]
+        is_log=response.is_log,
+        u=u,
+    )
+
+
+def _indices(plan: StudyPlan, response: ResponseInfo, runs: Sequence[StudyRun]) -> SobolIndices | None:
+    """Sobol indices over the points in their order, means over replicates; None if there are too few."""
+    from edmctl.study.statistics.sensitivity import sobol_indices
+
+    values: dict[int, list[float]] = {}
+    for run in runs:
+        if run.planned.kind is RunKind.DESIGN:
+            values.setdefault(run.planned.point, []).append(_number(run.value(response.name)))
+    points = sorted({run.point for run in plan.runs if run.kind is RunKind.DESIGN})
+    means = [_mean(values.get(point, [])) for point in points]
+    try:
+        return sobol_indices(means, len(plan.factors))
+    except ValueError:
+        return None
+
+
+def _choices(
+    state: StudyState, runs: Sequence[StudyRun], analyses: Sequence[ResponseAnalysis]
+) -> tuple[Choice, ...]:
+    """Every point with its means, whether another point dominates it, and two rankings, which are preferences.
+
+    Values are corrected by the effect of their block, if the design estimates it. A machine that the design did not
+    use has no known effect: its values count as measured.
+    """
+    import numpy as np
+
+    from edmctl.study.statistics.preferences import grey_relational_grade, pareto_front, topsis_closeness
+
+    plan, broken = state.folder.plan, broken_limits(state)
+    by_point: dict[int, list[StudyRun]] = {}
+    for run in runs:
+        by_point.setdefault(run.planned.point, []).append(run)
+    names = ranked_by(plan)
+    weights = [weight for _, weight in plan.objectives] or [1.0] * len(names)
+    infos = {one.name: one for one in plan.responses}
+    means = {
+        point: {
+            one.name: _mean([one.without_block(_number(run.value(one.name)), run.block) for run in members])
+            for one in analyses
+        }
+        for point, members in by_point.items()
+    }
+    table = np.array([[cost_of(infos[name], means[point][name]) for name in names] for point in by_point])
+    smaller = ["smaller"] * len(names)
+    upper = {
+        point: upper_bounds(plan, members, means[point], analyses) for point, members in by_point.items()
+    }
+    feasible = [
+        all(
+            ConfirmedLimit(bound, means[point][bound.response], upper[point][str(bound)]).is_shown
+            for bound in plan.constraints
+        )
+        and not broken.get(settings_key(members[0].planned.settings))
+        for point, members in by_point.items()
+    ]
+    front = pareto_front(np.where(np.array(feasible)[:, None], table, np.nan), smaller)  # type: ignore[arg-type]
+    whole = np.isfinite(table).all(axis=1)
+    grades, closeness = np.full(len(table), np.nan), np.full(len(table), np.nan)
+    if whole.sum() > 1:
+        grades[whole] = grey_relational_grade(table[whole], smaller, weights)  # type: ignore[arg-type]
+        closeness[whole] = topsis_closeness(table[whole], smaller, weights)  # type: ignore[arg-type]
+    return tuple(
+        Choice(
+            point=point,
+            settings=members[0].planned.settings,
+            runs=len(members),
+            means={name: _or_none(value) for name, value in means[point].items()},
+            upper=upper[point],
+            is_feasible=feasible[n],
+            is_pareto=bool(front[n]),
+            grey_grade=_or_none(float(grades[n])),
+            topsis_closeness=_or_none(float(closeness[n])),
+        )
+        for n, (point, members) in enumerate(by_point.items())
+    )
+
+
+def ranked_by(plan: StudyPlan) -> list[str]:
+    """Return the responses that points are ranked by: the objectives, else all of which it is said what is good."""
+    return [name for name, _ in plan.objectives] or [
+        one.name
+        for one in plan.responses
+        if (one.better != "nominal" or one.target is not None) and not one.name.startswith(TRUTH)
+    ]
+
+
+def cost_of(info: ResponseInfo, value: float) -> float:
+    """Return what is wanted small of a response."""
+    if info.better == "larger":
+        return -value
+    return abs(value - info.target) if info.better == "nominal" and info.target is not None else value
+
+
+def upper_bounds(
+    plan: StudyPlan,
+    runs: Sequence[StudyRun],
+    means: Mapping[str, float],
+    analyses: Sequence[ResponseAnalysis],
+    constraints: Sequence[ConstraintInfo] | None = None,
+) -> dict[str, float | None]:
+    """Return, by constraint, the bound of the 95 % interval of a point's mean on the side of the limit.
+
+    Of several runs half of it is after Student, of their values as they were measured; of a single one that of its
+    own interval, or of a run there by the model. None where neither is known.
+    """
+    from scipy import special
+
+    found: dict[str, float | None] = {}
+    models = {one.name: one.model for one in analyses}
+    for bound in plan.constraints if constraints is None else constraints:
+        having = [run for run in runs if run.value(bound.response) is not None]
+        values = [_number(run.value(bound.response)) for run in having]
+        first = having[0].row if having else None
+        own = _number(first.u95.get(bound.response) if first is not None else None)
+        model = models.get(bound.response)
+        if len(values) > 1:
+            sd = statistics.stdev(values)
+            half = float(special.stdtrit(len(values) - 1, 0.95)) * sd / math.sqrt(len(values))
+            half = max(half, own / math.sqrt(len(values)) if math.isfinite(own) else 0.0)
+        elif math.isfinite(own):
+            half = own
+        elif model is not None and values:
+            there = predicted(plan, model, runs[0].planned.settings)
+            expected, low, high = there or (math.nan, math.nan, math.nan)
+            half = high - expected if bound.sign > 0 else expected - low
+        else:
+            half = math.nan
+        found[str(bound)] = _or_none(means[bound.response] + bound.sign * half)
+    return found
+
+
+def confirmed_settings(state: StudyState) -> dict[str, list[StudyRun]]:
+    """Return the confirmation runs that are done, by their settings."""
+    found: dict[str, list[StudyRun]] = {}
+    for run in state.runs:
+        if run.planned.kind is RunKind.CONFIRMATION and run.state is RunState.DONE:
+            found.setdefault(settings_key(run.planned.settings), []).append(run)
+    return found
+
+
+def limits_of(plan: StudyPlan, runs: Sequence[StudyRun]) -> tuple[ConfirmedLimit, ...]:
+    """Return each constraint with the mean of its response over runs, and the bound of the mean's interval."""
+    found = []
+    for bound in plan.constraints:
+        values = [_number(v) for run in runs if (v := run.value(bound.response)) is not None]
+        if values:
+            upper = upper_bounds(plan, runs, {bound.response: _mean(values)}, (), [bound])
+            found.append(ConfirmedLimit(bound, _mean(values), upper[str(bound)]))
+    return tuple(found)
+
+
+def broken_limits(state: StudyState) -> dict[str, tuple[str, ...]]:
+    """Return, by settings, the constraints that the mean of confirmation runs did not keep; no others."""
+    plan = state.folder.plan
+    found = {
+        key: tuple(str(one.constraint) for one in limits_of(plan, runs) if not one.is_kept)
+        for key, runs in confirmed_settings(state).items()
+    }
+    return {key: texts for key, texts in found.items() if texts}
+
+
+def _notes(state: StudyState, designed: Sequence[StudyRun], added: Sequence[StudyRun]) -> tuple[str, ...]:
+    """What a reader has to know before the tables."""
+    plan, notes = state.folder.plan, []
+    left = [run for run in state.runs if run.state is RunState.OPEN]
+    failed = [run for run in state.runs if run.state is RunState.FAILED]
+    if left:
+        notes.append(f"{len(left)} of {len(state.runs)} runs are not made yet; tables are of those that are")
+    if failed:
+        numbers = ", ".join(str(run.planned.number) for run in failed[:10])
+        notes.append(f"runs that failed are left out until somebody judges them: {numbers}")
+    if extended := [run for run in designed if run.planned.number > len(plan.runs)]:
+        notes.append(
+            f"runs {number_ranges(extended)} are replicates or fold-overs of the design that were added later, in "
+            "blocks of their own"
+        )
+    if added:
+        notes.append(
+            f"the tables of each response use the {plural(len(designed), 'run')} of the design; "
+            f"{plural(len(added), 'run')} suggested or added later ({number_ranges(added)}) are in the list of "
+            "points and in the Gaussian processes of the recommendation"
+        )
+    if is_one_machine(designed):
+        notes.append(
+            "all runs of the design are of one machine or tool: its errors are in every value alike, may follow "
+            "time or wear, and look like an effect; this study cannot show how another machine would do"
+        )
+    return (*notes, *plan.notes)
+
+
+def number_ranges(runs: Sequence[StudyRun]) -> str:
+    """Return the numbers of runs as text, neighbours as a range: `1–8, 11`."""
+    parts: list[list[int]] = []
+    for number in sorted(run.planned.number for run in runs):
+        if parts and number == parts[-1][-1] + 1:
+            parts[-1] = [parts[-1][0], number]
+        else:
+            parts.append([number])
+    return ", ".join("–".join(map(str, part)) for part in parts)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _mean(values: Sequence[float]) -> float:
+    found = [value for value in values if math.isfinite(value)]
+    return math.fsum(found) / len(found) if found else math.nan

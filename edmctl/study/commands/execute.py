@@ -1,0 +1,357 @@
+"""`edmctl study run`, `resume`, `suggest`, `optimize` and `confirm`: all that makes runs."""
+
+import sys
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edmctl.cli.options import PROGRESS, ControllerOption, command, controlled_by
+from edmctl.cli.outcome import Outcome, stream_style, tell, watching
+from edmctl.cli.render.layout import USUAL_COLUMNS, wrapped
+from edmctl.cli.render.progress import Reporter
+from edmctl.cli.signals import begin_worker, shell
+from edmctl.errors import ObjectiveNotReached
+from edmctl.study.commands.options import (
+    FolderArgument,
+    Making,
+    StudyArgument,
+    checks_told,
+    opened,
+    study_source,
+)
+from edmctl.study.results import PlannedRun, RunKind, RunState, StudyRun
+from edmctl.wording import plural, settings_words
+
+if TYPE_CHECKING:
+    from edmctl.jobs.plan import MachineAddress, Plan
+    from edmctl.study.folder import StudyFolder, StudyState
+    from edmctl.study.running import Shard
+
+OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="New folder of the study.")]
+CountOption = Annotated[
+    int, typer.Option("--count", "-n", metavar="N", min=1, max=64, help="How many suggestions.")
+]
+AddOption = Annotated[
+    bool, typer.Option("--add", help="Add them to the study's runs, to be made by `resume`.")
+]
+FoldOverOption = Annotated[
+    bool,
+    typer.Option("--fold-over", help="Exchange the two levels of every factor; else a replicate is added."),
+]
+ConfirmRunsOption = Annotated[
+    int, typer.Option("--runs", "-n", metavar="N", min=1, max=1000, help="How many confirmation runs.")
+]
+
+
+@command("study run", PROGRESS)
+def run(
+    outcome: Outcome,
+    file: StudyArgument,
+    making: Making,
+    out: OutOption,
+    controller: ControllerOption = None,
+) -> None:
+    """Plan a study into a new folder, and make its runs.
+
+    On virtual machines every run has one of its own, and they are made side by side. On a machine that lasts
+    (--port) they are made one after the other, each at the next free place.
+    """
+    from edmctl.study.folder import create_folder
+    from edmctl.study.planning import base_request, plan_study
+
+    source = study_source(outcome, file)
+    making.refuse(base_request(source).setup, has_machine=source.file.machine is not None)
+    with watching(outcome.output) as reporter:
+        changes = controlled_by(controller)
+        planned = plan_study(source, shell(), checks_told(reporter.note), changes)
+        reporter.note(f"planned {plural(len(planned.plan.runs), 'run')} of {planned.plan.name}")
+    outcome.warn(planned.warnings)
+    study = create_folder(out, planned, or_same=making.shard is not None)
+    _make(outcome, study, making)
+
+
+@command("study resume", PROGRESS)
+def resume(
+    outcome: Outcome,
+    folder: FolderArgument,
+    making: Making,
+) -> None:
+    """Go on with a study: make the runs that are left, resume a hole that was interrupted."""
+    from edmctl.study.folder import version_warning
+
+    study = opened(folder)
+    outcome.warn(version_warning(study))
+    _make(outcome, study, making)
+
+
+def _make(
+    outcome: Outcome,
+    study: "StudyFolder",
+    making: Making,
+    command: str = "resume",
+    *,
+    to_the_end: bool = False,
+) -> None:
+    """Make what is left, on one machine that lasts or on virtual ones, and tell how far the study is.
+
+    command : the one that goes on where this one stops
+
+    Raises ObjectiveNotReached E7910 where a run failed, but not `to_the_end`.
+    """
+    from edmctl.study.on_machine import without_port
+    from edmctl.study.running import parse_shard
+
+    where, part = _where(study, making, command), parse_shard(making.shard)
+    try:
+        with watching(outcome.output) as reporter:
+            if where.lasting:
+                _on_machine(outcome, study, where.selector, making, reporter, command)
+            else:
+                outcome.simulated = True
+                outcome.warn(without_port(study))
+                _virtual(study, part, making, reporter)
+    finally:
+        _tell(outcome, study, part, command)
+    if not to_the_end:
+        _raise_failed(study, part)
+
+
+def _where(study: "StudyFolder", making: Making, command: str) -> "MachineAddress":
+    """Return where runs are made. Raises UsageError where that is not where the study is made."""
+    from edmctl.study.on_machine import refuse_mixture
+
+    setup = study.base.setup
+    making.refuse(setup, has_machine=study.source.file.machine is not None)
+    where = making.where(setup)
+    refuse_mixture(study.read(), where, command)
+    return where
+
+
+def _virtual(study: "StudyFolder", part: "Shard", making: Making, reporter: "Reporter") -> None:
+    from edmctl.jobs.parallel import Program, cores, dask_pool, process_pool
+    from edmctl.study.running import run_virtual
+
+    if making.dask is not None:
+        with dask_pool(making.dask) as pool:
+            run_virtual(study, part, reporter, None, pool)
+        return
+    program = Program(shell, begin_worker)
+    many = cores() if making.workers is None else making.workers
+    run_virtual(study, part, reporter, program, process_pool(many, program) if many > 1 else None)
+
+
+def _on_machine(
+    outcome: Outcome, study: "StudyFolder", port: str, making: Making, reporter: "Reporter", command: str
+) -> None:
+    from edmctl.study.on_machine import MachineRuns, run_on_machine
+
+    def approve(run: "StudyRun", plan: "Plan") -> bool:
+        return making.yes or _asked(run, plan)
+
+    options = MachineRuns(
+        port,
+        shell(),
+        approve,
+        outcome.warn,
+        making.wait,
+        new_tool=making.new_tool,
+        homed=making.homed,
+        command=command,
+    )
+    run_on_machine(study, options, reporter)
+
+
+def _asked(run: "StudyRun", plan: "Plan") -> bool:
+    """Ask at a terminal; where nobody sits, nobody approves."""
+    from edmctl.study.commands.study_tables import approval_words
+
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return False
+    sys.stderr.write(f"{approval_words(run, plan.forecast.time_s)}\nMake it? [y/N] ")
+    sys.stderr.flush()
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def _tell(outcome: Outcome, study: "StudyFolder", part: "Shard", command: str) -> None:
+    from edmctl.study.table import counts_of, in_words
+    from edmctl.study.waiting import what_next
+
+    state = study.read()
+    outcome.result = {
+        "folder": str(study.path),
+        "study": study.plan.name,
+        "runs": len(state.runs),
+        "counts": counts_of(state),
+    }
+    columns = stream_style(sys.stdout).columns or USUAL_COLUMNS
+    others = [] if part.count == 1 else [f"Part {part.index} of {part.count}; the others make the rest."]
+    told = [f"{study.plan.name}: {in_words(state)}.", *(others or what_next(state, command))]
+    outcome.text = "\n".join(line for one in told for line in wrapped(one, columns, "  "))
+
+
+def _raise_failed(study: "StudyFolder", part: "Shard", kind: "RunKind | None" = None) -> None:
+    failed = [
+        run
+        for run in study.read().runs
+        if run.state is RunState.FAILED
+        and run.row is not None
+        and run.planned.number in part
+        and kind in (None, run.planned.kind)
+    ]
+    if failed:
+        first = failed[0]
+        assert first.row is not None
+        raise ObjectiveNotReached(
+            f"{plural(len(failed), 'run')} failed; the first, run {first.planned.number}: {first.row.error}",
+            hint=f"Judge each: `{study.command('judge')} RUN accept|reject|repeat REASON`.",
+            code="E7910",
+        )
+
+
+@command("study suggest", PROGRESS)
+def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, add: AddOption = False) -> None:
+    """Suggest the runs that the models expect most of; --add puts them into the study."""
+    from edmctl.study.optimizing import suggestions
+    from edmctl.study.waiting import way_on
+
+    study = opened(folder)
+    with (
+        study.claimed("suggestions") if add else nullcontext()
+    ):  # who only looks writes nothing, not even a lock
+        state = study.read()
+        found = suggestions(state, count, shell())
+        if add:
+            with study.writer() as writer:
+                writer.planned(found)
+    outcome.result = {"suggestions": found, "added": add}
+    words = [_suggested(one, state) for one in found]
+    after = f"Make them: `{way_on(study.read())}`." if add else "Nothing was added; --add does."
+    outcome.text = "\n".join([*words, after])
+
+
+@command("study extend")
+def extend(outcome: Outcome, folder: FolderArgument, fold_over: FoldOverOption = False) -> None:
+    """Add one more replicate of the design, or its fold-over, in a block of its own; `resume` makes the runs."""
+    from edmctl.study.confirming import extension_runs
+    from edmctl.study.waiting import way_on
+
+    study = opened(folder)
+    with study.claimed("suggestions"), study.writer() as writer:
+        found = extension_runs(study.read(), shell(), is_folded=fold_over)
+        writer.planned(found)
+    outcome.result = {"added": found}
+    what = "the fold-over" if fold_over else "a replicate"
+    outcome.text = (
+        f"Added {plural(len(found), 'run')}: {what} of the design. Make them: `{way_on(study.read())}`."
+    )
+
+
+def _suggested(run: "PlannedRun", state: "StudyState", which: str = "") -> str:
+    """Return a suggestion in one line: a tool's centre run among them, and what was run before, are called so."""
+    before = {one.planned.point for one in state.runs}
+    if run.kind is not RunKind.SUGGESTED:
+        which += f", a {run.kind} run"
+    elif run.point in before:
+        which += f", repeats point {run.point}"
+    return f"run {run.number}{which}: {settings_words(run.settings)}"
+
+
+@command("study optimize", PROGRESS)
+def optimize(
+    outcome: Outcome,
+    folder: FolderArgument,
+    making: Making,
+) -> None:
+    """Make runs where the models expect most, one after the other, up to the number in [optimize]; recommend one.
+
+    The design comes first. Every suggestion is checked as a job is, and on a machine that lasts approved.
+    """
+    from edmctl.study.commands.study_tables import render_recommendation
+    from edmctl.study.expectations import has_suggestions
+    from edmctl.study.optimizing import counted, next_batch, recommended
+    from edmctl.study.running import Shard
+
+    study = opened(folder)
+    total = study.source.file.optimize.runs
+    making.refuse_shard()
+    while True:
+        rows = len(study.read().rows.attempts)
+        _make(outcome, study, making, "optimize", to_the_end=True)  # a failed run tells where runs fail
+        if len(study.read().rows.attempts) > rows:  # the new tool is in use now
+            making = replace(making, new_tool=False, homed=False)
+        with study.claimed("suggestions"), study.writer() as writer:
+            state = study.read()
+            batch, number = next_batch(state, shell()), counted(state)
+            if not batch:
+                break
+            writer.planned(batch)
+        for one in batch:
+            number += one.kind is RunKind.SUGGESTED
+            which = f", {number} of {total}" if one.kind is RunKind.SUGGESTED else ""
+            tell(outcome.output, _suggested(one, state, which))
+    best = recommended(study.read(), shell())
+    assert isinstance(outcome.result, dict)
+    outcome.result["recommendation"] = best
+    style = stream_style(sys.stdout)
+    way_on = f"Confirm it with runs that no model has seen: `{study.read().making_command('confirm')}`."
+    if not has_suggestions(study.read()):
+        way_on = f"No run was suggested: the design has all of the {total} runs of [optimize].\n{way_on}"
+    outcome.text += f"\n\n{render_recommendation(best, style)}\n{way_on}"
+    _raise_failed(study, Shard())
+
+
+@command("study confirm", PROGRESS)
+def confirm(
+    outcome: Outcome,
+    folder: FolderArgument,
+    making: Making,
+    runs: ConfirmRunsOption = 3,
+) -> None:
+    """Run the recommended settings anew, on machines no model has seen, and say whether the expectation held."""
+    from edmctl.study.commands.study_tables import render_confirmation, render_recommendation
+    from edmctl.study.confirming import confirmation_runs, confirmations_of
+    from edmctl.study.optimizing import recommended
+    from edmctl.study.running import Shard
+    from edmctl.study.waiting import not_yet_known
+
+    study = opened(folder)
+    _where(study, making, "confirm")
+    told = ""
+    with study.claimed("suggestions"), study.writer() as writer:
+        state = study.read()
+        asked = [
+            run.planned
+            for run in state.runs
+            if run.planned.kind is RunKind.CONFIRMATION and run.state is RunState.OPEN
+        ]
+        if asked:
+            tell(outcome.output, f"making the {plural(len(asked), 'confirmation run')} that were left")
+        else:
+            best = recommended(state, shell())
+            told = f"{render_recommendation(best, stream_style(sys.stdout))}\n\n"
+            asked = confirmation_runs(state, best.settings, runs)
+            writer.planned(asked, best.intervals)
+    _make(outcome, study, making, "confirm", to_the_end=True)  # another run that failed before is no answer
+    after = study.read()
+    found = confirmations_of(after)
+    assert isinstance(outcome.result, dict)
+    outcome.result["confirmations"] = found
+    style = stream_style(sys.stdout)
+    outcome.text = (
+        told + outcome.text + "\n\n" + "\n\n".join(render_confirmation(one, style) for one in found)
+    )
+    numbers = {run.number for run in asked}
+    mine = [one for one in found if numbers.intersection(one.runs)]
+    outcome.text += "".join(f"\n{line}" for line in not_yet_known(after, numbers))
+    broken = dict.fromkeys(str(limit.constraint) for one in mine for limit in one.limits if not limit.is_kept)
+    if broken:
+        raise ObjectiveNotReached(
+            f"The recommended settings do not keep {', '.join(broken)}: the mean of the confirmation runs does not.",
+            hint=f"The report says so too. Make more runs (`{study.command('suggest', '--add')}`, then "
+            "`resume`), or ask a new study for a stricter limit.",
+            code="E7911",
+        )
+    _raise_failed(study, Shard(), RunKind.CONFIRMATION)

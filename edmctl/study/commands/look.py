@@ -1,0 +1,171 @@
+"""`edmctl study list`, `plan`, `status`, `report` and `export`: what there is, how far it is, and what it says."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from edmctl.cli.options import NOTES, command
+from edmctl.cli.outcome import Outcome, stream_style, watching
+from edmctl.cli.render.layout import render_columns
+from edmctl.cli.signals import shell
+from edmctl.profile.folders import shipped_studies
+from edmctl.study.commands.options import FolderArgument, StudyArgument, checks_told, opened, study_source
+from edmctl.wording import plural
+
+
+@command("study list")
+def list_studies(outcome: Outcome) -> None:
+    """List the shipped studies."""
+    from edmctl.study.study_file import read_study
+
+    found = [(name, read_study(path).file) for name, path in shipped_studies().items()]
+    outcome.result = {
+        "studies": [
+            {
+                "study": name,
+                "name": file.study.name,
+                "description": file.study.description,
+                "design": file.design.kind,
+            }
+            for name, file in found
+        ]
+    }
+    rows = [[name, file.design.kind, file.study.description or file.study.name] for name, file in found]
+    outcome.text = render_columns(["study", "design", "what it asks"], rows, stream_style(sys.stdout), "<")
+
+
+@command("study plan", NOTES)
+def plan(outcome: Outcome, file: StudyArgument) -> None:
+    """Check a study and show every run of it, what the runs will take, and what they can tell.
+
+    Every run is checked as a job is; nothing moves and nothing is written.
+    """
+    from edmctl.study.commands.study_tables import render_plan
+    from edmctl.study.planning import plan_study
+
+    source = study_source(outcome, file)
+    with watching(outcome.output) as reporter:
+        planned = plan_study(source, shell(), checks_told(reporter.note))
+    outcome.warn(planned.warnings)
+    outcome.result = planned.plan.as_mapping()
+    way_on = f"Run it: `edmctl study run {shlex.quote(file)} --out DIR`"
+    outcome.text = f"{render_plan(planned.plan, stream_style(sys.stdout))}\n\n{way_on}"
+
+
+@command("study status")
+def status(outcome: Outcome, folder: FolderArgument) -> None:
+    """Show every run of a study with its responses, and what the study waits for."""
+    from edmctl.study.commands.study_tables import render_status
+    from edmctl.study.folder import version_warning
+    from edmctl.study.table import counts_of, in_words, missing_manual, table_of
+    from edmctl.study.waiting import what_next
+
+    study = opened(folder)
+    outcome.warn(version_warning(study))
+    state = study.read()
+    outcome.result = {
+        "study": study.plan.name,
+        "runs": len(state.runs),
+        "counts": counts_of(state),
+        "missing": [{"run": number, "responses": list(names)} for number, names in missing_manual(state)],
+        "torn_lines": state.rows.torn,
+        "foreign_lines": state.rows.foreign,
+        "table": table_of(state),
+    }
+    style = stream_style(sys.stdout)
+    outcome.text = render_status(study.plan, state.runs, in_words(state), what_next(state), style)
+
+
+PageOption = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="PAGE", help="HTML page with all tables and figures. Default: none."),
+]
+TableOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", "-o", metavar="TABLE", help="File: .csv, .json, .jsonl or .parquet. Default: CSV to stdout."
+    ),
+]
+FormatOption = Annotated[
+    str | None,
+    typer.Option("--format", metavar="FORMAT", help="csv, json, jsonl or parquet, whatever the ending."),
+]
+ProfilesOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--profiles", metavar="FOLDER", help="Write a profile for each point of the Pareto front instead."
+    ),
+]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files of the same name.")]
+
+
+@command("study report")
+def report(
+    outcome: Outcome, folder: FolderArgument, out: PageOption = None, overwrite: OverwriteOption = False
+) -> None:
+    """Say what matters, by analysis of variance, models and the Pareto front; --out writes a page of it."""
+    from edmctl.jobs import output_files
+    from edmctl.study.analysis import analysis_of, ranked_by
+    from edmctl.study.commands.study_tables import render_analysis
+    from edmctl.study.confirming import confirmations_of
+    from edmctl.study.reporting import mapping_of, page_of, recommendation_or_why
+
+    study = opened(folder)
+    state = study.read()
+    found = analysis_of(state)
+    best, why = recommendation_or_why(state, shell())
+    notes = (*found.notes, *why)
+    confirmations = confirmations_of(state)
+    outcome.result = mapping_of(found, best, confirmations, notes)
+    names = ranked_by(study.plan)
+    style = stream_style(sys.stdout)
+    outcome.text = render_analysis(
+        found.responses, found.choices, names, best, confirmations, notes, style, found.truths
+    )
+    if out is not None:
+        content = page_of(state, found, best, confirmations, notes).encode()
+        output_files.make_folder(out.parent)
+        hint = "Choose another name, or replace it with --overwrite."
+        output_files.write(out, content, hint, overwrite=overwrite)
+        outcome.text += f"\n\nPage {out}"
+
+
+@command("study export")
+def export(
+    outcome: Outcome,
+    folder: FolderArgument,
+    out: TableOption = None,
+    form: FormatOption = None,
+    profiles: ProfilesOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write the table of runs: a row a run, a column a factor key and response. Or profiles of the best points."""
+    from edmctl.jobs import output_files
+    from edmctl.jobs.runs.export import REPLACE_HINT, export_request
+    from edmctl.study.reporting import write_profiles
+    from edmctl.study.table import columns_of, table_bytes, table_of
+
+    study = opened(folder)
+    state = study.read()
+    if profiles is not None:
+        written = write_profiles(state, profiles, overwrite=overwrite)
+        outcome.result = {"profiles": [str(path) for path in written]}
+        outcome.text = "\n".join(map(str, written))
+        return
+    request = export_request(
+        "table", folder, ["runs"], ["runs"], form, out, as_json=outcome.output.json, overwrite=overwrite
+    )
+    content = table_bytes(table_of(state), str(request.form), columns_of(state))
+    if request.to_stdout:
+        from edmctl.cli.run.export import stdout
+
+        with stdout() as sink:
+            sink.write(content)
+        return
+    path = request.path_of("runs")
+    output_files.write(path, content, REPLACE_HINT, overwrite=overwrite)
+    outcome.result = {"file": str(path), "rows": len(state.runs), "bytes": len(content)}
+    outcome.text = f"{path}: {plural(len(state.runs), 'row')}"

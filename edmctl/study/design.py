@@ -1,0 +1,448 @@
+"""From a study file to points: which settings are run, what the design cannot tell apart, and what it can fit."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from edmctl.csv_text import number_of
+from edmctl.dataclasses import dataclass, replace
+from edmctl.errors import RecordError
+from edmctl.files import user_path
+from edmctl.study.factors import BLOCK, middle, settings_matrix, value_at
+from edmctl.study.results import FactorInfo, Value
+from edmctl.wording import plural
+
+if TYPE_CHECKING:
+    from edmctl.study.statistics.linear_model import Term
+    from edmctl.study.study_file import StudySource
+
+MOST_RUNS = 20_000
+MOST_ALIASES = 40
+LEVELS, PAIRS, QUADRATIC, SENSITIVITY = "levels", "level pairs", "quadratic", "sensitivity"
+AS_LEVELS = (LEVELS, PAIRS)
+"""Models in which numbers are levels without order."""
+
+
+class Refused(Exception):
+    """A design that cannot be, blamed on a key of `[design]`."""
+
+    def __init__(self, message: str, hint: str, key: str = "kind") -> None:
+        super().__init__(message)
+        self.message, self.hint, self.key = message, hint, key
+
+
+@dataclass(frozen=True, slots=True)
+class Points:
+    """The settings of a design in its standard order, and how the design is called.
+
+    `blocks` has, a point, the number of its block within a replicate, from 0.
+    """
+
+    name: str
+    settings: tuple[dict[str, Value], ...]
+    blocks: tuple[int, ...]
+    aliases: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    tells_pairs: bool = False
+    """Of a fraction: whether no product of two factors mixes with a factor or with another product."""
+
+
+def points_of(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
+    """Return the points of a study's design. Raises ProfileError-like `Refused` where it cannot be."""
+    design = source.file.design
+    made = _MAKERS[design.kind](source, factors)
+    size = len(made.settings) * design.replicates
+    if size > MOST_RUNS:
+        raise Refused(
+            f"{plural(len(made.settings), 'point')} with {plural(design.replicates, 'replicate')} are {size} runs, "
+            f"and at most {MOST_RUNS} are planned",
+            "take a fraction, or fewer levels",
+        )
+    return made
+
+
+def _full(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
+    size = math.prod(len(factor.values) for factor in factors)
+    if size > MOST_RUNS:
+        raise Refused(f"all combinations are {size} runs", "take a fraction, an array or a sample")
+    settings = [
+        dict(zip([f.key for f in factors], values, strict=True))
+        for values in itertools.product(*(f.values for f in factors))
+    ]
+    blocks = source.file.design.blocks
+    name = "full factorial " + " × ".join(str(len(f.values)) for f in factors)
+    if blocks > 1 and blocks & (blocks - 1) == 0 and all(len(f.values) == 2 for f in factors):
+        return _confounded(name, settings, factors, blocks)
+    return _with_parts(Points(name, tuple(settings), ()), blocks)
+
+
+def _confounded(
+    name: str, settings: list[dict[str, Value]], factors: Sequence[FactorInfo], blocks: int
+) -> Points:
+    """Two-level runs in blocks that hide the longest products (Box, Hunter and Hunter 2005, chapter 5)."""
+    from edmctl.study.statistics.fractional import hiding_words, letters_of
+
+    extra = blocks.bit_length() - 1
+    words = hiding_words(len(factors), extra)
+    if not words:
+        message = f"{blocks} blocks of {plural(len(settings), 'run')} would hide the effect of a factor"
+        raise Refused(message, "take fewer blocks", "blocks")
+    number = []
+    for one in settings:
+        bits = [sum(one[factors[f].key] == factors[f].values[1] for f in word) % 2 for word in words]
+        number.append(sum(bit << n for n, bit in enumerate(bits)))
+    told = ", ".join(letters_of(word) for word in words)
+    note = f"blocks cannot be told apart from {told} and their products"
+    return Points(f"{name} in {blocks} blocks", tuple(settings), tuple(number), notes=(note,))
+
+
+def mixing(points: Points, order: Sequence[int], part_of: Sequence[int]) -> float:
+    """Return how much parts of an order of points mix with the factors: squared correlations of main effects.
+
+    Points beyond those of the design are centre runs, which no factor moves.
+    """
+    import numpy as np
+
+    parts = np.eye(max(part_of) + 1)[list(part_of)][:, 1:]
+    parts = parts - parts.mean(axis=0)
+    columns = []
+    for key in points.settings[0]:
+        values = list(dict.fromkeys(map(repr, (one[key] for one in points.settings))))
+        columns += [
+            [n < len(points.settings) and repr(points.settings[n][key]) == value for n in order]
+            for value in values[1:]
+        ]
+    factors = np.array(columns, float).T
+    factors = factors - factors.mean(axis=0)
+    size = np.sqrt((parts**2).sum(axis=0))[:, None] * np.sqrt((factors**2).sum(axis=0))[None, :]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = np.where(size > 0, (parts.T @ factors) / size, 0.0)
+    return float((found**2).sum())
+
+
+DEALT = 500
+
+
+def _with_parts(points: Points, blocks: int) -> Points:
+    """Points dealt to so many blocks of about equal size: of many ways the one that mixes least with the factors."""
+    import numpy as np
+
+    count = len(points.settings)
+    if blocks > count:
+        raise Refused(f"{blocks} blocks of {plural(count, 'point')}", "take fewer", "blocks")
+    if blocks == 1:
+        return replace(points, blocks=(0,) * count)
+    rng = np.random.default_rng(0)
+    even = [n % blocks for n in range(count)]
+    ways = [even, *(rng.permutation(even).tolist() for _ in range(DEALT if count <= 200 else 0))]
+    best = min(ways, key=lambda way: mixing(points, range(count), way))
+    mixed = mixing(points, range(count), best)
+    notes = points.notes
+    if mixed > 1e-9:
+        notes = (*notes, "blocks mix a little with the effects of factors: the analysis takes both apart")
+    return replace(points, blocks=tuple(best), notes=notes)
+
+
+def _fractional(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
+    from edmctl.study.statistics.fractional import fraction_for, fraction_of
+
+    design = source.file.design
+    _all_of_two(factors, "a fractional factorial")
+    if bool(design.generators) == (design.resolution is not None):
+        raise Refused(
+            "a fractional factorial has either a resolution or generators",
+            'say resolution = 4, or generators = ["D = ABC"]',
+        )
+    try:
+        fraction = (
+            fraction_of(len(factors), design.generators)
+            if design.generators
+            else fraction_for(len(factors), design.resolution or 3)
+        )
+    except ValueError as error:
+        key = "generators" if design.generators else "resolution"
+        raise Refused(str(error).rstrip("."), "docs/study.md tells how fractions are named", key) from error
+    settings = [
+        {f.key: f.values[int(sign > 0)] for f, sign in zip(factors, row, strict=True)}
+        for row in fraction.coded().tolist()
+    ]
+    whole = fraction.resolution is None
+    name = (
+        f"full factorial 2^{len(factors)}"
+        if whole
+        else f"fractional factorial 2^({len(factors)}-{len(fraction.generators)}), "
+        f"resolution {_ROMAN.get(fraction.resolution or 0, fraction.resolution)}"
+    )
+    aliases = _alias_words(fraction.aliases(), factors)
+    tells_pairs = whole or (fraction.resolution or 0) >= 5
+    return _with_parts(Points(name, tuple(settings), (), aliases, tells_pairs=tells_pairs), design.blocks)
+
+
+_ROMAN = {3: "III", 4: "IV", 5: "V", 6: "VI", 7: "VII", 8: "VIII", 9: "IX"}
+
+
+def _alias_words(
+    groups: Sequence[Sequence[tuple[frozenset[int], int]]], factors: Sequence[FactorInfo]
+) -> tuple[str, ...]:
+    lines = []
+    for group in groups:
+        words = [
+            ("" if sign > 0 else "−") + " × ".join(factors[one].name for one in sorted(effect))
+            for effect, sign in group
+        ]
+        lines.append(" = ".join(words))
+    more = len(lines) - MOST_ALIASES
+    return (*lines[:MOST_ALIASES], *([f"and {more} more groups"] if more > 0 else []))
+
+
+def _all_of_two(factors: Sequence[FactorInfo], what: str) -> None:
+    many = [f.name for f in factors if len(f.values) != 2]
+    if many:
+        raise Refused(f"{what} has factors of two levels, and {many[0]} has others", "give low and high")
+
+
+def _taguchi(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
+    from edmctl.study.statistics.arrays import array_for
+
+    design = source.file.design
+    counts = [len(f.values) for f in factors]
+    try:
+        array, columns = array_for(counts, design.array)
+    except ValueError as error:
+        raise Refused(str(error).rstrip("."), "give other levels, or another array", "array") from error
+    if design.columns:
+        columns = tuple(column - 1 for column in design.columns)
+        if (
+            len(columns) != len(factors)
+            or len(set(columns)) < len(columns)
+            or not all(0 <= column < len(array.counts) for column in columns)
+            or [array.counts[column] for column in columns] != counts
+        ):
+            raise Refused(
+                f"columns {', '.join(map(str, design.columns))} do not hold these factors",
+                f"{array.name} has columns of {', '.join(map(str, array.counts))} levels; give one a factor",
+                "columns",
+            )
+    settings = [
+        {f.key: f.values[level] for f, level in zip(factors, row, strict=True)}
+        for row in array.levels[:, list(columns)].tolist()
+    ]
+    note = (
+        "interactions of factors mix with the effects of others: an orthogonal array tells main effects alone"
+    )
+    aliases = _array_aliases(array.levels, columns, factors)
+    return _with_parts(
+        Points(f"Taguchi {array.name}", tuple(settings), (), aliases, (note,) if aliases else ()),
+        design.blocks,
+    )
+
+
+def _array_aliases(levels: Any, columns: Sequence[int], factors: Sequence[FactorInfo]) -> tuple[str, ...]:
+    """Which products of two factors mix with which main effects, by what their columns have in common."""
+    import numpy as np
+
+    from edmctl.study.statistics.linear_model import Settings, model_matrix
+
+    names = [f.name for f in factors]
+    settings = Settings(
+        {},
+        {name: levels[:, column].tolist() for name, column in zip(names, columns, strict=True)},
+        {name: sorted(set(levels[:, column].tolist())) for name, column in zip(names, columns, strict=True)},
+    )
+    found: dict[str, list[str]] = {name: [] for name in names}
+    blocks = {}
+    for name in names:
+        columns_of = model_matrix(settings, [(), ((name, 1),)]).columns
+        blocks[name] = np.linalg.qr(
+            columns_of - columns_of.mean(axis=0) * [0, *[1] * (columns_of.shape[1] - 1)]
+        )[0][:, 1:]
+    for a, b in itertools.combinations(names, 2):
+        pair = model_matrix(settings, [((a, 1), (b, 1))]).columns
+        for name in names:
+            if name not in (a, b) and np.abs(blocks[name].T @ pair).max() > 1e-9:
+                found[name].append(f"{a} × {b}")
+    lines = [f"{name} mixes with {', '.join(pairs)}" for name, pairs in found.items() if pairs]
+    return tuple(lines[:MOST_ALIASES])
+
+
+def _coded_design(kind: str, rows: Any, source: StudySource, factors: Sequence[FactorInfo]) -> Points:
+    steps = {factor.key: factor.step for factor in source.file.factors}
+    settings = [
+        {f.key: value_at(f, x, steps[f.key]) for f, x in zip(factors, row, strict=True)} for row in rows
+    ]
+    return _with_parts(Points(kind, tuple(settings), ()), source.file.design.blocks)
+
+
+def _numbers_only(factors: Sequence[FactorInfo], what: str) -> None:
+    for factor in factors:
+        if not factor.is_number:
+            raise Refused(
+                f"{what} varies numbers, and {factor.name} has none", "give low and high, or take lhs"
+            )
+
+
+def _bbd(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
+    from edmctl.study.statistics.designs import box_behnken
+
+    _numbers_only(factors, "a Box-Behnken design")
+    try:
+        rows = box_behnken(len(factors))
+    except ValueError as error:
+        raise Refused(str(error).rstrip("."), "vary other factors, or take ccd") from error
+    return _coded_design("Box-Behnken", rows.tolist(), source, factors)
+
+
+def _ccd(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
+    from edmctl.study.statistics.designs import central_composite
+
+    _numbers_only(factors, "a central composite design")
+    alpha = source.file.design.alpha
+    try:
+        rows = central_composite(len(factors), alpha)
+    except ValueError as error:
+        raise Refused(str(error).rstrip("."), "vary two factors or more, or take lhs", "alpha") from error
+    name = {"face": "face-centred", "rotatable": "rotatable"}.get(str(alpha), f"alpha {alpha}")
+    return _coded_design(f"central composite, {name}", rows.tolist(), source, factors)
+
+
+def _sampled(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
+    from edmctl.study.statistics.designs import latin_hypercube, sobol_points
+
+    design = source.file.design
+    if design.runs is None:
+        raise Refused("how many points there are is not said", "add runs = 20 to [design]")
+    is_lhs = design.kind == "lhs"
+    rows = (latin_hypercube if is_lhs else sobol_points)(len(factors), design.runs, design.seed)
+    name = f"{'Latin hypercube' if is_lhs else 'Sobol sequence'} of {design.runs}"
+    return _coded_design(name, rows.tolist(), source, factors)
+
+
+def _sensitivity(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
+    from edmctl.study.statistics.sensitivity import sensitivity_points
+
+    base = source.file.design.base
+    if base is None:
+        raise Refused("how many base samples there are is not said", "add base = 64 to [design]")
+    if base * (len(factors) + 2) > MOST_RUNS:
+        raise Refused(f"{base * (len(factors) + 2)} runs are more than {MOST_RUNS}", "take fewer", "base")
+    try:
+        rows = sensitivity_points(len(factors), base, source.file.design.seed)
+    except ValueError as error:
+        raise Refused(str(error).rstrip("."), "take a power of two", "base") from error
+    return _coded_design(f"Sobol indices, {base} base samples", (2 * rows - 1).tolist(), source, factors)
+
+
+def _csv(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
+    from edmctl.record.delimited import read_table
+
+    name, keys = source.file.design.file, [factor.key for factor in factors]
+    if name is None:
+        raise Refused("which table has the points is not said", 'add file = "points.csv" to [design]')
+    try:
+        table = read_table(user_path(name, source.path.parent), keys)
+        if missing := [key for key in keys if key not in table.columns]:
+            raise table.without(missing, "Head a column with each factor's key.")
+        rows = list(table.rows())
+    except RecordError as error:
+        raise Refused(error.message.rstrip("."), error.hint.rstrip("."), "file") from None
+    if not rows:
+        raise Refused(f"{name} has no row under its columns", "add a row for each point", "file")
+    settings = [{f.key: _value_in_table(f, row[f.key], name, line) for f in factors} for line, row in rows]
+    return _with_parts(Points(f"points of {name}", tuple(settings), ()), source.file.design.blocks)
+
+
+def _value_in_table(factor: FactorInfo, text: str, name: str, line: int) -> Value:
+    if not factor.is_number:
+        found = [value for value in factor.values if str(value) == text]
+        if found:
+            return found[0]
+        raise Refused(
+            f"{name}, line {line}: {text!r} is none of {factor.name}'s values", "correct it", "file"
+        )
+    value = number_of(text)
+    if value is None:
+        raise Refused(f"{name}, line {line}: {text!r} is no number", "correct it", "file")
+    low, high = (float(pick(factor.values)) for pick in (min, max))
+    if not low <= value <= high:
+        message = f"{name}, line {line}: {factor.name} = {value:g} lies beyond {low:g} to {high:g}"
+        raise Refused(message, "correct it, or widen the factor", "file")
+    return int(value) if value.is_integer() and all(isinstance(v, int) for v in factor.values) else value
+
+
+_MAKERS = {
+    "full": _full,
+    "fractional": _fractional,
+    "taguchi": _taguchi,
+    "bbd": _bbd,
+    "ccd": _ccd,
+    "lhs": _sampled,
+    "sobol": _sampled,
+    "sensitivity": _sensitivity,
+    "csv": _csv,
+}
+
+
+def center_of(source: StudySource, factors: Sequence[FactorInfo]) -> dict[str, Value]:
+    """Return the settings of a centre run."""
+    steps = {factor.key: factor.step for factor in source.file.factors}
+    return {f.key: middle(f, steps[f.key]) for f in factors}
+
+
+def model_of(source: StudySource, factors: Sequence[FactorInfo], points: Points) -> str:
+    """Return which model is fitted: the one that is asked for, or the one that the design is for."""
+    asked = source.file.analysis.model
+    if asked != "auto":
+        return asked
+    kind = source.file.design.kind
+    if kind == "full" and not all(f.is_number and len(f.values) == 2 for f in factors):
+        return PAIRS
+    if not any(f.is_number for f in factors):
+        return LEVELS
+    if kind in ("full", "taguchi"):
+        if all(f.is_number and len(f.values) == 2 for f in factors):
+            return "interactions" if kind == "full" else "main"  # a centre run shows curvature
+        return LEVELS
+    if kind == "fractional":
+        return "interactions" if points.tells_pairs else "main"
+    return QUADRATIC
+
+
+def terms_of(model: str, factors: Sequence[FactorInfo], *, blocks: bool) -> list[Term]:
+    """Return the terms of a model: what each factor, pair and square adds; the block's among them."""
+    from edmctl.study.statistics.linear_model import main_effects, second_order, with_interactions
+
+    numbers = [f.name for f in factors if f.is_number]
+    others = [f.name for f in factors if not f.is_number]
+    names = [f.name for f in factors]
+    if model in ("levels", "main"):
+        terms = main_effects(names)
+    elif model in ("interactions", PAIRS):
+        terms = with_interactions(names)
+    else:
+        terms = second_order(numbers, others)
+    return [*terms[:1], *([((BLOCK, 1),)] if blocks else []), *terms[1:]]
+
+
+def degrees_of_freedom(
+    terms: Sequence[Term],
+    factors: Sequence[FactorInfo],
+    settings: Sequence[Mapping[str, Value]],
+    blocks: Sequence[int],
+    *,
+    as_levels: bool,
+) -> tuple[dict[str, int], list[str]]:
+    """Return degrees of freedom by term and what is left for the error; and the terms that the runs do not tell."""
+    from edmctl.study.statistics.linear_model import model_matrix, term_name, undetermined
+
+    matrix = model_matrix(settings_matrix(factors, settings, blocks, as_levels=as_levels), terms)
+    lost = undetermined(matrix)
+    dof = {
+        term_name(term): span.stop - span.start
+        for term, span in matrix.spans.items()
+        if term and term not in lost
+    }
+    left = len(settings) - 1 - sum(dof.values())
+    return {**dof, "error": left}, [term_name(term) for term in lost]

@@ -1,0 +1,155 @@
+"""One run of a study: a job from its request to a row."""
+
+from __future__ import annotations
+
+import hashlib
+import socket
+import time
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmctl.dataclasses import dataclass, replace
+from edmctl.errors import EdmError, Interrupted, PreconditionError, RunFileError
+from edmctl.exitcodes import error_exit_code
+from edmctl.files import open_regular
+from edmctl.jobs.plan import JobRequest, Plan, check
+from edmctl.jobs.run_header import RunName, run_path
+from edmctl.jobs.surroundings import NONE, Unobserved
+from edmctl.jsonout import JsonValue
+from edmctl.start_up import collect_garbage
+from edmctl.study.responses import responses_of, truth_of
+from edmctl.study.results import PlannedRun, RunRow
+
+if TYPE_CHECKING:
+    from edmctl.jobs.parallel import Program
+
+
+@dataclass(frozen=True, slots=True)
+class RunTask:
+    """One attempt at a run on a fresh virtual machine; `folder` is where its run file goes, if it gets one."""
+
+    run: PlannedRun
+    attempt: int
+    request: JobRequest
+    recipe: tuple[str, str] | None
+    folder: Path | None
+
+
+def evaluate(task: RunTask, program: Program | None = None) -> RunRow:
+    """Make a run on a fresh virtual machine, and return its row, whatever became of it.
+
+    Raises Interrupted, RunFileError, and PreconditionError E8203 where the recipe is not the planned one.
+    """
+    from edmctl.jobs.job import carry_out
+
+    started, begin_s = datetime.now(UTC), time.perf_counter()
+    collect_garbage()
+    plan = check(task.request, program.surroundings() if program is not None else NONE)
+    refuse_other_recipe(plan, task.recipe, task.run)
+    name = None
+    if task.folder is not None:
+        name = run_name(task.folder, task.run, task.attempt, started)
+        for left in (name.path, name.partial, name.journal):
+            left.unlink(missing_ok=True)  # of a worker that was killed: there is no row of it
+    report = carry_out(plan, task.run.seed, Unobserved(), name)
+    if isinstance(report.error, Interrupted | RunFileError):
+        raise report.error
+    return row_of(
+        task.run,
+        task.attempt,
+        report.to_dict(),
+        plan,
+        error=report.error,
+        seed=task.run.seed,
+        files=(report.run_file,) if report.run_file else (),
+        started=started,
+        duration_s=time.perf_counter() - begin_s,
+    )
+
+
+def run_name(folder: Path, run: PlannedRun, attempt: int, start: datetime) -> RunName:
+    """Name the run file of an attempt: `run0007`, of the second one `run0007-a2`."""
+    run_id = f"run{run.number:04d}" + (f"-a{attempt}" if attempt > 1 else "")
+    return RunName(run_id, run_path(folder, run_id), start)
+
+
+def refuse_other_recipe(plan: Plan, recipe: tuple[str, str] | None, run: PlannedRun) -> None:
+    """Raise PreconditionError E8203 where a run's recipe in effect is not the one that was planned."""
+    if recipe is not None and recipe not in plan.loaded.recipes:
+        raise PreconditionError(
+            f"The recipe of run {run.number} is not the one that was planned.",
+            hint="Another version of edmctl reads the profile in another way: go on with the version that began the "
+            "study, or plan it anew in another folder.",
+            code="E8203",
+        )
+
+
+def row_of(
+    run: PlannedRun,
+    attempt: int,
+    result: Mapping[str, JsonValue],
+    plan: Plan,
+    *,
+    error: EdmError | None,
+    seed: int | None,
+    files: tuple[Path, ...],
+    started: datetime,
+    duration_s: float,
+    site_um: tuple[float, float] | None = None,
+    tool: int | None = None,
+) -> RunRow:
+    """Return the row of an attempt whose result is `result`."""
+    target = plan.loaded.profile.target
+    values, u, u95, bases = responses_of(result, getattr(target, "depth_um", None))
+    return replace(
+        bare_row(run, attempt, seed, started),
+        tool=run.tool if tool is None else tool,
+        site_um=site_um,
+        exit_code=error_exit_code(error) if error is not None else 0,
+        error=f"{error.code}: {error.message}" if error is not None else None,
+        responses=values,
+        u=u,
+        u95=u95,
+        bases=bases,
+        truth=truth_of(result),
+        run_files=tuple(file.name for file in files),
+        run_sha256=_sha256(files[-1]) if files else "",
+        duration_s=round(duration_s, 3),
+    )
+
+
+def lost_row(run: PlannedRun, attempt: int, why: str, exit_code: int = 1) -> RunRow:
+    """Return the row of an attempt without a result: no worker survived it, or its hole was given up."""
+    return replace(bare_row(run, attempt, run.seed, datetime.now(UTC)), exit_code=exit_code, error=why)
+
+
+def bare_row(run: PlannedRun, attempt: int, seed: int | None, started: datetime) -> RunRow:
+    """Return the row of an attempt that came to its end, without any response."""
+    return RunRow(
+        number=run.number,
+        kind=str(run.kind),
+        point=run.point,
+        replicate=run.replicate,
+        block=run.block,
+        tool=run.tool,
+        site_um=None,
+        seed=seed,
+        attempt=attempt,
+        settings=run.settings,
+        exit_code=0,
+        error=None,
+        responses={},
+        u={},
+        u95={},
+        bases={},
+        truth={},
+        started=started.isoformat(timespec="milliseconds"),
+        host=socket.gethostname(),
+    )
+
+
+def _sha256(file: Path) -> str:
+    with open_regular(file) as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()

@@ -1,0 +1,372 @@
+"""The folder of a study: file, profile, setup and plan as they were when it began, and the rows of its runs.
+
+DIR/study.toml profile.toml setup.toml plan.json    written once; plan.json has the hashes of the others
+DIR/rows/*.jsonl                                    appended, one file a writer
+DIR/runs/*.h5                                       run files, with ledger and journals on a machine that lasts
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import secrets
+import shlex
+import shutil
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from edmctl.dataclasses import dataclass, replace
+from edmctl.errors import Diagnostic, EdmError, PreconditionError, ProfileError, RunFileError, UsageError
+from edmctl.files import json_of, open_descriptor, read_bytes, user_path
+from edmctl.jobs.output_files import make_folder, unwritable, write
+from edmctl.jobs.plan import JobRequest
+from edmctl.study.planning import PlannedStudy, base_request, check_plan
+from edmctl.study.results import PlanDocument, StudyPlan, StudyRun
+from edmctl.study.rows import Rows, StudyWriter, is_run_of, need, read_rows
+from edmctl.study.study_file import StudySource, study_of
+
+SCHEMA = "edmctl-study/1"
+PLAN_BYTES = 40_000_000
+"""A plan of 20,000 runs with 24 factors."""
+MOMENT_S, LOOKS_EVERY_S = 0.5, 0.02
+ADDING_S = 30.0
+"""Runs are added one after the other: reading all rows takes a moment."""
+STUDY, PROFILE, SETUP, CALIBRATION, PLAN, ROWS, RUNS = (
+    "study.toml",
+    "profile.toml",
+    "setup.toml",
+    "calibration.toml",
+    "plan.json",
+    "rows",
+    "runs",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class StudyFolder:
+    """A study that is run, or was: what it is never changes, `state` tells how far it has come."""
+
+    path: Path
+    source: StudySource
+    plan: StudyPlan
+    recipes: Mapping[int, tuple[str, str]]
+    version: str
+    identity: str
+    """Hash of all that the study is, without the version that planned it."""
+    changes: tuple[str, ...] = ()
+    """What holds for every run beside what the file says."""
+    has_setup: bool = False
+
+    @property
+    def rows(self) -> Path:
+        """Folder of the rows."""
+        return self.path / ROWS
+
+    @property
+    def runs(self) -> Path:
+        """Folder of the run files."""
+        return self.path.resolve() / RUNS
+
+    @property
+    def base(self) -> JobRequest:
+        """The job that all runs begin with, from the folder's own files."""
+        folder = self.path.resolve()  # for workers that stand in another one
+        request = base_request(self.source, self.changes)
+        setup = folder / SETUP if self.has_setup else None
+        return replace(request, profile=str(folder / PROFILE), setup=setup)
+
+    def command(self, name: str, *words: str) -> str:
+        """Return the command `edmctl study NAME` about this study, as a shell takes it."""
+        return shlex.join(["edmctl", "study", name, str(self.path), *words])
+
+    def read(self) -> StudyState:
+        """Return how far the study has come, by the rows that are there now."""
+        rows = read_rows(self.rows, self.identity)
+        planned, factors = len(self.plan.runs), self.plan.factors
+        added = [run for run in rows.added if run.number > planned and is_run_of(run, factors)]
+        runs = (*self.plan.runs, *added)
+        return StudyState(self, rows, tuple(map(rows.of, runs)), rows.strangers(runs))
+
+    def writer(self) -> StudyWriter:
+        """Return a new writer of rows."""
+        return StudyWriter(self.rows, self.identity)
+
+    @contextmanager
+    def claimed(self, part: str, wait_s: float = MOMENT_S) -> Iterator[None]:
+        """Keep others of this computer from doing the same part of the study at the same time.
+
+        Others that only look whether a part is free have it for a moment. Raises PreconditionError E8201 where one
+        has it for longer than `wait_s`.
+        """
+        self.rows.mkdir(parents=True, exist_ok=True)
+        shards = part.startswith("shard")
+        others = [self.rows / "all.lock"] if shards else sorted(self.rows.glob("shard-*.lock"))
+        end_s = time.monotonic() + wait_s
+        with ExitStack() as held:
+            for other in others if part == "all" or shards else []:
+                if other.exists():
+                    self._claim(other, end_s).close()  # nobody runs that part
+            held.enter_context(self._claim(self.rows / f"{part}.lock", end_s))
+            yield
+
+    def _claim(self, path: Path, end_s: float) -> ExitStack:
+        while True:
+            held = ExitStack()
+            try:
+                held.enter_context(_locked(path))
+                return held
+            except BlockingIOError:
+                if time.monotonic() < end_s:
+                    time.sleep(LOOKS_EVERY_S)
+                    continue
+            except OSError as refused:
+                raise RunFileError(
+                    f"Cannot lock {path}: {refused.strerror}.", hint="Check the folder.", code="E9110"
+                ) from refused
+            raise PreconditionError(
+                f"Another command runs the study in {self.path} just now.",
+                hint=f"Wait for it, or stop it; `{self.command('status')}` tells how far it is.",
+                code="E8201",
+            )
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    from edmctl.record.locks import exclusive
+
+    descriptor = open_descriptor(path, os.O_CREAT | os.O_RDWR)
+    try:
+        with exclusive(descriptor, path.with_suffix(".held")):
+            yield
+    finally:
+        os.close(descriptor)
+
+
+@dataclass(frozen=True, slots=True)
+class StudyState:
+    """A study with its rows: `runs` are the planned ones, then those that were added.
+
+    `strangers` rows are of runs that the study has not: they were added at another computer at the same time.
+    """
+
+    folder: StudyFolder
+    rows: Rows
+    runs: tuple[StudyRun, ...]
+    strangers: int = 0
+
+    def making_command(self, name: str, *words: str) -> str:
+        """Return a command that makes runs, at the port of the machine on which they are made."""
+        port = ["--port", self.rows.port] if self.rows.port else []
+        return self.folder.command(name, *port, *words)
+
+    def run(self, number: int) -> StudyRun:
+        """Return a run by its number. Raises UsageError E2104 where there is none."""
+        found = next((run for run in self.runs if run.planned.number == number), None)
+        if found is None:
+            raise UsageError(
+                f"The study has no run {number}.",
+                hint=f"Its runs are 1 to {len(self.runs)}; `{self.folder.command('status')}` lists them.",
+                code="E2104",
+            )
+        return found
+
+
+def create_folder(path: Path, planned: PlannedStudy, *, or_same: bool = False) -> StudyFolder:
+    """Make the folder of a study; with `or_same` that of the same study may be there.
+
+    It is there with all of its files or not at all, however many computers make it at once. Raises RunFileError:
+    E9101 there is a study already, or something else; E9012 it cannot be written.
+    """
+    if not path.name:
+        path = path.resolve()  # "." has no name beside which another can be made
+    if or_same and (path / PLAN).exists():
+        return _same(path, planned)
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise _taken(path, planned)
+    make_folder(path.parent)
+    made = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    make_folder(made)
+    try:
+        for name, content in _files(planned).items():
+            write(made / name, content)
+        made.replace(path)  # onto nothing, or onto an empty folder
+    except OSError as refused:
+        if or_same and (path / PLAN).exists():
+            return _same(path, planned)
+        if (path / PLAN).exists():
+            raise _taken(path, planned) from None
+        raise unwritable(f"into {path}", str(refused.strerror), "Check the path.") from refused
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+    return open_folder(path)
+
+
+def _same(path: Path, planned: PlannedStudy) -> StudyFolder:
+    there = open_folder(path)
+    if not _is_same(there, planned):
+        raise _taken(path, planned)
+    return there
+
+
+def _is_same(there: StudyFolder, planned: PlannedStudy) -> bool:
+    said = (planned.plan, planned.source.text, planned.changes)
+    return (there.plan, there.source.text, there.changes) == said
+
+
+def _taken(path: Path, planned: PlannedStudy) -> RunFileError:
+    """Return the error of a folder that holds something: this study, another one, or no study at all."""
+    if not (path / PLAN).exists():
+        return RunFileError(f"{path} is not empty.", hint="Choose another folder with --out.", code="E9101")
+    try:
+        there = open_folder(path)
+    except EdmError as error:
+        return RunFileError(
+            f"{path} has a study already, and it cannot be read: {error.message}",
+            hint="Choose another folder with --out.",
+            code="E9101",
+        )
+    if _is_same(there, planned):
+        hint = f"Go on with it as `{there.command('status')}` says, or choose another folder with --out."
+        return RunFileError(f"{path} has this study already.", hint=hint, code="E9101")
+    what = f"another study, {there.plan.name}"
+    if there.source.text == planned.source.text:
+        what = "a study of the same file with another plan: its profile or setup was changed since"
+    if there.changes != planned.changes:
+        what = f"a study with {' '.join(there.changes) or 'nothing changed'}"
+    return RunFileError(
+        f"{path} has {what}.",
+        hint=f"Choose another folder with --out; `{there.command('status')}` shows what is there.",
+        code="E9101",
+    )
+
+
+def _files(planned: PlannedStudy) -> dict[str, bytes]:
+    """All files of a folder, the plan with the hashes of the others."""
+    from edmctl.version import __version__
+
+    texts = _texts(planned)
+    document = {
+        "schema": SCHEMA,
+        "edmctl": __version__,
+        "sha256": {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()},
+        "recipes": {str(point): list(one) for point, one in planned.recipes.items()},
+        "plan": planned.plan.as_mapping(),
+    }
+    if planned.changes:
+        document["changes"] = list(planned.changes)
+    body = json.dumps(document, ensure_ascii=False, allow_nan=False)
+    digest = hashlib.sha256(body.encode()).hexdigest()
+    written = json.dumps({"sha256": digest, "study": document}, ensure_ascii=False, indent=1, allow_nan=False)
+    return {**{name: text.encode() for name, text in texts.items()}, PLAN: f"{written}\n".encode()}
+
+
+def _texts(planned: PlannedStudy) -> dict[str, str]:
+    """The files that a study stands on, each complete by itself."""
+    from edmctl.profile.folders import find_profile
+    from edmctl.profile.read import parse, read_chain, read_source
+
+    assert planned.base.profile is not None
+    chain = read_chain(find_profile(planned.base.profile))
+    texts = {STUDY: planned.source.text, PROFILE: chain.sources[0].text}
+    if len(chain.sources) > 1:
+        texts[PROFILE] = _toml(chain.table)
+    if planned.base.setup is not None:
+        source = read_source(planned.base.setup)
+        table = parse(source)
+        actuator = table.get("actuator")
+        texts[SETUP] = source.text
+        if isinstance(actuator, dict) and isinstance(actuator.get("calibration"), str):
+            texts[CALIBRATION] = read_source(
+                user_path(actuator["calibration"], planned.base.setup.parent)
+            ).text
+            actuator["calibration"] = CALIBRATION
+            texts[SETUP] = _toml(table)
+    return texts
+
+
+def _toml(table: dict[str, object]) -> str:
+    import tomli_w
+
+    return tomli_w.dumps(table)
+
+
+def open_folder(path: Path) -> StudyFolder:
+    """Open the folder of a study.
+
+    Raises UsageError E2101 if it is none, PreconditionError E8202 if a file of it was changed since the study began,
+    or if its plan is not one of this version.
+    """
+    try:
+        content = read_bytes(path / PLAN, PLAN_BYTES)
+    except OSError as refused:
+        raise UsageError(
+            f"{path} has no study: {PLAN}: {refused.strerror}.",
+            hint="Name the folder that `edmctl study run FILE --out DIR` has made.",
+            code="E2101",
+        ) from refused
+    try:
+        document = json_of(content)
+        study = document["study"]
+        body = json.dumps(study, ensure_ascii=False, allow_nan=False).encode()
+        is_whole = hashlib.sha256(body).hexdigest() == document["sha256"]
+    except (ValueError, KeyError, TypeError):
+        is_whole = False
+    if not is_whole:
+        raise _changed(path, PLAN)
+    try:
+        return _folder_of(path, study, body)
+    except (ValueError, ProfileError, UsageError) as refused:
+        made_by = study.get("edmctl") if isinstance(study, dict) else None
+        raise PreconditionError(
+            f"{path / PLAN} is not a plan of this version of edmctl.",
+            hint=f"Open the folder with the version that made it ({made_by}), or plan the study into a new folder.",
+            code="E8202",
+        ) from refused
+
+
+def _folder_of(path: Path, document: dict[str, Any], body: bytes) -> StudyFolder:
+    """Return the study of a document, which `body` is as JSON. Raises ValueError, ProfileError or UsageError."""
+    from pydantic import TypeAdapter
+
+    study = TypeAdapter(PlanDocument).validate_json(body, strict=True)
+    names = study.sha256.keys()
+    need(study.schema == SCHEMA and {STUDY, PROFILE} <= names <= {STUDY, PROFILE, SETUP, CALIBRATION})
+    texts = {}
+    for name, digest in study.sha256.items():
+        try:
+            texts[name] = read_bytes(path / name)
+        except OSError:
+            raise _changed(path, name) from None
+        if hashlib.sha256(texts[name]).hexdigest() != digest:
+            raise _changed(path, name)
+    source = study_of(texts[STUDY].decode(), path / STUDY)
+    check_plan(study.plan, source)
+    need(study.recipes.keys() == {run.point for run in study.plan.runs})
+    own = json.dumps([study.sha256, document["plan"], *study.changes], ensure_ascii=False)
+    identity = hashlib.sha256(own.encode()).hexdigest()[:16]
+    return StudyFolder(
+        path, source, study.plan, study.recipes, study.edmctl, identity, study.changes, SETUP in names
+    )
+
+
+def _changed(path: Path, name: str) -> PreconditionError:
+    return PreconditionError(
+        f"{path / name} is not what it was when the study began.",
+        hint="Put it back as it was; a changed study is a new one, in another folder.",
+        code="E8202",
+    )
+
+
+def version_warning(folder: StudyFolder) -> list[Diagnostic]:
+    """Return a warning where another version began the study."""
+    from edmctl.version import __version__
+
+    if folder.version == __version__:
+        return []
+    message = f"The study began with edmctl {folder.version}; this is {__version__}."
+    hint = "Compare runs of both versions with care, or go on with the version that began it."
+    return [Diagnostic("W8203", message, hint, is_warning=True)]

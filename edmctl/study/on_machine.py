@@ -1,0 +1,479 @@
+"""Running a study on a machine that lasts: hole after hole at the next free place, tool after tool.
+
+Whatever goes wrong stops the study, and leaves nothing behind that the next command could not go on from: an
+interrupted hole is resumed, one that was finished without a row is read from its run file.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from edmctl.dataclasses import dataclass, replace
+from edmctl.errors import (
+    Diagnostic,
+    EdmError,
+    ObjectiveNotReached,
+    PreconditionError,
+    RunFileError,
+    UsageError,
+)
+from edmctl.files import path_variable
+from edmctl.jobs.ledger.places_taken import WALL_UM
+from edmctl.jobs.plan import JobRequest, MachineAddress, Plan, check
+from edmctl.jobs.run_header import RunName
+from edmctl.jobs.surroundings import Surroundings, Warn
+from edmctl.jsonout import JsonValue, to_json_value
+from edmctl.profile.folders import SETUP_VARIABLE
+from edmctl.results.progress import SeriesObserver
+from edmctl.study.confirming import opening_run
+from edmctl.study.evaluate import refuse_other_recipe, row_of, run_name
+from edmctl.study.places_and_tools import grid_of
+from edmctl.study.planning import request_of
+from edmctl.study.results import RunKind, RunRow, RunState, StudyRun
+from edmctl.study.rows import MACHINE, PAUSED, StudyWriter, bench_of
+from edmctl.wording import coordinates, plural, settings_words
+
+if TYPE_CHECKING:
+    from edmctl.study.folder import StudyFolder, StudyState
+
+WORN_OUT = "E8043"
+JOB_RESUMED = re.compile(r"Go on with `edmctl machine --resume[^`]*`[^.]*\.")
+"""How a job alone would go on; that of a study is resumed with the study."""
+
+
+@dataclass(frozen=True, slots=True)
+class MachineRuns:
+    """How the runs of a study are made on one machine.
+
+    `approve` is asked before sparks of a run that has to be approved; `new_tool` says that the electrode was changed
+    since the last run, `homed` that the stages are where the
+    restarted controller counts them.
+    """
+
+    port: str
+    surroundings: Surroundings
+    approve: Callable[[StudyRun, Plan], bool]
+    warn: Warn
+    wait_s: float = 0.0
+    new_tool: bool = False
+    homed: bool = False
+    most: int | None = None
+    command: str = "resume"
+    """The command that goes on where these runs stop."""
+
+
+def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesObserver) -> int:
+    """Make the runs that are left, one after the other; return how many were made.
+
+    Raises PreconditionError: E8201 another command runs the study, E8204 the tool has to be changed, E8205 a run
+    waits for approval, E8207 no place is free; and the error of a run that stopped the study, with the way on.
+    """
+    if folder.source.file.machine is None:
+        raise without_machine()
+    with folder.claimed("all"), folder.writer() as writer:
+        if folder.read().rows.port != options.port:
+            bench = bench_of(options.port)
+            writer.append(MACHINE, {"port": options.port, **({"bench": bench} if bench else {})})
+        return _Series(folder, options, observer, writer).run()
+
+
+def without_machine() -> UsageError:
+    """Return the error of a study that was not planned for a machine that lasts."""
+    return UsageError(
+        "The study says nothing of a machine.",
+        hint="Add [machine] to the study file (holes_per_tool, the grid of places), and plan it anew; without it "
+        "every run has a virtual machine of its own.",
+        code="E2103",
+    )
+
+
+def without_port(folder: StudyFolder) -> list[Diagnostic]:
+    """Return a warning where a study that says a machine is made on virtual ones."""
+    if folder.source.file.machine is None:
+        return []
+    message = "The study has a [machine], and no port is named: its runs are made on virtual machines."
+    hint = "Name the machine with --port; runs of both are never mixed."
+    return [Diagnostic("W8215", message, hint, is_warning=True)]
+
+
+def refuse_mixture(state: StudyState, where: MachineAddress, command: str = "resume") -> None:
+    """Raise UsageError E2108 where runs of a study would be made on virtual machines and on one that lasts, or on
+    two benches, PreconditionError E8214 where its bench is gone. A controller may come back at another port.
+    `command` is the one that was asked for.
+    """
+    port, lasting = state.rows.port, where.lasting
+    bench = bench_of(port) if port else ""
+    is_made = any(run.row is not None for run in state.runs)
+    if port and (not lasting or (bench and bench_of(where.selector) != bench)):
+        raise UsageError(
+            f"The study is made on the machine at {port}.",
+            hint=f"Go on there: `{state.making_command(command)}`.",
+            code="E2108",
+        )
+    if bench and is_made and not Path(bench).exists():
+        raise PreconditionError(
+            f"The bench that has made runs of the study, {bench}, is gone; a new one is another machine.",
+            hint="Put the file back where it was; a study on another machine is another one, in another folder.",
+            code="E8214",
+        )
+    if lasting and not port and is_made:
+        raise UsageError(
+            "The study has runs on virtual machines already.",
+            hint="Make another study on the machine, in another folder; or leave --port out.",
+            code="E2108",
+        )
+
+
+class _Series:
+    def __init__(
+        self, folder: StudyFolder, options: MachineRuns, observer: SeriesObserver, writer: StudyWriter
+    ) -> None:
+        self._folder, self._options, self._observer, self._writer = folder, options, observer, writer
+        machine = folder.source.file.machine
+        assert machine is not None
+        self._machine = machine
+        self._new_tool = options.new_tool
+
+    def run(self) -> int:
+        made = 0
+        while self._options.most is None or made < self._options.most:
+            state = self._folder.read()
+            left = sum(run.state is RunState.OPEN for run in state.runs)
+            self._observer.runs(len(state.runs) - left, len(state.runs))
+            if (run := next_run(state)) is None:
+                break
+            if made:
+                self._pause()
+            self._make(run)
+            made += 1
+        return made
+
+    def _make(self, run: StudyRun) -> None:
+        attempt = run.attempts + 1
+        name = run_name(self._folder.runs, run.planned, attempt, datetime.now(UTC))
+        begin_s = time.time()
+        left = self._left(run, name)
+        if isinstance(left, tuple):
+            result, files = left
+            self._keep(run, attempt, result, files, None, begin_s, tool=self._tool_of_begun(run))
+            return
+        if left is not None and self._new_tool:
+            raise UsageError(
+                f"Run {run.planned.number} was interrupted; another tool cannot go on with its hole.",
+                hint=f"Leave --new-tool out; or give the hole up: `{self._giving_up(run)}`, and make it anew with "
+                "--new-tool.",
+                code="E2108",
+            )
+        tool = self._look_at_tool(run) if left is None else self._tool_of_begun(run)
+        if left is None and (opening := self._opening_run(run, tool)) is not None:
+            self._make(opening)
+            return
+        begun = left if left is not None else self._fresh(run, name)
+        plan, name, site_um = begun.plan, begun.name, begun.site_um
+        if left is None and self._wants_approval(run) and not self._options.approve(run, plan):
+            raise PreconditionError(
+                f"Run {run.planned.number} is not approved.",
+                hint=f"Approve it and go on: `{self._command()} --yes`.",
+                code="E8205",
+            )
+        from edmctl.jobs.job import carry_out
+
+        what = "resuming" if left is not None else "making"
+        self._observer.note(
+            f"{what} run {run.planned.number}: {settings_words(run.planned.settings)}, at {coordinates(*site_um)}"
+        )
+        report = carry_out(
+            plan,
+            self._folder.source.file.design.seed,
+            self._observer,
+            name,
+            self._options.warn,
+            self._serial(),
+        )
+        if report.error is not None and not isinstance(report.error, ObjectiveNotReached):
+            self._stop(run, report.error)
+        self._new_tool = False
+        files = (report.run_file,) if report.run_file else ()
+        self._keep(run, attempt, report.to_dict(), files, report.error, begin_s, site_um, tool)
+
+    def _left(
+        self, run: StudyRun, name: RunName
+    ) -> _Begun | tuple[dict[str, JsonValue], tuple[Path, ...]] | None:
+        """What an earlier command left of an attempt: a hole to resume, a result without a row, or nothing."""
+        from edmctl.jobs.resume.selection import checked, find_run, name_of_resumed
+        from edmctl.jobs.runs.opening import recovered_before
+
+        try:
+            resumption = find_run(name.run_id, self._folder.runs, homed=self._options.homed)
+        except PreconditionError as error:
+            if error.code == "E8051":
+                return _finished(name)
+            if error.code != "E8050":
+                raise
+            return None
+        options = self._options
+        try:
+            plan = checked(resumption, options.port, options.wait_s, options.surroundings)
+        except PreconditionError as error:
+            way_out = f"To give the hole up and make the run at another place: `{self._giving_up(run)}`."
+            error.hint = f"{error.hint} {way_out}".strip()
+            raise
+        options.warn(recovered_before(resumption))
+        _, x_um, y_um, *_ = resumption.job.places[0]
+        return _Begun(plan, name_of_resumed(resumption, None, datetime.now(UTC)), (x_um, y_um))
+
+    def _fresh(self, run: StudyRun, name: RunName) -> _Begun:
+        options, planned = self._options, run.planned
+        setup = self._folder.base.setup or path_variable(SETUP_VARIABLE, options.surroundings.environ)
+        base = replace(self._folder.base, setup=setup, port=options.port, wait_s=options.wait_s)
+        recipe = self._folder.recipes.get(planned.point)
+        without_place = check(request_of(base, planned.settings), options.surroundings)
+        refuse_other_recipe(without_place, recipe, planned)
+        site_um = self._next_free_um(without_place)
+        return _Begun(check(self._request(base, run, site_um), options.surroundings), name, site_um)
+
+    def _request(self, base: JobRequest, run: StudyRun, site_um: tuple[float, float]) -> JobRequest:
+        x_um, y_um = site_um
+        at = f'sites=[{{x_um={x_um!r}, y_um={y_um!r}, name="run{run.planned.number:04d}"}}]'
+        request = request_of(base, run.planned.settings)
+        return replace(request, overrides=(*request.overrides, at), new_tool=self._new_tool)
+
+    def _next_free_um(self, plan: Plan) -> tuple[float, float]:
+        """The first place of the grid that is clear of every hole that was made or begun."""
+        profile = plan.loaded.profile
+        radius_um = profile.tool.diameter_um / 2.0 + profile.work.side_gap_um
+        taken = list(_taken(self._folder.runs))
+        for x_um, y_um in grid_of(self._machine):
+            if all(math.hypot(x_um - x, y_um - y) >= radius_um + own + WALL_UM / 2 for x, y, own in taken):
+                return x_um, y_um
+        raise PreconditionError(
+            "No place of the study's grid is free any more.",
+            hint="A study on new work is another one, in another folder; give its grid more columns or rows.",
+            code="E8207",
+        )
+
+    def _tool_of_begun(self, run: StudyRun) -> int:
+        """Return the number of the tool that began a hole: that of the row before, or the one changed for it."""
+        from edmctl.record.ledger import JobBegun, Ledger, ToolChanged
+
+        made = _made(self._folder.read())
+        if not made:
+            return max(1, run.planned.tool)
+        files = {file for row in made for file in row.run_files}
+        is_new = False
+        for line in Ledger.open(self._folder.runs).lines:
+            if isinstance(line.entry, ToolChanged):
+                is_new = True
+            elif isinstance(line.entry, JobBegun) and line.entry.run_file in files:
+                is_new = False
+        return max(made[-1].tool + 1, run.planned.tool) if is_new else made[-1].tool
+
+    def _look_at_tool(self, run: StudyRun) -> int:
+        """Return the number of the tool in the machine; stop where the run is of another one than the run before."""
+        state = self._folder.read()
+        made = _made(state)
+        if not made:
+            return max(1, run.planned.tool)
+        tool = made[-1].tool
+        if self._new_tool:
+            return max(tool + 1, run.planned.tool)
+        if is_of_next_tool(state, run):
+            holes = sum(row.tool == tool for row in made)
+            self._writer.append(PAUSED, {"number": run.planned.number, "why": f"tool {tool} is done"})
+            raise PreconditionError(
+                f"Tool {tool} has made its {plural(holes, 'hole')}; run {run.planned.number} is of the next one.",
+                hint=f"Change or dress it, and go on with `{self._command()} --new-tool`.",
+                code="E8204",
+            )
+        return tool
+
+    def _opening_run(self, run: StudyRun, tool: int) -> StudyRun | None:
+        """Return the centre run that a tool begins with, where the plan has none: it was changed before its time."""
+        if not self._machine.center_runs or run.planned.kind in (RunKind.CENTER, RunKind.CONFIRMATION):
+            return None
+        state = self._folder.read()
+        made = _made(state)
+        if not made or any(row.tool == tool for row in made):
+            return None
+        for one in state.runs[len(self._folder.plan.runs) :]:
+            if one.planned.kind is RunKind.CENTER and one.state is RunState.OPEN and one.planned.tool == tool:
+                return one
+        self._writer.planned([opening_run(state, tool)])
+        return self._folder.read().runs[-1]
+
+    def _serial(self) -> str:
+        """The serial number of the machine that has made the runs until now; empty before the first."""
+        from edmctl.record.ledger import Ledger
+
+        lines = Ledger.open(self._folder.runs).lines if self._folder.runs.is_dir() else ()
+        return lines[-1].serial if lines else ""
+
+    def _wants_approval(self, run: StudyRun) -> bool:
+        policy = self._machine.approval
+        is_suggestion = run.planned.kind in (RunKind.SUGGESTED, RunKind.CONFIRMATION)
+        return policy == "each" or (policy == "suggestions" and is_suggestion)
+
+    def _stop(self, run: StudyRun, error: EdmError) -> None:
+        """Say how the study goes on, and end it."""
+        values: dict[str, object] = {"number": run.planned.number, "why": f"{error.code}: {error.message}"}
+        if error.code == WORN_OUT:
+            values["worn_tool"] = _tool_in_use(self._folder.read(), run)
+        self._writer.append(PAUSED, values)
+        command = self._command() + (" --homed" if "--homed" in error.hint else "")
+        if error.code == WORN_OUT:
+            hint = f"Dress or change it, and go on with `{command} --new-tool`."
+        else:
+            hint = f"Go on with `{command}`: what is made is kept, and a begun hole is resumed."
+        error.hint = f"{JOB_RESUMED.sub('', error.hint).strip()} {hint}".strip()
+        raise error
+
+    def _keep(
+        self,
+        run: StudyRun,
+        attempt: int,
+        result: dict[str, JsonValue],
+        files: Sequence[Path],
+        error: EdmError | None,
+        begin_s: float,
+        site_um: tuple[float, float] | None = None,
+        tool: int | None = None,
+    ) -> None:
+        base = replace(self._folder.base, port=self._options.port)
+        plan = check(request_of(base, run.planned.settings), self._options.surroundings)
+        row = row_of(
+            run.planned,
+            attempt,
+            result,
+            plan,
+            error=error,
+            seed=None,
+            files=tuple(files),
+            started=datetime.fromtimestamp(begin_s, UTC),
+            duration_s=time.time() - begin_s,
+            site_um=site_um if site_um is not None else _place_of(result),
+            tool=tool,
+        )
+        self._writer.run(replace(row, order=next_order(self._folder.read())))
+
+    def _pause(self) -> None:
+        """Wait between two runs; a signal ends that as it ends a job."""
+        if not self._machine.pause_s:
+            return
+        around = self._options.surroundings
+        stop = around.stop(self._observer.note)
+        end_s = time.monotonic() + self._machine.pause_s
+        with around.guard(stop, lambda: None):
+            while (left_s := end_s - time.monotonic()) > 0:
+                time.sleep(min(0.1, left_s))
+                stop.check()
+
+    def _giving_up(self, run: StudyRun) -> str:
+        number = str(run.planned.number)
+        return self._folder.command("judge", number, "repeat", "REASON")
+
+    def _command(self) -> str:
+        return self._folder.command(self._options.command, "--port", self._options.port)
+
+
+def next_order(state: StudyState) -> int:
+    """Return the place of the next hole in the order in which they were made."""
+    made = (row for rows in state.rows.attempts.values() for row in rows)
+    return max((row.order for row in made), default=0) + 1
+
+
+def next_run(state: StudyState) -> StudyRun | None:
+    """Return the run that is made next: a hole that was begun comes first, its tool is in the machine."""
+    left = [run for run in state.runs if run.state is RunState.OPEN]
+    return next((run for run in left if is_begun(state.folder, run)), left[0] if left else None)
+
+
+def wants_new_tool(state: StudyState) -> bool:
+    """Return whether the next run waits for another tool: one was worn out, or has made its holes."""
+    run = next_run(state)
+    if run is None or not state.rows.port or is_begun(state.folder, run):
+        return False
+    last = state.rows.paused[-1] if state.rows.paused else {}
+    is_worn = last.get("number") == run.planned.number and last.get("worn_tool") == _tool_in_use(state, run)
+    return is_worn or is_of_next_tool(state, run)
+
+
+def is_of_next_tool(state: StudyState, run: StudyRun) -> bool:
+    """Return whether a run is of a later tool than the runs before, by its own plan or by that of its block."""
+    made = _made(state)
+    if not made:
+        return False
+    # The plan has a run for a later tool than all before: also where a tool was changed early.
+    planned = {one.number: one.tool for one in state.folder.plan.runs}
+    before = [planned[row.number] for row in made if row.number in planned]
+    begins_a_block = bool(before) and planned.get(run.planned.number, 0) > max(before)
+    return run.planned.tool > made[-1].tool or begins_a_block
+
+
+def _made(state: StudyState) -> list[RunRow]:
+    """The last attempt at every run that was made, in the order in which they were made, whatever clocks said."""
+    return sorted((run.row for run in state.runs if run.row is not None), key=lambda row: row.order)
+
+
+def _tool_in_use(state: StudyState, run: StudyRun) -> int:
+    made = _made(state)
+    return made[-1].tool if made else max(1, run.planned.tool)
+
+
+def is_begun(folder: StudyFolder, run: StudyRun) -> bool:
+    """Return whether the next attempt at a run has a file already: its hole was begun and left."""
+    name = run_name(folder.runs, run.planned, run.attempts + 1, datetime.now(UTC))
+    return folder.runs.is_dir() and any(folder.runs.glob(f"{name.run_id}.*"))
+
+
+@dataclass(frozen=True, slots=True)
+class _Begun:
+    plan: Plan
+    name: RunName
+    site_um: tuple[float, float]
+
+
+def _finished(name: RunName) -> tuple[dict[str, JsonValue], tuple[Path, ...]] | None:
+    """The result in the run file of a hole that was finished before its row was written."""
+    from edmctl.record.reader import open_run
+
+    later = sorted(name.path.parent.glob(f"{name.run_id}-r[0-9]*.h5"))
+    for file in [*reversed(later), name.path]:
+        try:
+            with open_run(file) as run:
+                summary = run.summary() if run.text("/entry/status") == "done" else None
+        except (RunFileError, OSError):
+            continue
+        if summary is not None:
+            return {name: to_json_value(value, name) for name, value in summary.items()}, (file,)
+    return None
+
+
+def _taken(runs: Path) -> list[tuple[float, float, float]]:
+    """Axes and radii of all holes that the ledger of the run files knows, made or begun."""
+    from edmctl.record.ledger import JobBegun, Ledger, SiteMachined
+
+    if not runs.is_dir():
+        return []
+    found = []
+    for line in Ledger.open(runs).lines:
+        entry = line.entry
+        if isinstance(entry, JobBegun):
+            found += [(x_um, y_um, entry.radius_um) for _, x_um, y_um in entry.places]
+        elif isinstance(entry, SiteMachined):
+            found.append((entry.x_um, entry.y_um, entry.radius_um))
+    return found
+
+
+def _place_of(result: dict[str, JsonValue]) -> tuple[float, float] | None:
+    sites = result.get("sites")
+    if isinstance(sites, list) and sites and isinstance(sites[0], dict):
+        x_um, y_um = sites[0].get("x_um"), sites[0].get("y_um")
+        if isinstance(x_um, int | float) and isinstance(y_um, int | float):
+            return float(x_um), float(y_um)
+    return None

@@ -1,0 +1,666 @@
+"""The plan of a study: every run in its order, checked as a job is, and what all of them will take."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from edmctl.dataclasses import dataclass, replace
+from edmctl.errors import Diagnostic, EdmError, ProfileError
+from edmctl.files import user_path
+from edmctl.jobs.plan import JobRequest, Plan, check
+from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.profile.findings import Code
+from edmctl.profile.folders import as_value, is_path
+from edmctl.profile.model import Profile
+from edmctl.profile.positions import SET_OPTION, KeyPath
+from edmctl.study import responses
+from edmctl.study.design import (
+    AS_LEVELS,
+    LEVELS,
+    PAIRS,
+    SENSITIVITY,
+    Points,
+    Refused,
+    center_of,
+    degrees_of_freedom,
+    model_of,
+    points_of,
+    terms_of,
+)
+from edmctl.study.factors import factors_of, settings_key
+from edmctl.study.places_and_tools import (
+    bounds_of,
+    by_tool,
+    grid_of,
+    parts_of,
+    refuse_undoable,
+    wear_by_tool,
+)
+from edmctl.study.results import (
+    TRUTH,
+    ConstraintInfo,
+    FactorInfo,
+    PlanCosts,
+    PlannedRun,
+    ResponseInfo,
+    RunKind,
+    StudyPlan,
+    Value,
+)
+from edmctl.study.rows import is_run_of, need
+from edmctl.study.study_file import Response, StudySource
+from edmctl.toml_text import toml_value
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
+
+
+MOST_REFUSED = 5
+"""So many refused settings are told; the others are counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedStudy:
+    """A study file with its plan, the request of its profile, and the hash of each point's recipe."""
+
+    source: StudySource
+    plan: StudyPlan
+    base: JobRequest
+    recipes: Mapping[int, tuple[str, str]]
+    """By point: hashes of the recipe and of the `[sim]` table in effect."""
+    warnings: tuple[Diagnostic, ...]
+    changes: tuple[str, ...] = ()
+    """What holds for every run beside what the file says, as `--set` takes it."""
+
+
+def request_of(base: JobRequest, settings: Mapping[str, Value]) -> JobRequest:
+    """Return the request of a study with the settings of a run."""
+    own = (f"{key}={toml_value(value)}" for key, value in settings.items())
+    return replace(base, overrides=(*base.overrides, *own))
+
+
+def base_request(source: StudySource, changes: Sequence[str] = ()) -> JobRequest:
+    """Return the job that all runs of a study file begin with, and `changes`; files are beside the study file."""
+    study, folder = source.file.study, source.path.parent
+    return JobRequest(
+        profile=as_value(user_path(study.profile, folder)) if is_path(study.profile) else study.profile,
+        overrides=(*study.set, *changes),
+        setup=user_path(study.setup, folder) if study.setup else None,
+        port="sim:",
+    )
+
+
+def plan_study(
+    source: StudySource,
+    surroundings: Surroundings = NONE,
+    observe: Callable[[int, int], None] = lambda done, total: None,
+    changes: tuple[str, ...] = (),
+) -> PlannedStudy:
+    """Check a study file and every run of it; `observe` is told how many settings of how many are checked.
+
+    `changes` hold for every run, after what the file sets.
+
+    Raises ProfileError with every diagnostic, and what `check` of a job raises.
+    """
+    factors, wrong = factors_of(source)
+    wrong += [*source.wrong, *_foreign_keys(source), *_wrong_names(source)]
+    base = base_request(source, changes)
+    points = Points("", (), ())
+    try:
+        if len(factors) == len(source.file.factors) and ("design",) not in source.damaged:
+            points = points_of(source, factors)
+    except Refused as refused:
+        wrong.append(source.refusal(("design", refused.key), refused.message, refused.hint))
+    if wrong:
+        wrong += _wrong_values(source, base, factors, surroundings)
+        raise ProfileError(
+            tuple(sorted(dict.fromkeys(wrong), key=lambda one: one.where.line if one.where else 0))
+        )
+    runs = _runs(source, points, center_of(source, factors))
+    checked = _checked(source, base, factors, runs, surroundings, observe)
+    _refuse_absent(source, checked)
+    refuse_undoable(source, runs, checked)
+    plan = _plan(source, factors, points, runs, checked)
+    recipes = {point: (one.loaded.sha256, one.loaded.sim_sha256) for point, one in checked.items()}
+    return PlannedStudy(source, plan, base, recipes, _warnings(source, runs, checked, factors), changes)
+
+
+def _refuse_absent(source: StudySource, checked: Mapping[int, Plan]) -> None:
+    """Raise ProfileError for a response that a run of the study never has."""
+    profiles = [one.loaded.profile for one in checked.values()]
+    kinds = {"channel" if one.path else one.target.kind for one in profiles}
+    wrong = [
+        source.refusal(
+            ("responses", number, "name"),
+            f"a job of the kind {kind} has no {one.name}",
+            "take another response, such as wear_um or time_s",
+        )
+        for number, one in enumerate(source.file.responses)
+        for kind in sorted(kinds)
+        if one.name in responses.ABSENT.get(kind, ())
+    ]
+    if wrong:
+        raise ProfileError(tuple(wrong))
+
+
+def _wrong_values(
+    source: StudySource, base: JobRequest, factors: Sequence[FactorInfo], surroundings: Surroundings
+) -> list[Diagnostic]:
+    """Keys that no profile has and values that it does not take, each factor by itself."""
+    numbers = {factor.key: number for number, factor in enumerate(source.file.factors)}
+    wrong = []
+    for factor in factors:
+        for value in factor.values:
+            try:
+                check(request_of(base, {factor.key: value}), surroundings)
+            except ProfileError as error:
+                where = source.sources.value(("factors", numbers[factor.key], "key"))
+                wrong += [
+                    replace(one, where=where)
+                    for one in error.diagnostics
+                    if one.code in OF_ONE_VALUE
+                    and one.where is not None
+                    and one.where.file == SET_OPTION
+                    and one.where.source_line.partition("=")[0] == factor.key
+                ]
+            except EdmError:
+                return wrong  # there is no such profile, or no such setup
+    return wrong
+
+
+OF_ONE_VALUE = (
+    Code.UNKNOWN_KEY,
+    Code.WRONG_TYPE,
+    Code.OUT_OF_RANGE,
+    Code.NOT_A_CHOICE,
+    Code.NOT_A_MULTIPLE,
+    Code.OVERRIDE,
+)
+"""What can be said of a value whatever the others are."""
+OWN_KEYS = {
+    "fractional": ("resolution", "generators"),
+    "taguchi": ("array", "columns"),
+    "ccd": ("alpha",),
+    "lhs": ("runs",),
+    "sobol": ("runs",),
+    "sensitivity": ("base",),
+    "csv": ("file",),
+}
+"""Keys of [design] that belong to one kind of it."""
+
+
+def _foreign_keys(source: StudySource) -> list[Diagnostic]:
+    """Keys that say nothing to the design or factor that they stand in: they would be lost without a word."""
+    design, wrong = source.file.design, []
+    if ("design",) in source.damaged:
+        return []
+    own = OWN_KEYS.get(design.kind, ())
+    for key in dict.fromkeys(key for keys in OWN_KEYS.values() for key in keys):
+        if key in design.model_fields_set and key not in own:
+            kinds = ", ".join(kind for kind, keys in OWN_KEYS.items() if key in keys)
+            message = f"{key} says nothing to a design of kind {design.kind}"
+            wrong.append(source.refusal(("design", key), message, f"remove it; it belongs to {kinds}"))
+    for number, factor in enumerate(source.file.factors):
+        is_judged = ("factors", number) not in source.damaged
+        if is_judged and factor.step is not None and factor.low is None:
+            message = f"step says nothing to the levels of {factor.key}"
+            wrong.append(
+                source.refusal(("factors", number, "step"), message, "remove it, or give low and high")
+            )
+    return wrong
+
+
+def _wrong_names(source: StudySource) -> list[Diagnostic]:
+    """Responses nobody gives, constraints and objectives of responses that are not asked for."""
+    file, wrong = source.file, []
+    names = [one.name for one in file.responses]
+    unnamed = any(path[0] == "responses" for path in source.damaged)
+    factor_keys = {factor.key for factor in file.factors} | {factor.name for factor in file.factors}
+    for number, one in enumerate(file.responses):
+        if ("responses", number) in source.damaged:
+            continue
+        path: KeyPath = ("responses", number, "name")
+        if names.index(one.name) != number:
+            wrong.append(source.refusal(path, f"{one.name} is asked for twice", "give each response once"))
+        for key in ("low", "high"):
+            if getattr(one, key) is not None and one.source == "job":
+                message = f"{key} says nothing to {one.name}, which no hand tells"
+                hint = "remove it; a limit of a recipe stands in [[constraints]]"
+                wrong.append(source.refusal(("responses", number, key), message, hint))
+        if one.low is not None and one.high is not None and not one.low < one.high:
+            message = f"low = {one.low:g} of {one.name} is not below high = {one.high:g}"
+            wrong.append(source.refusal(("responses", number, "low"), message, "swap them"))
+        if one.source == "job" and not responses.is_known(one.name):
+            hint = f'{responses.near(one.name)}; what is told later has source = "manual"'
+            wrong.append(source.refusal(path, f"no job answers {one.name}", hint))
+        if one.source == "manual" and (
+            responses.is_known(one.name)
+            or one.name in factor_keys
+            or one.name in responses.COLUMNS
+            or one.name.endswith("_u95")
+        ):
+            wrong.append(
+                source.refusal(path, f"{one.name} has that name already", "give what is told by hand another")
+            )
+        if (
+            one.better == "nominal"
+            and one.target is None
+            and file.objectives
+            and one.name in {objective.response for objective in file.objectives}
+        ):
+            wrong.append(
+                source.refusal(path, f"{one.name} is wanted nominal, and its target is missing", "add target")
+            )
+    for table in ("constraints", "objectives"):
+        for number, bound in enumerate(getattr(file, table)):
+            is_judged = (table, number) not in source.damaged and not unnamed
+            if bound.response not in names and is_judged:
+                wrong.append(
+                    source.refusal(
+                        (table, number, "response"),
+                        f"{bound.response} is none of the responses",
+                        f"add it to [[responses]]; there are {', '.join(names)}",
+                    )
+                )
+    for number, constraint in enumerate(file.constraints):
+        is_judged = ("constraints", number) not in source.damaged
+        if is_judged and (constraint.at_most is None) == (constraint.at_least is None):
+            wrong.append(
+                source.refusal(
+                    ("constraints", number), "a constraint has one bound", "give at_most or at_least"
+                )
+            )
+    return [*wrong, *_bounds_beyond(source)]
+
+
+def _bounds_beyond(source: StudySource) -> list[Diagnostic]:
+    """Bounds and targets that no run can be on the other side of, such as a percentage for a share."""
+    wanted = [
+        (("constraints", number, key), one.response, value)
+        for number, one in enumerate(source.file.constraints)
+        for key, value in (("at_most", one.at_most), ("at_least", one.at_least))
+    ]
+    wanted += [
+        (("responses", number, "target"), one.name, one.target)
+        for number, one in enumerate(source.file.responses)
+        if one.source == "job"
+    ]
+    wrong = []
+    for path, name, value in wanted:
+        low, high = responses.range_of(name)
+        if value is None or low <= value <= high:
+            continue
+        between = f"lies between {low:g} and {high:g}" if math.isfinite(high) else f"is never below {low:g}"
+        hint = f"a share is no percentage: write {value / 100:g}" if 1 < value <= 100 else "correct it"
+        wrong.append(source.refusal(path, f"{path[-1]} = {value:g}, and {name} {between}", hint))
+    return wrong
+
+
+def _runs(source: StudySource, points: Points, center: dict[str, Value]) -> list[PlannedRun]:
+    """Return every run in its order: replicate by replicate, block by block, shuffled within."""
+    import numpy as np
+
+    design, machine = source.file.design, source.file.machine
+    rng = np.random.default_rng(design.seed)
+    of_center = len(points.settings)
+    point_of = _point_numbers([*points.settings, center], are_ordered=design.kind == SENSITIVITY)
+    makes_twins = machine is None and design.seeds != "run" and design.kind != SENSITIVITY
+    runs: list[PlannedRun] = []
+    for replicate in range(design.replicates):
+        for block in range(design.blocks):
+            members = [n for n, own in enumerate(points.blocks) if own == block]
+            centers = design.center_points // design.blocks + (block < design.center_points % design.blocks)
+            members += [of_center] * centers
+            if makes_twins:  # a virtual machine makes the same run twice alike: the second would tell nothing
+                members = list({point_of[n]: n for n in reversed(members)}.values())[::-1]
+            parts = parts_of(len(members), machine)
+            if design.order == "random":
+                members = _shuffled(members, parts, points, rng)
+            number = replicate * design.blocks + block + 1
+            seed = design.seed + number - 1
+            for part, tool in by_tool(members, machine, runs):
+                ends = [of_center] if machine is not None and machine.center_runs else []
+                for point in (*ends, *part, *ends):
+                    is_center = point == of_center
+                    own = machine is None and design.seeds == "run"
+                    runs.append(
+                        PlannedRun(
+                            number=len(runs) + 1,
+                            kind=RunKind.CENTER if is_center else RunKind.DESIGN,
+                            point=point_of[point],
+                            replicate=replicate + 1,
+                            block=1
+                            if own
+                            else tool
+                            if machine is not None and machine.holes_per_tool
+                            else number,
+                            seed=design.seed + len(runs) if own else seed,
+                            settings=center if is_center else points.settings[point],
+                            tool=tool,
+                        )
+                    )
+    return runs
+
+
+def _point_numbers(settings: Sequence[Mapping[str, Value]], *, are_ordered: bool) -> list[int]:
+    """Numbers of points: equal settings are one, but in a sample whose order counts."""
+    if are_ordered:
+        return list(range(1, len(settings) + 1))
+    numbers: dict[str, int] = {}
+    return [numbers.setdefault(settings_key(one), len(numbers) + 1) for one in settings]
+
+
+TRIED_ORDERS = 200
+
+
+def _shuffled(members: list[int], parts: int, points: Points, rng: Generator) -> list[int]:
+    """Shuffle the runs of a block; where several tools make them, of many orders the one that mixes them least."""
+    import numpy as np
+
+    from edmctl.study.design import mixing
+
+    orders: list[list[int]] = [
+        rng.permutation(members).tolist() for _ in range(TRIED_ORDERS if parts > 1 else 1)
+    ]
+    if parts == 1:
+        return orders[0]
+    bounds = bounds_of(len(members), parts)
+    part_of = np.repeat(np.arange(parts), np.diff(bounds)).tolist()
+    return min(orders, key=lambda order: mixing(points, order, part_of))
+
+
+def _checked(
+    source: StudySource,
+    base: JobRequest,
+    factors: Sequence[FactorInfo],
+    runs: Sequence[PlannedRun],
+    surroundings: Surroundings,
+    observe: Callable[[int, int], None],
+) -> dict[int, Plan]:
+    """Check each point once; every refused one is told of the factors' places in the study file."""
+    try:
+        check(base, surroundings)
+    except ProfileError as error:
+        # Not the study's: its profile is wrong without any of the settings, unless they are what is missing.
+        if not _mends(base, runs, surroundings):
+            raise ProfileError(tuple(_of_set(one, source) for one in error.diagnostics)) from error
+    by_point = {run.point: run for run in runs}
+    checked: dict[int, Plan] = {}
+    refused: list[Diagnostic] = []
+    wrong_points = 0
+    for done, (point, run) in enumerate(by_point.items()):
+        observe(done, len(by_point))
+        try:
+            checked[point] = check(request_of(base, run.settings), surroundings)
+        except ProfileError as error:
+            wrong_points += 1
+            if wrong_points <= MOST_REFUSED:
+                refused += [
+                    _of_factor(one, source, run, factors) for one in error.diagnostics if not one.is_warning
+                ]
+    observe(len(by_point), len(by_point))
+    if refused:
+        if wrong_points > MOST_REFUSED:
+            message = (
+                f"{wrong_points} of {len(by_point)} settings are refused; these are the first {MOST_REFUSED}"
+            )
+            refused.append(source.refusal(("factors",), message, "narrow the factors"))
+        raise ProfileError(tuple(dict.fromkeys(refused)))
+    return checked
+
+
+def _warnings(
+    source: StudySource,
+    runs: Sequence[PlannedRun],
+    checked: Mapping[int, Plan],
+    factors: Sequence[FactorInfo],
+) -> tuple[Diagnostic, ...]:
+    """One warning of a kind, with the settings that it is about and how many others there are."""
+    by_point = {run.point: run for run in runs}
+    first: dict[str, Diagnostic] = {}
+    points: dict[str, set[int]] = {}
+    for point, plan in checked.items():
+        for one in plan.loaded.warnings:
+            first.setdefault(one.code, _of_factor(one, source, by_point[point], factors))
+            points.setdefault(one.code, set()).add(point)
+    return tuple(
+        replace(one, message=f"{one.message}, and {len(points[code]) - 1} more settings")
+        if len(points[code]) > 1
+        else one
+        for code, one in first.items()
+    )
+
+
+def _mends(base: JobRequest, runs: Sequence[PlannedRun], surroundings: Surroundings) -> bool:
+    try:
+        check(request_of(base, runs[0].settings), surroundings)
+    except ProfileError:
+        return False
+    return True
+
+
+def _of_set(one: Diagnostic, source: StudySource) -> Diagnostic:
+    """A diagnostic of a value in `set`, at its place in the study file."""
+    if one.where is None or one.where.file != "--set":
+        return one
+    texts = source.file.study.set
+    if one.where.source_line in texts:
+        where = source.sources.value(("study", "set", texts.index(one.where.source_line)))
+        return replace(one, where=where)
+    return one
+
+
+def _of_factor(
+    one: Diagnostic, source: StudySource, run: PlannedRun, factors: Sequence[FactorInfo]
+) -> Diagnostic:
+    """A diagnostic of a setting, at the factor's place in the study file, with the settings that it takes."""
+    at = ", ".join(f"{factor.name} = {run.settings[factor.key]}" for factor in factors)
+    message = f"{one.message} (at {at})"
+    if one.where is None or one.where.file != "--set":
+        return replace(one, message=message)
+    key = one.where.source_line.partition("=")[0].strip()
+    keys = [factor.key for factor in source.file.factors]
+    if key in keys:
+        return replace(one, message=message, where=source.sources.value(("factors", keys.index(key), "key")))
+    return replace(_of_set(one, source), message=message)
+
+
+def _plan(
+    source: StudySource,
+    factors: tuple[FactorInfo, ...],
+    points: Points,
+    runs: Sequence[PlannedRun],
+    checked: Mapping[int, Plan],
+) -> StudyPlan:
+    file = source.file
+    forecasts = [checked[run.point].forecast for run in runs]
+    worn = wear_by_tool(runs, checked)
+    costs = PlanCosts(
+        time_s=math.fsum(one.time_s for one in forecasts),
+        machining_time_s=math.fsum(one.machining_time_s for one in forecasts),
+        tool_wear_um=tuple(worn.values()) if file.machine is not None else (),
+        most_wear_um=next(iter(checked.values())).loaded.profile.tool.max_wear_um,
+        places=len(grid_of(file.machine)) if file.machine is not None else 0,
+    )
+    _refuse_mixed(source, factors, runs)
+    model, dof, notes = _model(source, factors, points, runs)
+    profile = next(iter(checked.values())).loaded.profile
+    notes = [*points.notes, *notes, *_notes(source, points, runs), *_adapted(factors, profile)]
+    return StudyPlan(
+        **stated_in(source, factors),
+        kind=points.name,
+        runs=tuple(runs),
+        points=len({run.point for run in runs}),
+        model=model,
+        dof=dof,
+        aliases=points.aliases,
+        notes=tuple(notes),
+        costs=costs,
+    )
+
+
+def check_plan(plan: StudyPlan, source: StudySource) -> None:
+    """Raise ValueError if a plan that was read is none of its study file: other factors, runs beyond them."""
+    factors, wrong = factors_of(source)
+    need(not wrong and replace(plan, **stated_in(source, factors)) == plan)
+    need((plan.model == SENSITIVITY) == (source.file.design.kind == SENSITIVITY))
+    need(plan.model in (SENSITIVITY, *LADDERS[0], *LADDERS[1]))
+    need(plan.points == len({run.point for run in plan.runs}) > 0)
+    for number, run in enumerate(plan.runs, 1):
+        need(run.number == number and is_run_of(run, factors) and run.replicate <= plan.replicates)
+        need(run.kind in (RunKind.DESIGN, RunKind.CENTER))
+
+
+def stated_in(source: StudySource, factors: tuple[FactorInfo, ...]) -> dict[str, Any]:
+    """Return the fields of a plan that the study file states, by name."""
+    file = source.file
+    return {
+        "name": file.study.name,
+        "description": file.study.description,
+        "factors": factors,
+        "responses": tuple(map(_response, file.responses)),
+        "constraints": tuple(
+            ConstraintInfo(
+                one.response, one.at_most if one.at_most is not None else one.at_least or 0.0, sign
+            )
+            for one in file.constraints
+            for sign in [1 if one.at_most is not None else -1]
+        ),
+        "objectives": tuple((one.response, one.weight) for one in file.objectives),
+        "replicates": file.design.replicates,
+    }
+
+
+def _response(one: Response) -> ResponseInfo:
+    is_manual = one.source == "manual"
+    unit = one.unit if is_manual else responses.unit_of(one.name)
+    return ResponseInfo(one.name, unit, one.better, is_manual, one.log, one.target)
+
+
+LADDERS = (("quadratic", "interactions", "main"), (PAIRS, LEVELS))
+"""Models that are tried in turn where nobody asked for one."""
+
+
+def _model(
+    source: StudySource, factors: Sequence[FactorInfo], points: Points, runs: Sequence[PlannedRun]
+) -> tuple[str, dict[str, int], list[str]]:
+    """Return the model that the runs determine, its degrees of freedom, and what there is to say of it.
+
+    Raises ProfileError where the model that was asked for needs other runs.
+    """
+    if source.file.design.kind == SENSITIVITY:
+        return SENSITIVITY, {"error": 0}, []
+    first = model_of(source, factors, points)
+    asked = source.file.analysis.model != "auto"
+    ladder = next((one for one in LADDERS if first in one), (first,))
+    models = (first,) if asked else ladder[ladder.index(first) :]
+    settings, blocks = [run.settings for run in runs], [run.block for run in runs]
+    lost: list[str] = []
+    dof: dict[str, int] = {}
+    for model in models:
+        terms = terms_of(model, factors, blocks=len(set(blocks)) > 1)
+        dof, lost = degrees_of_freedom(terms, factors, settings, blocks, as_levels=model in AS_LEVELS)
+        is_fraction = source.file.design.kind == "fractional" and model == "interactions" and not asked
+        # Products that leave nothing for the error test nothing.
+        wants_error = (model == PAIRS or is_fraction) and dof["error"] < 1
+        if not lost and dof["error"] >= 0 and not wants_error:
+            skipped = (
+                [] if model == first else [f"the runs do not determine a {first} model; {model} is fitted"]
+            )
+            if dof["error"] == 0:
+                skipped.append(
+                    "no degrees of freedom are left for the error: F needs replicates, or terms that are pooled"
+                )
+            return model, dof, skipped
+    if asked:
+        message = f"the runs do not determine the {first} model: {', '.join(lost)}"
+        raise ProfileError(
+            (
+                source.refusal(
+                    ("analysis", "model"), message, "take a simpler model, more levels or more runs"
+                ),
+            )
+        )
+    note = f"the runs determine no model of all factors: not {', '.join(lost)}"
+    return models[-1], dof, [note]
+
+
+def _refuse_mixed(source: StudySource, factors: Sequence[FactorInfo], runs: Sequence[PlannedRun]) -> None:
+    """Raise ProfileError where no run tells a factor's effect from that of the blocks."""
+    own = [run for run in runs if run.kind is RunKind.DESIGN]
+    blocks = [run.block for run in own]
+    if len(set(blocks)) < 2 or source.file.design.kind == SENSITIVITY:
+        return
+    terms = terms_of(LEVELS, factors, blocks=True)
+    _, lost = degrees_of_freedom(terms, factors, [run.settings for run in own], blocks, as_levels=False)
+    mixed = [factor for factor in factors if factor.name in lost]
+    if mixed and len(own) > len(set(blocks)) + len(factors):
+        what = "tools" if source.file.machine is not None and source.file.machine.holes_per_tool else "blocks"
+        message = f"{mixed[0].name} cannot be told from the {what}: its values change with them alone"
+        key: KeyPath = ("machine", "holes_per_tool") if what == "tools" else ("design", "blocks")
+        raise ProfileError((source.refusal(key, message, "take fewer or larger blocks, or replicates"),))
+
+
+def _adapted(factors: Sequence[FactorInfo], profile: Profile) -> list[str]:
+    """What the supervisor moves during a run, although the study varies it."""
+    keys = {factor.key for factor in factors}
+    notes = []
+    if profile.adaptive.seek_reference and "servo.reference" in keys:
+        notes.append(
+            "adaptive.seek_reference finds the reference during a run: servo.reference tells nothing of it"
+        )
+    if profile.jump.mode == "adaptive" and "jump.mode" not in keys:
+        moved = ["jump.period_s"]
+        moved += (
+            ["servo.reference"]
+            if profile.adaptive.reference_step and not profile.adaptive.seek_reference
+            else []
+        )
+        moved += ["pulse.duty"] if profile.adaptive.duty_step else []
+        if varied := [key for key in moved if key in keys]:
+            notes.append(
+                f"{', '.join(varied)}: a run begins there, and the supervisor moves it where arcs or shorts ask for "
+                'it (jump.mode = "adaptive"); set = ["jump.mode=\'fixed\'"] holds it'
+            )
+    return notes
+
+
+def _notes(source: StudySource, points: Points, runs: Sequence[PlannedRun]) -> list[str]:
+    notes = []
+    rows, distinct = len(points.settings), len(set(map(settings_key, points.settings)))
+    if distinct < rows and source.file.design.kind != SENSITIVITY:
+        again = (
+            "a virtual machine would make them alike, so each machine makes them once; replicates make them anew"
+            if source.file.machine is None and source.file.design.seeds != "run"
+            else "they are replicates of one point"
+        )
+        notes.append(f"{rows} points have {distinct} different settings: {again}")
+    if source.file.machine is None and len({run.seed for run in runs}) == 1:
+        notes.append(
+            "one machine (seed) in all: what its sensor errs by stands in every run alike, and may follow the time "
+            "that a run takes; replicates would show it"
+        )
+    design, machine = source.file.design, source.file.machine
+    centers = sum(run.kind is RunKind.CENTER for run in runs)
+    if machine is not None and machine.center_runs and machine.holes_per_tool and 2 * centers >= len(runs):
+        notes.append(
+            f"{centers} of {len(runs)} holes are centre runs, which open and close the holes of each tool: a higher "
+            "holes_per_tool, or center_runs = false, makes fewer"
+        )
+    if machine is None and design.seeds != "run" and design.center_points > design.blocks:
+        notes.append(
+            "a virtual machine makes the same run twice alike: a centre point is made once a machine; replicates, "
+            'blocks or seeds = "run" make more that differ'
+        )
+    optimize = source.file.optimize
+    if source.file.objectives and "runs" in optimize.model_fields_set and optimize.runs < 2 * len(runs):
+        left = max(0, optimize.runs - len(runs))
+        notes.append(
+            f"[optimize] runs = {optimize.runs} leaves {left} suggestions after the {len(runs)} runs of the design: "
+            "a search needs about as many as the design"
+        )
+    if any(one.name.startswith(TRUTH) for one in source.file.responses):
+        notes.append("truth.* is what the virtual machine knows: no real machine answers it")
+    return notes

@@ -1,0 +1,302 @@
+"""One page with all there is to know of a designed experiment: HTML that needs nothing but itself, no script."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from html import escape
+from typing import TYPE_CHECKING
+
+from edmctl.dataclasses import dataclass
+from edmctl.report import html
+from edmctl.report.html import PageTable, Picture
+from edmctl.study.report import study_tables, study_words
+from edmctl.study.results import (
+    Choice,
+    Confirmation,
+    Recommendation,
+    ResponseInfo,
+    RunState,
+    StudyPlan,
+    StudyRun,
+)
+from edmctl.study.statistics.sensitivity import SobolIndices
+from edmctl.wording import plural
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from edmctl.study.statistics.response_analysis import ResponseAnalysis
+
+FEW_ALIASES = 4
+"""More of them stand behind a line to open."""
+
+
+@dataclass(frozen=True, slots=True)
+class StudyPage:
+    """The content of a page.
+
+    state : all runs of the study, with how far each has come
+    runs : the runs of the design, in the order of the rows of every analysis
+    truths : analyses of the virtual machine's true values, by response
+    indices : Sobol indices by response
+    notes : what a reader has to know before the tables; those of the plan are added
+    """
+
+    plan: StudyPlan
+    state: Sequence[StudyRun]
+    runs: Sequence[StudyRun]
+    responses: Sequence[ResponseAnalysis]
+    truths: Mapping[str, ResponseAnalysis]
+    indices: Mapping[str, SobolIndices]
+    choices: Sequence[Choice]
+    confirmations: Sequence[Confirmation] = ()
+    recommendation: Recommendation | None = None
+    notes: Sequence[str] = ()
+
+    def info(self, name: str) -> ResponseInfo:
+        """Return how a response was asked for."""
+        return next(info for info in self.plan.responses if info.name == name)
+
+
+def render_study_page(
+    parts: StudyPage, *, title: str = "", source: str = "", with_figures: bool = True
+) -> str:
+    """Return the page of a study that was analysed; `source` is the folder that its foot names."""
+    numbers = itertools.count(1)
+    sections: list[tuple[str, str, Sequence[PageTable | str | None]]] = [
+        ("studied", "What was studied", _studied(parts)),
+        ("brief", "Result in brief", _brief(parts)),
+    ]
+    for n, one in enumerate(parts.responses, 1):
+        pictures = _pictures(parts, one, f"r{n}") if with_figures else []
+        sections.append((f"response-{n}", one.name, _response(parts, one, pictures, numbers)))
+    pictures = [_front(parts)] if with_figures else []
+    sections.append(("choice", "What to choose", _choice(parts, pictures, numbers)))
+    if parts.indices:
+        pictures = list(_sobol_pictures(parts)) if with_figures else []
+        sections.append(("sobol", "Sensitivity", _sobol(parts, pictures, numbers)))
+    sections.append(("runs", "All runs", [study_tables.all_runs(parts.plan, parts.state)]))
+    title = title or parts.plan.name
+    done = sum(run.state is RunState.DONE for run in parts.state) == len(parts.state)
+    simulated = any(run.row is not None and run.row.truth for run in parts.state)
+    status = f"{study_words.progress_words(parts.state)}{' · simulated' if simulated else ''}"
+    header = [
+        f"<h1>{escape(title)}</h1>",
+        html.paragraph(_subtitle(parts), "sub"),
+        f'<p><span class="status {"done" if done else "other"}">{escape(status)}</span></p>',
+    ]
+    if study_words.held(parts.confirmations) is False:
+        header.append(html.paragraph("Confirmation did not hold: see the result in brief.", "trouble"))
+    contents = [(name, heading) for name, heading, _ in sections]
+    body = [html.section(name, heading, inside) for name, heading, inside in sections]
+    footer = " ".join(filter(None, [source, "± is half the 95 % interval."]))
+    return html.document(title, header, contents, body, footer)
+
+
+def _subtitle(parts: StudyPage) -> str:
+    plan = parts.plan
+    started = min(
+        (run.row.started for run in parts.state if run.row is not None and run.row.started), default=""
+    )
+    words = [plan.kind, plural(len(plan.factors), "factor"), plural(len(plan.responses), "response")]
+    return " · ".join([*words, *([started[:16].replace("T", " ")] if started else [])])
+
+
+def _studied(parts: StudyPage) -> list[PageTable | str]:
+    plan = parts.plan
+    found: list[PageTable | str] = [html.paragraph(plan.description)] if plan.description else []
+    found += [
+        "<h3>What this study cannot know</h3>",
+        html.sentences(study_words.unknowns(plan, parts.runs, parts.responses, parts.notes)),
+        "<h3>Design</h3>",
+        html.paragraph(study_words.design_words(plan)),
+        html.paragraph(f"Model: {study_words.MODELS.get(plan.model, plan.model)}."),
+        study_tables.factors(plan),
+        study_tables.responses(plan),
+        study_tables.degrees_of_freedom(plan),
+    ]
+    if plan.aliases:
+        listed = html.sentences(plan.aliases)
+        few = len(plan.aliases) <= FEW_ALIASES
+        summary = f"Effects that are mixed ({len(plan.aliases)})"
+        found += ["<h3>Effects that are mixed</h3>", listed] if few else [html.folded(summary, listed)]
+    return found
+
+
+def _brief(parts: StudyPage) -> list[PageTable | str]:
+    plan = parts.plan
+    acting = [" ".join(study_words.what_matters(parts.info(one.name), one)) for one in parts.responses]
+    found: list[PageTable | str] = [html.sentences(acting)]
+    found.append(html.paragraph(study_words.recommended(plan, parts.recommendation)))
+    name = "trouble" if study_words.held(parts.confirmations) is False else ""
+    found += [html.paragraph(text, name) for text in study_words.confirmed(plan, parts.confirmations)]
+    return found
+
+
+def _response(
+    parts: StudyPage, one: ResponseAnalysis, pictures: Sequence[Picture], numbers: Iterator[int]
+) -> list[PageTable | str | None]:
+    plan, info = parts.plan, parts.info(one.name)
+    found: list[PageTable | str | None] = []
+    words = [study_words.wanted(info)]
+    words += ["modelled as its logarithm"] if one.is_log else []
+    words += [f"{len(one.values)} of {len(parts.runs)} runs of the design have a value"]
+    found.append(html.paragraph(study_words.sentence(f"In {info.unit or 'units of 1'}, {', '.join(words)}")))
+    if one.notes:
+        found.append(html.sentences(study_words.sentence(note) for note in one.notes))
+    found += study_tables.analysis_of_variance(one)
+    if one.anova is not None and one.pooled is None:
+        enough = 2 * one.anova.error.dof >= one.anova.total.dof
+        why = "the error has enough degrees of freedom" if enough else "there are too few terms for that"
+        found.append(html.paragraph(f"Nothing is pooled: {why}.", "note"))
+    true = parts.truths.get(one.name)
+    if true is not None:
+        found.append(study_tables.measured_and_true(one, true))
+    unit = f", {info.unit}" if info.unit else ""
+    used = [parts.runs[row].planned.settings for row in one.used]
+    shown = [means.factor for means in one.level_means]
+    varied = [factor for factor in plan.factors if len({repr(of[factor.key]) for of in used}) > 1]
+    left = sum(factor.name not in shown for factor in varied)
+    note = f"{plural(left, 'factor')} with too many different values to have means by level." if left else ""
+    means = f"Means of {one.name} by level{unit}"
+    noise = f"Signal to noise by level, dB, {study_words.wanted(info)}"
+    found += [
+        study_tables.response_table(means, plan, one.level_means, note),
+        study_tables.response_table(noise, plan, one.noise_means),
+        _beside(study_tables.coefficients(one), study_tables.fit_quality(one, info.unit)),
+        *_numbered(pictures, numbers),
+    ]
+    return found
+
+
+def _beside(*tables: PageTable | None) -> str:
+    inside = "\n".join(f"<div>{html.table(table)}</div>" for table in tables if table is not None)
+    return f'<div class="beside">\n{inside}\n</div>' if inside else ""
+
+
+def _numbered(pictures: Sequence[Picture], numbers: Iterator[int]) -> list[str]:
+    """Figures numbered on from those before."""
+    taken = [next(numbers) for picture in pictures if picture.figure]
+    return html.figures(pictures, taken[0] if taken else 1)
+
+
+def _pictures(parts: StudyPage, one: ResponseAnalysis, prefix: str) -> list[Picture]:
+    """Draw all figures of one response."""
+    from edmctl.study.report import study_choice, study_effects, study_fit
+
+    plan, info, runs, name = parts.plan, parts.info(one.name), parts.runs, one.name
+    mixed = " The design mixes such effects with those of factors alone." if plan.aliases else ""
+    bars = "Bars are the 95 % interval of a mean by the error of the model"
+    if one.anova is None or not one.anova.error.dof:
+        bars = "No bars: nothing is left to estimate the error"
+    left = max(0, len(one.interactions) - study_effects.MOST_INTERACTIONS)
+    most = f" The {plural(left, 'pair')} with the most parallel lines are left out." if left else ""
+    others = study_choice.others_in_words(plan, study_choice.surface_factors(plan, one))
+    figures: list[tuple[str, str, str, Callable[[], Figure]]] = [
+        (
+            "effects",
+            f"Main effects on {name}",
+            f"Mean by level of each factor; the dashed line is the mean of all runs. {bars}.",
+            partial(study_effects.draw_main_effects, plan, info, one, runs),
+        ),
+        (
+            "noise",
+            f"Signal to noise of {name}",
+            "Mean signal-to-noise ratio by level of each factor; higher is better. The dashed line is the mean.",
+            partial(study_effects.draw_noise_effects, plan, one),
+        ),
+        (
+            "fitted",
+            f"Measured and fitted {name}",
+            "Every run and the mean of every point against what the model makes of it; on the line they agree.",
+            partial(study_fit.draw_fitted, info, one, runs),
+        ),
+        (
+            "residuals",
+            f"Residuals of {name}",
+            "What the model leaves, (a) against what was fitted and (b) against a normal distribution: a fan or a "
+            "bend in (a) asks for another scale or model, a point far off the line in (b) for a look at its run.",
+            partial(study_fit.draw_residuals, info, one),
+        ),
+        (
+            "interactions",
+            f"Pairs of factors and {name}",
+            f"Means over two factors. Lines that are not parallel say that they act together.{mixed}{most}",
+            partial(study_effects.draw_interactions, plan, info, one),
+        ),
+        (
+            "order",
+            f"{name} in the order of the runs",
+            "The response above, what the model leaves of it below; blocks are shaded in turn. A slope below is "
+            "drift or wear that no term of the model has.",
+            partial(study_fit.draw_order, info, one, runs),
+        ),
+        (
+            "surface",
+            f"Surface of {name}",
+            "What the model expects over the two numbers that explain most; dots are settings that were run. "
+            f"{others}",
+            partial(study_choice.draw_surface, plan, info, one, runs),
+        ),
+    ]
+    return [
+        html.picture_of(f"{prefix}-{kind}", heading, sees, make, formulas=False)
+        for kind, heading, sees, make in figures
+    ]
+
+
+def _front(parts: StudyPage) -> Picture:
+    from edmctl.study.report import study_choice
+
+    more = len(parts.plan.objectives or parts.plan.responses) - 2
+    also = (
+        f" The front is over {plural(more, 'further objective')} too, which this figure does not show."
+        if more > 0
+        else ""
+    )
+    return html.picture_of(
+        "front",
+        "Objectives against each other",
+        f"Means of the points, numbered on the front: no other point{study_tables.that_keeps(parts.plan)} is as "
+        f"good as one of those in every objective and better in one.{also}",
+        partial(study_choice.draw_front, parts.plan, parts.choices),
+        formulas=False,
+    )
+
+
+def _choice(
+    parts: StudyPage, pictures: Sequence[Picture], numbers: Iterator[int]
+) -> list[PageTable | str | None]:
+    plan = parts.plan
+    found: list[PageTable | str | None] = []
+    if parts.recommendation is not None:
+        found.append(study_tables.expected(plan, parts.recommendation))
+    found += [study_tables.confirmation(plan, one) for one in parts.confirmations]
+    found += [study_tables.choices(plan, parts.choices), study_tables.preferences(plan, parts.choices)]
+    found += _numbered(pictures, numbers)
+    return found
+
+
+def _sobol(
+    parts: StudyPage, pictures: Sequence[Picture], numbers: Iterator[int]
+) -> list[PageTable | str | None]:
+    tables = [
+        study_tables.sobol(parts.plan, parts.info(name), found) for name, found in parts.indices.items()
+    ]
+    return [*tables, *_numbered(pictures, numbers)]
+
+
+def _sobol_pictures(parts: StudyPage) -> Iterator[Picture]:
+    from edmctl.study.report import study_choice
+
+    for n, (name, found) in enumerate(parts.indices.items(), 1):
+        yield html.picture_of(
+            f"sobol-{n}",
+            f"Sobol indices of {name}",
+            "Share of the variance that a factor brings alone (first order), and with all that it interacts with "
+            "(total); bars are 95 % intervals.",
+            partial(study_choice.draw_indices, parts.plan, found),
+            formulas=False,
+        )

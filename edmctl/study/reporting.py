@@ -1,0 +1,159 @@
+"""What a study leaves for others: the page of its report, plain values for scripts, profiles of the best points."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from edmctl.errors import EdmError, PreconditionError
+from edmctl.jobs import output_files
+from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.study.analysis import StudyAnalysis, analysis_of
+from edmctl.study.optimizing import recommended
+from edmctl.study.planning import request_of
+from edmctl.study.results import Confirmation, Recommendation
+
+if TYPE_CHECKING:
+    from edmctl.study.folder import StudyState
+    from edmctl.study.statistics.response_analysis import ResponseAnalysis
+
+
+def recommendation_or_why(
+    state: StudyState, surroundings: Surroundings = NONE
+) -> tuple[Recommendation | None, tuple[str, ...]]:
+    """Return what is recommended; without, a note why the rows do not tell, as far as that can be said."""
+    try:
+        return recommended(state, surroundings), ()
+    except EdmError as error:
+        return None, (error.message.rstrip("."),)
+    except ValueError:
+        return None, ()
+
+
+def mapping_of(
+    analysis: StudyAnalysis,
+    best: Recommendation | None,
+    confirmations: list[Confirmation],
+    notes: Sequence[str],
+) -> dict[str, Any]:
+    """Return the `result` of the JSON object of a report."""
+    return {
+        "study": analysis.plan.name,
+        "runs": [run.planned.number for run in analysis.runs],
+        "added_runs": [run.planned.number for run in analysis.added],
+        "responses": [_response(one, analysis) for one in analysis.responses],
+        "truths": [_response(one, analysis) for one in analysis.truths.values()],
+        "sobol_indices": {
+            name: {key: list(map(float, values)) for key, values in asdict(one).items()}
+            for name, one in analysis.indices.items()
+        },
+        "choices": analysis.choices,
+        "recommendation": best,
+        "confirmations": confirmations,
+        "notes": notes,
+    }
+
+
+def _response(one: ResponseAnalysis, analysis: StudyAnalysis) -> dict[str, Any]:
+    lack = one.lack
+    return {
+        **{name: getattr(one, name) for name in AS_ANALYSED},
+        "runs": [analysis.runs[row].planned.number for row in one.used],
+        "pooled_anova": one.pooled,
+        "lack_of_fit": {name: getattr(lack, name) for name in ("dof", "f", "p", "pure_dof")}
+        if lack
+        else None,
+        "level_means": [{**asdict(row), "delta": row.delta} for row in one.level_means],
+        "signal_to_noise_db": [{**asdict(row), "delta": row.delta} for row in one.noise_means],
+        "left_out": {"held": one.held, "of": one.left_out},
+    }
+
+
+AS_ANALYSED = (
+    *("name", "is_log", "mean", "sd", "anova", "coefficients"),
+    *("r2", "adjusted_r2", "predicted_r2", "error_sd", "notes"),
+)
+"""Fields of an analysis that the JSON object has under the same name."""
+
+
+def page_of(
+    state: StudyState,
+    analysis: StudyAnalysis,
+    best: Recommendation | None,
+    confirmations: list[Confirmation],
+    notes: Sequence[str],
+) -> str:
+    """Return the HTML page of a study."""
+    from edmctl.study.report.study_page import StudyPage, render_study_page
+
+    found = analysis
+    results = (found.responses, found.truths, found.indices, found.choices)
+    page = StudyPage(found.plan, state.runs, found.runs, *results, confirmations, best, notes)
+    return render_study_page(page, source=str(state.folder.path))
+
+
+def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) -> list[Path]:
+    """Write a technology table: a profile for each point of the Pareto front, complete by itself; return the files.
+
+    Settings that are recommended and were not run get one too.
+
+    Raises PreconditionError E8208 where no point has all objectives, RunFileError E9011 where a file is there.
+    """
+    import tomli_w
+
+    from edmctl.profile.folders import find_profile
+    from edmctl.profile.read import apply_overrides, read_chain
+
+    analysis = analysis_of(state)
+    front = [one for one in analysis.choices if one.is_pareto]
+    if not front:
+        raise PreconditionError(
+            "No point has a value of every objective and keeps the constraints.",
+            hint="Make more runs, or tell manual responses.",
+            code="E8208",
+        )
+    chosen = sorted(front, key=lambda one: -(one.grey_grade if one.grey_grade is not None else -math.inf))
+    output_files.make_folder(folder)
+    files = [
+        (
+            folder / f"{_stem(state)}-point{one.point:03d}.toml",
+            one.settings,
+            f"point {one.point} of the study",
+            f"means of {one.runs} runs: {_values(one.means)}",
+        )
+        for one in chosen
+    ]
+    best, _ = recommendation_or_why(state)
+    if best is not None and best.settings not in [one.settings for one in chosen]:
+        path = folder / f"{_stem(state)}-recommended.toml"
+        files.append((path, best.settings, "recommended by the study", f"expected: {_values(best.expected)}"))
+    paths = [path for path, *_ in files]
+    if not overwrite:
+        for path in paths:
+            output_files.check_free(path, "Name another folder, or replace its profiles with --overwrite.")
+    for path, settings, title, says in files:
+        request = request_of(state.folder.base, settings)
+        assert request.profile is not None
+        merged = apply_overrides(read_chain(find_profile(request.profile)), request.overrides)
+        table: dict[str, Any] = dict(merged.table)
+        meta = dict(table.get("meta", {}))
+        meta["name"] = path.stem
+        meta["description"] = f"{title} {state.folder.plan.name}"[:200]
+        table["meta"] = meta
+        head = f"# {meta['description']}: {says}.\n\n"
+        output_files.write(path, (head + tomli_w.dumps(table)).encode(), overwrite=True)
+    return paths
+
+
+def _values(of: Mapping[str, float | None]) -> str:
+    return ", ".join(f"{name} {value:.4g}" for name, value in of.items() if value is not None)
+
+
+def _stem(state: StudyState) -> str:
+    from edmctl.jobs.run_header import plain_name
+
+    return re.sub("-{2,}", "-", plain_name(state.folder.plan.name.lower()))[:40].strip("-") or "study"

@@ -1,0 +1,299 @@
+"""A study from Python: planned, run, asked and told, by jobs, people and other optimisers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from numbers import Real
+from operator import index
+from typing import TYPE_CHECKING, Any, Self, SupportsIndex
+
+from edmctl.errors import UsageError
+from edmctl.files import user_path
+from edmctl.jobs.job import Report
+from edmctl.jobs.parallel import pool_of, process_pool, silent_program
+from edmctl.jobs.plan import check
+from edmctl.jobs.surroundings import Unobserved, python_warnings
+from edmctl.profile.folders import as_value, find_study
+from edmctl.results.progress import SeriesObserver
+from edmctl.results.result import need_pandas
+from edmctl.study import responses
+from edmctl.study.analysis import analysis_of
+from edmctl.study.confirming import extension_runs, suggested_runs
+from edmctl.study.evaluate import bare_row, row_of
+from edmctl.study.factors import value_within
+from edmctl.study.folder import ADDING_S, StudyFolder, StudyState, create_folder, open_folder
+from edmctl.study.on_machine import without_port
+from edmctl.study.optimizing import next_batch, recommended, suggestions
+from edmctl.study.planning import PlannedStudy, plan_study, request_of
+from edmctl.study.results import PlannedRun, Recommendation, RunRow, RunState, StudyPlan, StudyRun, Value
+from edmctl.study.running import Shard, run_virtual
+from edmctl.study.study_file import read_study
+from edmctl.study.table import in_words, refuse_untellable, table_of
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+    from os import PathLike
+
+    import pandas
+
+    from edmctl.study.statistics.response_analysis import ResponseAnalysis
+    from edmctl.study.table import Cell
+
+
+def _number(value: object) -> float:
+    """Return a number as a float; NaN for anything else, and for one that no float can represent."""
+    try:
+        return float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+    except OverflowError:
+        return math.nan
+
+
+class _Uncounted(Unobserved):
+    def runs(self, done: int, total: int) -> None:
+        """Ignore it."""
+
+
+class Study:
+    """A designed experiment: a study file that is planned, or a folder with the rows of its runs.
+
+    `Study.load("taguchi-l9").start("out")` makes the folder, `Study.load("out")` opens it again. All that is known
+    of a study is in its folder: two objects, or a command line at the same time, see the same rows.
+    """
+
+    def __init__(self, planned: PlannedStudy | None, folder: StudyFolder | None) -> None:
+        self._planned, self._folder = planned, folder
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Load a study file, a shipped study by its name, or the folder of a study.
+
+        Raises ProfileError with every diagnostic, UsageError E2100 or E2101 where there is none, PreconditionError
+        E8202 where the folder was changed.
+        """
+        folder = user_path(path)
+        if folder.is_dir():
+            return cls(None, open_folder(folder))
+        return cls(
+            plan_study(read_study(find_study(path if isinstance(path, str) else as_value(folder)))), None
+        )
+
+    def __repr__(self) -> str:
+        plan = self.plan()
+        where = f", {in_words(self._state())} in {self._folder.path}" if self._folder is not None else ""
+        return f"<Study {plan.name}, {plan.kind}, {len(plan.runs)} runs{where}>"
+
+    def plan(self) -> StudyPlan:
+        """Return every run in its order, what the runs can tell and what they will take."""
+        if self._folder is not None:
+            return self._folder.plan
+        assert self._planned is not None
+        return self._planned.plan
+
+    def start(self, out: str | PathLike[str]) -> Self:
+        """Make the folder of the study. Raises RunFileError E9101 where one is there."""
+        if self._planned is None:
+            raise UsageError(f"{self!r} has its folder already.", hint="Load the study file.", code="E2109")
+        self._folder = create_folder(user_path(out), self._planned)
+        return self
+
+    def run(
+        self,
+        *,
+        workers: int = 1,
+        observer: SeriesObserver | None = None,
+        executor: Callable[[], Executor] | None = None,
+    ) -> Self:
+        """Make the runs that are left, each on a virtual machine of its own; `workers` processes side by side.
+
+        `executor` makes any executor of `concurrent.futures` with `workers` workers, and is called again where its
+        workers died. Processes are made by a script with `if __name__ == "__main__":`, as Python asks.
+
+        A study with a [machine] is warned of (W8215); one that has runs on a machine raises UsageError E2108:
+        `edmctl study resume` goes on there, or `ask` and `tell` with a machine of one's own.
+        """
+        if doubts := without_port(self._started()):
+            python_warnings(doubts)
+        pool = process_pool(workers, silent_program()) if workers > 1 else None
+        if executor is not None:
+            pool = pool_of(executor, workers)
+        run_virtual(self._started(), Shard(), observer or _Uncounted(), None, pool)
+        return self
+
+    def ask(self, count: int = 1) -> list[PlannedRun]:
+        """Return the next runs to make: those of the plan that are open, then suggestions, which are added.
+
+        Raises UsageError if `count` is below 1, PreconditionError E8209 to E8211 if nothing can be suggested.
+        """
+        if count < 1:
+            raise UsageError(f"{count} runs cannot be asked for.", hint="Ask for 1 or more.")
+        left = [run.planned for run in self._state().runs if run.state is RunState.OPEN][:count]
+        return left or self._added(lambda state: suggestions(state, count))
+
+    def job(self, run: PlannedRun) -> dict[str, Any]:
+        """Return profile and overrides of a run, for a job of one's own: `machine.machine(**study.job(run))`."""
+        request = request_of(self._started().base, run.settings)
+        return {"profile": request.profile, "overrides": list(request.overrides)}
+
+    def add(self, settings: Mapping[str, Value]) -> PlannedRun:
+        """Add a run at settings of one's own, by factor key, such as those of another optimiser.
+
+        Raises UsageError E2110 where a factor has no value or one beyond its bounds, ProfileError where the rules
+        refuse the recipe.
+        """
+        folder = self._started()
+        factors = folder.plan.factors
+        keys = [factor.key for factor in factors]
+        if sorted(settings) != sorted(keys):
+            raise UsageError(
+                f"Settings have a value of each of {', '.join(keys)}.", hint="Leave others out.", code="E2110"
+            )
+        own = {factor.key: value_within(factor, settings[factor.key]) for factor in factors}
+        check(request_of(folder.base, own))
+        return self._added(lambda state: suggested_runs(state, [own]))[-1]
+
+    def extend(self, *, fold_over: bool = False) -> list[PlannedRun]:
+        """Add one more replicate of the design, or its fold-over, in a block of its own; return its runs.
+
+        Raises UsageError E2114 if a fold-over has a factor without two levels.
+        """
+        return self._added(lambda state: extension_runs(state, is_folded=fold_over))
+
+    def _added(self, runs_of: Callable[[StudyState], list[PlannedRun]]) -> list[PlannedRun]:
+        """Add runs that follow from the rows; others who add wait for it."""
+        folder = self._started()
+        with folder.claimed("suggestions", ADDING_S), folder.writer() as writer:
+            found = runs_of(folder.read())
+            writer.planned(found)
+        return found
+
+    def suggest_from(self, trial: Any) -> dict[str, Value]:
+        """Return settings that an optuna trial (`study.ask()` of optuna) suggests for the factors, by key."""
+        settings: dict[str, Value] = {}
+        for factor in self.plan().factors:
+            if factor.is_number and factor.is_range:
+                low, high = (float(value) for value in factor.values)
+                settings[factor.key] = trial.suggest_float(factor.key, low, high, log=factor.is_log)
+            else:
+                settings[factor.key] = trial.suggest_categorical(factor.key, list(factor.values))
+        return settings
+
+    def tell(self, run: SupportsIndex | PlannedRun, result: Report | Mapping[str, float]) -> None:
+        """Tell what a run came to: the report of its job, or responses by name.
+
+        To a run that was made, manual responses are added, as `edmctl study tell` does; what was told may be told
+        anew, what its job has measured may not. Raises UsageError: E2104 there is no such run, E2105 a response is
+        none of the study's, or was measured.
+        """
+        if isinstance(run, bool):
+            raise TypeError("run has to be a number or a planned run, not a bool")
+        folder = self._started()
+        found = self._state().run(run.number if isinstance(run, PlannedRun) else index(run))
+        if isinstance(run, PlannedRun) and run.settings != found.planned.settings:
+            raise UsageError(
+                f"Run {run.number} of the study has other settings.",
+                hint="It was added at another computer at the same time: add it anew.",
+                code="E2104",
+            )
+        if isinstance(result, Report):
+            row = self._row(found, result)
+        else:
+            values = self._values(result)
+            if found.row is not None and found.state is not RunState.OPEN:
+                self._refuse_measured(found.row, values)
+                with folder.writer() as writer:
+                    writer.told(found, values)
+                return
+            row = replace(
+                bare_row(found.planned, found.attempts + 1, None, datetime.now(UTC)),
+                responses=values,
+                bases=dict.fromkeys(values, "told"),
+            )
+        with folder.writer() as writer:
+            writer.run(row)
+
+    def table(self) -> list[dict[str, Cell]]:
+        """Return a row a run, with a column a factor key and response."""
+        return table_of(self._state())
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the table as a frame of pandas. Raises ImportError without pandas."""
+        frame: pandas.DataFrame = need_pandas().DataFrame(self.table())
+        return frame
+
+    def fit(self, response: str) -> ResponseAnalysis:
+        """Return the analysis of a response: tables, model, what points that are left out say of it.
+
+        Raises PreconditionError E8206 where no run is done, UsageError E2105 for none of the study's responses.
+        """
+        found = {one.name: one for one in analysis_of(self._state()).responses}
+        if response not in found:
+            raise UsageError(
+                f"The study has no response {response}.", hint=f"There are {', '.join(found)}.", code="E2105"
+            )
+        return found[response]
+
+    def recommend(self) -> Recommendation:
+        """Return the settings that are expected best. Raises PreconditionError where the rows do not tell."""
+        return recommended(self._state())
+
+    def optimize(self, *, workers: int = 1, executor: Callable[[], Executor] | None = None) -> Recommendation:
+        """Make the design and then suggested runs, up to the number in [optimize]; return what is recommended."""
+        self.run(workers=workers, executor=executor)
+        while self._added(next_batch):
+            self.run(workers=workers, executor=executor)
+        return self.recommend()
+
+    def _started(self) -> StudyFolder:
+        if self._folder is None:
+            raise UsageError(f"{self!r} has no folder yet.", hint='Make it with .start("out").', code="E2109")
+        return self._folder
+
+    def _state(self) -> StudyState:
+        return self._started().read()
+
+    def _values(self, given: Mapping[str, float]) -> dict[str, float]:
+        asked = {one.name: one for one in self._started().source.file.responses}
+        values: dict[str, float] = {}
+        for name, value in given.items():
+            number, (low, high) = _number(value), responses.range_of(name)
+            is_possible = abs(number) <= responses.LARGEST and low <= number <= high
+            if (name not in asked and not responses.is_known(name)) or not is_possible:
+                raise UsageError(
+                    f"{name} = {value!r} is no value of a response of the study.",
+                    hint=f"Give a possible number alone. Responses: {', '.join(sorted(asked))}.",
+                    code="E2105",
+                )
+            values[name] = number
+            if name in asked:
+                refuse_untellable(asked[name], values[name])
+        if not values:
+            raise UsageError("Nothing is told.", hint=f"Responses: {', '.join(sorted(asked))}.", code="E2105")
+        return values
+
+    def _refuse_measured(self, row: RunRow, values: Mapping[str, float]) -> None:
+        manual = {one.name for one in self.plan().responses if one.is_manual}
+        for name in values:
+            if name not in manual and row.bases.get(name) != "told":
+                raise UsageError(
+                    f"Run {row.number} has measured {name} itself.",
+                    hint="Tell manual responses; or judge the run, and make it again.",
+                    code="E2105",
+                )
+
+    def _row(self, run: StudyRun, report: Report) -> RunRow:
+        plan = check(request_of(self._started().base, run.planned.settings))
+        files = (report.run_file,) if report.run_file else ()
+        return row_of(
+            run.planned,
+            run.attempts + 1,
+            report.to_dict(),
+            plan,
+            error=report.error,
+            seed=report.seed,
+            files=files,
+            started=datetime.now(UTC),
+            duration_s=0.0,
+        )

@@ -1,0 +1,312 @@
+"""The table of a study: one row a run, a column a factor key and response, and all that the run said besides."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from edmctl.csv_text import number_of, table_text
+from edmctl.errors import RecordError, UsageError
+from edmctl.study.responses import LARGEST, RESPONSES, TRUTHS, unit_of
+from edmctl.study.results import TRUTH, RunState, StudyRun
+from edmctl.wording import plural, unit_in
+
+if TYPE_CHECKING:
+    from edmctl.study.folder import StudyState
+    from edmctl.study.study_file import Response
+
+    Cell = bool | int | float | str | None
+
+OF_EXECUTION = ("run_file", "run_sha256", "started", "duration_s", "host")
+"""Columns of time and computer, the last ones: all others are equal however often a study is run."""
+WITHDRAWN = "none"
+"""What is told to take a value back."""
+U95 = "_u95"
+_NOTHING: Mapping[str, tuple[str, str]] = MappingProxyType({})
+
+
+def table_of(state: StudyState) -> list[dict[str, Cell]]:
+    """Return a row a run, in the order of their numbers; None where nothing is known."""
+    with_u95 = {"depth_um", "wear_um"}
+    with_u95 |= {name for run in state.runs if run.row is not None for name in run.row.u95}
+    return [_row(state, run, with_u95) for run in sorted(state.runs, key=lambda run: run.planned.number)]
+
+
+def _row(state: StudyState, run: StudyRun, with_u95: set[str]) -> dict[str, Cell]:
+    planned, row, plan = run.planned, run.row, state.folder.plan
+    site = row.site_um if row is not None else None
+    cells: dict[str, Cell] = {
+        "run": planned.number,
+        "kind": str(planned.kind),
+        "point": planned.point,
+        "replicate": planned.replicate,
+        "block": run.block,
+        "tool": run.tool or None,
+        "x_um": site[0] if site else None,
+        "y_um": site[1] if site else None,
+        "seed": row.seed if row is not None else planned.seed,
+        "attempt": row.attempt if row is not None else None,
+        "order": (row.order or planned.number) if row is not None else None,
+        "state": str(run.state),
+        "judgement": str(run.judgement) if run.judgement else None,
+        "reason": run.reason or None,
+    }
+    for factor in plan.factors:
+        cells[factor.key] = planned.settings[factor.key]
+    cells["exit_code"] = row.exit_code if row is not None else None
+    cells["error"] = row.error if row is not None else None
+    asked = [response.name for response in plan.responses if not response.name.startswith(TRUTH)]
+    for name in dict.fromkeys((*asked, *RESPONSES)):
+        told = run.told.get(name)
+        cells[name] = told if told is not None else (row.responses.get(name) if row is not None else None)
+        if name in with_u95:
+            cells[f"{name}{U95}"] = row.u95.get(name) if row is not None else None
+    for name in ("depth_um", "wear_um"):
+        cells[f"{name.removesuffix('_um')}_basis"] = row.bases.get(name) if row is not None else None
+    for name in TRUTHS:
+        cells[f"{TRUTH}{name}"] = row.truth.get(name) if row is not None else None
+    cells["run_file"] = " ".join(row.run_files) or None if row is not None else None
+    cells["run_sha256"] = row.run_sha256 or None if row is not None else None
+    cells["started"] = row.started if row is not None else None
+    cells["duration_s"] = row.duration_s if row is not None else None
+    cells["host"] = row.host if row is not None else None
+    return cells
+
+
+def columns_of(state: StudyState) -> dict[str, tuple[str, str]]:
+    """Return the unit and the meaning of columns that have one, as Parquet keeps them; `1` is a pure number."""
+    from edmctl.record import run_meta
+
+    plan = state.folder.plan
+    known = {**RESPONSES, **{f"{TRUTH}{name}": words for name, words in TRUTHS.items()}}
+    found = {name: (unit_of(name) or "1", words) for name, words in known.items()}
+    found |= {one.name: (one.unit or "1", one.name) for one in plan.responses if one.is_manual}
+    found |= {
+        f"{name}{U95}": (unit, f"half of the 95 % interval of {name}") for name, (unit, _) in found.items()
+    }
+    for factor in plan.factors:
+        unit = unit_in(factor.key) or run_meta.unit_of(factor.key)
+        found[factor.key] = (unit if factor.is_number else "", factor.name)
+    return found | {name: (unit_of(name), name) for name in ("x_um", "y_um", "duration_s")}
+
+
+def table_bytes(
+    rows: Sequence[Mapping[str, Cell]], form: str, columns: Mapping[str, tuple[str, str]] = _NOTHING
+) -> bytes:
+    """Return a table as csv, json, jsonl or parquet, the last one with what is known of its columns.
+
+    Raises PreconditionError E8092 without pyarrow.
+    """
+    if form == "parquet":
+        return _parquet(rows, columns)
+    if form == "json":
+        return (json.dumps(list(rows), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    if form == "jsonl":
+        return "".join(json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows).encode()
+    return table_text(rows).encode()
+
+
+def _parquet(rows: Sequence[Mapping[str, Cell]], known: Mapping[str, tuple[str, str]]) -> bytes:
+    from edmctl.report.export import need_pyarrow
+
+    need_pyarrow()
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    columns = {}
+    for name in rows[0]:
+        values = [row[name] for row in rows]
+        kinds = {type(value) for value in values if value is not None}
+        if kinds <= {int, float} and float in kinds:
+            values = [None if value is None else float(value) for value in values]
+        elif len(kinds) > 1:
+            values = [None if value is None else str(value) for value in values]
+        columns[name] = pa.array(values)
+    units = {name: known.get(name, ("", name)) for name in columns}
+    schema = pa.schema(
+        [
+            pa.field(name, column.type, metadata={"units": units[name][0], "long_name": units[name][1]})
+            for name, column in columns.items()
+        ]
+    )
+    sink = io.BytesIO()
+    pq.write_table(pa.table(list(columns.values()), schema=schema), sink)
+    return sink.getvalue()
+
+
+def told_values(state: StudyState, texts: Sequence[str]) -> dict[str, float | None]:
+    """Return what `NAME=VALUE` texts tell of manual responses; None where `none` withdraws it.
+
+    Raises UsageError E2105.
+    """
+    manual = _manual(state)
+    found: dict[str, float | None] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            example = next(iter(manual), "ra_um")
+            raise UsageError(f"{text} is no NAME=VALUE.", hint=f"Say e.g. {example}=0.31.", code="E2105")
+        name = name.strip()
+        if name in found:
+            raise UsageError(f"{name} is told twice.", hint="Say it once.", code="E2105")
+        found[name] = _value(name, value.strip(), manual)
+    return found
+
+
+def _manual(state: StudyState) -> dict[str, Response]:
+    return {one.name: one for one in state.folder.source.file.responses if one.source == "manual"}
+
+
+def _value(name: str, text: str, manual: Mapping[str, Response]) -> float | None:
+    if name not in manual:
+        hint = (
+            f"It is told {', '.join(manual)}." if manual else 'None of its responses has source = "manual".'
+        )
+        raise UsageError(f"The study asks nobody for {name}.", hint=hint, code="E2105")
+    if text == WITHDRAWN:
+        return None
+    withdraws = f"{name}={WITHDRAWN} withdraws what was told"
+    if not text:
+        hint = f"Say e.g. {name}=0.31; {withdraws}."
+        raise UsageError(f"{name} has no value.", hint=hint, code="E2105")
+    value = number_of(text)
+    if value is None:
+        unit = f", in {manual[name].unit}" if manual[name].unit else ""
+        hint = f"Give the number alone{unit}; {withdraws}."
+        if number_of(text, decimal_commas=True) is not None:
+            hint = "Write a decimal point."
+        raise UsageError(f"{name}={text}: that is no number.", hint=hint, code="E2105")
+    refuse_untellable(manual[name], value)
+    return value
+
+
+def refuse_untellable(response: Response, value: float) -> None:
+    """Raise UsageError E2105 where a value is no number, or lies beyond what a response can be told."""
+    name, unit = response.name, f" {response.unit}" if response.unit else ""
+    if not abs(value) <= LARGEST:
+        raise UsageError(
+            f"{name}={value}: that is no measured value.",
+            hint="Leave out what is not measured: a run without it is not in its tables.",
+            code="E2105",
+        )
+    low, high = response.low, response.high
+    if (low is not None and value < low) or (high is not None and value > high):
+        bounds = [f"at least {low:g}"] if low is not None else []
+        bounds += [f"at most {high:g}"] if high is not None else []
+        raise UsageError(
+            f"{name} = {value:g}{unit} is not possible: the study says {' and '.join(bounds)}{unit}.",
+            hint="Look at the sign, the decimal point and the unit.",
+            code="E2105",
+        )
+
+
+def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | None]]:
+    """Return what a table tells of manual responses, by run: columns `run` and their names; others are ignored.
+
+    An empty cell tells nothing, `none` withdraws. A column `attempt` says which attempt was measured. Raises
+    UsageError: E2104 there is no such run, E2105 a value is none, E2106 the table cannot be read, has no column for
+    it or tells nothing, E2107 a run is not made yet, or that attempt at it is not the last one.
+    """
+    from edmctl.record.delimited import read_table
+
+    manual, name = _manual(state), str(path)
+    try:
+        table = read_table(path, ["run", "attempt", *manual])
+        there = [one for one in manual if one in table.columns]
+        missing = ["run"] if "run" not in table.columns else []
+        missing += [] if there else [" or ".join(manual) or "of a manual response"]
+        if missing:
+            named = f"Manual responses are {', '.join(manual) or 'none'}"
+            writes = f"`{state.folder.command('export')}` writes a table with all columns"
+            raise table.without(missing, f"{named}; {writes}.")
+        rows = list(table.rows())
+    except RecordError as error:
+        raise UsageError(error.message, hint=error.hint, code="E2106") from None
+    found: dict[int, dict[str, float | None]] = {}
+    for line, row in rows:
+        values = {one: row[one] for one in there if row[one]}
+        if not values:
+            continue
+        try:
+            number = _run_number(row["run"])
+            told = {one: _value(one, value, manual) for one, value in values.items()}
+            _same_attempt(made_run(state, number), row.get("attempt", ""))
+        except UsageError as error:
+            raise UsageError(
+                f"{name}, line {line}: {error.message}", hint=error.hint, code=error.code
+            ) from None
+        if number in found:
+            raise UsageError(
+                f"{name}, line {line}: run {number} stands in the table twice.",
+                hint="Keep one.",
+                code="E2106",
+            )
+        found[number] = told
+    if not found:
+        raise UsageError(
+            f"{name} tells nothing: no row has a value of {' or '.join(there)}.",
+            hint="Fill it in, and save it as CSV again.",
+            code="E2106",
+        )
+    return found
+
+
+def _same_attempt(run: StudyRun, text: str) -> None:
+    """Refuse what was measured of an attempt that has been repeated since: on a machine that is another hole."""
+    if text and number_of(text) is None:
+        raise UsageError(f"{text!r} is no number of an attempt.", hint="Correct it.", code="E2107")
+    if text and number_of(text) != run.attempts:
+        raise UsageError(
+            f"The last attempt at run {run.planned.number} is {run.attempts}, and this is of {text}.",
+            hint="Measure the last attempt, and write its number there; or leave the cell empty.",
+            code="E2107",
+        )
+
+
+def _run_number(text: str) -> int:
+    """The number of a run, as `1.0` too, which programs make of a column of whole numbers."""
+    number = number_of(text)
+    if number is None or not number.is_integer():
+        raise UsageError(f"{text!r} is no number of a run.", hint="Correct it.", code="E2104")
+    return int(number)
+
+
+def made_run(state: StudyState, number: int) -> StudyRun:
+    """Return a run that something can be told of. Raises UsageError E2104 for none, E2107 for one not made yet."""
+    run = state.run(number)
+    if run.row is None:
+        raise UsageError(
+            f"Run {number} is not made yet: nobody can have measured it.",
+            hint=f"Check the number with `{state.folder.command('status')}`; runs of another computer come with "
+            "its rows.",
+            code="E2107",
+        )
+    return run
+
+
+def counts_of(state: StudyState) -> dict[str, int]:
+    """Return how many runs are in which state."""
+    return {str(kind): sum(run.state is kind for run in state.runs) for kind in RunState}
+
+
+def missing_manual(state: StudyState) -> list[tuple[int, tuple[str, ...]]]:
+    """Return the runs that are done, and which manual responses they lack."""
+    manual = [response.name for response in state.folder.plan.responses if response.is_manual]
+    lacking = [
+        (run.planned.number, tuple(name for name in manual if name not in run.told))
+        for run in state.runs
+        if run.state is RunState.DONE
+    ]
+    return [one for one in lacking if one[1]]
+
+
+def in_words(state: StudyState) -> str:
+    """Return how far the study is in one sentence."""
+    found = counts_of(state)
+    words = [f"{found['done']} of {plural(len(state.runs), 'run')} done"]
+    words += [f"{found[name]} {name}" for name in ("failed", "rejected") if found[name]]
+    return ", ".join(words)

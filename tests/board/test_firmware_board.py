@@ -1,0 +1,593 @@
+"""`edmctl firmware info`, `verify` and `flash`, and what `doctor` says of a board's firmware.
+
+The board at the port is a virtual controller behind a pty; the tools are programs on the path that do as those do.
+"""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from edmctl.board.board_build import COMPILERS
+from edmctl.core.build import source_version
+from edmctl.link.messages import (
+    SCHEMA_HASH,
+    Arm,
+    Axis,
+    CommitProfile,
+    HelloReply,
+    PulseEnable,
+    ServoStart,
+    StageMove,
+    State,
+    TouchOff,
+    param_crc,
+)
+from edmctl.link.ports import PortInfo
+from edmctl.link.session import Session
+from edmctl.simulator import BenchConfig, VirtualBench, open_bench
+from tests.cli.commands import command, environment
+from tests.firmware.image_bytes import image_bytes
+from tests.firmware_tools import need_board_compiler
+from tests.serving import serving
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from edmctl.link.wire import Request
+    from tests.cli.commands import Here
+
+FAKE = Path(__file__).parents[1] / "firmware" / "fake_flash_tool.py"
+TOOLS = ("pyocd", "openocd", "st-flash", "dfu-util")
+F429, F405 = "20036419", "10076413"
+OFF = "--yes-high-voltage-is-off"
+
+
+@pytest.fixture
+def bench() -> VirtualBench:
+    """Return a controller that says that it is the board of the images."""
+    bench = open_bench(BenchConfig(), 1)
+    bench.controller.board = 0x0429
+    return bench
+
+
+def brought_to(state: State, bench: VirtualBench) -> None:
+    """Let a host bring the machine into a state, and say no more."""
+    session = Session(bench.transport)
+    session.open()
+    crc = param_crc({})
+    requests: dict[State, Request[object]] = {
+        State.MOVING: StageMove(Axis.X, 0, 1_000_000),
+        State.TOUCH: TouchOff(20.0, 40.0, 5.0, 90.0, 5.0, 0.1, 1),
+        State.MACHINING: ServoStart(9.6, 500.0, 100.0),
+    }
+    for request in (CommitProfile(crc), Arm(crc), PulseEnable(1)):
+        session.request(request)
+    if state in requests:
+        session.request(requests[state])
+    assert bench.controller.state is state
+
+
+@pytest.fixture
+def port(bench: VirtualBench) -> Iterator[str]:
+    with serving(bench) as port:
+        yield port
+
+
+@pytest.fixture
+def image(tmp_path: Path) -> str:
+    file = tmp_path / "image.bin"
+    file.write_bytes(image_bytes())
+    return str(file)
+
+
+class FakeBoard:
+    """A board that tools find: a folder."""
+
+    def __init__(self, folder: Path, tools: Path) -> None:
+        self.folder, self.tools = folder, tools
+        folder.mkdir()
+        tools.mkdir()
+        self.plug(F429)
+
+    def plug(self, chip: str) -> None:
+        (self.folder / "chip").write_text(chip)
+
+    def unplug(self) -> None:
+        (self.folder / "chip").unlink()
+
+    def trouble(self, what: str) -> None:
+        (self.folder / "trouble").write_text(what)
+
+    def install(self, *names: str) -> None:
+        """Put tools on the path."""
+        for name in names:
+            for program in {"st-flash": ("st-flash", "st-info")}.get(name, (name,)):
+                file = self.tools / program
+                file.write_text(f"#!{sys.executable}\n" + FAKE.read_text(encoding="utf-8"))
+                file.chmod(0o755)
+
+    @property
+    def flash(self) -> bytes | None:
+        file = self.folder / "flash"
+        return file.read_bytes() if file.exists() else None
+
+    @property
+    def is_started(self) -> bool:
+        return (self.folder / "started").exists()
+
+    @property
+    def log(self) -> list[str]:
+        file = self.folder / "log"
+        return file.read_text().splitlines() if file.exists() else []
+
+
+@pytest.fixture
+def board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> FakeBoard:
+    """Return a board that is plugged in, and a path on which no tool is yet."""
+    board = FakeBoard(tmp_path / "board", tmp_path / "tools")
+    monkeypatch.setenv("PATH", str(board.tools))
+    monkeypatch.setenv("FAKE_BOARD", str(board.folder))
+    return board
+
+
+def test_info_says_what_an_image_is(here: Here, image: str) -> None:
+    said = here("firmware", "info", image, "--json")
+    found = said.document["result"]["image"]
+    assert said.exit_code == 0
+    assert (found["board_name"], found["firmware"], found["kind"]) == ("NUCLEO-F429ZI", "1.0.0", "BIN")
+    assert found["schema"] == f"0x{SCHEMA_HASH:08X}"
+    assert "NUCLEO-F429ZI" in here("firmware", "info", image).out
+
+
+def test_info_warns_of_an_image_that_this_edmctl_does_not_understand(here: Here, image: str) -> None:
+    Path(image).write_bytes(image_bytes(schema_hash=7))
+    said = here("firmware", "info", image, "--json")
+    assert (said.exit_code, [w["code"] for w in said.document["warnings"]]) == (0, ["W5001"])
+
+
+def test_info_asks_a_board_and_leaves_what_runs_there_alone(
+    here: Here, bench: VirtualBench, port: str
+) -> None:
+    brought_to(State.ARMED, bench)
+    said = here("firmware", "info", port, "--json")
+    found = said.document["result"]["board"]
+    assert said.exit_code == 0, said.err
+    assert (found["state"], found["serial"], found["board_name"]) == ("ARMED", "SIM-1", "NUCLEO-F429ZI")
+    assert (bench.controller.state, bench.controller.fault) == (State.ARMED, 0)
+    assert "ARMED" in here("firmware", "info", port).out
+
+
+@pytest.mark.parametrize(
+    ("what", "code"),
+    [("none.bin", "E3680"), ("/dev/nothing-of-the-kind", "E4001"), ("sim:", "E2091"), (".", "E3680")],
+)
+def test_info_of_nothing_is_told(here: Here, what: str, code: str) -> None:
+    said = here("firmware", "info", what, "--json")
+    assert said.document["error"]["code"] == code
+    assert said.exit_code == int(code[1])
+
+
+def test_verify_finds_a_board_that_runs_the_image(here: Here, image: str, port: str) -> None:
+    said = here("firmware", "verify", image, port, "--json")
+    assert said.exit_code == 0, said.err
+    assert {check["name"]: check["status"] for check in said.document["result"]["checks"]} == {
+        "board": "ok",
+        "schema": "ok",
+        "firmware": "ok",
+        "edmctl": "ok",
+        "settings": "warn",
+    }
+    assert "settings" in (text := here("firmware", "verify", image, port).out)
+    assert "not compared" in text
+
+
+def test_verify_of_a_virtual_controller_names_no_image_for_one(
+    here: Here, image: str, port: str, bench: VirtualBench
+) -> None:
+    bench.controller.board = 0
+    error = here("firmware", "verify", image, port, "--json").document["error"]
+    assert error["code"] == "E5003"
+    assert error["hint"].startswith("Name the port of a board")
+    assert "image for" not in error["hint"]
+
+
+@pytest.mark.parametrize(
+    ("differs", "code", "older"),
+    [
+        ({"board": 2}, "E5003", ""),
+        ({"schema_hash": 7, "protocol": (1, 0)}, "E5001", "the image is older"),
+        ({"schema_hash": 7, "protocol": (1, 99)}, "E5001", "the board is older"),
+        ({"schema_hash": 7}, "E5001", "both claim the same version"),
+        ({"firmware": (1, 0, 1)}, "E5002", "the board is older"),
+        ({"firmware": (0, 9, 9)}, "E5002", "the image is older"),
+    ],
+)
+def test_verify_says_what_differs_and_which_side_is_older(
+    here: Here, image: str, port: str, differs: dict[str, Any], code: str, older: str
+) -> None:
+    Path(image).write_bytes(image_bytes(**differs))
+    said = here("firmware", "verify", image, port, "--json")
+    error = said.document["error"]
+    assert (said.exit_code, error["code"]) == (5, code)
+    assert older in error["message"]
+    assert "edmctl firmware" in error["hint"]
+
+
+def test_verify_of_a_damaged_image_asks_no_board(here: Here, image: str) -> None:
+    Path(image).write_bytes(image_bytes()[:-1])
+    said = here("firmware", "verify", image, "/dev/nothing-of-the-kind", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (3, "E3682")
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_flash_writes_reads_back_and_starts(here: Here, board: FakeBoard, image: str, tool: str) -> None:
+    board.install(tool)
+    said = here("firmware", "flash", image, OFF, "--json")
+    assert said.exit_code == 0, said.err + "\n".join(board.log)
+    result = said.document["result"]
+    assert (result["tool"], result["read_back"], result["chip"]) == (tool, True, "STM32F42x/43x")
+    assert board.flash == image_bytes()
+    assert board.is_started
+
+
+def test_flash_takes_the_tool_that_is_named(here: Here, board: FakeBoard, image: str) -> None:
+    board.install(*TOOLS)
+    assert here("firmware", "flash", image, OFF, "--tool", "openocd", "--probe", "0671").exit_code == 0
+    assert {line.split()[0] for line in board.log} == {"openocd"}
+    assert all("adapter serial 0671" in line for line in board.log)
+
+
+def test_flash_says_what_was_set_in_the_image(here: Here, board: FakeBoard, image: str) -> None:
+    """A board does not tell it, and an image of another machine looks the same."""
+    board.install("openocd")
+    assert "Settings of the image: as in the sources." in here("firmware", "flash", image, OFF).out
+    Path(image).write_bytes(image_bytes(settings="EDM_GAP_FULL_A=1.2 EDM_GAP_FULL_V=331.2345"))
+    said = here("firmware", "flash", image, OFF)
+    assert "Settings of the image: EDM_GAP_FULL_A 1.2, EDM_GAP_FULL_V 331.2345." in said.out
+
+
+def test_flash_without_a_tool_says_how_to_install_one(here: Here, board: FakeBoard, image: str) -> None:
+    said = here("firmware", "flash", image, OFF, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8120")
+    assert "pip install pyocd" in said.document["error"]["hint"]
+    board.install("pyocd")
+    said = here("firmware", "flash", image, OFF, "--tool", "openocd", "--json")
+    assert said.document["error"]["code"] == "E8120"
+    assert "apt install openocd" in said.document["error"]["hint"]
+    assert here("firmware", "flash", image, OFF, "--tool", "avrdude", "--json").exit_code == 2
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_flash_without_a_board_says_so(here: Here, board: FakeBoard, image: str, tool: str) -> None:
+    board.install(tool)
+    board.unplug()
+    said = here("firmware", "flash", image, OFF, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8121"), said.err
+
+
+@pytest.mark.parametrize("tool", ["pyocd", "openocd", "st-flash"])
+def test_flash_with_no_chip_behind_the_probe_says_so(
+    here: Here, board: FakeBoard, image: str, tool: str
+) -> None:
+    board.install(tool)
+    board.trouble("no chip")
+    said = here("firmware", "flash", image, OFF, "--json")
+    assert (said.document["error"]["code"], board.flash) == ("E8121", None)
+    assert "no chip behind it" in said.document["error"]["message"]
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_flash_refuses_another_chip(here: Here, board: FakeBoard, image: str, tool: str) -> None:
+    board.install(tool)
+    board.plug(F405)
+    said = here("firmware", "flash", image, OFF, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8122"), said.err
+    assert board.flash is None
+
+
+def test_flash_refuses_a_choice_that_nobody_made(here: Here, board: FakeBoard, image: str) -> None:
+    board.install("st-flash")
+    board.trouble("several")
+    said = here("firmware", "flash", image, OFF, "--json")
+    assert (said.document["error"]["code"], board.flash) == ("E8121", None)
+    assert here("firmware", "flash", image, OFF, "--probe", "0671FF343056363043090732").exit_code == 0
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_a_tool_that_fails_is_told_with_its_words(
+    here: Here, board: FakeBoard, image: str, tool: str
+) -> None:
+    board.install(tool)
+    board.trouble("write")
+    said = here("firmware", "flash", image, OFF, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8125")
+    assert re.search("fail|error", said.document["error"]["message"], re.IGNORECASE)
+    assert not board.is_started
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_what_is_read_back_otherwise_is_told_and_not_started(
+    here: Here, board: FakeBoard, image: str, tool: str
+) -> None:
+    board.install(tool)
+    board.trouble("half")
+    said = here("firmware", "flash", image, OFF, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8126")
+    assert f"0x{0x08000000 + 4099 // 2:08X}" in said.document["error"]["message"]
+    assert not board.is_started
+
+
+@pytest.mark.parametrize(("trouble", "code"), [("copies", "E8126"), ("huge", "E8126"), ("talks", "E8125")])
+def test_a_tool_that_lies_or_does_not_end_is_not_believed(
+    here: Here, board: FakeBoard, image: str, trouble: str, code: str
+) -> None:
+    board.install("pyocd")
+    board.trouble(trouble)
+    said = here("firmware", "flash", image, OFF, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, code)
+    assert not board.is_started
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [(image_bytes()[:-1], "E3682"), (bytes(5000), "E3681"), (image_bytes(board=77), "E8122")],
+)
+def test_what_is_no_whole_image_of_a_board_is_not_flashed(
+    here: Here, board: FakeBoard, image: str, content: bytes, code: str
+) -> None:
+    board.install("pyocd")
+    Path(image).write_bytes(content)
+    assert here("firmware", "flash", image, OFF, "--json").document["error"]["code"] == code
+    assert board.log == []
+
+
+def test_nothing_runs_while_the_high_voltage_may_be_on(here: Here, board: FakeBoard, image: str) -> None:
+    board.install("pyocd")
+    said = here("firmware", "flash", image, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8124")
+    assert board.log == []
+
+
+@pytest.mark.parametrize(("answer", "exit_code"), [("off", 0), ("yes", 8), ("", 8)])
+def test_a_person_is_asked_about_the_high_voltage(
+    board: FakeBoard, image: str, tmp_path: Path, answer: str, exit_code: int
+) -> None:
+    board.install("pyocd")
+    ours, theirs = pty.openpty()
+    env = environment(PATH=str(board.tools), FAKE_BOARD=str(board.folder))
+    arguments = command("firmware", "flash", image)
+    with subprocess.Popen(
+        arguments, cwd=tmp_path, env=env, stdin=theirs, stdout=theirs, stderr=theirs
+    ) as job:
+        os.close(theirs)
+        heard = b""
+        end_s = time.monotonic() + 60
+        while b"`off`" not in heard and time.monotonic() < end_s:
+            if select.select([ours], [], [], 1.0)[0]:
+                heard += os.read(ours, 4096)
+        assert board.log == []
+        os.write(ours, f"{answer}\n".encode())
+        assert job.wait(60) == exit_code
+    os.close(ours)
+    assert (board.flash is not None) == (exit_code == 0)
+
+
+def test_flash_asks_the_board_before_and_after(here: Here, board: FakeBoard, image: str, port: str) -> None:
+    board.install("pyocd")
+    said = here("firmware", "flash", image, OFF, "--port", port, "--json")
+    assert said.exit_code == 0, said.err
+    result = said.document["result"]
+    assert (result["before"]["state"], result["after"]["serial"]) == ("IDLE", "SIM-1")
+
+
+@pytest.mark.parametrize("state", [State.ARMED, State.MACHINING, State.MOVING, State.TOUCH])
+def test_flash_refuses_while_a_job_runs_and_leaves_it_alone(
+    here: Here, board: FakeBoard, image: str, bench: VirtualBench, port: str, state: State
+) -> None:
+    board.install("pyocd")
+    brought_to(state, bench)
+    said = here("firmware", "flash", image, OFF, "--port", port, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8123")
+    assert state.name in said.document["error"]["message"]
+    assert (bench.controller.state, bench.controller.fault) == (state, 0)
+    assert board.log == []
+
+
+def test_flash_refuses_a_controller_that_does_not_tell_its_state(
+    here: Here, board: FakeBoard, image: str, port: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its schema is another one, and it does not hand it out."""
+    board.install("pyocd")
+    monkeypatch.setattr("edmctl.link.session.SCHEMA_HASH", 7)
+    monkeypatch.setattr("edmctl.link.compatibility.SCHEMA_HASH", 7)
+    monkeypatch.setattr("edmctl.link.compatibility.fetch_schema", int)  # a TypeError
+    said = here("firmware", "flash", image, OFF, "--port", port, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8123")
+    assert "does not tell its state" in said.document["error"]["message"]
+    assert board.log == []
+
+
+def test_flash_refuses_a_port_that_another_program_holds(
+    here: Here, board: FakeBoard, image: str, port: str
+) -> None:
+    from edmctl.link.opening import open_line
+
+    board.install("pyocd")
+    line = open_line(port)
+    try:
+        said = here("firmware", "flash", image, OFF, "--port", port, "--json")
+    finally:
+        line.close()
+    assert (said.exit_code, said.document["error"]["code"]) == (4, "E4006")
+    assert board.log == []
+
+
+NUCLEO, FIRST, OTHER = "0483:374b", "066DFF485550755187123543", "0671FF343056363043090732"
+
+
+@pytest.fixture
+def st_links(monkeypatch: pytest.MonkeyPatch, port: str) -> None:
+    """Two boards at this computer; the port is that of the second one."""
+    listed = [
+        PortInfo("/dev/none-of-these", usb_id=NUCLEO, usb_serial=FIRST),
+        PortInfo(port, usb_id=NUCLEO, usb_serial=OTHER),
+    ]
+    monkeypatch.setattr("edmctl.link.ports.listed_ports", lambda: listed)
+
+
+@pytest.mark.usefixtures("st_links")
+@pytest.mark.parametrize(
+    ("tool", "option"),
+    [("pyocd", "--uid"), ("openocd", "adapter serial"), ("st-flash", "--serial")],
+)
+def test_flash_takes_the_board_that_was_asked(
+    here: Here, board: FakeBoard, image: str, port: str, tool: str, option: str
+) -> None:
+    """Another one may be at a job, and some tools take the first that they find."""
+    board.install(tool)
+    board.trouble("several")
+    said = here("firmware", "flash", image, OFF, "--port", port, "--json")
+    assert said.exit_code == 0, said.err
+    asked = [line for line in board.log if "st-info" not in line]
+    assert asked
+    assert all(f"{option} {OTHER}" in line for line in asked)
+
+
+@pytest.mark.usefixtures("st_links")
+def test_flash_refuses_another_board_than_was_asked(
+    here: Here, board: FakeBoard, image: str, port: str
+) -> None:
+    board.install("openocd")
+    said = here("firmware", "flash", image, OFF, "--port", port, "--probe", FIRST, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8121")
+    assert board.log == []
+    assert here("firmware", "flash", image, OFF, "--port", port, "--probe", OTHER.lower()).exit_code == 0
+
+
+@pytest.mark.usefixtures("st_links")
+def test_flash_leaves_no_choice_to_a_tool_that_takes_the_first_board(
+    here: Here, board: FakeBoard, image: str
+) -> None:
+    board.install("openocd")
+    said = here("firmware", "flash", image, OFF, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8121")
+    assert board.log == []
+    assert here("firmware", "flash", image, OFF, "--probe", FIRST).exit_code == 0
+
+
+def test_flash_refuses_the_image_of_another_board_than_answers(
+    here: Here, board: FakeBoard, image: str, bench: VirtualBench, port: str
+) -> None:
+    board.install("pyocd")
+    bench.controller.board = 2
+    said = here("firmware", "flash", image, OFF, "--port", port, "--json")
+    assert said.document["error"]["code"] == "E8122"
+    assert board.log == []
+
+
+def test_flash_refuses_to_look_for_a_board_by_hello(here: Here, board: FakeBoard, image: str) -> None:
+    board.install("pyocd")
+    for selector in ("auto", "serial:SIM-1"):
+        said = here("firmware", "flash", image, OFF, "--port", selector, "--json")
+        assert (said.exit_code, said.document["error"]["code"]) == (2, "E2091")
+
+
+def test_a_new_board_that_says_nothing_is_flashed_and_asked_afterwards(
+    here: Here, board: FakeBoard, image: str, tmp_path: Path
+) -> None:
+    board.install("pyocd")
+    setup = tmp_path / "setup.toml"
+    setup.write_text("[link]\nhello_s = 0.2\n")
+    ours, theirs = pty.openpty()
+    try:
+        port = os.ttyname(theirs)
+        said = here("firmware", "flash", image, OFF, "--port", port, "--setup", str(setup), "--json")
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert (said.exit_code, said.document["error"]["code"]) == (4, "E4011")
+    assert said.document["result"]["read_back"] is True
+    assert board.is_started
+    assert "may be a new board" in said.err
+
+
+def test_doctor_says_that_a_board_is_older_and_how_to_flash_it(
+    here: Here, bench: VirtualBench, port: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def firmware() -> dict[str, str]:
+        said = here("doctor", "--port", port, "--json")
+        return next(c for c in said.document["result"]["checks"] if c["name"] == "firmware")
+
+    assert firmware()["status"] == "ok"
+    told = HelloReply.unpack
+
+    def older(payload: bytes) -> HelloReply:
+        return replace(told(payload), fw_major=0, fw_minor=9)
+
+    monkeypatch.setattr(HelloReply, "unpack", older)
+    check = firmware()
+    assert check["status"] == "warn"
+    assert "0.9.0, older than the 1.0.0" in check["message"]
+    assert f"edmctl firmware flash edmctl-stm32f4.bin --port {port}" in check["fix"]
+
+
+def test_doctor_says_that_a_board_speaks_another_schema_and_how_to_flash_it(
+    here: Here, port: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("edmctl.link.session.SCHEMA_HASH", 7)
+    monkeypatch.setattr("edmctl.link.compatibility.SCHEMA_HASH", 7)
+    said = here("doctor", "--port", port, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (5, "E5000")
+    check = next(c for c in said.document["result"]["checks"] if c["name"] == "protocol")
+    assert "edmctl firmware flash" in check["fix"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--board", "arduino"),
+        ("--compiler", "tcc"),
+        ("--output", "image.elf"),
+        ("--board", "stm32f4", "--real", "float"),
+        ("--board", "stm32f4", "--output", "image.txt"),
+    ],
+)
+def test_options_of_build_that_do_not_fit_are_refused(here: Here, options: tuple[str, ...]) -> None:
+    said = here("firmware", "build", *options, "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (2, "E2090")
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_the_board_is_built_as_an_image_of_this_edmctl(here: Here, compiler: str) -> None:
+    need_board_compiler(compiler)
+    Path("images.d").mkdir()
+    said = here("firmware", "build", "--board", "stm32f4", "--compiler", compiler, "-o", "images.d", "--json")
+    assert said.exit_code == 0, said.err
+    built = said.document["result"]
+    assert set(built["files"].values()) == {
+        f"images.d/edmctl-stm32f4.{kind}" for kind in ("elf", "bin", "hex")
+    }
+    assert [path.name for path in Path.cwd().iterdir()] == ["images.d"]
+    assert (built["board_name"], built["has_same_schema"]) == ("NUCLEO-F429ZI", True)
+    assert built["firmware"] == ".".join(map(str, source_version()))
+    assert 30_000 < built["used_bytes"]["flash"] <= built["size_bytes"] <= 96 * 1024
+    assert built["used_bytes"]["RAM"] + built["used_bytes"]["CCM"] <= 220 * 1024
+    assert "elsewhere" not in built["used_bytes"]
+    for name in built["files"].values():
+        found = here("firmware", "info", name, "--json").document["result"]["image"]
+        assert (found["crc32"], found["size_bytes"]) == (built["crc32"], built["size_bytes"])
+    binary = Path(built["files"]["bin"])
+    reset = int.from_bytes(binary.read_bytes()[4:8], "little")
+    assert 0x0800_0000 < reset < 0x0800_0000 + binary.stat().st_size
+    assert reset & 1, "the reset vector leads to Thumb code"

@@ -1,0 +1,78 @@
+"""Carets stand under what is wrong."""
+
+from __future__ import annotations
+
+from edmctl.cli.render.diagnostics import render_diagnostics, summary_line
+from edmctl.cli.render.style import Style
+from edmctl.errors import Diagnostic, Location
+
+LINE = "reference = 0.42"
+ERROR = Diagnostic(
+    "E3004",
+    "servo.reference: 0.42 is below 0.60",
+    "take 0.60 to 0.95",
+    Location("profiles/cu270.toml", 14, 13, 4, LINE),
+)
+
+
+def test_an_error_shows_place_line_caret_and_help() -> None:
+    assert render_diagnostics([ERROR]) == (
+        "error[E3004]: servo.reference: 0.42 is below 0.60\n"
+        "  --> profiles/cu270.toml:14:13\n"
+        "14 | reference = 0.42\n"
+        "   |             ^^^^\n"
+        "   = help: take 0.60 to 0.95"
+    )
+
+
+def test_every_problem_is_shown_in_order() -> None:
+    warning = Diagnostic("W3001", "the jump is low", "raise it", is_warning=True)
+    text = render_diagnostics([ERROR, warning])
+    assert text.index("error[E3004]") < text.index("warning[W3001]: the jump is low")
+    assert text.endswith("  = help: raise it")
+
+
+def test_the_caret_follows_tabs() -> None:
+    where = Location("a.toml", 3, 3, 4, "\t\t0.42 # x")
+    lines = render_diagnostics([Diagnostic("E1", "m", "", where)]).splitlines()
+    assert lines[-1] == "  | \t\t^^^^"
+
+
+def test_the_caret_ends_with_the_line() -> None:
+    where = Location("a.toml", 1, 5, 40, "a = 1")
+    assert render_diagnostics([Diagnostic("E1", "m", "", where)]).endswith("|     ^")
+
+
+def test_a_place_past_the_end_still_has_a_caret() -> None:
+    where = Location("a.toml", 1, 9, 1, "a = [")
+    assert render_diagnostics([Diagnostic("E1", "m", "", where)]).endswith("|         ^")
+
+
+def test_colour_is_only_paint() -> None:
+    painted = render_diagnostics([ERROR], Style(colour=True, live=False))
+    assert "\x1b[1;31merror[E3004]\x1b[0m" in painted
+    assert _without_codes(painted) == render_diagnostics([ERROR])
+
+
+def test_control_characters_do_not_reach_the_terminal() -> None:
+    where = Location("a\x1b[2J.toml", 1, 1, 1, "a\x1b = 1")
+    text = render_diagnostics([Diagnostic("E1", "no a\x1b[2Jb\rc\nerror[E2]: d", "say \x07", where)])
+    assert text.splitlines() == [
+        r"error[E1]: no a\x1b[2Jb\rc",
+        "  error[E2]: d",
+        r" --> a\x1b[2J.toml:1:1",
+        "1 | a? = 1",
+        "  | ^",
+        r"  = help: say \x07",
+    ]
+
+
+def test_summary_counts() -> None:
+    assert summary_line(1, 0) == "1 error"
+    assert summary_line(2, 1) == "2 errors, 1 warning"
+
+
+def _without_codes(text: str) -> str:
+    import re
+
+    return re.sub(r"\x1b\[[0-9;]*m", "", text)

@@ -1,0 +1,259 @@
+"""The picture on a terminal: what it shows, where it fits, and what it leaves behind."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.cli.render.layout import cells_of
+from edmctl.cli.render.live import LiveReporter
+from edmctl.cli.render.live_view import Histories, draw_view
+from edmctl.cli.render.style import Style
+from edmctl.results.telemetry import PulseShares
+from tests.cli.render.views import made_state
+
+if TYPE_CHECKING:
+    from edmctl.results.progress import Progress
+
+PLAIN_VIEW = Style(colour=False, live=True)
+ASCII_VIEW = Style(colour=False, live=True, unicode=False)
+FULL = made_state(
+    phase="machining",
+    site="hole-4",
+    step="cut 2",
+    depth_u95_um=1.2,
+    wear_um=24.5,
+    wear_u95_um=1.3,
+    feed_um=66.7,
+    feed_um_s=0.31,
+    gap_low_v=2.1,
+    gap_high_v=12.0,
+    displacement_low_um=101.3,
+    displacement_high_um=110.5,
+    jumps=12,
+    jump_period_s=10.0,
+    last_jump_s=121.0,
+    sites_done=3,
+    sites_total=9,
+    warning="27 % arcs in the last 2 s; the limit is 20 %.",
+    warned_s=111.0,
+)
+
+
+class HandClock:
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+class Writes(io.StringIO):
+    """Keeps each write apart."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.parts: list[str] = []
+
+    def write(self, text: str) -> int:
+        self.parts.append(text)
+        return super().write(text)
+
+
+def drawn(state: Progress, width: int = 100, height: int = 40, style: Style = PLAIN_VIEW) -> str:
+    histories = Histories()
+    histories.update(state)
+    return "\n".join(text for text, _ in draw_view(state, histories, width, height, style))
+
+
+def test_everything_that_is_known_is_shown() -> None:
+    picture = drawn(FULL)
+    for part in (
+        "machining hole-4, cut 2, 3 of 9 done",
+        "2 min 05 s, about 8 min 00 s left",
+        "42.2 ± 1.2 of 180.0 µm",
+        "50 % open  40 % normal   2 % arc   8 % short",
+        "9.4 V, reference 9.6 V",
+        "2.1 to 12.0 V in 60 s",
+        "at 110.0 µm",
+        "101.3 to 110.5 µm in 60 s",
+        "66.7 µm, 0.31 µm/s, tool wear ~24.5 ± 1.3 µm",
+        "12 in this cut, every 10 s, the last 4 s ago",
+        "warning 14 s ago: 27 % arcs",
+    ):
+        assert part in picture
+
+
+def test_a_procedure_without_a_depth_shows_none() -> None:
+    picture = drawn(made_state(depth_um=math.nan, ratios=PulseShares(0.0, 0.0, 0.0, 0.0)))
+    assert "depth" not in picture
+    assert "8 min 00 s left" in picture
+
+
+def test_a_feed_that_is_the_target_is_the_bar() -> None:
+    picture = drawn(replace(FULL, feed_target_um=250.0, depth_target_um=math.nan))
+    assert "66.7 of 250.0 µm" in picture
+    assert "depth" not in picture
+
+
+@pytest.mark.parametrize("style", [PLAIN_VIEW, ASCII_VIEW, Style(colour=True, live=True)])
+@pytest.mark.parametrize("width", [1, 5, 12, 30, 59, 60, 79, 80, 98, 99, 120, 199])
+@pytest.mark.parametrize("height", [1, 3, 8, 12, 40])
+def test_no_line_is_wider_than_the_terminal(width: int, height: int, style: Style) -> None:
+    long = replace(FULL, site="a-rather-long-name-of-a-hole-" * 4, warning="长" * 150)
+    histories = Histories()
+    histories.update(long)
+    lines = draw_view(long, histories, width, height, style)
+    assert 1 <= len(lines) <= height
+    for text, cells in lines:
+        bare = re.sub(r"\x1b\[[0-9;]*m", "", text)
+        assert cells_of(bare) <= width
+        assert cells_of(bare) <= cells <= width
+
+
+def test_few_lines_keep_what_matters_most() -> None:
+    assert "machining" in drawn(FULL, height=1)
+    three = drawn(FULL, height=3)
+    assert "42.2 ± 1.2" in three
+    assert "warning" in three
+    assert "jumps" not in three
+
+
+def test_names_are_cut_before_the_time_left_is() -> None:
+    line = drawn(replace(FULL, site="x" * 100), width=79, height=1)
+    assert line.endswith("2 min 05 s, about 8 min 00 s left")
+    assert "x…" in line
+
+
+def test_a_name_moves_no_cursor() -> None:
+    assert "\x1b" not in drawn(replace(FULL, site="a\x1b[2Jb", warning="c\rd"))
+
+
+def test_a_terminal_without_unicode_gets_ascii_alone() -> None:
+    picture = drawn(FULL, style=ASCII_VIEW)
+    assert picture.isascii()
+    assert "42.2 +- 1.2 of 180.0 um" in picture
+    out = io.StringIO()
+    LiveReporter(out, ASCII_VIEW).note("Z1 = 53.10 µm ± 0.1")
+    assert out.getvalue() == "Z1 = 53.10 um +- 0.1\n"
+
+
+def test_without_colour_there_is_none() -> None:
+    assert "\x1b" not in drawn(FULL)
+    assert "\x1b[94m" in drawn(FULL, style=Style(colour=True, live=True))
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        made_state(gap_v=math.nan, time_left_s=math.nan, depth_um=math.nan),
+        made_state(reference_v=0.0, depth_target_um=0.0),
+        made_state(depth_target_um=math.nan),
+        made_state(ratios=PulseShares(math.nan, math.nan, math.nan, math.nan)),
+        made_state(depth_um=999.0, gap_v=99.0, ratios=PulseShares(1.0, 0.0, 0.0, 0.0)),
+        made_state(depth_um=-5.0, depth_u95_um=400.0, gap_low_v=3.0, gap_high_v=3.0),
+        made_state(time_s=math.nan, gap_low_v=1.0, gap_high_v=2.0),
+        made_state(displacement_um=math.nan, jumps=3, time_left_s=math.inf),
+    ],
+)
+def test_odd_values_do_not_break_the_picture(state: Progress) -> None:
+    assert "approaching" in drawn(state)
+
+
+def test_a_closed_terminal_does_not_stop_the_job() -> None:
+    class Closed(io.StringIO):
+        def write(self, text: str) -> int:
+            raise OSError(5, "Input/output error")
+
+    reporter = LiveReporter(Closed(), PLAIN_VIEW, clock=lambda: 0.0)
+    reporter.note("Z1 done")
+    reporter.progress(made_state())
+    reporter.runs(1, 2)
+    reporter.close()
+
+
+def erased(rows: int) -> str:
+    """What goes to the begin of a block of so many rows, and blanks them one by one."""
+    up = f"\r\x1b[{rows - 1}A"
+    return up + "\x1b[2K\x1b[B" * (rows - 1) + "\x1b[2K" + up
+
+
+def test_the_picture_vanishes_notes_stay_and_the_cursor_is_back() -> None:
+    out = io.StringIO()
+    reporter = LiveReporter(out, PLAIN_VIEW, clock=lambda: 0.0)
+    reporter.progress(made_state())
+    reporter.note("Z1 done")
+    reporter.close()
+    text = out.getvalue()
+    assert text.startswith("\x1b[?2026h\x1b[?25l")
+    assert f"{erased(6)}Z1 done\n" in text
+    assert text.endswith(f"{erased(6)}\x1b[?25h\n")
+
+
+def test_a_picture_that_stands_aside_is_gone_until_the_next_progress() -> None:
+    out, clock = io.StringIO(), HandClock()
+    reporter = LiveReporter(out, PLAIN_VIEW, clock)
+    reporter.progress(made_state())
+    reporter.aside()
+    assert out.getvalue().endswith(f"{erased(6)}\x1b[?25h")
+    out.truncate(0)
+    reporter.close()
+    assert out.getvalue() == ""
+    clock.now_s = 1.0
+    reporter.progress(made_state())
+    assert "\x1b[?25l\r" in out.getvalue()
+
+
+def test_every_picture_is_one_write_that_blanks_nothing() -> None:
+    out, clock = Writes(), HandClock()
+    reporter = LiveReporter(out, PLAIN_VIEW, clock)
+    for _ in range(3):
+        reporter.progress(FULL)
+        clock.now_s += 0.1
+    assert len(out.parts) == 3
+    again = out.parts[-1]
+    assert again.count("\x1b[J") == 1
+    assert again.index("jumps") < again.index("\x1b[J")
+
+
+def test_reports_between_two_pictures_are_not_lost() -> None:
+    out, clock = Writes(), HandClock()
+    reporter = LiveReporter(out, PLAIN_VIEW, clock)
+    reporter.progress(replace(FULL, time_s=100.0))
+    for i in range(300):
+        reporter.progress(replace(FULL, time_s=100.0 + 0.1 * i, gap_high_v=17.5 if i == 150 else 12.0))
+    assert len(out.parts) == 1
+    clock.now_s = 0.1
+    reporter.progress(replace(FULL, time_s=130.0))
+    assert "2.1 to 17.5 V in 60 s" in out.parts[-1]
+
+
+def test_a_narrower_terminal_is_cleared_of_what_it_wrapped(monkeypatch: pytest.MonkeyPatch) -> None:
+    out, clock, width = Writes(), HandClock(), 80
+    reporter = LiveReporter(out, PLAIN_VIEW, clock)
+    monkeypatch.setattr("edmctl.cli.render.live.Screen.size", lambda _: (width, 40))
+    reporter.progress(FULL)
+    first = out.parts[0].split("\r")[1]
+    rows = [len(re.sub(r"\x1b\[[?0-9;]*[a-zA-Z]", "", line)) for line in first.split("\n")]
+    width, clock.now_s = 40, 0.1
+    reporter.progress(FULL)
+    wrapped = sum(max(1, math.ceil(cells / 40)) for cells in rows)
+    assert wrapped > len(rows)
+    assert f"\r\x1b[{wrapped - math.ceil(rows[-1] / 40)}A\x1b[2K" in out.parts[1]
+    assert f"\x1b[2K\r\x1b[{wrapped - 1}A" in out.parts[1]
+
+
+def test_runs_are_counted_in_a_bar() -> None:
+    out, clock = io.StringIO(), HandClock()
+    reporter = LiveReporter(out, PLAIN_VIEW, clock)
+    reporter.runs(1, 40)
+    reporter.runs(2, 40)
+    reporter.runs(40, 40)
+    assert "1 of 40" in out.getvalue()
+    assert "2 of 40" not in out.getvalue()
+    assert "40 of 40" in out.getvalue()

@@ -1,0 +1,92 @@
+"""Small studies whose holes take a tenth of a second."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from edmctl.study.folder import create_folder
+from edmctl.study.planning import plan_study
+from edmctl.study.study_file import read_study
+from edmctl.study.table import OF_EXECUTION, table_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from edmctl.study.folder import StudyFolder, StudyState
+
+HURRIED = """
+set = [
+    "target.depth_um=5", "jump.mode='off'", "log.pulses='off'", "approach.speed_um_s=5", "measure.fast_um_s=50",
+    "measure.settle_s=0.2", "measure.dwell_s=0.1", "wear.remeasure='never'",
+]
+"""
+HEAD = f"""
+[study]
+name = "A small study"
+profile = "cu270"
+{HURRIED}
+"""
+TWO_FACTORS = """
+[[factors]]
+key = "servo.reference"
+name = "reference"
+levels = [0.7, 0.8]
+
+[[factors]]
+key = "pulse.duty"
+name = "duty"
+levels = [0.2, 0.4]
+"""
+RESPONSES = """
+[[responses]]
+name = "machining_time_s"
+log = true
+
+[[responses]]
+name = "wear_ratio_lin"
+
+[[responses]]
+name = "ra_um"
+source = "manual"
+unit = "µm"
+
+[[objectives]]
+response = "machining_time_s"
+"""
+FULL = """
+[design]
+kind = "full"
+"""
+SMALL = HEAD + TWO_FACTORS + FULL + RESPONSES
+
+
+class Unseen:
+    """Watches nothing."""
+
+    def runs(self, done: int, total: int) -> None:
+        """Ignore it."""
+
+    def note(self, text: str) -> None:
+        """Ignore it."""
+
+    def progress(self, p: object) -> None:
+        """Ignore it."""
+
+
+def written(folder: Path, text: str = SMALL) -> Path:
+    """Write a study file."""
+    file = folder / "study.toml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def made(folder: Path, text: str = SMALL) -> StudyFolder:
+    """Plan a study into a folder of its own."""
+    return create_folder(folder / "made", plan_study(read_study(written(folder, text))))
+
+
+def outcome(state: StudyState) -> list[dict[str, object]]:
+    """The table without time and computer."""
+    return [
+        {name: value for name, value in row.items() if name not in OF_EXECUTION} for row in table_of(state)
+    ]

@@ -1,0 +1,103 @@
+"""Every command that reads the folder of a study, given what is no file in it: a message, soon."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.study.running import Shard, run_virtual
+from tests.cli.test_files_read import KINDS, made
+from tests.study import studies
+
+if TYPE_CHECKING:
+    from tests.cli.commands import Here
+
+FILES = ("plan.json", "study.toml", "profile.toml", "rows/0.jsonl", "rows/suggestions.lock")
+STUDY_READERS = {
+    "status": ("study", "status", "DIR"),
+    "report": ("study", "report", "DIR"),
+    "export": ("study", "export", "DIR"),
+    "profiles": ("study", "export", "DIR", "--profiles", "best"),
+    "resume": ("study", "resume", "DIR", "--workers", "1"),
+    "suggest": ("study", "suggest", "DIR"),
+    "add": ("study", "suggest", "DIR", "--add"),
+    "extend": ("study", "extend", "DIR"),
+    "optimize": ("study", "optimize", "DIR", "--workers", "1"),
+    "confirm": ("study", "confirm", "DIR", "--workers", "1"),
+    "tell": ("study", "tell", "DIR", "1", "ra_um=0.3"),
+    "import": ("study", "import", "DIR", "ra.csv"),
+    "judge": ("study", "judge", "DIR", "1", "reject", "why"),
+    "run": ("study", "run", "study.toml", "--out", "DIR", "--shard", "1/2", "--workers", "1"),
+}
+LOCKING = ("add", "extend", "confirm")
+"""Commands that take the lock of suggestions; the others do not look at it."""
+TABLE_READERS = {
+    "planned": ("study", "plan", "FILE"),
+    "run": ("study", "run", "FILE", "--out", "other"),
+    "imported": ("study", "import", "DIR", "FILE"),
+    "points": ("study", "plan", "points.toml"),
+}
+
+
+def is_tried(reader: str, file: str, kind: str) -> bool:
+    """Whether a command has to refuse: a lock that is not there is made."""
+    return not file.endswith(".lock") or (reader in LOCKING and kind not in ("vanished", "long"))
+
+
+def finished(folder: Path) -> Path:
+    """Make a study whose runs are done."""
+    study = studies.made(folder)
+    run_virtual(study, Shard(), studies.Unseen())
+    return study.path
+
+
+def put(folder: Path, file: str, name: str) -> None:
+    """Replace a file of a study by a link to what has this name."""
+    place = folder / file
+    place.unlink(missing_ok=True)
+    place.symlink_to(Path(name).absolute())
+
+
+def write_names(name: str) -> None:
+    """Write the files that commands name beside the study's folder."""
+    points = studies.SMALL.replace('kind = "full"', f'kind = "csv"\nfile = "{name}"')
+    for file, text in {
+        "ra.csv": "run,ra_um\n1,0.3\n",
+        "study.toml": studies.SMALL,
+        "points.toml": points,
+    }.items():
+        Path(file).write_text(text, encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return finished(tmp_path_factory.mktemp("study"))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("file", FILES)
+def test_what_is_no_file_in_a_study_is_refused(here: Here, whole: Path, file: str, kind: str) -> None:
+    shutil.copytree(whole, "DIR")
+    write_names("ra.csv")
+    put(Path("DIR"), file, made(kind))
+    for reader, words in STUDY_READERS.items():
+        if is_tried(reader, file, kind):
+            said = here(*words)
+            assert said.exit_code in {2, 3, 8, 9}, (reader, said.out, said.err)
+            assert "error[E" in said.err, (reader, said.err)
+            assert "Internal" not in said.err
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("reader", TABLE_READERS)
+def test_what_is_no_file_beside_a_study_is_refused(here: Here, whole: Path, reader: str, kind: str) -> None:
+    shutil.copytree(whole, "DIR")
+    name = made(kind)
+    write_names(name)
+    said = here(*(name if word == "FILE" else word for word in TABLE_READERS[reader]))
+    assert said.exit_code in {2, 3, 8, 9}, (said.out, said.err)
+    assert "error[E" in said.err, said.err
+    assert "Internal" not in said.err

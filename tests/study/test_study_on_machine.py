@@ -1,0 +1,351 @@
+"""A study on a machine that lasts: places, tools, pauses, interruptions, faults, approval."""
+
+from __future__ import annotations
+
+import math
+import signal
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.app import main
+from edmctl.errors import EdmWarning, Interrupted, MachineFault, PreconditionError, UsageError
+from edmctl.jobs.plan import MachineAddress
+from edmctl.jobs.surroundings import Surroundings
+from edmctl.machine.stop import StopRequest
+from edmctl.simulator import BenchConfig, open_bench
+from edmctl.simulator.injection import parse_injection
+from edmctl.study.analysis import analysis_of
+from edmctl.study.confirming import confirmation_runs
+from edmctl.study.on_machine import MachineRuns, refuse_mixture, run_on_machine
+from edmctl.study.reporting import page_of
+from edmctl.study.results import RunState
+from edmctl.study.study import Study
+from edmctl.study.waiting import what_next
+from tests.serving import serving
+from tests.study.studies import HEAD, SMALL, Unseen, made
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from edmctl.errors import Diagnostic
+    from edmctl.jobs.plan import Plan
+    from edmctl.results.progress import Progress
+    from edmctl.study.folder import StudyFolder
+    from edmctl.study.results import StudyRun
+
+MACHINE = SMALL + "\n[machine]\nholes_per_tool = 4\n"
+
+
+def agree(run: StudyRun, plan: Plan) -> bool:
+    return True
+
+
+def refuse(run: StudyRun, plan: Plan) -> bool:
+    return False
+
+
+def options(folder: StudyFolder, **more: object) -> MachineRuns:
+    def warn(found: Sequence[Diagnostic]) -> None:
+        """Nobody listens."""
+
+    port = f"sim:{folder.path.parent / 'machine.bench'}"
+    given = {"surroundings": Surroundings(), "approve": agree, "warn": warn, **more}
+    return MachineRuns(port, **given)  # type: ignore[arg-type]
+
+
+class Interrupting(Unseen):
+    """Asks for a stop when a hole is being cut."""
+
+    def __init__(self) -> None:
+        self.stop = StopRequest()
+
+    def progress(self, p: Progress) -> None:  # type: ignore[override]
+        if p.phase == "machining" and p.depth_um > 2.0:
+            self.stop.request(signal.SIGINT)
+
+
+@pytest.mark.slow
+def test_tools_change_between_blocks_and_an_interrupted_hole_is_resumed(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    seen = Interrupting()
+    stopping = Surroundings(stop=lambda _: seen.stop)
+    assert run_on_machine(folder, options(folder, most=1), Unseen()) == 1
+    with pytest.raises(Interrupted) as stopped:
+        run_on_machine(folder, options(folder, surroundings=stopping), seen)
+    assert "study resume" in stopped.value.hint
+    assert folder.read().run(2).row is None
+    with pytest.raises(PreconditionError) as worn:
+        run_on_machine(folder, options(folder), Unseen())
+    assert worn.value.code == "E8204"
+    assert "--new-tool" in worn.value.hint
+    state = folder.read()
+    assert [run.state for run in state.runs[:4]] == [RunState.DONE] * 4
+    assert any("tool 1 is done" in line for line in what_next(state))
+    assert run_on_machine(folder, options(folder, new_tool=True), Unseen()) == 4
+    rows = [run.row for run in folder.read().runs]
+    assert [row.tool for row in rows if row] == [1] * 4 + [2] * 4
+    places = [row.site_um for row in rows if row]
+    assert len(set(places)) == len(places) == 8
+    resumed = rows[1]
+    assert resumed is not None
+    assert resumed.run_files == ("run0002-r1.h5",)
+    assert all(math.isfinite(row.responses["wear_um"] or math.nan) for row in rows if row)
+    worn_um = [row.truth["wear_um"] for row in rows if row]
+    assert all(wear_um and wear_um > 0 for wear_um in worn_um)
+
+
+def test_a_begun_hole_is_given_up_and_made_anew_with_another_tool(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    seen = Interrupting()
+    with pytest.raises(Interrupted):
+        run_on_machine(folder, options(folder, surroundings=Surroundings(stop=lambda _: seen.stop)), seen)
+    with pytest.raises(UsageError) as other_tool:
+        run_on_machine(folder, options(folder, new_tool=True), Unseen())
+    assert other_tool.value.code == "E2108"
+    assert main(["study", "judge", str(folder.path), "1", "repeat", "the tool broke"]) == 0
+    assert run_on_machine(folder, options(folder, new_tool=True, most=1), Unseen()) == 1
+    run = folder.read().run(1)
+    assert run.row is not None
+    assert (run.row.attempt, run.row.tool, run.row.run_files) == (2, 2, ("run0001-a2.h5",))
+    first = folder.read().rows.attempts[1][0]
+    assert first.exit_code == 130
+    assert run.row.site_um == (1100.0, 0.0)
+
+
+@pytest.mark.slow
+def test_a_tool_that_is_changed_early_begins_with_a_centre_run_and_ends_with_its_block(
+    tmp_path: Path,
+) -> None:
+    folder = made(tmp_path, MACHINE)
+    assert run_on_machine(folder, options(folder, most=2), Unseen()) == 2
+    seen = Interrupting()  # in the opening run of the new tool
+    with pytest.raises(Interrupted):
+        run_on_machine(
+            folder, options(folder, new_tool=True, surroundings=Surroundings(stop=lambda _: seen.stop)), seen
+        )
+    with pytest.raises(PreconditionError) as done:
+        run_on_machine(folder, options(folder), Unseen())
+    assert done.value.code == "E8204"
+    rows = sorted((run.row for run in folder.read().runs if run.row), key=lambda row: row.started)
+    assert [row.number for row in rows] == [1, 2, 9, 3, 4]
+    assert [row.kind for row in rows] == ["center", "design", "center", "design", "center"]
+    assert [row.tool for row in rows] == [1, 1, 2, 2, 2]
+    assert [run.block for run in folder.read().runs if run.row] == [1, 1, 2, 2, 2]
+    assert run_on_machine(folder, options(folder, new_tool=True, most=1), Unseen()) == 1
+    run = folder.read().run(5)
+    assert (run.tool, run.block, run.planned.tool) == (3, 3, 2)
+
+
+def test_another_machine_at_the_port_makes_no_run(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    assert run_on_machine(folder, options(folder, most=1), Unseen()) == 1
+    file = tmp_path / "machine.bench"
+    file.unlink()
+    assert (
+        main(
+            [
+                "machine",
+                "--profile",
+                "cu270",
+                "--port",
+                f"sim:{file}",
+                "--seed",
+                "99",
+                "--set",
+                "target.depth_um=5",
+                "--out",
+                str(tmp_path / "elsewhere.h5"),
+            ]
+        )
+        == 0
+    )
+    with pytest.raises(PreconditionError) as other:
+        run_on_machine(folder, options(folder), Unseen())
+    assert other.value.code == "E8214"
+    assert [run.state for run in folder.read().runs].count(RunState.DONE) == 1
+
+
+@pytest.mark.slow
+def test_a_result_whose_row_was_lost_is_read_from_its_run_file(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    run_on_machine(folder, options(folder, most=1), Unseen())
+    before = folder.read().run(1).row
+    (file,) = folder.rows.glob("*.jsonl")
+    file.unlink()
+    run_on_machine(folder, options(folder, most=1), Unseen())
+    after = folder.read().run(1).row
+    assert before is not None
+    assert after is not None
+    assert after.responses == before.responses
+    assert after.site_um == before.site_um
+    assert len(list(folder.runs.glob("*.h5"))) == 1
+
+
+@pytest.mark.slow
+def test_a_hole_whose_row_was_lost_is_of_the_tool_that_made_it(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    run_on_machine(folder, options(folder, most=1), Unseen())
+    run_on_machine(folder, options(folder, most=1, new_tool=True), Unseen())  # the centre run of tool 2
+    (newest,) = [file for file in folder.rows.glob("*.jsonl") if b'"number": 9' in file.read_bytes()]
+    newest.write_bytes(
+        b"".join(line for line in newest.read_bytes().splitlines(True) if b'"run"' not in line)
+    )
+    run_on_machine(folder, options(folder, most=1), Unseen())
+    rows = sorted((run.row for run in folder.read().runs if run.row), key=lambda row: row.started)
+    assert [(row.number, row.tool, row.order) for row in rows] == [(1, 1, 1), (9, 2, 2)]
+
+
+def test_a_run_that_is_under_way_is_not_given_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = made(tmp_path, MACHINE)
+    seen = Interrupting()
+    with pytest.raises(Interrupted):
+        run_on_machine(folder, options(folder, surroundings=Surroundings(stop=lambda _: seen.stop)), seen)
+    judge = ["study", "judge", str(folder.path), "1", "repeat"]
+    with folder.claimed("all"):
+        assert main([*judge, "odd"]) == 8
+    assert main([*judge, "  "]) == 2
+    assert "E8201" in capsys.readouterr().err
+    assert folder.read().run(1).row is None
+
+
+def test_a_run_without_room_is_not_added_and_one_may_be_rejected_unmade(tmp_path: Path) -> None:
+    folder = made(tmp_path, SMALL + "\n[machine]\ncenter_runs = false\ncolumns = 4\nrows = 1\n")
+    run_on_machine(folder, options(folder, most=1), Unseen())
+    with pytest.raises(PreconditionError) as full:
+        confirmation_runs(folder.read(), folder.plan.runs[0].settings, 1)
+    assert full.value.code == "E8207"
+    assert main(["study", "judge", str(folder.path), "4", "reject", "no room"]) == 0
+    assert folder.read().run(4).state is RunState.REJECTED
+    assert len(confirmation_runs(folder.read(), folder.plan.runs[0].settings, 1)) == 1
+
+
+def test_a_study_of_a_machine_is_not_mixed_from_python(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    with folder.writer() as writer:
+        writer.append("machine", {"port": "sim:there.bench"})
+    with pytest.warns(EdmWarning, match="W8215"), pytest.raises(UsageError) as mixed:
+        Study.load(folder.path).run()
+    assert mixed.value.code == "E2108"
+
+
+def test_a_study_stays_on_its_bench(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    own = options(folder)
+    run_on_machine(folder, replace(own, most=1), Unseen())
+    refuse_mixture(folder.read(), MachineAddress(own.port))
+    for port in ("sim:", f"{own.port}2", "/dev/ttyUSB0"):
+        with pytest.raises(UsageError) as refused:
+            refuse_mixture(folder.read(), MachineAddress(port))
+        assert refused.value.code == "E2108"
+        assert own.port in refused.value.hint
+
+
+def test_nobody_approves_no_sparks(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE.replace("holes_per_tool = 4", 'holes_per_tool = 4\napproval = "each"'))
+    with pytest.raises(PreconditionError) as waiting:
+        run_on_machine(folder, options(folder, approve=refuse), Unseen())
+    assert waiting.value.code == "E8205"
+    assert folder.read().run(1).row is None
+    assert not folder.runs.exists() or not list(folder.runs.glob("*.h5"))
+
+
+@pytest.mark.slow
+def test_a_fault_stops_the_study_and_the_hole_is_resumed_once_it_is_mended(tmp_path: Path) -> None:
+    folder = made(tmp_path, MACHINE)
+    bench = open_bench(BenchConfig(), 5)
+    bench.inject(parse_injection("ESTOP@sparks+2"))
+    with serving(bench) as port:
+        with pytest.raises(MachineFault) as fault:
+            run_on_machine(folder, replace(options(folder), port=port), Unseen())
+        assert "study resume" in fault.value.hint
+        assert folder.read().run(1).row is None
+        bench.clear_injections()
+        with pytest.raises(PreconditionError) as latched:
+            run_on_machine(folder, replace(options(folder), port=port), Unseen())
+        assert latched.value.code == "E8010"
+        assert main(["reset", "--ack", "4001", "--port", port]) == 0
+        with pytest.raises(PreconditionError) as changed:
+            run_on_machine(folder, replace(options(folder), port=port), Unseen())
+        assert changed.value.code == "E8204"
+    rows = [run.row for run in folder.read().runs]
+    assert rows[0] is not None
+    assert rows[0].run_files == ("run0001-r1.h5",)
+    assert [row.exit_code for row in rows if row] == [0] * 4
+
+
+def test_a_study_without_a_machine_says_so(tmp_path: Path) -> None:
+    folder = made(tmp_path)
+    with pytest.raises(UsageError) as refused:
+        run_on_machine(folder, options(folder), Unseen())
+    assert refused.value.code == "E2103"
+
+
+L9 = (
+    HEAD
+    + """
+[[factors]]
+key = "servo.reference"
+name = "reference"
+levels = [0.70, 0.75, 0.80]
+
+[[factors]]
+key = "pulse.duty"
+name = "duty"
+levels = [0.2, 0.3, 0.4]
+
+[[factors]]
+key = "pulse.frequency_hz"
+name = "frequency"
+levels = [1800.0, 2300.0, 2800.0]
+
+[design]
+kind = "taguchi"
+array = "L9"
+replicates = 2
+
+[[responses]]
+name = "machining_time_s"
+log = true
+
+[[responses]]
+name = "wear_um"
+
+[machine]
+holes_per_tool = 11
+"""
+)
+
+
+@pytest.mark.full
+def test_an_array_with_replicates_is_made_through_a_line_with_a_tool_change_and_an_interruption(
+    tmp_path: Path,
+) -> None:
+    folder = made(tmp_path, L9)
+    bench = open_bench(BenchConfig(), 11)
+    seen = Interrupting()
+    with serving(bench) as port:
+        first = replace(options(folder, surroundings=Surroundings(stop=lambda _: seen.stop)), port=port)
+        assert run_on_machine(folder, replace(options(folder), port=port, most=3), Unseen()) == 3
+        with pytest.raises(Interrupted):
+            run_on_machine(folder, first, seen)
+        with pytest.raises(PreconditionError) as done:
+            run_on_machine(folder, replace(options(folder), port=port), Unseen())
+        assert done.value.code == "E8204"
+        assert run_on_machine(folder, replace(options(folder), port=port, new_tool=True), Unseen()) == 11
+    state = folder.read()
+    assert all(run.state is RunState.DONE for run in state.runs)
+    assert len(state.runs) == 22
+    resumed = state.run(4).row
+    assert resumed is not None
+    assert resumed.run_files == ("run0004-r1.h5",)
+    found = analysis_of(state)
+    table = next(one.anova for one in found.responses if one.name == "machining_time_s")
+    assert table is not None
+    assert {row.name for row in table.rows} == {"block", "reference", "duty", "frequency"}
+    assert table.rows[1].p < 0.01
+    assert "machining_time_s" in page_of(state, found, None, [], [])
+    holes = [(hole.x_um, hole.y_um) for hole in bench.truth()]
+    assert len({(round(x_um / 100), round(y_um / 100)) for x_um, y_um in holes}) == 22

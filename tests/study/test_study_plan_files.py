@@ -1,0 +1,267 @@
+"""Plans and rows that are whole by their hashes and wrong: one error, and rows that count for nothing."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tests.study.test_study_tables import add, make
+
+from edmctl.errors import EdmError, PreconditionError
+from edmctl.study.analysis import analysis_of, ranked_by
+from edmctl.study.commands.study_tables import render_analysis, render_plan, render_status
+from edmctl.study.confirming import confirmation_runs, confirmations_of, extension_runs
+from edmctl.study.folder import open_folder
+from edmctl.study.optimizing import recommended, suggestions
+from edmctl.study.reporting import mapping_of
+from edmctl.study.table import columns_of, in_words, table_bytes, table_of
+from edmctl.study.waiting import what_next
+from tests.study.studies import FULL, SMALL, made
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    Change = Callable[[dict[str, Any]], object]
+
+LIMITED = SMALL + "\n[[constraints]]\nresponse = 'wear_ratio_lin'\nat_most = 0.9\n"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study with rows of its design, of suggestions and of confirmations, which tests put back as it was."""
+    twice = LIMITED.replace(FULL, f"{FULL}replicates = 2\n")
+    folder = made(tmp_path_factory.mktemp("plan"), twice)
+    make(folder)
+    add(folder, 2)
+    with folder.writer() as writer:
+        writer.planned(
+            confirmation_runs(folder.read(), folder.plan.runs[0].settings, 2), {"ra_um": (1, 0, 2)}
+        )
+        writer.told(folder.read().runs[0], {"ra_um": 0.3})
+    make(folder)
+    return folder.path
+
+
+def seal(path: Path, study: object) -> None:
+    """Write a plan with the hash that fits."""
+    body = json.dumps(study, ensure_ascii=False)
+    digest = hashlib.sha256(body.encode(errors="surrogatepass")).hexdigest()
+    (path / "plan.json").write_text(json.dumps({"sha256": digest, "study": study}), encoding="utf-8")
+
+
+def used(path: Path) -> None:
+    """Do with a folder what every command does that reads it."""
+    folder = open_folder(path)
+    state = folder.read()
+    render_plan(folder.plan)
+    render_status(folder.plan, state.runs, in_words(state), what_next(state))
+    rows = table_of(state)
+    for form in ("csv", "json", "jsonl"):
+        table_bytes(rows, form, columns_of(state))
+    analysis = analysis_of(state)
+    confirmations = confirmations_of(state)
+    mapping_of(analysis, None, confirmations, analysis.notes)
+    render_analysis(analysis.responses, analysis.choices, ranked_by(folder.plan), None, confirmations, ())
+    for ask in (recommended, lambda one: suggestions(one, 1), extension_runs):
+        with suppress(EdmError):
+            ask(state)
+
+
+def first_run(study: dict[str, Any]) -> dict[str, Any]:
+    run: dict[str, Any] = study["plan"]["runs"][0]
+    return run
+
+
+WRONG: dict[str, Change] = {
+    "no plan": lambda study: study.pop("plan"),
+    "a plan that is a list": lambda study: study.update(plan=[]),
+    "no files": lambda study: study.update(sha256={}),
+    "another file": lambda study: study["sha256"].update({"../../secret": "0" * 64}),
+    "hashes as a list": lambda study: study.update(sha256=["study.toml"]),
+    "another schema": lambda study: study.update(schema="edmctl-study/2"),
+    "a schema as number": lambda study: study.update(schema=1),
+    "no recipes": lambda study: study.update(recipes={}),
+    "a recipe without a number": lambda study: study.update(recipes={"one": ["a", "b"]}),
+    "a recipe of three hashes": lambda study: study["recipes"].update({"1": ["a", "b", "c"]}),
+    "a version as number": lambda study: study.update(edmctl=1),
+    "changes that are numbers": lambda study: study.update(changes=[1]),
+    "no factors": lambda study: study["plan"].update(factors=[]),
+    "factors without values": lambda study: study["plan"]["factors"][0].update(values=[]),
+    "a factor of another name": lambda study: study["plan"]["factors"][0].update(name="other"),
+    "a logarithmic factor below zero": lambda study: study["plan"]["factors"][0].update(
+        is_log=True, values=[-1.0, 1.0]
+    ),
+    "an unknown model": lambda study: study["plan"].update(model="cubic"),
+    "a model of another design": lambda study: study["plan"].update(model="sensitivity"),
+    "no runs": lambda study: study["plan"].update(runs=[]),
+    "runs as a text": lambda study: study["plan"].update(runs="all"),
+    "a run twice": lambda study: study["plan"]["runs"].append(first_run(study)),
+    "an unknown kind": lambda study: first_run(study).update(kind="other"),
+    "a suggestion in the plan": lambda study: first_run(study).update(kind="suggested"),
+    "a number as text": lambda study: first_run(study).update(number="1"),
+    "a run without a setting": lambda study: first_run(study).update(settings={}),
+    "a setting beyond the factor": lambda study: first_run(study)["settings"].update({"pulse.duty": 9.0}),
+    "a setting as text": lambda study: first_run(study)["settings"].update({"pulse.duty": "0.2"}),
+    "a negative seed": lambda study: first_run(study).update(seed=-1),
+    "an endless seed": lambda study: first_run(study).update(seed=10**400),
+    "an objective of nothing": lambda study: study["plan"].update(objectives=[["none", 1.0]]),
+    "a constraint without a side": lambda study: study["plan"]["constraints"][0].update(sign=0),
+    "a response by no hand": lambda study: study["plan"]["responses"][2].update(is_manual=False),
+    "degrees of freedom as text": lambda study: study["plan"].update(dof={"error": "3"}),
+    "costs of nothing": lambda study: study["plan"].update(costs={}),
+    "a wear as text": lambda study: study["plan"]["costs"].update(tool_wear_um=["1"]),
+    "a note as number": lambda study: study["plan"].update(notes=[1]),
+    "points that are not there": lambda study: study["plan"].update(points=99),
+    "no replicate": lambda study: study["plan"].update(replicates=0),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_plan_is_one_error(whole: Path, name: str) -> None:
+    kept = (whole / "plan.json").read_bytes()
+    study = json.loads(kept)["study"]
+    WRONG[name](study)
+    seal(whole, study)
+    try:
+        with pytest.raises(PreconditionError, match=r"is not a plan of this version of edmctl") as refused:
+            open_folder(whole)
+    finally:
+        (whole / "plan.json").write_bytes(kept)
+    assert refused.value.code == "E8202"
+    assert "plan the study into a new folder" in refused.value.hint
+
+
+@pytest.mark.parametrize("text", ["", "[]", "null", "{}", '{"sha256": 1, "study": 2}', "[" * 100_000, "NaN"])
+def test_what_has_no_hash_was_changed(whole: Path, text: str) -> None:
+    kept = (whole / "plan.json").read_bytes()
+    (whole / "plan.json").write_text(text)
+    try:
+        with pytest.raises(PreconditionError, match="not what it was") as refused:
+            open_folder(whole)
+    finally:
+        (whole / "plan.json").write_bytes(kept)
+    assert refused.value.code == "E8202"
+
+
+HOSTILE: st.SearchStrategy[Any] = st.sampled_from(
+    [
+        None,
+        True,
+        0,
+        -1,
+        1.5,
+        1e308,
+        -1e308,
+        float("nan"),
+        float("inf"),
+        10**30,
+        10**400,
+        "",
+        "design",
+        "0.2",
+        "\x1b[2J",
+        "\ud800",
+        "../..",
+        [],
+        [1],
+        [[]],
+        {},
+        {"a": 1},
+    ]
+)
+
+
+def paths_of(value: object, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """The place of every value in a document."""
+    inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [path, *(place for key, one in inside for place in paths_of(one, (*path, key)))]
+
+
+def mutated(document: Any, data: st.DataObject) -> Any:
+    """A document with one to three values replaced, taken out or doubled."""
+    document = copy.deepcopy(document)
+    for _ in range(data.draw(st.integers(1, 3))):
+        path = data.draw(st.sampled_from(paths_of(document)[1:] or [()]))
+        if not path:
+            return data.draw(HOSTILE)
+        parent = document
+        for key in path[:-1]:
+            parent = parent[key]
+        what = data.draw(st.sampled_from(["replace", "remove", "double"]))
+        if what == "replace":
+            parent[path[-1]] = copy.deepcopy(data.draw(HOSTILE))
+        elif what == "remove":
+            del parent[path[-1]]
+        elif isinstance(parent, list):
+            parent.append(parent[path[-1]])
+        else:
+            parent[f"{path[-1]}_"] = parent[path[-1]]
+    return document
+
+
+ANY = settings(
+    max_examples=150,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+
+
+@ANY
+@given(data=st.data())
+def test_no_change_of_a_plan_is_an_internal_error(whole: Path, data: st.DataObject) -> None:
+    kept = (whole / "plan.json").read_bytes()
+    try:
+        seal(whole, mutated(json.loads(kept)["study"], data))
+        with suppress(EdmError):
+            used(whole)
+    finally:
+        (whole / "plan.json").write_bytes(kept)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [(("runs", 0, "number"), None), (("run_files",), "\ud800"), (("responses", "machining_time_s"), 1e308)],
+)
+def test_a_wrong_value_in_a_row_is_no_internal_error(
+    whole: Path, path: tuple[Any, ...], value: object
+) -> None:
+    for file in (whole / "rows").glob("*.jsonl"):
+        kept = file.read_bytes()
+        changed = []
+        for line in kept.splitlines():
+            row = inside = json.loads(line)
+            with suppress(KeyError):
+                for key in path[:-1]:
+                    inside = inside[key]
+                inside[path[-1]] = value
+            changed.append(json.dumps(row).encode() + b"\n")
+        try:
+            file.write_bytes(b"".join(changed))
+            with suppress(EdmError):
+                used(whole)
+        finally:
+            file.write_bytes(kept)
+
+
+@ANY
+@given(data=st.data())
+def test_no_change_of_a_row_is_an_internal_error(whole: Path, data: st.DataObject) -> None:
+    file = data.draw(st.sampled_from(sorted((whole / "rows").glob("*.jsonl"))))
+    kept = file.read_bytes()
+    lines = kept.splitlines()
+    number = data.draw(st.integers(0, len(lines) - 1))
+    changed = json.dumps(mutated(json.loads(lines[number]), data)).encode()
+    try:
+        file.write_bytes(b"".join(line + b"\n" for line in (*lines[:number], changed, *lines[number + 1 :])))
+        with suppress(EdmError):
+            used(whole)
+    finally:
+        file.write_bytes(kept)
