@@ -23,11 +23,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tests.study.test_study_folder_read import FILES, STUDY_READERS, finished, is_tried, put, write_names
-
 from benchmarks import hostile_kept
 from benchmarks.serving import environment
 from tests.cli.test_files_read import KINDS, READERS, is_refused, made, name_in_files
+from tests.study.test_study_folder_read import FILES, STUDY_READERS, finished, is_tried, put, write_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.study.test_study_tables import add, make
 
 from edmctl.errors import EdmError, PreconditionError
 from edmctl.study.analysis import analysis_of, ranked_by
@@ -23,6 +22,7 @@ from edmctl.study.reporting import mapping_of
 from edmctl.study.table import columns_of, in_words, table_bytes, table_of
 from edmctl.study.waiting import what_next
 from tests.study.studies import FULL, SMALL, made
+from tests.study.test_study_tables import add, make
 
 if TYPE_CHECKING:
     from collections.abc import Callable
