@@ -71,9 +71,3 @@ def served(home: Path, *options: str, name: str = "edm") -> Iterator[Path]:
                 raise RuntimeError("the server did not start")
             time.sleep(0.05)
         yield link
-
-
-def cpu_s(pid: int) -> float:
-    """Processor time that a process has used, s (Linux)."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -70,7 +70,7 @@ def test_a_result_is_that_of_the_command(here: Here) -> None:
 
 @pytest.mark.slow
 def test_threads_give_the_bytes_of_commands(tmp_path: Path) -> None:
-    """Thirty jobs in eight threads are `python -m benchmarks.api_threads`."""
+    """Run files and results are equal byte for byte."""
     jobs = [
         Job("cu270", 4, {"target.depth_um": 8}),
         Job("w252", 7, {"target.depth_um": 8, "log.pulses": "full"}),
