@@ -29,13 +29,13 @@ SOURCE = "sources of the program, or what was built of them"
 OWN = "made by this process a moment ago"
 ALLOWED = {
     "files.py": "the place",
-    "firmware/board_build.py: build_board": OWN,
+    "board/board_build.py: build_board": OWN,
     "core/build.py: source_version": SOURCE,
     "core/build.py: digest_of": SOURCE,
-    "firmware/settings.py: settings_of": SOURCE,
+    "board/settings.py: settings_of": SOURCE,
     "jobs/doctor_host.py: line_settings": "/sys",
     "jobs/doctor_host.py: _runs": "/proc",
-    "link/schema.py: load_schema": "a file of the package",
+    "link/compatibility.py: own_schema": "a file of the package",
     "link/serial_line.py: open_port": "a serial port",
     "process/materials.py: materials": "a file of the package",
     "record/damaged_file_recovery.py: _opened": OPENED,
@@ -44,7 +44,7 @@ ALLOWED = {
     "record/hdf5.py: open_swmr": OPENED,
     "record/integrity.py: append_checksum": OWN,
     "record/integrity.py: end_at_breaks": OWN,
-    "simulator/emulated.py: image": SOURCE,
+    "board/emulated.py: image": SOURCE,
     "simulator/endpoints.py: _hold": "the other end of a pseudo-terminal that this process has made",
 }
 """File, or file and function, that opens files itself, and why it may."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 import zlib
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from edmctl.dataclasses import dataclass
@@ -87,10 +88,8 @@ def introduction(payload: bytes, name: str, ask: Ask) -> Introduction:
 
     Raises ProtocolMismatch for what does not speak EDM Link.
     """
-    from edmctl.link.schema import load_schema
-
     major, minor, schema_hash = _fixed_part(payload, name)
-    ours: dict[str, Any] = json.loads(load_schema().canonical_json())
+    ours = own_schema()
     theirs, names = ours, []
     if (major, schema_hash) != (PROTO_MAJOR, SCHEMA_HASH):
         try:
@@ -116,6 +115,12 @@ def _hello_fields(payload: bytes, schema: dict[str, Any]) -> dict[str, Any]:
     values = struct.unpack_from("<" + "".join(codes), payload)
     texts = (v.rstrip(b"\0").decode("ascii", "replace") if isinstance(v, bytes) else v for v in values)
     return dict(zip((name for name, *_ in layout), texts, strict=True))
+
+
+def own_schema() -> dict[str, Any]:
+    """Return this program's schema, as the mapping of its canonical JSON."""
+    path = Path(__file__).with_name("edmlink1.json")
+    return json.loads(path.read_text(encoding="ascii"))  # type: ignore[no-any-return]
 
 
 def fetch_schema(ask: Ask) -> dict[str, Any]:
@@ -150,10 +155,8 @@ def differing(theirs: dict[str, Any], ours: dict[str, Any]) -> list[str]:
 
 
 def _difference(ask: Ask) -> str:
-    from edmctl.link.schema import load_schema
-
     try:
-        names = differing(fetch_schema(ask), json.loads(load_schema().canonical_json()))
+        names = differing(fetch_schema(ask), own_schema())
     except (EdmError, ValueError, TypeError, KeyError, IndexError):
         return ""
     if not names:

@@ -1,6 +1,6 @@
 """Messages of EDM Link 1.5.
 
-Made from edmlink1.toml by `python -m tools.generate`; edit that file, not this one.
+Made from tools/generate/edmlink1.toml and faults.toml by `python -m tools.generate`; edit those files.
 Fields carry physical values; the comment beside each says type and size of one count on the wire.
 """
 
@@ -145,6 +145,41 @@ class Interlocks(IntFlag):
     DIELECTRIC_FLOW = 8
     DIELECTRIC_HOT = 16
     HV_SUPPLY = 32
+
+
+class FaultCode(IntEnum):
+    """Code of a fault; those from 7000 on are the host's own."""
+
+    HOST_SILENT = 1001
+    ABORT_RUN = 1002
+    LINE_NOISE = 1003
+    TRAVEL_LIMIT = 2001
+    PIEZO_TRACK = 2002
+    PIEZO_OV = 2003
+    STAGE_LIMIT = 2004
+    NO_CONTACT = 2005
+    STUCK_CONTACT = 2006
+    COLLISION = 2007
+    SHORT_STUCK = 3001
+    ARC_BURN = 3002
+    GAP_SENSOR = 3003
+    GEN_FAULT = 3004
+    NO_SPARK = 3005
+    MODE_SWITCH = 3006
+    ESTOP = 4001
+    DOOR = 4002
+    DIELECTRIC = 4003
+    HV_SUPPLY = 4004
+    RESET = 5001
+    Z_MISMATCH = 7001
+    STROKE_END = 7002
+    STALL = 7003
+    TIMEOUT = 7004
+    SETUP = 7005
+    LOG = 7006
+    POWER_LOSS = 7007
+    SAMPLES_LOST = 7008
+    TELEMETRY_WRONG = 7009
 
 
 @dataclass(slots=True)

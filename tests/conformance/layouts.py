@@ -92,7 +92,7 @@ def _scaled(rows: Any, raw: tuple[Any, ...]) -> Fields:
 
 
 def _load() -> Any:
-    return tomllib.loads((LINK / "edmlink1.toml").read_text(encoding="utf-8"))
+    return tomllib.loads((ROOT / "tools" / "generate" / "edmlink1.toml").read_text(encoding="utf-8"))
 
 
 _SCHEMA = _load()

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from edmctl.core.build import compiler, source_folder
-from edmctl.link.schema import load_schema
+from tools.generate.schema import load_schema
 
 if TYPE_CHECKING:
     from edmctl.core.build import Build
-    from edmctl.link.schema import Field, Layout
+    from tools.generate.schema import Field, Layout
 
 GOLDEN = Path(__file__).parents[1] / "link" / "golden"
 HEAD = """\

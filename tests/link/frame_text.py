@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.link import messages as m
 from edmctl.link.messages import REQUESTS, UNSOLICITED, Status
-from edmctl.link.schema import load_schema
+from tools.generate.schema import load_schema
 
 if TYPE_CHECKING:
     from enum import IntEnum, IntFlag

@@ -21,7 +21,7 @@ from edmctl.link.messages import (
     Hello,
     Status,
 )
-from edmctl.link.schema import load_schema
+from tools.generate.schema import load_schema
 
 if TYPE_CHECKING:
     from edmctl.link.wire import Request

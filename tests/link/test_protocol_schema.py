@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.errors import stages_by_hand
-from edmctl.link.faults import FAULTS, FaultCode
+from edmctl.link.faults import FAULTS
 from edmctl.link.messages import PARAMS, SCHEMA_HASH
-from edmctl.link.schema import SCHEMA_PATH, SchemaError, load_schema
+from tools.generate.schema import SCHEMA_PATH, SchemaError, load_schema
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -91,19 +89,6 @@ def test_a_schema_that_contradicts_itself_is_refused(
 ) -> None:
     with pytest.raises(SchemaError, match=problem):
         load_schema(changed(tmp_path, old, new))
-
-
-def test_every_fault_row_becomes_a_code_and_a_text() -> None:
-    path = SCHEMA_PATH.with_name("faults.toml")
-    rows = tomllib.loads(path.read_text(encoding="utf-8"))["fault"]
-    assert [(code.value, code.name) for code in FaultCode] == [(row["code"], row["name"]) for row in rows]
-    for row in rows:
-        made = FAULTS[row["code"]]
-        assert (made.name, made.message, made.hint) == (
-            row["name"],
-            row["message"],
-            row["hint"].replace("{stages}", stages_by_hand()),
-        )
 
 
 def test_braces_in_a_fault_text_name_parameters() -> None:

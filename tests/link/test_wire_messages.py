@@ -23,9 +23,9 @@ from edmctl.link.messages import (
     Tlm,
     param_crc,
 )
-from edmctl.link.schema import Field, Layout, load_schema
 from edmctl.link.wire import Message, saturated
 from tests.link.frame_text import TYPES
+from tools.generate.schema import Field, Layout, load_schema
 
 SCHEMA = load_schema()
 BITS = {"u8": 8, "u16": 16, "u32": 32, "u64": 64}

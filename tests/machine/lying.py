@@ -12,8 +12,8 @@ from cobs import cobs
 
 from edmctl.link.frame import Frame, encode_frame
 from edmctl.link.messages import Event
-from edmctl.link.schema import load_schema
 from edmctl.machine.states import EventCode
+from tools.generate.schema import load_schema
 
 if TYPE_CHECKING:
     from collections.abc import Callable

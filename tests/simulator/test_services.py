@@ -14,10 +14,10 @@ from edmctl.core.library import BOX_TICKS
 from edmctl.errors import LinkLost
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
-from edmctl.link.schema import load_schema
 from edmctl.link.session import CommandRefused, Session
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.injection import parse_injection
+from tools.generate.schema import load_schema
 
 if TYPE_CHECKING:
     from edmctl.link.wire import Message, Request

@@ -1,19 +1,16 @@
 """Writes what is made from data files and models: `python -m tools.generate [--check]`, from the project's folder.
 
-Made are edmctl/link/messages.py, headers and tables in firmware/, the marked parts of pages in docs/ and the block
-diagram of one.
+Made are messages.py and edmlink1.json in edmctl/link/, headers and tables in firmware/, the marked parts of pages in
+docs/ and the block diagram of one.
 With --check nothing is written; the exit code is 1 where a file is out of date.
 """
 
 from __future__ import annotations
 
 import sys
-import tomllib
 from pathlib import Path
-from typing import Any
 
-from edmctl.link.faults import FAULTS
-from edmctl.link.schema import SCHEMA_PATH, Schema, load_schema
+from edmctl.link.faults import FAULTS, FaultRow
 from tools.generate import (
     actuator_page,
     faults_page,
@@ -28,14 +25,14 @@ from tools.generate import (
     study_page,
 )
 from tools.generate.messages import messages_source
+from tools.generate.schema import Schema, load_schema
 from tools.generate.text import filled, formatted
 
 _ROOT = Path(__file__).parents[2]
 
 
-def _schema_and_faults() -> tuple[Schema, list[dict[str, Any]]]:
-    faults = tomllib.loads(SCHEMA_PATH.with_name("faults.toml").read_text(encoding="utf-8"))["fault"]
-    return load_schema(), [{**row, "hint": FAULTS[row["code"]].hint} for row in faults]
+def _schema_and_faults() -> tuple[Schema, list[FaultRow]]:
+    return load_schema(), list(FAULTS.values())
 
 
 def _sources() -> dict[Path, str]:
@@ -43,7 +40,8 @@ def _sources() -> dict[Path, str]:
     firmware_folder = _ROOT / "firmware"
     schema, faults = _schema_and_faults()
     return {
-        _ROOT / "edmctl" / "link" / "messages.py": formatted(messages_source(schema)),
+        _ROOT / "edmctl" / "link" / "messages.py": formatted(messages_source(schema, faults)),
+        _ROOT / "edmctl" / "link" / "edmlink1.json": schema.canonical_json() + "\n",
         firmware_folder / "gen" / "edmlink.h": firmware.header(schema, faults),
         firmware_folder / "gen" / "edmlink.c": firmware.tables(schema),
         firmware_folder / "plant" / "plant_records.h": shared_records.plant_header(),

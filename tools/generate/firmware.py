@@ -6,12 +6,13 @@ import zlib
 from typing import TYPE_CHECKING
 
 from edmctl.link.frame import MAX_PAYLOAD
-from edmctl.link.schema import TEXT_TYPE
+from tools.generate.schema import TEXT_TYPE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
-    from edmctl.link.schema import Enumeration, Field, Layout, MessageSpec, ParamSpec, Schema
+    from edmctl.link.faults import FaultRow
+    from tools.generate.schema import Enumeration, Field, Layout, MessageSpec, ParamSpec, Schema
 
 _MADE = "/* Made from edmlink1.toml and faults.toml by `python -m tools.generate`; edit those files. */"
 _HEAD = """\
@@ -67,7 +68,7 @@ _C_TYPES = {
 _BYTES_A_LINE = 20
 
 
-def header(schema: Schema, faults: Sequence[Mapping[str, object]]) -> str:
+def header(schema: Schema, faults: Sequence[FaultRow]) -> str:
     """Return edmlink.h."""
     parts = [
         _HEAD.format(
@@ -137,11 +138,9 @@ def _upper(name: str) -> str:
     ).upper()
 
 
-def _fault_codes(faults: Iterable[Mapping[str, object]]) -> str:
+def _fault_codes(faults: Iterable[FaultRow]) -> str:
     rows = "".join(
-        f"    FAULT_{row['name']} = {row['code']},  /* {row['detect']} */\n"
-        for row in faults
-        if row["who"] != "host"
+        f"    FAULT_{row.name} = {row.code},  /* {row.detect} */\n" for row in faults if row.who != "host"
     )
     return f"\n/* Faults that a controller detects. */\nenum {{\n{rows}}};\n"
 

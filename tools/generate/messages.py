@@ -5,19 +5,20 @@ from __future__ import annotations
 import textwrap
 from typing import TYPE_CHECKING
 
-from edmctl.link.schema import TEXT_TYPE
+from tools.generate.schema import TEXT_TYPE
 from tools.generate.text import LINE_LENGTH, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from edmctl.link.schema import Enumeration, Field, Layout, MessageSpec, ParamSpec, Schema
+    from edmctl.link.faults import FaultRow
+    from tools.generate.schema import Enumeration, Field, Layout, MessageSpec, ParamSpec, Schema
 
 _INDENT = "    "
 _HEAD = '''\
 """Messages of EDM Link {major}.{minor}.
 
-Made from edmlink1.toml by `python -m tools.generate`; edit that file, not this one.
+Made from tools/generate/edmlink1.toml and faults.toml by `python -m tools.generate`; edit those files.
 Fields carry physical values; the comment beside each says type and size of one count on the wire.
 """
 
@@ -34,6 +35,10 @@ from edmctl.link.wire import Ack, Message, Param, Request
 PROTO_MAJOR = {major}
 PROTO_MINOR = {minor}
 SCHEMA_HASH = 0x{hash:08X}
+'''
+_FAULT_CODE = '''class FaultCode(IntEnum):
+    """Code of a fault; those from 7000 on are the host's own."""
+
 '''
 _REGISTRIES = '''
 REQUESTS: dict[int, type[Request[Message]]] = {{kind.ID: kind for kind in ({commands})}}
@@ -63,10 +68,14 @@ def param_crc(values: Mapping[str, float]) -> int:
 '''
 
 
-def messages_source(schema: Schema) -> str:
+def messages_source(schema: Schema, faults: Sequence[FaultRow]) -> str:
     """Return the source of messages.py."""
     parts = [_HEAD.format(major=schema.major, minor=schema.minor, hash=schema.hash)]
     parts += [_enumeration(e) for e in schema.enums]
+    codes = "".join(f"    {row.name} = {row.code}\n" for row in faults)
+    parts.append(
+        f'class FaultCode(IntEnum):\n    """Code of a fault; those from 7000 on are the host\'s own."""\n\n{codes}'
+    )
     for message in schema.messages:
         for layout, suffix in (
             (message.reply, "Reply"),

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 from tools.generate.text import table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from edmctl.link.schema import Enumeration, Field, Layout, Schema
+    from edmctl.link.faults import FaultRow
+    from tools.generate.schema import Enumeration, Field, Layout, Schema
 
 
-def tables(schema: Schema, faults: Sequence[Mapping[str, object]]) -> dict[str, str]:
+def tables(schema: Schema, faults: Sequence[FaultRow]) -> dict[str, str]:
     """Return every table by the name of its marker."""
     return {
         "hash": f"Schema hash of version {schema.major}.{schema.minor}: `0x{schema.hash:08X}`.\n",
@@ -90,8 +91,8 @@ def _params(schema: Schema) -> str:
     return table(["id", "parameter", "one count is", "default", "range", "note"], rows)
 
 
-def _faults(faults: Sequence[Mapping[str, object]]) -> str:
+def _faults(faults: Sequence[FaultRow]) -> str:
     keys = ("code", "name", "who", "detect", "reaction", "pulses_off_s", "message", "hint")
-    rows = [[row[key] for key in keys] for row in faults]
+    rows = [[getattr(row, key) for key in keys] for row in faults]
     head = ["code", "name", "who", "detected by", "reaction", "pulses off within, s", "message", "what to do"]
     return table(head, rows)

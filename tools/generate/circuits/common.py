@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import pi
 
-from edmctl.link.schema import load_schema
 from tools.generate.board_source import numbers
+from tools.generate.schema import load_schema
 
 KOHM, PF, NF, UF = 1e3, 1e-12, 1e-9, 1e-6
 VDDA_V, VDDA_SPREAD = 3.3, 0.02

@@ -1,4 +1,4 @@
-"""The description of the wire, read from edmlink1.toml.
+"""The description of the wire, read from edmlink1.toml: what messages.py, the C code and the pages are made from.
 
 The schema hash covers everything that changes the bytes or their meaning (names, types, units, scales, order,
 enums, parameters) and nothing that does not (notes, formatting of the file).
