@@ -303,7 +303,7 @@ def _wrong_ledgers(_: str) -> Iterator[Callable[[Path], object]]:
 
 
 def _wrong_toml(_: str) -> Iterator[Callable[[Path], object]]:
-    from edmctl.profile.calibration import HASH, content_hash
+    from edmctl.profile.hashed_file import HASH, content_hash
 
     def change(path: Path, seed: int) -> None:
         table = tomllib.loads(path.read_text(encoding="utf-8"))

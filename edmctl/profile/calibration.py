@@ -3,36 +3,35 @@
 The arrays are those of `ActuatorModel`; numbers are read back exactly.
 """
 
-import contextlib
 import hashlib
-import json
-import os
-import re
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
+from edmctl.actuator.acceptance import ACCEPTED_RMS_PCT, NOISY_MAX_PCT
 from edmctl.actuator.identification import Identification
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.array_types import Array
-from edmctl.errors import ProfileError, RecordError, RunFileError
 from edmctl.files import open_regular
-from edmctl.profile.calibration_bounds import contradictions
-from edmctl.profile.positions import Source, Sources, TomlTable
-from edmctl.profile.read import parse, read_source
-from edmctl.profile.tables import ONE_LINE, Table
+from edmctl.profile.hashed_file import FileKind, HashedTable
+from edmctl.profile.tables import ONE_LINE, Line, Table, entry
 
 SCHEMA: Final = "edmctl-calibration/1"
 BEYOND_PLAYS: Final = "edmctl-calibration/2"
 """Of a model with rounded plays or a lag, which readers of the first number do not know."""
-HASH = "sha256"
-AGAIN = "Run edmctl calibrate again."
-
-
+FILE: Final = FileKind(
+    "calibration file",
+    (SCHEMA, BEYOND_PLAYS),
+    again="Run edmctl calibrate again.",
+    missing="Check the path, or make the file: edmctl calibrate --output {path}.",
+    codes=("E3640", "E3641", "E3642", "E3643", "E3644"),
+    write_code="E9012",
+)
 MOST = 1e9
 """Larger figures than any that is measured; their squares are still numbers."""
 Words = Annotated[str, Field(pattern=ONE_LINE, max_length=1000)]
@@ -41,125 +40,115 @@ Words = Annotated[str, Field(pattern=ONE_LINE, max_length=1000)]
 class MeasuredFile(Table):
     """A file that the model was identified from."""
 
-    name: str = Field(pattern=ONE_LINE, description="its name, without the folder")
-    sha256: str = Field(pattern=r"^[0-9a-f]{64}$", description="of its bytes")
-    samples: int = Field(ge=1, description="samples in it")
-    previous_v: float | None = Field(None, description="held before its first sample, V; absent: conditioned")
+    name: Line = entry(..., "its name, without the folder")
+    sha256: str = entry(..., "of its bytes", pattern=r"^[0-9a-f]{64}$")
+    samples: int = entry(..., "samples in it", ge=1)
+    previous_v: float | None = entry(None, "held before its first sample, V; absent: conditioned")
 
 
 class Made(Table):
     """When, with what and of what the calibration was made."""
 
-    utc: str = Field(pattern=ONE_LINE, description="time, ISO 8601")
-    edmctl: str = Field(pattern=ONE_LINE, description="version of edmctl")
-    serial: str | None = Field(
-        None, pattern=ONE_LINE, description="serial number of the machine; absent when it is not known"
-    )
-    simulated: bool = Field(False, description="true: of a virtual machine")
-    records: list[MeasuredFile] = Field([], description="measured files; none when a machine was driven")
+    utc: Line = entry(..., "time, ISO 8601")
+    edmctl: Line = entry(..., "version of edmctl")
+    serial: Line | None = entry(None, "serial number of the machine; absent when it is not known")
+    simulated: bool = entry(False, "true: of a virtual machine")
+    records: list[MeasuredFile] = entry([], "measured files; none when a machine was driven")
 
 
 class Parameters(Table):
     """Parameters of `ActuatorModel`: n plays of m pieces, g creeping plays with j time constants."""
 
-    thresholds_v: list[float] = Field(description="thresholds of the n plays, ascending from 0, V")
-    knots_v: list[list[float]] = Field(description="n × (m + 1) ends of each play's pieces, ascending, V")
-    slopes_um_per_v: list[list[float]] = Field(
-        description="n × m slopes, not negative, those of the first play positive, µm/V"
+    thresholds_v: list[float] = entry(..., "thresholds of the n plays, ascending from 0, V")
+    knots_v: list[list[float]] = entry(..., "n × (m + 1) ends of each play's pieces, ascending, V")
+    slopes_um_per_v: list[list[float]] = entry(
+        ..., "n × m slopes, not negative, those of the first play positive, µm/V"
     )
-    creep_plays: list[Annotated[int, Field(ge=0, lt=10_000)]] = Field(
-        description="g plays that creep, counted from 0"
+    creep_plays: list[Annotated[int, Field(ge=0, lt=10_000)]] = entry(
+        ..., "g plays that creep, counted from 0"
     )
-    time_constants_s: list[float] = Field(description="j time constants of creep, s")
-    creep_um_per_v: list[list[float]] = Field(description="g × j weights of creep, not negative, µm/V")
-    zero_um: float = Field(
-        description="added to every displacement: the zero of the last record's sensor, µm"
+    time_constants_s: list[float] = entry(..., "j time constants of creep, s")
+    creep_um_per_v: list[list[float]] = entry(..., "g × j weights of creep, not negative, µm/V")
+    zero_um: float = entry(..., "added to every displacement: the zero of the last record's sensor, µm")
+    delay_s: float = entry(..., "delay of the displacement, s")
+    low_v: float = entry(..., "lowest voltage of the records, V")
+    high_v: float = entry(..., "highest voltage of the records, V")
+    rounded_limits_v: list[list[float]] | None = entry(
+        None, "k × 2 limits of the rounded plays' stops, rising and falling, V; absent: none"
     )
-    delay_s: float = Field(description="delay of the displacement, s")
-    low_v: float = Field(description="lowest voltage of the records, V")
-    high_v: float = Field(description="highest voltage of the records, V")
-    rounded_limits_v: list[list[float]] | None = Field(
-        None, description="k × 2 limits of the rounded plays' stops, rising and falling, V; absent: none"
+    rounded_sharpness: list[float] | None = entry(
+        None, "k numbers from 0 to 1: how sharply a stop bends into its limit"
     )
-    rounded_sharpness: list[float] | None = Field(
-        None, description="k numbers from 0 to 1: how sharply a stop bends into its limit"
+    rounded_unloading: list[float] | None = entry(
+        None, "k numbers, not negative: how much steeper a stop unloads than it begins to load"
     )
-    rounded_unloading: list[float] | None = Field(
-        None, description="k numbers, not negative: how much steeper a stop unloads than it begins to load"
-    )
-    rounded_um_per_v: list[float] | None = Field(
-        None, description="k weights of the rounded plays, not negative, µm/V"
-    )
-    lag_s: float | None = Field(None, description="time constant of amplifier and actuator, s; absent: none")
+    rounded_um_per_v: list[float] | None = entry(None, "k weights of the rounded plays, not negative, µm/V")
+    lag_s: float | None = entry(None, "time constant of amplifier and actuator, s; absent: none")
 
 
 class Figures(Table):
     """Errors of a model on measured displacements."""
 
-    max_um: float = Field(ge=0.0, le=MOST, description="largest error, µm")
-    rms_um: float = Field(ge=0.0, le=MOST, description="RMS error, µm")
-    max_pct: float = Field(ge=0.0, le=MOST, description="largest error, % of the range")
-    rms_pct: float = Field(ge=0.0, le=MOST, description="RMS error, % of the range")
-    range_um: float = Field(gt=0.0, le=MOST, description="range of the measured displacement, µm")
+    max_um: float = entry(..., "largest error, µm", ge=0.0, le=MOST)
+    rms_um: float = entry(..., "RMS error, µm", ge=0.0, le=MOST)
+    max_pct: float = entry(..., "largest error, % of the range", ge=0.0, le=MOST)
+    rms_pct: float = entry(..., "RMS error, % of the range", ge=0.0, le=MOST)
+    range_um: float = entry(..., "range of the measured displacement, µm", gt=0.0, le=MOST)
 
 
 class ValidationFigures(Figures):
     """Errors of the model on one validation file."""
 
-    name: str = Field(pattern=ONE_LINE, description="its name, without the folder")
-    judged_from_s: float = Field(description="its time from which on errors count, s")
-    gain: float = Field(description="gain that was set for it before; 1: none")
-    zero_um: float = Field(description="zero that was set for it before, µm")
+    name: Line = entry(..., "its name, without the folder")
+    judged_from_s: float = entry(..., "its time from which on errors count, s")
+    gain: float = entry(..., "gain that was set for it before; 1: none")
+    zero_um: float = entry(..., "zero that was set for it before, µm")
 
 
 class Spread(Table):
     """Standard uncertainties (one sd) from refits to resampled blocks."""
 
-    displacement_sd_um: float = Field(
-        ge=0.0, le=MOST, description="of the displacement, mean over the records, µm"
-    )
-    displacement_sd_max_um: float = Field(ge=0.0, le=MOST, description="the same, largest, µm")
-    gain_sd_um_per_v: float = Field(ge=0.0, le=MOST, description="of the gain, µm/V")
-    loop_width_sd: float = Field(ge=0.0, le=MOST, description="of the loop's width, relative to the stroke")
-    gamma_sd_per_decade: float = Field(
-        ge=0.0, le=MOST, description="of the creep, relative, per decade of time"
-    )
+    displacement_sd_um: float = entry(..., "of the displacement, mean over the records, µm", ge=0.0, le=MOST)
+    displacement_sd_max_um: float = entry(..., "the same, largest, µm", ge=0.0, le=MOST)
+    gain_sd_um_per_v: float = entry(..., "of the gain, µm/V", ge=0.0, le=MOST)
+    loop_width_sd: float = entry(..., "of the loop's width, relative to the stroke", ge=0.0, le=MOST)
+    gamma_sd_per_decade: float = entry(..., "of the creep, relative, per decade of time", ge=0.0, le=MOST)
 
 
 class Quality(Table):
     """How good the model is."""
 
-    accepted: bool = Field(description="whether nothing stands against using it")
-    problems: list[Words] = Field(description="what stands against it, each with its remedy", max_length=100)
-    restrictions: list[Words] | None = Field(
-        None, description="what an acceptance is limited to; absent: nothing", max_length=100
+    accepted: bool = entry(..., "whether nothing stands against using it")
+    problems: list[Words] = entry(..., "what stands against it, each with its remedy", max_length=100)
+    restrictions: list[Words] | None = entry(
+        None, "what an acceptance is limited to; absent: nothing", max_length=100
     )
-    notes: list[Words] = Field(description="what else to know", max_length=100)
-    samples: int = Field(ge=1, description="samples that it was fitted to")
-    stroke_um: float = Field(gt=0.0, description="displacement between the ends of the range, µm")
-    gain_um_per_v: float = Field(gt=0.0, description="stroke over range of voltage, µm/V")
-    loop_width: float = Field(description="opening of the full loop, relative to the stroke")
-    gamma_per_decade: float = Field(description="creep after a step, relative, per decade of time")
-    train: Figures = Field(description="errors on the records that it was fitted to")
-    held_out: Figures = Field(description="errors on blocks of them that it did not see")
-    held_out_records: Figures | None = Field(
-        None, description="errors on whole records that it did not see; absent: no record is like the others"
+    notes: list[Words] = entry(..., "what else to know", max_length=100)
+    samples: int = entry(..., "samples that it was fitted to", ge=1)
+    stroke_um: float = entry(..., "displacement between the ends of the range, µm", gt=0.0)
+    gain_um_per_v: float = entry(..., "stroke over range of voltage, µm/V", gt=0.0)
+    loop_width: float = entry(..., "opening of the full loop, relative to the stroke")
+    gamma_per_decade: float = entry(..., "creep after a step, relative, per decade of time")
+    train: Figures = entry(..., "errors on the records that it was fitted to")
+    held_out: Figures = entry(..., "errors on blocks of them that it did not see")
+    held_out_records: Figures | None = entry(
+        None, "errors on whole records that it did not see; absent: no record is like the others"
     )
-    validation: list[ValidationFigures] | None = Field(
-        None, description="errors on each validation file; absent: none was given", max_length=1000
+    validation: list[ValidationFigures] | None = entry(
+        None, "errors on each validation file; absent: none was given", max_length=1000
     )
-    bands: Spread = Field(description="standard uncertainties of the above")
+    bands: Spread = entry(..., "standard uncertainties of the above")
 
 
-class Calibration(Table):
+class Calibration(HashedTable):
     """A calibration file, without its hash."""
 
     schema_name: Literal["edmctl-calibration/1", "edmctl-calibration/2"] = Field(alias="schema")
     made: Made
     actuator: Parameters = Field(alias="model")
     quality: Quality
-    baselines: dict[Words, Figures] = Field(
-        {}, max_length=100, description="errors of simpler models, on blocks that these did not see"
+    baselines: dict[Words, Figures] = entry(
+        {}, "errors of simpler models, on blocks that these did not see", max_length=100
     )
 
     @property
@@ -167,24 +156,9 @@ class Calibration(Table):
         """Serial number of the machine that it was made on; None when it was made of files."""
         return self.made.serial
 
-    @property
-    def sha256(self) -> str:
-        """Hash of its content, as it stands in the file."""
-        return content_hash(self.table())
-
-    def table(self) -> dict[str, object]:
-        """Return the content as TOML holds it, without the hash."""
-        return self.model_dump(by_alias=True, exclude_none=True)
-
     def model(self) -> ActuatorModel:
         """Return the model. Raises ValueError when its arrays do not fit or it could not be inverted."""
         return _model(self.actuator)
-
-
-def content_hash(table: Mapping[str, object]) -> str:
-    """SHA-256 of a table as JSON: keys sorted, no spaces, ASCII, numbers as short as they are read back exactly."""
-    canonical = json.dumps(table, sort_keys=True, separators=(",", ":"), default=str)
-    return hashlib.sha256(canonical.encode()).hexdigest()
 
 
 def _model(written: Parameters) -> ActuatorModel:
@@ -266,108 +240,151 @@ def calibration_of(
     )
 
 
+def _figures(errors: ErrorFigures) -> Figures:
+    return Figures.model_validate(errors, from_attributes=True)
+
+
 def load_calibration(path: Path) -> Calibration:
     """Read and check a calibration file.
 
-    Raises RecordError: E3640 it cannot be read, E3641 it is not TOML, E3642 it is of another schema, E3643 it is not
-    as it was written, E3644 its model cannot be used.
+    Raises RecordError: E3640 it cannot be read, E3641 it is not TOML, E3642 it has another schema, E3643 it was
+    edited, E3644 its model cannot be used.
     """
-    source, table = _read(path)
-    _check_schema(path, source, table)
-    written = table.pop(HASH, None)
-    if written != content_hash(table):
-        what = "was edited or damaged: its content does not have the hash that it says"
-        raise RecordError(f"{path} {what}.", hint=AGAIN, code="E3643", where=_sources(source).value((HASH,)))
-    try:
-        calibration = Calibration.model_validate(table)
-        quality = calibration.quality
-        others: list[tuple[str, Figures]] = [("validation", one) for one in quality.validation or ()]
-        if quality.held_out_records is not None:
-            others.append(("held_out_records", quality.held_out_records))
-        for wrong in contradictions(quality, calibration.model(), others):
-            raise ValueError(f"it cannot be of an actuator that feeds a tool: {wrong}")
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"])
-        message, where = f"{path}: {key}: {first['msg']}", _sources(source).value(first["loc"])
-    except ValueError as error:
-        message, where = f"{path}: {error}", _sources(source).value(("model",))
-    else:
-        return calibration
-    raise RecordError(f"{message}.", hint=AGAIN, code="E3644", where=where)
+    return FILE.load(path, Calibration, _refuse_contradictions)
 
 
 def save_calibration(path: Path, calibration: Calibration) -> None:
-    """Write a calibration file, whole or not at all, in the place of what was there.
+    """Write a calibration file and its folder, whole or not at all. Raises RunFileError E9012."""
+    FILE.save(path, calibration)
 
-    Its folder is made where there is none. Raises RunFileError E9012 when it cannot be written.
+
+def _refuse_contradictions(calibration: Calibration) -> None:
+    quality = calibration.quality
+    others: list[tuple[str, Figures]] = [("validation", one) for one in quality.validation or ()]
+    if quality.held_out_records is not None:
+        others.append(("held_out_records", quality.held_out_records))
+    for wrong in contradictions(quality, calibration.model(), others):
+        raise ValueError(f"it cannot be of an actuator that feeds a tool: {wrong}")
+
+
+# Wide bounds: beyond them no actuator feeds a tool, or arithmetic overflows.
+MOST_V = 10_000.0
+LEAST_SPAN_SHARE = 0.01
+"""Of the knots of the first play: a range of voltage that is narrower was not recorded."""
+LEAST_STROKE_UM, MOST_STROKE_UM = 1.0, 10_000.0
+MOST_ZERO_UM = 1e6
+LEAST_TAU_S, MOST_TAU_S = 1e-6, 1e9
+MOST_DELAY_S = 1.0
+MOST_PLAYS, MOST_PIECES, MOST_TAUS, MOST_ROUNDED = 200, 50, 50, 10
+"""A tick of the estimator takes time in proportion; identified are 10, 4 and 15."""
+MOST_CREEP_SHARE = 1.0
+"""Of the displacement without creep."""
+STROKE_FACTOR = 1.5
+"""Between the stroke that the quality states and that of the model's weights."""
+ROUNDING = 1e-3
+
+
+def contradictions(
+    quality: Identification | Quality, model: ActuatorModel, others: Sequence[tuple[str, Figures]] = ()
+) -> Iterator[str]:
+    """Yield what of a calibration cannot be, with numbers; nothing if it may be used.
+
+    others : further errors that an acceptance depends on, by name
     """
-    import tomli_w
-
-    table = calibration.table()
-    text = tomli_w.dumps({"schema": table.pop("schema"), HASH: calibration.sha256, **table})
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, text.encode())
-    except OSError as error:
-        raise RunFileError(
-            f"Cannot write the calibration file {path}: {error.strerror or error}.",
-            hint="Check that its folder can be written and has space, or name another file with --output.",
-            code="E9012",
-        ) from error
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Put a file of that content under the name, by way of a file beside it."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        with partial.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            partial.unlink()
-        raise
+    for found, most, what in (
+        (len(model.thresholds_v), MOST_PLAYS, "plays"),
+        (model.slopes_um_per_v.shape[1], MOST_PIECES, "pieces a play"),
+        (len(model.time_constants_s), MOST_TAUS, "time constants"),
+        (len(model.rounded_um_per_v), MOST_ROUNDED, "rounded plays"),
+    ):
+        if found > most:
+            yield f"{found} {what}, at most {most} are used"
+    yield from _of_numbers(model)
+    yield from _of_range(model)
+    yield from _of_stroke(quality, model)
+    if quality.accepted == bool(quality.problems):
+        verdict = "accepted" if quality.accepted else "not accepted"
+        yield f"it is {verdict} with {len(quality.problems)} problems against it"
+    yield from _of_figures(quality.train, "train")
+    for name, errors in (("held_out", quality.held_out), *others):
+        if quality.accepted and (errors.rms_pct > ACCEPTED_RMS_PCT or errors.max_pct > NOISY_MAX_PCT):
+            yield f"it is accepted with errors of {errors.rms_pct:.3g} % RMS, {errors.max_pct:.3g} % ({name})"
+        yield from _of_figures(errors, name)
 
 
-def _read(path: Path) -> tuple[Source, TomlTable]:
-    try:
-        source = read_source(path)
-    except (ProfileError, ValueError) as error:
-        hint = f"Check the path, or make the file: edmctl calibrate --output {path}."
-        message = error.message if isinstance(error, ProfileError) else f"cannot read {path}: {error}"
-        raise RecordError(f"{message}.", hint=hint, code="E3640") from error
-    try:
-        return source, parse(source)
-    except ProfileError as error:
-        what = f"{path} is no calibration file: {error.message}"
-        raise RecordError(f"{what}.", hint=AGAIN, code="E3641", where=error.where) from error
+def _of_numbers(model: ActuatorModel) -> Iterator[str]:
+    volts = np.concatenate(
+        [
+            model.thresholds_v,
+            model.knots_v.ravel(),
+            [model.low_v, model.high_v],
+            model.rounded_limits_v.ravel(),
+            model.rounded[:, -1],
+        ],
+        dtype=np.float64,
+    )
+    if np.abs(volts).max() > MOST_V:
+        yield f"voltages up to {np.abs(volts).max():.3g} V, at most {MOST_V:g} V are used"
+    taus_s = model.time_constants_s
+    if len(taus_s) and not (taus_s.min() >= LEAST_TAU_S and taus_s.max() <= MOST_TAU_S):
+        yield f"time constants of {taus_s.min():.3g} s to {taus_s.max():.3g} s"
+    for late_s, what in ((model.delay_s, "delay"), (model.lag_s, "lag")):
+        if late_s > MOST_DELAY_S:
+            yield f"a {what} of {late_s:.3g} s, at most {MOST_DELAY_S:g} s are used"
+    if abs(model.zero_um) > MOST_ZERO_UM:
+        yield f"a zero of {model.zero_um:.3g} µm"
 
 
-def _check_schema(path: Path, source: Source, table: TomlTable) -> None:
-    found = table.get("schema")
-    if found in (SCHEMA, BEYOND_PLAYS):
+def _of_range(model: ActuatorModel) -> Iterator[str]:
+    """The range is where the first play has its knots; beyond them the model guesses."""
+    low_v, high_v = float(model.knots_v[0, 0]), float(model.knots_v[0, -1])
+    span_v = high_v - low_v
+    narrow = model.high_v - model.low_v < LEAST_SPAN_SHARE * span_v
+    if narrow or model.low_v < low_v - span_v or model.high_v > high_v + span_v or model.high_v <= low_v:
+        yield (
+            f"a range of {model.low_v:.4g} V to {model.high_v:.4g} V with knots from {low_v:.4g} V to {high_v:.4g} V"
+        )
+
+
+def _of_stroke(quality: Identification | Quality, model: ActuatorModel) -> Iterator[str]:
+    """The displacement of a full swing by the weights alone, with creep that has come to its end and without any."""
+    span_v = model.high_v - model.low_v
+    swings_v = np.maximum(0.0, span_v - 2.0 * model.thresholds_v)
+    if not _is_sane(model.slopes_um_per_v) or not _is_sane(model.creep_um_per_v):
+        yield f"slopes up to {max(model.slopes_um_per_v.max(), model.creep_um_per_v.max(initial=0.0)):.3g} µm/V"
         return
-    version = re.fullmatch(r"edmctl-calibration/(\d+)", found) if isinstance(found, str) else None
-    if version is None:
-        what, hint = (
-            "is no calibration file",
-            f"A calibration file says schema = {json.dumps(SCHEMA)}. {AGAIN}",
+    knots = np.clip(model.knots_v, model.low_v, model.high_v)
+    knots[:, 0], knots[:, -1] = model.low_v, model.high_v
+    reached = np.minimum(knots[:, 1:], model.high_v - model.thresholds_v[:, np.newaxis]) - np.maximum(
+        knots[:, :-1], model.low_v + model.thresholds_v[:, np.newaxis]
+    )
+    rounded_v = model.rounded[:, -1] * span_v - model.rounded_limits_v.sum(axis=1)
+    swings_v = np.concatenate([swings_v, np.maximum(0.0, rounded_v)])
+    plain_um = float((model.slopes_um_per_v * np.maximum(reached, 0.0)).sum())
+    plain_um += float(model.rounded_um_per_v @ swings_v[len(model.thresholds_v) :])
+    creep_um = float((model.creep_um_per_v.sum(axis=1) * swings_v[model.creep_plays]).sum())
+    if not LEAST_STROKE_UM <= plain_um + creep_um <= MOST_STROKE_UM:
+        yield (
+            f"a stroke of {plain_um + creep_um:.3g} µm; {LEAST_STROKE_UM:g} µm to {MOST_STROKE_UM:g} µm feed a tool"
         )
-    else:
-        what, hint = (
-            f"has the schema {found}, and this edmctl reads {SCHEMA} and {BEYOND_PLAYS}",
-            "Update edmctl, or run edmctl calibrate again.",
-        )
-    where = _sources(source).value(("schema",))
-    raise RecordError(f"{path} {what}.", hint=hint, code="E3642", where=where)
+    elif creep_um > MOST_CREEP_SHARE * plain_um:
+        yield f"{creep_um:.4g} µm of creep on {plain_um:.4g} µm without it"
+    stated_um = quality.stroke_um
+    if not plain_um / STROKE_FACTOR <= stated_um <= STROKE_FACTOR * (plain_um + creep_um):
+        yield f"a stated stroke of {stated_um:.4g} µm and weights that give {plain_um + creep_um:.4g} µm"
 
 
-def _sources(source: Source) -> Sources:
-    return Sources((source,), source)
+def _is_sane(weights: np.ndarray) -> bool:
+    return bool(weights.max(initial=0.0) <= MOST_STROKE_UM)
 
 
-def _figures(errors: ErrorFigures) -> Figures:
-    return Figures.model_validate(errors, from_attributes=True)
+def _of_figures(figures: ErrorFigures | Figures, name: str) -> Iterator[str]:
+    """Percentages are those of the lengths, and no RMS is larger than the largest error."""
+    lengths = (figures.max_um, figures.rms_um)
+    shares = (figures.max_pct, figures.rms_pct)
+    apart = any(
+        not math.isclose(share / 100.0 * figures.range_um, length, rel_tol=ROUNDING, abs_tol=1e-9)
+        for share, length in zip(shares, lengths, strict=True)
+    )
+    if apart or figures.rms_um > figures.max_um * (1.0 + ROUNDING):
+        yield f"errors of {name} that contradict each other"

@@ -1,24 +1,29 @@
 """The drift file: what `edmctl measure-drift` has told of a machine, hashed and checked like a calibration file."""
 
-import json
 import math
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from edmctl.errors import ProfileError, RecordError, RunFileError
 from edmctl.process.rest_drift import LEAST_TOUCHES, TIME_CONSTANTS_S, DriftModel, refuse_creep
 from edmctl.process.touches import share_u
-from edmctl.profile.calibration import HASH, content_hash, write_whole
-from edmctl.profile.read import parse, read_source
-from edmctl.profile.tables import ONE_LINE, Table
+from edmctl.profile.hashed_file import FileKind, HashedTable
+from edmctl.profile.tables import ONE_LINE, Line, Table, entry
 from edmctl.results.measurements import DriftResult
 
 SCHEMA: Final = "edmctl-drift/1"
-AGAIN = "Run edmctl measure-drift again, or say use = false under [drift] in the setup."
+AGAIN: Final = "Run edmctl measure-drift again, or say use = false under [drift] in the setup."
+FILE: Final = FileKind(
+    "drift file",
+    (SCHEMA,),
+    again=AGAIN,
+    missing=f"Check the path. {AGAIN}",
+    codes=("E3670", "E3671", "E3672", "E3673", "E3674"),
+    write_code="E9013",
+)
 MOST_SHARE_U = 1.0
 ROUNDING = 1e-6
 """Relative, of numbers that follow from one another."""
@@ -27,57 +32,48 @@ ROUNDING = 1e-6
 class MadeBy(Table):
     """When, with what and of what it was made."""
 
-    utc: str = Field(pattern=ONE_LINE, description="time, ISO 8601")
-    edmctl: str = Field(pattern=ONE_LINE, description="version of edmctl")
-    serial: str = Field(pattern=ONE_LINE, min_length=1, description="serial number of the machine")
-    simulated: bool = Field(False, description="true: of a virtual machine")
-    run_file: str = Field(pattern=ONE_LINE, description="name of the run file with rests and touches")
+    utc: Line = entry(..., "time, ISO 8601")
+    edmctl: Line = entry(..., "version of edmctl")
+    serial: str = entry(..., "serial number of the machine", pattern=ONE_LINE, min_length=1)
+    simulated: bool = entry(False, "true: of a virtual machine")
+    run_file: Line = entry(..., "name of the run file with rests and touches")
 
 
 class Measured(Table):
     """What was measured; uncertainties are standard uncertainties."""
 
-    rest_um_per_s: float = Field(ge=-1.0, le=1.0, description="drift of the rests without creep, µm/s")
-    rest_u_um_per_s: float = Field(ge=0.0, le=1.0, description="of that")
-    touch_um_per_s: float = Field(ge=-1.0, le=1.0, description="drift of the touches, µm/s")
-    touch_u_um_per_s: float = Field(ge=0.0, le=1.0, description="of that")
-    touches: int = Field(ge=1, le=100_000, description="touches of the pad")
-    rests: int = Field(ge=2, le=100_000, description="rests at 0 V")
-    misfit: float = Field(ge=1.0, le=10.0, description="residuals over what was expected, at least 1")
+    rest_um_per_s: float = entry(..., "drift of the rests without creep, µm/s", ge=-1.0, le=1.0)
+    rest_u_um_per_s: float = entry(..., "of that", ge=0.0, le=1.0)
+    touch_um_per_s: float = entry(..., "drift of the touches, µm/s", ge=-1.0, le=1.0)
+    touch_u_um_per_s: float = entry(..., "of that", ge=0.0, le=1.0)
+    touches: int = entry(..., "touches of the pad", ge=1, le=100_000)
+    rests: int = entry(..., "rests at 0 V", ge=2, le=100_000)
+    misfit: float = entry(..., "residuals over what was expected, at least 1", ge=1.0, le=10.0)
 
 
 class Used(Table):
     """What jobs go by."""
 
-    share: float = Field(ge=0.0, le=1.0, description="of the drift of the rests that a touch sees")
-    share_u: float = Field(ge=0.0, le=MOST_SHARE_U, description="standard uncertainty of that")
-    apart_u_um_per_s: float = Field(
-        ge=0.0, le=1.0, description="standard uncertainty of a drift that touches see and rests do not, µm/s"
+    share: float = entry(..., "of the drift of the rests that a touch sees", ge=0.0, le=1.0)
+    share_u: float = entry(..., "standard uncertainty of that", ge=0.0, le=MOST_SHARE_U)
+    apart_u_um_per_s: float = entry(
+        ..., "standard uncertainty of a drift that touches see and rests do not, µm/s", ge=0.0, le=1.0
     )
-    walk_um_per_sqrt_s: float = Field(
-        ge=0.0, le=10.0, description="random walk of the sensor's zero, µm per square root of a second"
+    walk_um_per_sqrt_s: float = entry(
+        ..., "random walk of the sensor's zero, µm per square root of a second", ge=0.0, le=10.0
     )
-    time_constants_s: list[float] = Field(description="n time constants of creep, s")
-    creep: list[float] = Field(description="n weights of their lags in a rest")
-    creep_covariance: list[list[float]] = Field(description="n × n covariance of the weights")
+    time_constants_s: list[float] = entry(..., "n time constants of creep, s")
+    creep: list[float] = entry(..., "n weights of their lags in a rest")
+    creep_covariance: list[list[float]] = entry(..., "n × n covariance of the weights")
 
 
-class DriftFile(Table):
+class DriftFile(HashedTable):
     """A drift file, without its hash."""
 
     schema_name: Literal["edmctl-drift/1"] = Field(alias="schema")
     made: MadeBy
     measured: Measured
     used: Used
-
-    @property
-    def sha256(self) -> str:
-        """Hash of its content, as it stands in the file."""
-        return content_hash(self.table())
-
-    def table(self) -> dict[str, object]:
-        """Return the content as TOML holds it, without the hash."""
-        return self.model_dump(by_alias=True, exclude_none=True)
 
     def age_s(self) -> float:
         """How long ago it was measured by the clock, s; NaN where it does not say."""
@@ -162,53 +158,12 @@ def drift_file(made: MadeBy, result: DriftResult, model: DriftModel) -> DriftFil
 def load_drift(path: Path) -> DriftFile:
     """Read and check a drift file.
 
-    Raises RecordError: E3670 it cannot be read, E3671 it is not TOML, E3672 it is of another schema, E3673 it is not
-    as it was written, E3674 it holds what cannot be.
+    Raises RecordError: E3670 it cannot be read, E3671 it is not TOML, E3672 it has another schema, E3673 it was
+    edited, E3674 it holds impossible values.
     """
-    try:
-        source = read_source(path)
-    except (ProfileError, ValueError) as error:
-        message = error.message if isinstance(error, ProfileError) else f"cannot read {path}: {error}"
-        raise RecordError(f"{message}.", hint=f"Check the path. {AGAIN}", code="E3670") from error
-    try:
-        table = parse(source)
-    except ProfileError as error:
-        what = f"{path} is no drift file: {error.message}"
-        raise RecordError(f"{what}.", hint=AGAIN, code="E3671", where=error.where) from error
-    if table.get("schema") != SCHEMA:
-        raise RecordError(
-            f"{path} is no drift file that this edmctl reads, which says schema = {json.dumps(SCHEMA)}.",
-            hint=AGAIN,
-            code="E3672",
-        )
-    if table.pop(HASH, None) != content_hash(table):
-        what = "was edited or damaged: its content does not have the hash that it says"
-        raise RecordError(f"{path} {what}.", hint=AGAIN, code="E3673")
-    try:
-        found = DriftFile.model_validate(table)
-        found.model()
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        message = f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}"
-    except ValueError as error:
-        message = str(error)
-    else:
-        return found
-    raise RecordError(f"{path}: {message}.", hint=AGAIN, code="E3674")
+    return FILE.load(path, DriftFile, DriftFile.model)
 
 
 def save_drift(path: Path, found: DriftFile) -> None:
-    """Write a drift file, whole or not at all. Raises RunFileError E9013 when it cannot be written."""
-    import tomli_w
-
-    table = found.table()
-    text = tomli_w.dumps({"schema": table.pop("schema"), HASH: found.sha256, **table})
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, text.encode())
-    except OSError as error:
-        raise RunFileError(
-            f"Cannot write the drift file {path}: {error.strerror or error}.",
-            hint="Check that its folder can be written and has space, or name another file with --output.",
-            code="E9013",
-        ) from error
+    """Write a drift file and its folder, whole or not at all. Raises RunFileError E9013."""
+    FILE.save(path, found)

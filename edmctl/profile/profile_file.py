@@ -2,10 +2,10 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator
 
 from edmctl.profile.model import Profile
-from edmctl.profile.tables import Table
+from edmctl.profile.tables import Table, entry
 
 CONTROLLER_SYNONYMS = {"python": "firmware"}
 """Names in profiles and run files of former versions."""
@@ -22,97 +22,80 @@ class SimSettings(Table):
     magnitude after Muralidhara et al. 2009; the rest is fitted so that its holes come out.
     """
 
-    work_removal: float | None = Field(
-        None,
-        gt=0.0,
-        le=100.0,
-        description="removal of the work over that of copper; else by its material",
+    work_removal: float | None = entry(
+        None, "removal of the work over that of copper; else by its material", gt=0.0, le=100.0
     )
-    tool_wear: float | None = Field(
-        None,
-        ge=0.0,
-        le=100.0,
-        description="wear of the tool over that of copper; else by its material",
+    tool_wear: float | None = entry(
+        None, "wear of the tool over that of copper; else by its material", ge=0.0, le=100.0
     )
     controller: Annotated[
         Literal["firmware", "firmware-float", "stm32"],
         BeforeValidator(_present_name),
-    ] = Field(
+    ] = entry(
         "firmware",
-        description="what drives it: the firmware's core, that in a board's arithmetic, or the image of a board",
+        "what drives it: the firmware's core, that in a board's arithmetic, or the image of a board",
     )
-    spread: float = Field(
-        0.03, ge=0.0, le=0.5, description="relative sd by which every machine differs from the figures below"
+    spread: float = entry(
+        0.03, "relative sd by which every machine differs from the figures below", ge=0.0, le=0.5
     )
-    sensor_gain_sd: float | None = Field(
+    sensor_gain_sd: float | None = entry(
+        None, "sd of the draw of the sensor's gain, relative; else by the setup", ge=0.0, le=0.2
+    )
+    sensor_drift_sd_um_s: float | None = entry(
+        None, "sd of the draw of its steady drift, µm/s; else by the setup", ge=0.0, le=1.0
+    )
+    machine_drift_sd_um_s: float = entry(
+        0.0, "the same of the work against the tool, which no sensor sees, µm/s", ge=0.0, le=1.0
+    )
+    tilt_sd_mrad: float | None = entry(
         None,
-        ge=0.0,
-        le=0.2,
-        description="sd of the draw of the sensor's gain, relative; else by the setup",
-    )
-    sensor_drift_sd_um_s: float | None = Field(
-        None,
-        ge=0.0,
-        le=1.0,
-        description="sd of the draw of its steady drift, µm/s; else by the setup",
-    )
-    machine_drift_sd_um_s: float = Field(
-        0.0, ge=0.0, le=1.0, description="the same of the work against the tool, which no sensor sees, µm/s"
-    )
-    tilt_sd_mrad: float | None = Field(
-        None,
+        "sd of the draw of the slope of the work, along x and y, mrad; else by the setup",
         ge=0.0,
         le=50.0,
-        description="sd of the draw of the slope of the work, along x and y, mrad; else by the setup",
     )
-    discharge_v: float = Field(22.0, gt=0.0, le=100.0, description="plateau of a normal discharge, V")
-    arc_v: float = Field(17.0, gt=0.0, le=100.0, description="plateau of an arc, V")
-    short_v: float = Field(1.0, ge=0.0, le=20.0, description="gap voltage of a short, V")
-    scatter: float = Field(0.3, ge=0.0, le=2.0, description="log-normal spread of a crater's volume")
-    gap_reference_um: float = Field(2.5, gt=0.0, le=50.0, description="gap that ignites as below at 40 V, µm")
-    tau_reference_us: float = Field(60.0, gt=0.0, le=1e5, description="its mean statistical delay, µs")
-    gap_exponent: float = Field(4.0, ge=1.0, le=12.0, description="delay against gap, a power")
-    formative_us: float = Field(1.0, ge=0.0, le=100.0, description="least ignition delay, µs")
-    roughness_um: float = Field(0.20, ge=0.0, le=5.0, description="surface peaks at a pulse of 344 µJ, µm")
-    debris_gap_factor: float = Field(1.5, ge=0.0, le=10.0, description="narrowing per debris fraction")
-    flush_time_s: float = Field(0.5, gt=0.0, le=1000.0, description="debris clearance at Ø270 µm, s")
-    flush_depth_ratio: float = Field(1.1, gt=0.0, le=100.0, description="depth/diameter that doubles it")
-    redeposition: float = Field(0.19, gt=0.0, le=100.0, description="debris fraction that halves removal")
-    arc_base: float = Field(0.01, ge=0.0, le=1.0, description="arc probability without debris")
-    arc_debris: float = Field(0.16, gt=0.0, le=100.0, description="debris fraction at which sparks arc")
-    arc_delay_us: float = Field(20.0, gt=0.0, le=1e4, description="ignition delay that fades this, µs")
-    arc_pause_us: float = Field(800.0, gt=0.0, le=1e6, description="off-time that halves this, µs")
-    arc_work: float = Field(0.15, ge=0.0, le=10.0, description="work removed by an arc over a discharge")
-    arc_tool: float = Field(0.9, ge=0.0, le=10.0, description="tool removed by an arc over a discharge")
-    bridge_clear: float = Field(0.02, gt=0.0, le=1.0, description="chance per pulse that a bridge burns off")
-    side_base: float = Field(0.03, ge=0.0, le=1.0, description="share of discharges at the wall")
-    side_debris: float = Field(0.6, ge=0.0, le=10.0, description="more of them per debris fraction")
-    removal_um3_per_uj: float = Field(
-        0.0811, gt=0.0, le=10.0, description="work removed per energy at best, µm³/µJ"
-    )
-    tool_share: float = Field(0.827, ge=0.0, le=10.0, description="tool removed per work, at equal shares")
-    peak_us: float = Field(40.0, gt=0.0, le=1e4, description="burning time of the most removal at 0.12 A, µs")
-    peak_exponent: float = Field(0.75, gt=0.0, le=4.0, description="sharpness of that optimum")
-    peak_per_current: float = Field(0.3, ge=0.0, le=2.0, description="its growth with current, a power")
-    threshold_uj: float = Field(1.0, ge=0.0, le=1000.0, description="energy that removes nothing, µJ")
-    cathode_least: float = Field(0.15, ge=0.0, le=10.0, description="erosion of cathode over anode, shortest")
-    cathode_us: float = Field(568.0, gt=0.0, le=1e5, description="burning time that adds as much, µs")
-    cathode_exponent: float = Field(0.8, gt=0.0, le=4.0, description="of that growth")
-    carbon_us: float = Field(60.0, gt=0.0, le=1e5, description="burning time that halves positive wear, µs")
-    carbon_per_current: float = Field(-0.3, ge=-2.0, le=2.0, description="its change with current, a power")
-    deionisation_us: float = Field(15.0, ge=0.0, le=1e4, description="decay of a channel at 344 µJ, µs")
-    deionisation_exponent: float = Field(0.3, ge=0.0, le=2.0, description="its growth with energy, a power")
-    deionisation_debris: float = Field(4.0, ge=0.0, le=100.0, description="its growth per debris fraction")
-    deionisation_after_arc: float = Field(1.5, ge=1.0, le=10.0, description="its growth after an arc")
-    bridge_base: float = Field(0.2, ge=0.0, le=1.0, description="bridging across half a particle, full gap")
-    particle_um: float = Field(0.9, gt=0.0, le=50.0, description="particles of a pulse of 344 µJ, µm")
-    side_per_voltage_um: float = Field(4.0, ge=0.0, le=100.0, description="gap at the wall by 40 V, µm")
-    side_per_energy_um: float = Field(4.0, ge=0.0, le=100.0, description="and by a pulse of 344 µJ, µm")
-    tip_rounding_um: float = Field(
-        0.0,
-        ge=0.0,
-        le=100.0,
-        description="rounding of the tool's rim: how far its edge lies behind its tip, µm",
+    discharge_v: float = entry(22.0, "plateau of a normal discharge, V", gt=0.0, le=100.0)
+    arc_v: float = entry(17.0, "plateau of an arc, V", gt=0.0, le=100.0)
+    short_v: float = entry(1.0, "gap voltage of a short, V", ge=0.0, le=20.0)
+    scatter: float = entry(0.3, "log-normal spread of a crater's volume", ge=0.0, le=2.0)
+    gap_reference_um: float = entry(2.5, "gap that ignites as below at 40 V, µm", gt=0.0, le=50.0)
+    tau_reference_us: float = entry(60.0, "its mean statistical delay, µs", gt=0.0, le=1e5)
+    gap_exponent: float = entry(4.0, "delay against gap, a power", ge=1.0, le=12.0)
+    formative_us: float = entry(1.0, "least ignition delay, µs", ge=0.0, le=100.0)
+    roughness_um: float = entry(0.20, "surface peaks at a pulse of 344 µJ, µm", ge=0.0, le=5.0)
+    debris_gap_factor: float = entry(1.5, "narrowing per debris fraction", ge=0.0, le=10.0)
+    flush_time_s: float = entry(0.5, "debris clearance at Ø270 µm, s", gt=0.0, le=1000.0)
+    flush_depth_ratio: float = entry(1.1, "depth/diameter that doubles it", gt=0.0, le=100.0)
+    redeposition: float = entry(0.19, "debris fraction that halves removal", gt=0.0, le=100.0)
+    arc_base: float = entry(0.01, "arc probability without debris", ge=0.0, le=1.0)
+    arc_debris: float = entry(0.16, "debris fraction at which sparks arc", gt=0.0, le=100.0)
+    arc_delay_us: float = entry(20.0, "ignition delay that fades this, µs", gt=0.0, le=1e4)
+    arc_pause_us: float = entry(800.0, "off-time that halves this, µs", gt=0.0, le=1e6)
+    arc_work: float = entry(0.15, "work removed by an arc over a discharge", ge=0.0, le=10.0)
+    arc_tool: float = entry(0.9, "tool removed by an arc over a discharge", ge=0.0, le=10.0)
+    bridge_clear: float = entry(0.02, "chance per pulse that a bridge burns off", gt=0.0, le=1.0)
+    side_base: float = entry(0.03, "share of discharges at the wall", ge=0.0, le=1.0)
+    side_debris: float = entry(0.6, "more of them per debris fraction", ge=0.0, le=10.0)
+    removal_um3_per_uj: float = entry(0.0811, "work removed per energy at best, µm³/µJ", gt=0.0, le=10.0)
+    tool_share: float = entry(0.827, "tool removed per work, at equal shares", ge=0.0, le=10.0)
+    peak_us: float = entry(40.0, "burning time of the most removal at 0.12 A, µs", gt=0.0, le=1e4)
+    peak_exponent: float = entry(0.75, "sharpness of that optimum", gt=0.0, le=4.0)
+    peak_per_current: float = entry(0.3, "its growth with current, a power", ge=0.0, le=2.0)
+    threshold_uj: float = entry(1.0, "energy that removes nothing, µJ", ge=0.0, le=1000.0)
+    cathode_least: float = entry(0.15, "erosion of cathode over anode, shortest", ge=0.0, le=10.0)
+    cathode_us: float = entry(568.0, "burning time that adds as much, µs", gt=0.0, le=1e5)
+    cathode_exponent: float = entry(0.8, "of that growth", gt=0.0, le=4.0)
+    carbon_us: float = entry(60.0, "burning time that halves positive wear, µs", gt=0.0, le=1e5)
+    carbon_per_current: float = entry(-0.3, "its change with current, a power", ge=-2.0, le=2.0)
+    deionisation_us: float = entry(15.0, "decay of a channel at 344 µJ, µs", ge=0.0, le=1e4)
+    deionisation_exponent: float = entry(0.3, "its growth with energy, a power", ge=0.0, le=2.0)
+    deionisation_debris: float = entry(4.0, "its growth per debris fraction", ge=0.0, le=100.0)
+    deionisation_after_arc: float = entry(1.5, "its growth after an arc", ge=1.0, le=10.0)
+    bridge_base: float = entry(0.2, "bridging across half a particle, full gap", ge=0.0, le=1.0)
+    particle_um: float = entry(0.9, "particles of a pulse of 344 µJ, µm", gt=0.0, le=50.0)
+    side_per_voltage_um: float = entry(4.0, "gap at the wall by 40 V, µm", ge=0.0, le=100.0)
+    side_per_energy_um: float = entry(4.0, "and by a pulse of 344 µJ, µm", ge=0.0, le=100.0)
+    tip_rounding_um: float = entry(
+        0.0, "rounding of the tool's rim: how far its edge lies behind its tip, µm", ge=0.0, le=100.0
     )
 
 

@@ -15,7 +15,7 @@ from edmctl.profile.diagnose import schema_diagnostics, schema_problems
 from edmctl.profile.findings import Code
 from edmctl.profile.positions import Sources
 from edmctl.profile.read import parse, read_source
-from edmctl.profile.tables import FileName, Table
+from edmctl.profile.tables import Coordinate, FileName, Table, entry
 
 ARRIVAL_RUN_UM = 50.0
 """A stage that comes from above goes this far beyond its place and comes back, so that the play of the drive always
@@ -43,101 +43,93 @@ class Limit(NamedTuple):
 class Actuator(Table):
     """Amplified piezo actuator; defaults: Cedrat APA400M, 445 µm at 150 V (Muralidhara et al. 2009, §2.1)."""
 
-    gain_um_per_v: float = Field(2.967, ge=0.1, le=20.0, description="displacement per voltage, µm/V")
-    stroke_v: float = Field(150.0, ge=10.0, le=200.0, description="voltage of the full stroke, V")
-    slew_v_s: float = Field(1000.0, ge=1.0, le=20_000.0, description="fastest ramp, V/s")
-    conditioning_cycles: int = Field(2, ge=0, le=20, description="full strokes before the first touch")
-    conditioning_slew_v_s: float = Field(60.0, ge=1.0, le=20_000.0, description="their ramp, V/s")
-    calibration: FileName | None = Field(None, description="calibration file, relative to the setup file")
+    gain_um_per_v: float = entry(2.967, "displacement per voltage, µm/V", ge=0.1, le=20.0)
+    stroke_v: float = entry(150.0, "voltage of the full stroke, V", ge=10.0, le=200.0)
+    slew_v_s: float = entry(1000.0, "fastest ramp, V/s", ge=1.0, le=20_000.0)
+    conditioning_cycles: int = entry(2, "full strokes before the first touch", ge=0, le=20)
+    conditioning_slew_v_s: float = entry(60.0, "their ramp, V/s", ge=1.0, le=20_000.0)
+    calibration: FileName | None = entry(None, "calibration file, relative to the setup file")
 
 
 class Sensor(Table):
     """Displacement sensor; the uncertainties are standard uncertainties."""
 
-    fitted: bool = Field(True, description="false: the machine runs on the calibrated actuator alone")
-    gain_u_rel: float = Field(0.003, ge=0.0, le=0.2, description="of its calibration, relative")
-    linearity_u_um: float = Field(0.1, ge=0.0, le=20.0, description="of its characteristic, µm")
-    noise_um: float = Field(
-        0.15, ge=0.0, le=20.0, description="RMS of one sample, µm; recorded, not acted on"
-    )
-    drift_um_per_s: float = Field(0.0017, ge=0.0, le=1.0, description="of its drift rate, µm/s")
+    fitted: bool = entry(True, "false: the machine runs on the calibrated actuator alone")
+    gain_u_rel: float = entry(0.003, "of its calibration, relative", ge=0.0, le=0.2)
+    linearity_u_um: float = entry(0.1, "of its characteristic, µm", ge=0.0, le=20.0)
+    noise_um: float = entry(0.15, "RMS of one sample, µm; recorded, not acted on", ge=0.0, le=20.0)
+    drift_um_per_s: float = entry(0.0017, "of its drift rate, µm/s", ge=0.0, le=1.0)
 
 
 class Drift(Table):
     """What `edmctl measure-drift` does, and whether jobs go by what it has told."""
 
-    use: bool = Field(True, description="false: jobs correct nothing, whatever was measured")
-    file: FileName | None = Field(
-        None, description="what was measured, relative to the setup file; else the machine's own"
+    use: bool = entry(True, "false: jobs correct nothing, whatever was measured")
+    file: FileName | None = entry(
+        None, "what was measured, relative to the setup file; else the machine's own"
     )
-    max_age_days: float = Field(
-        30.0, gt=0.0, le=3650.0, description="older than this it counts no more, days"
-    )
-    apart_u_um_per_s: float = Field(
+    max_age_days: float = entry(30.0, "older than this it counts no more, days", gt=0.0, le=3650.0)
+    apart_u_um_per_s: float = entry(
         0.0001,
+        "standard uncertainty of a drift between tool and work on another day, µm/s [assumed]",
         ge=0.0,
         le=1.0,
-        description="standard uncertainty of a drift between tool and work on another day, µm/s [assumed]",
     )
-    duration_s: float = Field(900.0, ge=300.0, le=14_400.0, description="touches and rests, hold included, s")
-    interval_s: float = Field(60.0, ge=20.0, le=600.0, description="from touch to touch, s")
-    hold_um: float = Field(250.0, ge=20.0, le=1000.0, description="depth of the hold between them, µm")
-    hold_s: float = Field(300.0, ge=30.0, le=7200.0, description="its time, s")
-    walk_um_per_sqrt_s: float = Field(
+    duration_s: float = entry(900.0, "touches and rests, hold included, s", ge=300.0, le=14_400.0)
+    interval_s: float = entry(60.0, "from touch to touch, s", ge=20.0, le=600.0)
+    hold_um: float = entry(250.0, "depth of the hold between them, µm", ge=20.0, le=1000.0)
+    hold_s: float = entry(300.0, "its time, s", ge=30.0, le=7200.0)
+    walk_um_per_sqrt_s: float = entry(
         0.008,
+        "random walk of the sensor's zero besides its steady drift, µm per square root of a second",
         ge=0.0,
         le=10.0,
-        description="random walk of the sensor's zero besides its steady drift, µm per square root of a second",
     )
 
 
 class Surface(Table):
     """The workpiece surface. Without any limit it is assumed to end 2/5 of the way from pad to parking place."""
 
-    tilt_u_mrad: float = Field(0.3, ge=0.0, le=50.0, description="standard uncertainty of its slope, mrad")
-    x_min_um: float | None = Field(
-        None, ge=-1e6, le=1e6, description="edge of the workpiece at its least x, µm"
-    )
-    x_max_um: float | None = Field(None, ge=-1e6, le=1e6, description="edge at its greatest x, µm")
-    y_min_um: float | None = Field(None, ge=-1e6, le=1e6, description="edge at its least y, µm")
-    y_max_um: float | None = Field(None, ge=-1e6, le=1e6, description="edge at its greatest y, µm")
+    tilt_u_mrad: float = entry(0.3, "standard uncertainty of its slope, mrad", ge=0.0, le=50.0)
+    x_min_um: Coordinate | None = entry(None, "edge of the workpiece at its least x, µm")
+    x_max_um: Coordinate | None = entry(None, "edge at its greatest x, µm")
+    y_min_um: Coordinate | None = entry(None, "edge at its least y, µm")
+    y_max_um: Coordinate | None = entry(None, "edge at its greatest y, µm")
 
 
 class Stage(Table):
     """XY stage, its travel, where the reference pad is, and a parking place beside the work for the full stroke."""
 
-    reference_x_um: float = Field(0.0, ge=-1e6, le=1e6)
-    reference_y_um: float = Field(0.0, ge=-1e6, le=1e6)
-    park_x_um: float = Field(-5000.0, ge=-1e6, le=1e6)
-    park_y_um: float = Field(0.0, ge=-1e6, le=1e6)
-    x_min_um: float = Field(-ASSUMED_TRAVEL_UM, ge=-1e6, le=1e6, description="least x within travel, µm")
-    x_max_um: float = Field(ASSUMED_TRAVEL_UM, ge=-1e6, le=1e6, description="greatest x within travel, µm")
-    y_min_um: float = Field(-ASSUMED_TRAVEL_UM, ge=-1e6, le=1e6, description="least y within travel, µm")
-    y_max_um: float = Field(ASSUMED_TRAVEL_UM, ge=-1e6, le=1e6, description="greatest y within travel, µm")
-    speed_um_s: float = Field(1000.0, gt=0.0, le=1e6, description="travel, µm/s")
-    rotary_deg_s: float = Field(10.0, gt=0.0, le=1000.0, description="turning of the rotary table, degrees/s")
-    repeatability_um: float = Field(
-        1.0, ge=0.0, le=100.0, description="coming back to a place, ±2 standard deviations, µm"
+    reference_x_um: Coordinate = 0.0
+    reference_y_um: Coordinate = 0.0
+    park_x_um: Coordinate = -5000.0
+    park_y_um: Coordinate = 0.0
+    x_min_um: Coordinate = entry(-ASSUMED_TRAVEL_UM, "least x within travel, µm")
+    x_max_um: Coordinate = entry(ASSUMED_TRAVEL_UM, "greatest x within travel, µm")
+    y_min_um: Coordinate = entry(-ASSUMED_TRAVEL_UM, "least y within travel, µm")
+    y_max_um: Coordinate = entry(ASSUMED_TRAVEL_UM, "greatest y within travel, µm")
+    speed_um_s: float = entry(1000.0, "travel, µm/s", gt=0.0, le=1e6)
+    rotary_deg_s: float = entry(10.0, "turning of the rotary table, degrees/s", gt=0.0, le=1000.0)
+    repeatability_um: float = entry(
+        1.0, "coming back to a place, ±2 standard deviations, µm", ge=0.0, le=100.0
     )
 
 
 class Controller(Table):
     """The real-time controller."""
 
-    servo_period_us: int = Field(
+    servo_period_us: int = entry(
         1000,
+        "period of the servo decision, µs; the controller ticks every 1000 µs",
         ge=1000,
         le=200_000,
         multiple_of=1000,
-        description="period of the servo decision, µs; the controller ticks every 1000 µs",
     )
-    latency: int = Field(1, ge=0, le=50, description="decisions from reading to command")
-    actuator_lag_s: float = Field(0.002, ge=0.0, le=1.0, description="of amplifier and actuator, s")
-    watchdog_s: float = Field(
-        0.25, ge=0.1, le=1.0, description="silence of the host that stops the machine, s"
-    )
-    telemetry_hz: float = Field(
-        1000.0, ge=10.0, le=1000.0, description="samples sent to the host, Hz; at most one per tick of 1 ms"
+    latency: int = entry(1, "decisions from reading to command", ge=0, le=50)
+    actuator_lag_s: float = entry(0.002, "of amplifier and actuator, s", ge=0.0, le=1.0)
+    watchdog_s: float = entry(0.25, "silence of the host that stops the machine, s", ge=0.1, le=1.0)
+    telemetry_hz: float = entry(
+        1000.0, "samples sent to the host, Hz; at most one per tick of 1 ms", ge=10.0, le=1000.0
     )
 
     @property
@@ -149,20 +141,19 @@ class Controller(Table):
 class Link(Table):
     """The serial line to the controller."""
 
-    baud: int = Field(500_000, ge=9600, le=10_000_000, description="of a UART; USB ignores it")
-    hello_s: float = Field(
-        1.5, ge=0.1, le=30.0, description="longest wait for the answer to HELLO: boards reset when opened, s"
+    baud: int = entry(500_000, "of a UART; USB ignores it", ge=9600, le=10_000_000)
+    hello_s: float = entry(
+        1.5, "longest wait for the answer to HELLO: boards reset when opened, s", ge=0.1, le=30.0
     )
-    usb_ids: list[str] = Field(
+    usb_ids: list[str] = entry(
         ["2341:0042", "2341:0010", "1a86:7523"],
-        description="VID:PID of boards that `auto` may ask (Arduino Mega 2560, CH340)",
+        "VID:PID of boards that `auto` may ask (Arduino Mega 2560, CH340)",
     )
-    candidates: list[str] = Field(
-        [], description="further ports that `auto` and `serial:ID` may ask, such as a UART header"
+    candidates: list[str] = entry(
+        [], "further ports that `auto` and `serial:ID` may ask, such as a UART header"
     )
-    secret_file: FileName | None = Field(
-        None,
-        description="file with the secret that a socket of another computer asks for, relative to the setup file",
+    secret_file: FileName | None = entry(
+        None, "file with the secret that a socket of another computer asks for, relative to the setup file"
     )
 
 

@@ -2,70 +2,62 @@
 
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import Discriminator, Tag
 
-from edmctl.profile.tables import ONE_LINE, FileName, Table
+from edmctl.profile.tables import ONE_LINE, Coordinate, FileName, Name, Table, entry
 
 
 class PointSite(Table):
     """One place to machine, in stage coordinates."""
 
     kind: Literal["point"] = "point"
-    name: str | None = Field(
-        None, min_length=1, max_length=40, pattern=ONE_LINE, description="numbered when not given"
-    )
-    x_um: float = Field(ge=-1e6, le=1e6, description="stage coordinate, µm")
-    y_um: float = Field(0.0, ge=-1e6, le=1e6, description="stage coordinate, µm")
-    theta_deg: float = Field(0.0, ge=-360.0, le=360.0, description="of the rotary table, degrees")
-    depth_um: float | None = Field(None, gt=0.0, le=2000.0, description="instead of target.depth_um, µm")
+    name: Name | None = entry(None, "numbered when not given")
+    x_um: Coordinate = entry(..., "stage coordinate, µm")
+    y_um: Coordinate = entry(0.0, "stage coordinate, µm")
+    theta_deg: float = entry(0.0, "of the rotary table, degrees", ge=-360.0, le=360.0)
+    depth_um: float | None = entry(None, "instead of target.depth_um, µm", gt=0.0, le=2000.0)
 
 
 class GridSites(Table):
     """Rows and columns of places."""
 
     kind: Literal["grid"]
-    name: str = Field(
-        "grid", min_length=1, max_length=32, pattern=ONE_LINE, description="prefix of the names"
-    )
-    x_um: float = Field(ge=-1e6, le=1e6, description="first place, µm")
-    y_um: float = Field(0.0, ge=-1e6, le=1e6, description="first place, µm")
-    columns: int = Field(ge=1, le=1000, description="places along x")
-    rows: int = Field(1, ge=1, le=1000, description="places along y")
-    dx_um: float = Field(description="from column to column, µm", ge=-1e5, le=1e5)
-    dy_um: float = Field(0.0, description="from row to row, µm", ge=-1e5, le=1e5)
-    depth_um: float | None = Field(None, gt=0.0, le=2000.0, description="instead of target.depth_um, µm")
+    name: str = entry("grid", "prefix of the names", min_length=1, max_length=32, pattern=ONE_LINE)
+    x_um: Coordinate = entry(..., "first place, µm")
+    y_um: Coordinate = entry(0.0, "first place, µm")
+    columns: int = entry(..., "places along x", ge=1, le=1000)
+    rows: int = entry(1, "places along y", ge=1, le=1000)
+    dx_um: float = entry(..., "from column to column, µm", ge=-1e5, le=1e5)
+    dy_um: float = entry(0.0, "from row to row, µm", ge=-1e5, le=1e5)
+    depth_um: float | None = entry(None, "instead of target.depth_um, µm", gt=0.0, le=2000.0)
 
 
 class CircleSites(Table):
     """Places on a circle."""
 
     kind: Literal["circle"]
-    name: str = Field(
-        "circle", min_length=1, max_length=32, pattern=ONE_LINE, description="prefix of the names"
-    )
-    x_um: float = Field(ge=-1e6, le=1e6, description="centre, µm")
-    y_um: float = Field(0.0, ge=-1e6, le=1e6, description="centre, µm")
-    radius_um: float = Field(gt=0.0, le=1e6, description="from the centre, µm")
-    count: int = Field(ge=1, le=1000, description="number of places")
-    start_deg: float = Field(
-        0.0, ge=-360.0, le=360.0, description="direction of the first place, from x towards y"
-    )
-    depth_um: float | None = Field(None, gt=0.0, le=2000.0, description="instead of target.depth_um, µm")
+    name: str = entry("circle", "prefix of the names", min_length=1, max_length=32, pattern=ONE_LINE)
+    x_um: Coordinate = entry(..., "centre, µm")
+    y_um: Coordinate = entry(0.0, "centre, µm")
+    radius_um: float = entry(..., "from the centre, µm", gt=0.0, le=1e6)
+    count: int = entry(..., "number of places", ge=1, le=1000)
+    start_deg: float = entry(0.0, "direction of the first place, from x towards y", ge=-360.0, le=360.0)
+    depth_um: float | None = entry(None, "instead of target.depth_um, µm", gt=0.0, le=2000.0)
 
 
 class FileSites(Table):
     """Places from a CSV file with the columns x_um and y_um, and name, theta_deg and depth_um where wanted."""
 
     kind: Literal["file"]
-    path: FileName = Field(description="relative to the profile that names it")
+    path: FileName = entry(..., "relative to the profile that names it")
 
 
 class Array(Table):
     """How the places of `[[sites]]` are worked off."""
 
-    order: Literal["nearest", "given"] = Field("nearest", description="shortest way, or as written")
-    surface: Literal["plane", "pad"] = Field(
-        "plane", description="touch three places first and fit a plane, or trust the pad's height"
+    order: Literal["nearest", "given"] = entry("nearest", "shortest way, or as written")
+    surface: Literal["plane", "pad"] = entry(
+        "plane", "touch three places first and fit a plane, or trust the pad's height"
     )
 
 
@@ -73,17 +65,15 @@ class PathTable(Table):
     """A channel: a way of the tool's axis in stage coordinates, cut in layers to target.depth_um."""
 
     kind: Literal["rectangle", "circle", "spiral"]
-    x_um: float = Field(ge=-1e6, le=1e6, description="centre, µm")
-    y_um: float = Field(0.0, ge=-1e6, le=1e6, description="centre, µm")
-    width_um: float | None = Field(None, gt=0.0, le=1e5, description="rectangle: along x, µm")
-    height_um: float | None = Field(None, gt=0.0, le=1e5, description="rectangle: along y, µm")
-    radius_um: float | None = Field(
-        None, gt=0.0, le=1e5, description="circle: its radius; spiral: the inner one, µm"
-    )
-    pitch_um: float | None = Field(None, gt=0.0, le=1e5, description="spiral: from turn to turn, µm")
-    turns: float | None = Field(None, gt=0.0, le=100.0, description="spiral: number of turns")
-    layer_um: float = Field(2.0, gt=0.0, le=50.0, description="depth of one layer, µm")
-    speed_um_s: float = Field(100.0, ge=1.0, le=5000.0, description="along the path, µm/s")
+    x_um: Coordinate = entry(..., "centre, µm")
+    y_um: Coordinate = entry(0.0, "centre, µm")
+    width_um: float | None = entry(None, "rectangle: along x, µm", gt=0.0, le=1e5)
+    height_um: float | None = entry(None, "rectangle: along y, µm", gt=0.0, le=1e5)
+    radius_um: float | None = entry(None, "circle: its radius; spiral: the inner one, µm", gt=0.0, le=1e5)
+    pitch_um: float | None = entry(None, "spiral: from turn to turn, µm", gt=0.0, le=1e5)
+    turns: float | None = entry(None, "spiral: number of turns", gt=0.0, le=100.0)
+    layer_um: float = entry(2.0, "depth of one layer, µm", gt=0.0, le=50.0)
+    speed_um_s: float = entry(100.0, "along the path, µm/s", ge=1.0, le=5000.0)
 
 
 def _kind_of(site: object) -> str:

@@ -42,6 +42,10 @@ def _possible(text: str) -> str:
     return text
 
 
+Line: TypeAlias = Annotated[str, Field(pattern=ONE_LINE)]
+Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=40, pattern=ONE_LINE)]
+Coordinate: TypeAlias = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""Of the stages, µm."""
 NAMES_FILE = "names a file"
 """Marks keys whose text `edmctl.files.user_path` makes a path of, relative to the file that has the key."""
 FileName: TypeAlias = Annotated[
@@ -49,8 +53,12 @@ FileName: TypeAlias = Annotated[
 ]
 
 
-LEAST = 1e-30
-"""Of any number that is not zero: its powers and quotients are numbers, too."""
+LEAST = 1e-30  # of any number that is not zero, so that its powers and quotients are numbers too
+
+
+def entry(default: Any, description: str, **limits: Any) -> Any:
+    """Return the field of a key: its default (`...`: required), its meaning with the unit, its pydantic limits."""
+    return Field(default, description=description, **limits)
 
 
 class Table(BaseModel):

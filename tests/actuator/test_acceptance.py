@@ -6,14 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from edmctl.actuator.acceptance import ACCEPTED_RMS_PCT, NOISY_MAX_PCT, most_accepted_pct
+from edmctl.actuator.acceptance import most_accepted_pct
 from edmctl.actuator.diagnosis import Noise
 from edmctl.actuator.identification import Identification, identify
 from edmctl.actuator.model import ActuatorState
 from edmctl.actuator.record import Record
 from edmctl.actuator.screening import screened, settled
 from edmctl.actuator.waveforms import sampled, sine, slow_legs
-from edmctl.profile import calibration_bounds
 from edmctl.simulator.actuator import HIGH_V, VirtualActuator
 from edmctl.simulator.actuator import RATE_HZ as SEEN_HZ
 from tests.actuator.models import Array, clock, make_model
@@ -214,11 +213,6 @@ def test_too_little_is_the_cause_where_a_fit_of_all_misses_less() -> None:
     record = Record(seen.t_s[every], seen.applied_v[every], seen.sensor_um[every], 0.0)
     found = identify([record], delay_s=0.005, resamples=0, beyond_plays=False)
     assert "a fit of all of it misses far less" in " ".join(found.problems)
-
-
-def test_a_file_is_held_to_the_widest_errors_that_are_accepted() -> None:
-    assert calibration_bounds.MOST_ACCEPTED_RMS_PCT == ACCEPTED_RMS_PCT
-    assert calibration_bounds.MOST_ACCEPTED_MAX_PCT == NOISY_MAX_PCT
 
 
 def of_the_plant(corners_v: list[float], *, seed: int, cycled: bool) -> Record:

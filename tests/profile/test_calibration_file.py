@@ -30,12 +30,12 @@ from edmctl.profile.calibration import (
     Quality,
     Spread,
     calibration_of,
-    content_hash,
     load_calibration,
     measured_file,
     save_calibration,
 )
 from edmctl.profile.folders import default_path, find_calibration
+from edmctl.profile.hashed_file import content_hash
 from edmctl.profile.setup import load_setup
 
 if TYPE_CHECKING:

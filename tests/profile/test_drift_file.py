@@ -13,7 +13,6 @@ import tomli_w
 from edmctl.errors import RecordError, RunFileError
 from edmctl.jobs.drift_choice import choose_drift
 from edmctl.process.rest_drift import TIME_CONSTANTS_S
-from edmctl.profile.calibration import HASH, content_hash
 from edmctl.profile.drift_file import (
     SCHEMA,
     DriftFile,
@@ -24,6 +23,7 @@ from edmctl.profile.drift_file import (
     save_drift,
 )
 from edmctl.profile.folders import default_drift_path, fresh_drift_path
+from edmctl.profile.hashed_file import HASH, content_hash
 from edmctl.profile.setup import Drift, Sensor, Setup, load_setup
 
 if TYPE_CHECKING:

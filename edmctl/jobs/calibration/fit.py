@@ -12,7 +12,7 @@ from edmctl.actuator.uncertainty import within_rates
 from edmctl.actuator.validation import ErrorFigures, Refit, Validation, validate
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import Diagnostic, RecordError
-from edmctl.profile.calibration_bounds import contradictions
+from edmctl.profile.calibration import contradictions
 
 HELD_OUT, VALIDATION = "held-out blocks", "validation files"
 REMEDY = "`edmctl machine` uses such a calibration, and warns each time."
