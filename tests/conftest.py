@@ -12,6 +12,7 @@ from hypothesis import settings
 
 from edmctl.core.build import CACHE_VARIABLE
 from edmctl.start_up import spare_start_up
+from tests.cli.commands import Here
 
 # A busy machine is no failure, the same tree gives the same examples, and nothing is left in the tree.
 settings.register_profile("edmctl", deadline=None, derandomize=True, database=None)
@@ -59,3 +60,24 @@ def pytest_sessionstart(session: pytest.Session) -> None:
             open_bench(BenchConfig(controller=controller), 0)
         except PreconditionError as error:
             pytest.exit(f"{error.message} {error.hint}", returncode=pytest.ExitCode.USAGE_ERROR)
+
+
+@pytest.fixture
+def here(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Here:
+    """Run command lines in this process and in an empty folder."""
+    for name in (
+        "EDMCTL_PROFILE",
+        "EDMCTL_PORT",
+        "EDMCTL_SETUP",
+        "EDMCTL_CALIBRATION",
+        "NO_COLOR",
+        "FORCE_COLOR",
+    ):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("EDMCTL_HOME", str(tmp_path_factory.mktemp("home")))
+    monkeypatch.chdir(tmp_path_factory.mktemp("work"))
+    return Here(capsys)

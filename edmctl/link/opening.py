@@ -180,6 +180,6 @@ def _permission_hint(url: str) -> str:
     if sys.platform == "linux":
         return (
             f"Add yourself to the group of {url}, often dialout (`sudo usermod -aG dialout $USER`, then log in "
-            "again), or install the udev rule docs/70-edmctl.planning.rules."
+            "again), or install the udev rule docs/70-edmctl.rules."
         )
     return "Ask whoever looks after this computer for the right to use the port."

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from edmctl.app import main
 from edmctl.core.build import CACHE_VARIABLE
 
 if TYPE_CHECKING:
@@ -53,6 +52,8 @@ class Here:
         self._capsys = capsys
 
     def __call__(self, *arguments: str) -> Said:
+        from edmctl.app import main
+
         exit_code = main(arguments)
         captured = self._capsys.readouterr()
         assert "Traceback" not in captured.err

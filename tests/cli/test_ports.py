@@ -158,7 +158,7 @@ def test_auto_asks_no_st_link_of_itself_and_says_how_it_would(
 
 
 def test_the_udev_rule_knows_the_boards_of_the_setup_and_every_st_link() -> None:
-    rules = (ROOT / "docs/70-edmctl.planning.rules").read_text(encoding="utf-8")
+    rules = (ROOT / "docs/70-edmctl.rules").read_text(encoding="utf-8")
     for parents in ("", "S"):
         pattern = rf'ATTR{parents}{{idVendor}}=="(\w+)", ATTR{parents}{{idProduct}}=="(\w+)"'
         found = [f"{vendor}:{product}" for vendor, product in re.findall(pattern, rules)]

@@ -10,7 +10,6 @@ from edmctl.simulator import BenchConfig, VirtualBench
 from edmctl.simulator.acts import ActsFile
 from edmctl.simulator.injection import parse_injection
 from tests.board.test_first_start import NAMED, items, statuses, wired, write_answers
-from tests.cli.conftest import here
 from tests.serving import serving
 from tests.tiers import tiers
 
