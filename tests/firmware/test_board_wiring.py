@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from tests.cli.commands import Here
 
-__all__ = ["here", "wired"]
+__all__ = ["wired"]
 
 AT_ONCE = ("ESTOP_DOOR_SWAPPED", "LEVEL_INVERTED", "CONTACT_INVERTED", "GAP_REVERSED", "SENSOR_OPEN")
 QUICK = ("GATE_STUCK", "MODE_STUCK")
