@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from operator import ge, gt, le, lt
 
 from edmctl.planning.forecast import (
     STROKE_RESERVE_UM,
@@ -20,8 +21,8 @@ from edmctl.planning.removal import (
     jump_duration_s,
     least_jump_um,
     servo_swing,
-    time_share_of_jumps,
 )
+from edmctl.planning.rules.bound import Bound
 from edmctl.profile.findings import PAD_MARGIN_UM, Code, Finding, rounded_down, rounded_up
 from edmctl.profile.model import Profile
 
@@ -31,17 +32,76 @@ OFFSET_MIN_UM = 45.0
 JUMP_HEIGHT_FACTOR = 1.5
 JUMP_SHARE_MAX = 0.3
 
+ACTUATOR_VOLTAGE = Bound(
+    Code.ACTUATOR_VOLTAGE, "limits.stroke_v_max", le, lambda job: job.setup.actuator.stroke_v
+).says("stroke_v_max {value:g} V is above the actuator's {limit:g} V", "use at most {limit:g} V")
+RAMP_ORDER = (
+    Bound(Code.RAMP_ORDER, "servo.back_um_s", ge, lambda job: 0.5 * job.profile.servo.forward_um_s).says(
+        "back ramp {value:g} µm/s is below half the forward ramp {servo.forward_um_s:g} µm/s",
+        "use at least {limit:g} µm/s",
+    ),
+    Bound(Code.RAMP_ORDER, "servo.short_back_um_s", ge, "servo.back_um_s").says(
+        "retraction from a short, {value:g} µm/s, is slower than the back ramp {limit:g} µm/s",
+        "use at least {limit:g} µm/s; 50 µm/s is usual",
+    ),
+)
+OFFSET = Bound(Code.OFFSET, "approach.offset_um", ge, OFFSET_MIN_UM).says(
+    "offset {value:g} µm is below {limit:g} µm: near 0 V the actuator's place is known to 35 µm only, and a jump "
+    "leaves up to 10 µm",
+    "set the tool at least {limit:g} µm above the work; 50 µm is usual",
+)
+APPROACH_TRAVEL = Bound(Code.APPROACH_TRAVEL, "approach.max_travel_um", gt, "approach.offset_um").says(
+    "the approach gives up after {value:g} µm, but the work is {limit:g} µm away",
+    "use more than {limit:g} µm; 120 µm is usual",
+)
+PAD_DISTANCE = Bound(
+    Code.PAD_DISTANCE,
+    "measure.site_dx_um",
+    ge,
+    lambda job: job.profile.tool.diameter_um + job.profile.work.side_gap_um + PAD_MARGIN_UM,
+    when=lambda profile: not profile.sites and profile.path is None,
+).says(
+    "the reference pad is {value:g} µm beside the hole and overlaps it or its rim: tool diameter "
+    f"{{tool.diameter_um:g}} + side gap {{work.side_gap_um:g}} + margin {PAD_MARGIN_UM:g} = {{limit:g}} µm",
+    "use at least {least} µm",
+)
+"""Rule 22: the pad is as wide as the tool."""
 
-def actuator_voltage(job: Job) -> Iterator[Finding]:
-    """Rule 21: the voltage limit is within the actuator's."""
-    volts, stroke_v = job.profile.limits.stroke_v_max, job.setup.actuator.stroke_v
-    if volts > stroke_v:
-        yield Finding(
-            Code.ACTUATOR_VOLTAGE,
-            ("limits", "stroke_v_max"),
-            f"stroke_v_max {volts:g} V is above the actuator's {stroke_v:g} V",
-            f"use at most {stroke_v:g} V",
+
+def _is_adaptive(profile: Profile) -> bool:
+    return profile.jump.mode == "adaptive"
+
+
+def _seeks_arcs(profile: Profile) -> bool:
+    return profile.adaptive.seek_reference and profile.adaptive.arc_target is not None
+
+
+ADAPTIVE = (
+    Bound(Code.ADAPTIVE, "jump.period_min_s", le, "jump.period_s", when=_is_adaptive).says(
+        "the shortest jump period, {value:g} s, is longer than period_s {limit:g} s",
+        "use at most {limit:g} s; 1.5 s is usual",
+    ),
+    Bound(Code.ADAPTIVE, "adaptive.arc_target", lt, "limits.arc_ratio", when=_seeks_arcs).says(
+        "arc_target {value:g} is not below limits.arc_ratio {limit:g}, which stops the job",
+        "use less than {limit:g}, or raise limits.arc_ratio",
+    ),
+    *(
+        Bound(Code.ADAPTIVE, f"adaptive.{kind}_low", lt, f"adaptive.{kind}_high", when=_is_adaptive).says(
+            f"{kind}_low {{value:g}} is not below {kind}_high {{limit:g}}: jumps would be made rarer and more "
+            "frequent by turns",
+            "use less than {limit:g}",
         )
+        for kind in ("arc", "short")
+    ),
+    Bound(Code.ADAPTIVE, "adaptive.reference_max", ge, "servo.reference", when=_is_adaptive).says(
+        "reference_max {value:g} is below the servo reference {limit:g} that it is raised from",
+        "use {limit:g} or more",
+    ),
+    Bound(Code.ADAPTIVE, "adaptive.duty_min", le, "pulse.duty", when=_is_adaptive).says(
+        "duty_min {value:g} is above the duty {limit:g} that it is lowered from", "use {limit:g} or less"
+    ),
+)
+"""Rule 24: what the supervisor lowers begins above its limit, what it raises below."""
 
 
 def stroke(job: Job) -> Iterator[Finding]:
@@ -148,101 +208,16 @@ def limit_cycle(job: Job) -> Iterator[Finding]:
     )
 
 
-def ramp_order(job: Job) -> Iterator[Finding]:
-    """Rule 5: retraction is not slower than the advance asks for."""
-    servo = job.profile.servo
-    if servo.back_um_s < 0.5 * servo.forward_um_s:
-        yield Finding(
-            Code.RAMP_ORDER,
-            ("servo", "back_um_s"),
-            f"back ramp {servo.back_um_s:g} µm/s is below half the forward ramp {servo.forward_um_s:g} µm/s",
-            f"use at least {0.5 * servo.forward_um_s:g} µm/s",
-        )
-    if servo.short_back_um_s < servo.back_um_s:
-        yield Finding(
-            Code.RAMP_ORDER,
-            ("servo", "short_back_um_s"),
-            f"retraction from a short, {servo.short_back_um_s:g} µm/s, is slower than the back ramp "
-            f"{servo.back_um_s:g} µm/s",
-            f"use at least {servo.back_um_s:g} µm/s; 50 µm/s is usual",
-        )
-
-
-def offset(job: Job) -> Iterator[Finding]:
-    """Rule 6: home is clear of the work whatever the actuator's error there."""
-    offset_um = job.profile.approach.offset_um
-    if offset_um < OFFSET_MIN_UM:
-        yield Finding(
-            Code.OFFSET,
-            ("approach", "offset_um"),
-            f"offset {offset_um:g} µm is below {OFFSET_MIN_UM:g} µm: near 0 V the actuator's place is known "
-            "to 35 µm only, and a jump leaves up to 10 µm",
-            f"set the tool at least {OFFSET_MIN_UM:g} µm above the work; 50 µm is usual",
-        )
-
-
-def approach_travel(job: Job) -> Iterator[Finding]:
-    """Rule 18: the approach may travel as far as the surface."""
-    approach = job.profile.approach
-    if approach.max_travel_um <= approach.offset_um:
-        yield Finding(
-            Code.APPROACH_TRAVEL,
-            ("approach", "max_travel_um"),
-            f"the approach gives up after {approach.max_travel_um:g} µm, but the work is "
-            f"{approach.offset_um:g} µm away",
-            f"use {approach.offset_um + 30.0:g} µm or more",
-        )
-
-
-def pad_distance(job: Job) -> Iterator[Finding]:
-    """Rule 22: the reference pad, as wide as the tool, keeps clear of the hole."""
-    profile = job.profile
-    if profile.sites or profile.path is not None:
-        return
-    apart_um, radius_um, gap_um = (
-        profile.measure.site_dx_um,
-        profile.tool.diameter_um / 2,
-        profile.work.side_gap_um,
-    )
-    least_um = radius_um + radius_um + gap_um + PAD_MARGIN_UM
-    if apart_um < least_um:
-        yield Finding(
-            Code.PAD_DISTANCE,
-            ("measure", "site_dx_um"),
-            f"the reference pad is {apart_um:g} µm beside the hole and overlaps it or its rim: tool radius "
-            f"{radius_um:g} + hole radius {radius_um + gap_um:g} + margin {PAD_MARGIN_UM:g} = {least_um:g} µm",
-            f"use at least {rounded_up(least_um)} µm",
-        )
-
-
 def jump(job: Job) -> Iterator[Finding]:
-    """Rule 7: jumps flush, fit above home, and leave time to machine.
-
-    Adaptive jumps go only as far up as the tool is down.
-    """
-    j = job.profile.jump
+    """Rule 7: jumps flush, fit above home, and leave time to machine. Adaptive ones retract as far as they can."""
+    profile, j = job.profile, job.profile.jump
     if j.mode == "off":
         return
-    yield from _jump_height(job.profile)
-    share = time_share_of_jumps(job.profile)
-    if share > JUMP_SHARE_MAX:
-        yield Finding(
-            Code.JUMP,
-            ("jump", "period_s"),
-            f"jumping takes {100 * share:.0f} % of the time (2 x {j.height_um:g} µm / "
-            f"{j.speed_um_s:g} µm/s + {j.dwell_ms:g} ms, every {j.period_s:g} s); "
-            f"at most {100 * JUMP_SHARE_MAX:.0f} %",
-            f"use a period of at least {rounded_up(share * j.period_s / JUMP_SHARE_MAX)} s, or a faster jump",
-        )
-
-
-def _jump_height(profile: Profile) -> Iterator[Finding]:
-    j, (depth_um, wear_um) = profile.jump, depth_and_wear_um(profile)
-    wear_um = hole(profile).feed_um - depth_um if profile.path is None else wear_um
-    least_um = JUMP_HEIGHT_FACTOR * least_jump_um(
-        depth_um, profile.tool.diameter_um, profile.work.side_gap_um
-    )
-    deepest_um = profile.approach.offset_um + depth_um + wear_um
+    depth_um, wear_um = depth_and_wear_um(profile)
+    feed_um = depth_um + wear_um if profile.path is not None else hole(profile).feed_um
+    deepest_um = profile.approach.offset_um + feed_um
+    side_gap_um = profile.work.side_gap_um
+    least_um = JUMP_HEIGHT_FACTOR * least_jump_um(depth_um, profile.tool.diameter_um, side_gap_um)
     if j.height_um > deepest_um and j.mode == "fixed":
         yield Finding(
             Code.JUMP,
@@ -256,72 +231,24 @@ def _jump_height(profile: Profile) -> Iterator[Finding]:
             Code.JUMP_TOO_LOW,
             ("jump", "height_um"),
             f"jump height {j.height_um:g} µm hardly flushes: at {depth_um:.0f} µm depth and a side gap of "
-            f"{profile.work.side_gap_um:g} µm it takes {least_um:.0f} µm",
+            f"{side_gap_um:g} µm it takes {least_um:.0f} µm",
             f"use {rounded_up(least_um)} µm or more",
         )
+    took_s = jump_duration_s(profile)
+    made_of = f"2 x {j.height_um:g} µm / {j.speed_um_s:g} µm/s + {j.dwell_ms:g} ms"
+    yield from _jump_share("period_s", j.period_s, took_s, "", made_of)
+    if j.mode == "adaptive":
+        made_of = f"{took_s:.2g} s"
+        yield from _jump_share("period_min_s", j.period_min_s, took_s, "at the shortest period ", made_of)
 
 
-def adaptive_period(job: Job) -> Iterator[Finding]:
-    """Rules 7 and 24: the shortest period is the shorter one, and still leaves time to machine."""
-    jump = job.profile.jump
-    if jump.mode != "adaptive":
-        return
-    if jump.period_min_s > jump.period_s:
-        yield Finding(
-            Code.ADAPTIVE,
-            ("jump", "period_min_s"),
-            f"the shortest jump period, {jump.period_min_s:g} s, is longer than period_s {jump.period_s:g} s",
-            f"use at most {jump.period_s:g} s; 1.5 s is usual",
-        )
-    took_s = jump_duration_s(job.profile)
-    share = took_s / jump.period_min_s
+def _jump_share(key: str, period_s: float, took_s: float, when: str, made_of: str) -> Iterator[Finding]:
+    share = took_s / period_s
     if share > JUMP_SHARE_MAX:
         yield Finding(
             Code.JUMP,
-            ("jump", "period_min_s"),
-            f"at the shortest period jumping takes {100 * share:.0f} % of the time ({took_s:.2g} s every "
-            f"{jump.period_min_s:g} s); at most {100 * JUMP_SHARE_MAX:.0f} %",
-            f"use at least {rounded_up(took_s / JUMP_SHARE_MAX)} s, or a faster jump",
-        )
-
-
-def adaptive_thresholds(job: Job) -> Iterator[Finding]:
-    """Rule 24: what the supervisor lowers lies below what it starts from, what it raises above."""
-    adaptive, stopping = job.profile.adaptive, job.profile.limits.arc_ratio
-    if adaptive.seek_reference and adaptive.arc_target is not None and adaptive.arc_target >= stopping:
-        yield Finding(
-            Code.ADAPTIVE,
-            ("adaptive", "arc_target"),
-            f"arc_target {adaptive.arc_target:g} is not below limits.arc_ratio {stopping:g}, which stops the job",
-            f"use less than {stopping:g}, or raise limits.arc_ratio",
-        )
-    if job.profile.jump.mode != "adaptive":
-        return
-    adaptive, servo, pulse = job.profile.adaptive, job.profile.servo, job.profile.pulse
-    for kind, low, high in (
-        ("arc", adaptive.arc_low, adaptive.arc_high),
-        ("short", adaptive.short_low, adaptive.short_high),
-    ):
-        if low >= high:
-            yield Finding(
-                Code.ADAPTIVE,
-                ("adaptive", f"{kind}_low"),
-                f"{kind}_low {low:g} is not below {kind}_high {high:g}: jumps would be made rarer and more frequent "
-                "by turns",
-                f"use less than {high:g}",
-            )
-    if adaptive.reference_max < servo.reference:
-        yield Finding(
-            Code.ADAPTIVE,
-            ("adaptive", "reference_max"),
-            f"reference_max {adaptive.reference_max:g} is below the servo reference {servo.reference:g} that it is "
-            "raised from",
-            f"use {servo.reference:g} or more",
-        )
-    if adaptive.duty_min > pulse.duty:
-        yield Finding(
-            Code.ADAPTIVE,
-            ("adaptive", "duty_min"),
-            f"duty_min {adaptive.duty_min:g} is above the duty {pulse.duty:g} that it is lowered from",
-            f"use {pulse.duty:g} or less",
+            ("jump", key),
+            f"{when}jumping takes {100 * share:.0f} % of the time ({made_of} every {period_s:g} s); at most "
+            f"{100 * JUMP_SHARE_MAX:.0f} %",
+            f"use a period of at least {rounded_up(took_s / JUMP_SHARE_MAX)} s, or a faster jump",
         )

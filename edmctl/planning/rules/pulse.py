@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from operator import gt, le, lt
 
 from edmctl.planning.forecast import Job
 from edmctl.planning.regimes import in_pulses
+from edmctl.planning.rules.bound import Bound, Conflict
 from edmctl.process.discharge import pulse_energy_uj
 from edmctl.process.erosion import LAW
-from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX, Code, Finding, rounded_down
+from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX, Code, Finding
 from edmctl.profile.model import Profile
 
 ROUNDING = 1e-9
@@ -24,23 +26,79 @@ FILTER_PERIODS = 20.0
 """Pulses that the low-pass must average at least."""
 DISCHARGE_MARGIN_US = 10.0
 
-
-def room_for_reference(profile: Profile) -> Iterator[Finding]:
-    """Rule 1: the open voltage is above the discharge voltage; otherwise no pulse can be expected to ignite."""
-    pulse = profile.pulse
-    if pulse.open_voltage_v <= pulse.discharge_voltage_v + VOLTAGE_ROOM_V:
-        yield Finding(
-            Code.REFERENCE_WINDOW,
-            ("pulse", "open_voltage_v"),
-            f"open voltage {pulse.open_voltage_v:g} V leaves no room above the discharge voltage "
-            f"{pulse.discharge_voltage_v:g} V: the mean gap voltage cannot tell a spark from an open gap",
-            f"use more than {pulse.discharge_voltage_v + VOLTAGE_ROOM_V:g} V",
-        )
+ROOM_FOR_REFERENCE = Bound(
+    Code.REFERENCE_WINDOW,
+    "pulse.open_voltage_v",
+    gt,
+    lambda job: job.profile.pulse.discharge_voltage_v + VOLTAGE_ROOM_V,
+).says(
+    "open voltage {value:g} V leaves no room above the discharge voltage {pulse.discharge_voltage_v:g} V: the mean "
+    "gap voltage cannot tell a spark from an open gap",
+    "use more than {limit:g} V",
+)
+"""Rule 1: otherwise no pulse can be expected to ignite."""
+PULSE_TIMES = (
+    Bound(
+        Code.PULSE_TIMES, "pulse.frequency_hz", le, lambda job: 1e6 * job.profile.pulse.duty / ON_TIME_MIN_US
+    ).says(
+        "on-time {pulse.on_time_us:.3g} µs at {value:g} Hz and duty {pulse.duty:g} is below "
+        f"{ON_TIME_MIN_US:g} µs",
+        "use at most {most} Hz, or a larger duty",
+    ),
+    Bound(
+        Code.PULSE_TIMES,
+        "pulse.frequency_hz",
+        le,
+        lambda job: 1e6 * (1.0 - job.profile.pulse.duty) / OFF_TIME_MIN_US,
+    ).says(
+        "off-time {pulse.off_time_us:.3g} µs at {value:g} Hz and duty {pulse.duty:g} is below "
+        f"{OFF_TIME_MIN_US:g} µs: the channel does not de-ionise and burns on as an arc",
+        "use at most {most} Hz, or a smaller duty",
+    ),
+)
+"""Rule 9: on-time long enough to ignite, off-time long enough to de-ionise."""
+FILTER_CORNER = Bound(
+    Code.FILTER, "servo.filter_hz", le, lambda job: job.profile.pulse.frequency_hz / FILTER_PERIODS
+).says(
+    "filter corner {value:g} Hz is above {limit:g} Hz (pulse frequency {pulse.frequency_hz:g} Hz / "
+    f"{FILTER_PERIODS:g}): single pulses move the tool",
+    "use at most {limit:g} Hz; 20 Hz is usual",
+)
+"""Rule 13: the low-pass averages enough pulses."""
+DISCHARGE_TIME = (
+    Conflict(
+        Code.DISCHARGE_TIME,
+        "pulse.mode",
+        lambda profile: profile.pulse.mode == "isopulse" and profile.pulse.discharge_us is None,
+    ).says(
+        "isopulse needs the burning time of a discharge, and pulse.discharge_us is not given",
+        f"add discharge_us, at least {DISCHARGE_MARGIN_US:g} µs below the on-time of {{pulse.on_time_us:.4g}} µs",
+    ),
+    Conflict(
+        Code.DISCHARGE_TIME,
+        "pulse.discharge_us",
+        lambda profile: profile.pulse.mode != "isopulse" and profile.pulse.discharge_us is not None,
+    ).says(
+        "discharge_us {pulse.discharge_us:g} has no meaning in {pulse.mode} mode",
+        'remove it, or set mode = "isopulse"',
+    ),
+    Bound(
+        Code.DISCHARGE_TIME,
+        "pulse.discharge_us",
+        lt,
+        lambda job: job.profile.pulse.on_time_us - DISCHARGE_MARGIN_US,
+        when=lambda profile: profile.pulse.mode == "isopulse" and profile.pulse.discharge_us is not None,
+    ).says(
+        f"discharge time {{value:g}} µs is not below on-time - {DISCHARGE_MARGIN_US:g} µs = {{limit:.4g}} µs",
+        "use less than {most} µs",
+    ),
+)
+"""Rule 15: a set discharge time goes with isopulse, and fits into the on-time."""
 
 
 def reference_window(job: Job) -> Iterator[Finding]:
     """Rule 1: the reference lies between an all-sparking and an all-open gap."""
-    if wrong := list(room_for_reference(job.profile)):
+    if wrong := list(ROOM_FOR_REFERENCE(job)):
         yield from wrong
         return
     pulse, servo = job.profile.pulse, job.profile.servo
@@ -90,10 +148,10 @@ def pulse_energy(job: Job) -> Iterator[Finding]:
         )
 
 
-def does_nothing(profile: Profile) -> Iterator[Finding]:
+def does_nothing(job: Job) -> Iterator[Finding]:
     """Rules 1 and 38, without which nothing can be expected of the pulses."""
-    yield from room_for_reference(profile)
-    yield from removes_nothing(profile)
+    yield from ROOM_FOR_REFERENCE(job)
+    yield from removes_nothing(job.profile)
 
 
 def removes_nothing(profile: Profile) -> Iterator[Finding]:
@@ -112,66 +170,3 @@ def removes_nothing(profile: Profile) -> Iterator[Finding]:
                 f"{LEAST_ENERGY_UJ:g} µJ",
                 "raise the current or the time that a discharge burns",
             )
-
-
-def pulse_times(job: Job) -> Iterator[Finding]:
-    """Rule 9: on-time long enough to ignite, off-time long enough to de-ionise."""
-    pulse = job.profile.pulse
-    setting = f"at {pulse.frequency_hz:g} Hz and duty {pulse.duty:g}"
-    if pulse.on_time_us < ON_TIME_MIN_US:
-        yield Finding(
-            Code.PULSE_TIMES,
-            ("pulse", "frequency_hz"),
-            f"on-time {pulse.on_time_us:.3g} µs {setting} is below {ON_TIME_MIN_US:g} µs",
-            f"use at most {rounded_down(1e6 * pulse.duty / ON_TIME_MIN_US)} Hz, or a larger duty",
-        )
-    if pulse.off_time_us < OFF_TIME_MIN_US:
-        yield Finding(
-            Code.PULSE_TIMES,
-            ("pulse", "frequency_hz"),
-            f"off-time {pulse.off_time_us:.3g} µs {setting} is below {OFF_TIME_MIN_US:g} µs: "
-            "the channel does not de-ionise and burns on as an arc",
-            f"use at most {rounded_down(1e6 * (1.0 - pulse.duty) / OFF_TIME_MIN_US)} Hz, or a smaller duty",
-        )
-
-
-def filter_corner(job: Job) -> Iterator[Finding]:
-    """Rule 13: the low-pass averages enough pulses."""
-    pulse, servo = job.profile.pulse, job.profile.servo
-    limit_hz = pulse.frequency_hz / FILTER_PERIODS
-    if servo.filter_hz > limit_hz:
-        yield Finding(
-            Code.FILTER,
-            ("servo", "filter_hz"),
-            f"filter corner {servo.filter_hz:g} Hz is above {limit_hz:g} Hz "
-            f"(pulse frequency {pulse.frequency_hz:g} Hz / {FILTER_PERIODS:g}): single pulses move the tool",
-            f"use at most {limit_hz:g} Hz; 20 Hz is usual",
-        )
-
-
-def discharge_time(job: Job) -> Iterator[Finding]:
-    """Rule 15: a set discharge time goes with isopulse, and fits into the on-time."""
-    pulse = job.profile.pulse
-    limit_us = pulse.on_time_us - DISCHARGE_MARGIN_US
-    if pulse.mode == "isopulse" and pulse.discharge_us is None:
-        yield Finding(
-            Code.DISCHARGE_TIME,
-            ("pulse", "mode"),
-            "isopulse needs the burning time of a discharge, and pulse.discharge_us is not given",
-            f"add discharge_us, below {limit_us:.4g} µs, to [pulse]",
-        )
-    elif pulse.mode != "isopulse" and pulse.discharge_us is not None:
-        yield Finding(
-            Code.DISCHARGE_TIME,
-            ("pulse", "discharge_us"),
-            f"discharge_us {pulse.discharge_us:g} has no meaning in {pulse.mode} mode",
-            'remove it, or set mode = "isopulse"',
-        )
-    elif pulse.discharge_us is not None and pulse.discharge_us >= limit_us:
-        yield Finding(
-            Code.DISCHARGE_TIME,
-            ("pulse", "discharge_us"),
-            f"discharge time {pulse.discharge_us:g} µs is not below on-time - {DISCHARGE_MARGIN_US:g} µs "
-            f"= {limit_us:.4g} µs",
-            f"use less than {rounded_down(limit_us)} µs",
-        )

@@ -17,9 +17,9 @@ OF_PULSES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     motion.slope_against_feed,
     motion.limit_cycle,
     pulse.pulse_energy,
-    pulse.pulse_times,
-    pulse.filter_corner,
-    pulse.discharge_time,
+    *pulse.PULSE_TIMES,
+    pulse.FILTER_CORNER,
+    *pulse.DISCHARGE_TIME,
     materials.within_the_laws,
 )
 """What holds for pulses and reference of every regime."""

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from operator import le
 
 from edmctl.planning.forecast import STROKE_RESERVE_UM, Job, stroke_available_um, working_order
 from edmctl.planning.measuring import beside_pad_um
 from edmctl.planning.removal import hole
-from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Code, Finding, rounded_down, rounded_up
+from edmctl.planning.rules.bound import Bound, Conflict
+from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Code, Finding, rounded_up
+from edmctl.profile.places import Place
+from edmctl.profile.setup import Limit, Setup
+from edmctl.profile.sites import PathTable
 from edmctl.wording import coordinates
-
-if TYPE_CHECKING:
-    from edmctl.profile.places import Place
-    from edmctl.profile.setup import Limit, Setup
-    from edmctl.profile.sites import PathTable
 
 LEAST_TURN_DEG = 1.0
 """Places turned against each other by less are one place of the workpiece [assumed]."""
@@ -26,17 +25,24 @@ NEEDED = {
 }
 """Keys of `[path]` by its kind; the others of these do not go with it."""
 _STEPS_PER_TURN = 360
-
-
-def sites_or_path(job: Job) -> Iterator[Finding]:
-    """Rule 26: a job makes holes or a channel."""
-    if job.profile.sites and job.profile.path is not None:
-        yield Finding(
-            Code.SITES_OR_PATH,
-            ("path",),
-            "the profile has both [[sites]] and [path], and a job makes either holes or a channel",
-            "remove one of the two; to drop inherited places write sites = []",
-        )
+SITES_OR_PATH = Conflict(
+    Code.SITES_OR_PATH, "path", lambda profile: bool(profile.sites) and profile.path is not None
+).says(
+    "the profile has both [[sites]] and [path], and a job makes either holes or a channel",
+    "remove one of the two; to drop inherited places write sites = []",
+)
+CHANNEL_DEPTH = Conflict(
+    Code.TARGET_KIND,
+    "target.kind",
+    lambda profile: profile.path is not None and profile.target.kind != "depth",
+).says('a channel is cut to a depth, and target.kind is "{target.kind}"', 'use kind = "depth", with depth_um')
+LAYER = Bound(
+    Code.LAYER, "path.layer_um", le, "measure.expected_gap_um", when=lambda profile: profile.path is not None
+).says(
+    "a layer of {value:g} µm is thicker than the working gap, {limit:.1f} µm: moving sideways the tool runs into "
+    "the step before it is eroded",
+    "use at most {most} µm",
+)
 
 
 def names(job: Job) -> Iterator[Finding]:
@@ -230,17 +236,6 @@ def path_keys(job: Job) -> Iterator[Finding]:
             yield Finding(Code.PATH_KEYS, ("path", key), message, hint)
 
 
-def channel_depth(job: Job) -> Iterator[Finding]:
-    """Rule 23: a channel is cut to a depth."""
-    if job.profile.path is not None and job.profile.target.kind != "depth":
-        yield Finding(
-            Code.TARGET_KIND,
-            ("target", "kind"),
-            f'a channel is cut to a depth, and target.kind is "{job.profile.target.kind}"',
-            'use kind = "depth", with depth_um',
-        )
-
-
 def walls(job: Job) -> Iterator[Finding]:
     """Rule 28: the walls of a channel stand, and it keeps clear of the reference pad."""
     path = job.profile.path
@@ -267,19 +262,6 @@ def walls(job: Job) -> Iterator[Finding]:
             f"the channel passes {found_um:.0f} µm from the reference pad at ({stage.reference_x_um:g}, "
             f"{stage.reference_y_um:g}) µm and overlaps it or its rim",
             f"keep {rounded_up(clear_um)} µm away or more",
-        )
-
-
-def layer(job: Job) -> Iterator[Finding]:
-    """Rule 31: a layer is thinner than the working gap, so that the tool never runs against its step."""
-    path, gap_um = job.profile.path, job.profile.measure.expected_gap_um
-    if path is not None and path.layer_um > gap_um:
-        yield Finding(
-            Code.LAYER,
-            ("path", "layer_um"),
-            f"a layer of {path.layer_um:g} µm is thicker than the working gap, {gap_um:.1f} µm: moving sideways the "
-            "tool runs into the step before it is eroded",
-            f"use at most {rounded_down(gap_um)} µm",
         )
 
 

@@ -3,17 +3,82 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from operator import ge, gt
 
 from edmctl.planning.channel import waiting_speed_um_s
 from edmctl.planning.forecast import Job, depth_and_wear_um
+from edmctl.planning.rules.bound import Bound, Conflict
 from edmctl.profile.findings import Code, Finding, rounded_up
+from edmctl.profile.model import Profile
 
 SPARE = 1.25
 """A tolerance has to be wider than the forecast of the interval by this: touches scatter from job to job."""
 
 LEAST_SHEET_UM = 1.0
 """Nobody makes holes through less; the thinnest foils that are sold are some µm."""
+
+FEED_WITHOUT_REMEASURING = Conflict(
+    Code.FEED_REMEASURE,
+    "wear.remeasure",
+    lambda profile: profile.target.kind == "feed" and isinstance(profile.wear.remeasure, int),
+).says(
+    "a feed target of {target.feed_um:g} µm is one cut: it cannot be measured {wear.remeasure} times on the way",
+    'use remeasure = "auto" or "never", or a depth target',
+)
+TOOL_WEAR = Bound(
+    Code.TOOL_WEAR,
+    "tool.max_wear_um",
+    ge,
+    lambda job: depth_and_wear_um(job.profile)[1],
+    when=lambda profile: not profile.sites,
+).says(
+    "the job wears {limit:.0f} µm off the tool, more than max_wear_um {value:g} µm",
+    "permit {least} µm or more, or use a tool that wears less",
+)
+"""Rule 17; of several places see `sites.array_wear`."""
+
+
+def _ends_inside(kind: str) -> Callable[[Profile], bool]:
+    return lambda profile: profile.work.kind == "through" and profile.target.kind == kind
+
+
+THROUGH_TARGET = (
+    Conflict(
+        Code.TARGET_KIND,
+        "target.kind",
+        lambda profile: profile.target.kind == "through" and profile.work.kind != "through",
+    ).says(
+        'the target is a way through the sheet of {work.thickness_um:g} µm, but work.kind is "{work.kind}"',
+        'set work.kind = "through", and see that nothing under the sheet is in the way',
+    ),
+    *(
+        Conflict(Code.NOT_THROUGH, "target.kind", _ends_inside(kind)).says(
+            f'work.kind is "through", but the target is a {kind} of {{target.{kind}_um:g}} µm: the job ends there, '
+            "whether or not it is through the sheet of {work.thickness_um:g} µm",
+            'use target.kind = "through" to wait for the breakthrough',
+        )
+        for kind in ("depth", "feed")
+    ),
+)
+"""Rule 23: a way through is stated of the work and of the target."""
+
+
+def _deepest_um(job: Job) -> float:
+    depth_um, _ = depth_and_wear_um(job.profile)
+    return max((place.depth_um for place in job.places if place.depth_um > depth_um), default=depth_um)
+
+
+BLIND_DEPTH = Bound(
+    Code.BLIND_DEPTH,
+    "work.thickness_um",
+    gt,
+    _deepest_um,
+    when=lambda profile: profile.work.kind == "blind" and profile.target.kind != "through",
+).says(
+    "a blind hole of {limit:.0f} µm does not end inside a sheet of {value:g} µm",
+    'use a thicker sheet, a smaller target, or kind = "through"',
+)
 
 
 def _least_resolved_um(job: Job) -> float:
@@ -81,69 +146,6 @@ def depth_beyond_tolerance(job: Job) -> Iterator[Finding]:
             "work that was never touched is as good",
             f"{in_mm.format(depth_um, 1000.0 * depth_um)}; or set a smaller tolerance",
             None if shallow is None else shallow.where,
-        )
-
-
-def feed_without_remeasuring(job: Job) -> Iterator[Finding]:
-    """Rule 14: a feed target is one cut; only a depth target has something to measure in between."""
-    profile = job.profile
-    if profile.target.kind == "feed" and isinstance(profile.wear.remeasure, int):
-        yield Finding(
-            Code.FEED_REMEASURE,
-            ("wear", "remeasure"),
-            f"a feed target of {profile.target.feed_um:g} µm is one cut: it cannot be measured "
-            f"{profile.wear.remeasure} times on the way",
-            'use remeasure = "auto" or "never", or a depth target',
-        )
-
-
-def tool_wear(job: Job) -> Iterator[Finding]:
-    """Rule 17: the tool is long enough for its wear."""
-    tool, (_, wear_um) = job.profile.tool, depth_and_wear_um(job.profile)
-    if job.profile.sites:
-        return
-    if wear_um > tool.max_wear_um:
-        yield Finding(
-            Code.TOOL_WEAR,
-            ("tool", "max_wear_um"),
-            f"the job wears {wear_um:.0f} µm off the tool, more than max_wear_um {tool.max_wear_um:g} µm",
-            f"permit {rounded_up(wear_um)} µm or more, or use a tool that wears less",
-        )
-
-
-def through_target(job: Job) -> Iterator[Finding]:
-    """Rule 23: whoever wants a way through says so of the work and of the target."""
-    work, target = job.profile.work, job.profile.target
-    if target.kind == "through" and work.kind != "through":
-        yield Finding(
-            Code.TARGET_KIND,
-            ("target", "kind"),
-            f'the target is a way through the sheet of {work.thickness_um:g} µm, but work.kind is "{work.kind}"',
-            'set work.kind = "through", and see that nothing under the sheet is in the way',
-        )
-    elif work.kind == "through" and target.kind != "through":
-        wanted_um = target.depth_um if target.kind == "depth" else target.feed_um
-        yield Finding(
-            Code.NOT_THROUGH,
-            ("target", "kind"),
-            f'work.kind is "through", but the target is a {target.kind} of {wanted_um:g} µm: the job ends there, '
-            f"whether or not it is through the sheet of {work.thickness_um:g} µm",
-            'use target.kind = "through" to wait for the breakthrough',
-        )
-
-
-def blind_depth(job: Job) -> Iterator[Finding]:
-    """Rule 19: a blind hole ends inside the sheet."""
-    work, (depth_um, _) = job.profile.work, depth_and_wear_um(job.profile)
-    depth_um = max((place.depth_um for place in job.places if place.depth_um > depth_um), default=depth_um)
-    if job.profile.target.kind == "through":
-        return
-    if work.kind == "blind" and depth_um >= work.thickness_um:
-        yield Finding(
-            Code.BLIND_DEPTH,
-            ("work", "thickness_um"),
-            f"a blind hole of {depth_um:.0f} µm does not end inside a sheet of {work.thickness_um:g} µm",
-            'use a thicker sheet, a smaller target, or kind = "through"',
         )
 
 

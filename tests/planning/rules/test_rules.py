@@ -36,7 +36,7 @@ CASES = [
         ("measure.site_dx_um=328",),
         ("measure.site_dx_um=327",),
         "measure.site_dx_um",
-        ("327 µm", "135", "143", "50", "328 µm"),
+        ("327 µm", "270", "8", "50", "328 µm"),
     ),
     Case(
         Code.REFERENCE_WINDOW,
