@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.calibration.request import CalibrationRequest, CheckedCalibration
     from edmctl.jobs.calibration.run import CalibrationReport
     from edmctl.jobs.job import Report
-    from edmctl.jobs.procedures import Procedure, ProcedureReport
+    from edmctl.jobs.procedures import Procedure, ProcedureReport, S, Stage
     from edmctl.planning.rules.load import LoadedProfile
     from edmctl.record.reader import RunFile
 
@@ -190,7 +190,7 @@ class Machine:
         observer: Observer | None = None,
         stop: StopRequest | None = None,
         warn: Warn | None = None,
-    ) -> ProcedureReport:
+    ) -> ProcedureReport[Stage]:
         """Feed the tool to the spark gap, or with `contact` to the surface, say where it is, retract.
 
         `site_um` are stage coordinates; without, where `machine` would put its first hole. Raises as `machine`;
@@ -200,7 +200,7 @@ class Machine:
 
         doubts = _doubts(warn)
         plan = self._plan(self._request(profile, overrides, calibration, allow_model), stop, doubts)
-        return self._perform(plan, Approach(plan, site_um, contact=contact), out, run_id, observer, doubts)
+        return self._perform(Approach(plan, site_um, contact=contact), out, run_id, observer, doubts)
 
     def jump_flush(
         self,
@@ -215,7 +215,7 @@ class Machine:
         observer: Observer | None = None,
         stop: StopRequest | None = None,
         warn: Warn | None = None,
-    ) -> ProcedureReport:
+    ) -> ProcedureReport[Stage]:
         """Make electrode jumps beside the work, without sparks, and measure them. Raises as `machine`."""
         from edmctl.jobs.procedures import JUMPS_ALONE, Jumps, refuse_hurry
 
@@ -228,7 +228,7 @@ class Machine:
             raise UsageError(
                 f"count is {count}: at least one jump has to be made.", hint="Ask for 1 or more."
             )
-        return self._perform(plan, Jumps(plan, count), out, run_id, observer, doubts)
+        return self._perform(Jumps(plan, count), out, run_id, observer, doubts)
 
     def measure_wear(
         self,
@@ -245,7 +245,7 @@ class Machine:
         observer: Observer | None = None,
         stop: StopRequest | None = None,
         warn: Warn | None = None,
-    ) -> ProcedureReport:
+    ) -> ProcedureReport[Stage]:
         """Touch the pad and the last hole, and say what the tool has lost since its reference; or touch that.
 
         `site` names another hole of the ledger in `out`. Without a profile it measures the tool last in use, by the
@@ -259,7 +259,7 @@ class Machine:
         doubts = _doubts(warn)
         request = self._request(profile or TOUCHES_LIKE, overrides, calibration, allow_model, new_tool)
         plan = replace(self._plan(request, stop, doubts), names_tool=profile is not None)
-        return self._perform(plan, WearRun(plan, site, is_reference=reference), out, run_id, observer, doubts)
+        return self._perform(WearRun(plan, site, is_reference=reference), out, run_id, observer, doubts)
 
     def measure_drift(
         self,
@@ -273,7 +273,7 @@ class Machine:
         observer: Observer | None = None,
         stop: StopRequest | None = None,
         warn: Warn | None = None,
-    ) -> ProcedureReport:
+    ) -> ProcedureReport[Stage]:
         """Touch the pad and rest in turn for a quarter of an hour: what of a drift of the rests a touch sees.
 
         Later jobs of the machine correct their wear by it. It is saved in `output`, else as the machine's own.
@@ -287,7 +287,7 @@ class Machine:
         doubts = _doubts(warn)
         request = self._request(profile or TOUCHES_LIKE, overrides, None, False, False)
         plan = replace(self._plan(request, stop, doubts), names_tool=profile is not None)
-        return self._perform(plan, DriftRun(plan, duration_s, _path(output)), out, run_id, observer, doubts)
+        return self._perform(DriftRun(plan, duration_s, _path(output)), out, run_id, observer, doubts)
 
     def calibrate(
         self,
@@ -356,18 +356,12 @@ class Machine:
         return surroundings if stop is None else replace(surroundings, stop=lambda _: stop)
 
     def _perform(
-        self,
-        plan: Plan,
-        procedure: Procedure,
-        out: File,
-        run_id: str | None,
-        observer: Observer | None,
-        warn: Warn,
-    ) -> ProcedureReport:
+        self, procedure: Procedure[S], out: File, run_id: str | None, observer: Observer | None, warn: Warn
+    ) -> ProcedureReport[S]:
         from edmctl.jobs.procedures import name_of, perform
 
-        name = name_of(plan, procedure.name, _file("out", out), run_id)
-        return perform(plan, procedure, name, seed_to_use(self.seed), _observer(observer), warn)
+        name = name_of(procedure.plan, procedure.name, _file("out", out), run_id)
+        return perform(procedure, name, seed_to_use(self.seed), _observer(observer), warn)
 
 
 def connect(

@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from edmctl.jobs.job import Report
     from edmctl.jobs.ledger.tool import ToolIdentity
     from edmctl.jobs.plan import Plan
-    from edmctl.jobs.procedures import Procedure, ProcedureReport
+    from edmctl.jobs.procedures import Procedure, ProcedureReport, Stage
 
-_R = TypeVar("_R", bound="Report | ProcedureReport")
+_R = TypeVar("_R", bound="Report | ProcedureReport[Stage]")
+S = TypeVar("S", bound="Stage")
 
 
 def run_and_tell(
@@ -51,7 +52,7 @@ def run_and_tell(
     report.raise_for_error()
 
 
-def closing_text(table: str, report: Report | ProcedureReport, seed: int | None) -> str:
+def closing_text(table: str, report: Report | ProcedureReport[Stage], seed: int | None) -> str:
     """Return the table at the end of a run, and what it was made with."""
     lines = [table]
     if report.model:
@@ -64,22 +65,21 @@ def closing_text(table: str, report: Report | ProcedureReport, seed: int | None)
 
 def perform_and_tell(
     outcome: Outcome,
-    procedure: Procedure,
+    procedure: Procedure[S],
     job: JobOptions,
     run: RunOptions,
-    render: Callable[[Style], str],
+    render: Callable[[S, Style], str],
 ) -> None:
     """Do a procedure by itself, and leave the result in `outcome`. Raises the error that ended it."""
     from edmctl.jobs.procedures import name_of, perform
 
-    plan = procedure.plan
-    name = name_of(plan, procedure.name, run.out, run.run_id)
+    name = name_of(procedure.plan, procedure.name, run.out, run.run_id)
     run_and_tell(
         outcome,
-        plan,
+        procedure.plan,
         job.seed,
-        lambda seed, reporter: perform(plan, procedure, name, seed, reporter, outcome.warn),
-        lambda _, style: render(style),
+        lambda seed, reporter: perform(procedure, name, seed, reporter, outcome.warn),
+        lambda report, style: render(report.stage, style) if report.stage else "",
     )
 
 

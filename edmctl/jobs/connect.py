@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.files import path_variable, read_bytes
+from edmctl.jobs.connected_machine import ConnectedMachine
 from edmctl.jobs.plan import FRESH, MachineAddress, where_is
-from edmctl.jobs.session import ConnectedMachine
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.planning.erosion import of_tool, of_work

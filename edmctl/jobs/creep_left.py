@@ -15,8 +15,8 @@ from pathlib import Path
 
 from edmctl.errors import RunFileError
 from edmctl.files import json_of, read_bytes
+from edmctl.jobs.connected_machine import ConnectedMachine
 from edmctl.jobs.plan import MachineAddress
-from edmctl.jobs.session import ConnectedMachine
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.profile.folders import creep_path
 

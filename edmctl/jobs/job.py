@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,20 +13,18 @@ from typing import TYPE_CHECKING
 from edmctl.dataclasses import dataclass
 from edmctl.errors import EdmError, PreconditionError, RunFileError
 from edmctl.jobs.calibration.selection import ModelUsed
-from edmctl.jobs.connected_run import connected_run, ending
 from edmctl.jobs.ledger.job_ledger import DONE, JobLedger
 from edmctl.jobs.plan import Plan
 from edmctl.jobs.resume.checkpoint import JobCheckpoint, tell_way_on
+from edmctl.jobs.run_context import RunContext, connected_run, ending
 from edmctl.jobs.run_header import RunName
-from edmctl.jobs.session import MachineSession
 from edmctl.jobs.surroundings import Warn
 from edmctl.jobs.truth import TrueWear, channel_truth, keep_truth_map
 from edmctl.jsonout import JsonValue
 from edmctl.labels import marked
-from edmctl.procedures.job import Job
-from edmctl.procedures.job_state import JobTally, StateStore
+from edmctl.procedures.job_state import StateStore
+from edmctl.procedures.machining import run_job
 from edmctl.process.erosion import corner_radius_um, roughness_rz_um
-from edmctl.record.rows import Recorder
 from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
 from edmctl.results.progress import Observer
 from edmctl.results.result import Result, html_table
@@ -127,52 +125,43 @@ def carry_out(
     warn: Warn | None = None,
     serial: str = "",
 ) -> Report:
-    """Run the job on the machine that the plan names, into the run file `name` where there is one.
+    """Run the job on the machine that the plan names, into the run file `name`, if any.
 
-    `seed` is that of a virtual bench that is not there yet.
+    `seed` makes a virtual bench that does not exist yet. `warn` gets warnings about calibration and tool before
+    anything moves. If `serial` names the machine that the job is for, another one is refused (E8214). The report
+    holds an expected error, with what was reached until then.
 
-    `warn` is told what is doubtful about calibration and tool before anything moves. Where `serial` names the
-    machine that the job is for, another one is refused (E8214). Expected errors come back in the report, with what
-    was reached until then.
+    Raises LinkLost, ProtocolMismatch and RunFileError if no machine was connected.
     """
-    tally = JobTally()
     true_wear: TrueWear | None = None
-
-    def prepare(session: MachineSession) -> Callable[[Recorder], None]:
-        plan = session.plan
-        _refuse_other_machine(session.bench.machine.identity.serial, serial)
-        kept = JobCheckpoint(plan, session, name)
-        entries = JobLedger(plan, session, name, kept, warn or (lambda _: None))
-        kept.refuse()
-        job = entries.job(plan.resumed.run_files if plan.resumed else ())
-        return lambda recorder: act(session, entries, kept, job, recorder)
-
-    def act(
-        session: MachineSession, entries: JobLedger, kept: JobCheckpoint, job: Job, recorder: Recorder
-    ) -> None:
-        nonlocal true_wear
-        journal: StateStore = entries
-        if session.bench.virtual:
-            journal = true_wear = TrueWear(session.bench.virtual, entries)
-            entries.truth = {"tool_wear_um": true_wear.before_um}
-            kept.truth = true_wear.as_mapping
-            if plan.resumed is not None and plan.resumed.journal.truth is not None:
-                true_wear.go_on_from(plan.resumed.journal.truth)
-                if plan.resumed.restart_hole:
-                    true_wear.leave_hole()
-        try:
-            _run(session, entries, kept, job, recorder, observer, tally, journal)
-        finally:
-            if session.bench.virtual and session.plan.loaded.profile.path is not None:
-                keep_truth_map(recorder, session.bench.virtual)
-
-    def summary(session: MachineSession) -> dict[str, object]:
-        return _report(session, tally, true_wear).as_mapping()
-
-    session = connected_run(plan, seed, observer, name, warn, prepare, summary)
-    if session.error is not None:
-        tell_way_on(session.error, plan, name)
-    return _report(session, tally, true_wear)
+    with connected_run(plan, seed, observer, name, warn) as run:
+        run.check_machine()
+        _refuse_other_machine(run.bench.serial, serial)
+        checkpoint = JobCheckpoint(run)
+        ledger = JobLedger(run, checkpoint)
+        checkpoint.refuse()
+        job = ledger.job(plan.resumed.run_files if plan.resumed else ())
+        with run.recording("machine", lambda: _report(run, true_wear).as_mapping()):
+            store: StateStore = ledger
+            if run.bench.virtual is not None:
+                store = true_wear = TrueWear(run.bench.virtual, ledger)
+                ledger.truth, checkpoint.truth = {"tool_wear_um": true_wear.before_um}, true_wear.as_mapping
+                if plan.resumed is not None:
+                    true_wear.resume(plan.resumed)
+            job = checkpoint.begin(job)
+            ledger.begin()
+            with _kept(run, ledger, checkpoint):
+                run_job(
+                    run.bench.machine,
+                    job,
+                    recorder=run.recorder,
+                    observer=observer,
+                    tally=run.tally,
+                    store=store,
+                )
+    if run.error is not None:
+        tell_way_on(run.error, plan, name)
+    return _report(run, true_wear)
 
 
 def _refuse_other_machine(found: str, wanted: str) -> None:
@@ -184,70 +173,52 @@ def _refuse_other_machine(found: str, wanted: str) -> None:
         )
 
 
-def _run(
-    session: MachineSession,
-    entries: JobLedger,
-    kept: JobCheckpoint,
-    job: Job,
-    recorder: Recorder,
-    observer: Observer,
-    tally: JobTally,
-    journal: StateStore,
-) -> None:
-    """Run the job, and write down in the job ledger that it begins and what it came to.
-
-    Its journal comes first: whoever finds a job in the ledger can go on with it.
-    """
-    from edmctl.procedures.machining import run_job
-
-    job = kept.begin(job)
-    entries.begin()
+@contextmanager
+def _kept(run: RunContext, ledger: JobLedger, checkpoint: JobCheckpoint) -> Iterator[None]:
+    """Write what the job has reached into ledger, journal and run file, whatever ends it."""
     try:
         try:
-            run_job(
-                session.bench.machine, job, recorder=recorder, observer=observer, tally=tally, store=journal
-            )
+            yield
         finally:
-            session.leaves(tally.creep_left)
+            run.note_creep()
     except BaseException as error:
         with suppress(RunFileError):
-            entries.close(tally.result(), ending(error)[0])
+            ledger.close(run.tally.result(), ending(error)[0])
         with suppress(RunFileError):
-            kept.leave(error)
+            checkpoint.leave(error)
         raise
-    entries.close(tally.result(), DONE)
-    kept.end()
+    else:
+        ledger.close(run.tally.result(), DONE)
+        checkpoint.end()
+    finally:
+        if run.bench.virtual and run.plan.loaded.profile.path is not None:
+            keep_truth_map(run.recorder, run.bench.virtual)
 
 
-def _report(session: MachineSession, tally: JobTally, true_wear: TrueWear | None) -> Report:
-    plan, virtual, job = session.plan, session.bench.virtual, tally.result()
+def _report(run: RunContext, true_wear: TrueWear | None) -> Report:
+    profile, virtual, job = run.plan.loaded.profile, run.bench.virtual, run.tally.result()
     truths: tuple[SiteTruth, ...] = ()
+    channel = None
     if virtual and true_wear:
-        diameter_um = plan.loaded.profile.tool.diameter_um
         truths = tuple(
             dataclasses.replace(
-                truth, corner_um=corner_radius_um(true_wear.at_end_of(site.name), diameter_um)
+                truth, corner_um=corner_radius_um(true_wear.at_end_of(site.name), profile.tool.diameter_um)
             )
             for site, truth in zip(job.sites, truths_of(job.sites, virtual.truth(), true_wear), strict=True)
         )
-    simulated = session.bench.machine.identity.simulated
-    used = session.choice.used if session.choice else None
-    channel = None
-    if virtual and true_wear and job.channel is not None:
-        channel = channel_truth(plan.loaded.profile, virtual, virtual.tool_wear_um - true_wear.before_um)
-    drift = session.drift.text if session.drift else ""
-    seed = session.bench.seed
+        if job.channel is not None:
+            channel = channel_truth(profile, virtual, virtual.tool_wear_um - true_wear.before_um)
     return Report(
-        simulated,
-        job,
-        truths,
-        session.error,
-        session.run_file,
-        used,
-        channel,
-        drift,
-        seed,
-        plan.setup.as_mapping(),
+        simulated=run.bench.machine.identity.simulated,
+        job=job,
+        truths=truths,
+        error=run.error,
+        run_file=run.run_file,
+        model=run.choice.used if run.choice else None,
+        channel_truth=channel,
+        drift_file=run.drift.text,
+        seed=run.bench.seed,
+        setup=run.plan.setup.as_mapping(),
     )
 
 

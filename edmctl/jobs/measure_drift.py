@@ -10,7 +10,6 @@ from typing import Any
 
 from edmctl.dataclasses import asdict, dataclass
 from edmctl.jobs.calibration.request import check_writable
-from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.tool import (
     account_of,
@@ -21,9 +20,7 @@ from edmctl.jobs.ledger.tool import (
     with_recipe_of,
 )
 from edmctl.jobs.plan import Plan
-from edmctl.jobs.run_header import RunName
-from edmctl.jobs.session import MachineSession
-from edmctl.jobs.surroundings import Warn
+from edmctl.jobs.run_context import RunContext
 from edmctl.procedures.job import Job, job_of
 from edmctl.procedures.measure_drift import DriftPlan, drift_result, drift_time_s, measure_drift, plan_drift
 from edmctl.procedures.run import JobRun
@@ -50,9 +47,9 @@ def drift_forecast(plan: Plan, duration_s: float | None) -> dict[str, Any]:
     }
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True)
 class DriftRun:
-    """One measurement of drift; `output` names its file, else it is the machine's own."""
+    """A request to measure drift; `output` names the file, else it is the machine's own."""
 
     plan: Plan
     duration_s: float | None = None
@@ -60,76 +57,81 @@ class DriftRun:
     name: str = "measure-drift"
     kind: str = "measure-drift"
     pulses: bool = False
-    found: DriftResult | None = None
-    path: Path | None = None
-    replaced: bool = False
-    _planned: DriftPlan | None = None
-    _session: MachineSession | None = None
-    _ledger: Ledger | None = None
-    _account: ToolAccount | None = None
-    _run_file: str = ""
-    _model: DriftModel | None = None
-    _pad_um: float = math.nan
-    _home_um: float = math.nan
 
     def __post_init__(self) -> None:
         """Raise what `plan_drift` raises, before anything is connected."""
-        self._planned = plan_drift(self.plan.loaded.profile, self.plan.setup, self.duration_s)
+        plan_drift(self.plan.loaded.profile, self.plan.setup, self.duration_s)
 
-    def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
+    def prepare(self, run: RunContext) -> DriftStage:
         """Return what is measured, by the recipe of the tool's last run if no profile was named.
 
         Raises PreconditionError: E8048 a tool whose job was killed, E8059 a reference under another setup, E8063 a
-        run whose recipe is unknown.
+        run whose recipe is unknown; RunFileError E9012 if the file cannot be written.
         """
-        serial = session.bench.machine.identity.serial
-        self._session, self._run_file = session, name.path.name
-        place = default_drift_path if self.plan.where.lasting else fresh_drift_path
-        self.path = self.output or place(serial, self.plan.surroundings.environ)
-        check_writable(self.path)
-        self._ledger = ledger_of(self.plan, name)
-        history = history_of(self._ledger.lines if self._ledger else (), serial)
-        self._account = account_of(self.plan, tool_identity(session), history)
-        if self._ledger is not None:
-            folder = self._ledger.path.parent
-            refuse_other_setup(self._account, history, self.plan, folder)
-            refuse_unknown_length(self._account, folder, self.plan)
-            self.plan = with_recipe_of(self.plan, folder, last_run_of(self._account))
-        self._planned = plan_drift(self.plan.loaded.profile, self.plan.setup, self.duration_s)
-        job = job_of(self.plan.loaded.profile, self.plan.setup, (), session.actuator)
-        return with_home(job, history, session.bench.now)
+        serial, ledger, where = run.bench.serial, run.open_ledger(), run.plan.where
+        place = default_drift_path if where.lasting else fresh_drift_path
+        path = self.output or place(serial, run.plan.surroundings.environ)
+        check_writable(path)
+        history = history_of(ledger.lines if ledger else (), serial)
+        account = account_of(run.plan, tool_identity(run.bench), history)
+        if ledger is not None:
+            folder = ledger.path.parent
+            refuse_other_setup(account, history, run.plan, folder)
+            refuse_unknown_length(account, folder, run.plan)
+            run.plan = with_recipe_of(run.plan, folder, last_run_of(account))
+        profile, setup = run.plan.loaded.profile, run.plan.setup
+        planned = plan_drift(profile, setup, self.duration_s)
+        job = with_home(job_of(profile, setup, (), run.actuator), history, run.bench.now)
+        is_own = self.output is None and where.lasting
+        return DriftStage(run, job, planned, ledger, account, path, is_own)
+
+
+@dataclass(slots=True, eq=False)
+class DriftStage:
+    """A measurement of drift on the machine; `found` is its result, saved at `path`.
+
+    `is_own` if jobs on the machine use the file without naming it; `replaced` if there was one before.
+    """
+
+    run: RunContext
+    job: Job
+    planned: DriftPlan
+    ledger: Ledger | None
+    account: ToolAccount
+    path: Path
+    is_own: bool
+    replaced: bool = False
+    found: DriftResult | None = None
+    _model: DriftModel | None = None
+    _pad_um: float = math.nan
 
     def act(self, run: JobRun) -> None:
         """Touch, hold and rest."""
-        account, planned = self._account, self._planned
-        assert account is not None
-        assert planned is not None
-        known = not math.isnan(account.pad_um)
-        offset_um = account.pad_um if known else run.profile.approach.offset_um
-        record = measure_drift(run, planned, run.tally.home_um + offset_um)
-        self._pad_um, self._home_um = record.touches[-1].reading.mean_um, run.tally.home_um
-        fit, self.found = drift_result(run, planned, record)
+        known = not math.isnan(self.account.pad_um)
+        offset_um = self.account.pad_um if known else run.profile.approach.offset_um
+        record = measure_drift(run, self.planned, run.tally.home_um + offset_um)
+        self._pad_um = record.touches[-1].reading.mean_um
+        fit, self.found = drift_result(run, self.planned, record)
         self._model = model_of(fit)
 
     def close(self, time_s: float) -> None:
-        """Write the file, and into the ledger where the pad is by now."""
-        session, account = self._session, self._account
-        assert session is not None
-        assert account is not None
-        self._save(session)
-        if self._ledger is None:
+        """Write the file, and the present place of the pad into the ledger."""
+        assert self.run.name is not None
+        file = self.run.name.path.name
+        self._save(file)
+        if self.ledger is None:
             return
-        worn_um, u95_um = account.worn_um, account.worn_u95_um
-        seen = WearMeasured(account.label, self._run_file, self._pad_um, worn_um, u95_um, self._home_um)
-        session.write_down(self._ledger, seen, RunEnded(self._run_file, "done", time_s))
+        account, home_um = self.account, self.run.tally.home_um
+        seen = WearMeasured(account.label, file, self._pad_um, account.worn_um, account.worn_u95_um, home_um)
+        self.run.write_down(self.ledger, seen, RunEnded(file, "done", time_s))
 
     def result(self) -> Mapping[str, object] | None:
-        """What was measured, and where it is kept."""
-        if self._session is None or self._account is None or self.found is None:
+        """Return what was measured, and where it is kept."""
+        if self.found is None:
             return None
         return {
-            "machine": self._session.bench.machine.identity.serial,
-            "tool": self._account.label,
+            "machine": self.run.bench.serial,
+            "tool": self.account.label,
             **asdict(self.found),
             "drift_file": str(self.path),
             "truth": self.truth,
@@ -138,10 +140,9 @@ class DriftRun:
     @property
     def use(self) -> str:
         """Which jobs go by the file, a sentence without its end."""
-        assert self._session is not None
-        bench, where = self._session.bench, self.plan.where
-        if self.output is None and where.lasting:
-            return f"jobs on {bench.machine.identity.serial} go by it from now on"
+        bench, where = self.run.bench, self.run.plan.where
+        if self.is_own:
+            return f"jobs on {bench.serial} go by it from now on"
         on = f"--port {where.selector}" if where.lasting else f"--seed {bench.seed}"
         job = f"edmctl machine --profile PROFILE {on}"
         return f"`EDMCTL_DRIFT={self.path} {job}` goes by it, as does a setup that names it (drift.file)"
@@ -149,21 +150,20 @@ class DriftRun:
     @property
     def truth(self) -> dict[str, float] | None:
         """The steady drifts of a virtual bench; None on any other machine."""
-        virtual = self._session.bench.virtual if self._session else None
+        virtual = self.run.bench.virtual
         return virtual.true_drifts_um_per_s if virtual else None
 
-    def _save(self, session: MachineSession) -> None:
+    def _save(self, run_file: str) -> None:
         assert self.found is not None
         assert self._model is not None
-        assert self.path is not None
-        identity = session.bench.machine.identity
+        identity = self.run.bench.machine.identity
         made = MadeBy(
             utc=datetime.now(UTC).isoformat(timespec="seconds"),
             edmctl=__version__,
             serial=identity.serial,
             simulated=identity.simulated,
-            run_file=self._run_file,
+            run_file=run_file,
         )
         self.replaced = self.path.exists()
-        self.plan.surroundings.settled()
+        self.run.plan.surroundings.settled()
         save_drift(self.path, drift_file(made, self.found, self._model))

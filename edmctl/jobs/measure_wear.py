@@ -9,9 +9,9 @@ from typing import Any
 
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import Diagnostic, PreconditionError, UsageError
+from edmctl.jobs.connected_machine import Now
 from edmctl.jobs.drift_choice import choose_drift
-from edmctl.jobs.job_preparation import ledger_of
-from edmctl.jobs.ledger.elapsed import Now, with_home
+from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import coordinates_in
 from edmctl.jobs.ledger.tool import (
     NAMELESS,
@@ -29,9 +29,8 @@ from edmctl.jobs.ledger.tool import (
     with_recipe_of,
 )
 from edmctl.jobs.plan import Plan
-from edmctl.jobs.run_header import RunName
+from edmctl.jobs.run_context import RunContext
 from edmctl.jobs.runs.opening import command_to_go_on
-from edmctl.jobs.session import MachineSession
 from edmctl.jobs.surroundings import Warn
 from edmctl.planning.measuring import move_time_s, park_to_pad_um, reading_time_s, touch_time_s
 from edmctl.procedures.job import Job, job_of
@@ -50,7 +49,6 @@ from edmctl.profile.model import Profile
 from edmctl.record.ledger import Ledger
 from edmctl.record.ledger_entries import (
     UNFINISHED,
-    Entry,
     ReferenceTouched,
     RunEnded,
     SiteMachined,
@@ -167,30 +165,18 @@ def wear_forecast(plan: Plan, *, reference: bool) -> dict[str, Any]:
     }
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True)
 class WearRun:
-    """A reference touch, or a measurement against one."""
+    """A request for a reference touch, or for a measurement against the reference at the hole `site`."""
 
     plan: Plan
     site: str | None
     is_reference: bool
     name: str = "measure-wear"
     pulses: bool = False
-    bottom: Bottom | None = None
-    found: WearResult | None = None
-    touched: SurfaceReading | None = None
-    _session: MachineSession | None = None
-    _ledger: Ledger | None = None
-    _run_file: str = ""
-    _account: ToolAccount | None = None
-    _reference: Reference | None = None
-    _temperature_c: float = math.nan
-    _warn: Warn | None = None
-    _job: Job | None = None
-    _home_um: float = math.nan
 
     def __post_init__(self) -> None:
-        """Raise UsageError E2062 where a new tool is to have lost something already."""
+        """Raise UsageError E2062 for a new tool that is to be measured against its reference."""
         if self.plan.new_tool and not self.is_reference:
             raise UsageError(
                 "--new-tool goes with --reference: a tool that was changed has lost nothing yet.",
@@ -203,24 +189,28 @@ class WearRun:
         """What its run file says was done."""
         return "wear reference" if self.is_reference else "measure-wear"
 
-    def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
-        """Return what is measured. Raises what `look` raises."""
-        self._session, self._run_file = session, name.path.name
-        profile = self.look(tool_identity(session), ledger_of(self.plan, name), warn)
-        if self._reference is not None:
-            serial, environ = session.bench.machine.identity.serial, self.plan.surroundings.environ
-            session.drift = choose_drift(environ, self.plan.setup, serial, lasting=self.plan.where.lasting)
-            warn(session.drift.warnings)
-            self._reference = replace(self._reference, drift_um_per_s=session.drift.touch_um_per_s)
-        self._temperature_c = session.bench.machine.status().temperature_c
-        self._job = job_of(profile, self.plan.setup, (), session.actuator)
-        if self._ledger is not None:
-            history = history_of(self._ledger.lines, session.bench.machine.identity.serial)
-            self._job = with_home(self._job, history, session.bench.now)
-        return self._job
+    def prepare(self, run: RunContext) -> ReferenceStage | WearStage:
+        """Return what is touched on the connected machine. Raises what `look` raises."""
+        assert run.name is not None
+        ledger, identity = run.open_ledger(), tool_identity(run.bench)
+        known = self.look(run.plan, identity, ledger, run.warn)
+        run.plan, where = known.plan, known.plan.where
+        if known.reference is not None:
+            run.drift = choose_drift(
+                run.plan.surroundings.environ, run.plan.setup, identity.serial, lasting=where.lasting
+            )
+            run.warn(run.drift.warnings)
+        temperature_c = run.bench.machine.status().temperature_c
+        job = job_of(known.profile, run.plan.setup, (), run.actuator)
+        if ledger is not None:
+            job = with_home(job, history_of(ledger.lines, identity.serial), run.bench.now)
+        if known.reference is None:
+            return ReferenceStage(run, job, ledger, known.account, temperature_c)
+        reference = replace(known.reference, drift_um_per_s=run.drift.touch_um_per_s)
+        return WearStage(run, job, ledger, known.account, temperature_c, reference, known.bottom)
 
-    def look(self, identity: ToolIdentity, ledger: Ledger | None, warn: Warn) -> Profile:
-        """Return the recipe of the touches, after a look at the ledger.
+    def look(self, plan: Plan, identity: ToolIdentity, ledger: Ledger | None, warn: Warn) -> KnownTool:
+        """Return what the ledger knows of the tool, and the recipe of the touches.
 
         Without a profile it is the recipe of the run that made the hole, else of the last run with the tool.
 
@@ -228,171 +218,208 @@ class WearRun:
         a tool whose job was killed, E8056 a tool that was replaced since its reference, E8059 a reference under
         another setup, E8063 a run whose recipe is unknown.
         """
-        self._ledger, self._warn = ledger, warn
         history = history_of(ledger.lines if ledger else (), identity.serial)
-        account = self._account = account_of(self.plan, identity, history)
-        run_file = last_run_of(account)
-        if not self.is_reference:
-            reference = _reference_of(account, ledger, identity, self.plan)
-            self._reference = _aged(reference, account, identity.now)
-            folder = ledger.path.parent if ledger is not None else Path()
-            refuse_other_setup(account, history, self.plan, folder)
-            refuse_unknown_length(account, folder, self.plan)
-            diameter_um = self.plan.loaded.profile.tool.diameter_um
-            if not self.plan.names_tool:
-                diameter_um = diameter_of(account.label, identity)
-            self.bottom = bottom_of(self.site, history, account, diameter_um, folder)
-            run_file = self.bottom.run_file if self.bottom is not None else run_file
-            self.plan = with_recipe_of(self.plan, folder, run_file)
-            return self._at_speed_of(reference, warn)
-        if setup_differences(account.reference, self.plan.setup):
-            account.pad_um = math.nan
-        if ledger is None:
-            warn([_NOT_KEPT])
-            return measuring_profile(self.plan.loaded.profile)
-        if self.plan.new_tool:
-            warn(left_to_finish(account.label, identity.serial, ledger.path.parent))
-        self.plan = with_recipe_of(self.plan, ledger.path.parent, run_file)
-        return measuring_profile(self.plan.loaded.profile)
+        account = account_of(plan, identity, history)
+        folder = ledger.path.parent if ledger is not None else Path()
+        if self.is_reference:
+            if setup_differences(account.reference, plan.setup):
+                account.pad_um = math.nan
+            if ledger is None:
+                warn([_NOT_KEPT])
+            else:
+                if plan.new_tool:
+                    warn(left_to_finish(account.label, identity.serial, folder))
+                plan = with_recipe_of(plan, folder, last_run_of(account))
+            return KnownTool(plan, measuring_profile(plan.loaded.profile), account)
+        reference = _reference_of(account, ledger, identity, plan)
+        aged = _aged(reference, account, identity.now)
+        refuse_other_setup(account, history, plan, folder)
+        refuse_unknown_length(account, folder, plan)
+        diameter_um = plan.loaded.profile.tool.diameter_um
+        if not plan.names_tool:
+            diameter_um = diameter_of(account.label, identity)
+        bottom = bottom_of(self.site, history, account, diameter_um, folder)
+        plan = with_recipe_of(plan, folder, bottom.run_file if bottom is not None else last_run_of(account))
+        return KnownTool(plan, _at_speed_of(reference, plan, warn), account, aged, bottom)
+
+
+@dataclass(frozen=True, slots=True)
+class KnownTool:
+    """What the ledger knows of a tool, and how it is touched.
+
+    plan, profile : with the recipe of an earlier run if no profile was named
+    reference : None if the reference is what is to be touched
+    bottom : the hole to touch as well, if any
+    """
+
+    plan: Plan
+    profile: Profile
+    account: ToolAccount
+    reference: Reference | None = None
+    bottom: Bottom | None = None
+
+
+@dataclass(slots=True, eq=False)
+class ReferenceStage:
+    """A reference touch on the machine; `touched` is the reading."""
+
+    run: RunContext
+    job: Job
+    ledger: Ledger | None
+    account: ToolAccount
+    temperature_c: float
+    home_um: float = math.nan
+    touched: SurfaceReading | None = None
 
     def act(self, run: JobRun) -> None:
-        """Touch."""
-        account = self._account
-        assert account is not None
-        self._home_um = run.tally.home_um
-        known = not math.isnan(account.pad_um)
-        expected_um = self._home_um + (account.pad_um if known else run.profile.approach.offset_um)
-        if self._reference is None:
-            # A job that was killed has left the tool anywhere between here and what all of it would have cost.
-            half_um = 0.5 * math.fsum(job.wear_um for job in account.killed)
-            self.touched = touch_pad(run, "Z1", expected_um + half_um, 0.5 * half_um)
-            if self._warn is not None:
-                self._warn(_replaced(account, self.touched.z_um))
-            return
-        age_s = counted_pause_s(replace(run.job, pause_s=self._reference.age_s))
-        self.found = measure_wear(run, replace(self._reference, age_s=age_s), expected_um, self.bottom)
-        refuse_drift(run, self.found)
-        self._compare(self.found, account)
+        """Touch the pad."""
+        # A job that was killed has left the tool anywhere between here and what all of it would have cost.
+        half_um = 0.5 * math.fsum(job.wear_um for job in self.account.killed)
+        self.home_um = run.tally.home_um
+        self.touched = touch_pad(run, "Z1", _expected_um(run, self.account) + half_um, 0.5 * half_um)
+        self.run.warn(_replaced(self.account, self.touched.z_um))
 
     def close(self, time_s: float) -> None:
-        """Write the reference or the wear into the ledger."""
-        if self._ledger is None or self._session is None or self._account is None:
+        """Write the reference into the ledger."""
+        run, touched, tool = self.run, self.touched, self.account.label
+        if self.ledger is None or run.name is None or touched is None:
             return
-        tool, entries = self._account.label, list[Entry]()
-        if self.touched is not None:
-            if self.plan.new_tool:
-                entries.append(ToolChanged(tool))
-            entries.append(self._as_reference(tool, self.touched))
-        elif self.found is not None:
-            found = self.found
-            entries.append(
-                WearMeasured(
-                    tool, self._run_file, found.z3_after_um, found.wear_um, found.wear_u95_um, self._home_um
-                )
-            )
-        self._session.write_down(self._ledger, *entries, RunEnded(self._run_file, "done", time_s))
+        reference = ReferenceTouched(
+            tool=tool,
+            run_file=run.name.path.name,
+            z_um=touched.z_um,
+            sd_um=touched.reading.sd_um,
+            touches=touched.reading.touches,
+            model_um=touched.model_um,
+            speed_um_s=self.job.profile.measure.speed_um_s,
+            time_s=touched.time_s,
+            temperature_c=self.temperature_c,
+            home_um=self.home_um,
+            doubt_u_um=touched.doubt_u_um,
+            truth={"tool_wear_um": run.bench.virtual.tool_wear_um} if run.bench.virtual else None,
+            **reference_setup(run.plan.setup),
+        )
+        changed = [ToolChanged(tool)] if run.plan.new_tool else []
+        run.write_down(self.ledger, *changed, reference, RunEnded(run.name.path.name, "done", time_s))
 
     def result(self) -> Mapping[str, object] | None:
-        """What was touched, and what is known of the tool by the ledger."""
-        if self._session is None or self._account is None:
+        """Return the reading, and whose it is."""
+        if self.touched is None:
             return None
-        account = self._account
-        head = {
-            "machine": self._session.bench.machine.identity.serial,
-            "tool": account.label,
-            "dielectric_c": self._temperature_c,
-        }
-        if self.touched is not None:
-            reading = self.touched.reading
-            reference = {
+        reading = self.touched.reading
+        return {
+            "machine": self.run.bench.serial,
+            "tool": self.account.label,
+            "dielectric_c": self.temperature_c,
+            "reference": {
                 "z1_um": reading.mean_um,
                 "sd_um": reading.sd_um,
                 "touches": reading.touches,
                 "z1_model_um": self.touched.model_um,
-            }
-            return {**head, "reference": reference}
+            },
+        }
+
+
+@dataclass(slots=True, eq=False)
+class WearStage:
+    """A measurement of wear on the machine; `found` is its result."""
+
+    run: RunContext
+    job: Job
+    ledger: Ledger | None
+    account: ToolAccount
+    temperature_c: float
+    reference: Reference
+    bottom: Bottom | None
+    home_um: float = math.nan
+    found: WearResult | None = None
+
+    def act(self, run: JobRun) -> None:
+        """Touch pad, hole and pad."""
+        self.home_um, expected_um = run.tally.home_um, _expected_um(run, self.account)
+        age_s = counted_pause_s(replace(run.job, pause_s=self.reference.age_s))
+        self.found = measure_wear(run, replace(self.reference, age_s=age_s), expected_um, self.bottom)
+        refuse_drift(run, self.found)
+        self._compare(self.found)
+
+    def close(self, time_s: float) -> None:
+        """Write the wear into the ledger."""
+        run, found = self.run, self.found
+        if self.ledger is None or run.name is None or found is None:
+            return
+        file = run.name.path.name
+        measured = WearMeasured(
+            self.account.label, file, found.z3_after_um, found.wear_um, found.wear_u95_um, self.home_um
+        )
+        run.write_down(self.ledger, measured, RunEnded(file, "done", time_s))
+
+    def result(self) -> Mapping[str, object] | None:
+        """Return what was measured, and what the ledger knows of the tool."""
         if self.found is None:
             return None
-        bottom = self.bottom
         return {
-            **head,
-            "site": asdict(bottom) if bottom else None,
+            "machine": self.run.bench.serial,
+            "tool": self.account.label,
+            "dielectric_c": self.temperature_c,
+            "site": asdict(self.bottom) if self.bottom else None,
             **asdict(self.found),
-            "ledger": {"wear_um": account.worn_um, "wear_u95_um": account.worn_u95_um},
+            "ledger": {"wear_um": self.account.worn_um, "wear_u95_um": self.account.worn_u95_um},
             "tool_wear_total_um": self.total_um,
             "truth": self.truth,
         }
 
     @property
-    def account(self) -> ToolAccount:
-        """What the ledger knows of the tool, once that was looked at."""
-        assert self._account is not None
-        return self._account
-
-    @property
     def total_um(self) -> float:
-        """What the tool has lost since it was new."""
-        assert self.found is not None
-        return self.account.lost_before_um + self.found.wear_um
+        """What the tool has lost since it was new; NaN before it is measured."""
+        return math.nan if self.found is None else self.account.lost_before_um + self.found.wear_um
 
     @property
     def truth(self) -> dict[str, float] | None:
-        """Wear since the reference, depth and feed as a virtual bench knows them; None on any other machine."""
-        virtual = self._session.bench.virtual if self._session else None
+        """Wear since the reference, depth and feed of a virtual bench; None on any other machine."""
+        virtual, bottom = self.run.bench.virtual, self.bottom
         if virtual is None:
             return None
         before = self.account.reference.truth if self.account.reference else None
         wear_um = virtual.tool_wear_um - before["tool_wear_um"] if before else math.nan
-        depth_um, bottom, holes = math.nan, self.bottom, virtual.truth()
+        depth_um, holes = math.nan, virtual.truth()
         if bottom is not None and holes:
             nearest = min(holes, key=lambda h: math.hypot(h.x_um - bottom.x_um, h.y_um - bottom.y_um))
             depth_um = nearest.depth_um
         return {"wear_um": wear_um, "depth_um": depth_um, "feed_um": depth_um + wear_um}
 
-    def _at_speed_of(self, reference: ReferenceTouched, warn: Warn) -> Profile:
-        """Touch as slowly as the reference was touched, so that creep enters both alike; a named profile rules."""
-        profile = self.plan.loaded.profile
-        if not self.plan.names_tool:
-            return measuring_profile(profile, reference.speed_um_s)
-        if profile.measure.speed_um_s != reference.speed_um_s:
-            message = (
-                f"The reference was touched at {reference.speed_um_s:g} µm/s, measure.speed_um_s is "
-                f"{profile.measure.speed_um_s:g} µm/s: creep enters the two differently."
-            )
-            hint = f"Say --set measure.speed_um_s={reference.speed_um_s:g}."
-            warn([Diagnostic("W8111", message, hint, is_warning=True)])
-        return measuring_profile(profile)
-
-    def _compare(self, found: WearResult, account: ToolAccount) -> None:
-        """Warn where the touches and the sum of the sites do not agree: something happened that no job knows of."""
+    def _compare(self, found: WearResult) -> None:
+        """Warn if the touches and the sum of the sites do not agree: something happened that no job knows of."""
+        account = self.account
         off_um, u95_um = found.wear_um - account.worn_um, math.hypot(found.wear_u95_um, account.worn_u95_um)
-        if abs(off_um) <= u95_um or self._warn is None:
+        if abs(off_um) <= u95_um:
             return
         message = (
             f"The tool is {length(found.wear_um)} shorter than at its reference; its jobs account for "
             f"{length(account.worn_um)}. They differ by more than {length(u95_um)}."
         )
         hint = "If the tool was changed or moved, say --reference; a hole that was left unmeasured explains less."
-        self._warn([Diagnostic("W8112", message, hint, is_warning=True)])
+        self.run.warn([Diagnostic("W8112", message, hint, is_warning=True)])
 
-    def _as_reference(self, tool: str, touched: SurfaceReading) -> ReferenceTouched:
-        virtual = self._session.bench.virtual if self._session else None
-        assert self._job is not None
-        return ReferenceTouched(
-            tool=tool,
-            run_file=self._run_file,
-            z_um=touched.z_um,
-            sd_um=touched.reading.sd_um,
-            touches=touched.reading.touches,
-            model_um=touched.model_um,
-            speed_um_s=self._job.profile.measure.speed_um_s,
-            time_s=touched.time_s,
-            temperature_c=self._temperature_c,
-            home_um=self._home_um,
-            doubt_u_um=touched.doubt_u_um,
-            truth={"tool_wear_um": virtual.tool_wear_um} if virtual else None,
-            **reference_setup(self.plan.setup),
+
+def _expected_um(run: JobRun, account: ToolAccount) -> float:
+    """Return the displacement where the tool should touch the pad."""
+    known = not math.isnan(account.pad_um)
+    return run.tally.home_um + (account.pad_um if known else run.profile.approach.offset_um)
+
+
+def _at_speed_of(reference: ReferenceTouched, plan: Plan, warn: Warn) -> Profile:
+    """Touch as slowly as the reference was touched, so that creep enters both alike; a named profile decides."""
+    profile = plan.loaded.profile
+    if not plan.names_tool:
+        return measuring_profile(profile, reference.speed_um_s)
+    if profile.measure.speed_um_s != reference.speed_um_s:
+        message = (
+            f"The reference was touched at {reference.speed_um_s:g} µm/s, measure.speed_um_s is "
+            f"{profile.measure.speed_um_s:g} µm/s: creep enters the two differently."
         )
+        hint = f"Say --set measure.speed_um_s={reference.speed_um_s:g}."
+        warn([Diagnostic("W8111", message, hint, is_warning=True)])
+    return measuring_profile(profile)
 
 
 def _replaced(account: ToolAccount, z_um: float) -> list[Diagnostic]:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import EdmError, UsageError
 from edmctl.jobs.calibration.selection import ModelUsed
-from edmctl.jobs.connected_run import connected_run
-from edmctl.jobs.job_preparation import PreparedJob, hole_radius_um, ledger_of, prepared_job
+from edmctl.jobs.job_preparation import PreparedJob, hole_radius_um, prepared_job
 from edmctl.jobs.ledger.elapsed import with_home
 from edmctl.jobs.ledger.places_taken import refuse_pad, refuse_taken, refuse_unreachable
 from edmctl.jobs.ledger.tool import (
@@ -23,8 +22,8 @@ from edmctl.jobs.ledger.tool import (
     tool_identity,
 )
 from edmctl.jobs.plan import Plan
+from edmctl.jobs.run_context import RunContext, connected_run
 from edmctl.jobs.run_header import RunName, name_run
-from edmctl.jobs.session import MachineSession
 from edmctl.jobs.surroundings import Warn
 from edmctl.jsonout import JsonValue
 from edmctl.planning.forecast import STROKE_RESERVE_UM
@@ -37,14 +36,12 @@ from edmctl.planning.measuring import (
 )
 from edmctl.planning.removal import approach_speed_um_s
 from edmctl.procedures.job import Job, job_of
-from edmctl.procedures.job_state import JobTally
 from edmctl.procedures.jump_series import SETTLE_AT_DEPTH_S, least_period_s, run_jumps
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.session import running
 from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.profile.places import Place
 from edmctl.record.ledger import Ledger
-from edmctl.record.rows import Recorder
 from edmctl.record.tool_account import history_of
 from edmctl.results.measurements import JumpSeries, SurfaceFound
 from edmctl.results.progress import Observer
@@ -55,11 +52,33 @@ MOST_UM = 1e6
 """Stages and profiles know no place further off."""
 
 
-class Procedure(Protocol):
-    """What one command does on a machine that is connected. It keeps what it has reached."""
+class Stage(Protocol):
+    """A procedure on a connected machine that has been checked: what it acts on, and what it has reached."""
 
-    plan: Plan
-    """What is asked for, checked; under the setup and with the recipe in effect once the machine is connected."""
+    @property
+    def job(self) -> Job:
+        """What the machine is prepared for."""
+
+    def act(self, run: JobRun) -> None:
+        """Do it on an armed and conditioned machine."""
+
+    def close(self, time_s: float) -> None:
+        """Keep what later commands have to know; the machine is retracted and idle, after `time_s`."""
+
+    def result(self) -> Mapping[str, object] | None:
+        """Return what was reached, for scripts; None if there is nothing."""
+
+
+S = TypeVar("S", bound=Stage)
+StageT_co = TypeVar("StageT_co", bound=Stage, covariant=True)
+
+
+class Procedure(Protocol[StageT_co]):
+    """What one command asks for, checked as far as that is possible without a machine."""
+
+    @property
+    def plan(self) -> Plan:
+        """The checked request."""
 
     @property
     def name(self) -> str:
@@ -67,23 +86,14 @@ class Procedure(Protocol):
 
     @property
     def kind(self) -> str:
-        """What its run file says was done."""
+        """What the run file says was done."""
 
     @property
     def pulses(self) -> bool:
         """Whether it makes sparks."""
 
-    def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
-        """Return what the machine is made ready for; refuse what cannot be done on it."""
-
-    def act(self, run: JobRun) -> None:
-        """Do it on an armed and conditioned machine."""
-
-    def close(self, time_s: float) -> None:
-        """Keep what is to be known by later commands; the machine is retracted and idle, after `time_s`."""
-
-    def result(self) -> Mapping[str, object] | None:
-        """What was reached, for scripts; None where there is nothing."""
+    def prepare(self, run: RunContext) -> StageT_co:
+        """Return the next stage; refuse what cannot be done on the connected machine. May change `run.plan`."""
 
 
 _MAIN_VALUES = ("kind", "displacement", "height of the jumps, mean", "Z1", "wear", "depth")
@@ -91,21 +101,27 @@ _MAIN_VALUES = ("kind", "displacement", "height of the jumps, mean", "Z1", "wear
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class ProcedureReport(Result):
-    """What a procedure came to, whether it ended well or with `error`.
+class ProcedureReport(Result, Generic[StageT_co]):
+    """What a procedure reached, whether it ended well or with `error`.
 
-    `result` holds what the command of that name tells with `--json`. `reached` says that there is more in it than
-    times and calibration; `model` where its estimated displacements come from, None where it ended before that was
-    known. `run_file` is the file as it is called now.
+    result : what the command of that name prints with `--json`
+    stage : the procedure on the machine; None if it was refused
+    model : where estimated displacements come from; None if the procedure ended before that was known
+    run_file : the file as it is called now
     """
 
     name: str
     result: Mapping[str, object]
-    reached: bool
+    stage: StageT_co | None
     simulated: bool
     run_file: Path | None
     model: ModelUsed | None
     error: EdmError | None
+
+    @property
+    def reached(self) -> bool:
+        """Whether the result has more than times and calibration."""
+        return self.stage is not None and self.stage.result() is not None
 
     def as_mapping(self) -> Mapping[str, object]:
         """Return the `result` of the JSON object."""
@@ -129,50 +145,51 @@ def name_of(plan: Plan, command: str, folder: Path, run_id: str | None) -> RunNa
 
 
 def perform(
-    plan: Plan, procedure: Procedure, name: RunName, seed: int, observer: Observer, warn: Warn
-) -> ProcedureReport:
-    """Do it into the run file `name`; `seed` makes a virtual bench that is not there yet.
+    procedure: Procedure[S], name: RunName, seed: int, observer: Observer, warn: Warn
+) -> ProcedureReport[S]:
+    """Do it into the run file `name`; `seed` makes a virtual bench that does not exist yet.
 
-    Expected errors come back with what was reached. Raises LinkLost, ProtocolMismatch and RunFileError where there
-    was no machine to act on.
+    The report holds an expected error, with what was reached. Raises LinkLost, ProtocolMismatch and RunFileError if
+    no machine was connected.
     """
-    tally = JobTally()
-
-    def prepare(session: MachineSession) -> Callable[[Recorder], None]:
-        procedure.plan = session.plan
-        job = replace(procedure.job(session, name, warn), creep_left=session.creep_left)
-        session.plan = procedure.plan
-        return lambda recorder: act(session, job, recorder)
-
-    def act(session: MachineSession, job: Job, recorder: Recorder) -> None:
-        machine, pulses = session.bench.machine, procedure.pulses
-        try:
-            with running(machine, job, tally, recorder=recorder, observer=observer, pulses=pulses) as run:
-                procedure.act(run)
-        finally:
-            session.leaves(tally.creep_left)
-        procedure.close(tally.time_s)
-
-    def summary(session: MachineSession) -> dict[str, object]:
-        used = asdict(session.choice.used) if session.choice else None
-        return {
-            **(procedure.result() or {}),
-            "setup": session.plan.setup.as_mapping(),
-            "calibration": used,
-            "time_s": tally.time_s,
-            "link": tally.link,
-        }
-
-    session = connected_run(plan, seed, observer, name, warn, prepare, summary, procedure.kind)
+    stage: S | None = None
+    with connected_run(procedure.plan, seed, observer, name, warn) as run:
+        run.check_machine()
+        stage = procedure.prepare(run)
+        with run.recording(procedure.kind, lambda: _summary(run, stage)):
+            job = replace(stage.job, creep_left=run.creep_left)
+            try:
+                with running(
+                    run.bench.machine,
+                    job,
+                    run.tally,
+                    recorder=run.recorder,
+                    observer=observer,
+                    pulses=procedure.pulses,
+                ) as job_run:
+                    stage.act(job_run)
+            finally:
+                run.note_creep()
+            stage.close(run.tally.time_s)
     return ProcedureReport(
         name=procedure.name,
-        result=summary(session),
-        reached=procedure.result() is not None,
-        simulated=session.bench.machine.identity.simulated,
-        run_file=session.run_file,
-        model=session.choice.used if session.choice else None,
-        error=session.error,
+        result=_summary(run, stage),
+        stage=stage,
+        simulated=run.bench.machine.identity.simulated,
+        run_file=run.run_file,
+        model=run.choice.used if run.choice else None,
+        error=run.error,
     )
+
+
+def _summary(run: RunContext, stage: Stage | None) -> dict[str, object]:
+    return {
+        **((stage.result() if stage else None) or {}),
+        "setup": run.plan.setup.as_mapping(),
+        "calibration": asdict(run.choice.used) if run.choice else None,
+        "time_s": run.tally.time_s,
+        "link": run.tally.link,
+    }
 
 
 def stage_place_um(place: Sequence[float]) -> tuple[float, float]:
@@ -245,13 +262,11 @@ def approach_forecast(
 
 @dataclass(slots=True)
 class Approach:
-    """One approach."""
+    """A request to find the spark gap, or with `contact` the surface, at a place or where a job would begin."""
 
     plan: Plan
     place: tuple[float, float] | None
     contact: bool
-    found: SurfaceFound | None = None
-    _site: Place | None = None
     name: str = "approach"
 
     def __post_init__(self) -> None:
@@ -260,14 +275,8 @@ class Approach:
             self.place = stage_place_um(self.place)
 
     @property
-    def surface(self) -> SurfaceFound:
-        """What was found."""
-        assert self.found is not None
-        return self.found
-
-    @property
     def kind(self) -> str:
-        """To the spark gap, or to the surface."""
+        """Approach to the spark gap, or contact with the surface."""
         return "contact touch" if self.contact else "approach"
 
     @property
@@ -275,24 +284,32 @@ class Approach:
         """A touch makes none."""
         return not self.contact
 
-    def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
-        """Return the job of the machine's tool as it is by now, at the place of its first hole."""
-        prepared = prepared_job(
-            self.plan, tool_identity(session), session.actuator, ledger_of(self.plan, name)
-        )
-        self._site = checked_site(prepared, self.place, name.path.parent, self.plan, contact=self.contact)
-        return prepared.job
+    def prepare(self, run: RunContext) -> ApproachStage:
+        """Return the approach with the machine's tool as it is now. Raises what `checked_site` raises."""
+        assert run.name is not None
+        prepared = prepared_job(run.plan, tool_identity(run.bench), run.actuator, run.open_ledger())
+        site = checked_site(prepared, self.place, run.name.path.parent, run.plan, contact=self.contact)
+        return ApproachStage(prepared.job, site, self.contact)
+
+
+@dataclass(slots=True)
+class ApproachStage:
+    """An approach on the machine; `found` is the gap or the surface."""
+
+    job: Job
+    site: Place
+    contact: bool
+    found: SurfaceFound | None = None
 
     def act(self, run: JobRun) -> None:
         """Find gap or surface."""
-        assert self._site is not None
-        self.found = find_contact(run, self._site) if self.contact else find_gap(run, self._site)
+        self.found = find_contact(run, self.site) if self.contact else find_gap(run, self.site)
 
     def close(self, time_s: float) -> None:
-        """Some sparks leave no hole: there is nothing to keep."""
+        """Keep nothing: some sparks leave no hole."""
 
     def result(self) -> Mapping[str, object] | None:
-        """Where it is."""
+        """Return what was found."""
         return asdict(self.found) if self.found else None
 
 
@@ -334,39 +351,42 @@ def jumps_forecast(plan: Plan, count: int) -> dict[str, float]:
 
 @dataclass(slots=True)
 class Jumps:
-    """One series of jumps."""
+    """A request for a series of jumps."""
 
     plan: Plan
     count: int
-    series: JumpSeries | None = None
     name: str = "jump-flush"
     kind: str = "jump-flush"
     pulses: bool = False
 
-    @property
-    def measured(self) -> JumpSeries:
-        """What was measured."""
-        assert self.series is not None
-        return self.series
+    def prepare(self, run: RunContext) -> JumpsStage:
+        """Return the jumps with the profile's job. Raises PreconditionError E8059 for another setup."""
+        ledger, plan = run.open_ledger(), run.plan
+        job = job_of(plan.loaded.profile, plan.setup, (), run.actuator)
+        if ledger is not None:
+            history = history_of(ledger.lines, run.bench.serial)
+            account = account_of(plan, tool_identity(run.bench), history)
+            refuse_other_setup(account, history, plan, ledger.path.parent)
+            job = with_home(job, history, run.bench.now)
+        return JumpsStage(job, end_um(plan), self.count)
 
-    def job(self, session: MachineSession, name: RunName, warn: Warn) -> Job:
-        """Return the profile's job; nothing of it is done but its jumps."""
-        ledger = ledger_of(self.plan, name)
-        job = job_of(self.plan.loaded.profile, self.plan.setup, (), session.actuator)
-        if ledger is None:
-            return job
-        history = history_of(ledger.lines, session.bench.machine.identity.serial)
-        account = account_of(self.plan, tool_identity(session), history)
-        refuse_other_setup(account, history, self.plan, name.path.parent)
-        return with_home(job, history, session.bench.now)
+
+@dataclass(slots=True)
+class JumpsStage:
+    """A series of jumps on the machine, from the displacement `from_um`; `series` is what was measured."""
+
+    job: Job
+    from_um: float
+    count: int
+    series: JumpSeries | None = None
 
     def act(self, run: JobRun) -> None:
         """Jump."""
-        self.series = run_jumps(run, end_um(self.plan), self.count)
+        self.series = run_jumps(run, self.from_um, self.count)
 
     def close(self, time_s: float) -> None:
-        """Nothing was touched: there is nothing to keep."""
+        """Keep nothing: nothing was touched."""
 
     def result(self) -> Mapping[str, object] | None:
-        """Every jump, and the summary."""
+        """Return every jump, and the summary."""
         return asdict(self.series) if self.series else None

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import RunFileError
+from edmctl.jobs.plan import Resumption
 from edmctl.procedures.job_state import JobState, StateStore
 from edmctl.record.rows import Recorder, TruthMap
 from edmctl.results.job import ChannelTruth
@@ -77,14 +78,18 @@ class TrueWear:
         self._look()
         return {"tool_wear_um": self.before_um, "at_end_um": dict(self._at_end_um)}
 
-    def go_on_from(self, truth: Mapping[str, Any]) -> None:
-        """Count from where the run before began, with the sites that it finished."""
+    def resume(self, resumed: Resumption) -> None:
+        """Count from where the interrupted run began, with the sites that it finished.
+
+        Wear since the last finished site belongs to no site if the interrupted hole is made from the start.
+        """
+        truth: Mapping[str, Any] | None = resumed.journal.truth
+        if truth is None:
+            return
         self.before_um = float(truth["tool_wear_um"])
         self._at_end_um = {str(name): float(wear_um) for name, wear_um in truth["at_end_um"].items()}
-
-    def leave_hole(self) -> None:
-        """What was worn since the last finished site is no site's once its hole is made anew and sparks."""
-        self._given_up_um = self.bench.tool_wear_um
+        if resumed.restart_hole:
+            self._given_up_um = self.bench.tool_wear_um
 
     def of_site(self, name: str) -> float:
         """True wear at a site, up to now where the job has not left it."""

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from edmctl.jobs.connected_machine import Now
 from edmctl.jobs.creep_left import CreepNote
-from edmctl.jobs.ledger.elapsed import Now
 from edmctl.jobs.plan import MachineAddress
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.profile.folders import creep_path

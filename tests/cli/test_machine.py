@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import h5py
 import pytest
 
-from edmctl.jobs import connected_run
+from edmctl.jobs import run_context
 from edmctl.jobs.job import truths_of
 from edmctl.jobs.truth import TrueWear
 from edmctl.jsonout import to_json_value
@@ -164,7 +164,7 @@ def test_the_place_of_the_run_file_is_looked_at_before_the_machine(
     def no_machine(*_: object) -> None:
         raise AssertionError("a machine was opened")
 
-    monkeypatch.setattr(connected_run, "connected", no_machine)
+    monkeypatch.setattr(run_context, "connected", no_machine)
     Path("file").touch()
     Path("r.h5.partial").touch()
     for out, run_id, code in (("file", "r", "E9002"), ("file/in/it", "r", "E9002"), (".", "r", "E9001")):

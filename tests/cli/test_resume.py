@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import LinkLost, MachineFault
-from edmctl.jobs.ledger.elapsed import CALENDAR, Now
+from edmctl.jobs.connected_machine import CALENDAR, Now
 from edmctl.jobs.measure_wear import _aged
 from edmctl.jobs.resume.checkpoint import tell_way_on
 from edmctl.jobs.resume.selection import checked, find_run, taken_up

@@ -12,8 +12,9 @@ from edmctl.cli.render.style import Style
 from edmctl.cli.running import identity_before, perform_and_tell
 
 if TYPE_CHECKING:
-    from edmctl.jobs.measure_drift import DriftRun
-    from edmctl.jobs.measure_wear import WearRun
+    from edmctl.jobs.measure_drift import DriftStage
+    from edmctl.jobs.measure_wear import ReferenceStage, WearStage
+    from edmctl.jobs.procedures import ApproachStage, JumpsStage
 
 ContactOption = Annotated[
     bool, typer.Option("--contact", help="Touch the surface, without sparks, instead of finding the gap.")
@@ -40,7 +41,7 @@ def approach(
 
     The feed is the profile's approach speed. With --contact the tool touches the surface by continuity instead.
     """
-    from edmctl.cli.render.procedure_tables import render_approach_plan, render_surface
+    from edmctl.cli.render.procedure_tables import render_approach_plan
     from edmctl.jobs.ledger.places_taken import place_of
     from edmctl.jobs.procedures import Approach, approach_forecast
 
@@ -51,7 +52,14 @@ def approach(
         outcome.text = render_approach_plan(forecast, stream_style(sys.stdout))
     else:
         found = Approach(plan, place, contact=contact)
-        perform_and_tell(outcome, found, job, run, lambda style: render_surface(found.surface, style))
+        perform_and_tell(outcome, found, job, run, _surface_table)
+
+
+def _surface_table(stage: "ApproachStage", style: Style) -> str:
+    from edmctl.cli.render.procedure_tables import render_surface
+
+    assert stage.found is not None
+    return render_surface(stage.found, style)
 
 
 MOST_JUMPS = 1000
@@ -85,7 +93,7 @@ def jump_flush(
     The tool jumps beside the work, as low as at the end of the profile's job, and without sparks. The sensor is
     sampled a thousand times a second, and tells how well and how soon the tool is back.
     """
-    from edmctl.cli.render.procedure_tables import render_jump_plan, render_jumps
+    from edmctl.cli.render.procedure_tables import render_jump_plan
     from edmctl.jobs.procedures import JUMPS_ALONE, Jumps, jumps_forecast, refuse_hurry
 
     changes = [
@@ -101,7 +109,14 @@ def jump_flush(
         outcome.text = render_jump_plan(forecast, stream_style(sys.stdout))
     else:
         jumps = Jumps(plan, count)
-        perform_and_tell(outcome, jumps, job, run, lambda style: render_jumps(jumps.measured, style))
+        perform_and_tell(outcome, jumps, job, run, _jumps_table)
+
+
+def _jumps_table(stage: "JumpsStage", style: Style) -> str:
+    from edmctl.cli.render.procedure_tables import render_jumps
+
+    assert stage.series is not None
+    return render_jumps(stage.series, style)
 
 
 ReferenceOption = Annotated[
@@ -137,25 +152,27 @@ def measure_wear(
     plan = job.plan(outcome, like=TOUCHES_LIKE, new_tool=new_tool)
     wear = WearRun(plan, site, is_reference=reference)
     if not run.dry_run:
-        perform_and_tell(outcome, wear, job, run, lambda style: _wear_table(wear, style))
+        perform_and_tell(outcome, wear, job, run, _wear_table)
         return
     if (identity := identity_before(outcome, plan)) is not None:
-        wear.look(identity, Ledger.open(run.out), outcome.warn)
-    forecast = wear_forecast(wear.plan, reference=reference)
+        plan = wear.look(plan, identity, Ledger.open(run.out), outcome.warn).plan
+    forecast = wear_forecast(plan, reference=reference)
     outcome.result = {"forecast": forecast}
     outcome.text = render_wear_plan(**forecast, style=stream_style(sys.stdout))
 
 
-def _wear_table(run: "WearRun", style: "Style") -> str:
+def _wear_table(stage: "ReferenceStage | WearStage", style: "Style") -> str:
     from edmctl.cli.render.procedure_tables import render_reference, render_wear
+    from edmctl.jobs.measure_wear import ReferenceStage
 
-    label = run.account.label
-    if run.touched is not None:
-        reading, model_um = run.touched.reading, run.touched.model_um
+    label = stage.account.label
+    if isinstance(stage, ReferenceStage):
+        assert stage.touched is not None
+        reading, model_um = stage.touched.reading, stage.touched.model_um
         return render_reference(label, reading.mean_um, reading.sd_um, reading.touches, model_um, style)
-    assert run.found is not None
-    name = run.bottom.name if run.bottom else label
-    return render_wear(name, run.found, run.account.worn_um, run.total_um, run.truth, style)
+    assert stage.found is not None
+    name = stage.bottom.name if stage.bottom else label
+    return render_wear(name, stage.found, stage.account.worn_um, stage.total_um, stage.truth, style)
 
 
 DurationOption = Annotated[
@@ -196,11 +213,12 @@ def measure_drift(
         outcome.text = render_drift_plan(**forecast, style=stream_style(sys.stdout))
         return
     drift = DriftRun(plan, duration, output)
-    perform_and_tell(outcome, drift, job, run, lambda style: _drift_table(drift, style))
+    perform_and_tell(outcome, drift, job, run, _drift_table)
 
 
-def _drift_table(run: "DriftRun", style: "Style") -> str:
+def _drift_table(stage: "DriftStage", style: "Style") -> str:
     from edmctl.cli.render.procedure_tables import render_drift
 
-    assert run.found is not None
-    return render_drift(run.found, run.truth, str(run.path), run.use, replaced=run.replaced, style=style)
+    assert stage.found is not None
+    path, replaced = str(stage.path), stage.replaced
+    return render_drift(stage.found, stage.truth, path, stage.use, replaced=replaced, style=style)

@@ -1,39 +1,14 @@
-"""Time that passed between commands, and where the tool was at rest last."""
+"""Where the tool was at rest last."""
 
 from __future__ import annotations
 
 import math
-import time
 
-from edmctl.dataclasses import dataclass, replace
+from edmctl.dataclasses import replace
+from edmctl.jobs.connected_machine import Now
 from edmctl.procedures.job import REPORT_DELAY_S, Job
 from edmctl.procedures.monitoring.drift import contradicting_between_jobs_um_s, displacement_uncertainty
 from edmctl.record.tool_account import MachineHistory
-
-CLOCK_STEP_S = 60.0
-"""A clock may be put right by so much: in that time a zero drifts by 0.1 µm, less than a touch repeats."""
-
-
-@dataclass(frozen=True, slots=True)
-class Now:
-    """The present of a machine. `bench_s` is the time of a virtual bench in this process, NaN on any other machine.
-
-    Such a bench stands still between commands, and each of them lets its own time pass, whether or not a ledger
-    tells of it. So whatever is written down of a machine has both times, and one of them counts.
-    """
-
-    bench_s: float = math.nan
-
-    def since_s(self, utc_s: float, bench_s: float) -> float:
-        """How long ago that was, s; infinity where nobody knows: a clock was set back since, or was not told."""
-        if math.isnan(self.bench_s):
-            passed_s = time.time() - utc_s
-            return max(0.0, passed_s) if passed_s >= -CLOCK_STEP_S else math.inf
-        passed_s = self.bench_s - bench_s
-        return passed_s if passed_s >= 0.0 else math.inf
-
-
-CALENDAR = Now()
 
 
 def with_home(job: Job, history: MachineHistory, now: Now) -> Job:

@@ -8,13 +8,10 @@ from collections.abc import Collection, Mapping, Sequence
 from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import Diagnostic
 from edmctl.jobs.drift_choice import choose_drift, doubts_of_use
-from edmctl.jobs.job_preparation import hole_radius_um, ledger_of, prepared_job
+from edmctl.jobs.job_preparation import hole_radius_um, prepared_job
 from edmctl.jobs.ledger.places_taken import Place
 from edmctl.jobs.ledger.tool import reference_setup, tool_identity
-from edmctl.jobs.plan import Plan
-from edmctl.jobs.run_header import RunName
-from edmctl.jobs.session import MachineSession
-from edmctl.jobs.surroundings import Warn
+from edmctl.jobs.run_context import RunContext
 from edmctl.procedures.job import Job
 from edmctl.procedures.job_state import JobState, StateStore
 from edmctl.quantity import half_width
@@ -39,11 +36,8 @@ class JobLedger:
     `truth` is what a virtual bench knows of its tool when the job begins.
     """
 
-    plan: Plan
-    session: MachineSession
-    name: RunName | None
+    run: RunContext
     journal: StateStore
-    warn: Warn
     truth: Mapping[str, float] | None = None
     _ledger: Ledger | None = None
     _places: tuple[Place, ...] = ()
@@ -56,34 +50,34 @@ class JobLedger:
 
         Raises PreconditionError: whatever `prepared_job` and `PreparedJob.refuse` raise.
         """
-        self._ledger = ledger_of(self.plan, self.name)
-        session = self.session
-        if self._ledger is not None and session.bench.seed is not None:
-            self.warn(_of_another_bench(self._ledger, session.bench.machine.identity.serial))
-        prepared = prepared_job(self.plan, tool_identity(session), session.actuator, self._ledger, resuming)
-        serial = session.bench.machine.identity.serial
-        environ, lasting = self.plan.surroundings.environ, self.plan.where.lasting
-        session.drift = choose_drift(environ, self.plan.setup, serial, lasting=lasting)
-        job = replace(prepared.job, drift=session.drift.model, creep_left=session.creep_left)
-        self.warn([*session.drift.warnings, *doubts_of_use(session.drift, job.unknown_use_s)])
-        if self._ledger is not None:
-            self.warn(prepared.refuse(self.plan, self._ledger.path.parent, resuming))
+        run, plan = self.run, self.run.plan
+        ledger = self._ledger = run.open_ledger()
+        if ledger is not None and run.bench.seed is not None:
+            run.warn(_of_another_bench(ledger, run.bench.serial))
+        prepared = prepared_job(plan, tool_identity(run.bench), run.actuator, ledger, resuming)
+        run.drift = choose_drift(
+            plan.surroundings.environ, plan.setup, run.bench.serial, lasting=plan.where.lasting
+        )
+        job = replace(prepared.job, drift=run.drift.model, creep_left=run.creep_left)
+        run.warn([*run.drift.warnings, *doubts_of_use(run.drift, job.unknown_use_s)])
+        if ledger is not None:
+            run.warn(prepared.refuse(plan, ledger.path.parent, resuming))
             self._places = prepared.places
-            left = self.plan.resumed.state if self.plan.resumed else None
+            left = plan.resumed.state if plan.resumed else None
             is_first = left is None or not (left.z1_touches or left.done)
             self._wants_reference = prepared.account.reference is None and is_first
         return job
 
     def begin(self) -> None:
         """Before the machine moves: a job that is killed leaves a word about its places."""
-        if self._ledger is None or self.name is None:
+        if self._ledger is None or self.run.name is None:
             return
-        changed = [ToolChanged(self._tool)] if self.plan.new_tool else []
-        radius_um, wear_um = hole_radius_um(self.plan.loaded.profile), self.plan.forecast.tool_wear_um
+        changed = [ToolChanged(self._tool)] if self.run.plan.new_tool else []
+        radius_um, wear_um = hole_radius_um(self.run.plan.loaded.profile), self.run.plan.forecast.tool_wear_um
         begun = JobBegun(
-            self._tool, self.name.path.name, radius_um, self._places, wear_um, self.plan.setup.sha256
+            self._tool, self.run.name.path.name, radius_um, self._places, wear_um, self.run.plan.setup.sha256
         )
-        self.session.write_down(self._ledger, *changed, begun)
+        self.run.write_down(self._ledger, *changed, begun)
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Note the first Z1 and what was cut, and hand the state on."""
@@ -96,34 +90,34 @@ class JobLedger:
 
     def close(self, result: JobResult, status: str) -> None:
         """Write down what was reached. Raises RunFileError where that is not possible."""
-        if self._ledger is None or self.name is None or not self._places:
+        if self._ledger is None or self.run.name is None or not self._places:
             return
-        run_file = self.name.path.name
+        run_file = self.run.name.path.name
         ended = RunEnded(run_file, status, result.time_s - result.earlier_time_s)
-        self.session.write_down(self._ledger, *self._sites(result, run_file), ended)
+        self.run.write_down(self._ledger, *self._sites(result, run_file), ended)
 
     @property
     def _tool(self) -> str:
-        return self.plan.loaded.profile.tool.label
+        return self.run.plan.loaded.profile.tool.label
 
     def _keep_reference(self, z1: JobState) -> None:
         """Write down the first touch where the tool has no reference yet: at once, as the job may be killed."""
-        if self._ledger is None or self.name is None or not self._wants_reference:
+        if self._ledger is None or self.run.name is None or not self._wants_reference:
             return
         reference = ReferenceTouched(
             tool=self._tool,
-            run_file=self.name.path.name,
+            run_file=self.run.name.path.name,
             z_um=z1.z1_um,
             sd_um=z1.z1_sd_um,
             touches=z1.z1_touches,
             model_um=z1.z1_model_um,
-            speed_um_s=self.plan.loaded.profile.measure.speed_um_s,
+            speed_um_s=self.run.plan.loaded.profile.measure.speed_um_s,
             time_s=z1.z1_time_s,
             home_um=z1.home_um,
             truth=self.truth,
-            **reference_setup(self.plan.setup),
+            **reference_setup(self.run.plan.setup),
         )
-        self.session.write_down(self._ledger, reference)
+        self.run.write_down(self._ledger, reference)
 
     def _sites(self, result: JobResult, run_file: str) -> list[SiteMachined]:
         """Measured holes, and those that were begun and left; or the channel, place by place."""
@@ -133,14 +127,14 @@ class JobLedger:
             name="",
             x_um=math.nan,
             y_um=math.nan,
-            radius_um=hole_radius_um(self.plan.loaded.profile),
+            radius_um=hole_radius_um(self.run.plan.loaded.profile),
             status=UNFINISHED,
             depth_um=math.nan,
             wear_um=math.nan,
             home_um=result.home_um,
         )
         places = [replace(blank, name=name, x_um=x_um, y_um=y_um) for name, x_um, y_um in self._places]
-        if self.plan.loaded.profile.path is not None:
+        if self.run.plan.loaded.profile.path is not None:
             return _channel(places, result, next(iter(self._begun.values()), None))
         return self._holes(places, result)
 

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, PreconditionError, RunFileError
-from edmctl.jobs.ledger.elapsed import CALENDAR, Now
+from edmctl.jobs.connected_machine import CALENDAR, ConnectedMachine, Now
 from edmctl.jobs.plan import MachineAddress, Plan
 from edmctl.jobs.runs.opening import command_to_go_on, on_machine
-from edmctl.jobs.session import MachineSession
 from edmctl.planning.forecast import forecast, stroke_available_um
 from edmctl.profile.model import Profile, Tool
 from edmctl.profile.read import Merged, apply_overrides, put
@@ -47,11 +46,10 @@ class ToolIdentity:
     is_new: bool = False
 
 
-def tool_identity(session: MachineSession) -> ToolIdentity:
+def tool_identity(bench: ConnectedMachine) -> ToolIdentity:
     """Return what a connected machine shows."""
-    bench = session.bench
     if bench.virtual is None:
-        return ToolIdentity(bench.machine.identity.serial)
+        return ToolIdentity(bench.serial)
     return replace(_identity_of(bench.virtual), is_new=bench.seed is not None)
 
 
@@ -116,13 +114,13 @@ def diameter_of(label: str, identity: ToolIdentity) -> float:
     return float(named["um"]) if named else identity.diameter_um
 
 
-def as_found(plan: Plan, session: MachineSession, ledger: Ledger | None, command: str) -> Plan:
+def as_found(plan: Plan, bench: ConnectedMachine, ledger: Ledger | None, command: str) -> Plan:
     """Return the plan as its run file shall tell it: a command without a profile has its own name, and the tool that
     it found in the machine.
     """
     if plan.names_tool or plan.resumed is not None:
         return plan
-    identity, profile = tool_identity(session), plan.loaded.profile
+    identity, profile = tool_identity(bench), plan.loaded.profile
     last = history_of(ledger.lines, identity.serial).tool if ledger is not None else ""
     label = identity.tool or last or NAMELESS
     named, diameter_um = _LABEL.fullmatch(label), diameter_of(label, identity)
@@ -162,14 +160,14 @@ def reference_command(plan: Plan) -> str:
     return on_machine(shlex.join(command), plan.where.selector)
 
 
-def name_tool(plan: Plan, session: MachineSession, ledger: Ledger | None) -> None:
+def name_tool(plan: Plan, bench: ConnectedMachine, ledger: Ledger | None) -> None:
     """Write down that the unnamed tool in the machine is the profile's, before it gets that name.
 
     Raises RunFileError where that is not possible.
     """
     if ledger is None or plan.new_tool or not plan.names_tool:
         return
-    identity, tool = tool_identity(session), plan.loaded.profile.tool
+    identity, tool = tool_identity(bench), plan.loaded.profile.tool
     history = history_of(ledger.lines, identity.serial)
     if history.account(tool.label).reference is not None or history.account(NAMELESS).reference is None:
         return

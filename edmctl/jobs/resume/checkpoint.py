@@ -6,13 +6,12 @@ from collections.abc import Callable, Mapping
 
 from edmctl.dataclasses import dataclass
 from edmctl.errors import EdmError, MachineFault, ObjectiveNotReached, PreconditionError, RunFileError
-from edmctl.jobs.job_preparation import ledger_of
 from edmctl.jobs.plan import Plan
 from edmctl.jobs.resume.checks import refuse_elsewhere, refuse_untouchable
 from edmctl.jobs.resume.selection import find_run, taken_up
+from edmctl.jobs.run_context import RunContext
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.runs.opening import resume_command
-from edmctl.jobs.session import MachineSession
 from edmctl.procedures.job import Job
 from edmctl.procedures.job_state import JobState
 from edmctl.procedures.run import after_pause
@@ -44,42 +43,40 @@ class JobCheckpoint:
     `truth` is asked for what a virtual bench knows.
     """
 
-    plan: Plan
-    session: MachineSession
-    name: RunName | None
+    run: RunContext
     truth: Callable[[], Mapping[str, object] | None] = lambda: None
     _file: JournalFile | None = None
     _left: JobState | None = None
 
     def refuse(self) -> None:
         """Raise PreconditionError where a run that is to be taken up cannot be, on this machine and tool."""
-        resumption = self.plan.resumed
+        resumption = self.run.plan.resumed
         if resumption is None:
             return
-        ledger = ledger_of(self.plan, self.name)
-        refuse_elsewhere(resumption, self.session, ledger.lines if ledger else ())
+        ledger = self.run.open_ledger()
+        refuse_elsewhere(resumption, self.run.bench, ledger.lines if ledger else ())
 
     def begin(self, job: Job) -> Job:
         """Return the job, as far as an earlier run came, and keep its first state: a death from now on is known.
 
         The journal of that earlier run goes: this one tells more.
         """
-        resumption = self.plan.resumed
+        resumption = self.run.plan.resumed
         if resumption is not None:
-            job = taken_up(resumption, job, self.session.bench.now)
-        if self.name is None or not self.plan.where.lasting:
+            job = taken_up(resumption, job, self.run.bench.now)
+        if self.run.name is None or not self.run.plan.where.lasting:
             return job
         self._file = JournalFile(
-            self.name.journal,
+            self.run.name.journal,
             self._job(job),
             self._stages_um,
             self.truth,
-            self.session.bench.kept_s,
-            self.session.disk,
+            self.run.bench.kept_s,
+            self.run.disk,
         )
         tool = job.profile.tool.label
         self.keep(after_pause(job) if resumption else JobState(PHASE_BEFORE, 0.0, tool), urgent=True)
-        if resumption is not None and resumption.path != self.name.journal:
+        if resumption is not None and resumption.path != self.run.name.journal:
             remove_journal(resumption.path)
         return job
 
@@ -88,9 +85,9 @@ class JobCheckpoint:
         if self._file is None:
             return
         if urgent:
-            self.session.bench.keep_all()
+            self.run.bench.keep_all()
         else:
-            self.session.bench.keep()
+            self.run.bench.keep()
         self._file.keep(state, urgent=urgent)
         self._left = state
 
@@ -110,16 +107,16 @@ class JobCheckpoint:
             self._file.remove()
 
     def _stages_um(self) -> tuple[float, float]:
-        status = self.session.bench.machine.status()
+        status = self.run.bench.machine.status()
         return status.x_um, status.y_um
 
     def _job(self, job: Job) -> JournalledJob:
-        assert self.name is not None
-        plan, request, machine = self.plan, self.plan.request, self.session.bench.machine
+        assert self.run.name is not None
+        plan, request, machine = self.run.plan, self.run.plan.request, self.run.bench.machine
         resumption = plan.resumed
         return JournalledJob(
-            run_id=self.name.run_id,
-            start=self.name.start.isoformat(timespec="milliseconds"),
+            run_id=self.run.name.run_id,
+            start=self.run.name.start.isoformat(timespec="milliseconds"),
             profile=str(plan.loaded.path.resolve()),
             overrides=request.overrides,
             profile_sha256=plan.loaded.sha256,
@@ -132,7 +129,7 @@ class JobCheckpoint:
             serial=machine.identity.serial,
             boots=machine.hello.boot_count,
             tool=job.profile.tool.label,
-            seed=self.session.bench.seed,
+            seed=self.run.bench.seed,
             places=tuple(
                 (site.name, site.x_um, site.y_um, site.theta_deg, site.depth_um) for site in job.sites
             ),

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from edmctl.errors import PreconditionError, stages_by_hand
+from edmctl.jobs.connected_machine import ConnectedMachine
 from edmctl.jobs.plan import Plan, Resumption
-from edmctl.jobs.session import MachineSession
 from edmctl.record.journal import read_journal
 from edmctl.record.ledger import JobBegun, Line, RunEnded, SiteMachined, ToolChanged
 from edmctl.wording import coordinates
@@ -39,13 +39,13 @@ def refuse_untouchable(resumption: Resumption, plan: Plan) -> None:
         )
 
 
-def refuse_elsewhere(resumption: Resumption, session: MachineSession, lines: Sequence[Line]) -> None:
+def refuse_elsewhere(resumption: Resumption, bench: ConnectedMachine, lines: Sequence[Line]) -> None:
     """Look at the connected machine, and at the ledger's `lines`, before anything moves.
 
     Raises PreconditionError: E8051 the run went on meanwhile, E8055 another machine, E8056 another tool, or one that
     was used since, E8057 nobody knows where the stages are. FaultLatched E8010 while a fault is held.
     """
-    job, machine, virtual = resumption.job, session.bench.machine, session.bench.virtual
+    job, machine, virtual = resumption.job, bench.machine, bench.virtual
     serial = machine.identity.serial
     if serial != job.serial:
         raise PreconditionError(
@@ -72,7 +72,7 @@ def refuse_elsewhere(resumption: Resumption, session: MachineSession, lines: Seq
         )
     refuse_used_tool(resumption, lines)
     if virtual is None and machine.hello.boot_count != job.boots and not resumption.homed:
-        raise _not_homed(resumption, session)
+        raise _not_homed(resumption, bench)
 
 
 def _other_tool(message: str) -> PreconditionError:
@@ -117,8 +117,8 @@ def _was_idle(run_file: str, later: Sequence[Line]) -> bool:
     return False
 
 
-def _not_homed(resumption: Resumption, session: MachineSession) -> PreconditionError:
-    status, journal = session.bench.machine.status(), resumption.journal
+def _not_homed(resumption: Resumption, bench: ConnectedMachine) -> PreconditionError:
+    status, journal = bench.machine.status(), resumption.journal
     here = f"{coordinates(status.x_um, status.y_um, 1)}, {status.theta_deg:g}°, within {HOMED_WITHIN_UM:g} µm"
     return PreconditionError(
         f"The controller was restarted since {journal.job.run_id}; the run was last seen at "

@@ -13,7 +13,8 @@ from pathlib import Path
 
 from edmctl.errors import PreconditionError, RunFileError, UsageError
 from edmctl.files import user_path
-from edmctl.jobs.ledger.elapsed import Now, with_home_left
+from edmctl.jobs.connected_machine import Now
+from edmctl.jobs.ledger.elapsed import with_home_left
 from edmctl.jobs.plan import Plan, Resumption, check, with_resumed
 from edmctl.jobs.resume.checks import refuse_untouchable, refuse_used_tool
 from edmctl.jobs.run_header import RunName, run_path

@@ -1,0 +1,246 @@
+"""The context of a run: a connected machine, a calibration and a run file, from the first check to the closed file.
+
+A job or procedure that moves a machine is written in the order in which it happens:
+
+    with connected_run(plan, seed, observer, name, warn) as run:
+        run.check_machine()
+        ...  # refuse what cannot be done; nothing is written and nothing moves
+        with run.recording("machine", summary):
+            ...  # move the machine
+
+The two blocks close the run file and the connection whatever ends them. `procedures.session.running` brings the
+machine into its safe state. An expected error ends the outer block and is kept as `run.error`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from edmctl.dataclasses import dataclass, field
+from edmctl.errors import Diagnostic, EdmError, RunFileError
+from edmctl.exitcodes import MEANING, ExitCode, error_exit_code
+from edmctl.jobs.calibration.selection import Choice, choose
+from edmctl.jobs.connect import connected, introduction
+from edmctl.jobs.connected_machine import ConnectedMachine
+from edmctl.jobs.creep_left import CreepNote
+from edmctl.jobs.drift_choice import DriftChoice
+from edmctl.jobs.job_preparation import ledger_of
+from edmctl.jobs.ledger.tool import as_found, name_tool
+from edmctl.jobs.plan import Plan, under
+from edmctl.jobs.resume.selection import refuse_other_setup_of_run
+from edmctl.jobs.run_header import RunName, run_meta
+from edmctl.jobs.runs.opening import on_machine
+from edmctl.jobs.surroundings import Warn
+from edmctl.jsonout import render_json
+from edmctl.labels import NOT_SHOWN_CODE, Verdict
+from edmctl.procedures.job import CalibratedActuator
+from edmctl.procedures.job_state import JobTally
+from edmctl.process.rest_drift import CreepLeft
+from edmctl.record.disk import refuse_place
+from edmctl.record.disk_thread import DiskThread
+from edmctl.record.ledger import Ledger
+from edmctl.record.ledger_entries import Entry
+from edmctl.record.locks import are_known
+from edmctl.record.rows import NullRecorder, Recorder, Summary
+from edmctl.results.progress import Observer
+
+
+@dataclass(slots=True, eq=False)
+class RunContext:
+    """What a run works with, and what it has reached, also after an error.
+
+    plan : under the setup in effect, which may be known only by the machine's serial number
+    name : name of the run file; None if the run leaves none
+    creep_left : what the actuator creeps back yet: after an earlier use, and in the end after this one; None if
+        nothing has used it
+    run_file : the run file as it is called now; None as long as there is none
+    error : the expected error that ended the run
+    """
+
+    plan: Plan
+    name: RunName | None
+    observer: Observer
+    warn: Warn
+    bench: ConnectedMachine
+    disk: DiskThread
+    tally: JobTally = field(default_factory=JobTally)
+    choice: Choice | None = None
+    drift: DriftChoice = field(default_factory=DriftChoice)
+    creep_left: CreepLeft | None = None
+    recorder: Recorder = field(default_factory=NullRecorder)
+    run_file: Path | None = None
+    error: EdmError | None = None
+
+    @property
+    def actuator(self) -> CalibratedActuator | None:
+        """The calibrated actuator; None if no calibration is used."""
+        return self.choice.actuator if self.choice else None
+
+    def open_ledger(self) -> Ledger | None:
+        """Read the job ledger beside the run file; None without a run file or on a machine that does not last."""
+        return ledger_of(self.plan, self.name)
+
+    def check_machine(self) -> None:
+        """Take the setup that belongs to the machine, choose its calibration, read how its actuator was used.
+
+        Raises RecordError, ProfileError, and PreconditionError: E8031, E8032 no calibration for a machine without a
+        sensor, E8053 a resumed run had another setup.
+        """
+        if self.bench.own_setup is not None:
+            self.plan = under(self.plan, self.bench.own_setup)
+            self.warn(self.plan.loaded.warnings)
+        plan = self.plan
+        if plan.resumed is not None:
+            refuse_other_setup_of_run(plan, plan.resumed)
+        if plan.where.lasting:
+            calibrate = on_machine("edmctl calibrate", plan.where.selector)
+        else:
+            calibrate = f"edmctl calibrate --seed {self.bench.seed}"
+        self.choice = choose(
+            plan.calibration,
+            plan.surroundings.environ,
+            plan.setup,
+            plan.loaded.profile,
+            self.bench.serial,
+            calibrate,
+            lasting=plan.where.lasting,
+        )
+        self.warn(self.choice.warnings)
+        self.creep_left = self._creep_note().read()
+
+    @contextmanager
+    def recording(self, procedure: str, summary: Callable[[], Mapping[str, object]]) -> Iterator[None]:
+        """Open the run file and introduce the run; close the file whatever ends the block.
+
+        `procedure` names in the file what is done, `summary` gives the result that is written at the end. From here
+        on a virtual bench has the profile's tool.
+
+        Raises PreconditionError E8010 if a fault is latched, RunFileError if a file cannot be written.
+        """
+        bench, plan = self.bench, self.plan
+        if bench.machine.hello.fault and (latched := bench.machine.latched_fault()):
+            raise latched
+        before, note, ledger = self.creep_left, self._creep_note(), self.open_ledger()
+        found = as_found(plan, bench, ledger, "measure-wear")
+        with self._run_file(found, procedure, summary):
+            into = f", into {self.name.path}" if self.name else ""
+            recipe = f"; recipe of {plan.recipe_of}" if plan.recipe_of else ""
+            self.observer.note(f"{introduction(plan.where, bench)}{into}; {plan.setup.in_words()}{recipe}")
+            name_tool(plan, bench, ledger)
+            note.take_away()
+            bench.begin()
+            if plan.new_tool and bench.virtual is not None:
+                bench.virtual.new_tool()
+            try:
+                yield
+            finally:
+                if self.creep_left is not None and self.creep_left is not before:
+                    note.leave(self.creep_left)
+
+    def note_creep(self) -> None:
+        """Keep what the actuator creeps back after this use; of a use that ended early it is unknown."""
+        self.creep_left = self.tally.creep_left or CreepLeft.none(0.0)
+
+    def write_down(self, ledger: Ledger, *entries: Entry) -> None:
+        """Add entries to the ledger; a bench in a file is written first and is never older.
+
+        Raises RunFileError if one of them cannot be written.
+        """
+        self.bench.keep_all()
+        serial, bench_s = self.bench.serial, self.bench.kept_s()
+        self.disk.run(ledger.path, lambda: ledger.append(serial, *entries, bench_s=bench_s))
+
+    def _creep_note(self) -> CreepNote:
+        return CreepNote(self.bench, self.plan.where, self.plan.surroundings.environ)
+
+    @contextmanager
+    def _run_file(
+        self, plan: Plan, procedure: str, summary: Callable[[], Mapping[str, object]]
+    ) -> Iterator[None]:
+        name = self.name
+        if name is None:
+            yield
+            return
+        from edmctl.record.background import BackgroundWriter  # h5py
+
+        assert self.choice is not None
+        identity = self.bench.machine.identity
+        meta = run_meta(name, plan, self.bench.seed, identity, self.choice, procedure, self.drift.toml)
+        # The time of a virtual machine stands still while a slow disk is waited for.
+        writer = BackgroundWriter.create(name.path, meta, waits=self.plan.where.in_process)
+        self.recorder = writer
+
+        def summarize() -> None:
+            writer.append(Summary(render_json(summary(), is_exact=True)))
+
+        try:
+            yield
+        except BaseException as error:
+            with suppress(RunFileError):
+                summarize()
+            self.run_file = writer.abandon(*ending(error))
+            raise
+        try:
+            summarize()
+            self.run_file = writer.finish("done", 0)
+        except RunFileError:
+            # The final name may be another run's now.
+            self.run_file = name.partial if name.partial.exists() else None
+            raise
+
+
+@contextmanager
+def connected_run(
+    plan: Plan, seed: int, observer: Observer, name: RunName | None, warn: Warn | None
+) -> Iterator[RunContext]:
+    """Connect to the machine of `plan`; an expected error ends the block and is kept in the context.
+
+    `seed` makes a virtual bench that does not exist yet. `warn` gets warnings before anything moves.
+
+    Raises LinkLost, ProtocolMismatch and RunFileError if no machine was connected.
+    """
+    if name is not None:
+        refuse_place(name.path)
+        if warn is not None and not are_known(name.path.parent):
+            warn([_no_locks(name.path.parent)])
+    run: RunContext | None = None
+    try:
+        with connected(
+            plan.tool_for(), plan.setup, seed, observer.note, plan.where, plan.surroundings
+        ) as bench:
+            disk = DiskThread(bench.machine.attend if bench.machine.is_live else None)
+            run = RunContext(plan, name, observer, warn or (lambda _: None), bench, disk)
+            try:
+                yield run
+            except EdmError as expected:
+                run.error = expected
+            finally:
+                disk.close()
+    except RunFileError as unkept:
+        if run is None:
+            raise
+        run.error = run.error or unkept
+
+
+def _no_locks(folder: Path) -> Diagnostic:
+    return Diagnostic(
+        "W9002",
+        f"The file system of {folder} knows no locks: files that name host and process stand in their stead.",
+        "One that a computer left behind when it went off has to be removed by hand (ls -a shows .*.lock); "
+        "--out names a folder on another disk.",
+        is_warning=True,
+    )
+
+
+def ending(error: BaseException) -> tuple[str, int]:
+    """Return status and exit code of a run file whose command ended with `error`."""
+    if isinstance(error, KeyboardInterrupt):  # in a notebook, without a stop request
+        return MEANING[ExitCode.INTERRUPT].partition(" (")[0], int(ExitCode.INTERRUPT)
+    if not isinstance(error, EdmError):
+        return "internal error", int(ExitCode.INTERNAL)
+    code = error_exit_code(error)
+    if error.code == NOT_SHOWN_CODE:
+        return Verdict.NOT_SHOWN.value, code
+    return MEANING[ExitCode(code)].partition(" (")[0], code
