@@ -14,7 +14,7 @@ machines that they have not seen, at least 88 % of 60 holes or more. points: of 
 that it recommends and at others of its own, at least 88 % on new machines. optimum: the shortest time with arcs of
 at most 2 % from 24 runs over reference, duty and frequency, which together set the on-time (duty / frequency): of
 the repeats whose settings truly keep the bound the median regret is at most 10 %, and at most one in eight does not
-keep it, judged by many runs and a search that is refined where it is best. kills: parent, worker, one of two shards
+keep it, judged by many runs and a search that is refined where it is best. kills: parent or worker
 and worker of a dask cluster killed, Ctrl-C, at random instants: the table after `resume` is that of a study that
 nobody disturbed (dask is needed). throughput: two idle cores make at least 18 000 holes of 10 µm an hour, and
 90 % of what the CPU of one hole allows, with at most 5 % of CPU besides. planning: 1 000 runs in 5 s. The exit code
@@ -53,9 +53,8 @@ import edmctl
 from edmctl.errors import ProfileError
 from edmctl.jobs.plan import check
 from edmctl.profile.folders import shipped_studies
-from edmctl.study.analysis import analysis_of
-from edmctl.study.expectations import expected_at
-from edmctl.study.factors import coded, value_at
+from edmctl.study.analysis import analysis_of, expected_at
+from edmctl.study.design import coded, value_at
 from edmctl.study.folder import open_folder
 from edmctl.study.planning import plan_study, request_of
 from edmctl.study.responses import responses_of
@@ -566,13 +565,11 @@ class Case:
     again: tuple[str, ...]
     is_optimised: bool = False
     """The design is made in peace, and the suggestions are disturbed."""
-    is_sharded: bool = False
-    """Another command makes the second half at the same time."""
 
     @property
     def title(self) -> str:
         """What the line says."""
-        how = "optimize " if self.is_optimised else "shard 1/2 beside 2/2 " if self.is_sharded else ""
+        how = "optimize " if self.is_optimised else ""
         return f"{self.victim}, {how}{_words(self.making)}, then {_words(self.again)}"
 
 
@@ -589,8 +586,6 @@ def cases_of(address: str) -> list[Case]:
         Case("worker", two, two),
         Case("Ctrl-C", one, two),
         Case("Ctrl-C", two, one),
-        Case("parent", one, one, is_sharded=True),
-        Case("Ctrl-C", two, two, is_sharded=True),
         Case("parent", dask, dask),
         Case("parent", dask, two),
         Case("worker", dask, dask),
@@ -607,11 +602,10 @@ class Disturbance:
 
     def __init__(self, case: Case, file: Path, folder: Path, cluster: Any) -> None:
         self._case, self._folder, self._cluster = case, folder, cluster
-        parts = [("--shard", f"{k}/2") for k in (1, 2)] if case.is_sharded else [()]
         first = ["optimize", str(folder)] if case.is_optimised else ["run", str(file), "--out", str(folder)]
         then = "optimize" if case.is_optimised else "resume"
-        self._begin = [[*first, *case.making, *part] for part in parts]
-        self._again = [[then, str(folder), *case.again, *part] for part in parts]
+        self._begin = [*first, *case.making]
+        self._again = [then, str(folder), *case.again]
         self.was_disturbed = self.was_orderly = self.was_kept = self.went_on = False
         self.at = 0
         """Rows at the instant."""
@@ -621,22 +615,22 @@ class Disturbance:
         first = len(runs_in(self._folder))
         rows, more_s = first + rng.randrange(total - first), rng.uniform(0.0, 0.6)
         told = self._folder.with_suffix(".stderr")
-        running, *others = [_begun(command, told) for command in self._begin]
+        running = _begun(self._begin, told)
         while running.poll() is None and len(runs_in(self._folder)) < rows:
             time.sleep(0.02)
         time.sleep(more_s)
         was_sent = self._disturb(running, rng)
         at_once = rows_of(self._folder)
         self.at = len(runs_in(self._folder))
-        code, other_codes = running.wait(300), [other.wait(300) for other in others]
+        code = running.wait(300)
         victim, is_quiet = self._case.victim, b"Traceback" not in told.read_bytes()
         self.was_disturbed = was_sent and self.at < total and (victim == "worker" or code != 0)
         allowed = {"parent": (0, -signal.SIGKILL), "worker": (0,), "Ctrl-C": (0, -signal.SIGINT)}[victim]
-        self.was_orderly = code in allowed and is_quiet and not any(other_codes)
+        self.was_orderly = code in allowed and is_quiet
         if not self.was_orderly:
-            print(f"   exit codes {code}, {other_codes}: {told.read_text(errors='replace')}", flush=True)
+            print(f"   exit code {code}: {told.read_text(errors='replace')}", flush=True)
         before = rows_of(self._folder)
-        self.went_on = all(self._go_on(n) for n in range(len(self._again)))
+        self.went_on = self._go_on()
         after = runs_in(self._folder)
         self.was_kept = at_once <= before <= rows_of(self._folder) and sorted(after) == [
             (number, 1) for number in range(1, total + 1)
@@ -661,11 +655,11 @@ class Disturbance:
             return [one.pid for one in self._cluster.workers.values() if one.pid]
         return workers_of(pid)
 
-    def _go_on(self, part: int) -> bool:
-        """Go on with a part, as soon as orphans of the killed one have ended; begin again what was not yet there."""
+    def _go_on(self) -> bool:
+        """Go on with it, as soon as orphans of the killed one have ended; begin again what was not yet there."""
         for _ in range(50):
             is_there = (self._folder / "plan.json").exists()
-            command = [*EDMCTL, *(self._again if is_there else self._begin)[part], "-q"]
+            command = [*EDMCTL, *(self._again if is_there else self._begin), "-q"]
             done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, check=False)
             if (
                 b"E8201" not in done.stderr
@@ -731,7 +725,7 @@ def kills(args: argparse.Namespace) -> int:
             (counts["disturbed"] >= args.kills, f"disturbed under way: {counts['disturbed']} (of {n} tried)"),
             (
                 counts["orderly"] == n,
-                f"no traceback, a lost worker is no failure, the other shard goes on: {counts['orderly']} of {n}",
+                f"no traceback, a lost worker is no failure: {counts['orderly']} of {n}",
             ),
             (counts["kept"] == n, f"rows kept, every run made once: {counts['kept']} of {n}"),
             (counts["same"] == n, f"same table: {counts['same']} of {n}"),

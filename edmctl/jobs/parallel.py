@@ -18,6 +18,7 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import util
+from multiprocessing.synchronize import Event
 from typing import Any, Generic, TypeVar
 
 from edmctl.dataclasses import dataclass, replace
@@ -70,6 +71,8 @@ class Pool:
     kill: Callable[[Executor], None]
     killers: tuple[type[BaseException], ...] = ()
     """What a task raises whose workers died again and again, where the executor tries by itself."""
+    can_begin: Callable[[], bool] = lambda: True
+    """Whether workers begin at all; a worker that has begun and dies later is replaced."""
 
 
 def cores() -> int:
@@ -83,11 +86,19 @@ def process_pool(workers: int, program: Program) -> Pool:
     """Return a pool of processes of this computer, which do not outlive this one."""
     # A forked child would inherit the threads of BLAS half-way through whatever they do.
     context = multiprocessing.get_context("spawn")
+    begun: list[Event] = []
 
     def make() -> Executor:
-        return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(program,))
+        begun.append(context.Event())
+        initial = (program, begun[-1])
+        return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=initial)
 
-    return Pool(make, workers, partial(_kill, is_ending=program.begin_worker is not _nothing))
+    return Pool(
+        make,
+        workers,
+        partial(_kill, is_ending=program.begin_worker is not _nothing),
+        can_begin=lambda: any(event.is_set() for event in begun),
+    )
 
 
 def pool_of(make: Callable[[], Executor], workers: int) -> Pool:
@@ -148,7 +159,7 @@ def perform(
 
     A worker that dies costs no result but its own, which is tried again; a task that three pools broke over, at
     last with no other beside it, is `Lost`. Whatever `function` or `on_result` raises, or a signal, ends all:
-    results that are there by then are still handed on.
+    results that are there by then are still handed on. Raises PreconditionError E8218 if no worker can begin.
     """
     with _silent_feeders():
         _Series(function, tasks, pool, on_result).run()
@@ -189,8 +200,14 @@ class _Series(Generic[TaskT, ResultT]):
             executor = self._pool.make()
             try:
                 self._run_on(executor)
-            except BrokenExecutor:
+            except BrokenExecutor as broken:
                 self._pool.kill(executor)
+                if not self._pool.can_begin():
+                    raise PreconditionError(
+                        "Worker processes end before they begin: each imports the main module of this program.",
+                        hint='Put its calls under `if __name__ == "__main__":` in a file, or use one worker.',
+                        code="E8218",
+                    ) from broken
                 self._take_back()
             except BaseException:
                 try:
@@ -261,8 +278,9 @@ def _close(executor: Executor) -> None:
         executor.shutdown(wait=False)
 
 
-def _begin(program: Program) -> None:
+def _begin(program: Program, begun: Event) -> None:
     """Begin a worker process, which does not outlive its parent."""
+    begun.set()
     spare_start_up()
     program.begin_worker()
     threading.Thread(target=_end_with_parent, daemon=True).start()

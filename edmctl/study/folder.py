@@ -17,17 +17,20 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, PreconditionError, ProfileError, RunFileError, UsageError
 from edmctl.files import json_of, open_descriptor, read_bytes, user_path
 from edmctl.jobs.output_files import make_folder, unwritable, write
 from edmctl.jobs.plan import JobRequest
+from edmctl.profile.folders import find_profile
+from edmctl.profile.read import parse, read_chain, read_source
+from edmctl.record.locks import exclusive
 from edmctl.study.planning import PlannedStudy, base_request, check_plan
 from edmctl.study.results import PlanDocument, StudyPlan, StudyRun
 from edmctl.study.rows import Rows, StudyWriter, is_run_of, need, read_rows
 from edmctl.study.study_file import StudySource, study_of
+from edmctl.version import __version__
 
 SCHEMA = "edmctl-study/1"
 PLAN_BYTES = 40_000_000
@@ -55,8 +58,6 @@ class StudyFolder:
     plan: StudyPlan
     recipes: Mapping[int, tuple[str, str]]
     version: str
-    identity: str
-    """Hash of all that the study is, without the version that planned it."""
     changes: tuple[str, ...] = ()
     """What holds for every run beside what the file says."""
     has_setup: bool = False
@@ -85,58 +86,47 @@ class StudyFolder:
 
     def read(self) -> StudyState:
         """Return how far the study has come, by the rows that are there now."""
-        rows = read_rows(self.rows, self.identity)
+        rows = read_rows(self.rows)
         planned, factors = len(self.plan.runs), self.plan.factors
         added = [run for run in rows.added if run.number > planned and is_run_of(run, factors)]
         runs = (*self.plan.runs, *added)
-        return StudyState(self, rows, tuple(map(rows.of, runs)), rows.strangers(runs))
+        return StudyState(self, rows, tuple(map(rows.of, runs)))
 
     def writer(self) -> StudyWriter:
         """Return a new writer of rows."""
-        return StudyWriter(self.rows, self.identity)
+        return StudyWriter(self.rows)
 
     @contextmanager
-    def claimed(self, part: str, wait_s: float = MOMENT_S) -> Iterator[None]:
-        """Keep others of this computer from doing the same part of the study at the same time.
+    def claimed(self, part: str = "all", wait_s: float = MOMENT_S) -> Iterator[None]:
+        """Hold a lock of the study: `all` to make runs, `suggestions` to add them.
 
-        Others that only look whether a part is free have it for a moment. Raises PreconditionError E8201 where one
-        has it for longer than `wait_s`.
+        Raises PreconditionError E8201 if another command holds it for longer than `wait_s`.
         """
         self.rows.mkdir(parents=True, exist_ok=True)
-        shards = part.startswith("shard")
-        others = [self.rows / "all.lock"] if shards else sorted(self.rows.glob("shard-*.lock"))
-        end_s = time.monotonic() + wait_s
+        path, end_s = self.rows / f"{part}.lock", time.monotonic() + wait_s
         with ExitStack() as held:
-            for other in others if part == "all" or shards else []:
-                if other.exists():
-                    self._claim(other, end_s).close()  # nobody runs that part
-            held.enter_context(self._claim(self.rows / f"{part}.lock", end_s))
+            while True:
+                try:
+                    held.enter_context(_locked(path))
+                    break
+                except BlockingIOError:
+                    if time.monotonic() < end_s:
+                        time.sleep(LOOKS_EVERY_S)
+                        continue
+                except OSError as refused:
+                    raise RunFileError(
+                        f"Cannot lock {path}: {refused.strerror}.", hint="Check the folder.", code="E9110"
+                    ) from refused
+                raise PreconditionError(
+                    f"Another command is running the study in {self.path}.",
+                    hint=f"Wait for it, or stop it; `{self.command('status')}` prints its progress.",
+                    code="E8201",
+                )
             yield
-
-    def _claim(self, path: Path, end_s: float) -> ExitStack:
-        while True:
-            held = ExitStack()
-            try:
-                held.enter_context(_locked(path))
-                return held
-            except BlockingIOError:
-                if time.monotonic() < end_s:
-                    time.sleep(LOOKS_EVERY_S)
-                    continue
-            except OSError as refused:
-                raise RunFileError(
-                    f"Cannot lock {path}: {refused.strerror}.", hint="Check the folder.", code="E9110"
-                ) from refused
-            raise PreconditionError(
-                f"Another command runs the study in {self.path} just now.",
-                hint=f"Wait for it, or stop it; `{self.command('status')}` tells how far it is.",
-                code="E8201",
-            )
 
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    from edmctl.record.locks import exclusive
 
     descriptor = open_descriptor(path, os.O_CREAT | os.O_RDWR)
     try:
@@ -148,15 +138,11 @@ def _locked(path: Path) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class StudyState:
-    """A study with its rows: `runs` are the planned ones, then those that were added.
-
-    `strangers` rows are of runs that the study has not: they were added at another computer at the same time.
-    """
+    """A study with its rows: `runs` are the planned ones, then those that were added."""
 
     folder: StudyFolder
     rows: Rows
     runs: tuple[StudyRun, ...]
-    strangers: int = 0
 
     def making_command(self, name: str, *words: str) -> str:
         """Return a command that makes runs, at the port of the machine on which they are made."""
@@ -175,16 +161,13 @@ class StudyState:
         return found
 
 
-def create_folder(path: Path, planned: PlannedStudy, *, or_same: bool = False) -> StudyFolder:
-    """Make the folder of a study; with `or_same` that of the same study may be there.
+def create_folder(path: Path, planned: PlannedStudy) -> StudyFolder:
+    """Make the folder of a study, with all of its files or not at all.
 
-    It is there with all of its files or not at all, however many computers make it at once. Raises RunFileError:
-    E9101 there is a study already, or something else; E9012 it cannot be written.
+    Raises RunFileError: E9101 the folder contains a study or something else, E9012 it cannot be written.
     """
     if not path.name:
         path = path.resolve()  # "." has no name beside which another can be made
-    if or_same and (path / PLAN).exists():
-        return _same(path, planned)
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise _taken(path, planned)
     make_folder(path.parent)
@@ -195,21 +178,12 @@ def create_folder(path: Path, planned: PlannedStudy, *, or_same: bool = False) -
             write(made / name, content)
         made.replace(path)  # onto nothing, or onto an empty folder
     except OSError as refused:
-        if or_same and (path / PLAN).exists():
-            return _same(path, planned)
         if (path / PLAN).exists():
             raise _taken(path, planned) from None
         raise unwritable(f"into {path}", str(refused.strerror), "Check the path.") from refused
     finally:
         shutil.rmtree(made, ignore_errors=True)
     return open_folder(path)
-
-
-def _same(path: Path, planned: PlannedStudy) -> StudyFolder:
-    there = open_folder(path)
-    if not _is_same(there, planned):
-        raise _taken(path, planned)
-    return there
 
 
 def _is_same(there: StudyFolder, planned: PlannedStudy) -> bool:
@@ -246,8 +220,6 @@ def _taken(path: Path, planned: PlannedStudy) -> RunFileError:
 
 def _files(planned: PlannedStudy) -> dict[str, bytes]:
     """All files of a folder, the plan with the hashes of the others."""
-    from edmctl.version import __version__
-
     texts = _texts(planned)
     document = {
         "schema": SCHEMA,
@@ -266,9 +238,6 @@ def _files(planned: PlannedStudy) -> dict[str, bytes]:
 
 def _texts(planned: PlannedStudy) -> dict[str, str]:
     """The files that a study stands on, each complete by itself."""
-    from edmctl.profile.folders import find_profile
-    from edmctl.profile.read import parse, read_chain, read_source
-
     assert planned.base.profile is not None
     chain = read_chain(find_profile(planned.base.profile))
     texts = {STUDY: planned.source.text, PROFILE: chain.sources[0].text}
@@ -318,7 +287,7 @@ def open_folder(path: Path) -> StudyFolder:
     if not is_whole:
         raise _changed(path, PLAN)
     try:
-        return _folder_of(path, study, body)
+        return _folder_of(path, body)
     except (ValueError, ProfileError, UsageError) as refused:
         made_by = study.get("edmctl") if isinstance(study, dict) else None
         raise PreconditionError(
@@ -328,8 +297,8 @@ def open_folder(path: Path) -> StudyFolder:
         ) from refused
 
 
-def _folder_of(path: Path, document: dict[str, Any], body: bytes) -> StudyFolder:
-    """Return the study of a document, which `body` is as JSON. Raises ValueError, ProfileError or UsageError."""
+def _folder_of(path: Path, body: bytes) -> StudyFolder:
+    """Return the study of a plan document (JSON). Raises ValueError, ProfileError or UsageError."""
     from pydantic import TypeAdapter
 
     study = TypeAdapter(PlanDocument).validate_json(body, strict=True)
@@ -346,11 +315,7 @@ def _folder_of(path: Path, document: dict[str, Any], body: bytes) -> StudyFolder
     source = study_of(texts[STUDY].decode(), path / STUDY)
     check_plan(study.plan, source)
     need(study.recipes.keys() == {run.point for run in study.plan.runs})
-    own = json.dumps([study.sha256, document["plan"], *study.changes], ensure_ascii=False)
-    identity = hashlib.sha256(own.encode()).hexdigest()[:16]
-    return StudyFolder(
-        path, source, study.plan, study.recipes, study.edmctl, identity, study.changes, SETUP in names
-    )
+    return StudyFolder(path, source, study.plan, study.recipes, study.edmctl, study.changes, SETUP in names)
 
 
 def _changed(path: Path, name: str) -> PreconditionError:
@@ -363,8 +328,6 @@ def _changed(path: Path, name: str) -> PreconditionError:
 
 def version_warning(folder: StudyFolder) -> list[Diagnostic]:
     """Return a warning where another version began the study."""
-    from edmctl.version import __version__
-
     if folder.version == __version__:
         return []
     message = f"The study began with edmctl {folder.version}; this is {__version__}."

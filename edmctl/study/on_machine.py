@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import (
@@ -25,22 +24,20 @@ from edmctl.errors import (
 )
 from edmctl.files import path_variable
 from edmctl.jobs.ledger.places_taken import WALL_UM
-from edmctl.jobs.plan import JobRequest, MachineAddress, Plan, check
+from edmctl.jobs.plan import JobRequest, Plan, check
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.surroundings import Surroundings, Warn
 from edmctl.jsonout import JsonValue, to_json_value
 from edmctl.profile.folders import SETUP_VARIABLE
+from edmctl.record.ledger import JobBegun, Ledger, SiteMachined, ToolChanged
 from edmctl.results.progress import SeriesObserver
-from edmctl.study.confirming import opening_run
-from edmctl.study.evaluate import refuse_other_recipe, row_of, run_name
-from edmctl.study.places_and_tools import grid_of
-from edmctl.study.planning import request_of
+from edmctl.study.folder import StudyFolder, StudyState
+from edmctl.study.planning import grid_of, request_of
 from edmctl.study.results import RunKind, RunRow, RunState, StudyRun
 from edmctl.study.rows import MACHINE, PAUSED, StudyWriter, bench_of
+from edmctl.study.running import refuse_other_recipe, row_of, run_name
+from edmctl.study.suggestions import opening_run
 from edmctl.wording import coordinates, plural, settings_words
-
-if TYPE_CHECKING:
-    from edmctl.study.folder import StudyFolder, StudyState
 
 WORN_OUT = "E8043"
 JOB_RESUMED = re.compile(r"Go on with `edmctl machine --resume[^`]*`[^.]*\.")
@@ -76,7 +73,7 @@ def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesOb
     """
     if folder.source.file.machine is None:
         raise without_machine()
-    with folder.claimed("all"), folder.writer() as writer:
+    with folder.claimed(), folder.writer() as writer:
         if folder.read().rows.port != options.port:
             bench = bench_of(options.port)
             writer.append(MACHINE, {"port": options.port, **({"bench": bench} if bench else {})})
@@ -100,34 +97,6 @@ def without_port(folder: StudyFolder) -> list[Diagnostic]:
     message = "The study has a [machine], and no port is named: its runs are made on virtual machines."
     hint = "Name the machine with --port; runs of both are never mixed."
     return [Diagnostic("W8215", message, hint, is_warning=True)]
-
-
-def refuse_mixture(state: StudyState, where: MachineAddress, command: str = "resume") -> None:
-    """Raise UsageError E2108 where runs of a study would be made on virtual machines and on one that lasts, or on
-    two benches, PreconditionError E8214 where its bench is gone. A controller may come back at another port.
-    `command` is the one that was asked for.
-    """
-    port, lasting = state.rows.port, where.lasting
-    bench = bench_of(port) if port else ""
-    is_made = any(run.row is not None for run in state.runs)
-    if port and (not lasting or (bench and bench_of(where.selector) != bench)):
-        raise UsageError(
-            f"The study is made on the machine at {port}.",
-            hint=f"Go on there: `{state.making_command(command)}`.",
-            code="E2108",
-        )
-    if bench and is_made and not Path(bench).exists():
-        raise PreconditionError(
-            f"The bench that has made runs of the study, {bench}, is gone; a new one is another machine.",
-            hint="Put the file back where it was; a study on another machine is another one, in another folder.",
-            code="E8214",
-        )
-    if lasting and not port and is_made:
-        raise UsageError(
-            "The study has runs on virtual machines already.",
-            hint="Make another study on the machine, in another folder; or leave --port out.",
-            code="E2108",
-        )
 
 
 class _Series:
@@ -260,8 +229,6 @@ class _Series:
 
     def _tool_of_begun(self, run: StudyRun) -> int:
         """Return the number of the tool that began a hole: that of the row before, or the one changed for it."""
-        from edmctl.record.ledger import JobBegun, Ledger, ToolChanged
-
         made = _made(self._folder.read())
         if not made:
             return max(1, run.planned.tool)
@@ -309,8 +276,6 @@ class _Series:
 
     def _serial(self) -> str:
         """The serial number of the machine that has made the runs until now; empty before the first."""
-        from edmctl.record.ledger import Ledger
-
         lines = Ledger.open(self._folder.runs).lines if self._folder.runs.is_dir() else ()
         return lines[-1].serial if lines else ""
 
@@ -456,8 +421,6 @@ def _finished(name: RunName) -> tuple[dict[str, JsonValue], tuple[Path, ...]] | 
 
 def _taken(runs: Path) -> list[tuple[float, float, float]]:
     """Axes and radii of all holes that the ledger of the run files knows, made or begun."""
-    from edmctl.record.ledger import JobBegun, Ledger, SiteMachined
-
     if not runs.is_dir():
         return []
     found = []

@@ -11,7 +11,7 @@ from edmctl.errors import Diagnostic, EdmError, ProfileError
 from edmctl.files import user_path
 from edmctl.jobs.plan import JobRequest, Plan, check
 from edmctl.jobs.surroundings import NONE, Surroundings
-from edmctl.profile.findings import Code
+from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Code
 from edmctl.profile.folders import as_value, is_path
 from edmctl.profile.model import Profile
 from edmctl.profile.positions import SET_OPTION, KeyPath
@@ -25,18 +25,12 @@ from edmctl.study.design import (
     Refused,
     center_of,
     degrees_of_freedom,
+    factors_of,
+    mixing,
     model_of,
     points_of,
+    settings_key,
     terms_of,
-)
-from edmctl.study.factors import factors_of, settings_key
-from edmctl.study.places_and_tools import (
-    bounds_of,
-    by_tool,
-    grid_of,
-    parts_of,
-    refuse_undoable,
-    wear_by_tool,
 )
 from edmctl.study.results import (
     TRUTH,
@@ -50,11 +44,114 @@ from edmctl.study.results import (
     Value,
 )
 from edmctl.study.rows import is_run_of, need
-from edmctl.study.study_file import Response, StudySource
+from edmctl.study.study_file import Response, StudyMachine, StudySource
 from edmctl.toml_text import toml_value
+from edmctl.wording import length, plural
 
 if TYPE_CHECKING:
     from numpy.random import Generator
+
+
+def parts_of(members: int, machine: StudyMachine | None) -> int:
+    """Return by how many tools the runs of a block are made."""
+    if machine is None or machine.holes_per_tool is None:
+        return 1
+    return math.ceil(members / max(1, machine.holes_per_tool - (2 if machine.center_runs else 0)))
+
+
+def bounds_of(count: int, parts: int) -> list[int]:
+    """Return where each of so many parts of a row begins, and where the last one ends."""
+    return [round(n * count / parts) for n in range(parts + 1)]
+
+
+def by_tool(
+    members: list[int], machine: StudyMachine | None, before: Sequence[PlannedRun]
+) -> list[tuple[list[int], int]]:
+    """Return the runs of a block by the tool that makes them; tools are numbered on from the runs before."""
+    if machine is None:
+        return [(members, 0)]
+    if machine.holes_per_tool is None:
+        return [(members, 1)]
+    parts = parts_of(len(members), machine)
+    first = max((run.tool for run in before), default=0) + 1
+    bounds = bounds_of(len(members), parts)
+    return [(members[bounds[n] : bounds[n + 1]], first + n) for n in range(parts)]
+
+
+def grid_of(machine: StudyMachine) -> list[tuple[float, float]]:
+    """Return the places of the grid, row by row, µm."""
+    return [
+        (machine.first_x_um + column * machine.pitch_x_um, machine.first_y_um + row * machine.pitch_y_um)
+        for row in range(machine.rows)
+        for column in range(machine.columns)
+    ]
+
+
+def wear_by_tool(runs: Sequence[PlannedRun], checked: Mapping[int, Plan]) -> dict[int, float]:
+    """Return what each tool loses by the forecasts, µm."""
+    worn: dict[int, float] = {}
+    for run in runs:
+        worn[run.tool] = worn.get(run.tool, 0.0) + checked[run.point].forecast.tool_wear_um
+    return worn
+
+
+def refuse_undoable(source: StudySource, runs: Sequence[PlannedRun], checked: Mapping[int, Plan]) -> None:
+    """Raise ProfileError where a tool would wear too short, or the grid has no room."""
+    machine = source.file.machine
+    if machine is None:
+        return
+    some = next(iter(checked.values()))
+    profile = some.loaded.profile
+    wrong: list[Diagnostic] = []
+    if profile.sites or profile.path is not None:
+        message = "a run of a study on a machine is one hole, and the profile has sites or a path of its own"
+        wrong.append(source.refusal(("study", "profile"), message, "name a profile of one hole"))
+    per_tool = machine.holes_per_tool
+    if per_tool is not None and machine.center_runs and per_tool < 3:
+        message = f"{per_tool} holes a tool leave none beside the centre runs that open and close a block"
+        wrong.append(
+            source.refusal(("machine", "holes_per_tool"), message, "take 3 or more, or center_runs = false")
+        )
+    for tool, wear_um in wear_by_tool(runs, checked).items():
+        limit_um = profile.tool.max_wear_um
+        if wear_um > limit_um:
+            message = (
+                f"tool {tool} would lose {length(wear_um)} in all, and tool.max_wear_um is {length(limit_um)}"
+            )
+            hint = "set holes_per_tool lower, or make the holes shallower"
+            wrong.append(source.refusal(("machine", "holes_per_tool"), message, hint))
+            break
+    places, needed = machine.columns * machine.rows, len(runs)
+    if places < needed:
+        message = f"the grid has {plural(places, 'place')} for {plural(needed, 'run')}"
+        wrong.append(source.refusal(("machine", "columns"), message, "set columns or rows higher"))
+    radius_um = max(
+        one.loaded.profile.tool.diameter_um / 2 + one.loaded.profile.work.side_gap_um
+        for one in checked.values()
+    )
+    least_um = 2 * radius_um + WALL_UM
+    pitches = [("pitch_x_um", machine.columns), ("pitch_y_um", machine.rows)]
+    for name, count in pitches:
+        if count > 1 and abs(getattr(machine, name)) < least_um:
+            message = (
+                f"holes of {length(2 * radius_um)} {getattr(machine, name):g} µm apart run into each other"
+            )
+            wrong.append(
+                source.refusal(("machine", name), message, f"set it to {math.ceil(least_um)} or more")
+            )
+    clear_um = 2 * radius_um + PAD_MARGIN_UM
+    stage = some.setup.stage
+    for x_um, y_um in grid_of(machine)[: len(runs)]:
+        if math.hypot(x_um - stage.reference_x_um, y_um - stage.reference_y_um) < clear_um:
+            message = f"the place at {x_um:g}, {y_um:g} µm lies on the reference pad"
+            wrong.append(
+                source.refusal(
+                    ("machine", "first_x_um"), message, f"keep {math.ceil(clear_um)} µm away from it"
+                )
+            )
+            break
+    if wrong:
+        raise ProfileError(tuple(wrong))
 
 
 MOST_REFUSED = 5
@@ -358,8 +455,6 @@ TRIED_ORDERS = 200
 def _shuffled(members: list[int], parts: int, points: Points, rng: Generator) -> list[int]:
     """Shuffle the runs of a block; where several tools make them, of many orders the one that mixes them least."""
     import numpy as np
-
-    from edmctl.study.design import mixing
 
     orders: list[list[int]] = [
         rng.permutation(members).tolist() for _ in range(TRIED_ORDERS if parts > 1 else 1)

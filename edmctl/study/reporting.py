@@ -11,14 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import EdmError, PreconditionError
 from edmctl.jobs import output_files
+from edmctl.jobs.run_header import plain_name
 from edmctl.jobs.surroundings import NONE, Surroundings
+from edmctl.profile.folders import find_profile
+from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.study.analysis import StudyAnalysis, analysis_of
-from edmctl.study.optimizing import recommended
+from edmctl.study.folder import StudyState
 from edmctl.study.planning import request_of
 from edmctl.study.results import Confirmation, Recommendation
+from edmctl.study.suggestions import recommended
 
 if TYPE_CHECKING:
-    from edmctl.study.folder import StudyState
     from edmctl.study.statistics.response_analysis import ResponseAnalysis
 
 
@@ -88,7 +91,7 @@ def page_of(
     notes: Sequence[str],
 ) -> str:
     """Return the HTML page of a study."""
-    from edmctl.study.report.study_page import StudyPage, render_study_page
+    from edmctl.study.report.page import StudyPage, render_study_page
 
     found = analysis
     results = (found.responses, found.truths, found.indices, found.choices)
@@ -104,9 +107,6 @@ def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) 
     Raises PreconditionError E8208 where no point has all objectives, RunFileError E9011 where a file is there.
     """
     import tomli_w
-
-    from edmctl.profile.folders import find_profile
-    from edmctl.profile.read import apply_overrides, read_chain
 
     analysis = analysis_of(state)
     front = [one for one in analysis.choices if one.is_pareto]
@@ -154,6 +154,5 @@ def _values(of: Mapping[str, float | None]) -> str:
 
 
 def _stem(state: StudyState) -> str:
-    from edmctl.jobs.run_header import plain_name
 
     return re.sub("-{2,}", "-", plain_name(state.folder.plan.name.lower()))[:40].strip("-") or "study"

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.dataclasses import asdict, dataclass, field
 from edmctl.jobs.plan import SIMULATOR, MachineAddress
 from edmctl.record.appended_rows import RowWriter, read_lines
-from edmctl.study.factors import is_within
+from edmctl.study.design import is_within
 from edmctl.study.responses import LARGEST
 from edmctl.study.results import FactorInfo, Judgement, PlannedRun, RunKind, RunRow, StudyRun
 
@@ -22,15 +22,7 @@ RUN, TOLD, JUDGED, PLANNED, PAUSED, MACHINE = "run", "told", "judged", "planned"
 
 
 class StudyWriter(RowWriter):
-    """Appends the rows of a study, each with the study's identity: rows may be brought from other computers."""
-
-    def __init__(self, folder: Path, identity: str) -> None:
-        super().__init__(folder)
-        self._identity = identity
-
-    def append(self, kind: str, values: Mapping[str, Any]) -> None:
-        """Append one row, and come back when the disk has it."""
-        super().append(kind, {"study": self._identity, **values})
+    """Appends the rows of a study."""
 
     def run(self, row: RunRow) -> None:
         """Append what a run came to."""
@@ -39,12 +31,11 @@ class StudyWriter(RowWriter):
     def told(self, run: StudyRun, values: Mapping[str, float | None]) -> None:
         """Append what is told of a run, or of its first attempt where it is not made yet; None withdraws."""
         attempt = run.row.attempt if run.row is not None else 1
-        where = {"number": run.planned.number, "attempt": attempt, "settings": run.planned.settings}
-        self.append(TOLD, {**where, "values": dict(values)})
+        self.append(TOLD, {"number": run.planned.number, "attempt": attempt, "values": dict(values)})
 
     def judged(self, run: StudyRun, judgement: Judgement, reason: str) -> None:
         """Append a judgement of a run's last attempt."""
-        where = {"number": run.planned.number, "attempt": run.attempts, "settings": run.planned.settings}
+        where = {"number": run.planned.number, "attempt": run.attempts}
         self.append(JUDGED, {**where, "judgement": str(judgement), "reason": reason})
 
     def planned(self, runs: Sequence[PlannedRun], expected: Expected | None = None) -> None:
@@ -62,13 +53,9 @@ class StudyWriter(RowWriter):
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """What people have said of an attempt: values, None where one is withdrawn, or a judgement.
-
-    `which` are the settings of the run that they meant, empty in rows that do not tell.
-    """
+    """What people have reported of an attempt: values, None if one is withdrawn, or a judgement."""
 
     attempt: int
-    which: str
     values: Mapping[str, float | None] = field(default_factory=dict)
     judgement: Judgement | None = None
     reason: str = ""
@@ -76,10 +63,7 @@ class Said:
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """All rows of a study: attempts by run, later knowledge, runs that were added.
-
-    `torn` lines were no rows, `foreign` ones are of another study: neither counts.
-    """
+    """All rows of a study: attempts by run, later knowledge, added runs and damaged lines (`torn`)."""
 
     attempts: Mapping[int, tuple[RunRow, ...]]
     said: Mapping[int, Sequence[Said]]
@@ -91,25 +75,14 @@ class Rows:
     port: str = ""
     """Of the machine that lasts on which the runs are made, if they are made on one."""
     torn: int = 0
-    foreign: int = 0
-
-    def strangers(self, planned: Iterable[PlannedRun]) -> int:
-        """Return how many rows are of no run, or of settings that the run of their number has not."""
-        own = {run.number: _which(run.settings) for run in planned}
-        made = [(one.number, _which(one.settings)) for made in self.attempts.values() for one in made]
-        said = [(number, one.which) for number, all_said in self.said.items() for one in all_said]
-        return sum(which not in ("", own.get(number)) for number, which in (*made, *said))
 
     def of(self, planned: PlannedRun) -> StudyRun:
-        """Return a run with all that is known of it; what was made at other settings is another computer's run."""
-        attempts = [one for one in self.attempts.get(planned.number, ()) if one.settings == planned.settings]
-        last = attempts[-1] if attempts else None
-        number, own = last.attempt if last else 0, ("", _which(planned.settings))
+        """Return a run with all that is known of it."""
+        last = next(iter(self.attempts.get(planned.number, ())[::-1]), None)
+        number = last.attempt if last else 0
         told: dict[str, float | None] = {}
         judgement, reason = None, ""
         for one in self.said.get(planned.number, ()):
-            if one.which not in own:
-                continue
             if one.judgement is None and one.attempt == max(1, number):
                 told.update(one.values)
             elif one.judgement is not None and one.attempt == number:
@@ -118,15 +91,10 @@ class Rows:
         return StudyRun(planned, last, known, judgement, reason, number)
 
 
-def read_rows(folder: Path, identity: str) -> Rows:
-    """Read the rows of the study with this identity. Raises RunFileError E9111 where a file cannot be read."""
+def read_rows(folder: Path) -> Rows:
+    """Read the rows of a study. Raises RunFileError E9111 if a file cannot be read."""
     lines, torn = read_lines(folder)
-    own = [line for line in lines if line.pop("study", identity) == identity]
-    return _gathered(own, torn, len(lines) - len(own))
-
-
-def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
-    attempts: dict[int, dict[tuple[int, str], RunRow]] = {}
+    attempts: dict[int, dict[int, RunRow]] = {}
     said: dict[int, list[Said]] = {}
     added: dict[int, PlannedRun] = {}
     expected: dict[int, Expected] = {}
@@ -137,8 +105,7 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
         try:
             if kind == RUN:
                 row = _run_row(values)
-                # Two writers that made the same attempt found the same: the first one counts.
-                attempts.setdefault(row.number, {}).setdefault((row.attempt, _which(row.settings)), row)
+                attempts.setdefault(row.number, {}).setdefault(row.attempt, row)
             elif kind in (TOLD, JUDGED):
                 said.setdefault(int(values["number"]), []).append(_said(kind, values))
             elif kind == PLANNED:
@@ -162,24 +129,17 @@ def _gathered(lines: Iterable[dict[str, Any]], torn: int, foreign: int) -> Rows:
         tuple(paused),
         port,
         torn,
-        foreign,
     )
 
 
 def _said(kind: str, values: Mapping[str, Any]) -> Said:
-    which = _which(values["settings"]) if "settings" in values else ""
     if kind == JUDGED:
         judgement = Judgement(values["judgement"])
-        return Said(int(values["attempt"]), which, judgement=judgement, reason=str(values["reason"]))
+        return Said(int(values["attempt"]), judgement=judgement, reason=str(values["reason"]))
     given = {str(name): value for name, value in values["values"].items()}
     need(all(value is None or _is_number(value) for value in given.values()))
     told = {name: None if value is None else float(value) for name, value in given.items()}
-    return Said(max(1, int(values.get("attempt", 1))), which, told)
-
-
-def _which(settings: Mapping[str, Any]) -> str:
-    """Settings as one text: numbers of runs that two computers add are the same, settings are not."""
-    return repr(sorted(settings.items()))
+    return Said(max(1, int(values.get("attempt", 1))), told)
 
 
 def bench_of(port: str) -> str:

@@ -1,107 +1,231 @@
-"""Running a study on virtual machines: what is left of it, side by side, row after row."""
+"""Runs on fresh virtual machines: a run from its request to its row, and many runs in parallel."""
 
 from __future__ import annotations
 
+import hashlib
+import socket
+import time
+from collections.abc import Mapping
+from datetime import UTC, datetime
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from edmctl.core.library import library
-from edmctl.dataclasses import dataclass
-from edmctl.errors import UsageError
+from edmctl.dataclasses import dataclass, replace
+from edmctl.errors import EdmError, Interrupted, PreconditionError, RunFileError, UsageError
+from edmctl.exitcodes import error_exit_code
+from edmctl.files import open_regular
 from edmctl.jobs.parallel import Lost, Pool, Program, perform
-from edmctl.jobs.plan import FRESH
+from edmctl.jobs.plan import FRESH, JobRequest, MachineAddress, Plan, check
+from edmctl.jobs.run_header import RunName, run_path
+from edmctl.jobs.surroundings import NONE, Unobserved
+from edmctl.jsonout import JsonValue
 from edmctl.results.progress import SeriesObserver
-from edmctl.study.evaluate import RunTask, evaluate, lost_row
-from edmctl.study.on_machine import refuse_mixture
+from edmctl.start_up import collect_garbage
+from edmctl.study.folder import StudyFolder, StudyState
 from edmctl.study.planning import request_of
-from edmctl.study.results import RunRow, RunState, StudyRun
-
-if TYPE_CHECKING:
-    from edmctl.study.folder import StudyFolder, StudyState
+from edmctl.study.responses import responses_of, truth_of
+from edmctl.study.results import PlannedRun, RunRow, RunState, StudyRun
+from edmctl.study.rows import bench_of
 
 
 @dataclass(frozen=True, slots=True)
-class Shard:
-    """Part `index`, from 1, of `count` parts of the runs of a study: what one computer of several does."""
+class RunTask:
+    """One attempt at a run on a fresh virtual machine; `folder` is where its run file goes, if it gets one."""
 
-    index: int = 1
-    count: int = 1
-
-    def __contains__(self, number: int) -> bool:
-        return number % self.count == self.index % self.count
-
-    @property
-    def name(self) -> str:
-        """Name of the part's lock."""
-        return "all" if self.count == 1 else f"shard-{self.index}-of-{self.count}"
+    run: PlannedRun
+    attempt: int
+    request: JobRequest
+    recipe: tuple[str, str] | None
+    folder: Path | None
 
 
-def parse_shard(text: str | None) -> Shard:
-    """Return the part that `K/N` means; all of it without. Raises UsageError E2102."""
-    if text is None:
-        return Shard()
-    index, slash, count = text.partition("/")
-    if slash and index.isascii() and index.isdigit() and count.isascii() and count.isdigit():
-        found = Shard(int(index), int(count))
-        if 1 <= found.index <= found.count <= 10_000:
-            return found
-    raise UsageError(
-        f"--shard {text} is no part K/N of a study.",
-        hint="Say --shard 1/2 on one computer and --shard 2/2 on the other.",
-        code="E2102",
+def evaluate(task: RunTask, program: Program | None = None) -> RunRow:
+    """Make a run on a fresh virtual machine, and return its row, whatever became of it.
+
+    Raises Interrupted, RunFileError, and PreconditionError E8203 where the recipe is not the planned one.
+    """
+    from edmctl.jobs.job import carry_out
+
+    started, begin_s = datetime.now(UTC), time.perf_counter()
+    collect_garbage()
+    plan = check(task.request, program.surroundings() if program is not None else NONE)
+    refuse_other_recipe(plan, task.recipe, task.run)
+    name = None
+    if task.folder is not None:
+        name = run_name(task.folder, task.run, task.attempt, started)
+        for left in (name.path, name.partial, name.journal):
+            left.unlink(missing_ok=True)  # of a worker that was killed: there is no row of it
+    report = carry_out(plan, task.run.seed, Unobserved(), name)
+    if isinstance(report.error, Interrupted | RunFileError):
+        raise report.error
+    return row_of(
+        task.run,
+        task.attempt,
+        report.to_dict(),
+        plan,
+        error=report.error,
+        seed=task.run.seed,
+        files=(report.run_file,) if report.run_file else (),
+        started=started,
+        duration_s=time.perf_counter() - begin_s,
     )
 
 
-def open_runs(state: StudyState, shard: Shard) -> list[StudyRun]:
-    """Return the runs of a part that are left to make, in their order."""
-    return [run for run in state.runs if run.state is RunState.OPEN and run.planned.number in shard]
+def run_name(folder: Path, run: PlannedRun, attempt: int, start: datetime) -> RunName:
+    """Name the run file of an attempt: `run0007`, of the second one `run0007-a2`."""
+    run_id = f"run{run.number:04d}" + (f"-a{attempt}" if attempt > 1 else "")
+    return RunName(run_id, run_path(folder, run_id), start)
+
+
+def refuse_other_recipe(plan: Plan, recipe: tuple[str, str] | None, run: PlannedRun) -> None:
+    """Raise PreconditionError E8203 where a run's recipe in effect is not the one that was planned."""
+    if recipe is not None and recipe not in plan.loaded.recipes:
+        raise PreconditionError(
+            f"The recipe of run {run.number} is not the one that was planned.",
+            hint="Another version of edmctl reads the profile in another way: go on with the version that began the "
+            "study, or plan it anew in another folder.",
+            code="E8203",
+        )
+
+
+def row_of(
+    run: PlannedRun,
+    attempt: int,
+    result: Mapping[str, JsonValue],
+    plan: Plan,
+    *,
+    error: EdmError | None,
+    seed: int | None,
+    files: tuple[Path, ...],
+    started: datetime,
+    duration_s: float,
+    site_um: tuple[float, float] | None = None,
+    tool: int | None = None,
+) -> RunRow:
+    """Return the row of an attempt whose result is `result`."""
+    target = plan.loaded.profile.target
+    values, u, u95, bases = responses_of(result, getattr(target, "depth_um", None))
+    return replace(
+        bare_row(run, attempt, seed, started),
+        tool=run.tool if tool is None else tool,
+        site_um=site_um,
+        exit_code=error_exit_code(error) if error is not None else 0,
+        error=f"{error.code}: {error.message}" if error is not None else None,
+        responses=values,
+        u=u,
+        u95=u95,
+        bases=bases,
+        truth=truth_of(result),
+        run_files=tuple(file.name for file in files),
+        run_sha256=_sha256(files[-1]) if files else "",
+        duration_s=round(duration_s, 3),
+    )
+
+
+def lost_row(run: PlannedRun, attempt: int, why: str, exit_code: int = 1) -> RunRow:
+    """Return the row of an attempt without a result: no worker survived it, or its hole was given up."""
+    return replace(bare_row(run, attempt, run.seed, datetime.now(UTC)), exit_code=exit_code, error=why)
+
+
+def bare_row(run: PlannedRun, attempt: int, seed: int | None, started: datetime) -> RunRow:
+    """Return the row of an attempt that came to its end, without any response."""
+    return RunRow(
+        number=run.number,
+        kind=str(run.kind),
+        point=run.point,
+        replicate=run.replicate,
+        block=run.block,
+        tool=run.tool,
+        site_um=None,
+        seed=seed,
+        attempt=attempt,
+        settings=run.settings,
+        exit_code=0,
+        error=None,
+        responses={},
+        u={},
+        u95={},
+        bases={},
+        truth={},
+        started=started.isoformat(timespec="milliseconds"),
+        host=socket.gethostname(),
+    )
+
+
+def _sha256(file: Path) -> str:
+    with open_regular(file) as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
+
+
+def refuse_mixture(state: StudyState, where: MachineAddress, command: str = "resume") -> None:
+    """Raise UsageError E2108 where runs of a study would be made on virtual machines and on one that lasts, or on
+    two benches, PreconditionError E8214 where its bench is gone. A controller may come back at another port.
+    `command` is the one that was asked for.
+    """
+    port, lasting = state.rows.port, where.lasting
+    bench = bench_of(port) if port else ""
+    is_made = any(run.row is not None for run in state.runs)
+    if port and (not lasting or (bench and bench_of(where.selector) != bench)):
+        raise UsageError(
+            f"The study is made on the machine at {port}.",
+            hint=f"Go on there: `{state.making_command(command)}`.",
+            code="E2108",
+        )
+    if bench and is_made and not Path(bench).exists():
+        raise PreconditionError(
+            f"The bench that has made runs of the study, {bench}, is gone; a new one is another machine.",
+            hint="Put the file back where it was; a study on another machine is another one, in another folder.",
+            code="E8214",
+        )
+    if lasting and not port and is_made:
+        raise UsageError(
+            "The study has runs on virtual machines already.",
+            hint="Make another study on the machine, in another folder; or leave --port out.",
+            code="E2108",
+        )
 
 
 def task_of(folder: StudyFolder, run: StudyRun) -> RunTask:
     """Return the next attempt at a run as a task for any worker."""
-    keep = folder.source.file.study.run_files
     return RunTask(
         run.planned,
         run.attempts + 1,
         request_of(folder.base, run.planned.settings),
         folder.recipes.get(run.planned.point),
-        folder.runs if keep else None,
+        folder.runs if folder.source.file.study.run_files else None,
     )
 
 
 def run_virtual(
     folder: StudyFolder,
-    shard: Shard,
     observer: SeriesObserver,
     program: Program | None = None,
     pool: Pool | None = None,
 ) -> int:
-    """Make the runs of a part that are left, each on a fresh virtual machine; return how many were made.
+    """Make the open runs, each on a fresh virtual machine; return their number.
 
-    Rows are on disk when they are counted. `pool` takes them side by side; without, this process makes them.
+    Rows are on disk when they are counted. `pool` makes them in parallel; without it, this process makes them.
 
-    Raises UsageError E2108 where runs of the study are on a machine that lasts, PreconditionError E8201 where
-    another command runs the part, E8093 or E8094 where the library cannot be built, and what `evaluate` raises.
+    Raises UsageError E2108 if runs of the study are on a machine that lasts, PreconditionError E8201 if another
+    command makes runs of the study, E8093 or E8094 if the library cannot be built, and what `evaluate` raises.
     """
-    with folder.claimed(shard.name), folder.writer() as writer:
+    with folder.claimed(), folder.writer() as writer:
         state = folder.read()
         refuse_mixture(state, FRESH)
-        left = open_runs(state, shard)
-        if not left:
+        tasks = [task_of(folder, run) for run in state.runs if run.state is RunState.OPEN]
+        if not tasks:
             return 0
         library()  # built by this process, once
-        tasks = [task_of(folder, run) for run in left]
         if tasks[0].folder is not None:
             tasks[0].folder.mkdir(exist_ok=True)
         done = 0
 
         def keep(number: int, row: RunRow | Lost) -> None:
             nonlocal done
-            writer.run(
-                lost_row(tasks[number].run, tasks[number].attempt, f"E1000: {row}")
-                if isinstance(row, Lost)
-                else row
-            )
+            if isinstance(row, Lost):
+                row = lost_row(tasks[number].run, tasks[number].attempt, f"E1000: {row}")
+            writer.run(row)
             done += 1
             observer.runs(done, len(tasks))
 

@@ -21,17 +21,15 @@ from edmctl.results.progress import SeriesObserver
 from edmctl.results.result import need_pandas
 from edmctl.study import responses
 from edmctl.study.analysis import analysis_of
-from edmctl.study.confirming import extension_runs, suggested_runs
-from edmctl.study.evaluate import bare_row, row_of
-from edmctl.study.factors import value_within
+from edmctl.study.design import value_within
 from edmctl.study.folder import ADDING_S, StudyFolder, StudyState, create_folder, open_folder
 from edmctl.study.on_machine import without_port
-from edmctl.study.optimizing import next_batch, recommended, suggestions
 from edmctl.study.planning import PlannedStudy, plan_study, request_of
 from edmctl.study.results import PlannedRun, Recommendation, RunRow, RunState, StudyPlan, StudyRun, Value
-from edmctl.study.running import Shard, run_virtual
+from edmctl.study.running import bare_row, row_of, run_virtual
 from edmctl.study.study_file import read_study
-from edmctl.study.table import in_words, refuse_untellable, table_of
+from edmctl.study.suggestions import extension_runs, next_batch, recommended, suggested_runs, suggestions
+from edmctl.study.table import Cell, in_words, refuse_untellable, table_of
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -40,7 +38,6 @@ if TYPE_CHECKING:
     import pandas
 
     from edmctl.study.statistics.response_analysis import ResponseAnalysis
-    from edmctl.study.table import Cell
 
 
 def _number(value: object) -> float:
@@ -119,7 +116,7 @@ class Study:
         pool = process_pool(workers, silent_program()) if workers > 1 else None
         if executor is not None:
             pool = pool_of(executor, workers)
-        run_virtual(self._started(), Shard(), observer or _Uncounted(), None, pool)
+        run_virtual(self._started(), observer or _Uncounted(), None, pool)
         return self
 
     def ask(self, count: int = 1) -> list[PlannedRun]:
@@ -194,7 +191,7 @@ class Study:
         if isinstance(run, PlannedRun) and run.settings != found.planned.settings:
             raise UsageError(
                 f"Run {run.number} of the study has other settings.",
-                hint="It was added at another computer at the same time: add it anew.",
+                hint="It is of another study, or of a folder that was planned anew.",
                 code="E2104",
             )
         if isinstance(result, Report):

@@ -1,25 +1,26 @@
-"""The table of a study: one row a run, a column a factor key and response, and all that the run said besides."""
+"""The table of a study, values that people report, and what the study waits for."""
 
 from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from edmctl.csv_text import number_of, table_text
 from edmctl.errors import RecordError, UsageError
+from edmctl.record import run_meta
+from edmctl.record.delimited import read_table
+from edmctl.study.folder import StudyState
+from edmctl.study.on_machine import wants_new_tool
 from edmctl.study.responses import LARGEST, RESPONSES, TRUTHS, unit_of
 from edmctl.study.results import TRUTH, RunState, StudyRun
+from edmctl.study.study_file import Response
+from edmctl.study.suggestions import counted
 from edmctl.wording import plural, unit_in
 
-if TYPE_CHECKING:
-    from edmctl.study.folder import StudyState
-    from edmctl.study.study_file import Response
-
-    Cell = bool | int | float | str | None
+Cell = bool | int | float | str | None
 
 OF_EXECUTION = ("run_file", "run_sha256", "started", "duration_s", "host")
 """Columns of time and computer, the last ones: all others are equal however often a study is run."""
@@ -79,8 +80,6 @@ def _row(state: StudyState, run: StudyRun, with_u95: set[str]) -> dict[str, Cell
 
 def columns_of(state: StudyState) -> dict[str, tuple[str, str]]:
     """Return the unit and the meaning of columns that have one, as Parquet keeps them; `1` is a pure number."""
-    from edmctl.record import run_meta
-
     plan = state.folder.plan
     known = {**RESPONSES, **{f"{TRUTH}{name}": words for name, words in TRUTHS.items()}}
     found = {name: (unit_of(name) or "1", words) for name, words in known.items()}
@@ -211,8 +210,6 @@ def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | Non
     UsageError: E2104 there is no such run, E2105 a value is none, E2106 the table cannot be read, has no column for
     it or tells nothing, E2107 a run is not made yet, or that attempt at it is not the last one.
     """
-    from edmctl.record.delimited import read_table
-
     manual, name = _manual(state), str(path)
     try:
         table = read_table(path, ["run", "attempt", *manual])
@@ -280,9 +277,8 @@ def made_run(state: StudyState, number: int) -> StudyRun:
     run = state.run(number)
     if run.row is None:
         raise UsageError(
-            f"Run {number} is not made yet: nobody can have measured it.",
-            hint=f"Check the number with `{state.folder.command('status')}`; runs of another computer come with "
-            "its rows.",
+            f"Run {number} is not made yet: nothing of it can be measured.",
+            hint=f"Check the number with `{state.folder.command('status')}`.",
             code="E2107",
         )
     return run
@@ -310,3 +306,74 @@ def in_words(state: StudyState) -> str:
     words = [f"{found['done']} of {plural(len(state.runs), 'run')} done"]
     words += [f"{found[name]} {name}" for name in ("failed", "rejected") if found[name]]
     return ", ".join(words)
+
+
+MOST_NAMED = 8
+
+
+def way_on(state: StudyState, command: str = "resume") -> str:
+    """Return the command that makes what is left: at the study's machine, with --new-tool where it waits for one."""
+    return state.making_command(command, *(["--new-tool"] if wants_new_tool(state) else []))
+
+
+def what_next(state: StudyState, command: str = "resume") -> list[str]:
+    """Return what is to be done by people or by the next command, the most urgent first.
+
+    command : the one that makes what is left
+    """
+    study = state.folder.command
+    open_runs = [run.planned.number for run in state.runs if run.state is RunState.OPEN]
+    failed = [run.planned.number for run in state.runs if run.state is RunState.FAILED]
+    missing = missing_manual(state)
+    found: list[str] = []
+    if failed:
+        found.append(
+            f"Runs that failed: {_numbers(failed)}. Judge each: `{study('judge')} RUN accept|reject|repeat "
+            "REASON`."
+        )
+    if state.rows.paused and open_runs:
+        last = state.rows.paused[-1]
+        if last.get("number") in open_runs:
+            found.append(f"It paused before run {last['number']}: {last['why']}")
+    if open_runs:
+        when = ", with another tool or that one dressed" if wants_new_tool(state) else ""
+        found.append(f"{plural(len(open_runs), 'run')} to make{when}: `{way_on(state, command)}`.")
+    if missing:
+        names = ", ".join(dict.fromkeys(name for _, lacking in missing for name in lacking))
+        found.append(
+            f"{names} of runs {_numbers([number for number, _ in missing])}: `{study('tell')} RUN "
+            f"{missing[0][1][0]}=VALUE`, or `{study('import')} TABLE.csv`."
+        )
+    if (
+        not found
+        and command == "optimize"
+        and (left := state.folder.source.file.optimize.runs - counted(state)) > 0
+    ):
+        found.append(
+            f"{plural(left, 'run')} of the optimisation to suggest and make: `{way_on(state, command)}`."
+        )
+    if not found:
+        found.append(f"All is there: `{study('report')} --out PAGE.html`.")
+    if state.rows.torn:
+        found.append(f"{plural(state.rows.torn, 'row')} cut off or changed: not counted.")
+    return found
+
+
+def not_yet_known(state: StudyState, numbers: Collection[int]) -> list[str]:
+    """Return which constraints some runs cannot be judged by before people tell what they have measured."""
+    bounds = {bound.response: str(bound) for bound in state.folder.plan.constraints}
+    lacking: dict[str, list[int]] = {}
+    for number, names in missing_manual(state):
+        for name in names:
+            if number in numbers and name in bounds:
+                lacking.setdefault(name, []).append(number)
+    return [
+        f"{bounds[name]} is not known yet: tell {name} of runs {_numbers(runs)} "
+        f"(`{state.folder.command('tell')} RUN {name}=VALUE`)."
+        for name, runs in lacking.items()
+    ]
+
+
+def _numbers(numbers: list[int]) -> str:
+    shown = ", ".join(map(str, numbers[:MOST_NAMED]))
+    return shown + (f" and {len(numbers) - MOST_NAMED} more" if len(numbers) > MOST_NAMED else "")

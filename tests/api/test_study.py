@@ -9,8 +9,8 @@ import pytest
 
 import edmctl
 from edmctl.errors import PreconditionError, UsageError
-from edmctl.study.optimizing import _data
 from edmctl.study.results import RunKind
+from edmctl.study.suggestions import _data
 from edmctl.study.table import OF_EXECUTION
 from tests.study.studies import HEAD, SMALL, written
 

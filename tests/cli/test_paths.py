@@ -26,8 +26,7 @@ from edmctl.profile.folders import data_folder, find_calibration, find_drift, sh
 from edmctl.profile.profile_file import ProfileFile
 from edmctl.profile.setup import Setup, load_setup
 from edmctl.profile.tables import NAMES_FILE
-from edmctl.study.design import points_of
-from edmctl.study.factors import factors_of
+from edmctl.study.design import factors_of, points_of
 from edmctl.study.planning import base_request
 from edmctl.study.study_file import StudyFile, read_study
 from tests.cli.commands import ROOT

@@ -11,8 +11,7 @@ from edmctl.jobs.batch import Task
 from edmctl.jobs.batch import perform as perform_task
 from edmctl.jobs.parallel import silent_program
 from edmctl.jobs.plan import JobRequest
-from edmctl.study.evaluate import evaluate
-from edmctl.study.running import task_of
+from edmctl.study.running import evaluate, task_of
 from tests.study.studies import SMALL, made
 
 if TYPE_CHECKING:

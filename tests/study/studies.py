@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 from edmctl.study.folder import create_folder
 from edmctl.study.planning import plan_study
+from edmctl.study.results import RunState
+from edmctl.study.running import evaluate, task_of
 from edmctl.study.study_file import read_study
 from edmctl.study.table import OF_EXECUTION, table_of
 
@@ -83,6 +85,14 @@ def written(folder: Path, text: str = SMALL) -> Path:
 def made(folder: Path, text: str = SMALL) -> StudyFolder:
     """Plan a study into a folder of its own."""
     return create_folder(folder / "made", plan_study(read_study(written(folder, text))))
+
+
+def make_some(study: StudyFolder, *numbers: int) -> None:
+    """Make some of the open runs."""
+    with study.writer() as writer:
+        for run in study.read().runs:
+            if run.planned.number in numbers and run.state is RunState.OPEN:
+                writer.run(evaluate(task_of(study, run)))
 
 
 def outcome(state: StudyState) -> list[dict[str, object]]:

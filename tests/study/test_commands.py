@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.study.commands.execute import _suggested
-from edmctl.study.confirming import suggested_runs
 from edmctl.study.folder import open_folder
 from edmctl.study.results import RunKind
-from edmctl.study.running import Shard, run_virtual
-from tests.study.studies import SMALL, Unseen, made, written
+from edmctl.study.running import run_virtual
+from edmctl.study.suggestions import suggested_runs
+from tests.study.studies import Unseen, made, written
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study that was run, which nobody changes."""
     study = made(tmp_path_factory.mktemp("study"))
-    run_virtual(study, Shard(), Unseen())
+    run_virtual(study, Unseen())
     return study.path
 
 
@@ -140,7 +140,6 @@ def test_suggestions_say_what_they_are(folder: Path) -> None:
     [
         (("plan", "nothing.toml"), 2, "E2100"),
         (("status", "."), 2, "E2101"),
-        (("resume", "OUT", "--shard", "3/2"), 2, "E2102"),
         (("resume", "OUT", "--new-tool"), 2, "E2108"),
         (("resume", "OUT", "--port", "sim:bench", "--workers", "2"), 2, "E2108"),
         (("resume", "OUT", "--port", "sim:bench"), 2, "E2103"),
@@ -171,12 +170,3 @@ def test_help_loads_no_library_of_studies() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stderr.strip().endswith("[]")
-
-
-@pytest.mark.slow
-def test_a_study_that_was_planned_can_be_resumed_in_parts(tmp_path: Path, here: Here) -> None:
-    file, out = str(written(tmp_path, SMALL)), str(tmp_path / "parts")
-    half = here("study", "run", file, "--out", out, "--shard", "1/2", "--workers", "1", "-q", "--json")
-    assert half.document["result"]["counts"]["done"] == 2
-    other = here("study", "run", file, "--out", out, "--shard", "2/2", "--workers", "1", "-q", "--json")
-    assert other.document["result"]["counts"]["done"] == 4

@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from edmctl.study.analysis import analysis_of
-from edmctl.study.evaluate import bare_row, lost_row
 from edmctl.study.reporting import page_of
+from edmctl.study.running import bare_row, lost_row
 from tests.study.studies import SMALL, made
 
 if TYPE_CHECKING:

@@ -8,14 +8,12 @@ import pytest
 
 from edmctl.app import main
 from edmctl.errors import PreconditionError
-from edmctl.study.analysis import analysis_of, is_one_machine
-from edmctl.study.confirming import confirmation_runs, suggested_runs
-from edmctl.study.evaluate import bare_row
-from edmctl.study.expectations import expected_at
-from edmctl.study.optimizing import counted, recommended, suggestions
+from edmctl.study.analysis import analysis_of, expected_at, is_one_machine
 from edmctl.study.planning import plan_study
 from edmctl.study.results import RunKind
+from edmctl.study.running import bare_row
 from edmctl.study.study_file import read_study
+from edmctl.study.suggestions import confirmation_runs, counted, recommended, suggested_runs, suggestions
 from tests.study.studies import HEAD, SMALL, TWO_FACTORS, made, written
 
 if TYPE_CHECKING:

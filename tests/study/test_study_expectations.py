@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 
 from edmctl.app import main
-from edmctl.study.analysis import analysis_of
-from edmctl.study.commands.study_tables import render_confirmation, render_recommendation
-from edmctl.study.confirming import confirmation_runs, confirmations_of, suggested_runs
-from edmctl.study.evaluate import bare_row
-from edmctl.study.expectations import expected_at
-from edmctl.study.optimizing import recommended
-from edmctl.study.report.study_words import confirmed
+from edmctl.study.analysis import analysis_of, expected_at
+from edmctl.study.commands.tables import render_confirmation, render_recommendation
+from edmctl.study.report.words import confirmed
+from edmctl.study.running import bare_row
+from edmctl.study.suggestions import confirmation_runs, confirmations_of, recommended, suggested_runs
 from tests.study.studies import FULL, HEAD, TWO_FACTORS, made
 
 if TYPE_CHECKING:

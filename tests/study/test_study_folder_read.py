@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.study.running import Shard, run_virtual
+from edmctl.study.running import run_virtual
 from tests.cli.test_files_read import KINDS, made
 from tests.study import studies
 
@@ -30,7 +30,6 @@ STUDY_READERS = {
     "tell": ("study", "tell", "DIR", "1", "ra_um=0.3"),
     "import": ("study", "import", "DIR", "ra.csv"),
     "judge": ("study", "judge", "DIR", "1", "reject", "why"),
-    "run": ("study", "run", "study.toml", "--out", "DIR", "--shard", "1/2", "--workers", "1"),
 }
 LOCKING = ("add", "extend", "confirm")
 """Commands that take the lock of suggestions; the others do not look at it."""
@@ -50,7 +49,7 @@ def is_tried(reader: str, file: str, kind: str) -> bool:
 def finished(folder: Path) -> Path:
     """Make a study whose runs are done."""
     study = studies.made(folder)
-    run_virtual(study, Shard(), studies.Unseen())
+    run_virtual(study, studies.Unseen())
     return study.path
 
 

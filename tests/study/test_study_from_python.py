@@ -11,7 +11,7 @@ import pytest
 
 from edmctl.errors import UsageError
 from edmctl.study.study import Study
-from tests.study.studies import SMALL, made, written
+from tests.study.studies import SMALL, made, make_some, written
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -83,10 +83,7 @@ def test_what_was_measured_is_not_told_over_but_a_repeated_run_is_told_anew(tmp_
     assert (run.attempts, run.value("machining_time_s")) == (2, 19.0)
     assert study.ask()[0].number == 2
     second = study.ask()[0]
-    from edmctl.study.running import Shard, run_virtual
-    from tests.study.studies import Unseen
-
-    run_virtual(folder, Shard(2, 4), Unseen())
+    make_some(folder, second.number)
     assert folder.read().run(second.number).row is not None
     with pytest.raises(UsageError) as measured:
         study.tell(second, {"machining_time_s": 1.0})

@@ -17,12 +17,13 @@ from edmctl.machine.stop import StopRequest
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import parse_injection
 from edmctl.study.analysis import analysis_of
-from edmctl.study.confirming import confirmation_runs
-from edmctl.study.on_machine import MachineRuns, refuse_mixture, run_on_machine
+from edmctl.study.on_machine import MachineRuns, run_on_machine
 from edmctl.study.reporting import page_of
 from edmctl.study.results import RunState
+from edmctl.study.running import refuse_mixture
 from edmctl.study.study import Study
-from edmctl.study.waiting import what_next
+from edmctl.study.suggestions import confirmation_runs
+from edmctl.study.table import what_next
 from tests.serving import serving
 from tests.study.studies import HEAD, SMALL, Unseen, made
 

@@ -18,10 +18,10 @@ from edmctl.report.html import picture_of
 from edmctl.report.style import NothingToDraw
 from edmctl.study.analysis import doe_runs
 from edmctl.study.design import terms_of
-from edmctl.study.report import study_choice, study_effects, study_fit
-from edmctl.study.report.study_page import StudyPage, render_study_page
-from edmctl.study.report.study_tables import all_runs
-from edmctl.study.report.study_words import p_text, p_words
+from edmctl.study.report import figures as drawn
+from edmctl.study.report.page import StudyPage, render_study_page
+from edmctl.study.report.tables import all_runs
+from edmctl.study.report.words import p_text, p_words
 from edmctl.study.results import (
     Choice,
     Confirmation,
@@ -37,9 +37,8 @@ from edmctl.study.results import (
     StudyPlan,
     StudyRun,
 )
-from edmctl.study.statistics.preferences import pareto_front
+from edmctl.study.statistics.choice import SobolIndices, pareto_front
 from edmctl.study.statistics.response_analysis import analyse
-from edmctl.study.statistics.sensitivity import SobolIndices
 from edmctl.wording import significant, to_its_u95
 
 if TYPE_CHECKING:
@@ -417,19 +416,19 @@ def figures() -> dict[str, Callable[[], Figure]]:
     )
     plan, runs, info = small.plan, small.runs, RESPONSES[0]
     return {
-        "effects": partial(study_effects.draw_main_effects, plan, info, time, runs),
+        "effects": partial(drawn.draw_main_effects, plan, info, time, runs),
         "effects without error": partial(
-            study_effects.draw_main_effects, plan, RESPONSES[2], small.one("bare"), runs
+            drawn.draw_main_effects, plan, RESPONSES[2], small.one("bare"), runs
         ),
-        "noise": partial(study_effects.draw_noise_effects, plan, time),
-        "interactions": partial(study_effects.draw_interactions, large.plan, info, wide),
-        "fitted": partial(study_fit.draw_fitted, info, time, runs),
-        "residuals": partial(study_fit.draw_residuals, info, time),
-        "order": partial(study_fit.draw_order, RESPONSES[1], small.one("wear_um"), runs),
-        "order of a constant": partial(study_fit.draw_order, RESPONSES[3], small.one("flat"), runs),
-        "front": partial(study_choice.draw_front, plan, small.choices),
-        "surface": partial(study_choice.draw_surface, large.plan, info, wide, large.runs),
-        "indices": partial(study_choice.draw_indices, large.plan, indices),
+        "noise": partial(drawn.draw_noise_effects, plan, time),
+        "interactions": partial(drawn.draw_interactions, large.plan, info, wide),
+        "fitted": partial(drawn.draw_fitted, info, time, runs),
+        "residuals": partial(drawn.draw_residuals, info, time),
+        "order": partial(drawn.draw_order, RESPONSES[1], small.one("wear_um"), runs),
+        "order of a constant": partial(drawn.draw_order, RESPONSES[3], small.one("flat"), runs),
+        "front": partial(drawn.draw_front, plan, small.choices),
+        "surface": partial(drawn.draw_surface, large.plan, info, wide, large.runs),
+        "indices": partial(drawn.draw_indices, large.plan, indices),
     }
 
 
@@ -448,11 +447,11 @@ def test_figures_without_data_say_why() -> None:
     small = levels()
     info = RESPONSES[3]
     for draw in (
-        partial(study_fit.draw_residuals, info, small.one("flat")),
-        partial(study_fit.draw_residuals, RESPONSES[2], small.one("bare")),
-        partial(study_fit.draw_fitted, info, small.one("flat"), small.runs),
-        partial(study_choice.draw_surface, small.plan, RESPONSES[0], small.one("time_s"), small.runs),
-        partial(study_effects.draw_noise_effects, small.plan, small.one("flat")),
+        partial(drawn.draw_residuals, info, small.one("flat")),
+        partial(drawn.draw_residuals, RESPONSES[2], small.one("bare")),
+        partial(drawn.draw_fitted, info, small.one("flat"), small.runs),
+        partial(drawn.draw_surface, small.plan, RESPONSES[0], small.one("time_s"), small.runs),
+        partial(drawn.draw_noise_effects, small.plan, small.one("flat")),
     ):
         with pytest.raises(NothingToDraw):
             draw()
@@ -462,11 +461,11 @@ def test_a_surface_is_what_the_model_expects() -> None:
     large = surface()
     one = large.one("time_s")
     assert one.model is not None
-    assert {factor.name for factor in study_choice.surface_factors(large.plan, one)} == {
+    assert {factor.name for factor in drawn.surface_factors(large.plan, one)} == {
         "frequency",
         "reference",
     }
-    axes = study_choice.draw_surface(large.plan, RESPONSES[0], one, large.runs).axes[0]
+    axes = drawn.draw_surface(large.plan, RESPONSES[0], one, large.runs).axes[0]
     assert axes.get_xlim() == pytest.approx((500.0, 5000.0))
     low, high = axes.collections[0].get_clim()
     assert low < min(np.exp(one.fitted)) * 1.2

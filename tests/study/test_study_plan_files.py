@@ -14,13 +14,17 @@ from hypothesis import strategies as st
 
 from edmctl.errors import EdmError, PreconditionError
 from edmctl.study.analysis import analysis_of, ranked_by
-from edmctl.study.commands.study_tables import render_analysis, render_plan, render_status
-from edmctl.study.confirming import confirmation_runs, confirmations_of, extension_runs
+from edmctl.study.commands.tables import render_analysis, render_plan, render_status
 from edmctl.study.folder import open_folder
-from edmctl.study.optimizing import recommended, suggestions
 from edmctl.study.reporting import mapping_of
-from edmctl.study.table import columns_of, in_words, table_bytes, table_of
-from edmctl.study.waiting import what_next
+from edmctl.study.suggestions import (
+    confirmation_runs,
+    confirmations_of,
+    extension_runs,
+    recommended,
+    suggestions,
+)
+from edmctl.study.table import columns_of, in_words, table_bytes, table_of, what_next
 from tests.study.studies import FULL, SMALL, made
 from tests.study.test_study_tables import add, make
 

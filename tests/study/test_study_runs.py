@@ -1,4 +1,4 @@
-"""Runs of a study: rows that stay, whoever dies; the same table from one process, two, and two shards."""
+"""Runs of a study: rows that stay, whoever dies; the same table from one process, and two."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from edmctl.study.folder import create_folder, open_folder
 from edmctl.study.planning import plan_study
 from edmctl.study.results import Judgement, RunState
 from edmctl.study.rows import read_rows
-from edmctl.study.running import Shard, parse_shard, run_virtual
+from edmctl.study.running import run_virtual
 from edmctl.study.study_file import read_study
 from edmctl.study.table import missing_manual, table_bytes, table_of, told_table, told_values
 from tests.cli.commands import in_process_of_its_own
-from tests.study.studies import SMALL, Unseen, made, outcome, written
+from tests.study.studies import Unseen, made, make_some, outcome, written
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,17 +45,8 @@ TWO = Pool(spawned, 2, lambda executor: executor.shutdown(wait=False, cancel_fut
 def whole(tmp_path_factory: pytest.TempPathFactory) -> StudyFolder:
     """A study that nothing has interrupted."""
     study = made(tmp_path_factory.mktemp("whole"))
-    run_virtual(study, Shard(), Unseen())
+    run_virtual(study, Unseen())
     return study
-
-
-def test_shards_make_the_same_table(tmp_path: Path, whole: StudyFolder) -> None:
-    study = made(tmp_path)
-    assert run_virtual(study, Shard(2, 2), Unseen()) == 2
-    assert [run.state for run in study.read().runs].count(RunState.OPEN) == 2
-    assert run_virtual(study, Shard(1, 2), Unseen()) == 2
-    assert run_virtual(study, Shard(), Unseen()) == 0
-    assert outcome(study.read()) == outcome(whole.read())
 
 
 class Stopped(Exception):
@@ -74,9 +65,9 @@ def test_what_was_finished_before_a_stop_stays_and_the_rest_follows(
                 raise Stopped
 
     with pytest.raises(Stopped):
-        run_virtual(study, Shard(), Stopping())
+        run_virtual(study, Stopping())
     kept = outcome(study.read())[:2]
-    assert run_virtual(open_folder(study.path), Shard(), Unseen()) == 2
+    assert run_virtual(open_folder(study.path), Unseen()) == 2
     assert outcome(study.read())[:2] == kept
     assert outcome(study.read()) == outcome(whole.read())
 
@@ -137,7 +128,7 @@ def test_a_killed_worker_costs_no_result(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_two_workers_make_the_same_table(tmp_path: Path, whole: StudyFolder) -> None:
     study = made(tmp_path)
-    run_virtual(study, Shard(), Unseen(), None, TWO)
+    run_virtual(study, Unseen(), None, TWO)
     assert outcome(study.read()) == outcome(whole.read())
 
 
@@ -163,11 +154,8 @@ def test_a_line_that_was_cut_off_is_no_row(tmp_path: Path, whole: StudyFolder) -
     rows.mkdir()
     (rows / "a.jsonl").write_bytes(b"".join(lines[:2]) + lines[2][:100])
     (rows / "b.jsonl").write_bytes(lines[1] + b"\0" * 20 + b"\n" + b'{"row": "run"}\n' + lines[3])
-    found = read_rows(rows, whole.identity)
-    assert sorted(found.attempts) == [1, 2, 4]
-    assert (found.torn, found.foreign) == (3, 0)
-    other = read_rows(rows, "another study")
-    assert (dict(other.attempts), other.torn, other.foreign) == ({}, 3, 4)
+    found = read_rows(rows)
+    assert (sorted(found.attempts), found.torn) == ([1, 2, 4], 3)
 
 
 @pytest.mark.parametrize(
@@ -186,13 +174,13 @@ def test_a_row_of_wrong_kinds_is_no_row(
     first = file.read_bytes().splitlines(keepends=True)[0]
     assert before in first
     (tmp_path / "a.jsonl").write_bytes(first.replace(before, after, 1))
-    found = read_rows(tmp_path, whole.identity)
+    found = read_rows(tmp_path)
     assert (dict(found.attempts), found.torn) == ({}, 1)
 
 
 def test_people_tell_and_judge(tmp_path: Path) -> None:
     study = made(tmp_path)
-    run_virtual(study, Shard(1, 2), Unseen())
+    make_some(study, 1, 3)
     made_runs = [run.planned.number for run in study.read().runs if run.state is RunState.DONE]
     number = made_runs[0]
     assert missing_manual(study.read()) == [(one, ("ra_um",)) for one in made_runs]
@@ -214,7 +202,7 @@ def test_people_tell_and_judge(tmp_path: Path) -> None:
                 "judged", {"number": number, "attempt": 1, "judgement": str(judgement), "reason": "a chip"}
             )
         assert study.read().run(number).state is state
-    run_virtual(study, Shard(1, 2), Unseen())
+    make_some(study, 1, 3)
     again = study.read().run(number)
     assert again.state is RunState.DONE
     assert again.row is not None
@@ -235,10 +223,6 @@ def test_a_folder_holds_one_study_that_nobody_changes(tmp_path: Path) -> None:
     with pytest.raises(RunFileError) as taken:
         create_folder(study.path, planned)
     assert taken.value.code == "E9101"
-    assert create_folder(study.path, planned, or_same=True).plan == study.plan
-    other = plan_study(read_study(written(tmp_path, SMALL.replace("0.7, 0.8", "0.7, 0.81"))))
-    with pytest.raises(RunFileError):
-        create_folder(study.path, other, or_same=True)
     (study.path / "profile.toml").write_text("", encoding="utf-8")
     with pytest.raises(PreconditionError) as changed:
         open_folder(study.path)
@@ -249,17 +233,11 @@ def test_a_folder_holds_one_study_that_nobody_changes(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "study.toml"]
 
 
-def test_one_command_runs_a_part_at_a_time(tmp_path: Path) -> None:
+def test_one_command_makes_runs_at_a_time(tmp_path: Path) -> None:
     study = made(tmp_path)
-    with study.claimed("all"), pytest.raises(PreconditionError) as busy:
-        run_virtual(study, Shard(), Unseen())
+    with study.claimed(), pytest.raises(PreconditionError) as busy:
+        run_virtual(study, Unseen())
     assert busy.value.code == "E8201"
-    with study.claimed("shard-1-of-2"), study.claimed("shard-2-of-2"):
-        pass  # parts begin side by side
-    for wrong in ("0/2", "3/2", "1", "a/b", "1/0", "-1/2"):
-        with pytest.raises(UsageError):
-            parse_shard(wrong)
-    assert parse_shard("2/3") == Shard(2, 3)
 
 
 def test_a_recipe_that_changed_under_the_study_is_refused(tmp_path: Path) -> None:
@@ -268,7 +246,7 @@ def test_a_recipe_that_changed_under_the_study_is_refused(tmp_path: Path) -> Non
     study = made(tmp_path)
     other = replace(study, recipes={point: ("other", "hash") for point in study.recipes})
     with pytest.raises(PreconditionError) as refused:
-        run_virtual(other, Shard(), Unseen())
+        run_virtual(other, Unseen())
     assert refused.value.code == "E8203"
 
 
@@ -334,3 +312,17 @@ def test_what_a_broken_pool_s_own_threads_say_is_not_told_and_all_else_is(
     assert set(heard) == {"another"}
     threading.excepthook(SimpleNamespace(thread=SimpleNamespace(name=FEEDER)))  # type: ignore[arg-type]
     assert FEEDER in heard  # afterwards all is as it was
+
+
+UNGUARDED = """
+from edmctl.jobs.parallel import perform, process_pool, silent_program
+perform(abs, [1, 2], process_pool(1, silent_program()), print)
+"""
+
+
+def test_a_script_without_a_guard_is_refused_soon(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(UNGUARDED, encoding="utf-8")
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert done.stderr.rstrip().rpartition("\n")[2].startswith("E8218; help: Put its calls under")

@@ -13,11 +13,11 @@ import pytest
 
 from edmctl.app import main
 from edmctl.study.analysis import analysis_of
-from edmctl.study.confirming import confirmation_runs, suggested_runs
-from edmctl.study.evaluate import bare_row
-from edmctl.study.factors import value_at
-from edmctl.study.report.study_words import what_matters
+from edmctl.study.design import value_at
+from edmctl.study.report.words import what_matters
 from edmctl.study.reporting import mapping_of, page_of
+from edmctl.study.running import bare_row
+from edmctl.study.suggestions import confirmation_runs, suggested_runs
 from tests.study.studies import HEAD, RESPONSES, made
 
 if TYPE_CHECKING:

@@ -1,9 +1,8 @@
-"""Several computers, clocks and people at one study: nothing is taken for another run, and nothing waits unsaid."""
+"""Several clocks, benches and people at one study."""
 
 from __future__ import annotations
 
 import json
-import shutil
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
@@ -13,14 +12,12 @@ import pytest
 from edmctl.errors import PreconditionError
 from edmctl.jobs.plan import MachineAddress
 from edmctl.record.appended_rows import SUFFIX
-from edmctl.study.confirming import suggested_runs
-from edmctl.study.evaluate import bare_row
 from edmctl.study.folder import open_folder
-from edmctl.study.on_machine import refuse_mixture
-from edmctl.study.optimizing import next_batch, suggestions
 from edmctl.study.results import Judgement, RunKind, RunState
 from edmctl.study.rows import MACHINE, bench_of
-from edmctl.study.waiting import what_next
+from edmctl.study.running import bare_row, refuse_mixture
+from edmctl.study.suggestions import next_batch, suggestions
+from edmctl.study.table import what_next
 from tests.study.studies import HEAD, RESPONSES, SMALL, TWO_FACTORS, made
 
 if TYPE_CHECKING:
@@ -56,39 +53,6 @@ def tell_all(folder: StudyFolder, names: tuple[str, ...] = ("ra_um",)) -> None:
             if run.state is RunState.DONE and not run.told:
                 value = 0.2 + float(run.planned.settings["pulse.duty"])
                 writer.told(run, dict.fromkeys(names, value))
-
-
-def test_runs_that_two_computers_added_under_one_number_are_not_mixed(tmp_path: Path) -> None:
-    here = made(tmp_path, SMALL)
-    come_to(here, [run.planned for run in here.read().runs])
-    shutil.copytree(here.path, tmp_path / "there")
-    there = open_folder(tmp_path / "there")
-    for folder, duty, time_s in ((here, 0.25, 11.0), (there, 0.35, 99.0)):
-        added = suggested_runs(folder.read(), [{"servo.reference": 0.75, "pulse.duty": duty}])
-        with folder.writer() as writer:
-            writer.planned(added)
-        come_to(folder, added, time_s)
-    made_there = there.read().runs[-1]
-    with there.writer() as writer:
-        writer.told(made_there, {"ra_um": 9.9})
-        writer.judged(made_there, Judgement.REJECT, "chipped there")
-    for file in there.rows.glob(f"*{SUFFIX}"):
-        shutil.copy(file, here.rows)
-    state = here.read()
-    assert [run.value("machining_time_s") for run in state.runs][4:] == [11.0]
-    assert state.strangers == 3
-    assert state.runs[-1].state is RunState.DONE
-    assert state.runs[-1].value("ra_um") is None
-    assert any("another computer added under the same numbers" in line for line in what_next(state))
-
-
-def test_a_row_at_other_settings_is_no_row_of_the_run(tmp_path: Path) -> None:
-    folder = made(tmp_path, SMALL)
-    first = folder.read().runs[0].planned
-    come_to(folder, [replace(first, settings={**first.settings, "pulse.duty": 99.0})])
-    state = folder.read()
-    assert state.runs[0].state is RunState.OPEN
-    assert state.strangers == 1
 
 
 def later_by_a_day(folder: StudyFolder) -> None:

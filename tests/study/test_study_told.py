@@ -9,8 +9,8 @@ import pytest
 
 import edmctl
 from edmctl.errors import ProfileError, UsageError
-from edmctl.study.evaluate import bare_row
 from edmctl.study.planning import plan_study
+from edmctl.study.running import bare_row
 from edmctl.study.study_file import read_study
 from edmctl.study.table import told_table, told_values
 from tests.study.studies import FULL, SMALL, made, written

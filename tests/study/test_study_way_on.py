@@ -11,13 +11,12 @@ import pytest
 from edmctl.app import main
 from edmctl.errors import RunFileError, UsageError
 from edmctl.jobs.plan import MachineAddress
-from edmctl.study.evaluate import bare_row
 from edmctl.study.folder import create_folder
-from edmctl.study.on_machine import refuse_mixture
 from edmctl.study.planning import plan_study
 from edmctl.study.rows import MACHINE, PAUSED
+from edmctl.study.running import bare_row, refuse_mixture
 from edmctl.study.study_file import read_study
-from edmctl.study.waiting import way_on, what_next
+from edmctl.study.table import way_on, what_next
 from tests.study.studies import SMALL, made, written
 
 if TYPE_CHECKING:
@@ -98,10 +97,9 @@ def test_a_folder_says_whether_it_holds_the_same_study(tmp_path: Path) -> None:
         create_folder(study.path, same)
     assert f"Go on with it as `edmctl study status {study.path}` says" in taken.value.hint
     other = plan_study(read_study(written(tmp_path, SMALL.replace("0.7, 0.8", "0.7, 0.82"))))
-    for or_same in (False, True):
-        with pytest.raises(RunFileError, match="another study, A small study") as taken:
-            create_folder(study.path, other, or_same=or_same)
-        assert "resume" not in taken.value.hint
+    with pytest.raises(RunFileError, match="another study, A small study") as taken:
+        create_folder(study.path, other)
+    assert "resume" not in taken.value.hint
     (study.path / "study.toml").write_text("changed", encoding="utf-8")
     with pytest.raises(RunFileError, match="cannot be read"):
         create_folder(study.path, same)

@@ -1,7 +1,7 @@
 """`edmctl study`: designed experiments, on virtual machines and on the real one."""
 
 from edmctl.cli.options import command_group
-from edmctl.study.commands import execute, look, record
+from edmctl.study.commands import execute, look
 
 app = command_group(
     "Plan, run and analyse designed experiments.\n\n"
@@ -12,9 +12,9 @@ app.command("plan")(look.plan)
 app.command("run")(execute.run)
 app.command("resume")(execute.resume)
 app.command("status")(look.status)
-app.command("tell")(record.tell)
-app.command("import")(record.import_table)
-app.command("judge")(record.judge)
+app.command("tell")(look.tell)
+app.command("import")(look.import_table)
+app.command("judge")(look.judge)
 app.command("report")(look.report)
 app.command("suggest")(execute.suggest)
 app.command("extend")(execute.extend)

@@ -28,7 +28,6 @@ from edmctl.wording import plural, settings_words
 if TYPE_CHECKING:
     from edmctl.jobs.plan import MachineAddress, Plan
     from edmctl.study.folder import StudyFolder, StudyState
-    from edmctl.study.running import Shard
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="New folder of the study.")]
 CountOption = Annotated[
@@ -69,7 +68,7 @@ def run(
         planned = plan_study(source, shell(), checks_told(reporter.note), changes)
         reporter.note(f"planned {plural(len(planned.plan.runs), 'run')} of {planned.plan.name}")
     outcome.warn(planned.warnings)
-    study = create_folder(out, planned, or_same=making.shard is not None)
+    study = create_folder(out, planned)
     _make(outcome, study, making)
 
 
@@ -102,9 +101,8 @@ def _make(
     Raises ObjectiveNotReached E7910 where a run failed, but not `to_the_end`.
     """
     from edmctl.study.on_machine import without_port
-    from edmctl.study.running import parse_shard
 
-    where, part = _where(study, making, command), parse_shard(making.shard)
+    where = _where(study, making, command)
     try:
         with watching(outcome.output) as reporter:
             if where.lasting:
@@ -112,16 +110,16 @@ def _make(
             else:
                 outcome.simulated = True
                 outcome.warn(without_port(study))
-                _virtual(study, part, making, reporter)
+                _virtual(study, making, reporter)
     finally:
-        _tell(outcome, study, part, command)
+        _tell(outcome, study, command)
     if not to_the_end:
-        _raise_failed(study, part)
+        _raise_failed(study)
 
 
 def _where(study: "StudyFolder", making: Making, command: str) -> "MachineAddress":
     """Return where runs are made. Raises UsageError where that is not where the study is made."""
-    from edmctl.study.on_machine import refuse_mixture
+    from edmctl.study.running import refuse_mixture
 
     setup = study.base.setup
     making.refuse(setup, has_machine=study.source.file.machine is not None)
@@ -130,17 +128,17 @@ def _where(study: "StudyFolder", making: Making, command: str) -> "MachineAddres
     return where
 
 
-def _virtual(study: "StudyFolder", part: "Shard", making: Making, reporter: "Reporter") -> None:
+def _virtual(study: "StudyFolder", making: Making, reporter: "Reporter") -> None:
     from edmctl.jobs.parallel import Program, cores, dask_pool, process_pool
     from edmctl.study.running import run_virtual
 
     if making.dask is not None:
         with dask_pool(making.dask) as pool:
-            run_virtual(study, part, reporter, None, pool)
+            run_virtual(study, reporter, None, pool)
         return
     program = Program(shell, begin_worker)
     many = cores() if making.workers is None else making.workers
-    run_virtual(study, part, reporter, program, process_pool(many, program) if many > 1 else None)
+    run_virtual(study, reporter, program, process_pool(many, program) if many > 1 else None)
 
 
 def _on_machine(
@@ -166,7 +164,7 @@ def _on_machine(
 
 def _asked(run: "StudyRun", plan: "Plan") -> bool:
     """Ask at a terminal; where nobody sits, nobody approves."""
-    from edmctl.study.commands.study_tables import approval_words
+    from edmctl.study.commands.tables import approval_words
 
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
@@ -175,9 +173,8 @@ def _asked(run: "StudyRun", plan: "Plan") -> bool:
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
-def _tell(outcome: Outcome, study: "StudyFolder", part: "Shard", command: str) -> None:
-    from edmctl.study.table import counts_of, in_words
-    from edmctl.study.waiting import what_next
+def _tell(outcome: Outcome, study: "StudyFolder", command: str) -> None:
+    from edmctl.study.table import counts_of, in_words, what_next
 
     state = study.read()
     outcome.result = {
@@ -187,19 +184,15 @@ def _tell(outcome: Outcome, study: "StudyFolder", part: "Shard", command: str) -
         "counts": counts_of(state),
     }
     columns = stream_style(sys.stdout).columns or USUAL_COLUMNS
-    others = [] if part.count == 1 else [f"Part {part.index} of {part.count}; the others make the rest."]
-    told = [f"{study.plan.name}: {in_words(state)}.", *(others or what_next(state, command))]
+    told = [f"{study.plan.name}: {in_words(state)}.", *what_next(state, command)]
     outcome.text = "\n".join(line for one in told for line in wrapped(one, columns, "  "))
 
 
-def _raise_failed(study: "StudyFolder", part: "Shard", kind: "RunKind | None" = None) -> None:
+def _raise_failed(study: "StudyFolder", kind: "RunKind | None" = None) -> None:
     failed = [
         run
         for run in study.read().runs
-        if run.state is RunState.FAILED
-        and run.row is not None
-        and run.planned.number in part
-        and kind in (None, run.planned.kind)
+        if run.state is RunState.FAILED and run.row is not None and kind in (None, run.planned.kind)
     ]
     if failed:
         first = failed[0]
@@ -214,8 +207,8 @@ def _raise_failed(study: "StudyFolder", part: "Shard", kind: "RunKind | None" = 
 @command("study suggest", PROGRESS)
 def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, add: AddOption = False) -> None:
     """Suggest the runs that the models expect most of; --add puts them into the study."""
-    from edmctl.study.optimizing import suggestions
-    from edmctl.study.waiting import way_on
+    from edmctl.study.suggestions import suggestions
+    from edmctl.study.table import way_on
 
     study = opened(folder)
     with (
@@ -235,8 +228,8 @@ def suggest(outcome: Outcome, folder: FolderArgument, count: CountOption = 1, ad
 @command("study extend")
 def extend(outcome: Outcome, folder: FolderArgument, fold_over: FoldOverOption = False) -> None:
     """Add one more replicate of the design, or its fold-over, in a block of its own; `resume` makes the runs."""
-    from edmctl.study.confirming import extension_runs
-    from edmctl.study.waiting import way_on
+    from edmctl.study.suggestions import extension_runs
+    from edmctl.study.table import way_on
 
     study = opened(folder)
     with study.claimed("suggestions"), study.writer() as writer:
@@ -269,14 +262,12 @@ def optimize(
 
     The design comes first. Every suggestion is checked as a job is, and on a machine that lasts approved.
     """
-    from edmctl.study.commands.study_tables import render_recommendation
-    from edmctl.study.expectations import has_suggestions
-    from edmctl.study.optimizing import counted, next_batch, recommended
-    from edmctl.study.running import Shard
+    from edmctl.study.analysis import has_suggestions
+    from edmctl.study.commands.tables import render_recommendation
+    from edmctl.study.suggestions import counted, next_batch, recommended
 
     study = opened(folder)
     total = study.source.file.optimize.runs
-    making.refuse_shard()
     while True:
         rows = len(study.read().rows.attempts)
         _make(outcome, study, making, "optimize", to_the_end=True)  # a failed run tells where runs fail
@@ -300,7 +291,7 @@ def optimize(
     if not has_suggestions(study.read()):
         way_on = f"No run was suggested: the design has all of the {total} runs of [optimize].\n{way_on}"
     outcome.text += f"\n\n{render_recommendation(best, style)}\n{way_on}"
-    _raise_failed(study, Shard())
+    _raise_failed(study)
 
 
 @command("study confirm", PROGRESS)
@@ -311,11 +302,9 @@ def confirm(
     runs: ConfirmRunsOption = 3,
 ) -> None:
     """Run the recommended settings anew, on machines no model has seen, and say whether the expectation held."""
-    from edmctl.study.commands.study_tables import render_confirmation, render_recommendation
-    from edmctl.study.confirming import confirmation_runs, confirmations_of
-    from edmctl.study.optimizing import recommended
-    from edmctl.study.running import Shard
-    from edmctl.study.waiting import not_yet_known
+    from edmctl.study.commands.tables import render_confirmation, render_recommendation
+    from edmctl.study.suggestions import confirmation_runs, confirmations_of, recommended
+    from edmctl.study.table import not_yet_known
 
     study = opened(folder)
     _where(study, making, "confirm")
@@ -354,4 +343,4 @@ def confirm(
             "`resume`), or ask a new study for a stricter limit.",
             code="E7911",
         )
-    _raise_failed(study, Shard(), RunKind.CONFIRMATION)
+    _raise_failed(study, RunKind.CONFIRMATION)

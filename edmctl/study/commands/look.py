@@ -1,7 +1,8 @@
-"""`edmctl study list`, `plan`, `status`, `report` and `export`: what there is, how far it is, and what it says."""
+"""`edmctl study list`, `plan`, `status`, `report`, `export`, `tell`, `import` and `judge`."""
 
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,8 +12,17 @@ from edmctl.cli.options import NOTES, command
 from edmctl.cli.outcome import Outcome, stream_style, watching
 from edmctl.cli.render.layout import render_columns
 from edmctl.cli.signals import shell
+from edmctl.errors import UsageError
 from edmctl.profile.folders import shipped_studies
-from edmctl.study.commands.options import FolderArgument, StudyArgument, checks_told, opened, study_source
+from edmctl.study.commands.options import (
+    FolderArgument,
+    RunNumberArgument,
+    StudyArgument,
+    checks_told,
+    opened,
+    study_source,
+)
+from edmctl.study.results import Judgement
 from edmctl.wording import plural
 
 
@@ -43,7 +53,7 @@ def plan(outcome: Outcome, file: StudyArgument) -> None:
 
     Every run is checked as a job is; nothing moves and nothing is written.
     """
-    from edmctl.study.commands.study_tables import render_plan
+    from edmctl.study.commands.tables import render_plan
     from edmctl.study.planning import plan_study
 
     source = study_source(outcome, file)
@@ -58,10 +68,9 @@ def plan(outcome: Outcome, file: StudyArgument) -> None:
 @command("study status")
 def status(outcome: Outcome, folder: FolderArgument) -> None:
     """Show every run of a study with its responses, and what the study waits for."""
-    from edmctl.study.commands.study_tables import render_status
+    from edmctl.study.commands.tables import render_status
     from edmctl.study.folder import version_warning
-    from edmctl.study.table import counts_of, in_words, missing_manual, table_of
-    from edmctl.study.waiting import what_next
+    from edmctl.study.table import counts_of, in_words, missing_manual, table_of, what_next
 
     study = opened(folder)
     outcome.warn(version_warning(study))
@@ -72,7 +81,6 @@ def status(outcome: Outcome, folder: FolderArgument) -> None:
         "counts": counts_of(state),
         "missing": [{"run": number, "responses": list(names)} for number, names in missing_manual(state)],
         "torn_lines": state.rows.torn,
-        "foreign_lines": state.rows.foreign,
         "table": table_of(state),
     }
     style = stream_style(sys.stdout)
@@ -109,9 +117,9 @@ def report(
     """Say what matters, by analysis of variance, models and the Pareto front; --out writes a page of it."""
     from edmctl.jobs import output_files
     from edmctl.study.analysis import analysis_of, ranked_by
-    from edmctl.study.commands.study_tables import render_analysis
-    from edmctl.study.confirming import confirmations_of
+    from edmctl.study.commands.tables import render_analysis
     from edmctl.study.reporting import mapping_of, page_of, recommendation_or_why
+    from edmctl.study.suggestions import confirmations_of
 
     study = opened(folder)
     state = study.read()
@@ -169,3 +177,102 @@ def export(
     output_files.write(path, content, REPLACE_HINT, overwrite=overwrite)
     outcome.result = {"file": str(path), "rows": len(state.runs), "bytes": len(content)}
     outcome.text = f"{path}: {plural(len(state.runs), 'row')}"
+
+
+ValuesArgument = Annotated[
+    list[str], typer.Argument(metavar="NAME=VALUE...", help="Manual responses of the run, e.g. ra_um=0.31.")
+]
+TableArgument = Annotated[
+    Path, typer.Argument(metavar="TABLE.csv", help="A column run, and one for each manual response.")
+]
+JudgementArgument = Annotated[Judgement, typer.Argument(metavar="accept|reject|repeat", show_default=False)]
+ReasonArgument = Annotated[str, typer.Argument(metavar="REASON", help="Kept with the run.")]
+
+
+@command("study tell")
+def tell(outcome: Outcome, folder: FolderArgument, run: RunNumberArgument, values: ValuesArgument) -> None:
+    """Tell responses that were measured by hand, such as a roughness from a profilometer.
+
+    Told again, the later value counts, and `NAME=none` withdraws it; all of them stay in the rows.
+    """
+    from edmctl.study.table import made_run, told_values
+
+    study = opened(folder)
+    state = study.read()
+    found = made_run(state, run)
+    told = told_values(state, values)
+    with study.writer() as writer:
+        writer.told(found, told)
+    outcome.result = {"run": run, "told": told}
+    words = (f"{name} {'is withdrawn' if v is None else f'= {v:g}'}" for name, v in told.items())
+    outcome.text = f"Run {run}: {', '.join(words)}"
+
+
+@command("study import")
+def import_table(outcome: Outcome, folder: FolderArgument, table: TableArgument) -> None:
+    """Tell the manual responses of many runs by a CSV table; all of it or, where a line is wrong, nothing.
+
+    An empty cell tells nothing, and `none` withdraws what was told.
+    """
+    from edmctl.study.table import told_table
+
+    study = opened(folder)
+    state = study.read()
+    told = told_table(state, table)
+    with study.writer() as writer:
+        for number, values in told.items():
+            writer.told(state.run(number), values)
+    outcome.result = {"runs": len(told), "told": {str(number): values for number, values in told.items()}}
+    outcome.text = f"Told responses of {plural(len(told), 'run')}."
+    withdrawn = [number for number, values in told.items() if None in values.values()]
+    if withdrawn:
+        outcome.text += f" Withdrawn: of {plural(len(withdrawn), 'run')}, {', '.join(map(str, withdrawn))}."
+
+
+@command("study judge")
+def judge(
+    outcome: Outcome,
+    folder: FolderArgument,
+    run: RunNumberArgument,
+    judgement: JudgementArgument,
+    reason: ReasonArgument,
+) -> None:
+    """Judge a run: accept one that failed, reject one that shall not count, or have it repeated.
+
+    Nothing is deleted: the row stays, with the judgement and its reason.
+    """
+    from edmctl.study.on_machine import is_begun, next_order
+    from edmctl.study.running import lost_row
+    from edmctl.study.table import way_on
+
+    study = opened(folder)
+    if not reason.strip():
+        raise UsageError("The reason is empty.", hint='Say why, e.g. "chip under the tool".', code="E2107")
+    found = study.read().run(run)
+    if found.row is None and judgement is Judgement.REPEAT and is_begun(study, found):
+        with study.claimed(), study.writer() as writer:  # nobody is making it
+            # The hole stays where it is, and the next attempt takes another place.
+            lost = lost_row(found.planned, found.attempts + 1, f"E1300: given up: {reason}", 130)
+            writer.run(replace(lost, order=next_order(study.read())))
+        found = study.read().run(run)
+    if found.row is None and judgement is not Judgement.REJECT:
+        raise UsageError(
+            f"Run {run} is not made yet.",
+            hint=f"Make it with `{way_on(study.read())}`, then judge it; one that shall not be made is rejected.",
+            code="E2107",
+        )
+    with study.writer() as writer:
+        writer.judged(found, judgement, reason)
+    outcome.result = {"run": run, "attempt": found.attempts, "judgement": str(judgement), "reason": reason}
+    state = study.read()
+    again = (
+        "as another hole at the next free place"
+        if state.rows.port
+        else "and a virtual machine makes it the same"
+    )
+    after = {
+        Judgement.ACCEPT: "its responses count",
+        Judgement.REJECT: "it does not count; the row stays",
+        Judgement.REPEAT: f"`{way_on(state)}` makes it again, {again}",
+    }
+    outcome.text = f"Run {run}: {judgement} ({reason}); {after[judgement]}."

@@ -51,12 +51,6 @@ WorkersOption: TypeAlias = Annotated[
         help="Processes side by side. Default: as many as processors.",
     ),
 ]
-ShardOption: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        "--shard", metavar="K/N", help="Make part K of N alone; others make the rest on other computers."
-    ),
-]
 DaskOption: TypeAlias = Annotated[
     str | None,
     typer.Option(
@@ -74,10 +68,9 @@ YesOption: TypeAlias = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class Making:
-    """How runs are made: on the machine at `where`, or on virtual ones by so many workers, a shard or a cluster."""
+    """How runs are made: on the machine at `where`, or on virtual ones by so many workers or a cluster."""
 
     workers: WorkersOption = None
-    shard: ShardOption = None
     dask: DaskOption = None
     port: PortOption = None
     wait: WaitOption = 0.0
@@ -86,14 +79,11 @@ class Making:
     yes: YesOption = False
 
     def refuse(self, setup: Path | None, *, has_machine: bool) -> None:
-        """Refuse options that do not go together, before anything is made. Raises UsageError E2102, E2103, E2108."""
-        from edmctl.study.running import parse_shard
-
-        parse_shard(self.shard)
+        """Refuse options that do not go together, before anything is made. Raises UsageError E2103, E2108."""
         if self.where(setup).lasting:
-            if self.workers is not None or self.shard is not None or self.dask is not None:
+            if self.workers is not None or self.dask is not None:
                 raise UsageError(
-                    "One machine makes one run at a time: --workers, --shard and --dask are for virtual ones.",
+                    "One machine makes one run at a time: --workers and --dask are for virtual ones.",
                     hint="Leave them out.",
                     code="E2108",
                 )
@@ -110,15 +100,6 @@ class Making:
         if self.dask is not None and self.workers is not None:
             raise UsageError(
                 "--dask has the workers of its cluster.", hint="Leave --workers or --dask out.", code="E2108"
-            )
-
-    def refuse_shard(self) -> None:
-        """Refuse --shard where the next run follows from those before. Raises UsageError E2108."""
-        if self.shard is not None:
-            raise UsageError(
-                "Every suggestion follows from all runs before it: there are no parts.",
-                hint="Leave --shard out.",
-                code="E2108",
             )
 
     def where(self, setup: Path | None) -> "MachineAddress":

@@ -12,25 +12,80 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import special
 
 from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
 from edmctl.dataclasses import dataclass, field, replace
-from edmctl.study.statistics.anova import Anova, anova, differing, pooled_anova
 from edmctl.study.statistics.linear_model import (
+    Anova,
     Fit,
     LackOfFit,
     Settings,
     Term,
+    anova,
+    differing,
     fit,
     model_matrix,
+    pooled_anova,
     term_name,
     undetermined,
 )
-from edmctl.study.statistics.signal_to_noise import Better, LevelMeans, response_table, signal_to_noise_db
+
+Better = Literal["larger", "smaller", "nominal"]
+
+
+def signal_to_noise_db(values: ArrayLike, better: Better) -> float:
+    """Return the signal-to-noise ratio of the replicates of one point, in dB; NaN where it is not defined.
+
+    Larger is better: −10 lg mean(1/y²). Smaller is better: −10 lg mean(y²). Nominal is best: 10 lg(mean²/variance),
+    for which it takes two replicates (Phadke, Quality Engineering Using Robust Design, 1989, chapter 5).
+    """
+    y = np.asarray(values, float)
+    ratio: float | np.floating
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if better == "larger":
+            ratio = 1 / np.mean(1 / y**2)
+        elif better == "smaller":
+            ratio = 1 / np.mean(y**2)
+        else:
+            ratio = np.mean(y) ** 2 / np.var(y, ddof=1) if len(y) > 1 else np.nan
+        decibel = 10 * np.log10(ratio)
+    return float(decibel) if np.isfinite(decibel) else float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class LevelMeans:
+    """Means of a response at the levels of one factor: a row of the response table."""
+
+    factor: str
+    levels: tuple[object, ...]
+    means: tuple[float, ...]
+    rank: int
+    """1 has the largest delta."""
+
+    @property
+    def delta(self) -> float:
+        """Largest less smallest mean."""
+        return max(self.means) - min(self.means)
+
+
+def response_table(levels: Mapping[str, Sequence[object]], response: ArrayLike) -> list[LevelMeans]:
+    """Return the means of `response` by level; `levels` has, by factor, the level of each run."""
+    values = np.asarray(response, float)
+    means = {}
+    for factor, of_runs in levels.items():
+        found = np.asarray(of_runs)
+        distinct = np.unique(found).tolist() if found.dtype.kind in "iuf" else list(dict.fromkeys(of_runs))
+        means[factor] = (tuple(distinct), tuple(float(values[found == level].mean()) for level in distinct))
+    spread = {factor: max(m) - min(m) for factor, (_, m) in means.items()}
+    order = sorted(spread, key=lambda factor: -spread[factor])
+    return [LevelMeans(factor, *means[factor], order.index(factor) + 1) for factor in levels]
+
 
 MOST_LEVELS = 8
 """Means by level are given of factors with so many different values; more are a range."""
@@ -134,8 +189,6 @@ class ResponseModel:
 
         Raises ValueError for a category that the fit does not know.
         """
-        from scipy import special
-
         columns = self._columns(settings)
         expected = columns @ self.fit.coefficients
         leverage = np.einsum("ij,jk,ik->i", columns, self.fit.unscaled_covariance, columns)
@@ -219,8 +272,6 @@ class ResponseAnalysis:
 
         adjusted : values without the effects of their blocks, as `without_block` returns them
         """
-        from scipy import special
-
         values = np.asarray(adjusted, float)
         values = np.log(values) if self.is_log else values
         scatter, miss_dof = self.scatter, self.model.miss_dof if self.model is not None else 0
@@ -501,8 +552,6 @@ def _left_out_coverage(terms: Sequence[Term], runs: Runs, values: Array, block: 
 
 def _coefficients(fitted: Fit, settings: Settings, table: Anova) -> list[Coefficient]:
     """Coefficients, each with the error that the table compares its term with."""
-    from scipy import special
-
     unscaled = np.diag(fitted.unscaled_covariance)
     found = []
     for term, span in fitted.model.spans.items():

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from edmctl.cli.render.layout import wrapped
-from edmctl.study.commands.study_tables import render_response
-from edmctl.study.report.study_tables import fit_quality
+from edmctl.study.commands.tables import render_response
+from edmctl.study.report.tables import fit_quality
 from edmctl.study.statistics.linear_model import Settings
 from edmctl.study.statistics.response_analysis import Runs, analyse
 from edmctl.wording import settings_words

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from edmctl.study.statistics.preferences import grey_relational_grade, pareto_front, topsis_closeness
-from edmctl.study.statistics.signal_to_noise import response_table, signal_to_noise_db
+from edmctl.study.statistics.choice import grey_relational_grade, pareto_front, topsis_closeness
+from edmctl.study.statistics.response_analysis import response_table, signal_to_noise_db
 
 
 def test_signal_to_noise_ratios() -> None:

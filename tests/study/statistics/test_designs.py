@@ -7,9 +7,19 @@ import itertools
 import numpy as np
 import pytest
 
-from edmctl.study.statistics.arrays import array_for, arrays
-from edmctl.study.statistics.designs import box_behnken, central_composite, latin_hypercube, sobol_points
-from edmctl.study.statistics.fractional import LETTERS, fraction_for, fraction_of, hiding_words, letters_of
+from edmctl.study.statistics.designs import (
+    LETTERS,
+    array_for,
+    arrays,
+    box_behnken,
+    central_composite,
+    fraction_for,
+    fraction_of,
+    hiding_words,
+    latin_hypercube,
+    letters_of,
+    sobol_points,
+)
 
 
 def unbalanced_pairs(levels: np.ndarray) -> list[tuple[int, int]]:

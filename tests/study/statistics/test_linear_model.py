@@ -11,14 +11,16 @@ import statsmodels.api as sm
 import statsmodels.formula.api as smf
 from statsmodels.stats.anova import anova_lm
 
-from edmctl.study.statistics.anova import anova, differing, pooled_anova
-from edmctl.study.statistics.arrays import arrays
+from edmctl.study.statistics.designs import arrays
 from edmctl.study.statistics.linear_model import (
     Fit,
     Settings,
+    anova,
+    differing,
     fit,
     main_effects,
     model_matrix,
+    pooled_anova,
     second_order,
     term_name,
     with_interactions,

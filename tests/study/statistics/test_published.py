@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.study.statistics.anova import anova
-from edmctl.study.statistics.arrays import arrays
-from edmctl.study.statistics.designs import box_behnken
-from edmctl.study.statistics.fractional import Fraction
+from edmctl.study.statistics.choice import grey_relational_grade, topsis_closeness
+from edmctl.study.statistics.designs import Fraction, arrays, box_behnken
 from edmctl.study.statistics.linear_model import (
     LackOfFit,
     Settings,
+    anova,
     fit,
     main_effects,
     model_matrix,
@@ -27,15 +26,12 @@ from edmctl.study.statistics.linear_model import (
     term_name,
     with_interactions,
 )
-from edmctl.study.statistics.preferences import grey_relational_grade, topsis_closeness
-from edmctl.study.statistics.response_analysis import Runs, analyse
-from edmctl.study.statistics.signal_to_noise import response_table, signal_to_noise_db
+from edmctl.study.statistics.response_analysis import Runs, analyse, response_table, signal_to_noise_db
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from edmctl.study.statistics.anova import Anova, AnovaRow
-    from edmctl.study.statistics.linear_model import Term
+    from edmctl.study.statistics.linear_model import Anova, AnovaRow, Term
 
 
 def is_printed(value: float, printed: str) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edmctl.study.statistics.sensitivity import sensitivity_points, sobol_indices
+from edmctl.study.statistics.choice import sensitivity_points, sobol_indices
 
 FIRST = (0.3139, 0.4424, 0.0)
 TOTAL = (0.5576, 0.4424, 0.2437)

@@ -16,9 +16,8 @@ from edmctl.study.results import (
     StudyRun,
     Value,
 )
-from edmctl.study.statistics.anova import Anova, AnovaRow
-from edmctl.study.statistics.response_analysis import ResponseAnalysis
-from edmctl.study.statistics.signal_to_noise import LevelMeans
+from edmctl.study.statistics.linear_model import Anova, AnovaRow
+from edmctl.study.statistics.response_analysis import LevelMeans, ResponseAnalysis
 from edmctl.wording import UNKNOWN, decimal, plural, printable, shortened, significant, unit_in
 
 BLOCK = "block"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.cli.render.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.cli.render.style import PLAIN, Ink, Style
-from edmctl.study.report.study_words import differing_words, points_needed, why_not_predicted
+from edmctl.study.report.words import differing_words, points_needed, why_not_predicted
 from edmctl.study.results import (
     Choice,
     Confirmation,
@@ -23,8 +23,9 @@ from edmctl.study.results import (
 from edmctl.wording import duration, length, plural, setting_text, settings_words, shortened, significant
 
 if TYPE_CHECKING:
-    from edmctl.study.statistics.anova import Anova, AnovaRow
+    from edmctl.study.statistics.linear_model import Anova, AnovaRow
     from edmctl.study.statistics.response_analysis import ResponseAnalysis
+
 
 MOST_RUNS_SHOWN = 60
 MOST_POINTS_SHOWN = 12

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from edmctl.report.html import PageTable
-from edmctl.study.report.study_words import (
+from edmctl.study.report.words import (
     BLOCK,
     differing_words,
     in_order,
@@ -28,10 +28,9 @@ from edmctl.study.results import (
     StudyPlan,
     StudyRun,
 )
-from edmctl.study.statistics.anova import Anova, AnovaRow
-from edmctl.study.statistics.response_analysis import ResponseAnalysis
-from edmctl.study.statistics.sensitivity import SobolIndices
-from edmctl.study.statistics.signal_to_noise import LevelMeans
+from edmctl.study.statistics.choice import SobolIndices
+from edmctl.study.statistics.linear_model import Anova, AnovaRow
+from edmctl.study.statistics.response_analysis import LevelMeans, ResponseAnalysis
 from edmctl.wording import UNKNOWN, decimal, plain_number, plural, significant, to_its_u95
 
 MOST_CHOICES, MOST_RUNS = 60, 1000

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from edmctl.dataclasses import dataclass
 from edmctl.report import html
 from edmctl.report.html import PageTable, Picture
-from edmctl.study.report import study_tables, study_words
+from edmctl.study.report import tables, words
 from edmctl.study.results import (
     Choice,
     Confirmation,
@@ -21,13 +21,13 @@ from edmctl.study.results import (
     StudyPlan,
     StudyRun,
 )
-from edmctl.study.statistics.sensitivity import SobolIndices
+from edmctl.study.statistics.choice import SobolIndices
+from edmctl.study.statistics.response_analysis import ResponseAnalysis
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from edmctl.study.statistics.response_analysis import ResponseAnalysis
 
 FEW_ALIASES = 4
 """More of them stand behind a line to open."""
@@ -77,17 +77,17 @@ def render_study_page(
     if parts.indices:
         pictures = list(_sobol_pictures(parts)) if with_figures else []
         sections.append(("sobol", "Sensitivity", _sobol(parts, pictures, numbers)))
-    sections.append(("runs", "All runs", [study_tables.all_runs(parts.plan, parts.state)]))
+    sections.append(("runs", "All runs", [tables.all_runs(parts.plan, parts.state)]))
     title = title or parts.plan.name
     done = sum(run.state is RunState.DONE for run in parts.state) == len(parts.state)
     simulated = any(run.row is not None and run.row.truth for run in parts.state)
-    status = f"{study_words.progress_words(parts.state)}{' · simulated' if simulated else ''}"
+    status = f"{words.progress_words(parts.state)}{' · simulated' if simulated else ''}"
     header = [
         f"<h1>{escape(title)}</h1>",
         html.paragraph(_subtitle(parts), "sub"),
         f'<p><span class="status {"done" if done else "other"}">{escape(status)}</span></p>',
     ]
-    if study_words.held(parts.confirmations) is False:
+    if words.held(parts.confirmations) is False:
         header.append(html.paragraph("Confirmation did not hold: see the result in brief.", "trouble"))
     contents = [(name, heading) for name, heading, _ in sections]
     body = [html.section(name, heading, inside) for name, heading, inside in sections]
@@ -100,8 +100,8 @@ def _subtitle(parts: StudyPage) -> str:
     started = min(
         (run.row.started for run in parts.state if run.row is not None and run.row.started), default=""
     )
-    words = [plan.kind, plural(len(plan.factors), "factor"), plural(len(plan.responses), "response")]
-    return " · ".join([*words, *([started[:16].replace("T", " ")] if started else [])])
+    facts = [plan.kind, plural(len(plan.factors), "factor"), plural(len(plan.responses), "response")]
+    return " · ".join([*facts, *([started[:16].replace("T", " ")] if started else [])])
 
 
 def _studied(parts: StudyPage) -> list[PageTable | str]:
@@ -109,13 +109,13 @@ def _studied(parts: StudyPage) -> list[PageTable | str]:
     found: list[PageTable | str] = [html.paragraph(plan.description)] if plan.description else []
     found += [
         "<h3>What this study cannot know</h3>",
-        html.sentences(study_words.unknowns(plan, parts.runs, parts.responses, parts.notes)),
+        html.sentences(words.unknowns(plan, parts.runs, parts.responses, parts.notes)),
         "<h3>Design</h3>",
-        html.paragraph(study_words.design_words(plan)),
-        html.paragraph(f"Model: {study_words.MODELS.get(plan.model, plan.model)}."),
-        study_tables.factors(plan),
-        study_tables.responses(plan),
-        study_tables.degrees_of_freedom(plan),
+        html.paragraph(words.design_words(plan)),
+        html.paragraph(f"Model: {words.MODELS.get(plan.model, plan.model)}."),
+        tables.factors(plan),
+        tables.responses(plan),
+        tables.degrees_of_freedom(plan),
     ]
     if plan.aliases:
         listed = html.sentences(plan.aliases)
@@ -127,11 +127,11 @@ def _studied(parts: StudyPage) -> list[PageTable | str]:
 
 def _brief(parts: StudyPage) -> list[PageTable | str]:
     plan = parts.plan
-    acting = [" ".join(study_words.what_matters(parts.info(one.name), one)) for one in parts.responses]
+    acting = [" ".join(words.what_matters(parts.info(one.name), one)) for one in parts.responses]
     found: list[PageTable | str] = [html.sentences(acting)]
-    found.append(html.paragraph(study_words.recommended(plan, parts.recommendation)))
-    name = "trouble" if study_words.held(parts.confirmations) is False else ""
-    found += [html.paragraph(text, name) for text in study_words.confirmed(plan, parts.confirmations)]
+    found.append(html.paragraph(words.recommended(plan, parts.recommendation)))
+    name = "trouble" if words.held(parts.confirmations) is False else ""
+    found += [html.paragraph(text, name) for text in words.confirmed(plan, parts.confirmations)]
     return found
 
 
@@ -140,20 +140,20 @@ def _response(
 ) -> list[PageTable | str | None]:
     plan, info = parts.plan, parts.info(one.name)
     found: list[PageTable | str | None] = []
-    words = [study_words.wanted(info)]
-    words += ["modelled as its logarithm"] if one.is_log else []
-    words += [f"{len(one.values)} of {len(parts.runs)} runs of the design have a value"]
-    found.append(html.paragraph(study_words.sentence(f"In {info.unit or 'units of 1'}, {', '.join(words)}")))
+    said = [words.wanted(info)]
+    said += ["modelled as its logarithm"] if one.is_log else []
+    said += [f"{len(one.values)} of {len(parts.runs)} runs of the design have a value"]
+    found.append(html.paragraph(words.sentence(f"In {info.unit or 'units of 1'}, {', '.join(said)}")))
     if one.notes:
-        found.append(html.sentences(study_words.sentence(note) for note in one.notes))
-    found += study_tables.analysis_of_variance(one)
+        found.append(html.sentences(words.sentence(note) for note in one.notes))
+    found += tables.analysis_of_variance(one)
     if one.anova is not None and one.pooled is None:
         enough = 2 * one.anova.error.dof >= one.anova.total.dof
         why = "the error has enough degrees of freedom" if enough else "there are too few terms for that"
         found.append(html.paragraph(f"Nothing is pooled: {why}.", "note"))
     true = parts.truths.get(one.name)
     if true is not None:
-        found.append(study_tables.measured_and_true(one, true))
+        found.append(tables.measured_and_true(one, true))
     unit = f", {info.unit}" if info.unit else ""
     used = [parts.runs[row].planned.settings for row in one.used]
     shown = [means.factor for means in one.level_means]
@@ -161,11 +161,11 @@ def _response(
     left = sum(factor.name not in shown for factor in varied)
     note = f"{plural(left, 'factor')} with too many different values to have means by level." if left else ""
     means = f"Means of {one.name} by level{unit}"
-    noise = f"Signal to noise by level, dB, {study_words.wanted(info)}"
+    noise = f"Signal to noise by level, dB, {words.wanted(info)}"
     found += [
-        study_tables.response_table(means, plan, one.level_means, note),
-        study_tables.response_table(noise, plan, one.noise_means),
-        _beside(study_tables.coefficients(one), study_tables.fit_quality(one, info.unit)),
+        tables.response_table(means, plan, one.level_means, note),
+        tables.response_table(noise, plan, one.noise_means),
+        _beside(tables.coefficients(one), tables.fit_quality(one, info.unit)),
         *_numbered(pictures, numbers),
     ]
     return found
@@ -184,71 +184,71 @@ def _numbered(pictures: Sequence[Picture], numbers: Iterator[int]) -> list[str]:
 
 def _pictures(parts: StudyPage, one: ResponseAnalysis, prefix: str) -> list[Picture]:
     """Draw all figures of one response."""
-    from edmctl.study.report import study_choice, study_effects, study_fit
+    from edmctl.study.report import figures
 
     plan, info, runs, name = parts.plan, parts.info(one.name), parts.runs, one.name
     mixed = " The design mixes such effects with those of factors alone." if plan.aliases else ""
     bars = "Bars are the 95 % interval of a mean by the error of the model"
     if one.anova is None or not one.anova.error.dof:
         bars = "No bars: nothing is left to estimate the error"
-    left = max(0, len(one.interactions) - study_effects.MOST_INTERACTIONS)
+    left = max(0, len(one.interactions) - figures.MOST_INTERACTIONS)
     most = f" The {plural(left, 'pair')} with the most parallel lines are left out." if left else ""
-    others = study_choice.others_in_words(plan, study_choice.surface_factors(plan, one))
-    figures: list[tuple[str, str, str, Callable[[], Figure]]] = [
+    others = figures.others_in_words(plan, figures.surface_factors(plan, one))
+    drawings: list[tuple[str, str, str, Callable[[], Figure]]] = [
         (
             "effects",
             f"Main effects on {name}",
             f"Mean by level of each factor; the dashed line is the mean of all runs. {bars}.",
-            partial(study_effects.draw_main_effects, plan, info, one, runs),
+            partial(figures.draw_main_effects, plan, info, one, runs),
         ),
         (
             "noise",
             f"Signal to noise of {name}",
             "Mean signal-to-noise ratio by level of each factor; higher is better. The dashed line is the mean.",
-            partial(study_effects.draw_noise_effects, plan, one),
+            partial(figures.draw_noise_effects, plan, one),
         ),
         (
             "fitted",
             f"Measured and fitted {name}",
             "Every run and the mean of every point against what the model makes of it; on the line they agree.",
-            partial(study_fit.draw_fitted, info, one, runs),
+            partial(figures.draw_fitted, info, one, runs),
         ),
         (
             "residuals",
             f"Residuals of {name}",
             "What the model leaves, (a) against what was fitted and (b) against a normal distribution: a fan or a "
             "bend in (a) asks for another scale or model, a point far off the line in (b) for a look at its run.",
-            partial(study_fit.draw_residuals, info, one),
+            partial(figures.draw_residuals, info, one),
         ),
         (
             "interactions",
             f"Pairs of factors and {name}",
             f"Means over two factors. Lines that are not parallel say that they act together.{mixed}{most}",
-            partial(study_effects.draw_interactions, plan, info, one),
+            partial(figures.draw_interactions, plan, info, one),
         ),
         (
             "order",
             f"{name} in the order of the runs",
             "The response above, what the model leaves of it below; blocks are shaded in turn. A slope below is "
             "drift or wear that no term of the model has.",
-            partial(study_fit.draw_order, info, one, runs),
+            partial(figures.draw_order, info, one, runs),
         ),
         (
             "surface",
             f"Surface of {name}",
             "What the model expects over the two numbers that explain most; dots are settings that were run. "
             f"{others}",
-            partial(study_choice.draw_surface, plan, info, one, runs),
+            partial(figures.draw_surface, plan, info, one, runs),
         ),
     ]
     return [
         html.picture_of(f"{prefix}-{kind}", heading, sees, make, formulas=False)
-        for kind, heading, sees, make in figures
+        for kind, heading, sees, make in drawings
     ]
 
 
 def _front(parts: StudyPage) -> Picture:
-    from edmctl.study.report import study_choice
+    from edmctl.study.report import figures
 
     more = len(parts.plan.objectives or parts.plan.responses) - 2
     also = (
@@ -259,9 +259,9 @@ def _front(parts: StudyPage) -> Picture:
     return html.picture_of(
         "front",
         "Objectives against each other",
-        f"Means of the points, numbered on the front: no other point{study_tables.that_keeps(parts.plan)} is as "
+        f"Means of the points, numbered on the front: no other point{tables.that_keeps(parts.plan)} is as "
         f"good as one of those in every objective and better in one.{also}",
-        partial(study_choice.draw_front, parts.plan, parts.choices),
+        partial(figures.draw_front, parts.plan, parts.choices),
         formulas=False,
     )
 
@@ -272,9 +272,9 @@ def _choice(
     plan = parts.plan
     found: list[PageTable | str | None] = []
     if parts.recommendation is not None:
-        found.append(study_tables.expected(plan, parts.recommendation))
-    found += [study_tables.confirmation(plan, one) for one in parts.confirmations]
-    found += [study_tables.choices(plan, parts.choices), study_tables.preferences(plan, parts.choices)]
+        found.append(tables.expected(plan, parts.recommendation))
+    found += [tables.confirmation(plan, one) for one in parts.confirmations]
+    found += [tables.choices(plan, parts.choices), tables.preferences(plan, parts.choices)]
     found += _numbered(pictures, numbers)
     return found
 
@@ -282,14 +282,12 @@ def _choice(
 def _sobol(
     parts: StudyPage, pictures: Sequence[Picture], numbers: Iterator[int]
 ) -> list[PageTable | str | None]:
-    tables = [
-        study_tables.sobol(parts.plan, parts.info(name), found) for name, found in parts.indices.items()
-    ]
+    tables = [tables.sobol(parts.plan, parts.info(name), found) for name, found in parts.indices.items()]
     return [*tables, *_numbered(pictures, numbers)]
 
 
 def _sobol_pictures(parts: StudyPage) -> Iterator[Picture]:
-    from edmctl.study.report import study_choice
+    from edmctl.study.report import figures
 
     for n, (name, found) in enumerate(parts.indices.items(), 1):
         yield html.picture_of(
@@ -297,6 +295,6 @@ def _sobol_pictures(parts: StudyPage) -> Iterator[Picture]:
             f"Sobol indices of {name}",
             "Share of the variance that a factor brings alone (first order), and with all that it interacts with "
             "(total); bars are 95 % intervals.",
-            partial(study_choice.draw_indices, parts.plan, found),
+            partial(figures.draw_indices, parts.plan, found),
             formulas=False,
         )

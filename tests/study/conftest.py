@@ -1,0 +1,3 @@
+"""Fixtures of the tests of studies."""
+
+from tests.cli.conftest import here as here
