@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
 
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass, field
@@ -203,6 +202,8 @@ class LackOfFit:
     @property
     def p(self) -> float:
         """Probability of such a ratio where the model is right."""
+        from scipy import special
+
         return float(special.fdtrc(self.dof, self.pure_dof, self.f))
 
 
@@ -272,6 +273,8 @@ def anova(
     No F is given where nothing is left to estimate the error. Raises ValueError where the runs do not determine a
     term.
     """
+    from scipy import special
+
     kept = [*(term for term in terms if term not in pooled), *by_block]
     model = model_matrix(settings, kept)
     fitted = fit(model, response)
@@ -313,6 +316,8 @@ def differing(settings: Settings, terms: Sequence[Term], response: ArrayLike, bl
     One is taken after the other while its probability is below `STANDS_OUT` over the number of factors, so that
     chance takes out of the error no more often than that, and while the error keeps `LEAST_ERROR_DOF`.
     """
+    from scipy import special
+
     factors = [term for term in terms if len(term) == 1 and term[0][1] == 1 and term[0][0] != block]
     left: list[Term] = [(*term, (block, 1)) for term in factors] if ((block, 1),) in terms else []
     found: list[Term] = []
