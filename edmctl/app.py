@@ -6,25 +6,22 @@ import os
 import re
 import sys
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from io import TextIOWrapper
 from itertools import takewhile
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Annotated, Any, NoReturn, cast
 
 import typer
 
-from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, unwritable
+from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, stream_style, unwritable
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
 from edmctl.errors import EdmError, UsageError
 from edmctl.exitcodes import ExitCode, exit_code_table
 from edmctl.version import __version__
 from edmctl.wording import code_point, with_hyphens
-
-if TYPE_CHECKING:
-    from typing import NoReturn
 
 _COMMANDS = {
     "calibrate": "cli.commands.calibrate:calibrate",
@@ -157,8 +154,15 @@ def _imported(place: str) -> Any:
 def _describe(command: Any) -> None:
     first = (command.help or "").partition("\n\n")[0]
     command.short_help = " ".join(first.split())
+    command.format_help = partial(_write_help, command)
     for inner in getattr(command, "commands", {}).values():
         _describe(inner)
+
+
+def _write_help(command: Any, context: typer.Context, formatter: Any) -> None:
+    from edmctl.cli.render.help import render_help
+
+    formatter.write(render_help(command, context, stream_style(sys.stdout)) + "\n")
 
 
 def _prepare_streams(arguments: Sequence[str]) -> None:

@@ -46,8 +46,8 @@ class Output:
 class Outcome:
     """What a command has reached so far; a failure reports as much of it as there is.
 
-    `result` is the `result` of the JSON object, `text` the same for people, `files` the paths of the files in use:
-    profile, study.
+    `result` is the `result` of the JSON object; `views` and then `text` are the same for people. `files` has the
+    paths of the files in use: profile, study.
     """
 
     output: Output
@@ -57,7 +57,18 @@ class Outcome:
     files: dict[str, str] = field(default_factory=dict)
     warnings: list[Diagnostic] = field(default_factory=list)
     result: object = None
+    views: list[str | Callable[[Style], str]] = field(default_factory=list)
     text: str = ""
+
+    def show(self, view: str | Callable[[Style], str]) -> None:
+        """Add a paragraph or table for people; a function is called only if they see the result."""
+        self.views.append(view)
+
+    def rendered(self) -> str:
+        """Return the result for people, as stdout shows it."""
+        style = stream_style(sys.stdout)
+        shown = [view if isinstance(view, str) else view(style) for view in self.views]
+        return "\n".join(filter(None, [*shown, self.text]))
 
     def uses(self, **files: Path | None) -> None:
         """Report on stderr which files the command uses, and keep their absolute paths for the JSON object."""
@@ -97,12 +108,14 @@ def finish(outcome: Outcome, error: EdmError | None) -> int:
     # What is settled stays so: a signal from now on could only cut the result off.
     ignore_signals()
     exit_code = error_exit_code(error) if error else int(ExitCode.DONE)
-    text = outcome.text + "\n" if outcome.text else ""
-    if outcome.output.json:
-        document = _document(exit_code, outcome, error)
-        # A file of results has one a line; a person reads indented ones.
-        text = render_json(document) if sys.stdout.isatty() else render_json_line(document)
     try:
+        if outcome.output.json:
+            document = _document(exit_code, outcome, error)
+            # A file of results has one a line; a person reads indented ones.
+            text = render_json(document) if sys.stdout.isatty() else render_json_line(document)
+        else:
+            text = outcome.rendered()
+            text += "\n" if text else ""
         write(sys.stdout, text)
     except OSError as refused:
         lost = unwritable(refused)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
 
-from edmctl.cli.outcome import Outcome, note, stream_style, watching
+from edmctl.cli.outcome import Outcome, note, watching
 from edmctl.cli.render.progress import Reporter
 from edmctl.cli.render.style import Style
 from edmctl.cli.signals import ignore_signals
@@ -48,7 +47,7 @@ def run_and_tell(
             reporter.note(f"what was recorded until then is in {report.run_file}")
     outcome.result = report.as_mapping()
     if report.reached:
-        outcome.text = closing_text(render(report, stream_style(sys.stdout)), report, outcome.seed)
+        outcome.show(lambda style: closing_text(render(report, style), report, outcome.seed))
     report.raise_for_error()
 
 

@@ -162,7 +162,7 @@ def test_the_table_fits_the_terminal(tmp_path: Path, columns: int) -> None:
     text = render_runs(heads, Style(colour=False, live=False, columns=columns))
     assert max(map(len, text.splitlines())) <= columns
     assert "180.00 ± 0.90" in text
-    assert ("Not shown" in text) == (columns < 140)
+    assert ("Hidden columns" in text) == (columns < 140)
 
 
 def test_where_nothing_else_can_go_status_and_names_get_shorter(tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_where_nothing_else_can_go_status_and_names_get_shorter(tmp_path: Path) 
         replace(read_head(finished(tmp_path, name)), status="objective not reached", exit_code=7),
         read_head(finished(tmp_path, "a")),
     ]
-    for columns, shown in ((70, name), (40, "measure…19.506Z")):
+    for columns, shown in ((70, name), (40, "measure-wear-20")):
         text = render_runs(heads, Style(colour=False, live=False, columns=columns))
         assert max(map(len, text.splitlines())) <= columns
         assert f"{shown}   exit 7" in text

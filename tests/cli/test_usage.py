@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from edmctl.app import command_tree
+from edmctl.cli.render.help import render_help
+from edmctl.cli.render.style import Style
 from edmctl.errors import EdmError
 from edmctl.exitcodes import MEANING, ExitCode
 from edmctl.version import __version__
@@ -119,16 +124,35 @@ def test_every_error_class_has_an_exit_code_with_a_meaning() -> None:
     assert set(MEANING) == set(ExitCode)
 
 
-@pytest.mark.parametrize("group", [(), ("profile",), ("run",), ("simulate",)])
-def test_help_on_a_narrow_terminal_is_not_cut(
-    group: tuple[str, ...], here: Here, monkeypatch: pytest.MonkeyPatch
+def commands_in(tree: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+    yield " ".join(path), tree
+    for name, inner in getattr(tree, "commands", {}).items():
+        yield from commands_in(inner, (*path, name))
+
+
+def words_of(text: str) -> str:
+    """The text without what lays it out: frames, blanks and line breaks."""
+    return re.sub(r"[\s│╭╮╰╯─]", "", text)
+
+
+@pytest.mark.parametrize("columns", [40, 80, 120])
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_help_of_every_command_has_every_sentence_at_any_width(
+    columns: int, is_terminal: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    said = here(*group, "--help").out
-    assert "Commands:" in said
-    commands = said.partition("Commands:")[2].partition("Exit codes")[0]
-    assert "..." not in commands
-    assert max(len(line) for line in said.splitlines()) <= 80
+    monkeypatch.setenv("COLUMNS", str(columns))
+    style = Style(colour=False, live=is_terminal, columns=columns)
+    for name, command in commands_in(command_tree()):
+        context = command.make_context(name or "edmctl", [], resilient_parsing=True)
+        said = render_help(command, context, style)
+        assert max(map(len, said.splitlines())) <= columns, name
+        records = [record for one in command.get_params(context) if (record := one.get_help_record(context))]
+        inner = [(key, one.short_help) for key, one in getattr(command, "commands", {}).items()]
+        if columns < 80:
+            assert all(words_of(text) in words_of(said) for _, text in [*records, *inner]), name
+        for word in " ".join([command.help, *(text for pair in [*records, *inner] for text in pair)]).split():
+            assert word in said or len(word) > 24, (name, word)
+        assert ("╭" in said) == is_terminal
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import os
 import shlex
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +9,7 @@ from typing import Annotated
 import typer
 
 from edmctl.cli.options import RESULT, command
-from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.cli.outcome import Outcome
 from edmctl.errors import UsageError
 
 BoardOption = Annotated[
@@ -128,8 +127,8 @@ def _image(outcome: Outcome, board: str, place: Path, compiler: str | None, sett
     made = build_board(BOARDS[board], place, SCHEMA_HASH, compiler, settings=settings)
     files = {"elf": str(made.elf), "bin": str(made.bin), "hex": str(made.hex)}
     outcome.result = {**made.image.facts.as_mapping(), "files": files, "compiler": made.compiler}
-    table = render_image(made.image.facts, stream_style(sys.stdout))
-    outcome.text = f"{table}\n\nBuilt by {made.compiler}: {', '.join(files.values())}"
+    outcome.show(lambda style: render_image(made.image.facts, style))
+    outcome.text = f"\nBuilt by {made.compiler}: {', '.join(files.values())}"
 
 
 def _library(outcome: Outcome, real: str | None, compiler: str | None) -> None:

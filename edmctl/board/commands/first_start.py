@@ -20,7 +20,7 @@ from edmctl.cli.options import (
     WaitOption,
     command,
 )
-from edmctl.cli.outcome import Outcome, mutter, stream_style, tell
+from edmctl.cli.outcome import Outcome, mutter, tell
 from edmctl.cli.signals import shell
 from edmctl.errors import UsageError
 from edmctl.jsonout import render_json
@@ -149,7 +149,8 @@ def _leave(outcome: Outcome, report: "FirstStartReport", out: Path) -> None:
     write(files["txt"], (render_first_start(report) + "\n").encode())
     write(files["json"], render_json({"first_start": report}).encode())
     outcome.result = {"first_start": report, "files": [str(path) for path in files.values()]}
-    outcome.text = f"{render_first_start(report, stream_style(sys.stdout))}\nReport {files['txt']}"
+    outcome.show(lambda style: render_first_start(report, style))
+    outcome.text = f"Report {files['txt']}"
 
 
 def _suffix(number: int) -> str:

@@ -1,7 +1,6 @@
 """`edmctl firmware info` and `verify`: what an image is, what runs on a board, and whether they are the same."""
 
 import stat
-import sys
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,7 @@ import typer
 
 from edmctl.cli import completion
 from edmctl.cli.options import NOTES, SetupOption, WaitOption, command
-from edmctl.cli.outcome import Outcome, stream_style, tell
+from edmctl.cli.outcome import Outcome, tell
 from edmctl.cli.signals import shell
 from edmctl.files import user_path
 
@@ -43,7 +42,7 @@ def info(outcome: Outcome, what: WhatArgument, setup: SetupOption = None, wait: 
         image = read_image(user_path(what), SCHEMA_HASH)
         outcome.warn(image_doubts(image.facts))
         outcome.result = {"image": image.facts.as_mapping(), "board": None}
-        outcome.text = render_image(image.facts, stream_style(sys.stdout))
+        outcome.show(lambda style: render_image(image.facts, style))
         return
     say = partial(tell, outcome.output)
     with board_at(what, load_setup(setup), wait, say, shell().environ) as asked:
@@ -109,6 +108,6 @@ def verify(
         "board": board.as_mapping(),
         "checks": [{**asdict(check), "status": check.status.value} for check in checks],
     }
-    outcome.text = render_checks(checks, stream_style(sys.stdout))
+    outcome.show(lambda style: render_checks(checks, style))
     if error := mismatch(facts, board, checks):
         raise error

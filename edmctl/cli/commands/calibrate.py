@@ -1,7 +1,6 @@
 """`edmctl calibrate`: identify the actuator, on a machine or from measured files."""
 
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,7 +16,7 @@ from edmctl.cli.options import (
     WaitOption,
     command,
 )
-from edmctl.cli.outcome import Outcome, stream_style, watching
+from edmctl.cli.outcome import Outcome, watching
 from edmctl.cli.signals import ignore_signals, shell
 from edmctl.files import path_variable
 from edmctl.jobs.sweep import seed_to_use, simulated_by
@@ -131,7 +130,8 @@ def calibrate(
         from edmctl.cli.render.calibration_tables import render_lever
 
         outcome.result = {"lever": checked.lever}
-        outcome.text = render_lever(checked.lever) if checked.lever else ""
+        if checked.lever is not None:
+            outcome.show(render_lever(checked.lever))
     else:
         _run(outcome, checked, used_seed)
 
@@ -155,7 +155,9 @@ def _tell_plan(outcome: Outcome, checked: "CheckedCalibration") -> None:
         "validate_files": [_described(given) for given in checked.validation],
         "lever": checked.lever,
     }
-    lines = [render_plan(plan, stream_style(sys.stdout))] if plan else []
+    if plan:
+        outcome.show(lambda style: render_plan(plan, style))
+    lines = []
     for word, files in (("Fit", checked.sources), ("Validate", checked.validation)):
         lines += [f"{word} {given.path}: {len(given.record.t_s)} samples." for given in files]
     if checked.lever:
@@ -188,8 +190,8 @@ def _run(outcome: Outcome, checked: "CheckedCalibration", seed: int) -> None:
             outcome.simulated = done.simulated
         ignore_signals()
     outcome.result = done.as_mapping()
-    outcome.text = render_calibration(done.findings, checked.lever, stream_style(sys.stdout))
-    outcome.text += f"\n\n{_whereabouts(done, checked, outcome.seed)}"
+    outcome.show(lambda style: render_calibration(done.findings, checked.lever, style))
+    outcome.text = f"\n{_whereabouts(done, checked, outcome.seed)}"
     outcome.warn(done.findings.warnings)
 
 

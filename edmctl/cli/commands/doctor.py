@@ -1,7 +1,6 @@
 """`edmctl doctor` and `reset`: everything that a job will need, looked at one by one; a latched fault cleared."""
 
 import os
-import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli.options import NOTES, PortOption, SetupOption, WaitOption, command
-from edmctl.cli.outcome import Outcome, stream_style, tell
+from edmctl.cli.outcome import Outcome, tell
 from edmctl.cli.signals import shell
 from edmctl.errors import EdmError, Interrupted, LinkLost, PreconditionError, ProtocolMismatch
 
@@ -48,7 +47,7 @@ def doctor(
         error = _look(outcome, checks, setup, (port, wait), out, sensors=sensors)
     finally:
         outcome.result = {"checks": checks.as_list()}
-        outcome.text = render_checks(checks.done, stream_style(sys.stdout))
+        outcome.show(lambda style: render_checks(checks.done, style))
     if error or (error := checks.error()):
         raise error
 

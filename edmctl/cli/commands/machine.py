@@ -1,6 +1,5 @@
 """`edmctl machine`: the main job."""
 
-import sys
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,7 +7,7 @@ import typer
 
 from edmctl.cli import completion
 from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, command
-from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.cli.outcome import Outcome
 from edmctl.cli.render.result_table import render_job
 from edmctl.cli.running import identity_before, run_and_tell
 from edmctl.cli.signals import shell
@@ -102,17 +101,18 @@ def _forecast(outcome: Outcome, plan: "Plan", name: "RunName") -> None:
     from edmctl.cli.render.profile_tables import render_forecast
     from edmctl.jobs.job_preparation import forewarned
 
-    text, result = "", dict[str, object]()
+    result: dict[str, object] = {}
     if plan.resumed is not None:
-        text, result["resumed"] = plan.resumed.message(), plan.resumed.as_mapping()
+        resumed = plan.resumed
+        outcome.show(resumed.message())
+        result["resumed"] = resumed.as_mapping()
     elif (identity := identity_before(outcome, plan)) is not None:
         outcome.warn(forewarned(plan, name, identity))
     forecast = plan.forecast_left()
     outcome.result = {**result, "forecast": forecast}
     if forecast is not None:
-        table = render_forecast(plan.loaded.profile.meta.name, forecast, stream_style(sys.stdout))
-        text = f"{text}\n{table}" if text else table
-    outcome.text = text
+        title = plan.loaded.profile.meta.name
+        outcome.show(lambda style: render_forecast(title, forecast, style))
 
 
 def _run(outcome: Outcome, plan: "Plan", name: "RunName", seed: int | None) -> None:

@@ -1,13 +1,12 @@
 """`edmctl ports`: which ports this computer has, who holds them, and who answers there."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from edmctl.cli.options import SetupOption, command
-from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.cli.outcome import Outcome
 from edmctl.cli.signals import shell
 from edmctl.files import lock_holder
 
@@ -36,7 +35,7 @@ def ports(outcome: Outcome, setup: SetupOption = None, probe: ProbeOption = Fals
 
     rows = port_rows(load_setup(setup), probe=probe)
     outcome.result = {"ports": rows}
-    outcome.text = render_ports(rows, stream_style(sys.stdout))
+    outcome.show(lambda style: render_ports(rows, style))
 
 
 def port_rows(setup: "Setup", *, probe: bool) -> "list[PortRow]":

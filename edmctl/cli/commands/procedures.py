@@ -1,13 +1,12 @@
 """`edmctl approach`, `jump-flush`, `measure-wear` and `measure-drift`: single procedures of the main job."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, command
-from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.cli.outcome import Outcome
 from edmctl.cli.render.style import Style
 from edmctl.cli.running import identity_before, perform_and_tell
 
@@ -49,7 +48,7 @@ def approach(
     if run.dry_run:
         forecast = approach_forecast(plan, identity_before(outcome, plan), place, run.out, contact=contact)
         outcome.result = {"forecast": forecast}
-        outcome.text = render_approach_plan(forecast, stream_style(sys.stdout))
+        outcome.show(lambda style: render_approach_plan(forecast, style))
     else:
         found = Approach(plan, place, contact=contact)
         perform_and_tell(outcome, found, job, run, _surface_table)
@@ -106,7 +105,7 @@ def jump_flush(
     if run.dry_run:
         forecast = jumps_forecast(plan, count)
         outcome.result = {"forecast": forecast}
-        outcome.text = render_jump_plan(forecast, stream_style(sys.stdout))
+        outcome.show(lambda style: render_jump_plan(forecast, style))
     else:
         jumps = Jumps(plan, count)
         perform_and_tell(outcome, jumps, job, run, _jumps_table)
@@ -158,7 +157,7 @@ def measure_wear(
         plan = wear.look(plan, identity, Ledger.open(run.out), outcome.warn).plan
     forecast = wear_forecast(plan, reference=reference)
     outcome.result = {"forecast": forecast}
-    outcome.text = render_wear_plan(**forecast, style=stream_style(sys.stdout))
+    outcome.show(lambda style: render_wear_plan(**forecast, style=style))
 
 
 def _wear_table(stage: "ReferenceStage | WearStage", style: "Style") -> str:
@@ -210,7 +209,7 @@ def measure_drift(
     if run.dry_run:
         forecast = drift_forecast(plan, duration)
         outcome.result = {"forecast": forecast}
-        outcome.text = render_drift_plan(**forecast, style=stream_style(sys.stdout))
+        outcome.show(lambda style: render_drift_plan(**forecast, style=style))
         return
     drift = DriftRun(plan, duration, output)
     perform_and_tell(outcome, drift, job, run, _drift_table)

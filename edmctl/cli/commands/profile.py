@@ -2,7 +2,6 @@
 
 import json
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +9,8 @@ import typer
 
 from edmctl.cli import completion
 from edmctl.cli.options import SetOption, SetupOption, command, command_group
-from edmctl.cli.outcome import Outcome, diagnostics_of, stream_style
+from edmctl.cli.outcome import Outcome, diagnostics_of
+from edmctl.cli.render.style import Style
 from edmctl.errors import Diagnostic, EdmError, ProfileError, UsageError
 from edmctl.files import read_bytes
 from edmctl.jsonout import to_json_value
@@ -90,7 +90,7 @@ def show(outcome: Outcome, profile: FileArgument, overrides: SetOption = None) -
     loaded = load_profile(profile, overrides or [])
     outcome.warn(loaded.warnings)
     outcome.result = _values(loaded)
-    outcome.text = _as_toml(loaded)
+    outcome.show(lambda style: _as_toml(loaded, style))
 
 
 @app.command()
@@ -124,7 +124,7 @@ def list_shipped(outcome: Outcome, setup: SetupOption = None) -> None:
 
     found = summaries(load_setup(setup))
     outcome.result = {"profiles": found}
-    outcome.text = render_profiles(found, stream_style(sys.stdout))
+    outcome.show(lambda style: render_profiles(found, style))
 
 
 @app.command()
@@ -156,11 +156,11 @@ def _values(loaded: "LoadedProfile") -> dict[str, Any]:
     return {**tables, "sim": loaded.sim.model_dump(mode="json", exclude_none=True)}
 
 
-def _as_toml(loaded: "LoadedProfile") -> str:
+def _as_toml(loaded: "LoadedProfile", style: Style) -> str:
     from edmctl.cli.render.profile_tables import render_toml
 
     origin = [f"# {loaded.path.name}", *(f"# {override}" for override in loaded.overrides)]
-    shown = render_toml(_values(loaded), loaded.stated, _descriptions(loaded), stream_style(sys.stdout))
+    shown = render_toml(_values(loaded), loaded.stated, _descriptions(loaded), style)
     return "\n".join(origin) + "\n\n" + shown
 
 

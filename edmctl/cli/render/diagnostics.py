@@ -2,40 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
+from edmctl.cli.render.layout import wrapped
 from edmctl.cli.render.style import PLAIN, Ink, Style
 from edmctl.errors import Diagnostic, Location
 from edmctl.wording import escaped, printable, shortened
 
+if TYPE_CHECKING:
+    from rich.text import Text
+
 MOST_COLUMNS = 300
-"""Of a source line; a caret further on is not drawn."""
+"""Of a source line in a file or a pipe; a caret further on is not drawn."""
 
 
 def render_diagnostics(diagnostics: Sequence[Diagnostic], style: Style = PLAIN) -> str:
     """Render every diagnostic, in the order given, separated by an empty line."""
-    return "\n\n".join(_rendered(diagnostic, style) for diagnostic in diagnostics)
-
-
-def _rendered(diagnostic: Diagnostic, style: Style) -> str:
-    """One problem as it stands on stderr, without a final newline."""
-    where = diagnostic.where
-    kind, ink = ("warning", Ink.WARNING) if diagnostic.is_warning else ("error", Ink.ERROR)
-    lines = [
-        style.paint(f"{kind}[{diagnostic.code}]", ink)
-        + style.paint(f": {_on_own_lines(diagnostic.message)}", Ink.STRONG)
-    ]
-    gutter = len(str(where.line)) if where else 1
-    if where:
-        lines += _source_lines(where, gutter, style, ink)
-    if diagnostic.hint:
-        lines.append(f"{' ' * gutter} {style.paint('= help:', Ink.NOTE)} {_on_own_lines(diagnostic.hint)}")
-    return "\n".join(lines)
-
-
-def _on_own_lines(text: str) -> str:
-    """Return a text without control characters; further lines, such as those of a compiler, are indented."""
-    return "\n  ".join(map(escaped, text.split("\n")))
+    return "\n\n".join(style.render(*_lines(diagnostic, style.columns)) for diagnostic in diagnostics)
 
 
 def summary_line(errors: int, warnings: int) -> str:
@@ -48,28 +32,50 @@ def summary_line(errors: int, warnings: int) -> str:
     return ", ".join(parts)
 
 
-def _source_lines(where: Location, gutter: int, style: Style, ink: Ink) -> list[str]:
-    pad = " " * gutter
-    arrow, bar = style.paint("-->", Ink.GUTTER), style.paint("|", Ink.GUTTER)
-    lines = [f"{pad}{arrow} {escaped(where.file)}:{where.line}:{where.column}"]
-    if where.source_line and where.column <= MOST_COLUMNS:
-        number = style.paint(f"{where.line:>{gutter}}", Ink.GUTTER)
-        lines.append(f"{number} {bar} {shortened(_shown(where.source_line), MOST_COLUMNS)}")
-        lines.append(f"{pad} {bar} {_indent(where)}{style.paint('^' * _caret_length(where), ink)}")
-    return lines
+def _lines(diagnostic: Diagnostic, columns: int | None) -> Iterator[Text]:
+    where = diagnostic.where
+    kind, ink = ("warning", Ink.WARNING) if diagnostic.is_warning else ("error", Ink.ERROR)
+    gutter = " " * (len(str(where.line)) if where else 1)
+    yield from _labelled(f"{kind}[{diagnostic.code}]", ink, f": {diagnostic.message}", Ink.STRONG, columns)
+    if where:
+        yield _line((f"{gutter}-->", Ink.GUTTER), (f" {escaped(where.file)}:{where.line}:{where.column}", ""))
+        yield from _source_lines(where, gutter, ink, columns)
+    if diagnostic.hint:
+        yield from _labelled(f"{gutter} = help:", Ink.NOTE, f" {diagnostic.hint}", "", columns)
 
 
-def _shown(line: str) -> str:
-    """Return a source line with its tabs, and `?` for other control characters, so that the caret fits."""
-    return "\t".join(map(printable, line.split("\t")))
+def _line(*spans: tuple[str, str]) -> Text:
+    from rich.text import Text
+
+    return Text.assemble(*spans, no_wrap=True, overflow="ignore")
 
 
-def _indent(where: Location) -> str:
-    """Repeat the tabs of the source line, so that the caret stands right at any tab width."""
-    before = where.source_line[: where.column - 1].ljust(where.column - 1)
-    return "".join("\t" if character == "\t" else " " for character in before)
+def _labelled(label: str, ink: Ink, text: str, text_ink: str, columns: int | None) -> Iterator[Text]:
+    """Text behind a label, without control characters; further lines, such as those of a compiler, are indented."""
+    first, *others = map(escaped, text.split("\n"))
+    lines = wrapped(label + first, columns, "  ")
+    for other in others:
+        lines += wrapped(f"  {other}", columns, "  ")
+    yield _line((label, ink), (lines[0].removeprefix(label), text_ink))
+    for line in lines[1:]:
+        yield _line((line, text_ink))
 
 
-def _caret_length(where: Location) -> int:
-    rest = min(len(where.source_line), MOST_COLUMNS) - (where.column - 1)
-    return max(1, min(where.length, rest))
+def _source_lines(where: Location, gutter: str, ink: Ink, columns: int | None) -> Iterator[Text]:
+    """The source line, as much of it about the caret as fits, and the caret below."""
+    line, before = where.source_line, where.column - 1
+    most = MOST_COLUMNS if columns is None else max(20, columns - len(gutter) - 3)
+    left_out = 0
+    if columns is not None and len(line) > most:
+        left_out = min(max(0, before - most // 3), len(line) - most)
+        line, before = line[left_out:], before - left_out
+    if not where.source_line or before >= most:
+        return
+    text = shortened("\t".join(map(printable, line.split("\t"))), most)
+    if left_out:
+        text = f"…{text[1:]}"
+    # The tabs of the source line are repeated, so that the caret is right at any tab width.
+    indent = "".join("\t" if character == "\t" else " " for character in line[:before].ljust(before))
+    length = max(1, min(where.length, len(text) - before))
+    yield _line((f"{where.line} |", Ink.GUTTER), (f" {text}", ""))
+    yield _line((f"{gutter} |", Ink.GUTTER), (f" {indent}", ""), ("^" * length, ink))

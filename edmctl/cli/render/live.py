@@ -14,8 +14,8 @@ from contextlib import suppress
 from typing import TextIO
 
 from edmctl.cli.render.charts import count_bar
-from edmctl.cli.render.layout import Span, plain_ascii, render_line, wrapped
-from edmctl.cli.render.live_view import Histories, draw_view
+from edmctl.cli.render.layout import Span, wrapped
+from edmctl.cli.render.live_view import Histories, draw_view, plain_ascii, render_line
 from edmctl.cli.render.progress import Pacer, Reporter, left_words
 from edmctl.cli.render.style import Ink, Style
 from edmctl.results.progress import Progress

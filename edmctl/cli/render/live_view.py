@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from rich.cells import cell_len, set_cell_size
+
 from edmctl.cli.render.charts import PULSE_INKS, SPAN_S, History, chart, depth_bar, pulse_bar
-from edmctl.cli.render.layout import Span, cells_of, cut, plain_ascii, render_line
+from edmctl.cli.render.layout import Span
 from edmctl.cli.render.progress import depth_words, has_pulses, while_cutting
 from edmctl.cli.render.style import Ink, Style
 from edmctl.dataclasses import dataclass, field
@@ -29,6 +31,9 @@ LEAST_GAP_SHARE = 0.2
 """A chart of the gap voltage spans at least this share of its reference."""
 _CHART_ROWS = ((3, 26), (2, 12), (1, 0))
 """Rows of a chart, and the height from which on they leave room for all else and some notes."""
+_ASCII = str.maketrans(
+    {"µ": "u", "±": "+-", "–": "-", "−": "-", "…": "~", "·": "*", "°": " deg ", "×": "x", "→": "->"}
+)
 
 
 @dataclass(slots=True)
@@ -89,7 +94,7 @@ def draw_view(
 
 
 def _cells(line: Sequence[Span], width: int, style: Style) -> int:
-    return min(width, sum(cells_of(text if style.unicode else plain_ascii(text)) for text, _ in line))
+    return min(width, sum(cell_len(text if style.unicode else plain_ascii(text)) for text, _ in line))
 
 
 def _place(width: int, height: int, style: Style) -> _Place:
@@ -121,16 +126,16 @@ def _head(p: Progress, width: int, style: Style) -> list[Span]:
     about = "about " if width >= NARROWEST + 10 else ""
     left = f", {about}{duration(p.time_left_s)} left" if p.time_left_s > 0 else ""
     times = f"{duration(p.time_s)}{left}"
-    free = width - cells_of(times) - GAP
+    free = width - cell_len(times) - GAP
     if free < len(p.phase):
         return [(str(p.phase), Ink.STRONG), (f" {times}", Ink.FAINT)]
     phase = cut(str(p.phase), free)
-    place = cut(f" {place}", free - cells_of(phase)) if place else ""
-    used = cells_of(phase) + cells_of(place if style.unicode else plain_ascii(place))
+    place = cut(f" {place}", free - cell_len(phase)) if place else ""
+    used = cell_len(phase) + cell_len(place if style.unicode else plain_ascii(place))
     return [
         (phase, Ink.STRONG),
         (place, None),
-        (" " * (width - used - cells_of(times)), None),
+        (" " * (width - used - cell_len(times)), None),
         (times, Ink.FAINT),
     ]
 
@@ -256,3 +261,29 @@ def _warning(p: Progress) -> list[list[Span]]:
         return []
     ago = f" {duration(max(0.0, p.time_s - p.warned_s))} ago" if math.isfinite(p.warned_s) else ""
     return [[("warning", Ink.WARNING), (f"{ago}: {printable(p.warning)}", None)]]
+
+
+def plain_ascii(text: str) -> str:
+    """Return `text` for a terminal that shows ASCII only; a character without an equivalent becomes `?`."""
+    return text if text.isascii() else text.translate(_ASCII).encode("ascii", "replace").decode("ascii")
+
+
+def cut(text: str, cells: int) -> str:
+    """Return as much of `text` as fits into `cells`, with an ellipsis if it was cut."""
+    if cell_len(text) <= cells:
+        return text
+    return f"{set_cell_size(text, cells - 1).rstrip()}…" if cells > 0 else ""
+
+
+def render_line(spans: Sequence[Span], cells: int, style: Style) -> str:
+    """Return the spans painted, cut to `cells`."""
+    parts = []
+    for text, ink in spans:
+        if cells <= 0:
+            break
+        shown = cut(text if style.unicode else plain_ascii(text), cells)
+        if not style.unicode:
+            shown = plain_ascii(shown)
+        cells -= cell_len(shown)
+        parts.append(style.paint(shown, ink) if ink else shown)
+    return "".join(parts)

@@ -236,17 +236,18 @@ _INKS = {"warn": Ink.WARNING, "fail": Ink.ERROR}
 
 
 def render_checks(checks: Sequence[Check], style: Style = PLAIN) -> str:
-    """Render the checks under each other, names aligned."""
-    width = max((len(check.name) for check in checks), default=0)
-    lines = []
+    """Render the checks under each other, each with its remedy."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2, 0, 0))
     for check in checks:
-        status = f"{check.status:4}"
-        ink = _INKS.get(str(check.status))
-        painted = style.paint(status, ink) if ink else status
-        lines.append(f"{painted}  {check.name:{width}}  {escaped(check.message)}")
+        text = Text(escaped(check.message), overflow="fold")
         if check.fix:
-            lines.append(f"{'':{width + 8}}{style.paint('fix:', Ink.NOTE)} {escaped(check.fix)}")
-    return "\n".join(lines)
+            text.append("\nfix:", style=Ink.NOTE).append(f" {escaped(check.fix)}")
+        status = Text(str(check.status), style=_INKS.get(str(check.status), ""))
+        table.add_row(status, Text(check.name, no_wrap=True), text)
+    return style.render(table)
 
 
 def render_ports(ports: Sequence[PortRow], style: Style = PLAIN) -> str:

@@ -11,15 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from string import ascii_uppercase
 
-from edmctl.cli.render.layout import (
-    NARROW_GAP,
-    narrowed,
-    not_shown,
-    render_columns,
-    render_table,
-    width_of,
-    wrapped,
-)
+from edmctl.cli.render.layout import narrowed, not_shown, render_columns, render_table, width_of, wrapped
 from edmctl.cli.render.style import PLAIN, Ink, Style
 from edmctl.labels import Basis, marked, meanings
 from edmctl.results.comparison import Amount, ComparedRun, Comparison, Quantity
@@ -71,7 +63,7 @@ def render_runs(runs: Sequence[RunHead | Unreadable], style: Style = PLAIN) -> s
         "Depth and wear of several sites are their means." if any(run.sites > 1 for run in heads) else "",
         not_shown(table, shown),
     ]
-    lines = [line for note in notes if note for line in (wrapped(note, columns) if columns else [note])]
+    lines = [line for note in notes if note for line in wrapped(note, columns)]
     wrong = [escaped(run.error.message) for run in runs if isinstance(run, Unreadable)]
     parts = [text, style.paint("\n".join(lines), Ink.FAINT), "\n".join(wrong)]
     return "\n\n".join(filter(None, parts))
@@ -152,7 +144,7 @@ def render_comparison(comparison: Comparison, style: Style = PLAIN) -> str:
     both = ((comparison.quantities, "result"), (comparison.sites, "site"))
     beside = [_quantities(quantities, heading) for quantities, heading in both if quantities]
     settings = _settings(comparison, columns)
-    fits = columns is None or all(width_of(table, NARROW_GAP) <= columns for table in [settings, *beside])
+    fits = columns is None or all(width_of(table) <= columns for table in [settings, *beside])
     if len(comparison.runs) > MOST_BESIDE or not fits:
         blocks += _row_a_run(comparison, style, min(columns or ROW_COLUMNS, ROW_COLUMNS))
     else:
@@ -331,7 +323,7 @@ def _render_overview(cases: Sequence[Case], style: Style) -> str:
         table[_NAMES[key]] = [_mean_sd(case.spreads.get(key), scale) for case in cases]
     table["failed"] = [f"{case.failed} of {len(case.runs)}" for case in cases]
     shown = narrowed(table, style.columns, CASES_FIRST_TO_GO)
-    left_out = wrapped(not_shown(table, shown), style.columns) if style.columns else [not_shown(table, shown)]
+    left_out = wrapped(not_shown(table, shown), style.columns)
     return "\n".join(filter(None, [render_table(shown, style), *left_out]))
 
 

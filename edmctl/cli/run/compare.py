@@ -1,6 +1,5 @@
 """`edmctl run compare`: runs side by side, and whether their differences say anything."""
 
-import sys
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +8,7 @@ import typer
 
 from edmctl.cli import completion
 from edmctl.cli.options import command
-from edmctl.cli.outcome import Outcome, stream_style
+from edmctl.cli.outcome import Outcome
 from edmctl.errors import UsageError
 from edmctl.jobs.runs.opening import find_run, reading_unless_killed
 
@@ -59,11 +58,11 @@ def compare(outcome: Outcome, files: FilesArgument, out: OutOption = None) -> No
         }
         outcome.simulated = all(run.simulated for run in found.runs)
         outcome.result = result
-        outcome.text = render_comparison(found, stream_style(sys.stdout))
+        outcome.show(lambda style: render_comparison(found, style))
         if out is not None:
             output_files.write(out, _drawn(runs, out))
             result["figure"] = str(out)
-            outcome.text += f"\nFigure {out}"
+            outcome.text = f"Figure {out}"
 
 
 def _drawn(runs: "list[RunFile]", out: Path) -> bytes:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli.options import RunArgument, command
-from edmctl.cli.outcome import Outcome, mutter, stream_style, unwritable
+from edmctl.cli.outcome import Outcome, mutter, unwritable
 from edmctl.cli.render.layout import render_columns
+from edmctl.cli.render.style import Style
 from edmctl.errors import EdmError, UsageError
 from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
 from edmctl.results.run_file import Exported
@@ -118,14 +119,18 @@ def _export(outcome: Outcome, opened: "RunFile", request: "ExportRequest") -> No
         make_folder(request.folder)
     written: list[Exported] = []
     outcome.result = {"tables": written}
+    outcome.show(lambda style: _written_files(written, style))
     for table in tables:
         path = request.path_of(table.name)
         with new_file(path, overwrite=request.overwrite) as sink:
             _write(opened, request, table, sink)
         columns = [column.name for column in table.columns]
         written.append(Exported(table.name, str(path), table.rows, path.stat().st_size, columns))
-        rows = [[one.table, count(one.rows), file_size(one.size_bytes), one.path] for one in written]
-        outcome.text = render_columns(HEADER, rows, stream_style(sys.stdout), "<>><")
+
+
+def _written_files(written: list[Exported], style: Style) -> str:
+    rows = [[one.table, count(one.rows), file_size(one.size_bytes), one.path] for one in written]
+    return render_columns(HEADER, rows, style, "<>><") if rows else ""
 
 
 def _write(opened: "RunFile", request: "ExportRequest", table: "ExportTable", sink: "Sink") -> None:

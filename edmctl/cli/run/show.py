@@ -1,6 +1,5 @@
 """`edmctl run list`, `show` and `explain`: the runs of a folder, one on a page, and in plain sentences."""
 
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +7,7 @@ from typing import Annotated
 import typer
 
 from edmctl.cli.options import PROGRESS, RunArgument, command
-from edmctl.cli.outcome import Outcome, stream_style, watching
+from edmctl.cli.outcome import Outcome, watching
 from edmctl.errors import RunFileError, UsageError
 from edmctl.jobs.runs.opening import RUNS, command_to_go_on, find_run, unless_killed
 from edmctl.results.run_file import RunHead, Unreadable
@@ -54,7 +53,7 @@ def _tell(outcome: Outcome, path: Path) -> None:
         summary = summary_of(opened)
         outcome.simulated, outcome.seed = summary.simulated, summary.seed
         outcome.result = summary
-        outcome.text = render_run(summary, stream_style(sys.stdout))
+        outcome.show(lambda style: render_run(summary, style))
         unless_killed(opened, summary.way_on)
 
 
@@ -73,7 +72,7 @@ def explain(outcome: Outcome, file: RunArgument) -> None:
         outcome.simulated = opened.is_simulated
         sentences = sentences_of(opened)
         outcome.result = {"story": sentences}
-        outcome.text = render_sentences(sentences, stream_style(sys.stdout))
+        outcome.show(lambda style: render_sentences(sentences, style))
         unless_killed(opened, command_to_go_on(opened.path))
 
 
@@ -127,7 +126,10 @@ def _list(outcome: Outcome, folder: Path) -> None:
         "folder": str(folder),
         "runs": [_as_mapping(head) for head in found],
     }
-    outcome.text = render_runs(found, stream_style(sys.stdout)) if found else f"No run files in {folder}."
+    if found:
+        outcome.show(lambda style: render_runs(found, style))
+    else:
+        outcome.text = f"No run files in {folder}."
 
 
 def _since(head: "RunHead | Unreadable") -> tuple[str, str]:

@@ -1,6 +1,5 @@
 """`edmctl simulate actuator`: voltage waveforms through a virtual actuator and the models of it."""
 
-import sys
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edmctl.cli.options import NOTES, SeedOption, command
-from edmctl.cli.outcome import Outcome, stream_style, watching
+from edmctl.cli.outcome import Outcome, watching
 from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
 
@@ -188,7 +187,7 @@ def _report(outcome: Outcome, trial: "Trial", plot: Path | None, data: Path | No
     from edmctl.cli.render.calibration_tables import render_actuator
     from edmctl.jobs.actuator_trial import write_figure
 
-    outcome.text = render_actuator(trial.waveforms, trial.stroke_um, stream_style(sys.stdout))
+    outcome.show(lambda style: render_actuator(trial.waveforms, trial.stroke_um, style))
     words = f"simulated, seed {outcome.seed}"
     _write(outcome, trial, data, plot, lambda path: write_figure(trial, path, words))
 
@@ -205,7 +204,7 @@ def _write(
 
     result: dict[str, object] = {**trial.as_mapping(), "plot_file": None, "data_file": None}
     outcome.result = result
-    outcome.text += f"\nSimulated, seed {outcome.seed}."
+    outcome.text = f"Simulated, seed {outcome.seed}."
     if data:
         write_data(trial.traces, data)
         result["data_file"] = str(data)
@@ -231,5 +230,5 @@ def _report_paper(outcome: Outcome, trial: "PaperTrial", plot: Path | None, data
     from edmctl.jobs.paper_trial import write_figure
 
     words = f"simulated, seed {outcome.seed}; model begins {trial.start}"
-    outcome.text = render_paper_trial(trial, stream_style(sys.stdout))
+    outcome.show(lambda style: render_paper_trial(trial, style))
     _write(outcome, trial, data, plot, lambda path: write_figure(trial, path, words))

@@ -1,7 +1,6 @@
 """`edmctl simulate`: the same job on many virtual machines; its subcommands simulate other things."""
 
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +21,7 @@ from edmctl.cli.options import (
     controlled_by,
     with_options_of,
 )
-from edmctl.cli.outcome import Outcome, stream_style, watching
+from edmctl.cli.outcome import Outcome, watching
 from edmctl.cli.signals import begin_worker, shell
 from edmctl.cli.simulate.actuator import actuator
 from edmctl.cli.simulate.serve import serve
@@ -143,7 +142,7 @@ def simulate(
             "cases": [dict(zip(("label", "overrides", "forecast"), one, strict=True)) for one in told]
         }
         forecasts = [(label, forecast) for label, _, forecast in told]
-        outcome.text = render_forecasts(forecasts, stream_style(sys.stdout))
+        outcome.show(lambda style: render_forecasts(forecasts, style))
         return
     outcome.seed = first_seed
     if out is None:
@@ -263,15 +262,14 @@ def _tell(
     summaries = _summaries(cases, runs, done)
     outcome.result = {"runs": runs, "finished": len(done), "cases": summaries}
     if summaries:
-        outcome.text = render_cases(summaries, stream_style(sys.stdout))
+        outcome.show(lambda style: render_cases(summaries, style))
     if len(done) < runs * len(cases):
         way_on = (
             f"Go on with `edmctl simulate --resume {shlex.quote(str(out))}`."
             if out is not None
             else "With --out DIR a series could go on."
         )
-        outcome.text += f"\n{len(done)} of {plural(runs * len(cases), 'run')} finished. {way_on}"
-        outcome.text = outcome.text.lstrip()
+        outcome.show(f"{len(done)} of {plural(runs * len(cases), 'run')} finished. {way_on}")
 
 
 def _write(
@@ -290,11 +288,11 @@ def _write(
         from edmctl.jobs.statistics import csv_of
 
         output_files.write(table, csv_of(summaries))
-        outcome.text += f"\nTable {table}"
+        outcome.show(f"Table {table}")
     if figure is not None:
         from edmctl.report.figures.sweep import draw_cases
         from edmctl.report.style import house_style, rendered
 
         with house_style():
             output_files.write(figure, rendered(draw_cases(summaries), figure.suffix.lower()))
-        outcome.text += f"\nFigure {figure}"
+        outcome.show(f"Figure {figure}")

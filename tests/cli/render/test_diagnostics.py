@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from edmctl.cli.render.diagnostics import render_diagnostics, summary_line
 from edmctl.cli.render.style import Style
 from edmctl.errors import Diagnostic, Location
@@ -35,7 +37,21 @@ def test_every_problem_is_shown_in_order() -> None:
 def test_the_caret_follows_tabs() -> None:
     where = Location("a.toml", 3, 3, 4, "\t\t0.42 # x")
     lines = render_diagnostics([Diagnostic("E1", "m", "", where)]).splitlines()
-    assert lines[-1] == "  | \t\t^^^^"
+    assert lines[-1].index("^") == lines[-2].index("0.42")
+
+
+@pytest.mark.parametrize("columns", [40, 80, 120])
+@pytest.mark.parametrize("column", [1, 60, 109])
+def test_on_a_narrow_terminal_words_are_wrapped_and_the_caret_is_in_sight(columns: int, column: int) -> None:
+    line = "".join(f"{number:3}" for number in range(37))
+    fix = "`edmctl profile check folder/of/a/profile.toml`"
+    error = Diagnostic("E3004", "a message " * 12, f"try {fix}", Location("a.toml", 7, column, 3, line))
+    lines = render_diagnostics([error], Style(colour=False, live=True, columns=columns)).splitlines()
+    assert all(len(text) <= columns for text in lines if fix not in text)
+    (caret,) = (number for number, text in enumerate(lines) if "^" in text)
+    at = lines[caret].index("^")
+    assert lines[caret - 1][at : at + 3] == line[column - 1 : column + 2]
+    assert fix in "\n".join(lines)
 
 
 def test_the_caret_ends_with_the_line() -> None:

@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
+from rich.cells import cell_len
 
-from edmctl.cli.render.layout import cells_of
 from edmctl.cli.render.live import LiveReporter
 from edmctl.cli.render.live_view import Histories, draw_view
 from edmctl.cli.render.style import Style
@@ -112,8 +112,8 @@ def test_no_line_is_wider_than_the_terminal(width: int, height: int, style: Styl
     assert 1 <= len(lines) <= height
     for text, cells in lines:
         bare = re.sub(r"\x1b\[[0-9;]*m", "", text)
-        assert cells_of(bare) <= width
-        assert cells_of(bare) <= cells <= width
+        assert cell_len(bare) <= width
+        assert cell_len(bare) <= cells <= width
 
 
 def test_few_lines_keep_what_matters_most() -> None:

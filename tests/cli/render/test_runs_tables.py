@@ -100,4 +100,4 @@ def test_an_overview_fits_a_narrow_terminal() -> None:
     )
     assert max(map(len, whole.splitlines())) > 80 >= max(map(len, narrow.splitlines()))
     assert "depth error" in narrow
-    assert narrow.splitlines()[-1] == "Not shown, for want of width: true depth, true wear."
+    assert narrow.splitlines()[-1] == "Hidden columns (terminal too narrow): true depth, true wear."
