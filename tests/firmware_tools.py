@@ -1,6 +1,6 @@
 """What builds, runs and examines the firmware: a test that needs it is skipped where it is missing.
 
-EDMCTL_REQUIRE_FIRMWARE=1 turns the skip into a failure, for all that `pip install -e ".[test]"` brings (the
+EDMCTL_REQUIRE_FIRMWARE=1 turns the skip into a failure, for all that `pip install -e ".[emulator]"` brings (the
 compiler zig, unicorn, clang-tidy, cppcheck), and for sanitizers where the system has a C compiler. GCC for ARM,
 which no package brings, stays a skip.
 """

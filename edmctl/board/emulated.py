@@ -64,7 +64,7 @@ def _emulator() -> ModuleType:
     if not start.is_file() or not _has_unicorn():
         raise PreconditionError(
             "There is no emulator of the board here.",
-            hint='It runs from a source tree with `pip install -e ".[test]"`.',
+            hint='It runs from a source tree with `pip install -e ".[emulator]"`.',
             code="E8095",
         )
     spec = importlib.util.spec_from_file_location(PACKAGE, start, submodule_search_locations=[str(folder)])

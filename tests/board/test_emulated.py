@@ -32,7 +32,7 @@ def _no_emulator(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 def test_where_there_is_no_emulator_the_remedy_is_told() -> None:
     with pytest.raises(PreconditionError, match="no emulator of the board") as caught:
         open_bench(BenchConfig(controller=STM32), 1)
-    assert (caught.value.code, '`pip install -e ".[test]"`' in caught.value.hint) == ("E8095", True)
+    assert (caught.value.code, '`pip install -e ".[emulator]"`' in caught.value.hint) == ("E8095", True)
     assert "source tree" in caught.value.hint
 
 

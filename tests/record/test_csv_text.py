@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import edmctl
@@ -15,6 +14,8 @@ from edmctl.csv_text import plain_text, table_text, text_cell
 from edmctl.profile.places import read_places_file
 from edmctl.record.delimited import Table
 from edmctl.report.export import CsvWriter, ExportColumn
+
+pd = pytest.importorskip("pandas")
 
 TEXTS = [
     "=1+1",

@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
-import pandas as pd
 import pytest
-import silx.io
-import xarray as xr
-from nexusformat.nexus import nxload
-from silx.io.nxdata import get_default
 
 from edmctl.record import layout
 from edmctl.record.recovery import recover
@@ -22,6 +17,12 @@ from edmctl.record.rows import TruthMap
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, fill
 from tests.tiers import tiers
+
+pd = pytest.importorskip("pandas")
+silx_io = pytest.importorskip("silx.io")
+xr = pytest.importorskip("xarray")
+nxload = pytest.importorskip("nexusformat.nexus").nxload
+get_default = pytest.importorskip("silx.io.nxdata").get_default
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -119,7 +120,7 @@ def test_nexusformat_reads_texts_and_tables(path: Path) -> None:
 
 
 def test_silx_finds_the_default_plot(path: Path) -> None:
-    with silx.io.open(str(path)) as file:
+    with silx_io.open(str(path)) as file:
         plot = get_default(file)
         assert plot.is_valid
         assert plot.is_curve
@@ -133,7 +134,7 @@ def test_silx_finds_the_default_plot(path: Path) -> None:
 
 @pytest.mark.parametrize("table", PLOTS, ids=lambda table: table.path)
 def test_silx_plots_every_group_of_columns(path: Path, table: layout.Table) -> None:
-    with silx.io.open(str(path)) as file:
+    with silx_io.open(str(path)) as file:
         plot = get_default(file[table.path])
         assert plot.is_valid
         assert plot.signal_dataset_name == table.signal
@@ -175,7 +176,7 @@ def test_xarray_takes_the_whole_file_for_a_tree(path: Path) -> None:
 
 
 def test_readers_find_the_axes_of_a_map(recovered: Path) -> None:
-    with silx.io.open(str(recovered)) as file:
+    with silx_io.open(str(recovered)) as file:
         plot = get_default(file["/entry/truth"])
         assert plot.is_valid
         assert plot.is_image
