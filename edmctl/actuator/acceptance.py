@@ -26,8 +26,7 @@ ACCEPTED_RMS_PCT, ACCEPTED_MAX_PCT = 0.5, 2.0
 COVERED_BINS = 10
 NOISE_MARGIN, NOISY_MAX_PCT = 1.2, 4.0
 """Where noise alone reaches the largest accepted error, so many times the noise is, up to a bound."""
-NOISE_SHARE = 0.7
-"""Of the largest error, from which on noise is worth a word."""
+NOISE_SHARE = 0.7  # of the largest error, from which on noise is worth a word
 LEAST_BEYOND_SHARE = 0.001
 JUDGED_SHARE = 0.8
 """Of the voltage range, that has to be judged: swings that grow evenly leave an eighth of it to the last of eight
@@ -36,8 +35,7 @@ DIFFERING = (
     "the records differ from each other. Measure them under the same conditions: temperature, mounting, load and "
     "voltage held before (--previous-voltage)"
 )
-LEAST_HOLD_SHARE = 0.5
-"""Of the slowest lag with a weight of its own."""
+LEAST_HOLD_SHARE = 0.5  # of the slowest lag with a weight of its own
 
 
 def problems_of(

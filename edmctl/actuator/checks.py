@@ -14,38 +14,28 @@ from edmctl.actuator.record import Record, half_periods_s
 from edmctl.array_types import Array, Flags
 from edmctl.errors import RecordError
 
-LEAST_SAMPLES = 200
-"""Four for each of the model's 45 weights and delay."""
-LEAST_CORRELATION = 0.5
-"""Loop, creep and a phase lag of 40° together leave 0.7."""
+LEAST_SAMPLES = 200  # four for each of the model's 45 weights and delay
+LEAST_CORRELATION = 0.5  # loop, creep and a phase lag of 40° together leave 0.7
 LEAST_UM_PER_V, MOST_UM_PER_V = 0.01, 100.0
 """Stacks and amplified actuators have 0.05 to 5 µm/V, with a 10 V command before the amplifier up to 50 µm/V."""
 LEAST_RANGE_UM, MOST_RANGE_UM = 0.5, 5000.0
 """A few hundred µm given in mm come to less; the longest amplified actuators move 2 mm."""
-LONGEST_LAG_S = 0.02
-"""A delay that identification searches for."""
-MOST_SPAN_V = 2500.0
-"""Actuators of the highest voltage swing over 2000 V."""
+LONGEST_LAG_S = 0.02  # a delay that identification searches for
+MOST_SPAN_V = 2500.0  # actuators of the highest voltage swing over 2000 V
 LONGEST_STEP_S = 100.0
-CLIPPED_SHARE = 0.03
-"""Share of the voltage's span that passes while the displacement stands at its limit."""
+CLIPPED_SHARE = 0.03  # share of the voltage's span that passes while the displacement stands at its limit
 LEADING_AREA = 0.02
 """Area of a loop that runs the wrong way round, of its box; hysteresis and delay make 0 to 0.2 the right way."""
-LEAST_CLIPPED = 5
-"""Samples that a displacement stands at its limit, one after the other."""
+LEAST_CLIPPED = 5  # samples that a displacement stands at its limit, one after the other
 LEAST_LOOP = 1e-4
 """RMS distance from a straight line over the range; a stage with its own position control leaves more."""
 LEAST_RESOLUTION, LEVEL_SHARE = 0.001, 0.1
 """Steps of a coarse sensor, over the range; and how many levels a record has then, over its samples."""
 DOUBTFUL_STEP_S = 1.0
-DOUBTFUL_SWING_S = 300.0
-"""Slower swings are rather fast ones on a clock in ms."""
-SHORT_S = 5.0
-"""A shorter record says next to nothing about creep."""
-GAP_STEPS = 20.0
-"""A gap lasts this many sample periods."""
-SPIKE_SHARE = 0.1
-"""Height of a spike over the displacement's range."""
+DOUBTFUL_SWING_S = 300.0  # slower swings are rather fast ones on a clock in ms
+SHORT_S = 5.0  # a shorter record says next to nothing about creep
+GAP_STEPS = 20.0  # a gap lasts this many sample periods
+SPIKE_SHARE = 0.1  # height of a spike over the displacement's range
 SD_PER_BEND = 0.605
 """Standard deviation of normal noise over the median of its second differences: 1.4826 / √6."""
 

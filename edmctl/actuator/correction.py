@@ -8,16 +8,11 @@ from __future__ import annotations
 
 import math
 
-GAIN_SD_BETWEEN_DAYS = 0.025
-"""Standard uncertainty of the gain before anything was measured today."""
-ZERO_SD_UM = 100.0
-"""Of the zero: a sensor that was mounted anew may read anything."""
-GAIN_WALK_PER_SQRT_S = 0.005 / math.sqrt(3600.0)
-"""0.5 % in an hour."""
-ZERO_WALK_UM_PER_SQRT_S = 1.0 / math.sqrt(600.0)
-"""1 µm in ten minutes."""
-ZERO_DRIFT_UM_PER_S = 1.0 / 600.0
-"""The same as a drift, of an actuator without a sensor."""
+GAIN_SD_BETWEEN_DAYS = 0.025  # standard uncertainty of the gain before anything was measured today
+ZERO_SD_UM = 100.0  # of the zero: a sensor that was mounted anew may read anything
+GAIN_WALK_PER_SQRT_S = 0.005 / math.sqrt(3600.0)  # 0.5 % in an hour
+ZERO_WALK_UM_PER_SQRT_S = 1.0 / math.sqrt(600.0)  # 1 µm in ten minutes
+ZERO_DRIFT_UM_PER_S = 1.0 / 600.0  # the same as a drift, of an actuator without a sensor
 
 
 class SlowCorrection:

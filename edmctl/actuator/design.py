@@ -23,17 +23,13 @@ from edmctl.dataclasses import dataclass, field, replace
 
 BLOCKS = 64
 PLAYS, HINGES = 10, 4
-THRESHOLD_EXPONENT = 1.4
-"""Thresholds lie denser near zero, where the weights of soft PZT are largest."""
-CREEPING_SHARES = (0.0, 0.25, 0.5)
-"""Plays that creep, by threshold over the largest."""
+THRESHOLD_EXPONENT = 1.4  # thresholds lie denser near zero, where the weights of soft PZT are largest
+CREEPING_SHARES = (0.0, 0.25, 0.5)  # plays that creep, by threshold over the largest
 FIRST_TAU_S, FIRST_TAU_SHARE = 0.02, 1e-3
 OWN_TAU_SHARE = 0.2
 """Fastest lag, at most so long and such a share of the record; slowest that has a weight of its own."""
-TAU_RATIO = 5.0
-"""Lags in steps of 5 stay within 0.6 % of a decade's creep of the logarithm of time."""
-LONGEST_TAU_S = 4000.0
-"""Creep is continued up to here: longer than a hole takes."""
+TAU_RATIO = 5.0  # lags in steps of 5 stay within 0.6 % of a decade's creep of the logarithm of time
+LONGEST_TAU_S = 4000.0  # creep is continued up to here: longer than a hole takes
 ROWS_AT_ONCE, NARROW = 128, 64
 """Rows of a matrix of so many columns that are taken at once; of a wider one, four times as many."""
 

@@ -18,10 +18,8 @@ from edmctl.actuator.validation import ErrorFigures
 from edmctl.array_types import Array, Flags
 from edmctl.dataclasses import dataclass
 
-MAIN_SHARE = 0.5
-"""Of the squares, that a cause has to explain."""
-KNOCK_SHARE, MOST_KNOCKS = 0.005, 3
-"""How far around its worst sample a knock is looked for, over the record."""
+MAIN_SHARE = 0.5  # of the squares, that a cause has to explain
+KNOCK_SHARE, MOST_KNOCKS = 0.005, 3  # how far around its worst sample a knock is looked for, over the record
 END_SHARE = 0.01
 
 

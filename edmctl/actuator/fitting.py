@@ -22,14 +22,11 @@ from edmctl.actuator.design import Design, Reduction, triangle_of
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 
-RIDGE = 1e-10
-"""Only settles what the records leave open: held-out errors do not change from here to 1e-6."""
+RIDGE = 1e-10  # only settles what the records leave open: held-out errors do not change from here to 1e-6
 FLOOR_SHARE = 0.01
 """Least slope of the play of threshold 0, of the mean slope; it is half of it in measured actuators."""
-STANDS_SHARE = 0.1
-"""Of the mean slope; where a long move brings less, the tool stands."""
-ROUNDING = 1e-13
-"""A slope this small against the largest possible one is zero."""
+STANDS_SHARE = 0.1  # of the mean slope; where a long move brings less, the tool stands
+ROUNDING = 1e-13  # a slope this small against the largest possible one is zero
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,8 +20,7 @@ from edmctl.array_types import Array
 from edmctl.core.library import library
 from edmctl.dataclasses import dataclass
 
-STEPS = 32
-"""Points of a path; more of them change its end by less than 0.1 % of the way."""
+STEPS = 32  # points of a path; more of them change its end by less than 0.1 % of the way
 
 
 @dataclass(frozen=True, slots=True)

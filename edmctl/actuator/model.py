@@ -33,8 +33,7 @@ from edmctl.array_types import Array
 from edmctl.core.library import library
 from edmctl.dataclasses import dataclass, field, replace
 
-CREEP_FROM_S, CREEP_TO_S = 0.1, 10.0
-"""Creep rates are customarily given between these times after a step."""
+CREEP_FROM_S, CREEP_TO_S = 0.1, 10.0  # creep rates are customarily given between these times after a step
 
 SLOW_CYCLE_S, CYCLE_SAMPLES = 100.0, 400
 CLOCK_ROUNDING_S = 1e-9

@@ -32,11 +32,9 @@ import numpy as np
 from edmctl.array_types import Array, Integers
 from edmctl.core.library import library
 
-States = tuple[Array, Array, Array]
-"""Arrays of a state: plays (n,), stops (k,) and lags (g, j)."""
+States = tuple[Array, Array, Array]  # arrays of a state: plays (n,), stops (k,) and lags (g, j)
 _FLOAT = np.dtype(np.float64)
-_Bytes = ctypes.c_char * 0
-"""Gives an address several times as fast as `ndarray.ctypes`."""
+_Bytes = ctypes.c_char * 0  # gives an address several times as fast as `ndarray.ctypes`
 
 
 class Bank(ctypes.Structure):

@@ -29,16 +29,11 @@ SLOW_HZ, SLOW_CYCLES = 0.01, 2
 FAST_HZ, FAST_CYCLES = 1.0, 5
 SQUARE_HZ, SQUARE_CYCLES = 0.05, 2
 """The paper does not say how long its square wave is held; it looks at it for 6 s."""
-LOOP_TOPS_V = (150.0, 100.0, 50.0)
-"""One slow cycle each, the first over the whole stroke."""
-STROKE_UM = 445.0
-"""Of the paper's actuator, at 150 V."""
-NEAR_TROUGH_SHARE = 0.25
-"""Of the swing, from its low end: the paper says only "near the trough"."""
-SETTLED_S = 0.1
-"""After a step; creep is customarily counted from there."""
-STEP_SHARE = 0.5
-"""Of the slew limit: what is steeper is a step."""
+LOOP_TOPS_V = (150.0, 100.0, 50.0)  # one slow cycle each, the first over the whole stroke
+STROKE_UM = 445.0  # of the paper's actuator, at 150 V
+NEAR_TROUGH_SHARE = 0.25  # of the swing, from its low end: the paper says only "near the trough"
+SETTLED_S = 0.1  # after a step; creep is customarily counted from there
+STEP_SHARE = 0.5  # of the slew limit: what is steeper is a step
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,10 +52,8 @@ class Reading:
     paper_high_um: float
     ours_um: float
     at_s: float
-    is_error: bool = True
-    """Whether it is a difference of model and sensor, not a displacement of the model."""
-    paper_side: float = 1.0
-    """Sign of the model less the sensor that the paper's length is of."""
+    is_error: bool = True  # whether it is a difference of model and sensor, not a displacement of the model
+    paper_side: float = 1.0  # sign of the model less the sensor that the paper's length is of
 
 
 def command(figure: str, rate_hz: float) -> Array:

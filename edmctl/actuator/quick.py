@@ -15,10 +15,8 @@ from edmctl.actuator.validation import ErrorFigures
 from edmctl.blas import one_blas_thread
 
 QUICK_PLAYS = 12
-QUICK_CREEPING = 2
-"""The play that creeps. Its threshold is 4 % of the span."""
-QUICK_PIECES = 3
-"""Pieces per play. One piece cannot bend: depths of 180 µm came out 1.7 µm too small."""
+QUICK_CREEPING = 2  # the play that creeps. Its threshold is 4 % of the span.
+QUICK_PIECES = 3  # pieces per play. One piece cannot bend: depths of 180 µm came out 1.7 µm too small.
 QUICK_TAUS_S = 0.04 * np.power(TAU_RATIO, np.arange(7.0))
 LEAST_SAMPLES = 200
 

@@ -13,16 +13,11 @@ from edmctl.array_types import Array, Flags
 STEP_SHARE, STEP_SAMPLES = 0.05, 8
 """A step moves the voltage by this share of its span within so many samples."""
 FEWEST_STEPS = 3
-WINDOW, SHORTEST_WINDOW = 128, 24
-"""Samples after a step that are looked at, fewer where steps follow sooner."""
-LOWEST_CYCLES = 3
-"""A line has this many cycles in a window."""
-LINE_BINS = 2
-"""On either side of a line, that belong to it."""
-LINE_SHARE = 0.5
-"""Of the squares after steps, that are in a line."""
-DECAY_FACTOR = 2.0
-"""The line's squares in a window are at least this many times those in the next one."""
+WINDOW, SHORTEST_WINDOW = 128, 24  # samples after a step that are looked at, fewer where steps follow sooner
+LOWEST_CYCLES = 3  # a line has this many cycles in a window
+LINE_BINS = 2  # on either side of a line, that belong to it
+LINE_SHARE = 0.5  # of the squares after steps, that are in a line
+DECAY_FACTOR = 2.0  # the line's squares in a window are at least this many times those in the next one
 
 
 class Ringing(NamedTuple):

@@ -16,17 +16,13 @@ from edmctl.actuator.record import Record, settled_from
 from edmctl.array_types import Array, Flags
 from edmctl.dataclasses import dataclass
 
-WINDOWS = 400
-"""A record is looked at in so many parts, each by its largest residual."""
-MOST_START_SHARE = 0.2
-"""A start that takes longer is no start."""
+WINDOWS = 400  # a record is looked at in so many parts, each by its largest residual
+MOST_START_SHARE = 0.2  # a start that takes longer is no start
 FAR, USUAL = 2.5, 95.0
 """A start rings where it is so many times above the percentile of the parts that follow."""
 OUTLIER_SDS = 6.0
-MOST_OUTLIERS_SHARE = 1e-3
-"""More of them are the sensor's way to read, not single ones."""
-LATE_SHARE = 0.5
-"""A sample is no outlier where it may be late by this share of a sample."""
+MOST_OUTLIERS_SHARE = 1e-3  # more of them are the sensor's way to read, not single ones
+LATE_SHARE = 0.5  # a sample is no outlier where it may be late by this share of a sample
 LEAST_V = 1e-9
 PASSES = 3
 

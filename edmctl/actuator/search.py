@@ -21,14 +21,11 @@ from edmctl.array_types import Array, Flags
 
 ROWS = 6000
 FOLDS = 8
-FINER = 2
-"""Pieces of a play with knees that a record asks for, over the usual."""
+FINER = 2  # pieces of a play with knees that a record asks for, over the usual
 RIDGE, SLOPE = 1e-9, 1e-9
-NEEDED = 0.9
-"""What is added has to bring the held-out RMS error below this share."""
+NEEDED = 0.9  # what is added has to bring the held-out RMS error below this share
 LEAST_UM = 1e-6
-LEAST_LIMIT_SHARE, MOST_LIMIT_SHARE = 0.01, 0.5
-"""Limits of a stop, over the span of voltage."""
+LEAST_LIMIT_SHARE, MOST_LIMIT_SHARE = 0.01, 0.5  # limits of a stop, over the span of voltage
 FIRST_LIMIT_SHARES = (0.06, 0.15)
 MOST_UNLOADING, MOST_BRANCH = 2.0, 0.6
 TRIALS = 70

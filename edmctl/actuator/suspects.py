@@ -20,12 +20,9 @@ from edmctl.actuator.screening import residual_um, standing_out
 from edmctl.array_types import Array, Flags
 from edmctl.dataclasses import dataclass
 
-POLYNOMIAL = 2
-"""Of time, which drift follows."""
-LEAST_SIDE_SHARE = 0.01
-"""Of a record, on either side of a shift."""
-SHIFTING_SHARE = 0.001
-"""Of a record, that a shift takes on either side."""
+POLYNOMIAL = 2  # of time, which drift follows
+LEAST_SIDE_SHARE = 0.01  # of a record, on either side of a shift
+SHIFTING_SHARE = 0.001  # of a record, that a shift takes on either side
 LONGEST_RUN, LEAST_OUTLIERS = 3, 10
 """Samples that stand out together, and how many at least: fewer are knocks, to be told by their place."""
 ROUNDING = 1e-9

@@ -20,20 +20,16 @@ from edmctl.actuator.validation import ErrorFigures
 from edmctl.array_types import Array, Flags
 from edmctl.dataclasses import dataclass
 
-REACH_SHARE = 0.01
-"""Of the range; a play this far outside of where others were is not beyond them."""
-NEAR_RATE = 1.5
-"""Rates, and lengths of holds, within this factor are alike."""
-VOLTAGE = 0
-"""The play of threshold 0."""
+REACH_SHARE = 0.01  # of the range; a play this far outside of where others were is not beyond them
+NEAR_RATE = 1.5  # rates, and lengths of holds, within this factor are alike
+VOLTAGE = 0  # the play of threshold 0
 SMOOTHNESS = (0.0, 1e-4, 1e-3)
 SMOOTHNESS_COST = 1.1
 """The smoothest model is taken that has at most this times the least held-out RMS error: swings beyond the
 records profit, and held-out blocks of the records cannot show it."""
 SQRT_2 = math.sqrt(2.0)
 CREEP_DECADES = math.log10(CREEP_TO_S / CREEP_FROM_S)
-BOOTSTRAP_SEED = 20090804
-"""Fixed, so that the same record gives the same file."""
+BOOTSTRAP_SEED = 20090804  # fixed, so that the same record gives the same file
 
 
 @dataclass(frozen=True, slots=True)

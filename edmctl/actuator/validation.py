@@ -18,8 +18,7 @@ from edmctl.dataclasses import dataclass, replace
 
 Refit = Literal["gain", "zero"]
 ZERO: tuple[Refit, ...] = ("zero",)
-AT_ONCE = 3
-"""Samples whose mean has little noise left."""
+AT_ONCE = 3  # samples whose mean has little noise left
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 
-SLEW_V_S = 1000.0
-"""Slew limit of a "step" where none is given: 0–150 V in 0.15 s."""
+SLEW_V_S = 1000.0  # slew limit of a "step" where none is given: 0–150 V in 0.15 s
 FAST_SHARE, SERVO_SHARE = 0.067, 0.04
 """Largest swing of fast legs and of a servo at work, over the range: 10 V and 6 V of 150 V."""
 SERVO_MOVES = 180

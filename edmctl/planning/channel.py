@@ -23,17 +23,13 @@ from edmctl.profile.model import Profile
 from edmctl.profile.setup import Setup
 from edmctl.profile.sites import PathTable
 
-EVEN_OUT_PASSES = 2
-"""Before a measuring stop the floor is evened out by so many passes that do not go deeper."""
-LAST_PASS_SHARE = 1.05
-"""Passes over those that the sparks need, because a layer ends with a whole pass."""
+EVEN_OUT_PASSES = 2  # before a measuring stop the floor is evened out by so many passes that do not go deeper
+LAST_PASS_SHARE = 1.05  # passes over those that the sparks need, because a layer ends with a whole pass
 LAYERS_BEFORE_FIRST_STOP = 2
 """Then wear and gap are measured for the first time: early, because both were only assumed."""
-PLACES, PLACES_AT_THE_END = 4, 6
-"""The floor is touched at so many places."""
+PLACES, PLACES_AT_THE_END = 4, 6  # the floor is touched at so many places
 FACE_TOUCHES = 3
-LEARNED_U_REL = 0.03
-"""Relative uncertainty of the wear per energy after the first stop has measured it."""
+LEARNED_U_REL = 0.03  # relative uncertainty of the wear per energy after the first stop has measured it
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,10 +15,8 @@ from edmctl.profile.model import Profile
 
 LAW_U_REL = 0.10
 """Relative standard uncertainty of the laws themselves, where everything else is known [assumed]."""
-ARC_ROOM = 0.6
-"""Share of the arcs that stop a job: an adaptive reference keeps no more."""
-LEAST_ARCS = 0.01
-"""A clean gap has so many: fewer cannot be kept."""
+ARC_ROOM = 0.6  # share of the arcs that stop a job: an adaptive reference keeps no more
+LEAST_ARCS = 0.01  # a clean gap has so many: fewer cannot be kept
 LEVELS = 40
 USUAL_FEED_PER_DEPTH = 1.3
 MEAN_DEPTH_SHARE = 1.0 / math.sqrt(3.0)
@@ -33,8 +31,7 @@ class Erodes:
     u_rel: float
 
 
-UNKNOWN = Erodes(1.0, 0.5)
-"""A material that nothing is known of: as copper, or anything."""
+UNKNOWN = Erodes(1.0, 0.5)  # a material that nothing is known of: as copper, or anything
 
 
 def of_tool(profile: Profile) -> Erodes:

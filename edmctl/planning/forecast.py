@@ -49,8 +49,7 @@ from edmctl.profile.sites import PathTable
 from edmctl.results.forecast import Forecast, RegimeForecast
 
 PLANE_TOUCHES = 3
-STROKE_RESERVE_UM = 15.0
-"""Stroke kept free beyond the job, for creep and retraction."""
+STROKE_RESERVE_UM = 15.0  # stroke kept free beyond the job, for creep and retraction
 
 
 @dataclass(frozen=True, slots=True)

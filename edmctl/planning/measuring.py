@@ -29,24 +29,18 @@ from edmctl.quantity import half_width
 
 SET_U_UM = math.sqrt(2.0) * TOUCH_U_UM
 """Of the difference of two readings taken one after the other, by their scatter."""
-FACE_U_UM = 0.10
-"""Of the face at a place after a plane was fitted to three touches."""
+FACE_U_UM = 0.10  # of the face at a place after a plane was fitted to three touches
 FACE_LIMIT_UM = 0.3
 """Of the face at a place where tilt would make it worse: it is touched there then, and a touch knows it better. At
 0.3 mrad it takes a millimetre to get there."""
-BETWEEN_S = 60.0
-"""From touch to touch besides the machining."""
-STARTING_S = 1.6
-"""Arming, the test of the gap sensor and a rest before the first stroke."""
-MOVING_S = 0.7
-"""A stage move besides its way: ramp to 0 V, rest, and play of the drive."""
+BETWEEN_S = 60.0  # from touch to touch besides the machining
+STARTING_S = 1.6  # arming, the test of the gap sensor and a rest before the first stroke
+MOVING_S = 0.7  # a stage move besides its way: ramp to 0 V, rest, and play of the drive
 RELUCTANCE = 1.45
 """From 0 V the actuator follows its command with less than its mean gain: an approach at 1 µm/s over 45 µm took
 65 s (hysteresis of the piezo, Muralidhara et al. 2009, Fig. 3a)."""
-RELUCTANCE_TOUCHING = 1.25
-"""The same on average over a fast leg and the slow one after it."""
-RISE_UM = 60.0
-"""Before a bottom is touched the tool rises by this."""
+RELUCTANCE_TOUCHING = 1.25  # the same on average over a fast leg and the slow one after it
+RISE_UM = 60.0  # before a bottom is touched the tool rises by this
 FAST_LEG_MARGIN_UM = 3.0
 OFFSET_U_UM, WEAR_U_SHARE = 7.0, 0.05
 """The slow leg begins earlier by what is unknown: of the first surface, and of the wear as a share of the feed."""
@@ -54,11 +48,9 @@ RIM_WEAR_SHARE = 0.3
 """Behind a sheet the tool hardly wears, so the pad is met earlier than expected by this share of the feed there."""
 FURTHER_SPOT_S = 6.5
 """Pad and face are touched at a second spot: a move, the way down, and one touch, one less at the first spot."""
-SAMPLING_S = 0.4
-"""At the end of a reading, for the last samples."""
+SAMPLING_S = 0.4  # at the end of a reading, for the last samples
 FAST_DESCENT_S = 2.0
-LAST_UM = 15.0
-"""Down to a known surface in fast steps, and the last µm at the speed of the approach."""
+LAST_UM = 15.0  # down to a known surface in fast steps, and the last µm at the speed of the approach
 CREEP_STROKE_UM = 430.0
 """After a long fast descent the actuator creeps on by itself and shortens the slow one, down to a third."""
 

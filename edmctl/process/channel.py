@@ -14,10 +14,8 @@ from edmctl.dataclasses import dataclass
 from edmctl.process.live_erosion import ARC_REMOVAL, ARC_WEAR, WIDENING_SDS, Energy
 from edmctl.process.plane import Plane
 
-LEAST_LAYER_SHARE = 0.05
-"""A rest below this share of a layer is no layer of its own."""
-SCATTER_U_REL = 0.02
-"""Relative standard deviation of the wear per energy from one stop to the next [assumed]."""
+LEAST_LAYER_SHARE = 0.05  # a rest below this share of a layer is no layer of its own
+SCATTER_U_REL = 0.02  # relative standard deviation of the wear per energy from one stop to the next [assumed]
 
 
 @dataclass(frozen=True, slots=True)

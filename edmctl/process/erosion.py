@@ -22,8 +22,7 @@ from collections.abc import Callable
 from edmctl.dataclasses import dataclass
 from edmctl.process.discharge import pulse_energy_uj
 
-USUAL_CURRENT_A = 0.12
-"""Peak current that the figures below hold for."""
+USUAL_CURRENT_A = 0.12  # peak current that the figures below hold for
 USUAL_PULSE_UJ = pulse_energy_uj(22.0, USUAL_CURRENT_A, 1e6 * 0.30 / 2300.0)
 """Energy of a full pulse of Muralidhara et al. 2009, 344 µJ, by which gaps and deionisation are scaled."""
 
@@ -34,16 +33,12 @@ class ErosionLaw:
 
     removal_um3_per_uj: float = 0.0811
     """Work that a discharge of the best burning time removes if it were the anode alone [fitted]."""
-    tool_share: float = 0.827
-    """Wear of the same volume on the tool's side [fitted]."""
+    tool_share: float = 0.827  # wear of the same volume on the tool's side [fitted]
     peak_us: float = 40.0
     """Burning time of the most removal per energy at the usual current [assumed, 10 to 100]."""
-    peak_exponent: float = 0.75
-    """How sharp that optimum is [assumed, 0.5 to 1]."""
-    peak_per_current: float = 0.3
-    """Power of the current by which the optimum moves [assumed, 0 to 1.35]."""
-    threshold_uj: float = 1.0
-    """Energy below which nothing is molten [assumed]."""
+    peak_exponent: float = 0.75  # how sharp that optimum is [assumed, 0.5 to 1]
+    peak_per_current: float = 0.3  # power of the current by which the optimum moves [assumed, 0 to 1.35]
+    threshold_uj: float = 1.0  # energy below which nothing is molten [assumed]
     cathode_least: float = 0.15
     """Erosion of the cathode over that of the anode in the shortest pulse [assumed]."""
     cathode_us: float = 568.0
@@ -91,8 +86,7 @@ def removal_um3_per_uj(
     return most[0] * best * shares[0], most[1] * best * shares[1]
 
 
-SURFACE_UM = 3.0
-"""Depth in which a floor's craters are others, some craters deep [assumed]."""
+SURFACE_UM = 3.0  # depth in which a floor's craters are others, some craters deep [assumed]
 
 
 def roughness_ra_um(crater_um3: float, arc_share: float = 0.0, power: Power = math.pow) -> float:

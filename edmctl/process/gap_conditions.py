@@ -18,12 +18,10 @@ class GapLaw:
 
     gap_reference_um: float = 2.5
     """Gap of the next delay at 40 V: 13 to 20 V/µm, near the strength of clean oil [assumed]."""
-    tau_reference_us: float = 60.0
-    """Mean statistical ignition delay there [assumed]."""
+    tau_reference_us: float = 60.0  # mean statistical ignition delay there [assumed]
     gap_exponent: float = 4.0
     """Power of the gap by which that delay grows; ETH has 2 for water, oil is steeper [assumed]."""
-    debris_gap_factor: float = 1.5
-    """Narrowing of the gap per debris [assumed]."""
+    debris_gap_factor: float = 1.5  # narrowing of the gap per debris [assumed]
     flush_time_s: float = 0.5
     """Clearance of a shallow working gap under a tool of 270 µm; it grows with the tool's area [assumed]."""
     flush_depth_ratio: float = 1.1
@@ -35,12 +33,9 @@ class GapLaw:
     """Share of discharges at the wall in a clean gap, and what is added per debris in a deep hole [assumed]."""
     side_debris: float = 0.6
     arc_base: float = 0.01
-    arc_debris: float = 0.16
-    """Debris at which a discharge arcs that follows another without delay [assumed]."""
-    arc_delay_us: float = 20.0
-    """Delay in which that fades [assumed]."""
-    arc_pause_us: float = 800.0
-    """Off-time that halves it [assumed]."""
+    arc_debris: float = 0.16  # debris at which a discharge arcs that follows another without delay [assumed]
+    arc_delay_us: float = 20.0  # delay in which that fades [assumed]
+    arc_pause_us: float = 800.0  # off-time that halves it [assumed]
     arc_work: float = 0.15
     """Work that an arc removes over that of a discharge of its energy, and tool [assumed]."""
     arc_tool: float = 0.9
@@ -48,34 +43,25 @@ class GapLaw:
     """Time constant of a channel's conductivity after a usual pulse in clean oil (6 to 25): 6 µs are known of water,
     and 15 µs are the least off-time that kept a published pulser from arcing."""
     deionisation_exponent: float = 0.3
-    deionisation_debris: float = 4.0
-    """How much longer per debris [assumed]."""
+    deionisation_debris: float = 4.0  # how much longer per debris [assumed]
     deionisation_after_arc: float = 1.5
     bridge_base: float = 0.2
     """Chance of a chain of particles across half a particle's gap packed full (0.1 to 1)."""
-    particle_um: float = 0.9
-    """Diameter of the particles of a usual pulse, about half a crater (0.7 to 1.2)."""
+    particle_um: float = 0.9  # diameter of the particles of a usual pulse, about half a crater (0.7 to 1.2)
     side_per_voltage_um: float = 4.0
     """Gap at the wall by voltage, at 40 V; with the next, 7.3 to 7.5 µm were measured at similar energies (Chiou,
     Tsao & Hsu, Int. J. Adv. Manuf. Technol. 78, 2015)."""
-    side_per_energy_um: float = 4.0
-    """Gap at the wall by the size of craters, at a usual pulse."""
+    side_per_energy_um: float = 4.0  # gap at the wall by the size of craters, at a usual pulse
 
 
 GAP_LAW = GapLaw()
 USUAL_OPEN_V = 40.0
-ARC_V = 17.0
-"""Plateau of an arc."""
-SHORT_V = 1.0
-"""Voltage of a shorted gap."""
-BRIDGE_CLEAR = 0.02
-"""Chance per pulse that a bridge burns off [assumed]."""
-FLUSH_DIAMETER_UM = 270.0
-"""Diameter of the tool that the flush time holds for."""
-CLEARING = (0.0625, 4.0)
-"""Least and most that clearance changes with the gap [assumed]."""
-MOST_DEBRIS = 0.6
-"""A gap packed full: about the densest random packing of spheres."""
+ARC_V = 17.0  # plateau of an arc
+SHORT_V = 1.0  # voltage of a shorted gap
+BRIDGE_CLEAR = 0.02  # chance per pulse that a bridge burns off [assumed]
+FLUSH_DIAMETER_UM = 270.0  # diameter of the tool that the flush time holds for
+CLEARING = (0.0625, 4.0)  # least and most that clearance changes with the gap [assumed]
+MOST_DEBRIS = 0.6  # a gap packed full: about the densest random packing of spheres
 
 
 def crater_scale(full_pulse_uj: float, power: Power = math.pow) -> float:

@@ -22,17 +22,14 @@ ARC_WEAR = GAP_LAW.arc_tool / GAP_LAW.arc_work
 USUAL_ARCS = 0.04
 """Energy of arcs over that of normal discharges in a clean gap (1.5 % of the pulses): what a recipe's wear ratio
 holds, until a hole has shown its own."""
-SCATTER_BETWEEN_HOLES = 0.01
-"""Standard deviation of the wear ratio's logarithm from hole to hole [assumed]."""
+SCATTER_BETWEEN_HOLES = 0.01  # standard deviation of the wear ratio's logarithm from hole to hole [assumed]
 CHANGE_WITH_DEPTH = 0.03
 """Standard uncertainty of the ratio's logarithm where a hole is e times as deep as the one that told it [assumed]:
 debris and arcs change with depth."""
 REMOVAL_SCATTER = 0.03
 """The same of the volume per energy: more discharges burn at the wall the deeper the hole [assumed]."""
-LEAST_U_REL = 0.005
-"""Nothing is ever known better than this, however often it was measured."""
-LEAST_RATIO = 1e-4
-"""A tool that does not wear at all has no logarithm."""
+LEAST_U_REL = 0.005  # nothing is ever known better than this, however often it was measured
+LEAST_RATIO = 1e-4  # a tool that does not wear at all has no logarithm
 LEAST_BELIEVED = 0.02
 """A smaller ratio is not believed beside a touch: its uncertainty, which goes with it, would vanish too."""
 RECIPE_U_REL = 0.5
@@ -42,8 +39,7 @@ WIDENING_SDS = 2.0
 """What a touch says beyond so many standard deviations makes what was believed as uncertain as it was wrong."""
 _SHARES = tuple(i / 1000 for i in range(1001))
 _NOTHING = 1e-12
-CONTRADICTION_SDS = 3.0
-"""Beyond this the belief is contradicted: one in 370 by chance."""
+CONTRADICTION_SDS = 3.0  # beyond this the belief is contradicted: one in 370 by chance
 
 
 @dataclass(slots=True)

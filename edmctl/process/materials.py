@@ -8,8 +8,7 @@ from importlib.resources import files
 
 from edmctl.dataclasses import dataclass
 
-ASSUMED_U_REL = 0.3
-"""Relative standard uncertainty of a figure that no measurement stands behind [assumed]."""
+ASSUMED_U_REL = 0.3  # relative standard uncertainty of a figure that no measurement stands behind [assumed]
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,45 +32,33 @@ CREEP_PRIOR_PER_DECADE = 0.05
 piezo actuators."""
 SCATTER_PRIOR_PER_DECADE = 0.006
 """By so much more or less than in the mean of all decades the weight in any one of them is expected to be."""
-DRIFT_PRIOR_UM_PER_S = 0.1
-"""Standard deviation of either drift before it was measured: as good as unknown."""
+DRIFT_PRIOR_UM_PER_S = 0.1  # standard deviation of either drift before it was measured: as good as unknown
 ZERO_PRIOR_UM = 30.0
-LEAST_NOISE_UM = 1e-3
-"""The last digit of a sensor."""
-MISFIT = 0.01
-"""Standard deviation of creep that is no sum of these lags, over the creep that is."""
+LEAST_NOISE_UM = 1e-3  # the last digit of a sensor
+MISFIT = 0.01  # standard deviation of creep that is no sum of these lags, over the creep that is
 DRIFT_MISFIT = 0.1
 """Share of a drift that is taken for creep: lags of a displacement that drifts hold that drift, and only a steady
 one is taken out of them again. On the virtual machine 3 to 13 % were seen."""
-MEMORY_UM = 150.0
-"""Way whose creep an earlier use of the actuator may have left, µm."""
+MEMORY_UM = 150.0  # way whose creep an earlier use of the actuator may have left, µm
 MOST_LAG_UM = 1000.0
-LEAST_SIGMAS = 3.0
-"""Rests that have drifted by less than so many standard uncertainties tell no ratio."""
+LEAST_SIGMAS = 3.0  # rests that have drifted by less than so many standard uncertainties tell no ratio
 LEAST_TOUCHES = 5
 PASSES = 2
-REST_TO_TOUCH_S = 20.0
-"""From a rest to the touch that it stands for."""
+REST_TO_TOUCH_S = 20.0  # from a rest to the touch that it stands for
 OUTLIER_SIGMAS = 5.0
 RESTS_S = (10.0, 20.0, 40.0, 80.0, 160.0)
 """What a rest before a touch may take: creep of a deep cut fades, and with it what is unknown of it."""
-REST_SHARE = 0.05
-"""Of the time since the first touch it takes at most."""
-LEAST_GAIN = 0.05
-"""A rest that leaves so little less unknown does not pay."""
+REST_SHARE = 0.05  # of the time since the first touch it takes at most
+LEAST_GAIN = 0.05  # a rest that leaves so little less unknown does not pay
 
 
 MOST_CREEP_PER_CONSTANT = 0.15
 """Of any one time constant: three times what piezo actuators creep in a decade of time."""
-LEAST_CREEP = -0.05
-"""Of all time constants together, and of each: noise may make it less than none."""
-LEAST_CREEP_U = 1e-6
-"""Of each: less than a sensor's last digit after a full stroke is not known of it."""
+LEAST_CREEP = -0.05  # of all time constants together, and of each: noise may make it less than none
+LEAST_CREEP_U = 1e-6  # of each: less than a sensor's last digit after a full stroke is not known of it
 
-_GATHERED = 20
-"""Blocks of samples that are followed together."""
-REST_V = 0.5
-"""An actuator at less is at rest."""
+_GATHERED = 20  # blocks of samples that are followed together
+REST_V = 0.5  # an actuator at less is at rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,10 +19,8 @@ from edmctl.dataclasses import dataclass
 CONTRADICTION_SDS = 2.0
 """A touch further from the expectation than this makes the expectation as uncertain as it was wrong."""
 
-MOST_ALONE = 8
-"""Of more holes than these it is unlikely that just one has changed."""
-LEAST_WEAR_UM = 1e-3
-"""Even a hole that is expected to have worn nothing may have."""
+MOST_ALONE = 8  # of more holes than these it is unlikely that just one has changed
+LEAST_WEAR_UM = 1e-3  # even a hole that is expected to have worn nothing may have
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,20 +26,16 @@ TOUCH_U_UM = 0.06
 """Standard uncertainty of a reading of three touches, with what the zero walks between two readings."""
 TOUCH_CHECK_SD_UM = 0.2
 """A touch is not doubted for a scatter of this much, which a rougher face than usual has."""
-LINEARITY_LENGTH_UM = 200.0
-"""A length from which all of the nonlinearity counts [assumed]."""
-TOUCH_PRIOR_DOF = 1.0
-"""Weight of that expectation, as if it came from two earlier touches."""
+LINEARITY_LENGTH_UM = 200.0  # a length from which all of the nonlinearity counts [assumed]
+TOUCH_PRIOR_DOF = 1.0  # weight of that expectation, as if it came from two earlier touches
 LEAST_SCATTER_DOF = 3
 """Fewer degrees of freedom tell less of the scatter of the touches than what is expected of it beforehand."""
 SPOT_SIGMAS = 3.0
 """Two spots of one surface differ by more in 0.3 % of cases; the third spot that is then touched takes seconds."""
 SHORT_SIGMAS = 2.0
 """A bottom that is shorter than expected by more is touched again: 2.3 % of all good ones, one side only."""
-LONG_SIGMAS = 3.0
-"""A bottom that is longer is not a chip, and its place is only looked at again: 0.13 %."""
-GROWN_SIGMAS = 4.0
-"""A tool that is longer than before the cut by more is not what was touched: 0.003 %."""
+LONG_SIGMAS = 3.0  # a bottom that is longer is not a chip, and its place is only looked at again: 0.13 %
+GROWN_SIGMAS = 4.0  # a tool that is longer than before the cut by more is not what was touched: 0.003 %
 SAME_TOUCHES = 3
 """So many touches that agree to the last digit are doubted. One touch scatters by 0.04 µm on the virtual machine;
 with digits of d = 1 nm, n touches of a scatter s are equal by chance in (d/s√(2π))ⁿ⁻¹/√n of all cases: three in 6 of

@@ -32,8 +32,7 @@ FILE: Final = FileKind(
     codes=("E3640", "E3641", "E3642", "E3643", "E3644"),
     write_code="E9012",
 )
-MOST = 1e9
-"""Larger figures than any that is measured; their squares are still numbers."""
+MOST = 1e9  # larger figures than any that is measured; their squares are still numbers
 Words = Annotated[str, Field(pattern=ONE_LINE, max_length=1000)]
 
 
@@ -277,10 +276,8 @@ LEAST_TAU_S, MOST_TAU_S = 1e-6, 1e9
 MOST_DELAY_S = 1.0
 MOST_PLAYS, MOST_PIECES, MOST_TAUS, MOST_ROUNDED = 200, 50, 50, 10
 """A tick of the estimator takes time in proportion; identified are 10, 4 and 15."""
-MOST_CREEP_SHARE = 1.0
-"""Of the displacement without creep."""
-STROKE_FACTOR = 1.5
-"""Between the stroke that the quality states and that of the model's weights."""
+MOST_CREEP_SHARE = 1.0  # of the displacement without creep
+STROKE_FACTOR = 1.5  # between the stroke that the quality states and that of the model's weights
 ROUNDING = 1e-3
 
 

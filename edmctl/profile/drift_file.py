@@ -25,8 +25,7 @@ FILE: Final = FileKind(
     write_code="E9013",
 )
 MOST_SHARE_U = 1.0
-ROUNDING = 1e-6
-"""Relative, of numbers that follow from one another."""
+ROUNDING = 1e-6  # relative, of numbers that follow from one another
 
 
 class MadeBy(Table):

@@ -12,12 +12,10 @@ from edmctl.dataclasses import dataclass
 from edmctl.errors import Location
 from edmctl.profile.positions import KeyPath
 
-PAD_MARGIN_UM = 50.0
-"""Surface left between a hole and the reference pad, for the burr and the stages."""
+PAD_MARGIN_UM = 50.0  # surface left between a hole and the reference pad, for the burr and the stages
 REFERENCE_MARGIN, REFERENCE_MAX = 0.05, 0.95
 """Least servo reference above the level of a gap that sparks at every pulse, and the highest."""
-WALL_UM = 20.0
-"""Work left standing between two holes or two sides of a channel."""
+WALL_UM = 20.0  # work left standing between two holes or two sides of a channel
 
 
 class Code(StrEnum):

@@ -16,12 +16,10 @@ from edmctl.profile.folders import is_file
 from edmctl.profile.model import Profile
 from edmctl.profile.sites import CircleSites, GridSites, PointSite
 
-MOST_PLACES = 1000
-"""More holes than any tool lasts for."""
+MOST_PLACES = 1000  # more holes than any tool lasts for
 COLUMNS = ("name", "x_um", "y_um", "theta_deg", "depth_um")
 NEEDED = ("x_um", "y_um")
-MOST_COMPLAINTS = 20
-"""Of one file: more wrong lines than this are one mistake in all of them."""
+MOST_COMPLAINTS = 20  # of one file: more wrong lines than this are one mistake in all of them
 _FORM = "the first line names the columns, x_um,y_um at least; each further line is a place"
 
 

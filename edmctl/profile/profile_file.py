@@ -7,8 +7,7 @@ from pydantic import BeforeValidator
 from edmctl.profile.model import Profile
 from edmctl.profile.tables import Table, entry
 
-CONTROLLER_SYNONYMS = {"python": "firmware"}
-"""Names in profiles and run files of former versions."""
+CONTROLLER_SYNONYMS = {"python": "firmware"}  # names in profiles and run files of former versions
 
 
 def _present_name(controller: object) -> object:

@@ -22,8 +22,7 @@ from edmctl.toml_text import toml_value
 from edmctl.wording import code_point, shortened, with_hyphens
 
 MOST_PARENTS = 20
-MOST_KEYS = 20_000
-"""A thousand places with five keys each, and some more."""
+MOST_KEYS = 20_000  # a thousand places with five keys each, and some more
 MOST_PARTS = 32
 _SYNTAX_PLACE = re.compile(
     r"(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)", re.DOTALL

@@ -44,8 +44,7 @@ def _possible(text: str) -> str:
 
 Line: TypeAlias = Annotated[str, Field(pattern=ONE_LINE)]
 Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=40, pattern=ONE_LINE)]
-Coordinate: TypeAlias = Annotated[float, Field(ge=-1e6, le=1e6)]
-"""Of the stages, µm."""
+Coordinate: TypeAlias = Annotated[float, Field(ge=-1e6, le=1e6)]  # of the stages, µm
 NAMES_FILE = "names a file"
 """Marks keys whose text `edmctl.files.user_path` makes a path of, relative to the file that has the key."""
 FileName: TypeAlias = Annotated[

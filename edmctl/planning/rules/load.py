@@ -51,8 +51,7 @@ class LoadedProfile:
     overrides: tuple[str, ...]
     warnings: tuple[Diagnostic, ...]
     places: tuple[Place, ...]
-    forecast: Forecast
-    """Of the job on the machine that it was checked for."""
+    forecast: Forecast  # of the job on the machine that it was checked for
     stated: TomlTable
     """What the file, the files that it extends and the overrides state; all else are defaults or follows from it."""
 

@@ -13,8 +13,7 @@ from edmctl.process.erosion import LAW
 from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX, Code, Finding
 from edmctl.profile.model import Profile
 
-ROUNDING = 1e-9
-"""A reference written as the very limit passes, though 0.55 + 0.05 is not 0.60 in binary."""
+ROUNDING = 1e-9  # a reference written as the very limit passes, though 0.55 + 0.05 is not 0.60 in binary
 VOLTAGE_ROOM_V = 5.0
 """Least difference between open and discharge voltage that leaves the servo something to regulate."""
 ENERGY_MIN_UJ, ENERGY_MAX_UJ = 0.1, 2000.0
@@ -22,8 +21,7 @@ LEAST_ENERGY_UJ = 1.1 * LAW.threshold_uj
 """Discharges ignite with some delay: a pulse that just reaches the threshold removes nothing."""
 FINE_TOOL_UM, FINE_TOOL_ENERGY_UJ = 100.0, 200.0
 ON_TIME_MIN_US, OFF_TIME_MIN_US = 5.0, 20.0
-FILTER_PERIODS = 20.0
-"""Pulses that the low-pass must average at least."""
+FILTER_PERIODS = 20.0  # pulses that the low-pass must average at least
 DISCHARGE_MARGIN_US = 10.0
 
 ROOM_FOR_REFERENCE = Bound(

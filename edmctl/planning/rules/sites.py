@@ -16,8 +16,7 @@ from edmctl.profile.setup import Limit, Setup
 from edmctl.profile.sites import PathTable
 from edmctl.wording import coordinates
 
-LEAST_TURN_DEG = 1.0
-"""Places turned against each other by less are one place of the workpiece [assumed]."""
+LEAST_TURN_DEG = 1.0  # places turned against each other by less are one place of the workpiece [assumed]
 NEEDED = {
     "rectangle": ("width_um", "height_um"),
     "circle": ("radius_um",),

@@ -15,8 +15,7 @@ from edmctl.profile.model import Profile
 SPARE = 1.25
 """A tolerance has to be wider than the forecast of the interval by this: touches scatter from job to job."""
 
-LEAST_SHEET_UM = 1.0
-"""Nobody makes holes through less; the thinnest foils that are sold are some µm."""
+LEAST_SHEET_UM = 1.0  # the thinnest foils on sale are some µm thick
 
 FEED_WITHOUT_REMEASURING = Conflict(
     Code.FEED_REMEASURE,
