@@ -131,26 +131,34 @@ class Block:
 class Reduction:
     """Records under a design.
 
-    sketch : ndarray, shape (about 500, features)
-        Features of evenly spread samples, to see what weights mean for the displacement.
+    delays_s : delays that the displacement is advanced by; a model gets the first one
     used : samples of each record that count, shape (n,)
-    plays_v : where the plays are at each sample of each record, shape (n, plays)
+    sketch : ndarray, shape (about 500, features)
+        Features of evenly spread samples, which show the effect of weights on the displacement.
+    plays_v : position of the plays at each sample of each record, shape (n, plays)
     """
 
+    design: Design
+    records: Sequence[Record]
+    delays_s: Array
+    used: Sequence[Flags]
     blocks: tuple[Block, ...]
     sketch: Array
-    records: int
-    used: tuple[Flags, ...]
     plays_v: tuple[Array, ...]
+
+    def model(self, weights: Array, zero_um: float = 0.0) -> ActuatorModel:
+        """Return the model with these weights, shape (features,)."""
+        return self.design.model(weights, zero_um, float(self.delays_s[0]))
 
 
 def reduce_records(
-    design: Design, records: Sequence[Record], delays_s: Array, used: Sequence[Flags]
+    design: Design, records: Sequence[Record], delays_s: Sequence[float] | Array, used: Sequence[Flags]
 ) -> Reduction:
     """Reduce those samples of the records that are used, less what comes after their end less the last delay.
 
-    The displacement is advanced by each of `delays_s`, shape (k,), so that one pass serves a whole search.
+    The displacement is advanced by each of the delays, so that one pass serves a whole search.
     """
+    delays_s = np.asarray(delays_s, dtype=np.float64)
     total = sum(len(record.t_s) for record in records)
     blocks: list[Block] = []
     sketches: list[Array] = []
@@ -176,7 +184,7 @@ def reduce_records(
                 reduced = triangle_of(rows[a:b][chosen])
                 blocks.append(Block(reduced, samples, number, a, b, at_v.min(axis=0), at_v.max(axis=0)))
         sketches.append(features[:: max(1, total // 500)])
-    return Reduction(tuple(blocks), np.concatenate(sketches), len(records), tuple(used), tuple(plays_v))
+    return Reduction(design, records, delays_s, used, tuple(blocks), np.concatenate(sketches), tuple(plays_v))
 
 
 def _plays_of(design: Design, features: Array) -> Array:

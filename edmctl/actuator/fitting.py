@@ -31,7 +31,7 @@ ROUNDING = 1e-13  # a slope this small against the largest possible one is zero
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Weights, shape (features,), zero of each record (NaN: not fitted), sum of squared residuals, µm².
+    """Weights, shape (features,), zero of each record (NaN: not fitted), sum of squared residuals, µm², and μ.
 
     on_floor : whether the data want less slope somewhere than the floor leaves, and no play makes up for it.
     """
@@ -39,11 +39,11 @@ class Fit:
     weights: Array
     zeros_um: Array
     residual_um2: float
+    smoothness: float
     on_floor: bool
 
 
 def fit(
-    design: Design,
     reduction: Reduction,
     *,
     delay: int = 0,
@@ -56,7 +56,8 @@ def fit(
     smoothness : μ
     start : weights to begin the search from; a near solution saves most of the work.
     """
-    free, features = reduction.records, design.features
+    design, free = reduction.design, len(reduction.records)
+    features = design.features
     counts = [1] * len(reduction.blocks) if times is None else times
     columns = [*range(free + features), free + features + delay]
     chosen = [
@@ -74,7 +75,8 @@ def fit(
     weights = floor + _non_negative(design, matrix, target - matrix @ floor, samples, smoothness, first)
     residual = matrix @ weights - target
     zeros_um = _zeros(triangle[:free, :free], triangle[:free, -1] - triangle[:free, free:-1] @ weights)
-    return Fit(weights, zeros_um, float(residual @ residual), _stands(design, weights, floor_um_per_v))
+    on_floor = _stands(design, weights, floor_um_per_v)
+    return Fit(weights, zeros_um, float(residual @ residual), smoothness, on_floor)
 
 
 def _stands(design: Design, weights: Array, floor_um_per_v: float) -> bool:

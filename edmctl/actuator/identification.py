@@ -130,10 +130,10 @@ def identify(
             found_s = best_delay(design, records, counting.used)
     if beyond_plays:
         design, found_s = extended(design, records, counting.used, found_s, is_fixed=delay_s is not None)
-    reduction = reduce_records(design, records, np.array([found_s]), counting.used)
-    smoothness, best, held_out = smoothest(design, reduction, records, found_s, folds)
-    bands = bands_of(design, reduction, best, held_out.errors, found_s, smoothness, resamples)
-    model = design.model(best.weights, float(best.zeros_um[-1]), found_s)
+    reduction = reduce_records(design, records, [found_s], counting.used)
+    best, held_out = smoothest(reduction, folds)
+    bands = bands_of(reduction, best, held_out.errors, resamples)
+    model = reduction.model(best.weights, float(best.zeros_um[-1]))
     left = [
         Left.of(record, used, residual_um(model, record))
         for record, used in zip(records, counting.used, strict=True)
@@ -141,19 +141,18 @@ def identify(
     noise = Noise.of([part.errors_um for part in left])
 
     def judged_without() -> list[tuple[str, ErrorFigures]]:
-        without = [
-            (one.words, held_out_of(design, one.records, one.used, found_s, smoothness, folds).errors)
-            for one in suspects(design, best.weights, model, records, counting.used)
-        ]
+        without = []
+        for one in suspects(design, best.weights, model, records, counting.used):
+            reduced = reduce_records(design, one.records, [found_s], one.used)
+            without.append((one.words, held_out_of(reduced, best.smoothness, folds).errors))
         if len(records) > 1:
-            without.append((DIFFERING, apart(design, records, counting.used, found_s, smoothness, folds)))
+            without.append((DIFFERING, apart(reduction, best.smoothness, folds)))
         return without
 
-    whole = whole_records(design, reduction, records, best, found_s, smoothness)
-
+    whole = whole_records(reduction, best)
     return Identification(
         model=model,
-        train=figures(records, reduction, model, best),
+        train=figures(reduction, model, best),
         held_out=held_out.errors,
         held_out_model=held_out.of_model,
         bands=bands,
@@ -175,9 +174,9 @@ def _screened(design: Design, records: Sequence[Record], settled: Screening, del
     """Look for starts that ring and single samples that stand out, again after they have lost their weight."""
     found = settled
     for _ in range(PASSES):
-        reduction = reduce_records(design, records, np.array([delay_s]), found.used)
-        best = fit(design, reduction)
-        model = design.model(best.weights, float(best.zeros_um[-1]), delay_s)
+        reduction = reduce_records(design, records, [delay_s], found.used)
+        best = fit(reduction)
+        model = reduction.model(best.weights, float(best.zeros_um[-1]))
         before, found = found, screened(model, records, settled)
         if all(np.array_equal(*pair) for pair in zip(before.used, found.used, strict=True)):
             break
@@ -245,7 +244,7 @@ def best_delay(design: Design, records: Sequence[Record], used: Sequence[NDArray
     residuals: list[float] = []
     weights = None
     for k in range(len(delays_s)):
-        found = fit(design, reduction, delay=k, start=weights)
+        found = fit(reduction, delay=k, start=weights)
         weights = found.weights
         residuals.append(found.residual_um2)
     middle = min(max(int(np.argmin(residuals)), 1), len(residuals) - 2)

@@ -47,10 +47,10 @@ def identify_quick(record: Record) -> tuple[ActuatorModel, ErrorFigures]:
             f"{record.name}: {len(record.t_s) - first} samples after the first maximum are too few"
         )
     used = np.arange(len(record.t_s)) >= first
-    reduction = reduce_records(design, [record], np.zeros(1), [used])
-    best = fit(design, reduction)
-    model = design.model(best.weights, float(best.zeros_um[0]), 0.0)
-    return model, figures([record], reduction, model, best)
+    reduction = reduce_records(design, [record], [0.0], [used])
+    best = fit(reduction)
+    model = reduction.model(best.weights, float(best.zeros_um[0]))
+    return model, figures(reduction, model, best)
 
 
 def refuse(records: Sequence[Record]) -> None:

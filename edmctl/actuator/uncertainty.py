@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edmctl.actuator.design import Design, Reduction, reduce_records
+from edmctl.actuator.design import Reduction, reduce_records
 from edmctl.actuator.fitting import Fit, fit
 from edmctl.actuator.model import CREEP_FROM_S, CREEP_TO_S, ActuatorModel
 from edmctl.actuator.record import Record, half_periods_s, longest_hold_s
@@ -53,57 +53,34 @@ class HeldOut:
     rms_um: float
 
 
-def smoothest(
-    design: Design, reduction: Reduction, records: Sequence[Record], delay_s: float, folds: int
-) -> tuple[float, Fit, HeldOut]:
-    """The smoothest fit that predicts about as well as the best: its smoothness, the fit, its held-out errors."""
-    tried: list[tuple[float, Fit, HeldOut]] = []
+def smoothest(reduction: Reduction, folds: int) -> tuple[Fit, HeldOut]:
+    """Return the smoothest fit that predicts about as well as the best, and its held-out errors."""
+    tried: list[tuple[Fit, HeldOut]] = []
     start = None
     for smoothness in SMOOTHNESS:
-        best = fit(design, reduction, smoothness=smoothness, start=start)
+        best = fit(reduction, smoothness=smoothness, start=start)
         start = best.weights
-        held_out = _held_out(
-            design, reduction, records, best, delay_s, smoothness, _contiguous(reduction, folds)
-        )
-        tried.append((smoothness, best, held_out))
-    least_um = min(held_out.rms_um for _, _, held_out in tried)
-    return [one for one in tried if one[2].rms_um <= SMOOTHNESS_COST * least_um][-1]
+        tried.append((best, _held_out(reduction, best, _contiguous(reduction, folds))))
+    least_um = min(held_out.rms_um for _, held_out in tried)
+    return [one for one in tried if one[1].rms_um <= SMOOTHNESS_COST * least_um][-1]
 
 
-def held_out_of(
-    design: Design,
-    records: Sequence[Record],
-    used: Sequence[Flags],
-    delay_s: float,
-    smoothness: float,
-    folds: int,
-) -> HeldOut:
-    """Held-out errors of those samples of records that are used, at a smoothness that is known."""
-    reduction = reduce_records(design, records, np.array([delay_s]), used)
-    best = fit(design, reduction, smoothness=smoothness)
-    return _held_out(design, reduction, records, best, delay_s, smoothness, _contiguous(reduction, folds))
+def held_out_of(reduction: Reduction, smoothness: float, folds: int) -> HeldOut:
+    """Return the held-out errors of contiguous folds at a smoothness that is known."""
+    return _held_out(reduction, fit(reduction, smoothness=smoothness), _contiguous(reduction, folds))
 
 
-def whole_records(
-    design: Design,
-    reduction: Reduction,
-    records: Sequence[Record],
-    best: Fit,
-    delay_s: float,
-    smoothness: float,
-) -> ErrorFigures | None:
+def whole_records(reduction: Reduction, best: Fit) -> ErrorFigures | None:
     """Return held-out errors of whole records, each predicted by a fit of the others.
 
     A record takes part if others swing as far, at such rates, and hold as long. None if no record does.
     """
     groups = []
-    for number, record in enumerate(records):
-        others = [other for k, other in enumerate(records) if k != number]
+    for number, record in enumerate(reduction.records):
+        others = [other for k, other in enumerate(reduction.records) if k != number]
         if others and _prepares(others, record):
             groups.append([k for k, block in enumerate(reduction.blocks) if block.record == number])
-    if not groups:
-        return None
-    return _held_out(design, reduction, records, best, delay_s, smoothness, groups).errors
+    return _held_out(reduction, best, groups).errors if groups else None
 
 
 def _prepares(others: Sequence[Record], record: Record) -> bool:
@@ -126,47 +103,32 @@ def within_rates(record: Record, others: Sequence[Record]) -> bool:
     return min(others_s) / NEAR_RATE <= own_s <= max(others_s) * NEAR_RATE
 
 
-def apart(
-    design: Design,
-    records: Sequence[Record],
-    used: Sequence[Flags],
-    delay_s: float,
-    smoothness: float,
-    folds: int,
-) -> ErrorFigures:
+def apart(reduction: Reduction, smoothness: float, folds: int) -> ErrorFigures:
     """Return the held-out errors of records that are each fitted alone."""
-    alone = [
-        held_out_of(design, [record], [counts], delay_s, smoothness, folds).errors
-        for record, counts in zip(records, used, strict=True)
-    ]
-    return ErrorFigures.pooled(alone, [int(counts.sum()) for counts in used])
+    alone = []
+    for record, counts in zip(reduction.records, reduction.used, strict=True):
+        own = reduce_records(reduction.design, [record], reduction.delays_s, [counts])
+        alone.append(held_out_of(own, smoothness, folds).errors)
+    return ErrorFigures.pooled(alone, [int(counts.sum()) for counts in reduction.used])
 
 
-def _held_out(
-    design: Design,
-    reduction: Reduction,
-    records: Sequence[Record],
-    best: Fit,
-    delay_s: float,
-    smoothness: float,
-    groups: Sequence[Sequence[int]],
-) -> HeldOut:
+def _held_out(reduction: Reduction, best: Fit, groups: Sequence[Sequence[int]]) -> HeldOut:
     """Return the errors of cross-validation: each group of blocks is predicted by a fit of all others."""
     errors: list[Array] = []
     reached: list[Flags] = []
     at_v: list[Array] = []
     for inside in groups:
         times = [int(k not in inside) for k in range(len(reduction.blocks))]
-        found = fit(design, reduction, smoothness=smoothness, times=times, start=best.weights)
-        errors += _missed_um(records, reduction, design.model(found.weights, 0.0, delay_s), found, inside)
-        reached += _reached(design, reduction, inside)
+        found = fit(reduction, smoothness=best.smoothness, times=times, start=best.weights)
+        errors += _missed_um(reduction, reduction.model(found.weights), found, inside)
+        reached += _reached(reduction, inside)
         at_v += [_plays_of(reduction, k)[:, VOLTAGE] for k in inside]
     if not any(one.any() for one in reached):
         reached = [np.ones_like(one) for one in reached]
     counted = [one[kept] for one, kept in zip(errors, reached, strict=True)]
     rest_um = np.concatenate([one[~kept] for one, kept in zip(errors, reached, strict=True)])
     judged_v = np.concatenate([one[kept] for one, kept in zip(at_v, reached, strict=True)])
-    missed_um, widest_um = np.concatenate(errors), _widest_um(records)
+    missed_um, widest_um = np.concatenate(errors), _widest_um(reduction)
     return HeldOut(
         errors=ErrorFigures.over(np.concatenate(counted), widest_um),
         of_model=ErrorFigures.without_noise(counted, widest_um),
@@ -184,10 +146,10 @@ def _contiguous(reduction: Reduction, folds: int) -> list[range]:
     return [range(fold * count // folds, (fold + 1) * count // folds) for fold in range(folds)]
 
 
-def _reached(design: Design, reduction: Reduction, inside: Sequence[int]) -> list[Flags]:
+def _reached(reduction: Reduction, inside: Sequence[int]) -> list[Flags]:
     """Which samples of some blocks have all plays where those of the other blocks have been, block by block."""
     others = [block for k, block in enumerate(reduction.blocks) if k not in inside]
-    margin_v = REACH_SHARE * (design.high_v - design.low_v)
+    margin_v = REACH_SHARE * (reduction.design.high_v - reduction.design.low_v)
     low_v = np.min([block.low_v for block in others], axis=0) - margin_v
     high_v = np.max([block.high_v for block in others], axis=0) + margin_v
     plays_v = (_plays_of(reduction, k) for k in inside)
@@ -202,26 +164,22 @@ def _plays_of(reduction: Reduction, k: int) -> Array:
     return at_v
 
 
-def figures(
-    records: Sequence[Record], reduction: Reduction, model: ActuatorModel, found: Fit
-) -> ErrorFigures:
-    """Errors of a model on all blocks, with the zeros of its fit."""
+def figures(reduction: Reduction, model: ActuatorModel, found: Fit) -> ErrorFigures:
+    """Return the errors of a model on all blocks, with the zeros of its fit."""
     everywhere = range(len(reduction.blocks))
-    missed_um = np.concatenate(_missed_um(records, reduction, model, found, everywhere))
-    return ErrorFigures.over(missed_um, _widest_um(records))
+    missed_um = np.concatenate(_missed_um(reduction, model, found, everywhere))
+    return ErrorFigures.over(missed_um, _widest_um(reduction))
 
 
-def _widest_um(records: Sequence[Record]) -> float:
-    return max(float(np.ptp(record.y_um)) for record in records)
+def _widest_um(reduction: Reduction) -> float:
+    return max(float(np.ptp(record.y_um)) for record in reduction.records)
 
 
-def _missed_um(
-    records: Sequence[Record], reduction: Reduction, model: ActuatorModel, found: Fit, inside: Sequence[int]
-) -> list[Array]:
-    """Errors of a model on some blocks, with the zeros of its fit, block by block."""
+def _missed_um(reduction: Reduction, model: ActuatorModel, found: Fit, inside: Sequence[int]) -> list[Array]:
+    """Return the errors of a model on some blocks, with the zeros of its fit, block by block."""
     errors_um = {}
     for number in {reduction.blocks[k].record for k in inside}:
-        record = records[number]
+        record = reduction.records[number]
         start = model.starting_state(record.t_s, record.u_v, record.previous_v)
         error_um = model.predict(record.t_s, record.u_v, start) - model.zero_um - record.y_um
         errors_um[number] = error_um + _zero_of(found, number, error_um[reduction.used[number]])
@@ -257,15 +215,7 @@ class Bands:
     gamma_sd_per_decade: float
 
 
-def bands_of(
-    design: Design,
-    reduction: Reduction,
-    best: Fit,
-    held_out: ErrorFigures,
-    delay_s: float,
-    smoothness: float,
-    resamples: int,
-) -> Bands:
+def bands_of(reduction: Reduction, best: Fit, held_out: ErrorFigures, resamples: int) -> Bands:
     """Block bootstrap: refit `resamples` times to as many blocks, drawn with replacement."""
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     count = len(reduction.blocks)
@@ -273,12 +223,12 @@ def bands_of(
     drawn: list[tuple[float, float, float]] = []
     for _ in range(resamples):
         times = np.bincount(rng.integers(count, size=count), minlength=count).tolist()
-        found = fit(design, reduction, times=times, smoothness=smoothness, start=best.weights)
+        found = fit(reduction, times=times, smoothness=best.smoothness, start=best.weights)
         drawn_um.append(reduction.sketch @ found.weights + float(np.nanmean(found.zeros_um)))
-        drawn.append(_shape(design, found.weights, delay_s))
+        drawn.append(_shape(reduction.model(found.weights)))
     spread_um = np.std(drawn_um, axis=0) if drawn_um else np.zeros(1)
     gain_sd, width_sd, gamma_sd = np.std(drawn, axis=0) if drawn else np.zeros(3)
-    gain, width, gamma = _shape(design, best.weights, delay_s)
+    gain, width, gamma = _shape(reduction.model(best.weights))
     missed_um = held_out.rms_um
     missed = SQRT_2 * missed_um / held_out.range_um  # a difference of two displacements, of the range
     return Bands(
@@ -293,6 +243,5 @@ def bands_of(
     )
 
 
-def _shape(design: Design, weights: Array, delay_s: float) -> tuple[float, float, float]:
-    model = design.model(weights, 0.0, delay_s)
+def _shape(model: ActuatorModel) -> tuple[float, float, float]:
     return model.gain_um_per_v, model.loop_width, model.gamma_per_decade
