@@ -18,7 +18,8 @@ from edmctl.jobs.batch import Task
 from edmctl.jobs.plan import SIMULATOR, JobRequest
 from edmctl.profile.folders import is_path
 from edmctl.record.appended_rows import RowWriter, read_lines
-from edmctl.results.simulation import SimulatedRun, run_of_mapping
+from edmctl.results.declared import result_of
+from edmctl.results.simulation import SimulatedRun
 
 ROWS = "series"
 """Folder of the rows, in that of the run files."""
@@ -73,7 +74,7 @@ class SeriesRows:
                     code="E8213",
                 )
             try:
-                found[str(line["run_id"])] = run_of_mapping(line["run"])
+                found[str(line["run_id"])] = result_of(SimulatedRun, line["run"])
             except (KeyError, TypeError, ValueError):
                 continue
         return {number: found[task.run_id] for number, task in enumerate(tasks) if task.run_id in found}

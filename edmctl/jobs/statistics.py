@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from edmctl.csv_text import table_text
 from edmctl.jobs.job import Report
 from edmctl.labels import Basis, basis_of
+from edmctl.results.declared import shared
 from edmctl.results.job import ChannelResult, SiteResult, SiteTruth
 from edmctl.results.simulation import Case, SimulatedRun, SimulatedSite, Statistics
 
@@ -26,45 +27,19 @@ def run_of(seed: int, exit_code: int, report: Report) -> SimulatedRun:
         return SimulatedRun(
             seed, report.error is None, exit_code, message, time_s=report.job.time_s, calibration=model
         )
-    sites = tuple(
-        SimulatedSite(
-            name=site.name,
-            depth_um=site.depth_um,
-            depth_u95_um=site.depth_u95_um,
-            wear_um=site.wear_um,
-            wear_u95_um=site.wear_u95_um,
-            measuring_stops=site.measuring_stops,
-            depth_basis=site.depth_basis,
-            wear_basis=site.wear_basis,
-            verdict=site.verdict,
-            truth=truth,
-        )
-        for site, truth in made
-    )
     site, truth = made[0]
-    return SimulatedRun(
-        seed=seed,
-        ok=report.error is None,
-        exit_code=exit_code,
-        error=message,
-        depth_um=site.depth_um,
-        depth_u95_um=site.depth_u95_um,
-        wear_um=site.wear_um,
-        wear_u95_um=site.wear_u95_um,
-        feed_um=site.feed_um,
-        depth_basis=site.depth_basis,
-        wear_basis=site.wear_basis,
-        verdict=site.verdict,
-        truth=truth,
-        machining_time_s=report.job.machining_time_s,
-        time_s=report.job.time_s,
-        mrr_mm3_min=getattr(site, "mrr_mm3_min", math.nan),
-        wear_ratio_lin=getattr(site, "wear_ratio_lin", math.nan),
-        arc_share=site.ratios.arc,
-        cuts=channel.passes if channel else sum(one.cuts for one in report.job.sites),
-        calibration=model,
-        sites=sites,
-    )
+    values = shared(SimulatedRun, site) | shared(SimulatedRun, report.job)
+    values |= {
+        "ok": report.error is None,
+        "exit_code": exit_code,
+        "error": message,
+        "truth": truth,
+        "arc_share": site.ratios.arc,
+        "cuts": channel.passes if channel else sum(one.cuts for one in report.job.sites),
+        "calibration": model,
+        "sites": tuple(SimulatedSite(**shared(SimulatedSite, one), truth=true) for one, true in made),
+    }
+    return SimulatedRun(seed, **values)
 
 
 def _made(report: Report) -> list[tuple[SiteResult | ChannelResult, SiteTruth]]:

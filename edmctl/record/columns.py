@@ -20,6 +20,7 @@ from edmctl.record.delimited import Table, find_columns, text_of
 from edmctl.record.hdf5 import image_of, open_hdf5, refuse_endless
 from edmctl.record.integrity import MAGIC
 from edmctl.record.reader import open_run
+from edmctl.results.declared import PURE
 from edmctl.wording import plural
 
 TIME, VOLTAGE, DISPLACEMENT = "t_s", "u_V", "y_um"
@@ -246,6 +247,6 @@ def _hdf5(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
     def fill(file: h5py.File) -> None:
         for name, values in columns.items():
             dataset = file.create_dataset(name, data=values)
-            dataset.attrs["units"] = UNITS.get(name.rpartition("_")[2], layout.PURE)
+            dataset.attrs["units"] = UNITS.get(name.rpartition("_")[2], PURE)
 
     return image_of(fill)

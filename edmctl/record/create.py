@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from edmctl.record import layout
 from edmctl.record.hdf5 import image_of
-from edmctl.record.layout import PURE, TEXT, Grid, Scalar, Table
+from edmctl.record.layout import Grid, Scalar, Table
 from edmctl.record.run_meta import RunMeta
+from edmctl.results.declared import PURE, TEXT
 
 RUNNING = "running"
 NO_EXIT_CODE = -1

@@ -274,15 +274,14 @@ def _copy_rows(dataset: h5py.Dataset | None, target: h5py.Dataset, rows: int, ta
 
 
 def _fitted(values: NDArray[Any], dtype: np.dtype[Any], table: Table) -> NDArray[Any]:
-    """Rows of a compound dataset with the columns of this version; numbers that an earlier one had not are NaN."""
+    """Return rows of a compound dataset with all columns of the layout; unknown ones are NaN or 0."""
     there = values.dtype.names
     if there is None or there == dtype.names:
         return values
     rows: NDArray[Any] = np.zeros(values.shape, dtype)
     for column in table.columns:
-        name = column.name if column.name in there else column.earlier
-        if name in there:
-            rows[column.name] = values[name]
+        if column.name in there:
+            rows[column.name] = values[column.name]
         elif dtype[column.name].kind == "f":
             rows[column.name] = np.nan
     return rows

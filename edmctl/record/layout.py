@@ -24,17 +24,11 @@ from edmctl.record.rows import (
     SlowRow,
     TouchRow,
 )
+from edmctl.results.declared import PURE, TEXT, stored_columns
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
 
 SCHEMA = "edmctl-run/2"
-READABLE = ("edmctl-run/1", SCHEMA)
-"""What `reader` understands: version 1 had no link statistics, no waveforms and no check sum."""
-
-PURE = "1"
-"""Unit of a pure number."""
-TEXT = ""
-"""Unit of a text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +43,6 @@ class Column:
     long_name: str
     step: float = 1.0
     """What is stored is the value over this step, rounded; `units` then names both, for instance `0.1 us`."""
-    earlier: str = ""
-    """Its name in files of earlier versions, where that was another one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,8 +181,8 @@ SCALARS = (
 )
 
 
-def _um(name: str, field: str, long_name: str, earlier: str = "") -> Column:
-    return Column(name, field, "f8", "um", long_name, earlier=earlier)
+def _um(name: str, field: str, long_name: str) -> Column:
+    return Column(name, field, "f8", "um", long_name)
 
 
 def _small(name: str, field: str, long_name: str) -> Column:
@@ -342,72 +334,9 @@ RESULTS = Table(
     "",
     32,
     "one row per site",
-    (
-        Column("site", "name", "S128", TEXT, "site"),
-        _um("x", "x_um", "x of the site"),
-        _um("y", "y_um", "y of the site"),
-        _um("z1", "z1_um", "surface before machining"),
-        _um("z2", "z2_um", "bottom of the hole; where it goes through, the tip at the end"),
-        _um("z3", "z3_um", "surface after machining"),
-        _um("depth", "depth_um", "depth, z2 − z3; NaN where it goes through"),
-        _um("depth_u95", "depth_u95_um", "95 % uncertainty of the depth"),
-        _um("wear", "wear_um", "tool wear, z3 − z1"),
-        _um("wear_u95", "wear_u95_um", "95 % uncertainty of the wear"),
-        _um("feed", "feed_um", "total feed"),
-        _um("depth_model", "depth_model_um", "depth by the estimated displacement"),
-        _um("wear_model", "wear_model_um", "wear by the estimated displacement"),
-        Column("machining_time", "machining_time_s", "f8", "s", "time with the servo on"),
-        Column("cuts", "cuts", "u2", PURE, "cuts"),
-        Column("pulses", "pulses", "u8", PURE, "pulses"),
-        Column("r_open", "ratios.open", "f8", PURE, "share of open pulses"),
-        Column("r_normal", "ratios.normal", "f8", PURE, "share of normal discharges"),
-        Column("r_arc", "ratios.arc", "f8", PURE, "share of arcs"),
-        Column("r_short", "ratios.short", "f8", PURE, "share of shorts"),
-        Column("energy", "energy_j", "f8", "J", "energy of all discharges, arcs included"),
-        Column(
-            "wear_ratio_lin", "wear_ratio_lin", "f8", PURE, "wear over depth, or over the sheet's thickness"
-        ),
-        Column("wear_ratio_vol", "wear_ratio_vol", "f8", PURE, "tool volume lost over hole volume"),
-        Column("mrr", "mrr_mm3_min", "f8", "mm3/min", "hole volume over machining time"),
-        _um("depth_model_error", "depth_model_error_um", "depth_model − depth", earlier="err_depth"),
-        _um("wear_model_error", "wear_model_error_um", "wear_model − wear", earlier="err_wear"),
-        _um("zero_drift", "zero_drift_um", "shift of the rest at 0 V from Z1 to Z3, sensor − model"),
-        _um(
-            "err_feed_max",
-            "feed_model_error_max_um",
-            "z_model − z_sensor while machining, means over 0.1 s: largest",
-        ),
-        _um("err_feed_rms", "feed_model_error_rms_um", "the same, rms"),
-        Column("err_feed_max_pct", "feed_model_error_max_pct", "f8", "%", "err_feed_max over feed"),
-        Column("err_feed_rms_pct", "feed_model_error_rms_pct", "f8", "%", "err_feed_rms over feed"),
-        _um("face", "face_um", "how much further than the pad the face lies at the site"),
-        Column("stops", "measuring_stops", "u2", PURE, "times that bottom and pad were touched"),
-        _um("estimated", "estimated_um", "part of the depth cut after the last touch"),
-        _small("through", "through", "1 when the hole goes through the sheet"),
-        Column(
-            "depth_basis",
-            "depth_basis",
-            "S9",
-            TEXT,
-            "`touched`, `estimated`, or `model` without a sensor; empty when through",
-        ),
-        Column("wear_basis", "wear_basis", "S9", TEXT, "the same of the wear"),
-        Column("verdict", "verdict", "S9", TEXT, "`shown`, `missed` or `not shown`; empty for a feed"),
-        _um("feed_u95", "feed_u95_um", "95 % uncertainty of the feed"),
-        _um("depth_u", "depth_u_um", "standard uncertainty of the depth"),
-        _um("wear_u", "wear_u_um", "standard uncertainty of the wear"),
-        _um("feed_u", "feed_u_um", "standard uncertainty of the feed"),
-        _um(
-            "drift_correction",
-            "drift_correction_um",
-            "drift of the pad from Z1 to Z3 by the rests, taken off z2, z3 and wear",
-        ),
-        _um("drift_left_u", "drift_left_u_um", "standard uncertainty of what is left of it"),
-        _um("beyond_exit", "beyond_exit_um", "feed beyond the exit of a hole through the sheet"),
-        _um("beyond_exit_u95", "beyond_exit_u95_um", "95 % uncertainty of that"),
-        _um("depth_model_u95", "depth_model_u95_um", "95 % uncertainty of depth_model"),
-        _um("wear_model_u95", "wear_model_u95_um", "95 % uncertainty of wear_model"),
-        _small("drift_by_rests", "drift_by_rests", "1 when the rests tell it, by a drift file"),
+    tuple(
+        Column(one.name, one.source, one.quantity.dtype, one.quantity.units, one.quantity.title)
+        for one in stored_columns(SiteResult)
     ),
     at_once=True,
 )

@@ -114,21 +114,29 @@ def _check_length(path: Path) -> None:
 
 
 def refuse_foreign(path: Path, file: h5py.File) -> None:
-    """Raise RunFileError: E9005 it is no run file, E9006 a later version wrote it, E9007 it does not say."""
+    """Raise RunFileError: E9005 it is no run file, E9006 of another version, E9007 damaged."""
     try:
-        schema = str(file.attrs.get("schema", ""))
+        schema, maker = (str(file.attrs.get(name, "")) for name in ("schema", "edmctl_version"))
     except (*HDF5_ERRORS, KeyError) as error:
         raise damaged(path, str(error).splitlines()[0]) from error
     name, _, version = schema.partition("/")
-    if schema in layout.READABLE:
-        return
-    if name == layout.SCHEMA.partition("/")[0] and version.isdigit():
+    present_name, _, present = layout.SCHEMA.partition("/")
+    if name != present_name or not version.isdigit():
         raise RunFileError(
-            f"{path} was written by a later version of edmctl ({schema}; this one reads up to {layout.SCHEMA}).",
+            f"{path} is an HDF5 file, but not a run file of edmctl.", code="E9005", hint=_ANOTHER
+        )
+    if int(version) > int(present):
+        raise RunFileError(
+            f"{path} was written by a later version of edmctl ({schema}; this one reads {layout.SCHEMA}).",
             code="E9006",
             hint="Update edmctl.",
         )
-    raise RunFileError(f"{path} is an HDF5 file, but not a run file of edmctl.", code="E9005", hint=_ANOTHER)
+    if int(version) < int(present):
+        raise RunFileError(
+            f"{path} was written by edmctl {maker}, an earlier version ({schema}; not {layout.SCHEMA}).",
+            code="E9006",
+            hint="Read it with that version; its `edmctl run export` writes tables for other programs.",
+        )
 
 
 def _nearest(path: Path) -> str:

@@ -1,8 +1,10 @@
-"""The results of a run file: what they rest on, how they are judged, and what is only estimated."""
+"""The results in a run file, and the estimate of a hole without one."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -11,39 +13,65 @@ from edmctl.labels import Basis
 from edmctl.record.events import RecordedCode, recorded_events
 from edmctl.record.layout import RESULTS, SLOW, TOUCHES
 from edmctl.record.reader import RunFile
-
-_NUMBERS = ("stops", "estimated", "through")
-_WORDS = ("depth_basis", "wear_basis", "verdict")
-
-
-@dataclass(frozen=True, slots=True)
-class Labels:
-    """What depth and wear of a site rest on, and its verdict; empty without a depth or a verdict."""
-
-    depth_basis: str
-    wear_basis: str
-    verdict: str
+from edmctl.results.declared import ONLY_JSON, quantities, result_of
+from edmctl.results.job import SiteResult, SiteTruth
+from edmctl.results.run_file import RecordedSite
+from edmctl.results.telemetry import PulseShares
 
 
-def labels_of(run: RunFile) -> list[Labels]:
-    """Return the labels of every site of a run, in the order of its results."""
-    rows = run.fields(RESULTS.path, _NUMBERS, _WORDS)
-    older = [row for row in rows if not row["wear_basis"]]
-    touched = Basis.TOUCHED if not older or has_sensor(run) else Basis.MODEL
-    return [_labels(row, touched) for row in rows]
+def sites_of(run: RunFile) -> tuple[RecordedSite, ...]:
+    """Return the results of a run: what its table has of each site, and the rest as its summary has it."""
+    places = dict(_places(run.summary() or {}))
+    thickness_um = run.number("/entry/sample/thickness")
+    return tuple(_site(row, places, thickness_um) for row in run.table(RESULTS.path))
+
+
+def _places(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object]]]:
+    """Each hole or channel of the summary, under the name that a result's row has room for."""
+    sites = summary.get("sites")
+    for place in (*(sites if isinstance(sites, list) else ()), summary.get("channel")):
+        if isinstance(place, Mapping):
+            yield str(place.get("name")), place
+
+
+_ONLY_JSON = [name for name, one in quantities(SiteResult).items() if one.group == ONLY_JSON]
+
+
+_UNKNOWN: dict[str, Any] = {"f": math.nan, "u": 0, "S": ""}
+"""Values of columns that the file does not have, by type: columns are added without a new version of the layout."""
+
+
+def _site(row: np.void, places: Mapping[str, Mapping[str, object]], thickness_um: float) -> RecordedSite:
+    there = row.dtype.names or ()
+    stored = {
+        one.field: row[one.name].item() if one.name in there else _UNKNOWN[one.dtype[0]]
+        for one in RESULTS.columns
+    }
+    values = {name: v.decode(errors="ignore") if isinstance(v, bytes) else v for name, v in stored.items()}
+    place = places.get(str(values["name"]), {})
+    truth = place.get("truth")
+    known = {name: values[name] for name in quantities(SiteResult) if name in values}
+    known |= {name: bool(values[name]) for name in ("through", "drift_by_rests")}
+    known |= {name: values[name] or None for name in ("depth_basis", "verdict")}
+    return result_of(
+        RecordedSite,
+        known
+        | {name: place[name] for name in _ONLY_JSON if name in place}
+        | {
+            "wear_basis": values["wear_basis"] or Basis.ESTIMATED,
+            "ratios": {name: values[f"ratios.{name}"] for name in quantities(PulseShares)},
+            "length_um": thickness_um if values["through"] else values["depth_um"],
+            "truth": {k: v for k, v in truth.items() if k in quantities(SiteTruth)}
+            if isinstance(truth, Mapping)
+            else {},
+        },
+    )
 
 
 def has_sensor(run: RunFile) -> bool:
-    """Whether a displacement sensor took the readings; without one they are estimates from the actuator voltage."""
+    """Return whether a displacement sensor took the readings; without one they are estimates from the voltage."""
     touches = run.table(TOUCHES.path)
     return not len(touches) or bool(np.isfinite(touches["z_sensor"]).any())
-
-
-def _labels(row: np.void, touched: Basis) -> Labels:
-    depth, wear, verdict = (row[name].decode(errors="replace") for name in _WORDS)
-    if not wear:
-        depth = wear = touched if row["stops"] > 0 and not row["estimated"] > 0.0 else Basis.ESTIMATED
-    return Labels("" if row["through"] else depth, wear, verdict)
 
 
 _LAST_ROWS = 100

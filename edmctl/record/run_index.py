@@ -17,13 +17,14 @@ from edmctl.record.events import error_code_of
 from edmctl.record.layout import RESULTS
 from edmctl.record.locks import is_live
 from edmctl.record.reader import RunFile, reading_unverified
-from edmctl.record.results import estimated_depth, labels_of, left_site
+from edmctl.record.results import estimated_depth, left_site
 from edmctl.results.run_file import RunHead, Unreadable
 from edmctl.wording import plain_number
 
 ENDINGS = (".h5", f".h5{PARTIAL}")
 RUNNING, INTERRUPTED = "running", "interrupted"
 _RESULTS = ("depth", "depth_u95", "wear", "wear_u95", "machining_time", "through")
+_WORDS = ("depth_basis", "wear_basis", "verdict")
 
 
 def heads_of(folder: Path) -> Iterator[RunHead | Unreadable]:
@@ -80,16 +81,15 @@ def _stat(path: Path) -> tuple[int, float]:
 
 def _head(run: RunFile) -> RunHead:
     exit_code = int(run.number("/entry/exit_code"))
-    results = run.fields(RESULTS.path, _RESULTS, ("site",))
+    results = run.fields(RESULTS.path, _RESULTS, ("site", *_WORDS))
     touched = {} if len(results) else run.summary() or {}
-    labels = labels_of(run) if len(results) else []
     machining_time_s = float(np.sum(results["machining_time"])) if len(results) else math.nan
     if exit_code and len(results) > 1 and (left := left_site(run)):
         # A mean tells of holes that are finished, where there are some.
         finished = [row["site"] != left.encode()[:32] for row in results]
-        labels = [one for one, done in zip(labels, finished, strict=True) if done]
         results = results[finished]
     blind = results[results["through"] == 0] if len(results) else results
+    words = {name: [one.decode(errors="replace") for one in results[name]] for name in _WORDS}
     estimated = estimated_depth(run)
     return RunHead(
         path=run.path,
@@ -116,9 +116,9 @@ def _head(run: RunFile) -> RunHead:
         wear_um=_mean(results["wear"]) if len(results) else plain_number(touched.get("wear_um")),
         wear_u95_um=_mean(results["wear_u95"]) if len(results) else plain_number(touched.get("wear_u95_um")),
         machining_time_s=machining_time_s,
-        depth_basis=weakest(one.depth_basis for one in labels) or str(touched.get("depth_basis") or ""),
-        wear_basis=weakest(one.wear_basis for one in labels) or str(touched.get("wear_basis") or ""),
-        verdict=worst(one.verdict for one in labels),
+        depth_basis=weakest(words["depth_basis"]) or str(touched.get("depth_basis") or ""),
+        wear_basis=weakest(words["wear_basis"]) or str(touched.get("wear_basis") or ""),
+        verdict=worst(words["verdict"]),
     )
 
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from edmctl.dataclasses import dataclass
-from edmctl.record.layout import PURE, TEXT
+from edmctl.results.declared import PURE, TEXT
 
 UNIT_SUFFIXES = {
     "um3_per_uj": "um3/uJ",

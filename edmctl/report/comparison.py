@@ -126,11 +126,11 @@ def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[
     rows = [
         (_Shown("depth_um", f"{mean}depth, µm"), means("depth_um"), means("depth_u95_um")),
         (_Shown("est_depth_um", "depth when left (estimated), µm", 1), *_estimates(runs)),
-        (_Shown("truth_depth_um", f"{mean}true depth (simulated), µm"), means("truth_depth_um"), nothing),
+        (_Shown("truth_depth_um", f"{mean}true depth (simulated), µm"), means("truth.depth_um"), nothing),
         (_Shown("wear_um", f"{mean}tool wear, µm"), means("wear_um"), means("wear_u95_um")),
-        (_Shown("truth_wear_um", f"{mean}true wear (simulated), µm"), means("truth_wear_um"), nothing),
+        (_Shown("truth_wear_um", f"{mean}true wear (simulated), µm"), means("truth.wear_um"), nothing),
         *(
-            (_Shown(f"truth_{key}", f"{mean}true {name} (simulated), µm"), means(f"truth_{key}"), nothing)
+            (_Shown(f"truth_{key}", f"{mean}true {name} (simulated), µm"), means(f"truth.{key}"), nothing)
             for key, name in (("side_gap_um", "side gap"), ("taper_um", "taper"), ("ra_um", "Ra"))
         ),
         (_Shown("wear_ratio_lin", "wear ratio, lengths", 3), lengths, [_wear_ratio_u95(n) for n in numbers]),

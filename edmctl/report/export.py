@@ -18,7 +18,9 @@ from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError, installing
 from edmctl.record import layout
 from edmctl.record.layout import Column, Table
-from edmctl.report.numbers import numbers_of
+from edmctl.record.results import sites_of
+from edmctl.results.declared import ending_of, quantities
+from edmctl.results.job import SiteTruth
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -47,13 +49,6 @@ BLOCK_ROWS = 1 << 16
 """Rows that are in memory at a time, as text a hundred bytes a cell; a row group of Parquet."""
 JSON_TEXT = "JSON"
 """Unit of a text that is a JSON value itself."""
-_ENDINGS = {
-    "%": "pct",
-    "L/min": "lpm",
-    "degC": "c",
-    "mm3/min": "mm3_min",
-    "um/s": "um_s",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,19 +65,15 @@ class ExportColumn:
         return self.dtype.kind == "O"
 
 
-_TRUTH = [
+_TRUTH = quantities(SiteTruth)
+_TRUTH_COLUMNS = [
     ExportColumn(
-        f"truth_{name}_um", np.dtype("f8"), "um", f"{said} on the virtual machine; NaN where nobody knows"
+        f"truth_{name}",
+        np.dtype(one.dtype),
+        one.units,
+        f"{one.title} on the virtual machine; NaN where nobody knows",
     )
-    for name, said in (
-        ("depth", "depth"),
-        ("wear", "wear"),
-        ("side_gap", "gap at the wall near the bottom"),
-        ("taper", "how much wider the mouth is on the radius"),
-        ("ra", "roughness Ra of the floor"),
-        ("rz", "roughness Rz of the floor"),
-        ("corner", "radius of the tool's corner and the floor's edge"),
-    )
+    for name, one in _TRUTH.items()
 ]
 """Beside the results of simulated runs."""
 
@@ -104,7 +95,7 @@ class ExportTable:
         self.columns = _columns(self._table)
         self._has_truth = self._table is layout.RESULTS and run.is_simulated
         if self._has_truth:
-            self.columns += _TRUTH
+            self.columns += _TRUTH_COLUMNS
 
     def blocks(self) -> Iterator[Block]:
         """Yield the rows, a large number at a time: one array per column, texts as `str`."""
@@ -128,8 +119,8 @@ class ExportTable:
             codes = rows["code"].tolist()
             block.insert(3, np.array([self._code_names.get(code, str(code)) for code in codes], object))
         if self._has_truth:
-            sites = numbers_of(self._run).sites[: len(rows)]
-            block += [np.array([getattr(site, column.name) for site in sites]) for column in _TRUTH]
+            sites = sites_of(self._run)[: len(rows)]
+            block += [np.array([getattr(site.truth, name) for site in sites]) for name in _TRUTH]
         yield block
 
 
@@ -148,11 +139,8 @@ def _columns(table: Table) -> list[ExportColumn]:
 
 def named(column: Column) -> str:
     """Return a column's name with its unit: `z_sensor_um`."""
-    units = column.units.rpartition(" ")[2]
-    if units in (layout.PURE, layout.TEXT):
-        return column.name
-    ending = _ENDINGS.get(units, units.lower())
-    return column.name if column.name.endswith(f"_{ending}") else f"{column.name}_{ending}"
+    ending = ending_of(column.units.rpartition(" ")[2])
+    return column.name if column.name.endswith(ending) else f"{column.name}{ending}"
 
 
 def _dtype(column: Column) -> np.dtype[np.generic]:
@@ -162,15 +150,10 @@ def _dtype(column: Column) -> np.dtype[np.generic]:
 
 
 def _values(rows: NDArray[np.void], column: Column) -> NDArray[np.generic]:
-    """One field of a compound table; unknown in files of a version that had none such."""
+    """Return one field of a compound table; NaN, 0 or empty if the file has no such column."""
     kind = _dtype(column)
     if column.name not in (rows.dtype.names or ()):
-        empty: NDArray[np.generic] = np.zeros(len(rows), kind)
-        if kind.kind == "O":
-            empty[:] = ""
-        elif kind.kind == "f":
-            empty[:] = np.nan
-        return empty
+        return np.full(len(rows), {"O": "", "f": np.nan}.get(kind.kind, 0), kind)
     values: NDArray[np.generic] = rows[column.name]
     if kind.kind == "O":
         return np.array([text.decode(errors="replace") for text in values.tolist()], object)

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from edmctl.dataclasses import asdict, dataclass, fields
+from edmctl.dataclasses import dataclass
 from edmctl.labels import basis_of, weakest
-from edmctl.record.layout import RESULTS
-from edmctl.record.results import Labels, labels_of
-from edmctl.results.job import SiteTruth
-from edmctl.results.run_file import SiteNumbers, Totals
+from edmctl.record.results import sites_of
+from edmctl.results.run_file import RecordedSite, Totals
 from edmctl.results.telemetry import PulseShares
 from edmctl.wording import plain_number
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from edmctl.record.reader import RunFile
 
 CLASSES = ("open", "normal", "arc", "short")
@@ -30,15 +27,11 @@ class RunNumbers:
     The uncertainty of a mean is the mean uncertainty: errors of one run have causes in common, and do not cancel.
     """
 
-    sites: tuple[SiteNumbers, ...]
+    sites: tuple[RecordedSite, ...]
 
     def mean(self, name: str) -> float:
-        """Mean of a field of the sites."""
-        return (
-            math.fsum(getattr(site, name) for site in self.sites) / len(self.sites)
-            if self.sites
-            else math.nan
-        )
+        """Return the mean of a field of the sites, such as `depth_um` or `truth.depth_um`."""
+        return math.fsum(map(attrgetter(name), self.sites)) / len(self.sites) if self.sites else math.nan
 
     def basis(self, name: str) -> str:
         """Return the basis of the value `name` over all sites: the weakest of theirs (`basis_of`)."""
@@ -59,8 +52,8 @@ class RunNumbers:
         # The wear of a channel has nothing to do with its depth alone.
         is_linear = all(math.isfinite(site.wear_ratio_lin) for site in self.sites)
         counts = [
-            math.fsum(site.ratios[number] * site.pulses for site in self.sites if site.pulses)
-            for number in range(len(CLASSES))
+            math.fsum(getattr(site.ratios, name) * site.pulses for site in self.sites if site.pulses)
+            for name in CLASSES
         ]
         return Totals(
             pulses=int(pulses) if math.isfinite(pulses) else 0,
@@ -78,62 +71,7 @@ def _share(part: float, whole: float) -> float:
 
 def numbers_of(run: RunFile) -> RunNumbers:
     """Read the results of a run; without any, the numbers of no sites."""
-    places = dict(_places(run.summary() or {}))
-    thickness_um = run.number("/entry/sample/thickness")
-    rows = zip(run.table("/entry/results"), labels_of(run), strict=True)
-    return RunNumbers(tuple(_site(row, labels, places, thickness_um) for row, labels in rows))
-
-
-_FIELDS = {field.name for field in fields(SiteNumbers)}
-_MISSING = {
-    "face_um": 0.0,
-    "measuring_stops": 0,
-    "estimated_um": 0.0,
-    "depth_model_u95_um": math.nan,
-    "wear_model_u95_um": math.nan,
-}
-"""Values of files of older versions, which have no such columns."""
-
-
-def _places(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object]]]:
-    """Each hole or channel of the summary, under the name that a result's row has room for."""
-    sites = summary.get("sites")
-    channel = summary.get("channel")
-    for place in (*(sites if isinstance(sites, list) else ()), channel):
-        if isinstance(place, Mapping):
-            yield str(place.get("name")), place
-
-
-def _site(
-    row: np.void, labels: Labels, places: Mapping[str, Mapping[str, object]], thickness_um: float
-) -> SiteNumbers:
-    name, columns = row["site"].decode(errors="ignore"), row.dtype.names or ()
-    known = {column.field: row[column.name].item() for column in RESULTS.columns if column.name in columns}
-    values = _MISSING | {field: value for field, value in known.items() if field in _FIELDS}
-    through = bool(known.get("through"))
-    if through:
-        # Files of older versions have the way of the tip below the surface as depth.
-        values.setdefault("beyond_exit_um", values["depth_um"] - thickness_um)
-        values.setdefault("beyond_exit_u95_um", values["depth_u95_um"])
-        values |= dict.fromkeys(("depth_um", "depth_u95_um", "depth_model_um"), math.nan)
-    else:
-        values |= dict.fromkeys(("beyond_exit_um", "beyond_exit_u95_um"), math.nan)
-    place = places.get(name, {})
-    told = place.get("truth")
-    truth = told if isinstance(told, Mapping) else {}
-    return SiteNumbers(
-        **values
-        | asdict(labels)
-        | {f"truth_{key.name}": plain_number(truth.get(key.name)) for key in fields(SiteTruth)}
-        | {
-            "name": name,
-            "ratios": tuple(float(row[f"r_{kind}"]) for kind in CLASSES),
-            "through": through,
-            "length_um": thickness_um if through else values["depth_um"],
-            "drift_by_rests": bool(known.get("drift_by_rests")),
-            "working_gap_um": plain_number(place.get("working_gap_um")),
-        }
-    )
+    return RunNumbers(sites_of(run))
 
 
 def target_depths_um(values: Mapping[str, object]) -> tuple[float, float] | None:

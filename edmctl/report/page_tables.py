@@ -6,10 +6,11 @@ import json
 import math
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import astuple
 from edmctl.labels import basis_of, heading, is_doubtful, marked, meanings
 from edmctl.report.html import PageTable
 from edmctl.report.numbers import CLASSES, RunNumbers, numbers_of
-from edmctl.results.run_file import SiteNumbers
+from edmctl.results.run_file import RecordedSite
 from edmctl.wording import (
     BEYOND_EXIT,
     UNKNOWN,
@@ -39,7 +40,7 @@ def results(numbers: RunNumbers) -> PageTable | None:
         return None
     if len(numbers.sites) == 1:
         return _one_site(numbers.sites[0])
-    has_truth = any(site.truth for site in numbers.sites)
+    has_truth = any(site.truth.is_known for site in numbers.sites)
     header = ["site", "x", "y", "depth", "tool wear", "feed", "machining", "cuts", "wear ratio"]
     header += ["true depth (simulated)", "true wear (simulated)"] if has_truth else []
     rows = [
@@ -53,7 +54,7 @@ def results(numbers: RunNumbers) -> PageTable | None:
             f"{duration(site.machining_time_s)}{', through' if site.through else ''}",
             str(site.cuts),
             _marked(site, "wear_ratio", decimal(site.wear_ratio_lin, 3)),
-            *([decimal(site.truth_depth_um), decimal(site.truth_wear_um)] if has_truth else []),
+            *([decimal(site.truth.depth_um), decimal(site.truth.wear_um)] if has_truth else []),
         ]
         for site in numbers.sites
     ]
@@ -62,16 +63,16 @@ def results(numbers: RunNumbers) -> PageTable | None:
     note = " ".join([U95_NOTE, FEED_NOTE, f"Wear ratio is wear over {per}.", *marks])
     if any(is_doubtful(site.verdict) for site in numbers.sites):
         header.append("verdict")
-        rows = [[*row, site.verdict] for row, site in zip(rows, numbers.sites, strict=True)]
+        rows = [[*row, site.verdict or ""] for row, site in zip(rows, numbers.sites, strict=True)]
     return PageTable("What each site has become", header, rows, note)
 
 
-def _marked(site: SiteNumbers, name: str, text: str, head: str = "result") -> str:
+def _marked(site: RecordedSite, name: str, text: str, head: str = "result") -> str:
     return marked(text, basis_of(name, site.depth_basis, site.wear_basis), head)
 
 
-def _one_site(site: SiteNumbers) -> PageTable:
-    truth = site.truth
+def _one_site(site: RecordedSite) -> PageTable:
+    truth = site.truth if site.truth.is_known else None
     bases = (site.depth_basis, site.wear_basis)
     head = heading(bases)
     header = [site.name, head, "from voltage alone", *([TRUTH] if truth else [])]
@@ -91,13 +92,13 @@ def _one_site(site: SiteNumbers) -> PageTable:
             BEYOND_EXIT if site.through else "depth, Z2 − Z3",
             _marked(site, "depth", depth_um, head),
             with_u95(site.depth_model_um, site.depth_model_u95_um),
-            site.truth_depth_um,
+            site.truth.depth_um,
         ),
         row(
             "tool wear, Z3 − Z1",
             _marked(site, "wear", with_u95(site.wear_um, site.wear_u95_um), head),
             with_u95(site.wear_model_um, site.wear_model_u95_um),
-            site.truth_wear_um,
+            site.truth.wear_um,
         ),
         *([row("hole, as long as the sheet is thick", decimal(site.length_um))] if site.through else []),
         row(
@@ -117,12 +118,12 @@ def _one_site(site: SiteNumbers) -> PageTable:
         row("wear ratio, lengths", _marked(site, "wear_ratio", decimal(site.wear_ratio_lin, 3), head)),
         row("wear ratio, volumes", _marked(site, "wear_ratio", decimal(site.wear_ratio_vol, 3), head)),
         row("discharge energy, J", significant(site.energy_j)),
-        row("side gap", "", "", site.truth_side_gap_um),
-        row("taper, wider at the mouth", "", "", site.truth_taper_um),
-        row("roughness Ra", "", "", site.truth_ra_um),
-        row("roughness Rz", "", "", site.truth_rz_um),
-        row("radius of the corner", "", "", site.truth_corner_um),
-        row("verdict", site.verdict if is_doubtful(site.verdict) else ""),
+        row("side gap", "", "", site.truth.side_gap_um),
+        row("taper, wider at the mouth", "", "", site.truth.taper_um),
+        row("roughness Ra", "", "", site.truth.ra_um),
+        row("roughness Rz", "", "", site.truth.rz_um),
+        row("radius of the corner", "", "", site.truth.corner_um),
+        row("verdict", (is_doubtful(site.verdict) and site.verdict) or ""),
     ]
     shown = [row for row in rows if {*row[1:]} - {"", UNKNOWN}]
     notes = [U95_NOTE, FEED_NOTE if math.isfinite(site.feed_um) else "", *meanings(bases, head)]
@@ -135,7 +136,7 @@ def pulses(numbers: RunNumbers) -> PageTable | None:
     if not totals.pulses:
         return None
     rows = [
-        [site.name, count(site.pulses), *(percent(share, 2) for share in site.ratios)]
+        [site.name, count(site.pulses), *(percent(share, 2) for share in astuple(site.ratios))]
         for site in numbers.sites
     ]
     if len(rows) > 1:

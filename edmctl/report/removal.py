@@ -20,7 +20,7 @@ from edmctl.record.events import RecordedCode, recorded_events
 from edmctl.record.reader import RunFile
 from edmctl.report.numbers import numbers_of
 from edmctl.report.signals import ROW_S, floats, intervals
-from edmctl.results.run_file import SiteNumbers
+from edmctl.results.run_file import RecordedSite
 
 Values = Mapping[str, float | int | str | bool]
 
@@ -90,7 +90,7 @@ def hole_starts_s(run: RunFile) -> Array:
     return np.array(began)
 
 
-def _of_results(run: RunFile, sites: Sequence[SiteNumbers], began_s: Array) -> list[KnownDepth]:
+def _of_results(run: RunFile, sites: Sequence[RecordedSite], began_s: Array) -> list[KnownDepth]:
     """Results at the last touch of their sites; holes through the sheet have no bottom that was touched."""
     last_s = {
         row["site"].decode(errors="ignore"): float(row["time"]) for row in run.table(layout.TOUCHES.path)
@@ -107,7 +107,7 @@ def _of_results(run: RunFile, sites: Sequence[SiteNumbers], began_s: Array) -> l
     return sorted(found, key=lambda depth: depth.time_s)
 
 
-def _result(site: SiteNumbers, time_s: float, hole: int) -> KnownDepth:
+def _result(site: RecordedSite, time_s: float, hole: int) -> KnownDepth:
     values = (site.depth_um, site.depth_u95_um, site.wear_um, site.wear_u95_um)
     depth, wear = (basis in (Basis.TOUCHED, Basis.MODEL) for basis in (site.depth_basis, site.wear_basis))
     return KnownDepth(time_s, hole, depth, wear, *values)

@@ -9,6 +9,7 @@ from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import ObjectiveNotReached
 from edmctl.labels import Basis, Seen, Verdict
 from edmctl.quantity import half_width
+from edmctl.results.declared import ONLY_JSON, PURE, TEXT, derived, quantity, result_of, um
 from edmctl.results.telemetry import LinkReport, PulseShares
 from edmctl.wording import to_its_u95
 
@@ -91,94 +92,105 @@ class ChannelTruth:
         return {**asdict(self), "feed_um": self.feed_um}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SiteResult:
-    """One hole: `feed = depth + wear`, u is a standard uncertainty, u95 half a 95 % interval.
+    """One hole, or a row of the results for a channel: `feed = depth + wear`. Unknown values are NaN.
 
-    `depth_basis` and `wear_basis` say what depth and wear rest on, None without a depth. `verdict` is None until
-    the hole is judged, and if no depth was wanted of it. A hole that is not `finished` was open when its job ended
-    early: it is not judged, and estimated unless it was touched after its last cut. `in_doubt`: the touches of its
-    bottom or face may be wrong, and the interval is wider for that.
-
-    `face_um` is how much further than the reference pad the face lies here. `measuring_stops` are the times that the
-    bottom was touched, and the pad after it; `estimated_um` is the part of the depth that was cut after the last of
-    them, known from feed, energy and wear ratio: then Z2 and Z3 are where contact would be.
-
-    `through`: the hole goes through the sheet and has no depth (NaN). `z2_um` is where the tip ended, and
-    `beyond_exit_um` how far it was fed beyond the other side of a sheet as thick as the profile states.
-
-    `wear_ratio_lin` is wear per depth, `wear_ratio_vol` tool volume per hole volume, both NaN without a depth;
-    `energy_j` is the energy of all discharges, arcs included; shorts burn nothing.
-
-    The `*_model_um` values come from the actuator voltage through the actuator model, counted from the rest at 0 V
-    before each touch, and never enter the others. `zero_drift_um` is how far that rest moved from Z1 to Z3 on the
-    sensor beside the model: where it is the sensor that drifts, wears that are not corrected are too large by it.
-    `drift_correction_um` is how much the pad drifted from Z1 to Z3 by the rests before them, where `measure-drift`
-    has told what of it touches see: Z2, Z3 and the wear are less by it. `drift_left_u_um` is the standard
-    uncertainty in the wear of the drift that is left, or of all of it; NaN where no touches of the pad tell it.
-    `drift_by_rests` says that the rests told it, even where a touch sees nothing of what they show.
-    `feed_model_error_*` is the estimate less the sensor while machining, in µm and in % of the feed; NaN without a
-    sensor, when every value of the hole is the model's.
+    u is a standard uncertainty, u95 half a 95 % interval. Z2 and Z3 of a depth that was not touched are where
+    contact would be. Wear ratios are NaN without a depth. The values by the actuator model are counted from the
+    zero-voltage hold before each touch and enter no other value. If the sensor drifts, wears that are not corrected
+    are too large by `zero_drift_um`. `drift_correction_um` needs the drift file of `measure-drift`.
     """
 
-    name: str
-    x_um: float
-    y_um: float
-    theta_deg: float
-    depth_um: float
-    depth_u95_um: float
-    wear_um: float
-    wear_u95_um: float
-    feed_um: float
-    z1_um: float
-    z2_um: float
-    z3_um: float
-    face_um: float
-    measuring_stops: int
-    estimated_um: float
-    depth_model_um: float
-    wear_model_um: float
-    zero_drift_um: float
-    feed_model_error_max_um: float
-    feed_model_error_rms_um: float
-    feed_model_error_max_pct: float
-    feed_model_error_rms_pct: float
-    machining_time_s: float
-    cuts: int
-    pulses: int
-    ratios: PulseShares
-    gap_ratio_mean: float
-    working_gap_um: float
-    energy_j: float
-    wear_ratio_lin: float
-    wear_ratio_vol: float
-    mrr_mm3_min: float
-    through: bool = False
-    beyond_exit_um: float = math.nan
-    beyond_exit_u95_um: float = math.nan
-    depth_model_u95_um: float = math.nan
-    wear_model_u95_um: float = math.nan
-    depth_basis: Basis | None = Basis.TOUCHED
-    wear_basis: Basis = Basis.TOUCHED
-    verdict: Verdict | None = None
-    finished: bool = True
-    in_doubt: bool = False
-    feed_u95_um: float = math.nan
-    depth_u_um: float = math.nan
-    wear_u_um: float = math.nan
-    feed_u_um: float = math.nan
-    drift_correction_um: float = 0.0
-    drift_left_u_um: float = math.nan
-    drift_by_rests: bool = False
+    name: str = quantity(TEXT, "site", "place", dtype="S128", column="site")
+    x_um: float = um("x of the site", "place")
+    y_um: float = um("y of the site", "place")
+    theta_deg: float = quantity("deg", "angle of the tool at the site", ONLY_JSON, default=math.nan)
+    depth_um: float = um("depth, z2 − z3; NaN where it goes through", "lengths")
+    depth_u95_um: float = um("95 % uncertainty of the depth", "lengths")
+    wear_um: float = um("tool wear, z3 − z1", "lengths")
+    wear_u95_um: float = um("95 % uncertainty of the wear", "lengths")
+    feed_um: float = um("total feed", "lengths")
+    z1_um: float = um("surface before machining", "readings")
+    z2_um: float = um("bottom of the hole; where it goes through, the tip at the end", "readings")
+    z3_um: float = um("surface after machining", "readings")
+    face_um: float = um("how much further than the pad the face lies at the site", "measurement")
+    measuring_stops: int = quantity(
+        PURE, "times that bottom and pad were touched", "measurement", dtype="u2", column="stops"
+    )
+    estimated_um: float = um("part of the depth cut after the last touch", "measurement")
+    depth_model_um: float = um("depth by the estimated displacement", "lengths by voltage")
+    wear_model_um: float = um("wear by the estimated displacement", "lengths by voltage")
+    zero_drift_um: float = um("shift of the rest at 0 V from Z1 to Z3, sensor − model", "error of the model")
+    feed_model_error_max_um: float = um(
+        "z_model − z_sensor while machining, means over 0.1 s: largest",
+        "error of the model",
+        column="err_feed_max",
+    )
+    feed_model_error_rms_um: float = um("the same, rms", "error of the model", column="err_feed_rms")
+    feed_model_error_max_pct: float = quantity(
+        "%", "err_feed_max over feed", "error of the model", column="err_feed_max_pct"
+    )
+    feed_model_error_rms_pct: float = quantity(
+        "%", "err_feed_rms over feed", "error of the model", column="err_feed_rms_pct"
+    )
+    machining_time_s: float = quantity("s", "time with the servo on", "machining")
+    cuts: int = quantity(PURE, "cuts", "machining", dtype="u2")
+    pulses: int = quantity(PURE, "pulses", "machining", dtype="u8")
+    ratios: PulseShares = quantity(PURE, "shares of the pulses by class", "machining", column="r_")
+    gap_ratio_mean: float = quantity(
+        PURE, "mean gap voltage over duty factor × open voltage", ONLY_JSON, default=math.nan
+    )
+    working_gap_um: float = um("gap between floor and tip where it sparks", ONLY_JSON, default=math.nan)
+    energy_j: float = quantity("J", "energy of all discharges, arcs included", "machining")
+    wear_ratio_lin: float = quantity(PURE, "wear over depth, or over the sheet's thickness", "machining")
+    wear_ratio_vol: float = quantity(PURE, "tool volume lost over hole volume", "machining")
+    mrr_mm3_min: float = quantity("mm3/min", "hole volume over machining time", "machining")
+    through: bool = quantity(
+        PURE, "1 when the hole goes through the sheet", "measurement", dtype="u1", default=False
+    )
+    beyond_exit_um: float = um("feed beyond the exit of a hole through the sheet", default=math.nan)
+    beyond_exit_u95_um: float = um("95 % uncertainty of that", default=math.nan)
+    depth_model_u95_um: float = um("95 % uncertainty of depth_model", default=math.nan)
+    wear_model_u95_um: float = um("95 % uncertainty of wear_model", default=math.nan)
+    depth_basis: Basis | None = quantity(
+        TEXT,
+        "`touched`, `estimated`, or `model` without a sensor; empty when through",
+        "measurement",
+        dtype="S9",
+        default=Basis.TOUCHED,
+    )
+    wear_basis: Basis = quantity(
+        TEXT, "the same of the wear", "measurement", dtype="S9", default=Basis.TOUCHED
+    )
+    verdict: Verdict | None = quantity(
+        TEXT, "`shown`, `missed` or `not shown`; empty for a feed", "measurement", dtype="S9", default=None
+    )
+    finished: bool = quantity(PURE, "false if the job ended while the hole was open", ONLY_JSON, default=True)
+    in_doubt: bool = quantity(
+        PURE,
+        "whether touches of bottom or face may be wrong, for which the interval is wider",
+        ONLY_JSON,
+        default=False,
+    )
+    feed_u95_um: float = um("95 % uncertainty of the feed", "uncertainty", default=math.nan)
+    depth_u_um: float = um("standard uncertainty of the depth", "uncertainty", default=math.nan)
+    wear_u_um: float = um("standard uncertainty of the wear", "uncertainty", default=math.nan)
+    feed_u_um: float = um("standard uncertainty of the feed", "uncertainty", default=math.nan)
+    drift_correction_um: float = um(
+        "drift of the pad from Z1 to Z3 by the rests, taken off z2, z3 and wear", "uncertainty", default=0.0
+    )
+    drift_left_u_um: float = um("standard uncertainty of what is left of it", "uncertainty", default=math.nan)
+    drift_by_rests: bool = quantity(
+        PURE, "1 when the rests tell it, by a drift file", dtype="u1", default=False
+    )
 
-    @property
+    @derived("um", "depth_model − depth", "error of the model")
     def depth_model_error_um(self) -> float:
-        """Depth by the model minus depth by the sensor."""
         return self.depth_model_um - self.depth_um
 
-    @property
+    @derived("um", "wear_model − wear", "error of the model")
     def wear_model_error_um(self) -> float:
-        """Wear by the model minus wear by the sensor."""
         return self.wear_model_um - self.wear_um
 
 
@@ -264,20 +276,20 @@ class ObjectiveMissed(ObjectiveNotReached):
 
 @dataclass(frozen=True, slots=True)
 class SiteTruth:
-    """A hole as the plant knows it; NaN where there is none.
+    """A hole as the virtual machine knows it; NaN where nothing is known. All lengths in µm."""
 
-    `side_gap_um` is the widest gap at the wall, `taper_um` how much wider the mouth is on the radius, and
-    `ra_um` and `rz_um` the roughness Ra and Rz of the floor. `corner_um` is the radius of the tool's corner when it
-    left the hole, and so of the floor's edge.
-    """
+    depth_um: float = um("depth", default=math.nan)
+    wear_um: float = um("wear", default=math.nan)
+    side_gap_um: float = um("gap at the wall near the bottom", default=math.nan)
+    taper_um: float = um("how much wider the mouth is on the radius", default=math.nan)
+    ra_um: float = um("roughness Ra of the floor", default=math.nan)
+    rz_um: float = um("roughness Rz of the floor", default=math.nan)
+    corner_um: float = um("radius of the tool's corner and the floor's edge", default=math.nan)
 
-    depth_um: float = math.nan
-    wear_um: float = math.nan
-    side_gap_um: float = math.nan
-    taper_um: float = math.nan
-    ra_um: float = math.nan
-    rz_um: float = math.nan
-    corner_um: float = math.nan
+    @property
+    def is_known(self) -> bool:
+        """Whether the machine was virtual and knows depth or wear."""
+        return math.isfinite(self.depth_um) or math.isfinite(self.wear_um)
 
     @property
     def feed_um(self) -> float:
@@ -285,24 +297,10 @@ class SiteTruth:
         return self.depth_um + self.wear_um
 
     def as_mapping(self) -> dict[str, float]:
-        """All of it, with the feed."""
+        """Return all of it, with the feed."""
         return {**asdict(self), "feed_um": self.feed_um}
 
 
 def site_result_of(mapping: Mapping[str, object]) -> SiteResult:
-    """Return the result whose fields a journal has kept. Raises TypeError where they are not those of a result.
-
-    Without a basis in the journal a result is estimated; without standard uncertainties they are its 95 % half
-    widths, which is too much.
-    """
-    values = {f"{name}_u_um": mapping.get(f"{name}_u95_um", math.nan) for name in ("depth", "wear", "feed")}
-    values.update(mapping)
-    ratios = values.pop("ratios")
-    if not isinstance(ratios, Mapping):
-        raise TypeError("ratios have to be a mapping")
-    for name in ("depth_basis", "wear_basis"):
-        basis = values.get(name, Basis.ESTIMATED)
-        values[name] = Basis(str(basis)) if basis else None
-    verdict = values.pop("verdict", None)
-    judged = Verdict(verdict) if isinstance(verdict, str) else None
-    return SiteResult(**values, ratios=PulseShares(**ratios), verdict=judged)  # type: ignore[arg-type]
+    """Return the result that a journal has kept, estimated if without a basis. Raises TypeError for other values."""
+    return result_of(SiteResult, {"depth_basis": "estimated", "wear_basis": "estimated"} | dict(mapping))

@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from edmctl.dataclasses import dataclass, fields
+from edmctl.dataclasses import asdict, astuple, dataclass, field, fields
 from edmctl.errors import RunFileError
-from edmctl.results.job import SiteTruth
+from edmctl.results.declared import quantities
+from edmctl.results.job import SiteResult, SiteTruth
 from edmctl.results.telemetry import PulseShares
 
 
@@ -66,70 +67,22 @@ class Unreadable:
     error: RunFileError
 
 
-@dataclass(frozen=True, slots=True)
-class SiteNumbers:
-    """What is known of one hole, or of a channel. Unknown values are NaN."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedSite(SiteResult):
+    """A hole or channel as a run file has it, with what the virtual machine knows of it. Unknown values are NaN.
 
-    name: str
-    x_um: float
-    y_um: float
-    z1_um: float
-    z2_um: float
-    z3_um: float
-    face_um: float
-    """How much further than the reference pad the face lies here."""
-    depth_um: float
-    depth_u95_um: float
-    wear_um: float
-    wear_u95_um: float
-    feed_um: float
-    depth_model_um: float
-    depth_model_u95_um: float
-    wear_model_um: float
-    wear_model_u95_um: float
-    machining_time_s: float
-    cuts: int
-    pulses: int
-    ratios: tuple[float, ...]
-    """Shares of the pulses, as CLASSES."""
-    energy_j: float
-    wear_ratio_lin: float
-    wear_ratio_vol: float
-    mrr_mm3_min: float
-    measuring_stops: int
-    estimated_um: float
-    """Part of the depth that was cut after the last touch."""
-    through: bool
-    """The hole goes through the sheet and has no depth (NaN); `z2_um` is where the tip ended."""
-    beyond_exit_um: float
-    beyond_exit_u95_um: float
-    length_um: float
-    """How long the hole is: its depth, or the thickness of the sheet that it goes through."""
-    depth_basis: str
-    """What the depth rests on, a `Basis`."""
-    wear_basis: str
-    verdict: str
-    """A `Verdict`, or empty."""
-    truth_depth_um: float
-    """What the virtual machine knows of itself; NaN on a real one, and the depth of a hole through the sheet."""
-    truth_wear_um: float
-    truth_side_gap_um: float = math.nan
-    truth_taper_um: float = math.nan
-    truth_ra_um: float = math.nan
-    truth_rz_um: float = math.nan
-    truth_corner_um: float = math.nan
-    feed_u95_um: float = math.nan
-    drift_correction_um: float = 0.0
-    drift_left_u_um: float = math.nan
-    drift_by_rests: bool = False
-    working_gap_um: float = math.nan
-    """Between floor and tip where it sparks; NaN in files that do not say it."""
+    `length_um` is its depth, or the thickness of the sheet that it goes through.
+    """
 
-    @property
-    def truth(self) -> SiteTruth | None:
-        """What the virtual machine knows of the place; None where there is none."""
-        known = SiteTruth(*(getattr(self, f"truth_{field.name}") for field in fields(SiteTruth)))
-        return known if math.isfinite(known.depth_um) or math.isfinite(known.wear_um) else None
+    length_um: float = math.nan
+    truth: SiteTruth = field(default_factory=SiteTruth)
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return what `run show --json` prints."""
+        values: dict[str, object] = {name: getattr(self, name) for name in quantities(SiteResult)}
+        values |= {name: values[name] or "" for name in ("depth_basis", "verdict")}
+        truth = {f"truth_{name}": value for name, value in asdict(self.truth).items()}
+        return values | {"ratios": astuple(self.ratios), "length_um": self.length_um} | truth
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +161,7 @@ class RunSummary:
     machining_time_s: float
     earlier_time_s: float
     pause_s: float
-    sites: tuple[SiteNumbers, ...]
+    sites: tuple[RecordedSite, ...]
     est_depth_um: float
     est_depth_u95_um: float
     totals: Totals
@@ -222,6 +175,11 @@ class RunSummary:
     overrides: tuple[str, ...]
     rows: dict[str, int]
     summary: dict[str, object] | None
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return what `run show --json` prints."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        return values | {"sites": [site.as_mapping() for site in self.sites]}
 
 
 @dataclass(frozen=True, slots=True)

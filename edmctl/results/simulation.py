@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
-from edmctl.dataclasses import dataclass, field, fields
+from edmctl.dataclasses import dataclass, field
 from edmctl.labels import Basis, Verdict
 from edmctl.results.job import SiteTruth
 
@@ -95,32 +94,3 @@ class Case:
     estimated: Mapping[str, Statistics]
     truth: Mapping[str, Statistics]
     coverage: Mapping[str, float]
-
-
-def run_of_mapping(values: Mapping[str, Any]) -> SimulatedRun:
-    """Return the run whose fields were kept as plain values. Raises TypeError, KeyError, ValueError for others."""
-    own = {name: math.nan if value is None and name in _NUMBERS else value for name, value in values.items()}
-    own["sites"] = tuple(_site_of(one) for one in values["sites"])
-    return SimulatedRun(**{**own, **_bases_of(values), "truth": _truth_of(values["truth"])})
-
-
-_NUMBERS = tuple(
-    f.name for f in fields(SimulatedRun) if f.default is math.nan or f.name.endswith(("_um", "_s"))
-)
-
-
-def _site_of(values: Mapping[str, Any]) -> SimulatedSite:
-    own = {
-        name: math.nan if value is None and name.endswith("_um") else value for name, value in values.items()
-    }
-    return SimulatedSite(**{**own, **_bases_of(values), "truth": _truth_of(values["truth"])})
-
-
-def _bases_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    bases = {name: values[name] for name in ("depth_basis", "wear_basis")}
-    found: dict[str, Any] = {name: None if value is None else Basis(value) for name, value in bases.items()}
-    return {**found, "verdict": None if values["verdict"] is None else Verdict(values["verdict"])}
-
-
-def _truth_of(values: Mapping[str, Any]) -> SiteTruth:
-    return SiteTruth(**{name: math.nan if value is None else float(value) for name, value in values.items()})

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass
+from edmctl.results.declared import PURE, quantity
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,10 +27,10 @@ if TYPE_CHECKING:
 class PulseShares:
     """Share of the pulses in each class; they sum to 1, or are all 0 when there was no pulse."""
 
-    open: float
-    normal: float
-    arc: float
-    short: float
+    open: float = quantity(PURE, "share of open pulses")
+    normal: float = quantity(PURE, "share of normal discharges")
+    arc: float = quantity(PURE, "share of arcs")
+    short: float = quantity(PURE, "share of shorts")
 
 
 def pulse_shares(open_count: float, normal_count: float, arc_count: float, short_count: float) -> PulseShares:

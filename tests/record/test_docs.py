@@ -18,6 +18,7 @@ from edmctl.labels import Verdict
 from edmctl.record import layout
 from edmctl.record.reader import open_run
 from edmctl.record.writer import RunWriter
+from edmctl.results.declared import PURE
 from tests.record.samples import a_meta, slow_row
 
 if TYPE_CHECKING:
@@ -211,6 +212,6 @@ def test_only_whole_numbers_are_stored_in_steps() -> None:
         (table.path, column.name)
         for table in layout.TABLES
         for column in table.columns
-        if column.step != 1.0 or (column.units[:1].isdigit() and column.units != layout.PURE)
+        if column.step != 1.0 or (column.units[:1].isdigit() and column.units != PURE)
     }
     assert stepped == {("/entry/pulses/full", name) for name in ("td", "te", "u")}

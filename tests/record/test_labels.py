@@ -1,7 +1,8 @@
-"""What results rest on, in files of today and in those from before it was written."""
+"""Results are read as they were written; an earlier layout is refused."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -9,27 +10,28 @@ import h5py
 import numpy as np
 import pytest
 
+from edmctl.errors import RunFileError
 from edmctl.labels import Basis, Verdict
 from edmctl.record.layout import RESULTS
-from edmctl.record.reader import open_run
-from edmctl.record.results import Labels, labels_of
+from edmctl.record.reader import open_run, reading_unverified
 from edmctl.record.rows import TouchRow
 from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter
 from edmctl.report.numbers import numbers_of
+from edmctl.results.declared import quantities, stored_columns
+from edmctl.results.job import SiteResult
 from tests.record.samples import a_meta, a_site_row
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from edmctl.results.job import SiteResult
 
-NEW = ("depth_basis", "wear_basis", "verdict")
+STORED = {one.source.partition(".")[0] for one in stored_columns(SiteResult)}
 
 
-def a_run(folder: Path, *rows: SiteResult, z_sensor_um: float = 50.0) -> Path:
+def a_run(folder: Path, *rows: SiteResult) -> Path:
     writer = RunWriter.create(folder / "run.h5", a_meta())
-    writer.append(TouchRow(1.0, "Z1", "A1", 20.0, z_sensor_um, 49.0, 3, 0.3, 0.0, 1.0))
+    writer.append(TouchRow(1.0, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
     for row in rows:
         writer.append(row)
     return writer.finish("done", 0)
@@ -48,43 +50,38 @@ def older(path: Path, *left_out: str) -> Path:
     return path
 
 
-def labels(path: Path) -> list[Labels]:
-    with open_run(path) as run:
-        found = labels_of(run)
-        assert [(n.depth_basis, n.wear_basis, n.verdict) for n in numbers_of(run).sites] == [
-            (one.depth_basis, one.wear_basis, one.verdict) for one in found
-        ]
-    return found
-
-
-def test_what_was_written_is_read(tmp_path: Path) -> None:
+def test_a_result_is_read_as_it_was_written(tmp_path: Path) -> None:
     row = replace(
-        a_site_row(), depth_basis=Basis.ESTIMATED, wear_basis=Basis.TOUCHED, verdict=Verdict.NOT_SHOWN
+        a_site_row(),
+        depth_basis=Basis.ESTIMATED,
+        verdict=Verdict.NOT_SHOWN,
+        drift_by_rests=True,
+        depth_u_um=0.4,
     )
-    assert labels(a_run(tmp_path, row)) == [Labels("estimated", "touched", "not shown")]
+    with open_run(a_run(tmp_path, row)) as run:
+        (site,) = numbers_of(run).sites
+    read = {name: getattr(site, name) for name in quantities(SiteResult) if name in STORED}
+    assert str(read) == str({name: getattr(row, name) for name in read})  # NaN is NaN
+    assert site.length_um == row.depth_um
+    assert not site.truth.is_known
 
 
-@pytest.mark.parametrize(
-    ("stops", "estimated_um", "through", "depth_basis", "wear_basis"),
-    [
-        (2, 0.0, False, "touched", "touched"),
-        (1, 2.5, False, "estimated", "estimated"),
-        (0, 20.0, False, "estimated", "estimated"),
-        (1, 0.0, True, "", "touched"),
-    ],
-)
-def test_an_older_file_tells_by_its_touches(
-    tmp_path: Path, stops: int, estimated_um: float, through: bool, depth_basis: str, wear_basis: str
-) -> None:
-    row = replace(a_site_row(), measuring_stops=stops, estimated_um=estimated_um, through=through)
-    path = older(a_run(tmp_path, row), *NEW)
-    assert labels(path) == [Labels(depth_basis, wear_basis, "")]
+def test_columns_that_a_file_does_not_have_are_unknown(tmp_path: Path) -> None:
+    path = older(a_run(tmp_path, a_site_row()), "wear_basis", "face", "stops")
+    with reading_unverified(path) as run:
+        (site,) = numbers_of(run).sites
+    assert (site.wear_basis, site.measuring_stops, site.depth_um) == (Basis.ESTIMATED, 0, 180.0)
+    assert math.isnan(site.face_um)
 
 
-def test_an_older_file_without_a_sensor_has_touches_by_the_model(tmp_path: Path) -> None:
-    row = replace(a_site_row(), measuring_stops=1)
-    path = older(a_run(tmp_path, row, z_sensor_um=float("nan")), *NEW)
-    assert labels(path) == [Labels("model", "model", "")]
+def test_an_earlier_layout_is_refused(tmp_path: Path) -> None:
+    path = a_run(tmp_path, a_site_row())
+    with h5py.File(path, "r+") as file:
+        file.attrs["schema"] = "edmctl-run/1"
+    with pytest.raises(RunFileError, match="earlier version") as refused, reading_unverified(path):
+        pass
+    assert refused.value.code == "E9006"
+    assert "export" in refused.value.hint
 
 
 def test_the_head_of_a_run_has_the_weakest_basis_and_the_worst_verdict(tmp_path: Path) -> None:

@@ -197,32 +197,6 @@ def test_a_damaged_column_costs_that_column(write_run: Callable[[str], Path], tm
                 assert new.text(scalar.path) == old.text(scalar.path), scalar.path
 
 
-def test_results_of_an_earlier_version_keep_their_columns(
-    write_run: Callable[[str], Path], tmp_path: Path
-) -> None:
-    path = write_run("whole.h5")
-    old = tmp_path / "old.h5"
-    shutil.copy(path, old)
-    earlier = {"depth_model_error": "err_depth", "wear_model_error": "err_wear"}
-    with h5py.File(old, "r+") as run:
-        rows = run["/entry/results"][:]
-        rows["depth_model_error"], rows["wear_model_error"] = 1.5, -0.5
-        kept = [name for name in rows.dtype.names if name != "stops"]
-        named = np.dtype([(earlier.get(name, name), rows.dtype[name]) for name in kept if name != "face"])
-        table = np.zeros(rows.shape, named)
-        for name in named.names or ():
-            table[name] = rows[next((new for new, was in earlier.items() if was == name), name)]
-        del run["/entry/results"]
-        run.create_dataset("/entry/results", data=table, chunks=(32,), maxshape=(None,))
-    with open_run(recover_damaged(old).path) as run:
-        found = run.table("/entry/results")
-        assert (found["depth_model_error"] == 1.5).all()
-        assert (found["wear_model_error"] == -0.5).all()
-        assert np.isnan(found["face"]).all()
-        assert (found["stops"] == 0).all()
-        np.testing.assert_array_equal(found["depth"], rows["depth"])
-
-
 def test_rows_whose_time_is_lost_end_the_table(write_run: Callable[[str], Path], tmp_path: Path) -> None:
     path = write_run("whole.h5")
     with h5py.File(path) as run:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isfinite, isnan
-from typing import TYPE_CHECKING, TypeAlias
 
 from edmctl.cli.render.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.cli.render.style import PLAIN, Style
@@ -25,11 +24,6 @@ from edmctl.wording import (
     printable,
     with_u95,
 )
-
-if TYPE_CHECKING:
-    from edmctl.results.run_file import SiteNumbers
-
-    Site: TypeAlias = SiteResult | SiteNumbers
 
 _LABEL = 21
 FIRST_TO_GO = ("feed µm", "stops", "machining")
@@ -70,7 +64,7 @@ def render_job(
 
 
 def render_sites(
-    pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style = PLAIN, columns: int = USUAL_COLUMNS
+    pairs: Sequence[tuple[SiteResult, SiteTruth | None]], style: Style = PLAIN, columns: int = USUAL_COLUMNS
 ) -> list[str]:
     """Return a block per site, or one table where there are many; what can be done without goes where it is wide."""
     if len(pairs) > MOST_BLOCKS:
@@ -78,7 +72,7 @@ def render_sites(
     return [_site_block(site, truth, style, columns) for site, truth in pairs]
 
 
-def _site_lines(pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style, columns: int) -> str:
+def _site_lines(pairs: Sequence[tuple[SiteResult, SiteTruth | None]], style: Style, columns: int) -> str:
     bases = {basis for site, _ in pairs for basis in (site.depth_basis, site.wear_basis)}
     table: dict[str, list[str]] = {
         "site": [printable(site.name) for site, _ in pairs],
@@ -108,7 +102,7 @@ def _site_lines(pairs: Sequence[tuple[Site, SiteTruth | None]], style: Style, co
     return "\n".join([render_table(narrowed(table, columns, FIRST_TO_GO), style), *meanings(bases), *drift])
 
 
-def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int) -> str:
+def _site_block(site: SiteResult, truth: SiteTruth | None, style: Style, columns: int) -> str:
     bases = (site.depth_basis, site.wear_basis)
     head = heading(bases)
     header = [printable(site.name), head]
@@ -167,7 +161,7 @@ def _site_block(site: Site, truth: SiteTruth | None, style: Style, columns: int)
     return "\n".join([*lines, *meanings(bases, head)])
 
 
-def drift_in_words(found: Site | ChannelResult) -> str:
+def drift_in_words(found: SiteResult | ChannelResult) -> str:
     """Return what drift there is in the wear: what was taken off, or which command mends it; empty where little.
 
     It is told where it is more than half of the interval: of the variance, more than a quarter.
@@ -182,13 +176,13 @@ def drift_in_words(found: Site | ChannelResult) -> str:
     return f"{length(found.drift_correction_um, left_um)} by the rests, taken off wear and Z values"
 
 
-def _costs_much(found: Site | ChannelResult) -> bool:
+def _costs_much(found: SiteResult | ChannelResult) -> bool:
     """Whether a drift that nobody has corrected makes most of the interval; without a sensor there is no cure."""
     is_cured = found.drift_by_rests or found.wear_basis is Basis.MODEL
     return not is_cured and half_width(found.drift_left_u_um) >= 0.5 * found.wear_u95_um
 
 
-def _drift_of_many(sites: Sequence[Site], columns: int) -> list[str]:
+def _drift_of_many(sites: Sequence[SiteResult], columns: int) -> list[str]:
     """Return what drift there is in the wear of many holes, in a sentence."""
     by_rests = [site for site in sites if site.drift_by_rests]
     if by_rests:

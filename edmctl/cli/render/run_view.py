@@ -38,7 +38,9 @@ def render_run(run: RunSummary, style: Style = PLAIN) -> str:
     parts = [
         style.paint("\n".join(wrapped(printable(run.wanted), columns)), Ink.STRONG),
         "\n".join(_lines(_head(run), columns)),
-        *render_sites([(site, site.truth) for site in run.sites], style, columns),
+        *render_sites(
+            [(site, site.truth if site.truth.is_known else None) for site in run.sites], style, columns
+        ),
         "\n".join(_lines(_numbers(run), columns)),
         _moments("time line", run.moments, style, columns, f"edmctl run explain {run.file}"),
         _moments("faults and warnings", run.warnings, style, columns, ""),

@@ -37,7 +37,7 @@ from edmctl.wording import (
 
 FIRST_TO_GO = ("size", "seed", "sites", "work, tool", "machining", "profile", "wear µm", "start (UTC)")
 """Columns that a narrow terminal does without, one after the other."""
-_UNREADABLE = {"E9005": "no run file", "E9006": "of a later version", "E9007": "damaged", "E9016": "in use"}
+_UNREADABLE = {"E9005": "no run file", "E9006": "of another version", "E9007": "damaged", "E9016": "in use"}
 _WORDS = ("start (UTC)", "status", "profile", "work, tool")
 
 

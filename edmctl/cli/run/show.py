@@ -52,7 +52,7 @@ def _tell(outcome: Outcome, path: Path) -> None:
         outcome.run_file = path
         summary = summary_of(opened)
         outcome.simulated, outcome.seed = summary.simulated, summary.seed
-        outcome.result = summary
+        outcome.result = summary.as_mapping()
         outcome.show(lambda style: render_run(summary, style))
         unless_killed(opened, summary.way_on)
 

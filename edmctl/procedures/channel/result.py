@@ -15,6 +15,7 @@ from edmctl.process.channel import channel_width_um
 from edmctl.process.discharge import mrr_mm3_min
 from edmctl.process.touches import TOUCH_PRIOR_DOF, Drift
 from edmctl.quantity import Value
+from edmctl.results.declared import shared
 from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.results.telemetry import pulse_shares
 
@@ -157,10 +158,6 @@ def _lengths(
     )
 
 
-LENGTHS = tuple(f"{name}_{kind}um" for name in ("depth", "wear", "feed") for kind in ("", "u95_", "u_"))
-"""Fields that results of holes and channels have in common."""
-
-
 def channel_row(run: JobRun, result: ChannelResult) -> SiteResult:
     """Return the channel as a row of the results: Z2 is the mean of its floor."""
     path = run.profile.path
@@ -168,19 +165,11 @@ def channel_row(run: JobRun, result: ChannelResult) -> SiteResult:
     volume_um3 = result.depth_um * result.width_um * result.length_um
     time_s = result.machining_time_s
     return SiteResult(
-        name=result.name,
+        **shared(SiteResult, result),
         x_um=path.x_um,
         y_um=path.y_um,
-        theta_deg=math.nan,
-        **{name: getattr(result, name) for name in LENGTHS},
-        drift_correction_um=result.drift_correction_um,
-        drift_left_u_um=result.drift_left_u_um,
-        drift_by_rests=result.drift_by_rests,
-        z1_um=result.z1_um,
         z2_um=result.z3_um + result.depth_um,
-        z3_um=result.z3_um,
         face_um=0.0,
-        measuring_stops=result.measuring_stops,
         estimated_um=0.0,
         depth_model_um=math.nan,
         wear_model_um=math.nan,
@@ -189,17 +178,8 @@ def channel_row(run: JobRun, result: ChannelResult) -> SiteResult:
         feed_model_error_rms_um=math.nan,
         feed_model_error_max_pct=math.nan,
         feed_model_error_rms_pct=math.nan,
-        machining_time_s=time_s,
         cuts=result.passes,
-        pulses=result.pulses,
-        ratios=result.ratios,
-        gap_ratio_mean=math.nan,
-        working_gap_um=result.working_gap_um,
-        energy_j=result.energy_j,
         wear_ratio_lin=math.nan,
         wear_ratio_vol=math.nan,
         mrr_mm3_min=mrr_mm3_min(volume_um3 / time_s) if time_s else math.nan,
-        depth_basis=result.depth_basis,
-        wear_basis=result.wear_basis,
-        verdict=result.verdict,
     )

@@ -112,7 +112,7 @@ def _holes(run: RunFile) -> _Holes:
         wear_u95_um=np.nan_to_num([site.wear_u95_um for site in sites]),
         tolerance_um=tolerance_um,
         against=against,
-        depth_basis=[site.depth_basis for site in sites],
+        depth_basis=[site.depth_basis or "" for site in sites],
         wear_basis=[site.wear_basis for site in sites],
     )
 

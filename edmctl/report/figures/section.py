@@ -31,7 +31,7 @@ from edmctl.report.style import (
     NothingToDraw,
     new_figure,
 )
-from edmctl.results.run_file import SiteNumbers
+from edmctl.results.run_file import RecordedSite
 from edmctl.wording import BEYOND_EXIT, plain_number, with_u95
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class Section:
     sheet_um : thickness of the sheet that the hole goes through; NaN of a blind one
     """
 
-    site: SiteNumbers
+    site: RecordedSite
     tool_diameter_um: float
     side_gap_um: float
     sheet_um: float
@@ -98,15 +98,15 @@ class Section:
         Walls are straight between mouth and floor; the edge of the floor is round.
         """
         site = self.site
-        gap_um, depth_um = site.truth_side_gap_um, self.sheet_um if site.through else site.truth_depth_um
+        gap_um, depth_um = site.truth.side_gap_um, self.sheet_um if site.through else site.truth.depth_um
         if not (math.isfinite(gap_um) and math.isfinite(depth_um)):
             return None
         low_um = 0.5 * self.tool_diameter_um + gap_um
-        mouth_um = low_um + (site.truth_taper_um if math.isfinite(site.truth_taper_um) else 0.0)
+        mouth_um = low_um + (site.truth.taper_um if math.isfinite(site.truth.taper_um) else 0.0)
         if site.through:
             half = np.array([[mouth_um, 0.0], [low_um, depth_um], [math.nan, math.nan]])
         else:
-            corner_um = site.truth_corner_um if math.isfinite(site.truth_corner_um) else 0.0
+            corner_um = site.truth.corner_um if math.isfinite(site.truth.corner_um) else 0.0
             corner_um = min(corner_um, low_um, depth_um)
             half = np.vstack([[mouth_um, 0.0], _rounded(low_um, depth_um, corner_um)])
         mirrored = half[::-1] * [-1.0, 1.0]
@@ -118,7 +118,7 @@ class Section:
 
         Its edge is as round as that of the true floor, and square if that is unknown.
         """
-        radius_um, corner_um = 0.5 * self.tool_diameter_um, self.site.truth_corner_um
+        radius_um, corner_um = 0.5 * self.tool_diameter_um, self.site.truth.corner_um
         corner_um = 0.0 if self.site.through or not math.isfinite(corner_um) else corner_um
         half = _rounded(radius_um, self.tip_um, min(corner_um, radius_um))
         tip: Array = np.vstack([half, half[::-1] * [-1.0, 1.0]])
@@ -239,7 +239,7 @@ def _draw_work(axes: Axes, section: Section, ends_um: tuple[float, float], botto
         color=LIGHT,
         linewidth=0.0,
     )
-    label, dash = _FLOORS.get(site.depth_basis, ("floor", "-"))
+    label, dash = _FLOORS.get(site.depth_basis or "", ("floor", "-"))
     axes.plot(
         [-wall_um, wall_um],
         [end_um, end_um],
@@ -325,9 +325,9 @@ def _words(section: Section) -> list[str]:
     truth = [
         f"{words} {value_um:.1f} µm"
         for words, value_um in (
-            ("side gap", site.truth_side_gap_um),
-            ("taper", site.truth_taper_um),
-            ("corner", site.truth_corner_um),
+            ("side gap", site.truth.side_gap_um),
+            ("taper", site.truth.taper_um),
+            ("corner", site.truth.corner_um),
         )
         if math.isfinite(value_um)
     ]

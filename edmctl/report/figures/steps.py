@@ -29,7 +29,7 @@ from edmctl.report.style import (
     new_figure,
     shared_legend,
 )
-from edmctl.results.run_file import SiteNumbers
+from edmctl.results.run_file import RecordedSite
 from edmctl.wording import with_u95
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ QUANTITIES = (("depth", BLUE), ("wear", VERMILION), ("feed", GREEN))
 class _Readings:
     """Z1, Z2 and Z3 of a site, µm, which of them were touched, and what the voltage alone says of them."""
 
-    site: SiteNumbers
+    site: RecordedSite
     z_um: tuple[float, float, float]
     touched: tuple[bool, bool, bool]
     model_um: tuple[float, float, float]
@@ -97,7 +97,7 @@ def draw(run: RunFile) -> Figure:
     return figure
 
 
-def _readings(run: RunFile, site: SiteNumbers) -> _Readings:
+def _readings(run: RunFile, site: RecordedSite) -> _Readings:
     """Put together what is known of a site.
 
     In an array Z1 may follow from the holes before, without a touch. The model has Z1 as touched, and from there Z2
@@ -117,7 +117,7 @@ def _readings(run: RunFile, site: SiteNumbers) -> _Readings:
     )
 
 
-def _pad_was_touched(site: SiteNumbers) -> bool:
+def _pad_was_touched(site: RecordedSite) -> bool:
     """Whether Z3 is a touch: that of a hole through the sheet is one, and so is that of a touched depth."""
     return site.through or site.depth_basis != Basis.ESTIMATED
 
@@ -192,13 +192,13 @@ def _arrow(axes: Axes, at: float, ends: tuple[float, float], colour: str) -> Non
     )
 
 
-def _number(site: SiteNumbers, name: str) -> str:
+def _number(site: RecordedSite, name: str) -> str:
     value_um: float = getattr(site, f"{name}_um")
     u95_um: float = getattr(site, f"{name}_u95_um")
     return marked(with_u95(value_um, u95_um, 1), basis_of(name, site.depth_basis, site.wear_basis))
 
 
-def _draw_columns(axes: Axes, sites: Sequence[SiteNumbers]) -> None:
+def _draw_columns(axes: Axes, sites: Sequence[RecordedSite]) -> None:
     """Name the sites below their columns, and give their numbers there."""
     middles = np.arange(len(sites)) * PITCH + 1.5 * STEP
     names = [site.name for site in sites]
