@@ -23,7 +23,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from edmctl.profile.profile_file import SimSettings
+from edmctl.profile.model import SimSettings
 from edmctl.profile.setup import Setup
 
 TARGET_UM = {"cu270": 180.0, "cu150": 175.0, "w252": 240.0}

@@ -41,7 +41,7 @@ def bench_at(frequency_hz: float | None) -> VirtualBench:
 
     from edmctl.link import messages as m
     from edmctl.link.session import Session
-    from edmctl.profile.profile_file import SimSettings
+    from edmctl.profile.model import SimSettings
     from edmctl.simulator import BenchConfig, open_bench
 
     config = BenchConfig(offset_um=5.0)

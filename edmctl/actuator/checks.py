@@ -140,7 +140,6 @@ def _correlation(u_v: Array, y_um: Array) -> float:
 
 
 def _shape(values: Array) -> Array:
-    """Without mean and unit, so that no product leaves the numbers."""
     shifted: Array = values - values.mean()
     largest = float(np.abs(shifted).max())
     return shifted / largest if largest > 0.0 else shifted
@@ -173,7 +172,6 @@ def _check_gain(record: Record, y_um: Array) -> None:
 
 
 def _check_limits(record: Record, y_um: Array) -> None:
-    """Refuse a displacement that stands at its end while the voltage goes on."""
     range_um = float(np.ptp(y_um))
     noise_um = 6.0 * noise_sd(y_um)
     for sign, end in ((1.0, "upper"), (-1.0, "lower")):
@@ -209,7 +207,6 @@ def _longest_push(u_v: Array, at_end: Flags) -> tuple[float, int]:
 
 
 def _check_direction(record: Record, y_um: Array) -> None:
-    """Refuse loops that run the wrong way round: a displacement lags behind its voltage, never the reverse."""
     area = _loop_area(record.u_v, y_um)
     if area >= -LEADING_AREA:
         return
@@ -266,7 +263,6 @@ def _doubts_of_time(record: Record) -> list[str]:
 
 
 def _proportional(record: Record) -> list[str]:
-    """Warn of a displacement without loop and noise, which no sensor shows."""
     slope, zero_um = np.polynomial.polynomial.polyfit(record.u_v, record.y_um, 1)[::-1]
     left_um = float(np.std(record.y_um - slope * record.u_v - zero_um))
     if left_um > LEAST_LOOP * float(np.ptp(record.y_um)):
@@ -278,7 +274,7 @@ def _proportional(record: Record) -> list[str]:
 
 
 def _resolution(record: Record) -> list[str]:
-    """Warn of a displacement in steps that hide its noise: no figure of noise tells of them."""
+    """Warn of a displacement in coarse steps, which the noise estimate misses."""
     levels_um = np.unique(without_spikes(record.y_um))
     if not 2 < len(levels_um) <= LEVEL_SHARE * len(record.y_um):
         return []
@@ -298,13 +294,11 @@ def _resolution(record: Record) -> list[str]:
 
 
 def _swing_s(record: Record) -> float:
-    """Usual time from one large turning point to the next; 0 where there are none."""
     swings_s = half_periods_s(record)
     return float(np.median(swings_s)) if len(swings_s) else 0.0
 
 
 def _spikes(record: Record) -> list[str]:
-    """Warn of single samples far from both their neighbours while the voltage hardly moved."""
     y_um, u_v = record.y_um, record.u_v
     least_um = max(SPIKE_SHARE * float(np.ptp(without_spikes(y_um))), 10.0 * noise_sd(y_um))
     before_um, after_um = y_um[1:-1] - y_um[:-2], y_um[1:-1] - y_um[2:]

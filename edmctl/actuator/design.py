@@ -188,7 +188,6 @@ def reduce_records(
 
 
 def _plays_of(design: Design, features: Array) -> Array:
-    """Where the plays are, shape (n, plays): a play's pieces together are the way from its first knot."""
     plays, pieces = len(design.thresholds_v), design.knots_v.shape[1] - 1
     ways_v: Array = features[:, : plays * pieces].reshape(-1, plays, pieces).sum(axis=2)
     return ways_v + design.knots_v[:, 0]

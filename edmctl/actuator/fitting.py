@@ -80,7 +80,7 @@ def fit(
 
 
 def _stands(design: Design, weights: Array, floor_um_per_v: float) -> bool:
-    """Whether somewhere neither the voltage itself nor the plays together move the tool."""
+    """Whether neither the voltage itself nor all plays together move the tool in some piece."""
     plays, pieces = len(design.thresholds_v), design.knots_v.shape[1] - 1
     together = weights[: plays * pieces].reshape(plays, pieces).sum(axis=0)
     together += weights[plays * pieces :].sum() if len(design.rounded) else 0.0
@@ -104,7 +104,6 @@ def _non_negative(
 
 
 def _zeros(triangle: Array, right: Array) -> Array:
-    """Zero of each record, NaN where none of its samples were fitted."""
     zeros_um = np.full(len(right), np.nan)
     known = np.abs(np.diag(triangle)) > 0.0
     zeros_um[known] = np.linalg.solve(triangle[np.ix_(known, known)], right[known])

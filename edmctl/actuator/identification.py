@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.actuator.acceptance import DIFFERING, notes_on, problems_of, restrictions_on
+from edmctl.actuator.acceptance import DIFFERING, Left, Noise, notes_on, problems_of, restrictions_on
 from edmctl.actuator.design import (
     BLOCKS,
     HINGES,
@@ -22,7 +22,6 @@ from edmctl.actuator.design import (
     choose_design,
     reduce_records,
 )
-from edmctl.actuator.diagnosis import Left, Noise
 from edmctl.actuator.fitting import fit
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.quick import refuse
@@ -171,7 +170,7 @@ def identify(
 
 
 def _screened(design: Design, records: Sequence[Record], settled: Screening, delay_s: float) -> Screening:
-    """Look for starts that ring and single samples that stand out, again after they have lost their weight."""
+    """Exclude a ringing start and single outliers, and repeat with a fit to the remaining samples."""
     found = settled
     for _ in range(PASSES):
         reduction = reduce_records(design, records, [delay_s], found.used)
@@ -217,7 +216,7 @@ def _plain_fit(
 
 
 def _plain(record: Record) -> Record:
-    """The record with float arrays. Raises ValueError, naming it, where they are not equally long."""
+    """Return the record with float arrays. Raises ValueError if their shapes differ."""
     arrays = [np.asarray(values, dtype=np.float64) for values in record[:3]]
     if any(values.ndim != 1 or values.shape != arrays[0].shape for values in arrays):
         shapes = ", ".join(str(values.shape) for values in arrays)

@@ -110,7 +110,7 @@ def jump_volts(
 def _lifted(
     estimator: Estimator, distance_um: float, travel_s: float, dwell_s: float
 ) -> tuple[float, float, Inverse]:
-    """Lift by a distance and dwell: the voltage there, where creep has taken the tool, and the inverse after it."""
+    """Lift by a distance and dwell; return the voltage, the displacement after creep, and the inverse."""
     inverse = _inverse(estimator)
     top_v = _path(inverse, -distance_um, travel_s)
     inverse.model.advance(inverse.state, np.array([inverse.state.t_s + dwell_s]), np.array([top_v]))
@@ -118,17 +118,15 @@ def _lifted(
 
 
 def _inverse(estimator: Estimator) -> Inverse:
-    """Invert without the lag: a move that has ended arrives within milliseconds, and none can be steeper."""
+    """Return the inverse without the lag, which is shorter than any move."""
     return Inverse(estimator.model.without_lag, estimator.state)
 
 
 def _height_um(inverse: Inverse) -> float:
-    """Where the model says the tool is now, before gain and offset."""
     return inverse.model.at_once_um(inverse.state, inverse.state.u_v)
 
 
 def _path(inverse: Inverse, distance_um: float, duration_s: float) -> float:
-    """Go by `distance_um` in a straight line; the voltage at its end."""
     share = np.arange(1, STEPS + 1) / STEPS
     start_um = _height_um(inverse)
     u_v, _ = inverse.solve(inverse.state.t_s + duration_s * share, start_um + distance_um * share)

@@ -230,13 +230,12 @@ def rounded_table(limits_v: Array, sharpness: Array, unloading: Array) -> Array:
 
 
 def _falls(u_v: Array, span_v: float) -> bool:
-    """Whether the first move of more than 2 % of the span leads downwards."""
     moved = np.abs(u_v - u_v[0]) > 0.02 * span_v
     return bool(moved.any() and u_v[int(moved.argmax())] < u_v[0])
 
 
 def _problems(model: ActuatorModel) -> list[str]:
-    """What is wrong with a model, in words; empty where it is sound."""
+    """Return the violated requirements of a model."""
     thresholds, knots, slopes = model.thresholds_v, model.knots_v, model.slopes_um_per_v
     n, m = len(thresholds), slopes.shape[1] if slopes.ndim == 2 else 0
     shapes = (

@@ -180,6 +180,5 @@ def _loop(seen: _Seen) -> list[Reading]:
 
 
 def _stretches(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last sample of each stretch, the first being the one that it leads away from."""
     edges = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0, append=0))
     return [(int(begin) - 1, int(end) - 1) for begin, end in edges.reshape(-1, 2)]

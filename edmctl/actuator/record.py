@@ -96,7 +96,6 @@ def settled_from(record: Record) -> int:
 
 
 def _turning_points(u_v: Array, least_v: float) -> NDArray[np.int64]:
-    """Samples where the voltage turns after a swing of at least `least_v`."""
     turns = np.flatnonzero(np.diff(np.sign(np.diff(u_v[_changes(u_v)]))) != 0) + 1
     candidates = _changes(u_v)[turns]
     kept: list[int] = []
@@ -109,5 +108,4 @@ def _turning_points(u_v: Array, least_v: float) -> NDArray[np.int64]:
 
 
 def _changes(u_v: Array) -> NDArray[np.int64]:
-    """Samples at which the voltage is another than before, the first among them."""
     return np.concatenate([[0], np.flatnonzero(np.diff(u_v)) + 1]).astype(np.int64)

@@ -107,7 +107,6 @@ def looked_through(record: Record, left_um: Array, counts: Flags) -> tuple[Flags
 
 
 def _rings_for(left_um: Array) -> int:
-    """How many samples at the start are far above all that follows."""
     edges = np.linspace(0, len(left_um), min(WINDOWS, len(left_um)) + 1).astype(int)
     largest = np.maximum.reduceat(left_um, edges[:-1])
     most = int(MOST_START_SHARE * len(largest))
@@ -119,7 +118,6 @@ def _rings_for(left_um: Array) -> int:
 
 
 def _outliers(record: Record, left_um: Array) -> Flags:
-    """Single samples that stand out; none where they are many."""
     stands_out = standing_out(record, left_um)
     if stands_out.sum() > max(1.0, MOST_OUTLIERS_SHARE * len(left_um)):
         stands_out[:] = False

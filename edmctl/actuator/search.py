@@ -213,7 +213,7 @@ class Moves(Rows):
             self._keep(record, is_kept, is_move & (np.cumsum(is_move) % stride == 0))
 
     def _fast(self, record: Record, counts: Flags) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which samples belong to what is sampled fastest, and which of them end a move."""
+        """Return which samples have the fastest sampling, and which of them end a move."""
         is_fast = np.diff(record.t_s, prepend=record.t_s[0]) <= SAME_STEP * self.step_s
         is_move = np.zeros(len(is_fast), dtype=bool)
         if self._span >= len(is_fast):
@@ -322,7 +322,7 @@ def best_rounded(design: Design, rows: Rows, delay_s: float) -> Array:
 
 
 def _rounded(point: Array, span_v: float) -> Array:
-    """A row of limits, sharpness and unloading of any point."""
+    """Return limits, sharpness and unloading, shape (1, 4), of a point of the simplex."""
     share = min(max(math.exp(point[0]), LEAST_LIMIT_SHARE), MOST_LIMIT_SHARE)
     branch = MOST_BRANCH * math.tanh(point[3] / MOST_BRANCH)
     limits_v = (share * span_v * math.exp(branch), share * span_v * math.exp(-branch))

@@ -84,7 +84,6 @@ def whole_records(reduction: Reduction, best: Fit) -> ErrorFigures | None:
 
 
 def _prepares(others: Sequence[Record], record: Record) -> bool:
-    """Whether records swing as far, at such rates, and hold as long as another one."""
     margin_v = REACH_SHARE * float(np.ptp(record.u_v))
     return (
         within_rates(record, others)
@@ -141,13 +140,12 @@ def _held_out(reduction: Reduction, best: Fit, groups: Sequence[Sequence[int]]) 
 
 
 def _contiguous(reduction: Reduction, folds: int) -> list[range]:
-    """Return the blocks of each contiguous fold."""
     count = len(reduction.blocks)
     return [range(fold * count // folds, (fold + 1) * count // folds) for fold in range(folds)]
 
 
 def _reached(reduction: Reduction, inside: Sequence[int]) -> list[Flags]:
-    """Which samples of some blocks have all plays where those of the other blocks have been, block by block."""
+    """Return which samples of some blocks have all plays within the range of the other blocks, block by block."""
     others = [block for k, block in enumerate(reduction.blocks) if k not in inside]
     margin_v = REACH_SHARE * (reduction.design.high_v - reduction.design.low_v)
     low_v = np.min([block.low_v for block in others], axis=0) - margin_v
@@ -157,7 +155,6 @@ def _reached(reduction: Reduction, inside: Sequence[int]) -> list[Flags]:
 
 
 def _plays_of(reduction: Reduction, k: int) -> Array:
-    """Where the plays are at the samples of a block that are used, shape (n, plays)."""
     block = reduction.blocks[k]
     own = slice(block.first, block.end)
     at_v: Array = reduction.plays_v[block.record][own][reduction.used[block.record][own]]
@@ -176,7 +173,6 @@ def _widest_um(reduction: Reduction) -> float:
 
 
 def _missed_um(reduction: Reduction, model: ActuatorModel, found: Fit, inside: Sequence[int]) -> list[Array]:
-    """Return the errors of a model on some blocks, with the zeros of its fit, block by block."""
     errors_um = {}
     for number in {reduction.blocks[k].record for k in inside}:
         record = reduction.records[number]
@@ -191,7 +187,7 @@ def _missed_um(reduction: Reduction, model: ActuatorModel, found: Fit, inside: S
 
 
 def _zero_of(found: Fit, number: int, error_um: Array) -> float:
-    """Zero of a record; of one that a fold held out whole, by its mean."""
+    """Return the zero of a record; for one that was held out whole, by its mean."""
     zero_um = float(found.zeros_um[number])
     return float(-error_um.mean()) if np.isnan(zero_um) else zero_um
 

@@ -167,7 +167,7 @@ def _virtual(
 
 def known_controller(name: str) -> str:
     """Return what can drive a virtual machine. Raises UsageError E2049 for what cannot."""
-    from edmctl.profile.profile_file import CONTROLLER_SYNONYMS
+    from edmctl.profile.model import CONTROLLER_SYNONYMS
     from edmctl.simulator.config import CONTROLLERS
 
     name = CONTROLLER_SYNONYMS.get(name, name)

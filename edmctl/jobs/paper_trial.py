@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from edmctl.actuator.electromechanical import TABLE_1, ElectromechanicalModel, Transducer
 from edmctl.actuator.identification import fit_maxwell
-from edmctl.actuator.maxwell import MaxwellModel
+from edmctl.actuator.maxwell import TABLE_1, ElectromechanicalModel, MaxwellModel, Transducer
 from edmctl.actuator.model import ActuatorState, Estimator
 from edmctl.actuator.paper_figures import Reading, readings
 from edmctl.actuator.validation import ErrorFigures

@@ -19,9 +19,8 @@ from edmctl.planning.measuring import (
 from edmctl.planning.removal import hole, removal_um3_s, time_share_of_jumps
 from edmctl.process.discharge import hole_area_um2
 from edmctl.process.touches import TOUCH_U_UM
-from edmctl.profile.model import Profile
+from edmctl.profile.model import PathTable, Profile
 from edmctl.profile.setup import Setup
-from edmctl.profile.sites import PathTable
 
 EVEN_OUT_PASSES = 2  # before a measuring stop the floor is evened out by so many passes that do not go deeper
 LAST_PASS_SHARE = 1.05  # passes over those that the sparks need, because a layer ends with a whole pass
@@ -89,7 +88,7 @@ def _archimedes(radius_um: float, growth_um: float) -> float:
 
 
 def _given(value_um: float | None) -> float:
-    """A value that the kind of a path needs: the rules refuse a path without it."""
+    """Return a value that the kind of a path needs; the rules refuse a path without it."""
     return math.nan if value_um is None else value_um
 
 

@@ -66,7 +66,7 @@ def gap_recipe(profile: Profile, depth_um: float) -> GapRecipe:
 
 
 def _jump_clearing_hz(profile: Profile, depth_um: float) -> float:
-    """How often jumps change the oil in the gap: what a stroke draws in thins what the gap and its annulus hold."""
+    """Return how often jumps replace the oil in the gap: each dilutes the gap and its annulus."""
     jump = profile.jump
     if jump.mode == "off":
         return 0.0
@@ -102,25 +102,27 @@ def expected_wear_ratio(profile: Profile, depth_um: float, side_um: float) -> fl
 
 
 def with_expected_erosion(profile: Profile) -> Profile:
-    """Fill in what the profile leaves open: removal, wear and both gaps, as the laws say of materials and pulses."""
-    given = profile.work.model_fields_set
+    """Return a copy with unstated removal, wear and gaps as expected of materials and pulses."""
     depth_um = usual_depth_um(profile)
     gap = expected_gap(profile, depth_um)
     work_u_rel = math.hypot(LAW_U_REL, of_work(profile).u_rel)
-    work = {
-        "removal_um3_per_uj": gap.removal_um3_per_uj,
-        "removal_u_rel": work_u_rel,
-        "side_gap_um": expected_side_gap_um(profile),
-    }
-    filled = _with(profile, "work", {key: value for key, value in work.items() if key not in given})
+    filled = _filled(
+        profile,
+        "work",
+        removal_um3_per_uj=gap.removal_um3_per_uj,
+        removal_u_rel=work_u_rel,
+        side_gap_um=expected_side_gap_um(profile),
+    )
     if "expected_ratio" not in profile.wear.model_fields_set:
-        wear = {"expected_ratio": expected_wear_ratio(profile, depth_um, filled.work.side_gap_um)}
-        if "ratio_u_rel" not in profile.wear.model_fields_set:
-            wear["ratio_u_rel"] = math.hypot(work_u_rel, of_tool(profile).u_rel)
-        filled = _with(filled, "wear", wear)
-    if "expected_gap_um" not in profile.measure.model_fields_set:
-        filled = _with(filled, "measure", {"expected_gap_um": gap.gap_um})
-    return filled
+        ratio = expected_wear_ratio(profile, depth_um, filled.work.side_gap_um)
+        ratio_u_rel = math.hypot(work_u_rel, of_tool(profile).u_rel)
+        filled = _filled(filled, "wear", expected_ratio=ratio, ratio_u_rel=ratio_u_rel)
+    return _filled(filled, "measure", expected_gap_um=gap.gap_um)
+
+
+def _filled(profile: Profile, table: str, **values: float) -> Profile:
+    given = getattr(profile, table).model_fields_set
+    return profile.having(table, **{key: value for key, value in values.items() if key not in given})
 
 
 def with_sought_reference(profile: Profile) -> Profile:
@@ -139,14 +141,11 @@ def with_sought_reference(profile: Profile) -> Profile:
     gaps = [steady_gap(replace(recipe, level_s=level), MEAN_DEPTH_SHARE * depth_um) for level in levels]
     calm = [i for i, gap in enumerate(gaps) if gap.arc_share <= most_arcs] or [LEVELS]
     best = max(calm, key=lambda i: gaps[i].removal_um3_s)
-    filled = _with(profile, "servo", {"reference": round(levels[best], 3)})
+    filled = profile.having("servo", reference=round(levels[best], 3))
     if profile.adaptive.arc_target is not None:
         return filled
-    return _with(
-        filled,
-        "adaptive",
-        {"arc_target": round(max(gaps[best].arc_share + gaps[best].short_share, LEAST_ARCS), 4)},
-    )
+    arcs = max(gaps[best].arc_share + gaps[best].short_share, LEAST_ARCS)
+    return filled.having("adaptive", arc_target=round(arcs, 4))
 
 
 def usual_depth_um(profile: Profile) -> float:
@@ -155,8 +154,3 @@ def usual_depth_um(profile: Profile) -> float:
     if target.kind == "through":
         return profile.work.thickness_um
     return target.depth_um if target.kind == "depth" else target.feed_um / USUAL_FEED_PER_DEPTH
-
-
-def _with(profile: Profile, table: str, values: dict[str, float]) -> Profile:
-    """A copy with other values in a table."""
-    return profile.model_copy(update={table: getattr(profile, table).model_copy(update=values)})

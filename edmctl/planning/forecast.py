@@ -42,10 +42,9 @@ from edmctl.planning.removal import (
 )
 from edmctl.process.discharge import hole_area_um2, mrr_mm3_min, pulse_energy_uj
 from edmctl.process.erosion import roughness_rz_um
-from edmctl.profile.model import Profile
+from edmctl.profile.model import PathTable, Profile
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
-from edmctl.profile.sites import PathTable
 from edmctl.results.forecast import Forecast, RegimeForecast
 
 PLANE_TOUCHES = 3
@@ -181,7 +180,7 @@ def is_tilt_limited(setup: Setup, stand: Stand, known: Sequence[Stand]) -> bool:
 
 
 def _after(cuts: Sequence[Cut], feed_um: float) -> list[Cut]:
-    """Return the cuts that remain after so much feed: the last one in any case, its bottom is measured."""
+    """Return the cuts that remain after a feed; always the last one, whose bottom is measured."""
     left = []
     for cut in cuts:
         remaining_um = max(0.0, cut.feed_um - feed_um)
@@ -207,7 +206,7 @@ def hole_time_s(profile: Profile, one: Hole, reached_um: float = 0.0) -> float:
 
 
 def _cuts_of(recipe: Recipe, setup: Setup, away_um: Sequence[float]) -> list[Cut]:
-    """The cuts of one regime: nothing is known of its pulses before, as at the begin of a hole."""
+    """Return the cuts of one regime; as for a new hole, nothing is known of its pulses."""
     one = Hole(recipe.depth_um, recipe.wear_um)
     (cuts,) = planned_cuts(recipe.profile, setup, [one], away_um, plane=False)
     return cuts
@@ -222,7 +221,6 @@ def regime_time_s(recipe: Recipe, reached_um: float = 0.0) -> float:
 
 
 def _regimes(profile: Profile) -> tuple[RegimeForecast, ...]:
-    """What each regime will take and leave."""
     recipes = recipes_of(profile) if profile.regimes else []
     return tuple(
         RegimeForecast(

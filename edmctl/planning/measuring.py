@@ -125,7 +125,7 @@ def displacement(setup: Setup) -> Displacement:
 
 
 class _Plan:
-    """What is known while the holes are made one after the other."""
+    """State of the plan while holes follow one another."""
 
     def __init__(self, profile: Profile, setup: Setup, *, plane: bool) -> None:
         self._profile = profile
@@ -201,7 +201,6 @@ class _Plan:
             )
 
     def _energy(self, estimate: ErosionEstimate, depth_um: float) -> Energy:
-        """Energy of the discharges that make a hole so deep, as far as is known."""
         return Energy(depth_um * self._area_um2 / estimate.removal_um3_per_uj, 0.0)
 
     def _face_u_um(self, away_um: float) -> float:
@@ -214,7 +213,7 @@ class _Plan:
         return self._displacement.drift_u_um_per_s * (self._since_s + more_s)
 
     def _found_u_um(self, depth_um: float, face_u_um: float) -> tuple[float, float]:
-        """Standard uncertainties of a measured depth, and of the wear that goes with it."""
+        """Return the standard uncertainties of a measured depth and its wear."""
         known = self._displacement
         wear_um = self._profile.wear.expected_ratio * depth_um
         between_um = known.drift_u_um_per_s * BETWEEN_S

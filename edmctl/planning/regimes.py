@@ -50,13 +50,10 @@ def recipes_of(profile: Profile, depth_um: float | None = None) -> list[Recipe]:
         is_last = regime is profile.regimes[-1]
         to_um = whole_um if is_last else whole_um * end
         tolerance_um = max(profile.target.tolerance_um, 0.0 if is_last else STAGE_TOLERANCE * to_um)
-        target = profile.target.model_copy(update={"depth_um": to_um, "tolerance_um": tolerance_um})
-        own = in_regime(profile, regime)
-        if (
-            own.wear.remeasure == "sparing" and not is_last
-        ):  # the next regime begins from a bottom that is touched
-            own = own.model_copy(update={"wear": own.wear.model_copy(update={"remeasure": "auto"})})
-        found.append(Recipe(regime.name, from_um, to_um, own.model_copy(update={"target": target})))
+        own = in_regime(profile, regime).having("target", depth_um=to_um, tolerance_um=tolerance_um)
+        if own.wear.remeasure == "sparing" and not is_last:  # the next regime starts from a touched bottom
+            own = own.having("wear", remeasure="auto")
+        found.append(Recipe(regime.name, from_um, to_um, own))
         from_um = to_um
     return found
 
@@ -99,21 +96,17 @@ def with_regimes(profile: Profile) -> Profile:
 
 def in_pulses(profile: Profile, regime: Regime) -> Profile:
     """The profile with the pulses of a regime alone."""
-    pulses = {
-        key: value
-        for key in ("current_a", "frequency_hz", "duty")
-        if (value := getattr(regime, key)) is not None
-    }
-    return profile.model_copy(update={"pulse": profile.pulse.model_copy(update=pulses)})
+    keys = ("current_a", "frequency_hz", "duty")
+    return profile.having(
+        "pulse", **{key: value for key in keys if (value := getattr(regime, key)) is not None}
+    )
 
 
 def in_regime(profile: Profile, regime: Regime) -> Profile:
     """The profile with the pulses and the reference of a regime, and what they let expect."""
     other = in_pulses(profile, regime)
     if regime.reference is not None:
-        other = other.model_copy(
-            update={"servo": profile.servo.model_copy(update={"reference": regime.reference})}
-        )
+        other = other.having("servo", reference=regime.reference)
     elif profile.adaptive.seek_reference:
         other = with_sought_reference(other)
     depth_um = usual_depth_um(profile)
@@ -121,14 +114,7 @@ def in_regime(profile: Profile, regime: Regime) -> Profile:
     work, wear, measure = profile.work, profile.wear, profile.measure
     removal = work.removal_um3_per_uj * there.removal_um3_per_uj / here.removal_um3_per_uj
     side_um = work.side_gap_um * expected_side_gap_um(other) / expected_side_gap_um(profile)
-    return other.model_copy(
-        update={
-            "work": work.model_copy(update={"removal_um3_per_uj": removal, "side_gap_um": side_um}),
-            "wear": wear.model_copy(
-                update={"expected_ratio": wear.expected_ratio * there.wear_ratio / here.wear_ratio}
-            ),
-            "measure": measure.model_copy(
-                update={"expected_gap_um": measure.expected_gap_um * there.gap_um / here.gap_um}
-            ),
-        }
-    )
+    ratio = wear.expected_ratio * there.wear_ratio / here.wear_ratio
+    gap_um = measure.expected_gap_um * there.gap_um / here.gap_um
+    other = other.having("work", removal_um3_per_uj=removal, side_gap_um=side_um)
+    return other.having("wear", expected_ratio=ratio).having("measure", expected_gap_um=gap_um)

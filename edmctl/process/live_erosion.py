@@ -302,7 +302,6 @@ class ErosionEstimate:
         return other
 
     def _logs(self, energy: Energy) -> tuple[float, float]:
-        """Logarithms of depth per removal, and of the arcs' surplus of wear."""
         arcs = energy.arc_uj / energy.normal_uj
         worked_uj = energy.normal_uj * (1.0 + ARC_REMOVAL * arcs)
         return math.log(worked_uj / self._hole_area_um2), math.log(_arc_factor(arcs))

@@ -216,7 +216,7 @@ def _discharges(recipe: GapRecipe) -> tuple[_Kind, tuple[tuple[float, ...], ...]
 
 
 def _normal(recipe: GapRecipe, delay: float) -> _Kind:
-    """A discharge that ignites after this share of the on-time."""
+    """Return a discharge that ignites after this share of the on-time."""
     share = min(1.0 - delay, recipe.longest_share)
     burning_us, current_a, negative = recipe.on_time_us * share, recipe.current_a, recipe.tool_negative
     energy_uj = pulse_energy_uj(recipe.discharge_voltage_v, current_a, burning_us)
@@ -241,7 +241,7 @@ class _Dirt:
 
 
 def _balance(recipe: GapRecipe, pulses: _Pulses, depth_um: float, near: _Dirt | None) -> _Dirt:
-    """What the gap comes to where as much debris is cleared as comes in; looked for first near where it was."""
+    """Return the state in which debris is cleared as fast as it is produced, searched near the last one first."""
     per_s = 1e6 / (recipe.on_time_us + recipe.off_time_us)
     area_um2, working_um = tool_area_um2(recipe.diameter_um), working_gap_um(GAP_LAW, recipe.open_voltage_v)
     flush_s = flush_time_s(GAP_LAW, recipe.diameter_um, depth_um) * recipe.flush_time_s / GAP_LAW.flush_time_s
@@ -269,7 +269,7 @@ def _balance(recipe: GapRecipe, pulses: _Pulses, depth_um: float, near: _Dirt | 
 def _between(
     surplus: Callable[[float], tuple[float, _Dirt]], low: tuple[float, float], high: tuple[float, float]
 ) -> _Dirt:
-    """Where the surplus, with its sign at both ends, is none: false position, an end that stays counts half."""
+    """Return the root of the surplus by false position (Illinois method)."""
     (a, more), (b, less) = low, high
     was_more = None
     for _ in range(_TRIES):
@@ -288,7 +288,7 @@ def _between(
 
 
 def _shorts(debris: float, particles: float) -> float:
-    """Share of the pulses that bridges short, each until it burns off; so many particles span the gap."""
+    """Return the share of pulses that bridges short until they burn off, for a gap of that many particles."""
     lasting = min(0.5, GAP_LAW.bridge_base * math.pow(debris, max(particles - 0.5, 0.0))) / BRIDGE_CLEAR
     return lasting / (1.0 + lasting)
 
@@ -307,7 +307,6 @@ def _arcs(recipe: GapRecipe, pulses: _Pulses, debris: float, channel_us: float) 
 
 
 def _volumes_um3(pulses: _Pulses, debris: float, arcs: float) -> tuple[float, float]:
-    """Work and tool removed per pulse."""
     every, soon, arc = pulses.every, pulses.soon, pulses.arc
     work = every.work_um3 + arcs * (arc.work_um3 - soon.work_um3)
     tool = every.tool_um3 + arcs * (arc.tool_um3 - soon.tool_um3)
@@ -315,7 +314,6 @@ def _volumes_um3(pulses: _Pulses, debris: float, arcs: float) -> tuple[float, fl
 
 
 def _left(debris: float) -> float:
-    """Share of the removal that is not lost on debris."""
     return 1.0 / (1.0 + (debris / GAP_LAW.redeposition) ** 2)
 
 

@@ -333,7 +333,7 @@ def _of_numbers(model: ActuatorModel) -> Iterator[str]:
 
 
 def _of_range(model: ActuatorModel) -> Iterator[str]:
-    """The range is where the first play has its knots; beyond them the model guesses."""
+    """The voltage range matches the knots of the first play."""
     low_v, high_v = float(model.knots_v[0, 0]), float(model.knots_v[0, -1])
     span_v = high_v - low_v
     narrow = model.high_v - model.low_v < LEAST_SPAN_SHARE * span_v
@@ -344,7 +344,7 @@ def _of_range(model: ActuatorModel) -> Iterator[str]:
 
 
 def _of_stroke(quality: Identification | Quality, model: ActuatorModel) -> Iterator[str]:
-    """The displacement of a full swing by the weights alone, with creep that has come to its end and without any."""
+    """The weights give a plausible stroke, and that which is stated."""
     span_v = model.high_v - model.low_v
     swings_v = np.maximum(0.0, span_v - 2.0 * model.thresholds_v)
     if not _is_sane(model.slopes_um_per_v) or not _is_sane(model.creep_um_per_v):
@@ -376,7 +376,7 @@ def _is_sane(weights: np.ndarray) -> bool:
 
 
 def _of_figures(figures: ErrorFigures | Figures, name: str) -> Iterator[str]:
-    """Percentages are those of the lengths, and no RMS is larger than the largest error."""
+    """Percentages match the lengths, and no RMS exceeds the largest error."""
     lengths = (figures.max_um, figures.rms_um)
     shares = (figures.max_pct, figures.rms_pct)
     apart = any(

@@ -100,7 +100,7 @@ def rule_diagnostics(findings: Sequence[Finding], sources: Sources) -> list[Diag
 
 
 def _unknown_keys(table: KeyPath, model: type[BaseModel], data: TomlTable) -> dict[KeyPath, Code]:
-    """Unknown keys of a table whose kind is not known, which pydantic leaves unread."""
+    """Return the unknown keys of a table whose kind is unknown, which pydantic does not read."""
     written, known = _value(data, table), keys_at(model, table)
     keys = written if isinstance(written, dict) else {}
     return {(*table, key): Code.UNKNOWN_KEY for key in keys if key not in known}
@@ -111,7 +111,6 @@ def _rank(code: Code) -> int:
 
 
 def _path(detail: ErrorDetails, data: TomlTable) -> KeyPath:
-    """Key path of an error, without the names pydantic puts between for the branches of a union."""
     path: KeyPath = ()
     here: object = data
     parts = detail["loc"]
@@ -228,12 +227,11 @@ def _holds(value: object, part: str | int) -> bool:
 
 
 def _item(value: object, part: str | int) -> object:
-    """What a table or list holds there; None where it holds nothing."""
+    """Return an item of a table or list; None if there is none."""
     if isinstance(value, list) and isinstance(part, int):
         return value[part]
     return value.get(part) if isinstance(value, dict) else None
 
 
 def _header(path: KeyPath) -> str:
-    """A table as its header stands in a file: `[servo]`, `[[sites]]`."""
     return f"[[{dotted(path[:-1])}]]" if path and isinstance(path[-1], int) else f"[{dotted(path)}]"

@@ -109,7 +109,7 @@ class DriftFile(HashedTable):
         )
 
     def _refuse_contradictions(self) -> None:
-        """Raise ValueError where jobs would go by what was not measured (`model_of` makes the one of the other)."""
+        """Raise ValueError if the values in use do not follow from the measured ones (`model_of`)."""
         found, used = self.measured, self.used
         if not found.rests > found.touches >= LEAST_TOUCHES:
             raise ValueError(f"{found.touches} touches and {found.rests} rests tell no drift")
@@ -131,7 +131,7 @@ class DriftFile(HashedTable):
 
 
 def _beyond(touch_um_per_s: float, rest_um_per_s: float, share: float) -> bool:
-    """Whether touches have drifted the opposite way, share 0, or by more than rests, share 1."""
+    """Whether touches drift the opposite way (share 0), or more than the rests (share 1)."""
     ratio = touch_um_per_s / rest_um_per_s if rest_um_per_s else math.nan
     return ratio <= 0.0 if share == 0.0 else ratio >= 1.0
 

@@ -1,11 +1,95 @@
-"""The recipe of a job: every table of a profile file with its units and limits."""
+"""The tables of a profile file with their units and limits: the recipe of a job, and `[sim]`; their JSON schema."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
-from pydantic import Field
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 
-from edmctl.profile.sites import Array, PathTable, SiteTable
-from edmctl.profile.tables import ONE_LINE, Line, Name, Table, entry
+from edmctl.profile.tables import ONE_LINE, Coordinate, FileName, Line, Name, Table, entry
+
+
+class PointSite(Table):
+    """One place to machine, in stage coordinates."""
+
+    kind: Literal["point"] = "point"
+    name: Name | None = entry(None, "numbered when not given")
+    x_um: Coordinate = entry(..., "stage coordinate, µm")
+    y_um: Coordinate = entry(0.0, "stage coordinate, µm")
+    theta_deg: float = entry(0.0, "of the rotary table, degrees", ge=-360.0, le=360.0)
+    depth_um: float | None = entry(None, "instead of target.depth_um, µm", gt=0.0, le=2000.0)
+
+
+class GridSites(Table):
+    """Rows and columns of places."""
+
+    kind: Literal["grid"]
+    name: str = entry("grid", "prefix of the names", min_length=1, max_length=32, pattern=ONE_LINE)
+    x_um: Coordinate = entry(..., "first place, µm")
+    y_um: Coordinate = entry(0.0, "first place, µm")
+    columns: int = entry(..., "places along x", ge=1, le=1000)
+    rows: int = entry(1, "places along y", ge=1, le=1000)
+    dx_um: float = entry(..., "from column to column, µm", ge=-1e5, le=1e5)
+    dy_um: float = entry(0.0, "from row to row, µm", ge=-1e5, le=1e5)
+    depth_um: float | None = entry(None, "instead of target.depth_um, µm", gt=0.0, le=2000.0)
+
+
+class CircleSites(Table):
+    """Places on a circle."""
+
+    kind: Literal["circle"]
+    name: str = entry("circle", "prefix of the names", min_length=1, max_length=32, pattern=ONE_LINE)
+    x_um: Coordinate = entry(..., "centre, µm")
+    y_um: Coordinate = entry(0.0, "centre, µm")
+    radius_um: float = entry(..., "from the centre, µm", gt=0.0, le=1e6)
+    count: int = entry(..., "number of places", ge=1, le=1000)
+    start_deg: float = entry(0.0, "direction of the first place, from x towards y", ge=-360.0, le=360.0)
+    depth_um: float | None = entry(None, "instead of target.depth_um, µm", gt=0.0, le=2000.0)
+
+
+class FileSites(Table):
+    """Places from a CSV file with the columns x_um and y_um, and name, theta_deg and depth_um where wanted."""
+
+    kind: Literal["file"]
+    path: FileName = entry(..., "relative to the profile that names it")
+
+
+class Array(Table):
+    """How the places of `[[sites]]` are worked off."""
+
+    order: Literal["nearest", "given"] = entry("nearest", "shortest way, or as written")
+    surface: Literal["plane", "pad"] = entry(
+        "plane", "touch three places first and fit a plane, or trust the pad's height"
+    )
+
+
+class PathTable(Table):
+    """A channel: a way of the tool's axis in stage coordinates, cut in layers to target.depth_um."""
+
+    kind: Literal["rectangle", "circle", "spiral"]
+    x_um: Coordinate = entry(..., "centre, µm")
+    y_um: Coordinate = entry(0.0, "centre, µm")
+    width_um: float | None = entry(None, "rectangle: along x, µm", gt=0.0, le=1e5)
+    height_um: float | None = entry(None, "rectangle: along y, µm", gt=0.0, le=1e5)
+    radius_um: float | None = entry(None, "circle: its radius; spiral: the inner one, µm", gt=0.0, le=1e5)
+    pitch_um: float | None = entry(None, "spiral: from turn to turn, µm", gt=0.0, le=1e5)
+    turns: float | None = entry(None, "spiral: number of turns", gt=0.0, le=100.0)
+    layer_um: float = entry(2.0, "depth of one layer, µm", gt=0.0, le=50.0)
+    speed_um_s: float = entry(100.0, "along the path, µm/s", ge=1.0, le=5000.0)
+
+
+def _kind_of(site: object) -> str:
+    """The kind that an item of `[[sites]]` states; one that states none is a point."""
+    kind = site.get("kind", "point") if isinstance(site, dict) else getattr(site, "kind", "point")
+    return kind if isinstance(kind, str) else repr(kind)
+
+
+SiteTable: TypeAlias = Annotated[
+    Annotated[PointSite, Tag("point")]
+    | Annotated[GridSites, Tag("grid")]
+    | Annotated[CircleSites, Tag("circle")]
+    | Annotated[FileSites, Tag("file")],
+    Discriminator(_kind_of),
+]
+"""One item of `[[sites]]`."""
 
 
 class Meta(Table):
@@ -307,3 +391,136 @@ class Profile(Table):
     limits: Limits = Limits()
     flush: Flush = Flush()
     log: Log = Log()
+
+    def having(self, table: str, **values: Any) -> Self:
+        """Return a copy with other values in a table."""
+        return self.model_copy(update={table: getattr(self, table).model_copy(update=values)})
+
+
+CONTROLLER_SYNONYMS = {"python": "firmware"}  # names in profiles and run files of former versions
+
+
+def _present_name(controller: object) -> object:
+    return CONTROLLER_SYNONYMS.get(controller, controller) if isinstance(controller, str) else controller
+
+
+class SimSettings(Table):
+    """Constants of the simulated discharge process.
+
+    The generator's series resistance is not among them: current and voltages of `[pulse]` fix it. Orders of
+    magnitude after Muralidhara et al. 2009; the rest is fitted so that its holes come out.
+    """
+
+    work_removal: float | None = entry(
+        None, "removal of the work over that of copper; else by its material", gt=0.0, le=100.0
+    )
+    tool_wear: float | None = entry(
+        None, "wear of the tool over that of copper; else by its material", ge=0.0, le=100.0
+    )
+    controller: Annotated[
+        Literal["firmware", "firmware-float", "stm32"],
+        BeforeValidator(_present_name),
+    ] = entry(
+        "firmware",
+        "what drives it: the firmware's core, that in a board's arithmetic, or the image of a board",
+    )
+    spread: float = entry(
+        0.03, "relative sd by which every machine differs from the figures below", ge=0.0, le=0.5
+    )
+    sensor_gain_sd: float | None = entry(
+        None, "sd of the draw of the sensor's gain, relative; else by the setup", ge=0.0, le=0.2
+    )
+    sensor_drift_sd_um_s: float | None = entry(
+        None, "sd of the draw of its steady drift, µm/s; else by the setup", ge=0.0, le=1.0
+    )
+    machine_drift_sd_um_s: float = entry(
+        0.0, "the same of the work against the tool, which no sensor sees, µm/s", ge=0.0, le=1.0
+    )
+    tilt_sd_mrad: float | None = entry(
+        None,
+        "sd of the draw of the slope of the work, along x and y, mrad; else by the setup",
+        ge=0.0,
+        le=50.0,
+    )
+    discharge_v: float = entry(22.0, "plateau of a normal discharge, V", gt=0.0, le=100.0)
+    arc_v: float = entry(17.0, "plateau of an arc, V", gt=0.0, le=100.0)
+    short_v: float = entry(1.0, "gap voltage of a short, V", ge=0.0, le=20.0)
+    scatter: float = entry(0.3, "log-normal spread of a crater's volume", ge=0.0, le=2.0)
+    gap_reference_um: float = entry(2.5, "gap that ignites as below at 40 V, µm", gt=0.0, le=50.0)
+    tau_reference_us: float = entry(60.0, "its mean statistical delay, µs", gt=0.0, le=1e5)
+    gap_exponent: float = entry(4.0, "delay against gap, a power", ge=1.0, le=12.0)
+    formative_us: float = entry(1.0, "least ignition delay, µs", ge=0.0, le=100.0)
+    roughness_um: float = entry(0.20, "surface peaks at a pulse of 344 µJ, µm", ge=0.0, le=5.0)
+    debris_gap_factor: float = entry(1.5, "narrowing per debris fraction", ge=0.0, le=10.0)
+    flush_time_s: float = entry(0.5, "debris clearance at Ø270 µm, s", gt=0.0, le=1000.0)
+    flush_depth_ratio: float = entry(1.1, "depth/diameter that doubles it", gt=0.0, le=100.0)
+    redeposition: float = entry(0.19, "debris fraction that halves removal", gt=0.0, le=100.0)
+    arc_base: float = entry(0.01, "arc probability without debris", ge=0.0, le=1.0)
+    arc_debris: float = entry(0.16, "debris fraction at which sparks arc", gt=0.0, le=100.0)
+    arc_delay_us: float = entry(20.0, "ignition delay that fades this, µs", gt=0.0, le=1e4)
+    arc_pause_us: float = entry(800.0, "off-time that halves this, µs", gt=0.0, le=1e6)
+    arc_work: float = entry(0.15, "work removed by an arc over a discharge", ge=0.0, le=10.0)
+    arc_tool: float = entry(0.9, "tool removed by an arc over a discharge", ge=0.0, le=10.0)
+    bridge_clear: float = entry(0.02, "chance per pulse that a bridge burns off", gt=0.0, le=1.0)
+    side_base: float = entry(0.03, "share of discharges at the wall", ge=0.0, le=1.0)
+    side_debris: float = entry(0.6, "more of them per debris fraction", ge=0.0, le=10.0)
+    removal_um3_per_uj: float = entry(0.0811, "work removed per energy at best, µm³/µJ", gt=0.0, le=10.0)
+    tool_share: float = entry(0.827, "tool removed per work, at equal shares", ge=0.0, le=10.0)
+    peak_us: float = entry(40.0, "burning time of the most removal at 0.12 A, µs", gt=0.0, le=1e4)
+    peak_exponent: float = entry(0.75, "sharpness of that optimum", gt=0.0, le=4.0)
+    peak_per_current: float = entry(0.3, "its growth with current, a power", ge=0.0, le=2.0)
+    threshold_uj: float = entry(1.0, "energy that removes nothing, µJ", ge=0.0, le=1000.0)
+    cathode_least: float = entry(0.15, "erosion of cathode over anode, shortest", ge=0.0, le=10.0)
+    cathode_us: float = entry(568.0, "burning time that adds as much, µs", gt=0.0, le=1e5)
+    cathode_exponent: float = entry(0.8, "of that growth", gt=0.0, le=4.0)
+    carbon_us: float = entry(60.0, "burning time that halves positive wear, µs", gt=0.0, le=1e5)
+    carbon_per_current: float = entry(-0.3, "its change with current, a power", ge=-2.0, le=2.0)
+    deionisation_us: float = entry(15.0, "decay of a channel at 344 µJ, µs", ge=0.0, le=1e4)
+    deionisation_exponent: float = entry(0.3, "its growth with energy, a power", ge=0.0, le=2.0)
+    deionisation_debris: float = entry(4.0, "its growth per debris fraction", ge=0.0, le=100.0)
+    deionisation_after_arc: float = entry(1.5, "its growth after an arc", ge=1.0, le=10.0)
+    bridge_base: float = entry(0.2, "bridging across half a particle, full gap", ge=0.0, le=1.0)
+    particle_um: float = entry(0.9, "particles of a pulse of 344 µJ, µm", gt=0.0, le=50.0)
+    side_per_voltage_um: float = entry(4.0, "gap at the wall by 40 V, µm", ge=0.0, le=100.0)
+    side_per_energy_um: float = entry(4.0, "and by a pulse of 344 µJ, µm", ge=0.0, le=100.0)
+    tip_rounding_um: float = entry(
+        0.0, "rounding of the tool's rim: how far its edge lies behind its tip, µm", ge=0.0, le=100.0
+    )
+
+
+class ProfileFile(Profile):
+    """A profile file as written: the recipe and the `[sim]` table."""
+
+    sim: SimSettings = SimSettings()
+
+
+def profile_schema() -> dict[str, Any]:
+    """JSON schema (draft 2020-12) of a profile file. One that extends another may leave any key to that."""
+    schema = ProfileFile.model_json_schema(by_alias=True)
+    required = {"required": schema.pop("required"), "properties": _required_keys(schema)}
+    schema["properties"]["extends"] = {
+        "type": "string",
+        "description": "profile whose values hold where this one states none, relative to this file, or shipped",
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **schema,
+        "title": "edmctl machining profile",
+        "if": {"not": {"required": ["extends"]}},
+        "then": required,
+    }
+
+
+def _required_keys(schema: dict[str, Any]) -> dict[str, Any]:
+    """Move the required keys out of the tables' definitions: for each table, what it must hold.
+
+    Items of a list keep theirs, because a list is inherited whole or not at all.
+    """
+    found = {}
+    for table, description in schema["properties"].items():
+        kinds = description.get("oneOf", description.get("anyOf", [description]))
+        names = [kind["$ref"].rpartition("/")[2] for kind in kinds if "$ref" in kind]
+        if names:
+            required = [schema["$defs"][name].pop("required", []) for name in names]
+            found[table] = {"anyOf": [{"required": keys} for keys in required]}
+    return found

@@ -13,8 +13,7 @@ from edmctl.errors import Diagnostic, Location, ProfileError
 from edmctl.files import read_bytes, user_path
 from edmctl.profile.findings import Code
 from edmctl.profile.folders import is_file
-from edmctl.profile.model import Profile
-from edmctl.profile.sites import CircleSites, GridSites, PointSite
+from edmctl.profile.model import CircleSites, GridSites, PointSite, Profile
 
 MOST_PLACES = 1000  # more holes than any tool lasts for
 COLUMNS = ("name", "x_um", "y_um", "theta_deg", "depth_um")
@@ -138,7 +137,6 @@ def read_places_file(path: Path) -> list[tuple[PointSite, Location]]:
 
 
 def _refusal(message: str, hint: str, line: Location | None = None, cell: int | None = None) -> ProfileError:
-    """Return an error about a file, one of its lines, or a cell of that."""
     if line and cell is not None:
         begin, length = span_of(line.source_line, ",", cell)
         line = replace(line, column=begin + 1, length=max(1, length))
@@ -146,7 +144,6 @@ def _refusal(message: str, hint: str, line: Location | None = None, cell: int | 
 
 
 def _lines(path: Path) -> list[Location]:
-    """Return the lines of a file. Raises ProfileError if it cannot be read."""
     name = str(path)
     if not is_file(path):
         raise _refusal(f"there is no file {name}", "the name is relative to the profile that holds it")
@@ -160,7 +157,6 @@ def _lines(path: Path) -> list[Location]:
 
 
 def _header(line: Location, cells: list[str]) -> list[str]:
-    """Return the names of the columns. Raises ProfileError."""
     from edmctl.profile.tables import nearest
 
     if len(cells) == 1 and (";" in cells[0] or "\t" in cells[0]):
@@ -179,10 +175,9 @@ def _header(line: Location, cells: list[str]) -> list[str]:
 
 
 def _point(line: Location, columns: list[str], cells: list[str]) -> PointSite:
-    """Return the place of a line. Raises ProfileError."""
     from pydantic import ValidationError
 
-    from edmctl.profile.sites import PointSite
+    from edmctl.profile.model import PointSite
 
     if len(cells) > len(columns):
         message = f"{len(cells)} cells under {len(columns)} columns"
@@ -202,7 +197,7 @@ def _point(line: Location, columns: list[str], cells: list[str]) -> PointSite:
 
 
 def _hint(column: str) -> str:
-    from edmctl.profile.sites import PointSite
+    from edmctl.profile.model import PointSite
     from edmctl.profile.tables import field_at, permitted
 
     info = field_at(PointSite, (column,))

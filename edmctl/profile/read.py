@@ -65,7 +65,7 @@ def read_source(path: Path) -> Source:
 
 @lru_cache(maxsize=8)
 def _source(name: str, text: str) -> Source:
-    """The same text is scanned once: a study reads one profile a thousand times."""
+    """Return a source; the same text is scanned once, because a study reads one profile often."""
     return Source(name, text)
 
 
@@ -100,7 +100,7 @@ def _parsed(name: str, text: str) -> TomlTable:
 
 
 def _loads(text: str) -> TomlTable:
-    """Parse a TOML text. Raises ValueError, also for a whole number that no float can represent; RecursionError."""
+    """Parse a TOML text. Raises ValueError, also for an integer beyond any float; RecursionError."""
     table = tomllib.loads(text)
     for value in _inside(table):
         if isinstance(value, int) and abs(value) > sys.float_info.max:
@@ -109,7 +109,7 @@ def _loads(text: str) -> TomlTable:
 
 
 def _holds_more(table: TomlTable, most: int) -> bool:
-    """Whether the tables in a table, and those in lists, have more keys than that."""
+    """Whether a table and the tables in it have more keys than `most`."""
     return sum(len(value) for value in _inside(table) if isinstance(value, dict)) > most
 
 
@@ -200,7 +200,7 @@ def _refusal(code: Code, message: str, hint: str, where: Location | None = None)
 
 
 def _syntax_place(source: Source, message: str) -> tuple[Location, str]:
-    """Location in a syntax error's message; at the end of the document it is the last line's end."""
+    """Return the location that a syntax error names; the last line's end for the end of the document."""
     match = _SYNTAX_PLACE.match(message)
     lines = source.text.split("\n")
     if match and match["line"]:

@@ -265,7 +265,6 @@ def load_setup(path: Path | None = None) -> Setup:
 
 
 def _misplaced(setup: Setup, sources: Sources) -> Iterator[Diagnostic]:
-    """Yield what is wrong with the places of the reference pad and for parking."""
     stage, edges = setup.stage, setup.workpiece_limits()
     pad, park = (stage.reference_x_um, stage.reference_y_um), (stage.park_x_um, stage.park_y_um)
     for name, place, key in (

@@ -156,13 +156,11 @@ def nearest(key: str, candidates: list[str]) -> str | None:
 
 
 def _is_other_axis(key: str, name: str) -> bool:
-    """Whether both are about an axis, and not about the same, as z_um and dx_um."""
     a, b = _axis(key), _axis(name)
     return a != b and "" not in (a, b)
 
 
 def _axis(key: str) -> str:
-    """The axis that a key such as x_um or dx_um is about; empty for other keys."""
     word = key.lower().partition("_")[0]
     return word[-1] if word in ("x", "y", "z", "dx", "dy", "dz") else ""
 

@@ -11,8 +11,8 @@ from edmctl.csv_text import number_of
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, RecordError, UsageError
 from edmctl.files import user_path
+from edmctl.profile.model import ProfileFile
 from edmctl.profile.positions import KeyPath
-from edmctl.profile.profile_file import ProfileFile
 from edmctl.profile.tables import field_at
 from edmctl.record.delimited import read_table
 from edmctl.study.results import FactorInfo, Value

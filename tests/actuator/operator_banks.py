@@ -6,9 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from edmctl.actuator.design import Design, features_of
-from edmctl.actuator.electromechanical import ElectromechanicalModel
 from edmctl.actuator.inverse import Inverse
-from edmctl.actuator.maxwell import MaxwellModel
+from edmctl.actuator.maxwell import ElectromechanicalModel, MaxwellModel
 from edmctl.actuator.model import ActuatorState
 from edmctl.actuator.record import Record
 from edmctl.array_types import Array

@@ -6,8 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from edmctl.actuator.acceptance import most_accepted_pct
-from edmctl.actuator.diagnosis import Noise
+from edmctl.actuator.acceptance import Noise, most_accepted_pct
 from edmctl.actuator.identification import Identification, identify
 from edmctl.actuator.model import ActuatorState
 from edmctl.actuator.record import Record

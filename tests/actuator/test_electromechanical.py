@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from edmctl.actuator.electromechanical import TABLE_1, ElectromechanicalModel, Transducer
-from edmctl.actuator.maxwell import MaxwellModel
+from edmctl.actuator.maxwell import TABLE_1, ElectromechanicalModel, MaxwellModel, Transducer
 from edmctl.actuator.waveforms import sine
 
 Array = NDArray[np.float64]

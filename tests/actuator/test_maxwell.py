@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from edmctl.actuator.electromechanical import TABLE_1
-from edmctl.actuator.maxwell import MaxwellModel
+from edmctl.actuator.maxwell import TABLE_1, MaxwellModel
 from tests.actuator.truth import play
 
 Array = NDArray[np.float64]

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edmctl.actuator.electromechanical import ElectromechanicalModel
 from edmctl.actuator.inverse import Inverse
-from edmctl.actuator.maxwell import MaxwellModel, MaxwellState
+from edmctl.actuator.maxwell import ElectromechanicalModel, MaxwellModel, MaxwellState
 from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
 from edmctl.actuator.operators import Bank
 from tests.actuator.models import Array, clock, make_model

@@ -23,7 +23,7 @@ from edmctl.jobs.runs.opening import find_run
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.findings import Code
 from edmctl.profile.folders import data_folder, find_calibration, find_drift, shipped_folder
-from edmctl.profile.profile_file import ProfileFile
+from edmctl.profile.model import ProfileFile
 from edmctl.profile.setup import Setup, load_setup
 from edmctl.profile.tables import NAMES_FILE
 from edmctl.study.design import factors_of, points_of

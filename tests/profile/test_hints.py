@@ -10,8 +10,8 @@ from pydantic import BaseModel, ValidationError
 
 from edmctl.errors import ProfileError
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
+from edmctl.profile.model import ProfileFile
 from edmctl.profile.positions import Source, Sources
-from edmctl.profile.profile_file import ProfileFile
 from edmctl.profile.read import Merged, apply_overrides, parse
 from edmctl.profile.setup import Setup
 from edmctl.profile.tables import accepts

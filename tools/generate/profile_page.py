@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmctl.profile.model import DepthTarget, FeedTarget, Profile, Regime, ThroughTarget
-from edmctl.profile.profile_file import SimSettings
+from edmctl.profile.model import (
+    CircleSites,
+    DepthTarget,
+    FeedTarget,
+    FileSites,
+    GridSites,
+    PathTable,
+    PointSite,
+    Profile,
+    Regime,
+    SimSettings,
+    ThroughTarget,
+)
 from edmctl.profile.setup import Setup
-from edmctl.profile.sites import CircleSites, FileSites, GridSites, PathTable, PointSite
 from edmctl.profile.tables import permitted
 from edmctl.toml_text import toml_value
 from tools.generate.text import table

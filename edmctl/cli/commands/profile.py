@@ -136,7 +136,7 @@ def schema(
 
     With --json it is the `result` of the usual object.
     """
-    from edmctl.profile.profile_file import profile_schema
+    from edmctl.profile.model import profile_schema
 
     outcome.result = profile_schema()
     outcome.text = json.dumps(to_json_value(outcome.result), indent=2, ensure_ascii=False)

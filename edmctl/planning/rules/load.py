@@ -24,10 +24,9 @@ from edmctl.planning.rules.violations import (
 from edmctl.profile.diagnose import rule_diagnostics, schema_diagnostics, schema_problems
 from edmctl.profile.findings import Finding
 from edmctl.profile.folders import find_profile, shipped_profiles
-from edmctl.profile.model import Profile
+from edmctl.profile.model import Profile, ProfileFile, SimSettings
 from edmctl.profile.places import Place, places
 from edmctl.profile.positions import SET_OPTION, Sources, TomlTable
-from edmctl.profile.profile_file import ProfileFile, SimSettings
 from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.profile.setup import Setup
 from edmctl.results.forecast import Forecast, ProfileSummary
@@ -105,7 +104,7 @@ def load_profile(
 
 
 def _written(table: TomlTable, sources: Sources, machine: Setup) -> ProfileFile:
-    """The table as a profile; where values are wrong, the rules that it violates besides are refused with them."""
+    """Validate a table as a profile; report wrong values together with violated rules."""
     try:
         return ProfileFile.model_validate(table)
     except ValidationError as error:
@@ -118,7 +117,7 @@ def _written(table: TomlTable, sources: Sources, machine: Setup) -> ProfileFile:
 def _places(
     profile: Profile, path: Path, sources: Sources
 ) -> tuple[tuple[Place, ...], tuple[Diagnostic, ...]]:
-    """The places of a profile, or why they are not known; files are relative to the text that names them."""
+    """Return the places of a profile, or why they are unknown."""
     if not profile.sites:
         return (), ()
     where = sources.value(("sites",))
@@ -132,7 +131,7 @@ def _places(
 def _refuse_errors(
     findings: list[Finding], sources: Sources, others: tuple[Diagnostic, ...] = ()
 ) -> tuple[Diagnostic, ...]:
-    """Diagnostics of findings that only warn; raises ProfileError with all of them and others if one refuses."""
+    """Return the warnings. Raises ProfileError with all diagnostics if one is an error."""
     diagnostics = (*rule_diagnostics(findings, sources), *others)
     if all(d.is_warning for d in diagnostics):
         return diagnostics
@@ -140,7 +139,7 @@ def _refuse_errors(
 
 
 def _as_before(sim: SimSettings) -> SimSettings:
-    """Return the settings with the controller by the name that it had where nothing was stated."""
+    """Return the settings with the former name of the controller, which the hash contains."""
     return sim.model_copy(update={"controller": "python"}) if sim.controller == "firmware" else sim
 
 

@@ -15,8 +15,7 @@ from edmctl.planning.erosion import (
 from edmctl.planning.forecast import Job
 from edmctl.process.materials import material, materials
 from edmctl.profile.findings import Code, Finding
-from edmctl.profile.model import Profile
-from edmctl.profile.profile_file import SimSettings
+from edmctl.profile.model import Profile, SimSettings
 
 CURRENTS_A, ON_TIMES_US, VOLTAGES_V = (0.03, 1.0), (5.0, 300.0), (40.0, 100.0)
 """Where the laws of the process were compared with what is known (docs/virtual-machine.md)."""

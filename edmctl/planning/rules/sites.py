@@ -11,9 +11,9 @@ from edmctl.planning.measuring import beside_pad_um
 from edmctl.planning.removal import hole
 from edmctl.planning.rules.bound import Bound, Conflict
 from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Code, Finding, rounded_up
+from edmctl.profile.model import PathTable
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Limit, Setup
-from edmctl.profile.sites import PathTable
 from edmctl.wording import coordinates
 
 LEAST_TURN_DEG = 1.0  # places turned against each other by less are one place of the workpiece [assumed]
@@ -151,7 +151,7 @@ def unreachable(
 
 
 def _half_um(path: PathTable | None, limit: Limit) -> float:
-    """Return how far a channel's axis reaches from its middle towards a limit, µm; of a spiral its outer circle."""
+    """Return the extent of a channel's axis from its centre towards a limit, µm."""
     if path is None:
         return 0.0
     if path.kind == "rectangle":
@@ -202,7 +202,7 @@ def array_stroke(job: Job) -> Iterator[Finding]:
 
 
 def _closest(places: tuple[Place, ...], apart_um: float) -> tuple[Place, Place, float] | None:
-    """Return the two places that are closest, if they are closer than this and not turned apart."""
+    """Return the two closest places that are closer than this and have the same angle."""
     found: tuple[Place, Place, float] | None = None
     swept = sorted(places, key=lambda place: place.x_um)
     for index, a in enumerate(swept):
@@ -265,7 +265,7 @@ def walls(job: Job) -> Iterator[Finding]:
 
 
 def _widths_um(path: PathTable) -> dict[str, float]:
-    """Least distances between the sides of a channel, axis to axis, by the key that sets them."""
+    """Return the least distances between a channel's sides, axis to axis, by the key that sets them."""
     if path.kind == "rectangle":
         return {"width_um": path.width_um or 0.0, "height_um": path.height_um or 0.0}
     if path.kind == "circle":
@@ -276,7 +276,6 @@ def _widths_um(path: PathTable) -> dict[str, float]:
 
 
 def _distance_um(path: PathTable, x_um: float, y_um: float) -> float:
-    """Least distance of the channel's axis from a point."""
     dx_um, dy_um = abs(x_um - path.x_um), abs(y_um - path.y_um)
     away_um = math.hypot(dx_um, dy_um)
     if path.kind == "circle":

@@ -81,7 +81,7 @@ BLIND_DEPTH = Bound(
 
 
 def _least_resolved_um(job: Job) -> float:
-    """The least tolerance that touches resolve which scatter as much as they may."""
+    """Return the least tolerance that touches of the permitted scatter resolve."""
     measure = job.profile.measure
     return 2.0 * measure.max_sd_um / math.sqrt(measure.touches)
 

@@ -6,22 +6,83 @@ In such a partial profile a value that is wrong or missing is absent: asking for
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+import math
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any, get_args
 
 from pydantic import TypeAdapter
 
 from edmctl.planning.erosion import with_expected_erosion, with_sought_reference
 from edmctl.planning.forecast import Job, forecast
-from edmctl.planning.regimes import with_regimes
-from edmctl.planning.rules import materials, motion, pulse, regimes, sites, target
+from edmctl.planning.regimes import recipes_of, with_regimes
+from edmctl.planning.rules import materials, motion, pulse, sites, target
 from edmctl.profile.findings import Code, Finding
-from edmctl.profile.model import DepthTarget, FeedTarget, Profile, Regime, ThroughTarget
+from edmctl.profile.model import DepthTarget, FeedTarget, Profile, Regime, SiteTable, ThroughTarget
 from edmctl.profile.places import Place
 from edmctl.profile.positions import KeyPath, TomlTable
 from edmctl.profile.setup import Setup
-from edmctl.profile.sites import SiteTable
 from edmctl.profile.tables import Table, keys_at, nearest
+
+OF_PULSES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
+    pulse.reference_window,
+    motion.slope_against_feed,
+    motion.limit_cycle,
+    pulse.pulse_energy,
+    *pulse.PULSE_TIMES,
+    pulse.FILTER_CORNER,
+    *pulse.DISCHARGE_TIME,
+    materials.within_the_laws,
+)
+"""What holds for pulses and reference of every regime."""
+SHARES = 1e-6
+SUITS = "a depth of one blind hole that is measured"
+
+
+def regimes(job: Job) -> Iterator[Finding]:
+    """Rule 37: shares make up the whole depth of one blind hole, and every regime is a recipe that works."""
+    profile = job.profile
+    if not profile.regimes:
+        return
+    for is_wrong, what in (
+        (profile.target.kind != "depth", f'target.kind = "{profile.target.kind}"'),
+        (bool(profile.sites), "[[sites]]"),
+        (profile.path is not None, "[path]"),
+        (profile.wear.remeasure == "never", 'wear.remeasure = "never"'),
+        (profile.pulse.mode == "isopulse", 'pulse.mode = "isopulse"'),
+    ):
+        if is_wrong:
+            yield Finding(
+                Code.REGIMES,
+                ("regimes",),
+                f"regimes are for {SUITS}, not for {what}",
+                "leave one of the two out",
+            )
+            return
+    whole = math.fsum(regime.share for regime in profile.regimes)
+    if abs(whole - 1.0) > SHARES:
+        yield Finding(
+            Code.REGIMES,
+            ("regimes",),
+            f"the shares of all regimes are {whole:g} together, not 1",
+            f"the last one could have {1.0 - whole + profile.regimes[-1].share:.3g}",
+        )
+        return
+    twice = [name for name, n in Counter(regime.name for regime in profile.regimes).items() if n > 1]
+    if twice:
+        yield Finding(Code.REGIMES, ("regimes",), f"two regimes are called {twice[0]}", "give each a name")
+        return
+    for number, recipe in enumerate(recipes_of(with_regimes(profile))):
+        if recipe.profile.pulse == profile.pulse and recipe.profile.servo == profile.servo:
+            continue  # what is wrong with it has been said of the profile
+        alone = recipe.profile.model_copy(update={"regimes": []})
+        for rule in OF_PULSES:
+            for found in rule(Job(alone, job.setup, job.places)):
+                yield replace(
+                    found, path=("regimes", number), message=f"regime {recipe.name}: {found.message}"
+                )
+
 
 RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     pulse.reference_window,
@@ -59,7 +120,7 @@ RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     target.depth_beyond_tolerance,
     materials.known_materials,
     materials.within_the_laws,
-    regimes.regimes,
+    regimes,
 )
 """Every rule, in order of its number. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
 
@@ -82,27 +143,23 @@ def with_time_limit(profile: Profile, setup: Setup, places: tuple[Place, ...] = 
     """Fill in the time limit where none is given, from the forecast."""
     if "max_time_s" in profile.limits.model_fields_set:
         return profile
-    return _with(profile, "limits", max_time_s=TIME_LIMIT_FORECASTS * forecast(profile, setup, places).time_s)
+    max_time_s = TIME_LIMIT_FORECASTS * forecast(profile, setup, places).time_s
+    return profile.having("limits", max_time_s=max_time_s)
 
 
 def in_share_only(profile: Profile) -> Profile:
     """Turn a reference in volts, or one that is sought, into the share that it is, so that it is stated once."""
     stated = with_regimes(_with_share(profile))
-    return stated if stated.servo.reference_v is None else _with(stated, "servo", reference_v=None)
-
-
-def _with(profile: Profile, table: str, **values: float | None) -> Profile:
-    """A copy with other values in a table."""
-    return profile.model_copy(update={table: getattr(profile, table).model_copy(update=values)})
+    return stated if stated.servo.reference_v is None else stated.having("servo", reference_v=None)
 
 
 def _with_share(profile: Profile) -> Profile:
-    """The profile with its reference as a share, stated in volts or not, or as an adaptive one begins."""
+    """Return the profile with its reference as a share of the open voltage."""
     if profile.adaptive.seek_reference:
         return with_sought_reference(profile)
     if profile.servo.reference_v is None:
         return profile
-    return _with(profile, "servo", reference=profile.servo.reference_v / profile.pulse.duty_voltage_v)
+    return profile.having("servo", reference=profile.servo.reference_v / profile.pulse.duty_voltage_v)
 
 
 def violations(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -> list[Finding]:
@@ -146,7 +203,7 @@ def reference_stated_once(job: Job) -> Iterable[Finding]:
 
 
 def _findings(rule: Callable[[Job], Iterable[Finding]], job: Job) -> list[Finding]:
-    """Findings of a rule; none where it asks for a value that could not be read."""
+    """Return the findings of a rule; none if it needs a value that could not be read."""
     try:
         return list(rule(job))
     except AttributeError as error:
@@ -205,12 +262,12 @@ def _read_table(name: str, written: TomlTable) -> Table:
 
 
 def _is_gone(name: str, lacking: Collection[tuple[str, ...]]) -> bool:
-    """Whether nothing of a table can be read: it is missing or no table, or a target of unknown kind."""
+    """Whether a table cannot be read: it is missing, no table, or a target of unknown kind."""
     return (name,) in lacking or (name == "target" and (name, "kind") in lacking)
 
 
 def _lost(path: KeyPath, code: Code, table: TomlTable) -> tuple[str, ...] | None:
-    """The table or value whose value a problem hides; None for an unknown key that stands for nothing."""
+    """Return the table or value that a problem hides; None for an unknown key."""
     if path[0] in _LISTS:
         return (str(path[0]),)
     names = tuple(str(part) for part in path[:2])
@@ -218,7 +275,7 @@ def _lost(path: KeyPath, code: Code, table: TomlTable) -> tuple[str, ...] | None
 
 
 def _meant(path: tuple[str, ...], table: TomlTable) -> tuple[str, ...] | None:
-    """The key that an unknown one is a misspelling of, unless that is written too."""
+    """Return the absent key that an unknown one misspells."""
     *above, key = path
     below: object = table
     for part in above:

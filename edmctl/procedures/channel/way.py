@@ -6,7 +6,7 @@ import math
 
 from edmctl.process import path as ways
 from edmctl.process.path import Way
-from edmctl.profile.sites import PathTable
+from edmctl.profile.model import PathTable
 
 PIECE_UM = 25.0
 """Longest line sent to the stages: the height of its end is planned anew for each."""

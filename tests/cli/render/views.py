@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
-from edmctl.actuator.diagnosis import Noise
+from edmctl.actuator.acceptance import Noise
 from edmctl.actuator.uncertainty import Bands
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.jobs.calibration.fit import FileFigures, Findings

@@ -14,7 +14,7 @@ from edmctl.errors import ProfileError, UsageError
 from edmctl.planning.rules.load import _sha256, load_profile
 from edmctl.profile.findings import Code
 from edmctl.profile.folders import shipped_profiles, shipped_studies
-from edmctl.profile.profile_file import ProfileFile, profile_schema
+from edmctl.profile.model import ProfileFile, profile_schema
 from edmctl.profile.read import changes, extend
 from edmctl.profile.setup import load_setup
 from edmctl.profile.tables import field_at

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 from edmctl.process.erosion import LAW
 from edmctl.process.gap_conditions import GAP_LAW
-from edmctl.profile.profile_file import SimSettings
+from edmctl.profile.model import SimSettings
 
 
 def test_the_defaults_of_sim_are_the_constants_of_the_laws() -> None:
