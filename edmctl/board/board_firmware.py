@@ -289,8 +289,6 @@ def _refuse_held_ports() -> None:
 
 def _take_st_link_of(port: str, tool: Tool) -> None:
     """Have the tool flash the board that was asked: the ST-LINK of its port, of however many there are."""
-    if not tool.by_st_link:
-        return
     serial = next((one.usb_serial for one in st_links() if same_port(port, one.device)), "")
     if serial and tool.probe and tool.probe.lower() not in serial.lower():
         raise no_board(

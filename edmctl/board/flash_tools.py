@@ -4,7 +4,7 @@ None of them is part of edmctl. They are run in a folder of their own, where the
 answers their questions. They write and read a chip that was reset and halted: one that was only halted is reset by
 its own watchdog, and what was just written shall not run before it has been compared.
 
-Commands and messages are those of pyOCD 0.46, OpenOCD 0.12, stlink 1.7 and dfu-util 0.11.
+Commands and messages are those of pyOCD 0.46 and OpenOCD 0.12.
 """
 
 from __future__ import annotations
@@ -36,14 +36,13 @@ _MOST_SAID = 4_000_000
 """Bytes that a tool may say."""
 _NO_PROBE = re.compile(
     r"No connected debug probes|No available debug probes|No target device available|Probe .* not found"
-    r"|Error: open failed|No device found|unable to find a matching|Error: Device not found"
-    r"|Found 0 stlink programmers|Couldn't find any ST-Link|No DFU capable USB device",
+    r"|Error: open failed|No device found|unable to find a matching|Error: Device not found",
     re.IGNORECASE,
 )
 _NO_RIGHT = re.compile(
     r"LIBUSB_ERROR_ACCESS|access denied|insufficient permissions|permission denied", re.IGNORECASE
 )
-_SEVERAL = re.compile(r"More than one DFU capable|Enter the number of the debug probe", re.IGNORECASE)
+_SEVERAL = re.compile(r"Enter the number of the debug probe", re.IGNORECASE)
 _NO_CHIP = re.compile(
     r"unable to connect to the target|Get IDCODE error|No ACK|Failed to connect to target|Failed to enter SWD mode"
     r"|SWD/JTAG communication failure|Target not available",
@@ -55,9 +54,7 @@ class Tool:
     """A program for flashing that is installed. Its commands raise PreconditionError E8121, E8125."""
 
     name = ""
-    programs: tuple[str, ...] = ()
     install = ""
-    by_st_link = True
     takes_first = False  # of several boards, without a word
 
     def __init__(self, command: tuple[str, ...], probe: str | None) -> None:
@@ -67,9 +64,9 @@ class Tool:
 
     @classmethod
     def found(cls) -> tuple[str, ...] | None:
-        """Its command where it is installed with all that belongs to it."""
-        paths = [shutil.which(program) for program in cls.programs]
-        return (paths[0],) if paths and paths[0] and all(paths) else None
+        """Return its command if it is installed."""
+        path = shutil.which(cls.name)
+        return (path,) if path else None
 
     def device_id(self, board: Board) -> int:
         """Which chip is there, as DBGMCU_IDCODE says; nothing is stopped or written."""
@@ -87,9 +84,9 @@ class Tool:
         """Reset the board, so that it runs what was written."""
         raise NotImplementedError
 
-    def run(self, *arguments: str, program: str = "") -> str:
+    def run(self, *arguments: str) -> str:
         """Run the tool and return what it said on both streams."""
-        command = [*((program,) if program else self.command), *arguments]
+        command = [*self.command, *arguments]
         try:
             process = subprocess.Popen(
                 command,
@@ -132,7 +129,7 @@ class Tool:
         if _NO_PROBE.search(said):
             raise no_board(
                 f"{self.name} finds no board.",
-                "Plug in the USB cable of the ST-LINK; for dfu-util the chip's own, with BOOT0 high at a reset.",
+                "Plug in the USB cable of the ST-LINK.",
             )
         if _NO_CHIP.search(said):
             raise no_board(
@@ -151,7 +148,7 @@ class Tool:
 class PyOcd(Tool):
     """https://pyocd.io; it does not look which chip it writes to."""
 
-    name, programs = "pyocd", ("pyocd",)
+    name = "pyocd"
     install = installing("pyocd")
     _HALTED = ("--connect", "under-reset", "-O", "resume_on_disconnect=false")
 
@@ -183,7 +180,7 @@ class PyOcd(Tool):
 class OpenOcd(Tool):
     """https://openocd.org."""
 
-    name, programs = "openocd", ("openocd",)
+    name = "openocd"
     install = "`apt install openocd`"
     takes_first = True
 
@@ -207,78 +204,7 @@ class OpenOcd(Tool):
         self._do(board, "reset run")
 
 
-class StFlash(Tool):
-    """https://github.com/stlink-org/stlink."""
-
-    name, programs = "st-flash", ("st-flash", "st-info")
-    install = "`apt install stlink-tools`"
-    _HALTED = ("--connect-under-reset",)
-
-    def _at(self) -> tuple[str, ...]:
-        return ("--serial", self.probe) if self.probe else ()
-
-    def device_id(self, board: Board) -> int:
-        said = self.run("--probe", program=shutil.which("st-info") or "st-info")
-        programmers = re.split(r"(?m)^(?=\s*version:)", said)[1:]
-        if self.probe:
-            programmers = [
-                text for text in programmers if re.search(rf"serial:\s+{re.escape(self.probe)}\s", text)
-            ]
-        if not programmers:
-            raise no_board(f"{self.name} finds no board {self.probe or ''}.", "`st-info --probe` lists them.")
-        if len(programmers) > 1:
-            raise no_board(f"{self.name} finds several boards.", "Say which with --probe SERIAL.")
-        return _id_in(programmers[0], r"chipid:\s+(0x[0-9a-f]{1,8})\b", self.name)
-
-    def write(self, board: Board) -> None:
-        self.run(*self._HALTED, *self._at(), "write", _IMAGE, f"0x{board.flash.address:08x}")
-
-    def read_back(self, board: Board, size: int) -> None:
-        self.run(*self._HALTED, *self._at(), "read", _BACK, f"0x{board.flash.address:08x}", str(size))
-
-    def start(self, board: Board) -> None:
-        self.run(*self._at(), "reset")
-
-
-class DfuUtil(Tool):
-    """https://dfu-util.sourceforge.net, with the loader that the chip has in ROM (AN2606)."""
-
-    name, programs = "dfu-util", ("dfu-util",)
-    install = "`apt install dfu-util`"
-    by_st_link = False
-    _USB_ID = "0483:df11"
-
-    def _at(self) -> tuple[str, ...]:
-        return ("-d", self._USB_ID, "-a", "0", *(("-S", self.probe) if self.probe else ()))
-
-    def device_id(self, board: Board) -> int:
-        """By its flash, for the loader does not tell the chip: those of the board's kind have it alone (AN2606)."""
-        said = self.run("-d", self._USB_ID, "-l")
-        names = re.findall(r'Found DFU: .*alt=0, name="(@Internal Flash[^"]*)"(?:, serial="([^"]*)")?', said)
-        layouts = [name for name, serial in names if self.probe in (None, serial)]
-        if not layouts:
-            raise no_board(
-                f"{self.name} finds no board.",
-                "Pull BOOT0 high, reset the board, and plug in the chip's own USB; the ST-LINK is another one.",
-            )
-        if len(layouts) > 1:
-            raise no_board(f"{self.name} finds several boards.", "Say which with --probe SERIAL.")
-        expected = f"/0x{board.flash.address:08X}/{board.flash_layout}"
-        if expected not in layouts[0].replace(" ", ""):
-            raise wrong_chip(board, f"one whose loader tells {layouts[0]}")
-        return min(board.device_ids)
-
-    def write(self, board: Board) -> None:
-        self.run(*self._at(), "-s", f"0x{board.flash.address:08x}", "-D", _IMAGE)
-
-    def read_back(self, board: Board, size: int) -> None:
-        self.run(*self._at(), "-s", f"0x{board.flash.address:08x}:{size}", "-U", _BACK)
-
-    def start(self, board: Board) -> None:
-        self.run(*self._at(), "-s", f"0x{board.flash.address:08x}:4:leave", "-U", "left.bin")
-
-
-TOOLS: dict[str, type[Tool]] = {tool.name: tool for tool in (PyOcd, OpenOcd, StFlash, DfuUtil)}
+TOOLS: dict[str, type[Tool]] = {tool.name: tool for tool in (PyOcd, OpenOcd)}
 """In the order in which they are taken."""
 
 
@@ -303,11 +229,10 @@ def find_tool(named: str | None, probe: str | None = None) -> Tool:
         if named in (None, kind.name) and (command := kind.found()):
             return kind(command, probe)
     if named is None:
-        message = f"None of {', '.join(TOOLS)} is installed."
+        message = f"Neither of {' and '.join(TOOLS)} is installed."
         hint = f"Install pyocd: {PyOcd.install}."
     else:
-        missing = [program for program in TOOLS[named].programs if not shutil.which(program)]
-        message = f"{' and '.join(missing)} is not installed."
+        message = f"{named} is not installed."
         hint = f"Install it: {TOOLS[named].install}; without --tool any other one is taken."
     raise PreconditionError(message, hint=hint, code="E8120")
 

@@ -24,7 +24,7 @@ class Board:
 
     folders : of sources below firmware/. script : of the linker. device_ids : DBGMCU_IDCODE 11:0 (RM0090 38.6.1).
     zig, gcc : flags for the chip; zig needs its own library for divisions of 64 bits, so it takes no -nostdlib.
-    flash_layout : what the chip's USB loader says of its flash. pyocd_target, openocd_config : names in these tools.
+    pyocd_target, openocd_config : names in these tools.
     """
 
     name: str
@@ -38,7 +38,6 @@ class Board:
     flash: Memory
     memories: tuple[Memory, ...]
     device_ids: frozenset[int]
-    flash_layout: str
     pyocd_target: str
     openocd_config: str
 
@@ -62,7 +61,6 @@ STM32F4 = Board(
     flash=Memory("flash", 0x0800_0000, 2 << 20),
     memories=(Memory("RAM", 0x2000_0000, 192 << 10), Memory("CCM", 0x1000_0000, 64 << 10)),
     device_ids=frozenset({0x419}),
-    flash_layout="04*016Kg,01*064Kg,07*128Kg,04*016Kg,01*064Kg,07*128Kg",
     pyocd_target="stm32f429xi",
     openocd_config="board/st_nucleo_f4.cfg",
 )

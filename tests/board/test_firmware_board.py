@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from tests.cli.commands import Here
 
 FAKE = Path(__file__).parents[1] / "firmware" / "fake_flash_tool.py"
-TOOLS = ("pyocd", "openocd", "st-flash", "dfu-util")
+TOOLS = ("pyocd", "openocd")
 F429, F405 = "20036419", "10076413"
 OFF = "--yes-high-voltage-is-off"
 
@@ -112,10 +112,9 @@ class FakeBoard:
     def install(self, *names: str) -> None:
         """Put tools on the path."""
         for name in names:
-            for program in {"st-flash": ("st-flash", "st-info")}.get(name, (name,)):
-                file = self.tools / program
-                file.write_text(f"#!{sys.executable}\n" + FAKE.read_text(encoding="utf-8"))
-                file.chmod(0o755)
+            file = self.tools / name
+            file.write_text(f"#!{sys.executable}\n" + FAKE.read_text(encoding="utf-8"))
+            file.chmod(0o755)
 
     @property
     def flash(self) -> bytes | None:
@@ -276,7 +275,7 @@ def test_flash_without_a_board_says_so(here: Here, board: FakeBoard, image: str,
     assert (said.exit_code, said.document["error"]["code"]) == (8, "E8121"), said.err
 
 
-@pytest.mark.parametrize("tool", ["pyocd", "openocd", "st-flash"])
+@pytest.mark.parametrize("tool", TOOLS)
 def test_flash_with_no_chip_behind_the_probe_says_so(
     here: Here, board: FakeBoard, image: str, tool: str
 ) -> None:
@@ -297,7 +296,7 @@ def test_flash_refuses_another_chip(here: Here, board: FakeBoard, image: str, to
 
 
 def test_flash_refuses_a_choice_that_nobody_made(here: Here, board: FakeBoard, image: str) -> None:
-    board.install("st-flash")
+    board.install("pyocd")
     board.trouble("several")
     said = here("firmware", "flash", image, OFF, "--json")
     assert (said.document["error"]["code"], board.flash) == ("E8121", None)
@@ -449,7 +448,7 @@ def st_links(monkeypatch: pytest.MonkeyPatch, port: str) -> None:
 @pytest.mark.usefixtures("st_links")
 @pytest.mark.parametrize(
     ("tool", "option"),
-    [("pyocd", "--uid"), ("openocd", "adapter serial"), ("st-flash", "--serial")],
+    [("pyocd", "--uid"), ("openocd", "adapter serial")],
 )
 def test_flash_takes_the_board_that_was_asked(
     here: Here, board: FakeBoard, image: str, port: str, tool: str, option: str
@@ -459,9 +458,8 @@ def test_flash_takes_the_board_that_was_asked(
     board.trouble("several")
     said = here("firmware", "flash", image, OFF, "--port", port, "--json")
     assert said.exit_code == 0, said.err
-    asked = [line for line in board.log if "st-info" not in line]
-    assert asked
-    assert all(f"{option} {OTHER}" in line for line in asked)
+    assert board.log
+    assert all(f"{option} {OTHER}" in line for line in board.log)
 
 
 @pytest.mark.usefixtures("st_links")

@@ -1,4 +1,4 @@
-"""Stands for pyocd, openocd, st-flash, st-info and dfu-util, by the name that it is started under.
+"""Stands for pyocd and openocd, by the name that it is started under.
 
 It knows the options that these have and no others, says what they say, and flashes a board that is a folder
 ($FAKE_BOARD): `chip` (device id in hex; none: no board is plugged in), `flash` (what was written), `started`,
@@ -80,6 +80,9 @@ def pyocd(arguments: list[str]) -> int:
             one.add_argument("--no-reset", action="store_true")
             one.add_argument("file")
     asked = parser.parse_args(arguments)
+    if trouble() == "several" and asked.uid is None:
+        print("Enter the number of the debug probe or 'q' to quit>")
+        return 1
     if chip() is None:
         print("No connected debug probes")
         return {"commander": 3, "load": 1, "reset": 1}[asked.command]
@@ -162,94 +165,8 @@ def openocd(arguments: list[str]) -> int:
     raise AssertionError("openocd would go on as a server")
 
 
-def st_info(arguments: list[str]) -> int:
-    assert arguments == ["--probe"]
-    if chip() is None:
-        print("Found 0 stlink programmers")
-        return 0
-    serials = ["066DFF485550755187123543", "0671FF343056363043090732"][: 2 if trouble() == "several" else 1]
-    print(f"Found {len(serials)} stlink programmers")
-    for serial in serials:
-        print(f"  version:    V2J37S26\n  serial:     {serial}\n  flash:      2097152 (pagesize: 16384)")
-        print("  sram:       262144")
-        print(
-            f"  chipid:     0x{0 if trouble() == 'no chip' else (chip() or 0) & 0xFFF:04x}\n  descr:      F42x/F43x"
-        )
-    return 0
-
-
-def st_flash(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--serial")
-    parser.add_argument("--connect-under-reset", action="store_true")
-    parser.add_argument("command", choices=("write", "read", "reset"))
-    parser.add_argument("rest", nargs="*")
-    asked = parser.parse_args(arguments)
-    print("st-flash 1.7.0")
-    if chip() is None:
-        print("2026-01-01T00:00:00 WARN usb.c: Couldn't find any ST-Link devices", file=sys.stderr)
-        return 255
-    if asked.command == "write":
-        assert asked.connect_under_reset, "its watchdog resets a chip that is only halted"
-        if trouble() == "write":
-            print(
-                "2026-01-01T00:00:00 ERROR common.c: stlink_flash_loader_run(0x8000000) failed! == -1",
-                file=sys.stderr,
-            )
-            return 255
-        write(*asked.rest)
-        print("2026-01-01T00:00:00 INFO common.c: Flash written and verified! jolly good!", file=sys.stderr)
-    elif asked.command == "read":
-        assert asked.connect_under_reset
-        read(*asked.rest)
-    else:
-        start()
-    return 0
-
-
-def dfu_util(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("-d")
-    parser.add_argument("-a")
-    parser.add_argument("-S")
-    parser.add_argument("-s")
-    parser.add_argument("-l", action="store_true")
-    parser.add_argument("-D")
-    parser.add_argument("-U")
-    asked = parser.parse_args(arguments)
-    print("dfu-util 0.11\n")
-    banks = {0x20036419: 2, 0x10076413: 1}.get(chip() or 0, 0)
-    flash = "@Internal Flash  /0x08000000/" + ",".join(["04*016Kg,01*064Kg,07*128Kg"] * banks)
-    if asked.l:
-        for alt, name in enumerate((flash, "@Option Bytes  /0x1FFFC000/01*016 e") if banks else ()):
-            device = f'ver=2200, devnum=8, cfg=1, intf=0, path="1-2", alt={alt}'
-            print(f'Found DFU: [0483:df11] {device}, name="{name}", serial="337233573236"')
-        return 0
-    if chip() is None:
-        print("dfu-util: No DFU capable USB device available", file=sys.stderr)
-        return 74
-    place = (asked.s or "").split(":")
-    if asked.D:
-        if trouble() == "write":
-            print("dfu-util: Error during download", file=sys.stderr)
-            return 74
-        write(asked.D, place[0])
-    if asked.U:
-        assert not Path(asked.U).exists(), "dfu-util overwrites nothing"
-        read(asked.U, place[0], place[1])
-    if "leave" in place:
-        start()
-    return 0
-
-
 if __name__ == "__main__":
     with (BOARD / "log").open("a") as log:
         log.write(" ".join([NAME, *sys.argv[1:]]) + "\n")
-    kinds = {
-        "pyocd": pyocd,
-        "openocd": openocd,
-        "st-info": st_info,
-        "st-flash": st_flash,
-        "dfu-util": dfu_util,
-    }
+    kinds = {"pyocd": pyocd, "openocd": openocd}
     sys.exit(kinds[re.sub(r"\.py$", "", NAME)](sys.argv[1:]))

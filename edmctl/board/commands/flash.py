@@ -21,15 +21,13 @@ ToolOption = Annotated[
     str | None,
     typer.Option(
         "--tool",
-        metavar="pyocd|openocd|st-flash|dfu-util",
+        metavar="pyocd|openocd",
         help="Default: the first of them that is installed.",
     ),
 ]
 ProbeOption = Annotated[
     str | None,
-    typer.Option(
-        "--probe", metavar="ID", help="Serial number of the ST-LINK, or of the chip's USB for dfu-util."
-    ),
+    typer.Option("--probe", metavar="ID", help="Serial number of the ST-LINK."),
 ]
 FlashPortOption = Annotated[
     str | None,

@@ -7,7 +7,7 @@ from functools import partial
 from statistics import linear_regression
 
 from edmctl.board.first_start import nets
-from edmctl.board.first_start.checklist import Checklist, Found, Spec, mean
+from edmctl.board.first_start.checklist import Checklist, Found, Spec, mean, wrong
 from edmctl.board.first_start.nets import cause
 from edmctl.dataclasses import dataclass, replace
 from edmctl.procedures.settings import motion_settings
@@ -155,7 +155,7 @@ def _drive(c: Checklist, steps: list[Step]) -> Found:
     if abs(monitor) >= DEAD or (c.setup.sensor.fitted and abs(displacement) >= DEAD * gain):
         return Found(read)
     text = "nothing follows: the converter's wires, the amplifier's input or its supply"
-    return Found(read, (cause(text, nets.DAC),))
+    return wrong(read, text, nets.DAC)
 
 
 def _monitor(steps: list[Step]) -> Found:
@@ -173,7 +173,7 @@ def _monitor(steps: list[Step]) -> Found:
         )
     else:
         text = "actuator monitor has an offset"
-    return Found(read, (cause(text, nets.MONITOR),))
+    return wrong(read, text, nets.MONITOR)
 
 
 def _displacement(c: Checklist, steps: list[Step]) -> Found:
@@ -189,7 +189,7 @@ def _displacement(c: Checklist, steps: list[Step]) -> Found:
         text = "displacement sensor is reversed: more voltage has to read more displacement, towards the work"
     else:
         text = "displacement sensor has another scale than the setup, or the actuator another gain"
-    return Found(read, (cause(text, nets.DISPLACEMENT),))
+    return wrong(read, text, nets.DISPLACEMENT)
 
 
 def _range(c: Checklist) -> Found:

@@ -53,6 +53,11 @@ class Found:
     is_word: bool = False
 
 
+def wrong(read: str, text: str, *nets: str) -> Found:
+    """Return what was read with one likely mistake, and the nets that it is on."""
+    return Found(read, (Cause(text, nets),))
+
+
 @dataclass(slots=True)
 class Checklist:
     """One machine, one person, and what was found so far.

@@ -6,7 +6,7 @@ from functools import partial
 from statistics import pstdev
 
 from edmctl.board.first_start import nets
-from edmctl.board.first_start.checklist import Checklist, Found, Skip, Spec, mean
+from edmctl.board.first_start.checklist import Checklist, Found, Skip, Spec, mean, wrong
 from edmctl.board.first_start.nets import cause
 from edmctl.board.first_start.person import ACTS, CHAIN_HIGH_V, CHAIN_LOW_V
 from edmctl.board.results_first_start import Cause, ItemStatus
@@ -295,7 +295,7 @@ def _supply_off(c: Checklist) -> Found:
     if Interlock.HV_SUPPLY in bits:
         return Found(read)
     text = "the input reads ok with the supply off: bridged, shorted to 3.3 V, or the supply is on"
-    return Found(read, (cause(text, nets.SUPPLY_OK),))
+    return wrong(read, text, nets.SUPPLY_OK)
 
 
 def _temperature(c: Checklist) -> Found:
@@ -305,7 +305,7 @@ def _temperature(c: Checklist) -> Found:
     if low_c <= value_c <= high_c:
         return Found(read)
     text = "no temperature of a workshop: wire off or shorted, or the wrong divider"
-    return Found(read, (cause(text, nets.TEMPERATURE),))
+    return wrong(read, text, nets.TEMPERATURE)
 
 
 def _break_chain(c: Checklist) -> Found:
@@ -317,7 +317,7 @@ def _break_chain(c: Checklist) -> Found:
         "not healthy, or not broken by e-stop and door: they are to stand in series, and the over-current "
         "comparator in the same chain"
     )
-    return Found("not as expected, by the person", (cause(text, nets.BREAK),))
+    return wrong("not as expected, by the person", text, nets.BREAK)
 
 
 def _contact(c: Checklist) -> Found:
@@ -342,10 +342,10 @@ def _contact(c: Checklist) -> Found:
             "contact input does not close: wire off, tool or work not connected, the circuit has no supply, or the "
             "mode switch stands at the generator (then a meter across the open gap shows 0 V, else 0.8 V)"
         )
-        return Found(read, (cause(text, nets.CONTACT, nets.MODE),))
+        return wrong(read, text, nets.CONTACT, nets.MODE)
     else:
         text = "contact input does not open again: something still connects tool and work"
-    return Found(read, (cause(text, nets.CONTACT),))
+    return wrong(read, text, nets.CONTACT)
 
 
 def _closed(c: Checklist) -> bool | None:
@@ -377,7 +377,7 @@ def _gap_battery(c: Checklist) -> Found:
     if abs(value_v - before_v) >= GAP_ZERO_V:
         c.act("battery-off")
         text = f"gap sensor reads {value_v / battery_v:.2f} of the voltage: a wrong resistor in its divider"
-        return Found(read, (cause(text, nets.GAP),))
+        return wrong(read, text, nets.GAP)
     c.act("battery-turn")
     turned_v = gap_v(c)
     c.act("battery-off")
@@ -387,7 +387,7 @@ def _gap_battery(c: Checklist) -> Found:
         if abs(turned_v - before_v) >= GAP_ZERO_V
         else "gap voltage is not connected: wire off between gap, divider and input"
     )
-    return Found(read, (cause(text, nets.GAP),))
+    return wrong(read, text, nets.GAP)
 
 
 def _gap_rest(c: Checklist) -> Found:
@@ -401,7 +401,7 @@ def _gap_rest(c: Checklist) -> Found:
     if abs(value_v - battery_v) < GAP_ZERO_V:
         return Found(f"{read} as the battery has left it: the sensor reads nothing now")
     text = "gap sensor reads a voltage without one: its ground is off, or its amplifier's offset; or a supply is on"
-    return Found(read, (cause(text, nets.GAP),))
+    return wrong(read, text, nets.GAP)
 
 
 def _battery_left(c: Checklist) -> float | None:
@@ -416,7 +416,7 @@ def _monitor_rest(c: Checklist) -> Found:
     if abs(value_v) <= MONITOR_ZERO_V:
         return Found(read)
     text = "actuator monitor reads a voltage with the amplifier off: wire off or shorted, or its offset"
-    return Found(read, (cause(text, nets.MONITOR),))
+    return wrong(read, text, nets.MONITOR)
 
 
 def _displacement_rest(c: Checklist) -> Found:
@@ -425,7 +425,7 @@ def _displacement_rest(c: Checklist) -> Found:
     values_um = [status.displacement_um for status in c.read()]
     if max(map(abs, values_um)) >= UNREADABLE_UM:
         text = "displacement sensor gives no reading: wire off, or at the end of its range"
-        return Found("none", (cause(text, nets.DISPLACEMENT),))
+        return wrong("none", text, nets.DISPLACEMENT)
     value_um, noise_um = mean(values_um), pstdev(values_um)
     read = f"{decimal(value_um)} µm, noise {decimal(noise_um)} µm rms"
     if abs(value_um) > REST_UM:
@@ -436,4 +436,4 @@ def _displacement_rest(c: Checklist) -> Found:
         text = "displacement sensor does not change by a digit: wire off, or the converter stands"
     else:
         return Found(read)
-    return Found(read, (cause(text, nets.DISPLACEMENT),))
+    return wrong(read, text, nets.DISPLACEMENT)

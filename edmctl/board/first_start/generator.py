@@ -7,7 +7,7 @@ from statistics import median
 from typing import Any, cast
 
 from edmctl.board.first_start import nets
-from edmctl.board.first_start.checklist import Checklist, Found, Spec, mean
+from edmctl.board.first_start.checklist import Checklist, Found, Spec, mean, wrong
 from edmctl.board.first_start.nets import cause
 from edmctl.board.results_first_start import Cause
 from edmctl.dataclasses import dataclass, field
@@ -247,7 +247,7 @@ def _gate_off(heard: Heard) -> Found:
     read = f"the last pulse {_apart(last_s)} the generator was switched off, {int(late.sum())} pulses later"
     if not late.any():
         return Found(read)
-    return Found(read, (cause("pulses go on while the gate is off: gate or driver stuck", nets.GATE),))
+    return wrong(read, "pulses go on while the gate is off: gate or driver stuck", nets.GATE)
 
 
 def _apart(after_s: float) -> str:
@@ -282,9 +282,7 @@ def _watchdog(c: Checklist) -> Found:
         c.machine.clear_fault(status.fault)
     if is_right:
         return Found(read)
-    return Found(
-        read, (cause("the firmware does not stop without its host: flash the right image", "firmware"),)
-    )
+    return wrong(read, "the firmware does not stop without its host: flash the right image", "firmware")
 
 
 def _measure_mode(c: Checklist) -> Found:
@@ -310,4 +308,4 @@ def _measure_mode(c: Checklist) -> Found:
         c.machine.clear_fault(error.fault)
         return Found("no contact, no pulse")
     c.machine.disarm()
-    return Found("contact in the air", (cause("the contact closes in the air", nets.CONTACT),))
+    return wrong("contact in the air", "the contact closes in the air", nets.CONTACT)

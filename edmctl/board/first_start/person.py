@@ -26,9 +26,14 @@ class Done(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Act:
-    """Something to do by hand. `may_be_absent`: a machine may do without what it is about."""
+    """Something to do by hand.
+
+    changes : what it is on a virtual machine: injections that begin (+) or end (-). may_be_absent : a machine may be
+    without the part that it is about.
+    """
 
     key: str
+    changes: str
     text: str
     may_be_absent: bool = False
 
@@ -63,30 +68,53 @@ class Asked(Person, Protocol):
 ACTS = {
     act.key: act
     for act in (
-        Act("estop-press", "Press the emergency stop."),
-        Act("estop-release", "Release the emergency stop."),
-        Act("door-open", "Open the door."),
-        Act("door-close", "Close the door."),
+        Act("estop-press", "+ESTOP", "Press the emergency stop."),
+        Act("estop-release", "-ESTOP", "Release the emergency stop."),
+        Act("door-open", "+DOOR", "Open the door."),
+        Act("door-close", "-DOOR", "Close the door."),
         Act(
             "level-low",
+            "+DIELECTRIC_LEVEL",
             "Bring the level switch of the dielectric to 'too low': let its float sink, or drain.",
         ),
-        Act("level-ok", "Bring the level switch back to 'ok': let its float rise, or fill up."),
-        Act("pump-off", "Switch the pump of the dielectric off."),
-        Act("pump-on", "Switch the pump on again."),
-        Act("contact-close", "Connect tool and work with a wire."),
-        Act("contact-open", "Take the wire off."),
-        Act("battery-on", "Connect the battery over 1 kΩ to the gap, plus where the generator's plus is."),
+        Act(
+            "level-ok",
+            "-DIELECTRIC_LEVEL",
+            "Bring the level switch back to 'ok': let its float rise, or fill up.",
+        ),
+        Act("pump-off", "+DIELECTRIC_FLOW", "Switch the pump of the dielectric off."),
+        Act("pump-on", "-DIELECTRIC_FLOW", "Switch the pump on again."),
+        Act("contact-close", "+WIRE_SHORT", "Connect tool and work with a wire."),
+        Act("contact-open", "-WIRE_SHORT", "Take the wire off."),
+        Act(
+            "battery-on",
+            "+BATTERY",
+            "Connect the battery over 1 kΩ to the gap, plus to the generator's plus.",
+        ),
         Act(
             "low-battery-on",
+            "+LOW_BATTERY",
             "Connect the battery of lower voltage over 1 kΩ to the gap, plus to the generator's plus.",
         ),
-        Act("battery-turn", "Turn the battery round: plus and minus exchanged."),
-        Act("battery-off", "Take the battery off."),
-        Act("supply-on", "Switch the high-voltage supply on, the amplifier of the actuator stays off."),
-        Act("limit-close", "Hold a limit switch of the stages closed by hand.", may_be_absent=True),
-        Act("limit-open", "Let go of the limit switch."),
-        Act("amplifier-on", "Switch the amplifier of the actuator on."),
+        Act(
+            "battery-turn",
+            "-BATTERY -LOW_BATTERY +BATTERY_TURNED",
+            "Turn the battery round, plus to minus.",
+        ),
+        Act("battery-off", "-BATTERY -LOW_BATTERY -BATTERY_TURNED", "Take the battery off."),
+        Act(
+            "supply-on",
+            "-HV_SUPPLY",
+            "Switch the high-voltage supply on; the amplifier of the actuator stays off.",
+        ),
+        Act(
+            "limit-close",
+            "+STAGE_LIMIT",
+            "Hold a limit switch of the stages closed by hand.",
+            may_be_absent=True,
+        ),
+        Act("limit-open", "-STAGE_LIMIT", "Let go of the limit switch."),
+        Act("amplifier-on", "-AMPLIFIER_DEAD", "Switch the amplifier of the actuator on."),
     )
 }
 """Everything that may be asked to be done, by its key."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from edmctl.board.first_start import actuator, cold, generator, nets, stages
 from edmctl.board.first_start.checklist import Checklist
-from edmctl.board.first_start.hands import VirtualHands, WrittenHands
+from edmctl.board.first_start.hands import VirtualHands, written_hands
 from edmctl.board.first_start.nets import cause
 from edmctl.board.first_start.person import Asked, Person
 from edmctl.board.results_first_start import Cause, FirstStartReport, Item, ItemStatus
@@ -56,7 +56,13 @@ def first_start(
             )
             stands = VirtualHands(bench.virtual, asked)
         elif acts is not None:
-            stands = _written_hands(machine, acts, asked)
+            if not machine.identity.simulated and machine.hello.clock != Clock.DRIVEN:
+                raise UsageError(
+                    "--acts is about a virtual machine, and a real one answers.",
+                    hint="Leave it out: people act at a real machine.",
+                    code="E2066",
+                )
+            stands = written_hands(acts, asked)
         checklist = Checklist(machine, setup, stands, tell, say, cause_of)
         try:
             if cold.look(checklist):
@@ -77,16 +83,6 @@ def first_start(
         return FirstStartReport(
             name, machine.identity.simulated, started, items, complete, absent, ended_by
         ), error
-
-
-def _written_hands(machine: LinkMachine, acts: Path, asked: Asked) -> WrittenHands:
-    if not machine.identity.simulated and machine.hello.clock != Clock.DRIVEN:
-        raise UsageError(
-            "--acts is about a virtual machine, and a real one answers.",
-            hint="Leave it out: people act at a real machine.",
-            code="E2066",
-        )
-    return WrittenHands(acts, asked)
 
 
 def verdict(report: FirstStartReport) -> EdmError | None:

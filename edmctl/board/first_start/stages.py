@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from edmctl.board.first_start import nets
-from edmctl.board.first_start.checklist import Checklist, Found, Skip, Spec
+from edmctl.board.first_start.checklist import Checklist, Found, Skip, Spec, wrong
 from edmctl.board.first_start.cold import COLD, GAP_ZERO_V, NETS_OF, gap_v
 from edmctl.board.first_start.nets import cause
 from edmctl.errors import MachineFault
@@ -117,9 +117,7 @@ def _cleared(c: Checklist) -> Found:
     read = f"state {status.state.name}, fault {status.fault or 'none'}"
     if status.state is MachineState.IDLE:
         return Found(read)
-    return Found(
-        read, (cause("a fault is latched that this list has not caused: `edmctl reset` tells which"),)
-    )
+    return wrong(read, "a fault is latched that this list has not caused: `edmctl reset` tells which")
 
 
 def _still(c: Checklist) -> None:
@@ -139,7 +137,7 @@ def _armed(c: Checklist, open_by: str, close_by: str, code: FaultCode, net: str)
     read = f"state {status.state.name}, fault {status.fault or 'none'}"
     if status.fault == code:
         return Found(read)
-    return Found(read, (cause("an armed machine does not stop for it", net),))
+    return wrong(read, "an armed machine does not stop for it", net)
 
 
 def _put_back(c: Checklist, close_by: str, fault: int) -> None:
@@ -177,7 +175,7 @@ def _limit(c: Checklist) -> Found:
     c.machine.disarm()
     c.act("limit-open")
     text = "a stage moves with its limit switch closed: wire bridged, or contacts the wrong way round"
-    return Found("the stage moved", (cause(text, nets.LIMITS),))
+    return wrong("the stage moved", text, nets.LIMITS)
 
 
 def _directions(c: Checklist) -> None:
@@ -222,15 +220,11 @@ def _direction(c: Checklist, axis: Axis, seen: dict[Axis, str]) -> Found:
     if answer == "plus":
         return Found("plus")
     if answer == "minus":
-        return Found(
-            "minus", (cause("the direction is inverted: swap the motor's pair, or its input", direction),)
-        )
+        return wrong("minus", "the direction is inverted: swap the motor's pair, or its input", direction)
     if answer == "none":
-        return Found(
-            "none", (cause("no steps arrive: wire off, or the drive has no supply or no enable", step),)
-        )
+        return wrong("none", "no steps arrive: wire off, or the drive has no supply or no enable", step)
     everyone = [
         nets.STEPS[other] for other in (Axis.X, Axis.Y) if other is not axis and axis is not Axis.THETA
     ]
     text = "the steps go to the drive of another axis: exchanged"
-    return Found("another axis", (cause(text, step, *everyone),))
+    return wrong("another axis", text, step, *everyone)
