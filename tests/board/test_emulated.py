@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -12,11 +12,7 @@ from edmctl.errors import PreconditionError
 from edmctl.exitcodes import MEANING
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.config import STM32
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tests.cli.commands import Here
+from tests.cli.commands import Here
 
 
 @pytest.fixture(params=["no unicorn", "installed package"])

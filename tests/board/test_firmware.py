@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -11,12 +10,9 @@ from edmctl.core.build import compiler
 from edmctl.simulator.config import CONTROLLERS, FIRMWARE, FIRMWARE_FLOAT, STM32
 from edmctl.study.folder import open_folder
 from edmctl.study.results import RunState
-from tests.cli.commands import SHALLOW
+from tests.cli.commands import SHALLOW, Here
 from tests.firmware_tools import built_here, need_package
 from tests.study.studies import FULL, HEAD, RESPONSES, outcome, written
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
 
 JOB = ("machine", *SHALLOW, "--seed", "1", "--json")
 

@@ -12,6 +12,7 @@ import select
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,16 +37,13 @@ from edmctl.link.messages import (
 from edmctl.link.ports import PortInfo
 from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
-from tests.cli.commands import command, environment
+from tests.cli.commands import Here, command, environment
 from tests.firmware.image_bytes import image_bytes
 from tests.firmware_tools import need_board_compiler
 from tests.serving import serving
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from edmctl.link.wire import Request
-    from tests.cli.commands import Here
 
 FAKE = Path(__file__).parents[1] / "firmware" / "fake_flash_tool.py"
 TOOLS = ("pyocd", "openocd")

@@ -8,8 +8,9 @@ import os
 import re
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import pytest
 
@@ -24,15 +25,10 @@ from edmctl.simulator import BenchConfig, VirtualBench
 from edmctl.simulator.acts import ActsFile
 from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import WIRING_MISTAKES, parse_injection
-from tests.cli.commands import ROOT
+from tests.cli.commands import ROOT, Here, Said
 from tests.serving import serving
 from tools.generate.circuits.break_chain import hardware_break
 from tools.generate.circuits.common import Needs
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.cli.commands import Here, Said
 
 NAMED = {
     "ESTOP_DOOR_SWAPPED": ("estop", {"e-stop (PG0)", "door (PG1)"}, "exchanged"),

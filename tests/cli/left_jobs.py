@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stdout
 from functools import partial
 from io import StringIO
@@ -20,17 +21,14 @@ from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal
 from edmctl.simulator.saving import bench_state, restored_bench
 from edmctl.simulator.workpiece import TILE
-from tests.cli.commands import CU270
+from tests.cli.commands import CU270, Said
 from tests.golden import once
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
     from edmctl.machine.interface import TelemetryBlock
     from edmctl.record.journal import Journal
     from edmctl.record.rows import RunEvent
     from edmctl.simulator import VirtualBench
-    from tests.cli.commands import Said
 
 QUICK = (
     'target={kind="depth",depth_um=24.0,tolerance_um=1.5}',

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from edmctl.record.rows import EventLevel, EventRow
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, fill
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def finished(

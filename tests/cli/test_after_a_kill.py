@@ -16,13 +16,12 @@ from edmctl.jobs.connect import bench_config
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.simulator import open_bench
-from tests.cli.commands import CU270, SHALLOW, command, environment
+from tests.cli.commands import CU270, SHALLOW, Here, Said, command, environment
 from tests.serving import serving
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from edmctl.simulator import VirtualBench
-    from tests.cli.commands import Here, Said
 
 SPEED = 20.0
 AFTER_S = 0.1

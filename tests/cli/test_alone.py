@@ -7,7 +7,7 @@ import math
 import shutil
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import pytest
@@ -17,11 +17,8 @@ from edmctl.jsonout import to_json_value
 from edmctl.record.ledger import Ledger
 from edmctl.record.ledger_entries import ReferenceTouched, SiteMachined
 from edmctl.simulator import BenchConfig, VirtualBench
-from tests.cli.commands import CU270, SHALLOW
+from tests.cli.commands import CU270, SHALLOW, Here, Said
 from tests.cli.test_processes import read_until, start
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here, Said
 
 KEPT = ("--port", "sim:bench.h5")
 SENSORLESS = "[sensor]\nfitted = false\n"

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.cli.commands import CU270
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
+from tests.cli.commands import CU270, Here
 
 SOUND = Path(CU270).read_text(encoding="utf-8")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+from collections.abc import Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import partial
@@ -28,13 +29,10 @@ from edmctl.profile.calibration import load_calibration
 from edmctl.profile.setup import Setup
 from edmctl.record.columns import read_record, write_columns
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
-from tests.cli.commands import CU270, SHALLOW
+from tests.cli.commands import CU270, SHALLOW, Here, Said
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from edmctl.actuator.waveforms import Waveform
-    from tests.cli.commands import Here, Said
 
 SEED = 3
 PLAIN = partial(identify, folds=2, resamples=0, beyond_plays=False)

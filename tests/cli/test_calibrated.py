@@ -6,7 +6,6 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -19,11 +18,7 @@ from edmctl.jsonout import to_json_value
 from edmctl.profile.calibration import Made, calibration_of, load_calibration, save_calibration
 from edmctl.profile.folders import default_path
 from edmctl.simulator.actuator import VirtualActuator
-from tests.cli.commands import SHALLOW
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here, Said
-
+from tests.cli.commands import SHALLOW, Here, Said
 
 CALIBRATE = r"`edmctl (calibrate --seed \d+)`"
 

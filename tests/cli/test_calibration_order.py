@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from edmctl.record.columns import write_columns
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
+from tests.cli.commands import Here
 
 T_S = np.arange(500) / 50.0
 U_V = 75.0 - 75.0 * np.cos(T_S)

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import subprocess
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 
 from edmctl.cli.completion import ports
 from edmctl.link.ports import PortInfo
 from tests.cli.commands import command, environment
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
 
 
 def offered(line: str, cwd: Path) -> Sequence[str]:

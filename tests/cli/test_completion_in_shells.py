@@ -9,16 +9,13 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.cli.commands import environment
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 PATIENCE_S = 120.0
 PROMPT = "ready> "

@@ -6,6 +6,7 @@ import os
 import select
 import threading
 import tty
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
@@ -24,14 +25,11 @@ from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.endpoints import PtyEndpoint, SocketEndpoint
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.serve import Server
-from tests.cli.commands import CU270, SHALLOW, in_process_of_its_own
+from tests.cli.commands import CU270, SHALLOW, Here, in_process_of_its_own
 from tests.serving import bridged, serving
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from edmctl.simulator import VirtualBench
-    from tests.cli.commands import Here
 
 SEED = 3
 CLEAR_ERROR_WITHIN_S = 2.0

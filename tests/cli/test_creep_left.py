@@ -7,7 +7,6 @@ import math
 import os
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -16,9 +15,7 @@ from edmctl.jobs.creep_left import CreepNote
 from edmctl.jobs.plan import MachineAddress
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.profile.folders import creep_path
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
+from tests.cli.commands import Here
 
 HOLE = ("machine", "--profile", "cu270", "--set", "target.depth_um=12", "--json", "--quiet")
 JUMPS = ("jump-flush", "--profile", "cu270", "--count", "1", "--json", "--quiet")

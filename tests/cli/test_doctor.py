@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -19,14 +21,11 @@ from edmctl.results.equipment import CheckStatus
 from edmctl.results.telemetry import LinkReport
 from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import parse_injection
+from tests.cli.commands import Here, Said
 from tests.faults.workshop import Workshop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
     from edmctl.machine.controller import LinkMachine
-    from tests.cli.commands import Here, Said
 
 INTERLOCKS = ("emergency stop", "door", "level", "flow", "temperature", "high voltage")
 

@@ -9,18 +9,13 @@ import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from edmctl.exitcodes import MEANING
-from tests.cli.commands import ROOT, environment, in_a_shell
+from tests.cli.commands import ROOT, Here, environment, in_a_shell
 from tests.cli.warm_process import client, warm_process
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tests.cli.commands import Here
 
 PAGES = [
     "README.md",

@@ -5,14 +5,10 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.cli.commands import CU270
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
+from tests.cli.commands import CU270, Here
 
 READERS = {
     "profile": ("machine", "--profile", "FILE", "--dry-run"),

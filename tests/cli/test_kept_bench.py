@@ -19,7 +19,7 @@ from edmctl.record.ledger import Ledger, SiteMachined, WearMeasured
 from edmctl.record.ledger_entries import UNFINISHED
 from edmctl.record.tool_account import history_of
 from edmctl.simulator.saving import bench_state, restored_bench
-from tests.cli.commands import CU270, SHALLOW
+from tests.cli.commands import CU270, SHALLOW, Here
 from tests.cli.left_jobs import at_time_of_cut, stop
 from tests.cli.test_processes import start
 from tests.tiers import tiers
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from edmctl.machine.interface import TelemetryBlock
     from edmctl.record.ledger_entries import Entry
     from edmctl.simulator import VirtualBench
-    from tests.cli.commands import Here
 
 KEPT = ("--port", "sim:bench.h5")
 DEEP_UM = 10.0

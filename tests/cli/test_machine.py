@@ -18,11 +18,10 @@ from edmctl.jsonout import to_json_value
 from edmctl.procedures.job_state import JobState, NoStateStore
 from edmctl.record.reader import open_run
 from edmctl.simulator.bench import HoleTruth, VirtualBench
-from tests.cli.commands import CU270, SHALLOW, Said, in_process_of_its_own
+from tests.cli.commands import CU270, SHALLOW, Here, Said, in_process_of_its_own
 
 if TYPE_CHECKING:
     from edmctl.simulator.config import BenchConfig
-    from tests.cli.commands import Here
 
 SITE_KEYS = [
     "depth_um",

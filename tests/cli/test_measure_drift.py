@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import h5py
 import pytest
 
 from edmctl.profile.drift_file import load_drift
-from tests.cli.commands import CU270, HURRIED, SHALLOW
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
+from tests.cli.commands import CU270, HURRIED, SHALLOW, Here
 
 QUICK = "[drift]\nhold_s = 30.0\ninterval_s = 25.0\n"
 SEED = ("--seed", "2")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import os
 import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import Annotated, Any, get_args
 
 import pytest
 from pydantic import BaseModel
@@ -29,12 +30,7 @@ from edmctl.profile.tables import NAMES_FILE
 from edmctl.study.design import factors_of, points_of
 from edmctl.study.planning import base_request
 from edmctl.study.study_file import StudyFile, read_study
-from tests.cli.commands import ROOT
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from tests.cli.commands import Here
+from tests.cli.commands import ROOT, Here
 
 NAME_OR_FILE = {"profile", "profiles", "file", "resume", "port", "what", "address"}
 """Parameters whose texts are names as well: the command that takes one decides which."""

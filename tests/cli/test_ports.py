@@ -7,7 +7,7 @@ import re
 import signal
 import socket
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -17,12 +17,9 @@ from edmctl.link.opening import open_line
 from edmctl.link.ports import ST_LINK_IDS, PortInfo
 from edmctl.profile.setup import Link
 from edmctl.simulator import BenchConfig, open_bench
-from tests.cli.commands import ROOT
+from tests.cli.commands import ROOT, Here, Said
 from tests.cli.test_processes import read_until, start
 from tests.serving import serving
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here, Said
 
 MEGA = PortInfo("/dev/ttyACM77", "Arduino Mega", "2341:0042", "7573")
 OTHER = PortInfo("/dev/ttyS99")

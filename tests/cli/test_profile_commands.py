@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -14,10 +14,7 @@ from edmctl.exitcodes import ExitCode
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.folders import shipped_profiles
 from edmctl.toml_text import toml_value
-from tests.cli.commands import CU270, ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
+from tests.cli.commands import CU270, ROOT, Here
 
 
 def test_sound_profiles_are_ok(here: Here) -> None:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.link.faults import FaultCode
 from edmctl.simulator import BenchConfig, open_bench
+from tests.cli.commands import Here
 from tests.faults.workshop import Workshop
 from tests.serving import serving
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
 
 
 @pytest.fixture

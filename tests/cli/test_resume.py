@@ -35,7 +35,7 @@ from edmctl.record.reader import open_run
 from edmctl.record.rows import RunEvent
 from edmctl.record.tool_account import ToolAccount, history_of
 from edmctl.simulator.saving import bench_state, restored_bench
-from tests.cli.commands import CU270, ROOT
+from tests.cli.commands import CU270, ROOT, Here, Said
 from tests.cli.left_jobs import (
     BENCH,
     MACHINE,
@@ -59,7 +59,6 @@ if TYPE_CHECKING:
     from edmctl.machine.requests import TouchRequest
     from edmctl.record.ledger import Entry
     from edmctl.simulator import VirtualBench
-    from tests.cli.commands import Here, Said
 
 ARRAY = str(ROOT / "profiles" / "array-3x3.toml")
 INTO_THE_CUT_S = 8.0

@@ -5,17 +5,13 @@ from __future__ import annotations
 import math
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import h5py
 import pytest
 
 from edmctl.app import main
 from edmctl.cli.render.runs_tables import letter
-from tests.cli.commands import SHALLOW
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
+from tests.cli.commands import SHALLOW, Here
 
 
 @pytest.fixture(scope="module")

@@ -5,18 +5,14 @@ from __future__ import annotations
 import os
 import random
 import re
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import h5py
 import pytest
 
+from tests.cli.commands import Here, Said
 from tests.cli.run_files import finished, killed
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tests.cli.commands import Here, Said
 
 READERS = (("show",), ("explain",), ("export", "-t", "events"), ("list",))
 SEAL_BYTES = 62

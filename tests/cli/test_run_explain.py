@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import pytest
@@ -14,9 +15,6 @@ from edmctl.jobs.runs.events import event_sentences, holes_of
 from edmctl.results.run_file import FileEvent
 from tests.cli.commands import CU270, Here
 from tests.faults.workshop import Workshop
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 QUICK = (
     'target={kind="feed",feed_um=25.0}',

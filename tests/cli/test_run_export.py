@@ -9,7 +9,6 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -21,12 +20,9 @@ from edmctl.record.rows import ServoBlock
 from edmctl.record.writer import RunWriter
 from edmctl.report.export import TABLES, CsvWriter, ExportTable, formatted
 from edmctl.results.telemetry import PulseBlockBatch
-from tests.cli.commands import CU270, command, environment
+from tests.cli.commands import CU270, Here, command, environment
 from tests.cli.run_files import begun, finished, killed
 from tests.record.samples import a_meta
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
 
 ODD = np.array([np.nan, 0.1, -1.1754944e-38, 16777217.0, 1e-7, 3.4028235e38], "f4")
 

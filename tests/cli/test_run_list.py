@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -13,13 +13,9 @@ from edmctl.labels import Basis, Verdict
 from edmctl.record.run_index import read_head
 from edmctl.record.writer import RunWriter
 from edmctl.wording import file_size, start_utc
+from tests.cli.commands import Here
 from tests.cli.run_files import begun, finished, killed
 from tests.record.samples import a_meta, a_site_row
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tests.cli.commands import Here
 
 
 def test_the_newest_run_stands_last(here: Here, tmp_path: Path) -> None:

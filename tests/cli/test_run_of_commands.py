@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from edmctl.record.rows import SlowRow, Summary
 from edmctl.record.run_meta import profile_leaves
 from edmctl.record.writer import RunWriter
+from tests.cli.commands import Here
 from tests.cli.run_files import killed
 from tests.record.samples import PROFILE, a_meta
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from tests.cli.commands import Here
 
 DEEP = {"target": {"kind": "depth", "depth_um": 180.0, "tolerance_um": 2.0}}
 WEAR = {"z2_um": 61.3, "wear_um": 3.468, "wear_u95_um": 0.991, "depth_um": 7.951, "depth_u95_um": 0.42}

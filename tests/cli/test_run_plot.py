@@ -17,7 +17,7 @@ from edmctl.record.integrity import SEAL_BYTES
 from edmctl.record.locks import hold, release
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
 from edmctl.report.style import NothingToDraw, new_figure
-from tests.cli.commands import ROOT, SHALLOW
+from tests.cli.commands import ROOT, SHALLOW, Here
 from tests.cli.test_start_up import HEAVY, modules_after
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from edmctl.jobs.runs.plot import Target
     from edmctl.record.reader import RunFile
-    from tests.cli.commands import Here
 
 PNG, PDF = b"\x89PNG\r\n\x1a\n", b"%PDF"
 SOME = tuple(kind_called(name) for name in ("gap", "laue", "channel"))

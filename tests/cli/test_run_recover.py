@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import shutil
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from edmctl.record.reader import open_run
 from edmctl.record.writer import RunWriter
+from tests.cli.commands import Here
 from tests.record.samples import a_meta, fill
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tests.cli.commands import Here
 
 
 @pytest.fixture

@@ -25,13 +25,12 @@ from edmctl.machine.interface import MachineState
 from edmctl.record.rows import EventLevel, EventRow, RunEvent, ServoBlock, SlowRow, Summary
 from edmctl.record.writer import RunWriter
 from edmctl.results.run_file import FileEvent
-from tests.cli.commands import CU270, ROOT, environment
+from tests.cli.commands import CU270, ROOT, Here, environment
 from tests.cli.run_files import begun, finished, killed
 from tests.record.samples import a_meta
 
 if TYPE_CHECKING:
     from edmctl.results.progress import Progress
-    from tests.cli.commands import Here
 
 QUICK = ("target.depth_um=8", "measure.settle_s=0.2", "measure.touches=2", "approach.speed_um_s=5.0")
 

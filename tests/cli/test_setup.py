@@ -5,18 +5,14 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.record.reader import reading
 from edmctl.simulator import VirtualBench
 from edmctl.simulator.config import BenchConfig
-from tests.cli.commands import SHALLOW
+from tests.cli.commands import SHALLOW, Here, Said
 from tests.serving import serving
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here, Said
 
 KEPT = ("--port", "sim:bench.h5")
 SHOP = "[stage]\nreference_x_um = 8000.0\npark_x_um = -4000.0\n"

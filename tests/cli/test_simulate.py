@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -15,10 +14,7 @@ from edmctl.jobs.sweep import parse_sweep
 from edmctl.labels import Basis, Verdict
 from edmctl.results.job import SiteTruth
 from edmctl.results.simulation import SimulatedRun, SimulatedSite
-from tests.cli.commands import SHALLOW, in_process_of_its_own
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
+from tests.cli.commands import SHALLOW, Here, in_process_of_its_own
 
 
 def run(seed: int, depth_um: float, true_um: float, *, ok: bool = True) -> SimulatedRun:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,12 +21,10 @@ from edmctl.procedures.actuator.calibration import REST_S, plan_calibration
 from edmctl.profile.calibration import Made, calibration_of, save_calibration
 from edmctl.profile.setup import Setup
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator
+from tests.cli.commands import Here
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from edmctl.jobs.actuator_trial import Trial
-    from tests.cli.commands import Here
 
 SHORT = ("simulate", "actuator", "sine", "--cycles", "1", "--quiet", "--seed", "3")
 

@@ -14,10 +14,10 @@ from edmctl.errors import PreconditionError
 from edmctl.jobs.actuator_trial import slow_cycle
 from edmctl.jobs.actuator_waveforms import Wanted, waveforms
 from edmctl.jobs.paper_trial import PaperTrial, displacement, fit_model, run_paper_trial
+from tests.cli.commands import Here
 
 if TYPE_CHECKING:
     from edmctl.jobs.paper_trial import Start
-    from tests.cli.commands import Here
 
 PAPER = ("simulate", "actuator", "--model", "paper", "--seed", "3", "--quiet")
 

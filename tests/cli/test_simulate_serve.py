@@ -6,7 +6,7 @@ import json
 import signal
 import subprocess
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import pytest
 
@@ -15,12 +15,9 @@ from edmctl.link.messages import GetStatus, Interlocks
 from edmctl.link.opening import BOARD_BAUD, open_line
 from edmctl.link.session import Session
 from edmctl.record.bench_file import bench_lock
-from tests.cli.commands import CU270, command, environment
+from tests.cli.commands import CU270, Here, command, environment
 from tests.firmware_tools import need_board_compiler, need_package
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
 
 SERVE = ("simulate", "serve")
 

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from edmctl.version import __version__
 from tests.cli.commands import environment, in_process_of_its_own
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 HEAVY = {"numpy", "scipy", "numba", "h5py", "pydantic", "matplotlib"}
 """typer 0.29 loads pydantic for every command with options: hence the bound in pyproject.toml. Help loads rich."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -19,8 +20,6 @@ from tests.cli.commands import command, environment
 from tests.cli.render.views import made_state
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from edmctl.results.simulation import Statistics
 
 

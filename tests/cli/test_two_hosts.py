@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -14,17 +16,13 @@ from edmctl.link.frame import encode_frame
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.simulator import open_bench
-from tests.cli.commands import CU270, SHALLOW, Said, in_process_of_its_own
+from tests.cli.commands import CU270, SHALLOW, Here, Said, in_process_of_its_own
 from tests.cli.left_jobs import at_time_of_cut
 from tests.serving import serving
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
     from edmctl.link.wire import Message
     from edmctl.simulator import VirtualBench
-    from tests.cli.commands import Here
 
 CUT_S = 1.0
 """So long the first cut has gone on when the second host comes."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -14,10 +14,7 @@ from edmctl.cli.render.style import Style
 from edmctl.errors import EdmError
 from edmctl.exitcodes import MEANING, ExitCode
 from edmctl.version import __version__
-from tests.cli.commands import CU270
-
-if TYPE_CHECKING:
-    from tests.cli.commands import Here
+from tests.cli.commands import CU270, Here
 
 MISTAKES = [
     (["machine", "--porfile", "cu270"], "E2000", "No such option: --porfile"),

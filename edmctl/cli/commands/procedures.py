@@ -1,5 +1,6 @@
 """`edmctl approach`, `jump-flush`, `measure-wear` and `measure-drift`: single procedures of the main job."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +10,7 @@ from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, 
 from edmctl.cli.outcome import Outcome
 from edmctl.cli.render.style import Style
 from edmctl.cli.running import identity_before, perform_and_tell
+from edmctl.wording import coordinates
 
 if TYPE_CHECKING:
     from edmctl.jobs.measure_drift import DriftStage
@@ -28,6 +30,13 @@ PlaceOption = Annotated[
 ]
 
 
+def _show_plan(outcome: Outcome, title: str, forecast: Mapping[str, object]) -> None:
+    from edmctl.cli.render.procedure_tables import render_procedure_plan
+
+    outcome.result = {"forecast": forecast}
+    outcome.show(lambda style: render_procedure_plan(title, forecast, style))
+
+
 @command("approach", PROGRESS)
 def approach(
     outcome: Outcome,
@@ -40,18 +49,16 @@ def approach(
 
     The feed is the profile's approach speed. With --contact the tool touches the surface by continuity instead.
     """
-    from edmctl.cli.render.procedure_tables import render_approach_plan
     from edmctl.jobs.ledger.places_taken import place_of
     from edmctl.jobs.procedures import Approach, approach_forecast
 
     plan, place = job.plan(outcome), place_of(site)
     if run.dry_run:
         forecast = approach_forecast(plan, identity_before(outcome, plan), place, run.out, contact=contact)
-        outcome.result = {"forecast": forecast}
-        outcome.show(lambda style: render_approach_plan(forecast, style))
+        where = coordinates(float(forecast["x_um"]), float(forecast["y_um"]))
+        _show_plan(outcome, f"{forecast['kind']} at {where}", forecast)
     else:
-        found = Approach(plan, place, contact=contact)
-        perform_and_tell(outcome, found, job, run, _surface_table)
+        perform_and_tell(outcome, Approach(plan, place, contact=contact), job, run, _surface_table)
 
 
 def _surface_table(stage: "ApproachStage", style: Style) -> str:
@@ -92,7 +99,6 @@ def jump_flush(
     The tool jumps beside the work, as low as at the end of the profile's job, and without sparks. The sensor is
     sampled a thousand times a second, and tells how well and how soon the tool is back.
     """
-    from edmctl.cli.render.procedure_tables import render_jump_plan
     from edmctl.jobs.procedures import JUMPS_ALONE, Jumps, jumps_forecast, refuse_hurry
 
     changes = [
@@ -103,12 +109,9 @@ def jump_flush(
     plan = job.plan(outcome, (*changes, *JUMPS_ALONE))
     refuse_hurry(plan)
     if run.dry_run:
-        forecast = jumps_forecast(plan, count)
-        outcome.result = {"forecast": forecast}
-        outcome.show(lambda style: render_jump_plan(forecast, style))
+        _show_plan(outcome, "jump-flush", jumps_forecast(plan, count))
     else:
-        jumps = Jumps(plan, count)
-        perform_and_tell(outcome, jumps, job, run, _jumps_table)
+        perform_and_tell(outcome, Jumps(plan, count), job, run, _jumps_table)
 
 
 def _jumps_table(stage: "JumpsStage", style: Style) -> str:
@@ -144,7 +147,6 @@ def measure_wear(
     the job ledger beside the run files. Without a profile it measures the tool last in use, by the recipe of the
     run that made the hole.
     """
-    from edmctl.cli.render.procedure_tables import render_wear_plan
     from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun, wear_forecast
     from edmctl.record.ledger import Ledger
 
@@ -155,12 +157,10 @@ def measure_wear(
         return
     if (identity := identity_before(outcome, plan)) is not None:
         plan = wear.look(plan, identity, Ledger.open(run.out), outcome.warn).plan
-    forecast = wear_forecast(plan, reference=reference)
-    outcome.result = {"forecast": forecast}
-    outcome.show(lambda style: render_wear_plan(**forecast, style=style))
+    _show_plan(outcome, "measure-wear", wear_forecast(plan, reference=reference))
 
 
-def _wear_table(stage: "ReferenceStage | WearStage", style: "Style") -> str:
+def _wear_table(stage: "ReferenceStage | WearStage", style: Style) -> str:
     from edmctl.cli.render.procedure_tables import render_reference, render_wear
     from edmctl.jobs.measure_wear import ReferenceStage
 
@@ -201,21 +201,17 @@ def measure_drift(
     drift of their rests. Without a profile it measures with the tool last in use, by the
     recipe of its last run.
     """
-    from edmctl.cli.render.procedure_tables import render_drift_plan
     from edmctl.jobs.measure_drift import DriftRun, drift_forecast
     from edmctl.jobs.measure_wear import TOUCHES_LIKE
 
     plan = job.plan(outcome, like=TOUCHES_LIKE)
     if run.dry_run:
-        forecast = drift_forecast(plan, duration)
-        outcome.result = {"forecast": forecast}
-        outcome.show(lambda style: render_drift_plan(**forecast, style=style))
-        return
-    drift = DriftRun(plan, duration, output)
-    perform_and_tell(outcome, drift, job, run, _drift_table)
+        _show_plan(outcome, "measure-drift", drift_forecast(plan, duration))
+    else:
+        perform_and_tell(outcome, DriftRun(plan, duration, output), job, run, _drift_table)
 
 
-def _drift_table(stage: "DriftStage", style: "Style") -> str:
+def _drift_table(stage: "DriftStage", style: Style) -> str:
     from edmctl.cli.render.procedure_tables import render_drift
 
     assert stage.found is not None

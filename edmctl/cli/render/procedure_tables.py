@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from edmctl.cli.render.layout import USUAL_COLUMNS, render_columns, wrapped
 from edmctl.cli.render.result_table import beliefs_in_words
@@ -31,16 +32,28 @@ def render_surface(found: SurfaceFound, style: Style = PLAIN) -> str:
     return render_columns([place, "measured", "from voltage"], rows, style)
 
 
-def render_approach_plan(forecast: Mapping[str, float | str], style: Style = PLAIN) -> str:
-    """Render what an approach will do."""
-    rows = [
-        ["expected", length(float(forecast["expected_um"]))],
-        ["gives up after", length(float(forecast["max_travel_um"]))],
-        ["speed", f"{float(forecast['speed_um_s']):g} µm/s"],
-        ["time", duration(float(forecast["time_s"]))],
-    ]
-    place = f"{forecast['kind']} at ({float(forecast['x_um']):.0f}, {float(forecast['y_um']):.0f}) µm"
-    return render_columns([place, "forecast"], rows, style)
+_PLAN_ROWS: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "expected_um": ("expected", length),
+    "max_travel_um": ("gives up after", length),
+    "readings": ("readings", ", ".join),
+    "touches": ("touches each", str),
+    "interval_s": ("a touch every", duration),
+    "hold_um": ("hold beside the work, at", length),
+    "hold_s": ("hold for", duration),
+    "count": ("jumps", str),
+    "height_um": ("height", length),
+    "speed_um_s": ("speed", lambda um_s: f"{um_s:g} µm/s"),
+    "dwell_s": ("dwell", lambda seconds: _ms(seconds)),
+    "period_s": ("every", lambda seconds: f"{seconds:g} s"),
+    "from_um": ("from", length),
+    "time_s": ("time", duration),
+}
+
+
+def render_procedure_plan(title: str, forecast: Mapping[str, Any], style: Style = PLAIN) -> str:
+    """Render the forecast of a procedure, in the order of the rows above."""
+    rows = [[label, text(forecast[key])] for key, (label, text) in _PLAN_ROWS.items() if key in forecast]
+    return render_columns([title, "forecast"], rows, style)
 
 
 def render_jumps(series: JumpSeries, style: Style = PLAIN) -> str:
@@ -71,20 +84,6 @@ def render_jumps(series: JumpSeries, style: Style = PLAIN) -> str:
         f"{_ms(s.settling_mean_s)}, at most {_ms(s.settling_max_s)}.",
     ]
     return "\n".join(lines)
-
-
-def render_jump_plan(forecast: Mapping[str, float], style: Style = PLAIN) -> str:
-    """Render what a series will be."""
-    rows = [
-        ["jumps", f"{forecast['count']:.0f}"],
-        ["height", length(forecast["height_um"])],
-        ["speed", f"{forecast['speed_um_s']:g} µm/s"],
-        ["dwell", _ms(forecast["dwell_s"])],
-        ["every", f"{forecast['period_s']:g} s"],
-        ["from", length(forecast["from_um"])],
-        ["time", duration(forecast["time_s"])],
-    ]
-    return render_columns(["jump-flush", "forecast"], rows, style)
 
 
 def render_wear(
@@ -149,19 +148,6 @@ def render_reference(
     return render_columns([tool, "measured", "from voltage"], rows, style)
 
 
-def render_wear_plan(
-    readings: Sequence[str], touches: int, speed_um_s: float, time_s: float, style: Style = PLAIN
-) -> str:
-    """Render what will be touched."""
-    rows = [
-        ["readings", ", ".join(readings)],
-        ["touches each", str(touches)],
-        ["speed", f"{speed_um_s:g} µm/s"],
-        ["time", duration(time_s)],
-    ]
-    return render_columns(["measure-wear", "forecast"], rows, style)
-
-
 def render_drift(
     found: DriftResult,
     truth: Mapping[str, float] | None,
@@ -204,18 +190,6 @@ def render_drift(
     beliefs = beliefs_in_words(found.beliefs)
     words = [line for text in (share, beliefs) if text for line in wrapped(text, USUAL_COLUMNS)]
     return "\n".join([render_columns(header, rows, style), *words, kept])
-
-
-def render_drift_plan(
-    touches: int, interval_s: float, hold_um: float, hold_s: float, time_s: float, style: Style = PLAIN
-) -> str:
-    """Render what a measurement of drift will be."""
-    rows = [
-        ["touches of the pad", f"{touches}, every {duration(interval_s)}"],
-        ["hold beside the work", f"{duration(hold_s)} at {length(hold_um)}"],
-        ["time", duration(time_s)],
-    ]
-    return render_columns(["measure-drift", "forecast"], rows, style)
 
 
 def _nm_s(um_per_s: float, u_um_per_s: float = math.nan) -> str:
