@@ -227,9 +227,8 @@ def connected_run(
 def _no_locks(folder: Path) -> Diagnostic:
     return Diagnostic(
         "W9002",
-        f"The file system of {folder} knows no locks: files that name host and process stand in their stead.",
-        "One that a computer left behind when it went off has to be removed by hand (ls -a shows .*.lock); "
-        "--out names a folder on another disk.",
+        f"The file system of {folder} has no file locks: nothing prevents two commands from writing there at once.",
+        "Run one command at a time, or name a folder on another disk with --out.",
         is_warning=True,
     )
 

@@ -53,8 +53,7 @@ def bench_lock(path: Path, wait_s: float = 0.0) -> Iterator[None]:
         try:
             locks.retried(lambda: _locked(lock, held), wait_s)
         except BlockingIOError as busy:
-            by = f"{lock_holder(lock) or 'another program'} has it"
-            raise _in_use(path, str(busy.strerror) if isinstance(busy, locks.LockHeld) else by) from None
+            raise _in_use(path, f"{lock_holder(lock) or 'another program'} has it") from busy
         except OSError as refused:
             raise _unwritable(path, refused) from refused
         yield
@@ -145,7 +144,7 @@ def _locked(lock: Path, held: ExitStack) -> None:
         with ExitStack() as mine:
             descriptor = open_descriptor(lock, os.O_RDWR | os.O_CREAT)
             mine.callback(os.close, descriptor)
-            mine.enter_context(locks.exclusive(descriptor, lock.with_name(f"{lock.name}.by")))
+            mine.enter_context(locks.exclusive(descriptor))
             # The one who had it before may have taken it away meanwhile.
             if lock.exists() and os.path.samestat(os.fstat(descriptor), lock.stat()):
                 held.enter_context(mine.pop_all())

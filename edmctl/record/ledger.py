@@ -135,10 +135,9 @@ def _lines(path: Path, data: bytes) -> Iterator[Line]:
 def _locked(path: Path) -> Iterator[int]:
     """Open the ledger for appending while nobody else does."""
     descriptor = open_descriptor(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
-    lock = path.with_name(f".{path.name}.lock")
     with ExitStack() as held:
         held.callback(os.close, descriptor)
-        retried(lambda: held.enter_context(exclusive(descriptor, lock)), LONGEST_WAIT_S)
+        retried(lambda: held.enter_context(exclusive(descriptor)), LONGEST_WAIT_S)
         yield descriptor
 
 

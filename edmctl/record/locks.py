@@ -1,19 +1,15 @@
-"""Locks that also hold where the file system knows none: network disks without a lock service answer ENOLCK.
+"""File locks, and whether a run file has a living writer.
 
-There a lock is a file that only one can make, with computer and process of who did. One whose process is gone is
-taken away; of another computer's, or of one that has restarted since, that cannot be known, and it stays until it is
-removed by hand.
+Network disks without a lock service answer ENOLCK. There nothing keeps two programs apart, and a job warns (W9002).
 
-Of a run file its writer holds a lock that ends with its process. HDF5's own lock is no sign: it is given up in
-SWMR mode, and readers take it too. The writer's is a record lock on a byte beyond the end of every file, which
-nobody else takes.
+The writer of a run file holds a lock that ends with its process: a record lock on a byte beyond the end of every file.
+HDF5's own lock says nothing about the writer: it is given up in SWMR mode, and readers take it too.
 """
 
 from __future__ import annotations
 
 import errno
 import os
-import socket
 import struct
 import tempfile
 import time
@@ -22,21 +18,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from edmctl.errors import RunFileError
-from edmctl.files import open_descriptor, read_bytes
+from edmctl.files import open_descriptor
 from edmctl.record.disk import PARTIAL
 
-UNWRITTEN_S = 10.0
-"""A lock that still says nothing after so long was left by whoever was killed, or met a full disk, as it made it."""
 RETRY_S = 0.05
 _UNKNOWN = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
-
-
-class LockHeld(BlockingIOError):
-    """Another program has the lock that the name `lock` is; `by` is what the file says of who that is."""
-
-    def __init__(self, lock: Path, by: str) -> None:
-        super().__init__(errno.EWOULDBLOCK, f"{lock} says that {by or 'another program'} has it")
-        self.lock, self.by = lock, by
 
 
 def are_known(folder: Path) -> bool:
@@ -75,11 +61,10 @@ def _takes_lock(descriptor: int) -> bool:
 
 
 @contextmanager
-def exclusive(descriptor: int, path: Path) -> Iterator[None]:
-    """Lock an open file for a `with` block, or in its stead the name `path`, where no locks are known.
+def exclusive(descriptor: int) -> Iterator[None]:
+    """Lock an open file for a `with` block, if its disk knows locks.
 
-    Raises BlockingIOError where another has it, which is `LockHeld` where the name is the lock; OSError where
-    neither can be done.
+    Raises BlockingIOError if another program has it, OSError if it cannot be locked for another reason.
     """
     import fcntl
 
@@ -88,9 +73,6 @@ def exclusive(descriptor: int, path: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno not in _UNKNOWN:
             raise
-        with _named(path):
-            yield
-        return
     yield
 
 
@@ -105,96 +87,6 @@ def retried(attempt: Callable[[], object], longest_s: float) -> None:
             if time.monotonic() >= until_s:
                 raise
             time.sleep(RETRY_S)
-
-
-@contextmanager
-def _named(path: Path) -> Iterator[None]:
-    me = _name_of(os.getpid())
-    try:
-        _make(path, me)
-    except FileExistsError:
-        _take_away_left(path)
-        try:
-            _make(path, me)
-        except FileExistsError:
-            raise LockHeld(path, _content(path)) from None
-    try:
-        yield
-    finally:
-        with suppress(OSError):
-            if _content(path) == me:
-                path.unlink()
-
-
-def _make(path: Path, text: str) -> None:
-    descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, 0o666)
-    try:
-        os.write(descriptor, text.encode())
-    except OSError:
-        path.unlink(missing_ok=True)
-        raise
-    finally:
-        os.close(descriptor)
-
-
-def _take_away_left(path: Path) -> None:
-    """Remove a lock whose process is gone. Only one program at a time may, so that none removes a new one."""
-    clearing = path.with_name(f"{path.name}.clearing")
-    with suppress(OSError):
-        if _is_old(clearing):
-            clearing.unlink()
-        _make(clearing, _name_of(os.getpid()))
-        try:
-            content = _content(path)
-            if _is_gone(content) if content else _is_old(path):
-                _remove(path, content)
-        finally:
-            clearing.unlink()
-
-
-def _remove(path: Path, content: str) -> None:
-    """Remove a lock that says this, and none that somebody has made in its place meanwhile."""
-    aside = path.with_name(f"{path.name}.{os.getpid()}")
-    path.rename(aside)
-    if _content(aside) == content:
-        aside.unlink()
-    else:
-        aside.rename(path)
-
-
-def _is_old(path: Path) -> bool:
-    """Whether nobody has written it for long, by the clock of its disk, which may be another computer's."""
-    with suppress(OSError), tempfile.NamedTemporaryFile(prefix=".edmctl-", dir=path.parent) as file:
-        return os.fstat(file.fileno()).st_mtime - path.stat().st_mtime > UNWRITTEN_S
-    return False
-
-
-def _name_of(number: int) -> str:
-    """Computer, its present start, the room of its process numbers, number and start of a process."""
-    with suppress(OSError, IndexError):
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-        began = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[19]
-        return f"{socket.gethostname()} {boot} {Path('/proc/self/ns/pid').readlink()} {number} {began}"
-    return f"{socket.gethostname()} - - {number} -"
-
-
-def _is_gone(content: str) -> bool:
-    """Whether a name of a process is of this computer, and of none that lives."""
-    *where, number, _ = content.split(" ") if content.count(" ") == 4 else ["", "", ""]
-    if where != _name_of(os.getpid()).split(" ")[:3] or not (number.isascii() and number.isdigit()):
-        return False
-    if not is_alive(int(number)):
-        return True
-    now = _name_of(int(number))
-    # Of other people's processes not every computer tells when they began.
-    return now != content and not now.endswith(" -")
-
-
-def _content(path: Path) -> str:
-    try:
-        return read_bytes(path).decode(errors="replace")
-    except OSError:
-        return ""
 
 
 def is_alive(number: int) -> bool:

@@ -130,7 +130,7 @@ def _locked(path: Path) -> Iterator[None]:
 
     descriptor = open_descriptor(path, os.O_CREAT | os.O_RDWR)
     try:
-        with exclusive(descriptor, path.with_suffix(".held")):
+        with exclusive(descriptor):
             yield
     finally:
         os.close(descriptor)
