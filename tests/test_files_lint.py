@@ -38,7 +38,7 @@ ALLOWED = {
     "link/compatibility.py: own_schema": "a file of the package",
     "link/serial_line.py: open_port": "a serial port",
     "process/materials.py: materials": "a file of the package",
-    "record/damaged_file_recovery.py: _opened": OPENED,
+    "record/recovery.py: _opened": OPENED,
     "record/delimited.py: _plain_numbers": "lines of a text",
     "record/hdf5.py: open_hdf5": OPENED,
     "record/hdf5.py: open_swmr": OPENED,

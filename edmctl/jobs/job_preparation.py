@@ -26,8 +26,7 @@ from edmctl.jobs.run_header import RunName
 from edmctl.planning.forecast import forecast
 from edmctl.procedures.job import CalibratedActuator, Job, job_of
 from edmctl.profile.model import Profile
-from edmctl.record.ledger import Ledger
-from edmctl.record.ledger_entries import SiteMachined
+from edmctl.record.ledger import Ledger, SiteMachined
 from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
 
 

@@ -27,8 +27,7 @@ from edmctl.procedures.run import JobRun
 from edmctl.process.rest_drift import DriftModel, model_of
 from edmctl.profile.drift_file import MadeBy, drift_file, save_drift
 from edmctl.profile.folders import default_drift_path, fresh_drift_path
-from edmctl.record.ledger import Ledger
-from edmctl.record.ledger_entries import RunEnded, WearMeasured
+from edmctl.record.ledger import Ledger, RunEnded, WearMeasured
 from edmctl.record.tool_account import ToolAccount, history_of
 from edmctl.results.measurements import DriftResult
 from edmctl.version import __version__

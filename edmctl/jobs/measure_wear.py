@@ -46,9 +46,9 @@ from edmctl.procedures.monitoring.drift import counted_pause_s
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.profile.model import Profile
-from edmctl.record.ledger import Ledger
-from edmctl.record.ledger_entries import (
+from edmctl.record.ledger import (
     UNFINISHED,
+    Ledger,
     ReferenceTouched,
     RunEnded,
     SiteMachined,

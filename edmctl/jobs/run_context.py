@@ -40,8 +40,7 @@ from edmctl.procedures.job_state import JobTally
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.record.disk import refuse_place
 from edmctl.record.disk_thread import DiskThread
-from edmctl.record.ledger import Ledger
-from edmctl.record.ledger_entries import Entry
+from edmctl.record.ledger import Entry, Ledger
 from edmctl.record.locks import are_known
 from edmctl.record.rows import NullRecorder, Recorder, Summary
 from edmctl.results.progress import Observer

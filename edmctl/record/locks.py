@@ -2,7 +2,7 @@
 
 Network disks without a lock service answer ENOLCK. There nothing keeps two programs apart, and a job warns (W9002).
 
-The writer of a run file holds a lock that ends with its process: a record lock on a byte beyond the end of every file.
+The writer of a run file holds a lock that ends with its process: a record lock on a byte beyond the end of the file.
 HDF5's own lock says nothing about the writer: it is given up in SWMR mode, and readers take it too.
 """
 

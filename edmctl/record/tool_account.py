@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from edmctl.dataclasses import dataclass, field, replace
-from edmctl.record.ledger_entries import (
+from edmctl.record.ledger import (
     UNFINISHED,
     JobBegun,
     Line,

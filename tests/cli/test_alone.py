@@ -14,8 +14,7 @@ import pytest
 
 from edmctl.app import main
 from edmctl.jsonout import to_json_value
-from edmctl.record.ledger import Ledger
-from edmctl.record.ledger_entries import ReferenceTouched, SiteMachined
+from edmctl.record.ledger import Ledger, ReferenceTouched, SiteMachined
 from edmctl.simulator import BenchConfig, VirtualBench
 from tests.cli.commands import CU270, SHALLOW, Here, Said
 from tests.cli.test_processes import read_until, start

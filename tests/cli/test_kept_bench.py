@@ -15,8 +15,7 @@ import pytest
 from edmctl.procedures.channel.scan import PassFollower
 from edmctl.record import journal
 from edmctl.record.bench_file import bench_lock, read_bench, write_bench
-from edmctl.record.ledger import Ledger, SiteMachined, WearMeasured
-from edmctl.record.ledger_entries import UNFINISHED
+from edmctl.record.ledger import UNFINISHED, Ledger, SiteMachined, WearMeasured
 from edmctl.record.tool_account import history_of
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, SHALLOW, Here
@@ -26,7 +25,7 @@ from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from edmctl.machine.interface import TelemetryBlock
-    from edmctl.record.ledger_entries import Entry
+    from edmctl.record.ledger import Entry
     from edmctl.simulator import VirtualBench
 
 KEPT = ("--port", "sim:bench.h5")

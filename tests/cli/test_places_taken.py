@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from edmctl.errors import PreconditionError
 from edmctl.jobs.ledger.places_taken import WALL_UM, next_free_x_um, refuse_taken
-from edmctl.record.ledger_entries import SiteMachined
+from edmctl.record.ledger import SiteMachined
 
 
 def hole(x_um: float, y_um: float = 0.0, radius_um: float = 83.0) -> SiteMachined:

@@ -29,8 +29,16 @@ from edmctl.procedures.job_state import job_state
 from edmctl.profile.setup import Setup
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal, write_journal
-from edmctl.record.ledger import JobBegun, Ledger, RunEnded, ToolChanged, WearMeasured
-from edmctl.record.ledger_entries import UNFINISHED, ReferenceTouched, SiteMachined
+from edmctl.record.ledger import (
+    UNFINISHED,
+    JobBegun,
+    Ledger,
+    ReferenceTouched,
+    RunEnded,
+    SiteMachined,
+    ToolChanged,
+    WearMeasured,
+)
 from edmctl.record.reader import open_run
 from edmctl.record.rows import RunEvent
 from edmctl.record.tool_account import ToolAccount, history_of

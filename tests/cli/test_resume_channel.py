@@ -14,8 +14,7 @@ from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.record.bench_file import read_bench
 from edmctl.record.journal import read_journal, write_journal
-from edmctl.record.ledger import Ledger
-from edmctl.record.ledger_entries import SiteMachined
+from edmctl.record.ledger import Ledger, SiteMachined
 from edmctl.record.reader import open_run
 from edmctl.record.rows import RunEvent
 from edmctl.record.tool_account import history_of

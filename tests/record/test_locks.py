@@ -15,8 +15,7 @@ import pytest
 
 from edmctl.record import locks
 from edmctl.record.bench_file import bench_lock
-from edmctl.record.ledger import Ledger
-from edmctl.record.ledger_entries import ToolChanged
+from edmctl.record.ledger import Ledger, ToolChanged
 from tests.cli.commands import SHALLOW, command, environment
 
 WITHOUT_LOCKS = """

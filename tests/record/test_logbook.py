@@ -14,10 +14,11 @@ import pytest
 
 from edmctl.errors import RunFileError
 from edmctl.record import ledger
-from edmctl.record.ledger import FILE_NAME, Ledger
-from edmctl.record.ledger_entries import (
+from edmctl.record.ledger import (
+    FILE_NAME,
     UNFINISHED,
     JobBegun,
+    Ledger,
     Line,
     ReferenceTouched,
     RunEnded,

@@ -17,12 +17,11 @@ from edmctl.errors import RunFileError
 from edmctl.record import layout, recovery
 from edmctl.record.compaction import compact
 from edmctl.record.create import compound_dtype
-from edmctl.record.damaged_file_recovery import recover_damaged
 from edmctl.record.integrity import SEAL_BYTES, Checksum, verify_checksum
 from edmctl.record.locks import is_live
 from edmctl.record.opening import open_file
 from edmctl.record.reader import open_run
-from edmctl.record.recovery import is_complete, recover
+from edmctl.record.recovery import is_complete, recover, recover_damaged
 from edmctl.record.writer import RunWriter
 from tests.golden import once
 from tests.record.samples import a_meta, fill

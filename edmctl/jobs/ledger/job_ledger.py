@@ -15,10 +15,10 @@ from edmctl.jobs.run_context import RunContext
 from edmctl.procedures.job import Job
 from edmctl.procedures.job_state import JobState, StateStore
 from edmctl.quantity import half_width
-from edmctl.record.ledger import Ledger
-from edmctl.record.ledger_entries import (
+from edmctl.record.ledger import (
     UNFINISHED,
     JobBegun,
+    Ledger,
     ReferenceTouched,
     RunEnded,
     SiteMachined,

@@ -10,7 +10,7 @@ from edmctl.errors import PreconditionError, UsageError
 from edmctl.planning.rules.sites import unreachable
 from edmctl.procedures.job import Job
 from edmctl.profile.findings import PAD_MARGIN_UM
-from edmctl.record.ledger_entries import SiteMachined
+from edmctl.record.ledger import SiteMachined
 from edmctl.wording import coordinates, length
 
 WALL_UM = 50.0

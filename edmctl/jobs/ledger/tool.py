@@ -19,8 +19,7 @@ from edmctl.profile.model import Profile, Tool
 from edmctl.profile.read import Merged, apply_overrides, put
 from edmctl.profile.setup import Setup
 from edmctl.record.journal import SUFFIX, read_journal
-from edmctl.record.ledger import Ledger
-from edmctl.record.ledger_entries import ReferenceTouched, ToolNamed
+from edmctl.record.ledger import Ledger, ReferenceTouched, ToolNamed
 from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
 from edmctl.wording import coordinates, length
 

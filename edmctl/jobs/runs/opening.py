@@ -109,8 +109,8 @@ def _is_live(resumption: Resumption) -> bool:
 
 def recover_file(file: Path, out: Path | None = None) -> Recovered:
     """Recover `file`, and save what can be read where it is damaged. Raises RunFileError."""
-    from edmctl.record.damaged_file_recovery import recover_damaged
     from edmctl.record.recovery import recover as recover_whole
+    from edmctl.record.recovery import recover_damaged
 
     try:
         return recover_whole(file, out)
