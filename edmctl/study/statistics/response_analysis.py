@@ -21,20 +21,8 @@ from scipy import special
 from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
 from edmctl.dataclasses import dataclass, field, replace
-from edmctl.study.statistics.linear_model import (
-    Anova,
-    Fit,
-    LackOfFit,
-    Settings,
-    Term,
-    anova,
-    differing,
-    fit,
-    model_matrix,
-    pooled_anova,
-    term_name,
-    undetermined,
-)
+from edmctl.study.statistics.anova import Anova, Fit, LackOfFit, anova, differing, fit, pooled_anova
+from edmctl.study.statistics.linear_model import Settings, Term, model_matrix, term_name, undetermined
 
 Better = Literal["larger", "smaller", "nominal"]
 
@@ -190,8 +178,8 @@ class ResponseModel:
         Raises ValueError for a category that the fit does not know.
         """
         columns = self._columns(settings)
-        expected = columns @ self.fit.coefficients
-        leverage = np.einsum("ij,jk,ik->i", columns, self.fit.unscaled_covariance, columns)
+        expected = columns @ self.fit.ols.params
+        leverage = np.einsum("ij,jk,ik->i", columns, self.fit.ols.normalized_cov_params, columns)
         # Each miss is of a mean over the replicates of its point: the rest of a single run's error comes on top.
         runs, blocks = self.scatter.run_variance, self.scatter.block_variance
         parts = [
@@ -371,7 +359,7 @@ def _with_model(
         pooled = pooled_anova(settings, terms, values, by_block) if len(terms) > 2 else None
     except ValueError as error:
         return replace(base, notes=(*notes, str(error).rstrip(".")))
-    if not fitted.error_dof:
+    if not fitted.ols.df_resid:
         notes.append("nothing is left to estimate the error: no F of single terms, no interval")
     scatter = _scatter(fitted, replace(runs, settings=settings), values, block)
     if math.isfinite(alone_variance):
@@ -385,13 +373,13 @@ def _with_model(
         anova=table,
         pooled=pooled if pooled is not None and pooled.pooled else None,
         coefficients=tuple(_coefficients(fitted, settings, table)),
-        r2=fitted.r2,
-        adjusted_r2=fitted.adjusted_r2,
+        r2=float(fitted.ols.rsquared),
+        adjusted_r2=float(fitted.ols.rsquared_adj) if fitted.ols.df_resid else math.nan,
         predicted_r2=fitted.predicted_r2,
         error_sd=math.sqrt(table.error.mean_square) if table.error.dof else math.nan,
         lack=_lack(fitted, runs, values),
-        fitted=tuple((values - fitted.residuals).tolist()),
-        residuals=tuple(fitted.residuals.tolist()),
+        fitted=tuple(fitted.ols.fittedvalues.tolist()),
+        residuals=tuple(fitted.ols.resid.tolist()),
         block_effects=_block_effects(fitted, settings, block),
         held=held,
         left_out=left_out,
@@ -405,7 +393,7 @@ def _block_effects(fitted: Fit, settings: Settings, block: str) -> dict[object, 
     span = fitted.model.spans.get(((block, 1),))
     if span is None:
         return {}
-    effects = fitted.coefficients[span]
+    effects = fitted.ols.params[span]
     return dict(zip(settings.names[block], np.append(effects, -effects.sum()).tolist(), strict=True))
 
 
@@ -415,7 +403,9 @@ def _lack(fitted: Fit, runs: Runs, values: Array) -> LackOfFit | None:
     if not pure_dof:
         return None
     pure_ss = pure_variance * pure_dof
-    return LackOfFit(fitted.error_dof - pure_dof, max(0.0, fitted.error_ss - pure_ss), pure_dof, pure_ss)
+    return LackOfFit(
+        int(fitted.ols.df_resid) - pure_dof, max(0.0, float(fitted.ols.ssr) - pure_ss), pure_dof, pure_ss
+    )
 
 
 def _named_by(settings: Settings) -> Settings:
@@ -475,8 +465,8 @@ def _model(
 
 def _misses(fitted: Fit, runs: Runs, block: str) -> tuple[float, int] | None:
     """Variance of what points are missed by that were left out, for leverage 0, and its degrees of freedom."""
-    columns, covariance = fitted.model.columns, fitted.unscaled_covariance
-    residuals, points = fitted.residuals, np.asarray(runs.points)
+    columns, covariance = fitted.model.columns, fitted.ols.normalized_cov_params
+    residuals, points = fitted.ols.resid, np.asarray(runs.points)
     squares, count = 0.0, 0
     for point in dict.fromkeys(runs.points):
         rows = np.flatnonzero(points == point)
@@ -552,7 +542,7 @@ def _left_out_coverage(terms: Sequence[Term], runs: Runs, values: Array, block: 
 
 def _coefficients(fitted: Fit, settings: Settings, table: Anova) -> list[Coefficient]:
     """Coefficients, each with the error that the table compares its term with."""
-    unscaled = np.diag(fitted.unscaled_covariance)
+    unscaled = np.diag(fitted.ols.normalized_cov_params)
     found = []
     for term, span in fitted.model.spans.items():
         width = span.stop - span.start
@@ -560,7 +550,7 @@ def _coefficients(fitted: Fit, settings: Settings, table: Anova) -> list[Coeffic
         errors = np.sqrt(unscaled * under.mean_square) if under.dof else None
         quantile = float(special.stdtrit(under.dof, 0.975)) if under.dof else math.nan
         for n, column in enumerate(range(span.start, span.stop)):
-            estimate = float(fitted.coefficients[column])
+            estimate = float(fitted.ols.params[column])
             name = term_name(term)
             if width > 1 or any(factor in settings.categories for factor, _ in term):
                 name += f" [{_level(term, settings, n)}]"
