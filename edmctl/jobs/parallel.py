@@ -89,6 +89,8 @@ def process_pool(workers: int, program: Program) -> Pool:
     begun: list[Event] = []
 
     def make() -> Executor:
+        if getattr(multiprocessing.current_process(), "_inheriting", False):
+            raise _unguarded()  # this is a worker that imports the main module
         begun.append(context.Event())
         initial = (program, begun[-1])
         return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=initial)
@@ -98,6 +100,14 @@ def process_pool(workers: int, program: Program) -> Pool:
         workers,
         partial(_kill, is_ending=program.begin_worker is not _nothing),
         can_begin=lambda: any(event.is_set() for event in begun),
+    )
+
+
+def _unguarded() -> PreconditionError:
+    return PreconditionError(
+        "Worker processes end before they begin: each imports the main module of this program.",
+        hint='Put its calls under `if __name__ == "__main__":` in a file, or use one worker.',
+        code="E8218",
     )
 
 
@@ -203,11 +213,7 @@ class _Series(Generic[TaskT, ResultT]):
             except BrokenExecutor as broken:
                 self._pool.kill(executor)
                 if not self._pool.can_begin():
-                    raise PreconditionError(
-                        "Worker processes end before they begin: each imports the main module of this program.",
-                        hint='Put its calls under `if __name__ == "__main__":` in a file, or use one worker.',
-                        code="E8218",
-                    ) from broken
+                    raise _unguarded() from broken
                 self._take_back()
             except BaseException:
                 try:

@@ -11,7 +11,7 @@ import pytest
 
 from edmctl.app import main
 from edmctl.study.analysis import analysis_of, expected_at
-from edmctl.study.commands.tables import render_confirmation, render_recommendation
+from edmctl.study.report.text import render_confirmation, render_recommendation
 from edmctl.study.report.words import confirmed
 from edmctl.study.running import bare_row
 from edmctl.study.suggestions import confirmation_runs, confirmations_of, recommended, suggested_runs
@@ -84,12 +84,13 @@ def test_what_is_not_expected_has_no_table_and_is_not_refuted(tmp_path: Path) ->
     tell(folder)
     best = recommended(folder.read())
     assert not best.expected
-    assert "expected" not in render_recommendation(best).replace("to be expected", "")
+    plan = folder.plan
+    assert "Expected of a new run" not in render_recommendation(plan, best)
     confirm(folder, best)
     state = folder.read()
     (found,) = confirmations_of(state)
     assert "expected nothing" in confirmed(state.folder.plan, [found])[0]
-    assert "held" not in render_confirmation(replace(found, responses=()))
+    assert "held" not in render_confirmation(plan, replace(found, responses=()))
 
 
 def test_what_a_confirmation_was_to_confirm_does_not_change_afterwards(tmp_path: Path) -> None:

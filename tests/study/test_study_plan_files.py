@@ -13,9 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from edmctl.errors import EdmError, PreconditionError
-from edmctl.study.analysis import analysis_of, ranked_by
-from edmctl.study.commands.tables import render_analysis, render_plan, render_status
+from edmctl.study.analysis import analysis_of
+from edmctl.study.commands.tables import render_plan, render_status
 from edmctl.study.folder import open_folder
+from edmctl.study.report.text import render_report
 from edmctl.study.reporting import mapping_of
 from edmctl.study.suggestions import (
     confirmation_runs,
@@ -72,7 +73,7 @@ def used(path: Path) -> None:
     analysis = analysis_of(state)
     confirmations = confirmations_of(state)
     mapping_of(analysis, None, confirmations, analysis.notes)
-    render_analysis(analysis.responses, analysis.choices, ranked_by(folder.plan), None, confirmations, ())
+    render_report(analysis, None, confirmations, ())
     for ask in (recommended, lambda one: suggestions(one, 1), extension_runs):
         with suppress(EdmError):
             ask(state)

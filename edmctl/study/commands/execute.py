@@ -263,7 +263,7 @@ def optimize(
     The design comes first. Every suggestion is checked as a job is, and on a machine that lasts approved.
     """
     from edmctl.study.analysis import has_suggestions
-    from edmctl.study.commands.tables import render_recommendation
+    from edmctl.study.report.text import render_recommendation
     from edmctl.study.suggestions import counted, next_batch, recommended
 
     study = opened(folder)
@@ -290,7 +290,7 @@ def optimize(
     way_on = f"Confirm it with runs that no model has seen: `{study.read().making_command('confirm')}`."
     if not has_suggestions(study.read()):
         way_on = f"No run was suggested: the design has all of the {total} runs of [optimize].\n{way_on}"
-    outcome.text += f"\n\n{render_recommendation(best, style)}\n{way_on}"
+    outcome.text += f"\n\n{render_recommendation(study.plan, best, style)}\n{way_on}"
     _raise_failed(study)
 
 
@@ -302,7 +302,7 @@ def confirm(
     runs: ConfirmRunsOption = 3,
 ) -> None:
     """Run the recommended settings anew, on machines no model has seen, and say whether the expectation held."""
-    from edmctl.study.commands.tables import render_confirmation, render_recommendation
+    from edmctl.study.report.text import render_confirmation, render_recommendation
     from edmctl.study.suggestions import confirmation_runs, confirmations_of, recommended
     from edmctl.study.table import not_yet_known
 
@@ -320,7 +320,7 @@ def confirm(
             tell(outcome.output, f"making the {plural(len(asked), 'confirmation run')} that were left")
         else:
             best = recommended(state, shell())
-            told = f"{render_recommendation(best, stream_style(sys.stdout))}\n\n"
+            told = f"{render_recommendation(study.plan, best, stream_style(sys.stdout))}\n\n"
             asked = confirmation_runs(state, best.settings, runs)
             writer.planned(asked, best.intervals)
     _make(outcome, study, making, "confirm", to_the_end=True)  # another run that failed before is no answer
@@ -330,7 +330,10 @@ def confirm(
     outcome.result["confirmations"] = found
     style = stream_style(sys.stdout)
     outcome.text = (
-        told + outcome.text + "\n\n" + "\n\n".join(render_confirmation(one, style) for one in found)
+        told
+        + outcome.text
+        + "\n\n"
+        + "\n\n".join(render_confirmation(study.plan, one, style) for one in found)
     )
     numbers = {run.number for run in asked}
     mine = [one for one in found if numbers.intersection(one.runs)]

@@ -116,8 +116,8 @@ def report(
 ) -> None:
     """Say what matters, by analysis of variance, models and the Pareto front; --out writes a page of it."""
     from edmctl.jobs import output_files
-    from edmctl.study.analysis import analysis_of, ranked_by
-    from edmctl.study.commands.tables import render_analysis
+    from edmctl.study.analysis import analysis_of
+    from edmctl.study.report.text import render_report
     from edmctl.study.reporting import mapping_of, page_of, recommendation_or_why
     from edmctl.study.suggestions import confirmations_of
 
@@ -128,11 +128,7 @@ def report(
     notes = (*found.notes, *why)
     confirmations = confirmations_of(state)
     outcome.result = mapping_of(found, best, confirmations, notes)
-    names = ranked_by(study.plan)
-    style = stream_style(sys.stdout)
-    outcome.text = render_analysis(
-        found.responses, found.choices, names, best, confirmations, notes, style, found.truths
-    )
+    outcome.text = render_report(found, best, confirmations, notes, stream_style(sys.stdout))
     if out is not None:
         content = page_of(state, found, best, confirmations, notes).encode()
         output_files.make_folder(out.parent)

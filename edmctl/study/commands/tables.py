@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from edmctl.cli.render.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
 from edmctl.cli.render.style import PLAIN, Ink, Style
-from edmctl.study.report.words import differing_words, points_needed, why_not_predicted
 from edmctl.study.results import (
-    Choice,
-    Confirmation,
     PlannedRun,
-    Recommendation,
     RunKind,
     RunState,
     StudyPlan,
     StudyRun,
 )
 from edmctl.wording import duration, length, plural, setting_text, settings_words, shortened, significant
-
-if TYPE_CHECKING:
-    from edmctl.study.statistics.linear_model import Anova, AnovaRow
-    from edmctl.study.statistics.response_analysis import ResponseAnalysis
-
 
 MOST_RUNS_SHOWN = 60
 MOST_POINTS_SHOWN = 12
@@ -171,180 +159,6 @@ def _cell(run: StudyRun, name: str) -> str:
         return "–"
     u95 = run.row.u95.get(name) if run.row is not None and name not in run.told else None
     return significant(value, 4) + (f" ± {significant(u95, 2)}" if u95 else "")
-
-
-def render_analysis(
-    responses: Sequence[ResponseAnalysis],
-    choices: Sequence[Choice],
-    names: Sequence[str],
-    recommendation: Recommendation | None,
-    confirmations: Sequence[Confirmation],
-    notes: Sequence[str],
-    style: Style = PLAIN,
-    truths: Mapping[str, ResponseAnalysis] = MappingProxyType({}),
-) -> str:
-    """Render what matters for each response, the best points, and what is recommended.
-
-    Where `truths` has the analysis of what a virtual machine knows of a response, it stands beside the measured one.
-    """
-    columns = style.columns or USUAL_COLUMNS
-    parts = [render_response(one, style, truths.get(one.name)) for one in responses]
-    front = [one for one in choices if one.is_pareto]
-    if len(names) > 1 and front:
-        parts.append(_front(choices, front, names, style))
-    if recommendation is not None:
-        parts.append(render_recommendation(recommendation, style))
-    parts += [render_confirmation(one, style) for one in confirmations]
-    lines = [line for note in notes for line in wrapped(f"note: {note}", columns, "  ")]
-    return "\n\n".join([*parts, *(["\n".join(lines)] if lines else [])])
-
-
-def render_response(one: ResponseAnalysis, style: Style = PLAIN, true: ResponseAnalysis | None = None) -> str:
-    """Render the analysis of variance of a response, pooled where nothing was left for the error.
-
-    true : the analysis of the true values of a virtual machine, beside it
-    """
-    columns = style.columns or USUAL_COLUMNS
-    mean = (
-        f"{plural(len(one.used), 'run')} of the design: mean {significant(one.mean, 4)}, standard deviation "
-        f"{significant(one.sd, 3)}"
-    )
-    head = style.paint(f"{one.name}{', logarithm' if one.is_log else ''}", Ink.STRONG) + f"  {mean}"
-    lines = [head]
-    table, true_table = _table_of(one), _table_of(true) if true is not None else None
-    if table is not None:
-        beside = {row.name: row for row in (*true_table.rows, true_table.error)} if true_table else {}
-        rows = [
-            [
-                row.name,
-                str(row.dof),
-                _number(row.f),
-                _p_words(row.p),
-                _share_words(row),
-                *(
-                    [_p_words(it.p) if (it := beside.get(row.name)) else "–", _share_words(it)]
-                    if beside
-                    else []
-                ),
-            ]
-            for row in (*table.rows, table.error)
-        ]
-        rows += [
-            [row.name, str(row.dof), "–", "–", "–", _p_words(row.p), _share_words(row)]
-            for name, row in beside.items()
-            if name not in {one.name for one in (*table.rows, table.error)}
-        ]
-        titles = [
-            "",
-            "DoF",
-            "F",
-            "p",
-            "seq. contribution",
-            *(["p, true values", "seq. contribution"] if beside else []),
-        ]
-        lines.append(render_columns(titles, rows, style, "<>"))
-        if words := differing_words(table):
-            lines += wrapped(words, columns, "  ")
-        if table.pooled:
-            lines += wrapped(f"counted as error: {', '.join(table.pooled)}", columns, "  ")
-        if math.isfinite(one.r2):
-            fit = f"R² {one.r2:.3f}, predicted R² {_number(one.predicted_r2)}"
-            if not math.isfinite(one.predicted_r2):
-                fit += f" ({why_not_predicted(one)})"
-            if one.left_out:
-                fit += f"; intervals without a point held {one.held} of {one.left_out} points"
-                needed = points_needed(one)
-                fit += f" (the model cannot do without the other {plural(needed, 'point')})" if needed else ""
-            lines += wrapped(fit, columns, "  ")
-        if one.lack is not None and one.lack.p < SIGNIFICANT:
-            lines += wrapped(
-                "The model misses more than runs of one point differ by (lack of fit, p "
-                f"{_p_words(one.lack.p).rstrip(' *')}): there is more to it.",
-                columns,
-                "  ",
-            )
-    lines += [line for note in one.notes for line in wrapped(note, columns, "  ")]
-    return "\n".join(lines)
-
-
-def _table_of(one: ResponseAnalysis) -> Anova | None:
-    return one.pooled if one.anova is not None and not one.anova.error.dof and one.pooled else one.anova
-
-
-def _share_words(row: AnovaRow | None) -> str:
-    return f"{row.contribution_pct:.1f} %" if row is not None and math.isfinite(row.contribution_pct) else "–"
-
-
-def _p_words(p: float) -> str:
-    if not math.isfinite(p):
-        return "–"
-    words = "< 0.001" if p < 0.001 else f"{p:.3f}"
-    return f"{words} *" if p < SIGNIFICANT else words
-
-
-def _number(value: float) -> str:
-    return significant(value, 3) if math.isfinite(value) else "–"
-
-
-def _front(choices: Sequence[Choice], front: Sequence[Choice], names: Sequence[str], style: Style) -> str:
-    best = sorted(front, key=lambda one: -(one.grey_grade or 0.0))[:MOST_POINTS_SHOWN]
-    table = {
-        "point": [str(one.point) for one in best],
-        **{name: [_optional(one.means.get(name)) for one in best] for name in names},
-        "grey grade": [_optional(one.grey_grade) for one in best],
-        "TOPSIS": [_optional(one.topsis_closeness) for one in best],
-    }
-    runs = plural(sum(one.runs for one in choices), "run")
-    head = f"{len(front)} of {plural(len(choices), 'point')} ({runs}) Pareto-optimal; grades are preferences"
-    return f"{head}\n{render_table(table, style)}"
-
-
-def _optional(value: float | None) -> str:
-    return "–" if value is None else significant(value, 3)
-
-
-def render_recommendation(one: Recommendation, style: Style = PLAIN) -> str:
-    """Render the settings that are recommended, and what is expected of a run there."""
-    columns = style.columns or USUAL_COLUMNS
-    kept = "kept by the 95 % bound of the mean" if one.is_feasible else "NO settings are known to keep this"
-    of = f" ({', '.join(one.constraints)}: {kept})" if one.constraints else ""
-    lines = [style.paint("Recommended", Ink.STRONG) + f"{of}:"]
-    lines += wrapped(settings_words(one.settings), columns, "  ")
-    rows = [
-        [name, significant(value, 4), f"{significant(one.low[name], 4)} to {significant(one.high[name], 4)}"]
-        for name, value in one.expected.items()
-    ]
-    if rows:
-        lines.append(render_columns(["response", "expected", "95 % of runs"], rows, style, "<>"))
-    return "\n".join([*lines, *wrapped(one.basis, columns, "  ")])
-
-
-def render_confirmation(one: Confirmation, style: Style = PLAIN) -> str:
-    """Render what runs came to at settings that no model had seen, against what was expected of them."""
-    columns = style.columns or USUAL_COLUMNS
-    lines = [style.paint("Confirmation", Ink.STRONG) + f", {plural(len(one.runs), 'run')}:"]
-    lines += wrapped(settings_words(one.settings), columns, "  ")
-    rows = [
-        [
-            response.name,
-            f"{significant(response.low, 4)} to {significant(response.high, 4)}"
-            if response.is_tested
-            else "not known",
-            ", ".join(significant(value, 4) for value in response.measured),
-            f"{response.held} of {len(response.measured)}" if response.is_tested else "–",
-        ]
-        for response in one.responses
-    ]
-    if rows:
-        lines.append(render_columns(["response", "expected", "measured", "held"], rows, style, "<"))
-    else:
-        lines.append("No response has a value yet.")
-    for limit in one.limits:
-        upper = f", 95 % bound {significant(limit.upper, 3)}" if limit.upper is not None else ""
-        lines.append(
-            f"{limit.constraint}: mean of the runs {significant(limit.mean, 3)}{upper}: {limit.verdict}"
-        )
-    return "\n".join(lines)
 
 
 def approval_words(run: StudyRun, time_s: float) -> str:

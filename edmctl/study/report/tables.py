@@ -28,8 +28,8 @@ from edmctl.study.results import (
     StudyPlan,
     StudyRun,
 )
+from edmctl.study.statistics.anova import Anova, AnovaRow
 from edmctl.study.statistics.choice import SobolIndices
-from edmctl.study.statistics.linear_model import Anova, AnovaRow
 from edmctl.study.statistics.response_analysis import LevelMeans, ResponseAnalysis
 from edmctl.wording import UNKNOWN, decimal, plain_number, plural, significant, to_its_u95
 
@@ -241,7 +241,10 @@ def fit_quality(one: ResponseAnalysis, unit: str) -> PageTable | None:
             "values, mean, standard deviation",
             f"{len(one.values)}, {significant(one.mean, 4)}, {significant(one.sd)}",
         ],
-        ["S, error of a single run", f"{significant(one.error_sd)} {scale}" if one.error_sd >= 0 else none],
+        [
+            "S, error of a single run",
+            f"{significant(one.error_sd)} {scale}".rstrip() if one.error_sd >= 0 else none,
+        ],
         ["R²", _share(one.r2)],
         ["R², adjusted", _share(one.adjusted_r2)],
         ["R², predicted", predicted],

@@ -16,7 +16,7 @@ from edmctl.study.results import (
     StudyRun,
     Value,
 )
-from edmctl.study.statistics.linear_model import Anova, AnovaRow
+from edmctl.study.statistics.anova import Anova, AnovaRow
 from edmctl.study.statistics.response_analysis import LevelMeans, ResponseAnalysis
 from edmctl.wording import UNKNOWN, decimal, plural, printable, shortened, significant, unit_in
 
@@ -309,6 +309,11 @@ def confirmed(plan: StudyPlan, confirmations: Sequence[Confirmation]) -> list[st
                 f"{response.name} ({response.held} of {len(response.measured)} within)" for response in broken
             )
             found.append(f"{at}: confirmation did NOT hold for {named}, by {runs}.")
+        for limit in one.limits:
+            upper = f", 95 % bound {significant(limit.upper, 3)}" if limit.upper is not None else ""
+            found[-1] += (
+                f" {limit.constraint}: {limit.verdict} (mean of the runs {significant(limit.mean, 3)}{upper})."
+            )
     return found
 
 

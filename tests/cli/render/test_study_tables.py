@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from edmctl.cli.render.layout import wrapped
-from edmctl.study.commands.tables import render_response
 from edmctl.study.report.tables import fit_quality
+from edmctl.study.report.text import render_response
+from edmctl.study.results import ResponseInfo
 from edmctl.study.statistics.linear_model import Settings
 from edmctl.study.statistics.response_analysis import Runs, analyse
 from edmctl.wording import settings_words
@@ -33,14 +34,15 @@ def test_what_is_not_predicted_has_its_reason() -> None:
     runs = Runs(settings, {"x": x.tolist()}, list(range(13)), blocks)
     values = 10 + x + 0.1 * np.random.default_rng(3).normal(size=13)
     found = analyse("time_s", runs, values, [(), (("block", 1),), (("x", 1),)], "smaller")
-    text = " ".join(render_response(found).split())
-    assert "seq. contribution" in text
-    assert "predicted R² – (the model cannot do without some runs)" in text
-    assert f"held {found.held} of 12 points (the model cannot do without the other 1 point)" in text
+    info = ResponseInfo("time_s", "s", "smaller")
+    text = " ".join(render_response(info, found).split())
+    assert "share of seq. SS, %" in text
+    assert "R², predicted: – (the model cannot do without some runs)" in text
+    assert f"held {found.held} of 12; the model needs the other 1 point" in text
     quality = fit_quality(found, "s")
     assert quality is not None
     rows = {str(row[0]): str(row[1]) for row in quality.rows}
     assert rows["R², predicted"].endswith("(the model cannot do without some runs)")
     assert rows["points left out one by one"].endswith("the model needs the other 1 point")
     balanced = analyse("time_s", runs.only(range(12)), values[:12], [(), (("x", 1),)], "smaller")
-    assert "cannot do without" not in render_response(balanced)
+    assert "cannot do without" not in render_response(info, balanced)
