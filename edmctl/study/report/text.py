@@ -91,4 +91,4 @@ def _text(table: PageTable | None, style: Style, columns: Sequence[str] = (), mo
         return ""
     kept = [n for n, name in enumerate(table.header) if not columns or name in columns]
     header, *rows = ([str(row[n]) for n in kept] for row in (table.header, *table.rows[:most]))
-    return render_columns(header, rows, style, "<" if table.words else "<>", gap="  ")
+    return render_columns(header, rows, style, "<" if table.words else "<>")
