@@ -13,13 +13,12 @@ because importing `scipy.optimize` takes 0.2 s, a fifth of a whole virtual run; 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmctl.actuator.design import Design, Reduction, triangle_of
-from edmctl.array_types import Array
+from edmctl.array_types import Array, Flags, Integers
 from edmctl.dataclasses import dataclass
 
 RIDGE = 1e-10  # only settles what the records leave open: held-out errors do not change from here to 1e-6
@@ -165,19 +164,32 @@ def nnls(matrix: Array, target: Array, start: Array | None = None) -> Array:
     raise RuntimeError(f"non-negative least squares did not settle in {10 * columns} steps")
 
 
-def _minimise(matrix: Array, target: Array, x: Array, free: NDArray[np.bool_]) -> Array:
-    """Minimise over the free columns; while one turns negative, step to the border and fix it there."""
+def _minimise(matrix: Array, target: Array, x: Array, free: Flags) -> Array:
+    def solve(index: Integers) -> Array:
+        found: Array = np.linalg.lstsq(matrix[:, index], target, rcond=None)[0]
+        return found
+
+    return minimise(solve, x, free)
+
+
+def minimise(solve: Callable[[Integers], Array], x: Array, free: Flags) -> Array:
+    """Minimise over the free entries of x; while one turns negative, step to the border and fix it there.
+
+    solve : minimum over the entries with these numbers, without bounds
+    """
     while True:
-        wanted = np.zeros_like(x)
-        wanted[free] = np.linalg.lstsq(matrix[:, free], target, rcond=None)[0]
-        crossing = free & (wanted <= 0.0)
-        if not crossing.any():
-            return wanted
-        steps = np.full_like(x, np.inf)
-        way = x - wanted
-        np.divide(x, way, out=steps, where=crossing & (way > 0.0))
-        steps[crossing & (way <= 0.0)] = 0.0
+        index = np.flatnonzero(free)
+        wanted, here = solve(index), x[index]
+        x = np.zeros_like(x)
+        if wanted.min(initial=1.0) > 0.0:
+            x[index] = wanted
+            return x
+        crossing = wanted <= 0.0
+        steps = np.full(len(here), np.inf)
+        np.divide(here, here - wanted, out=steps, where=crossing & (here > wanted))
+        steps[crossing & (here <= wanted)] = 0.0
         step = float(steps.min())
-        x = x + step * (wanted - x)
-        free &= steps > step
-        x = np.where(free, x, 0.0)
+        x[index] = here + step * (wanted - here)
+        gone = index[steps <= step]
+        free[gone] = False
+        x[gone] = 0.0

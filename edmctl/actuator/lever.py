@@ -61,42 +61,25 @@ def autocorrelation_time(residual: Array) -> float:
 
 def _refuse(stack: Array, tool: Array) -> None:
     if stack.shape != tool.shape or stack.ndim != 1:
-        raise RecordError(
-            f"{stack.size} samples of the stacks' displacement, but {tool.size} of the tool's",
-            hint="Record both at the same instants.",
-            code="E3620",
-        )
+        what = f"{stack.size} samples of the stacks' displacement, but {tool.size} of the tool's"
+        raise RecordError(what, hint="Record both at the same instants.", code="E3620")
     if len(stack) < LEAST_SAMPLES:
-        raise RecordError(
-            f"{len(stack)} samples are too few for a lever factor, at least {LEAST_SAMPLES} are needed",
-            hint="Record a slow swing over the whole range.",
-            code="E3621",
-        )
-    if not (np.isfinite(stack).all() and np.isfinite(tool).all()):
-        bad = int(np.flatnonzero(~(np.isfinite(stack) & np.isfinite(tool)))[0])
-        raise RecordError(
-            f"sample {bad + 1} of the displacements is not a finite number",
-            hint="Remove the samples that the sensor could not measure.",
-            code="E3622",
-        )
+        what = f"{len(stack)} samples are too few for a lever factor, at least {LEAST_SAMPLES} are needed"
+        raise RecordError(what, hint="Record a slow swing over the whole range.", code="E3621")
+    if len(wrong := np.flatnonzero(~(np.isfinite(stack) & np.isfinite(tool)))):
+        what = f"sample {wrong[0] + 1} of the displacements is not a finite number"
+        raise RecordError(what, hint="Remove the samples that the sensor could not measure.", code="E3622")
     if not np.ptp(stack) > 0.0:
-        raise RecordError(
-            f"the stacks' displacement stays at {stack[0]:g} µm",
-            hint="Drive the actuator over its range while both sensors are read.",
-            code="E3623",
-        )
+        what = f"the stacks' displacement stays at {stack[0]:g} µm"
+        hint = "Drive the actuator over its range while both sensors are read."
+        raise RecordError(what, hint=hint, code="E3623")
 
 
 def _refuse_factor(factor: float) -> None:
     if factor < 0.0:
-        raise RecordError(
-            f"the tool moves back while the stacks extend (factor {factor:.3g})",
-            hint="Reverse the sign of one of the two sensors.",
-            code="E3624",
-        )
+        what = f"the tool moves back while the stacks extend (factor {factor:.3g})"
+        raise RecordError(what, hint="Reverse the sign of one of the two sensors.", code="E3624")
     if not LEAST_FACTOR < factor < LARGEST_FACTOR:
-        raise RecordError(
-            f"a lever factor of {factor:.3g} is not that of a flexure (paper: 18)",
-            hint="Give both displacements in µm, and the stacks' and the tool's in the right columns.",
-            code="E3625",
-        )
+        what = f"a lever factor of {factor:.3g} is not that of a flexure (paper: 18)"
+        hint = "Give both displacements in µm, and the stacks' and the tool's in the right columns."
+        raise RecordError(what, hint=hint, code="E3625")

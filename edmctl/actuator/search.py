@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.actuator.design import Design, features_of
+from edmctl.actuator.fitting import minimise
 from edmctl.actuator.record import Record, sample_s
-from edmctl.array_types import Array, Flags
+from edmctl.array_types import Array, Flags, Integers
 
 ROWS = 6000
 FOLDS = 8
@@ -281,24 +282,11 @@ def nnls_of_normal(gram: Array, right: Array, start: Array) -> Array:
 
 
 def _least(gram: Array, right: Array, x: Array, free: Flags) -> Array:
-    """Minimise over the free entries; while one turns negative, step to the border and fix it there."""
-    while True:
-        index = np.flatnonzero(free)
-        wanted = np.linalg.solve(gram[np.ix_(index, index)], right[index])
-        if wanted.min(initial=1.0) > 0.0:
-            x = np.zeros_like(x)
-            x[index] = wanted
-            return x
-        here = x[index]
-        crossing = wanted <= 0.0
-        steps = np.full(len(here), np.inf)
-        np.divide(here, here - wanted, out=steps, where=crossing & (here > wanted))
-        steps[crossing & (here <= wanted)] = 0.0
-        step = float(steps.min())
-        x[index] = here + step * (wanted - here)
-        gone = index[steps <= step]
-        free[gone] = False
-        x[gone] = 0.0
+    def solve(index: Integers) -> Array:
+        found: Array = np.linalg.solve(gram[np.ix_(index, index)], right[index])
+        return found
+
+    return minimise(solve, x, free)
 
 
 def best_rounded(design: Design, rows: Rows, delay_s: float) -> Array:

@@ -7,13 +7,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from edmctl.dataclasses import dataclass, replace
-from edmctl.planning.channel import (
-    channel,
-    channel_measuring_s,
-    channel_passes,
-    pass_time_s,
-    stops_after,
-)
+from edmctl.planning.channel import Channel
 from edmctl.planning.erosion import expected_ra_um
 from edmctl.planning.measuring import (
     FACE_LIMIT_UM,
@@ -42,7 +36,7 @@ from edmctl.planning.removal import (
 )
 from edmctl.process.discharge import hole_area_um2, mrr_mm3_min, pulse_energy_uj
 from edmctl.process.erosion import roughness_rz_um
-from edmctl.profile.model import PathTable, Profile
+from edmctl.profile.model import Profile
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
 from edmctl.results.forecast import Forecast, RegimeForecast
@@ -82,16 +76,6 @@ class Reached:
 
     site: str = ""
     depth_um: float = 0.0
-
-
-def course_of(
-    profile: Profile, setup: Setup, places: Sequence[Place], reached: Reached | None = None
-) -> Course:
-    """Return the expected course of a job: a channel, the holes at these places, or one hole beside the pad."""
-    reached = reached or Reached()
-    if profile.path is not None:
-        return _channel_course(profile, setup, profile.path, reached.depth_um)
-    return _holes_course(profile, setup, places, reached)
 
 
 def working_order(profile: Profile, setup: Setup, places: Sequence[Place]) -> list[Place]:
@@ -234,15 +218,14 @@ def _regimes(profile: Profile) -> tuple[RegimeForecast, ...]:
     )
 
 
-def _channel_course(profile: Profile, setup: Setup, path: PathTable, reached_um: float) -> Course:
-    whole = channel(profile, path)
+def _channel_course(whole: Channel, setup: Setup, reached_um: float) -> Course:
     done = min(whole.layers - 1, int(reached_um / whole.depth_um * whole.layers))
-    passes = channel_passes(profile, setup, path, done)
+    passes = whole.passes(setup, done)
     return Course(
-        machining_s=passes * pass_time_s(profile, path, whole),
-        measuring_s=channel_measuring_s(profile, setup, path, done),
+        machining_s=passes * whole.pass_time_s,
+        measuring_s=whole.measuring_s(setup, done),
         cuts=passes,
-        stops=len([layer for layer in stops_after(profile, setup, path) if layer > done]),
+        stops=len([layer for layer in whole.stops_after(setup) if layer > done]),
         holes=0,
         deepest=Hole(whole.depth_um, whole.wear_um),
         lowest_um=whole.depth_um + whole.wear_um,
@@ -300,7 +283,11 @@ def forecast(
     Machining time follows the mean-voltage law of the pulse process (see `edmctl.process.discharge`) and counts
     jumps; measuring time counts conditioning, approaches, touches and stage moves.
     """
-    course = course_of(profile, setup, places, reached)
+    reached = reached or Reached()
+    if profile.path is not None:
+        course = _channel_course(Channel(profile, profile.path), setup, reached.depth_um)
+    else:
+        course = _holes_course(profile, setup, places, reached)
     deepest, available_um = course.deepest, stroke_available_um(profile, setup)
     reserve_um = profile.approach.offset_um + STROKE_RESERVE_UM
     fits = [reach_um + reserve_um <= available_um for reach_um in course.reaches_um]
@@ -359,7 +346,7 @@ class Job:
 
 def depth_and_wear_um(profile: Profile) -> tuple[float, float]:
     """Depth and tool wear of one hole or channel at its target, µm, at the expected ratio of wear."""
-    one = hole(profile) if profile.path is None else channel(profile, profile.path)
+    one = hole(profile) if profile.path is None else Channel(profile, profile.path)
     return one.depth_um, one.wear_um
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from operator import ge, gt
 
-from edmctl.planning.channel import waiting_speed_um_s
+from edmctl.planning.channel import Channel
 from edmctl.planning.forecast import Job, depth_and_wear_um
 from edmctl.planning.rules.bound import Bound, Conflict
 from edmctl.profile.findings import Code, Finding, rounded_up
@@ -154,7 +154,9 @@ def time_limit(job: Job) -> Iterator[Finding]:
     if limit_s < time_s:
         hint = f"permit {3.0 * time_s:.0f} s, three times the forecast"
         path = job.profile.path
-        if path is not None and path.speed_um_s < (least_um_s := waiting_speed_um_s(job.profile, path)):
+        if path is not None and path.speed_um_s < (
+            least_um_s := Channel(job.profile, path).waiting_speed_um_s
+        ):
             hint = (
                 f"raise path.speed_um_s from {path.speed_um_s:g} to {rounded_up(least_um_s)} µm/s or more, where a "
                 f"pass takes no longer than its sparks; or {hint}"

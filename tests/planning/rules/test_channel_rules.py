@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from edmctl.planning.channel import EVEN_OUT_PASSES, channel, path_length_um, stops_after
+from edmctl.planning.channel import EVEN_OUT_PASSES, Channel
 from edmctl.planning.forecast import forecast
 from edmctl.planning.rules.load import load_profile
 from edmctl.process.path import circle, lengths_um, rectangle, spiral
@@ -140,20 +140,21 @@ def test_copper_wears_too_much_for_a_long_channel() -> None:
 
 @pytest.mark.parametrize("name", ["rectangle", "circle", "spiral"])
 def test_the_length_is_that_of_the_way_that_is_gone(name: str) -> None:
-    path = load_profile(f"channel-{name}").profile.path
+    profile = load_profile(f"channel-{name}").profile
+    path = profile.path
     assert path is not None
     points = {
         "rectangle": lambda: rectangle(0, 0, path.width_um or 0, path.height_um or 0),
         "circle": lambda: circle(0, 0, path.radius_um or 0),
         "spiral": lambda: spiral(0, 0, path.radius_um or 0, path.pitch_um or 0, path.turns or 0),
     }[name]()
-    assert path_length_um(path) == pytest.approx(lengths_um(points)[-1], rel=1e-3)
+    assert Channel(profile, path).length_um == pytest.approx(lengths_um(points)[-1], rel=1e-3)
 
 
 def test_the_wear_of_a_channel_is_that_of_holes_of_its_volume() -> None:
     profile = load_profile("channel-circle").profile
     assert profile.path is not None
-    whole = channel(profile, profile.path)
+    whole = Channel(profile, profile.path)
     volume_um3 = 166.0 * 2.0 * math.pi * 300.0 * 20.0
     assert whole.volume_um3 == pytest.approx(volume_um3)
     tool_um3 = whole.wear_um * math.pi / 4.0 * 150.0**2
@@ -185,6 +186,6 @@ def test_a_fast_scan_passes_a_layer_as_often_as_its_sparks_need() -> None:
 def test_a_channel_is_measured_early_before_the_last_layer_and_after_it() -> None:
     loaded = load_profile("channel-circle")
     assert loaded.profile.path is not None
-    after = stops_after(loaded.profile, Setup(), loaded.profile.path)
+    after = Channel(loaded.profile, loaded.profile.path).stops_after(Setup())
     assert after[0] <= 2
     assert after[-2:] == [9, 10]
