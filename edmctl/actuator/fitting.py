@@ -14,8 +14,10 @@ because importing `scipy.optimize` takes 0.2 s, a fifth of a whole virtual run; 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.actuator.design import Design, Reduction, triangle_of
 from edmctl.array_types import Array, Flags, Integers
@@ -165,14 +167,10 @@ def nnls(matrix: Array, target: Array, start: Array | None = None) -> Array:
 
 
 def _minimise(matrix: Array, target: Array, x: Array, free: Flags) -> Array:
-    def solve(index: Integers) -> Array:
-        found: Array = np.linalg.lstsq(matrix[:, index], target, rcond=None)[0]
-        return found
-
-    return minimise(solve, x, free)
+    return minimise(lambda index: np.linalg.lstsq(matrix[:, index], target, rcond=None)[0], x, free)
 
 
-def minimise(solve: Callable[[Integers], Array], x: Array, free: Flags) -> Array:
+def minimise(solve: Callable[[Integers], NDArray[np.floating[Any]]], x: Array, free: Flags) -> Array:
     """Minimise over the free entries of x; while one turns negative, step to the border and fix it there.
 
     solve : minimum over the entries with these numbers, without bounds

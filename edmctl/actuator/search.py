@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from edmctl.actuator.design import Design, features_of
 from edmctl.actuator.fitting import minimise
 from edmctl.actuator.record import Record, sample_s
-from edmctl.array_types import Array, Flags, Integers
+from edmctl.array_types import Array, Flags
 
 ROWS = 6000
 FOLDS = 8
@@ -282,11 +282,7 @@ def nnls_of_normal(gram: Array, right: Array, start: Array) -> Array:
 
 
 def _least(gram: Array, right: Array, x: Array, free: Flags) -> Array:
-    def solve(index: Integers) -> Array:
-        found: Array = np.linalg.solve(gram[np.ix_(index, index)], right[index])
-        return found
-
-    return minimise(solve, x, free)
+    return minimise(lambda index: np.linalg.solve(gram[np.ix_(index, index)], right[index]), x, free)
 
 
 def best_rounded(design: Design, rows: Rows, delay_s: float) -> Array:
