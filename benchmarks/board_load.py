@@ -29,7 +29,7 @@ from tests.firmware.board_twin import WatchedBench, board
 from tests.firmware.cuts import OFFSET_UM, cut_on
 
 if TYPE_CHECKING:
-    from edmctl.board.elf import Elf
+    from edmctl.board.image_formats import Elf
 
 FLASH_MOST, RAM_MOST = 96 * 1024, 220 * 1024
 SPEED_LEAST = 8.0

@@ -10,8 +10,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from edmctl.board.hex_file import hex_of
 from edmctl.board.image import Image, read_image, seal
+from edmctl.board.image_formats import hex_of
 from edmctl.board.settings import flags_of, parse_settings, settings_of
 from edmctl.core.boards import Board
 from edmctl.core.build import complaint, files_in, run_compiler, source_folder, version_of

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from edmctl.board.flash_tools import Flashed, Tool, find_tool, flash, no_board, several_boards, wrong_chip
 from edmctl.board.image import Image
-from edmctl.board.results_firmware import BoardFacts, ImageFacts, hexadecimal, settings_text
+from edmctl.board.results import BoardFacts, ImageFacts, hexadecimal, settings_text
 from edmctl.core.boards import Board, board_name, board_of
 from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, LinkLost, PreconditionError, ProtocolMismatch, UsageError

@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import Any
 
 from edmctl.board.board_build import build_board, toolchain
-from edmctl.board.elf import Elf
+from edmctl.board.image_formats import Elf
 from edmctl.core.boards import BOARDS
 from edmctl.core.build import cache_folder, files_in, source_folder
 from edmctl.errors import PreconditionError

@@ -11,9 +11,8 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from edmctl.board.elf import Elf, ForeignElf
-from edmctl.board.hex_file import parse_hex
-from edmctl.board.results_firmware import ImageFacts, Section
+from edmctl.board.image_formats import Elf, ForeignElf, parse_hex
+from edmctl.board.results import ImageFacts, Section
 from edmctl.board.settings import told_settings
 from edmctl.core.boards import Board, board_name, board_of
 from edmctl.dataclasses import dataclass

@@ -189,7 +189,7 @@ class AnnouncedStop(StopRequest):
         if self.signal_number is not None and not self._announced:
             self._announced = True
             name = signal_name(self.signal_number)
-            self._say(f"{name}: pulses off, retracting, closing the file. Once more aborts.")
+            self._say(f"{name}: pulses off, retracting, closing the run file. Press Ctrl-C again to abort.")
         super().check()
 
 

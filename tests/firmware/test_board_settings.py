@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.board.board_build import build_board
-from edmctl.board.elf import Elf
 from edmctl.board.emulated import controller_class, image
 from edmctl.board.image import read_image
+from edmctl.board.image_formats import Elf
 from edmctl.board.settings import parse_settings, settings_of, told_settings
 from edmctl.core.boards import STM32F4
 from edmctl.core.build import source_folder

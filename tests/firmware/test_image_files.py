@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.board.hex_file import hex_of, parse_hex
 from edmctl.board.image import read_image
+from edmctl.board.image_formats import hex_of, parse_hex
 from edmctl.errors import RecordError
 from edmctl.link.messages import SCHEMA_HASH
 from tests.firmware.image_bytes import FLASH_AT, RECORD_AT, image_bytes

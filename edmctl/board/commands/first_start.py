@@ -27,7 +27,7 @@ from edmctl.jsonout import render_json
 
 if TYPE_CHECKING:
     from edmctl.board.first_start.person import Act, Asked, Done, Question
-    from edmctl.board.results_first_start import FirstStartReport, Item
+    from edmctl.board.results import FirstStartReport, Item
     from edmctl.machine.controller import LinkMachine
 
 AnswersOption = Annotated[
@@ -68,10 +68,10 @@ def first_start(
     acts: ActsOption = None,
     out: OutOption = Path("runs"),
 ) -> None:
-    """Check a new machine, wire by wire.
+    """Check the wiring of a new machine, item by item.
 
-    It names what is wired wrongly. It begins with everything off, asks for what is to be done by hand, and again
-    before each step that energises something. docs/first-start.md has every item.
+    Starts with everything off, names likely wiring mistakes, requests operator actions, and asks before each step
+    that energises something. docs/first-start.md lists every item.
     """
     from dataclasses import replace
 

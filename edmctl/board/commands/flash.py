@@ -64,7 +64,7 @@ def flash(
     """
     from edmctl.board.board_firmware import FlashReport, FlashRequest, flash_board, image_doubts
     from edmctl.board.image import read_image
-    from edmctl.board.results_firmware import settings_text
+    from edmctl.board.results import settings_text
     from edmctl.link.messages import SCHEMA_HASH
     from edmctl.profile.setup import load_setup
 
@@ -101,7 +101,7 @@ def _confirm(output: Output, settings: str, board: "Board", *, is_said: bool) ->
 
 
 def _told(report: "FlashReport") -> str:
-    from edmctl.board.results_firmware import settings_text
+    from edmctl.board.results import settings_text
 
     if report.flashed is None:
         return ""

@@ -28,9 +28,9 @@ IMAGE_SUFFIXES = (".elf", ".bin", ".hex")
 
 @command("firmware info", NOTES)
 def info(outcome: Outcome, what: WhatArgument, setup: SetupOption = None, wait: WaitOption = 0.0) -> None:
-    """Say what an image is, or what runs on a board.
+    """Show what an image contains, or what runs on a board.
 
-    A board is asked without opening a session: what runs there goes on.
+    No session is opened, so a job on the board continues.
     """
     from edmctl.board.board_firmware import board_at, image_doubts
     from edmctl.board.commands.tables import render_board, render_image
@@ -85,8 +85,8 @@ def verify(
 ) -> None:
     """Compare board, schema and version of an image with those of a connected board.
 
-    The board is asked without opening a session: what runs there goes on. The line does not tell the bytes of the
-    flash, nor what was --set; `edmctl firmware flash` reads the flash back.
+    No session is opened, so a job on the board continues. Bytes of the flash and --set values are not compared;
+    `edmctl firmware flash` reads the flash back.
     """
     from dataclasses import asdict
 

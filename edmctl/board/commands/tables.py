@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
-from edmctl.board.results_firmware import BoardFacts, ImageFacts, hexadecimal, settings_text
-from edmctl.board.results_first_start import FirstStartReport, Item, ItemStatus
+from edmctl.board.results import (
+    BoardFacts,
+    FirstStartReport,
+    ImageFacts,
+    Item,
+    ItemStatus,
+    hexadecimal,
+    settings_text,
+)
 from edmctl.cli.render.layout import render_columns
 from edmctl.cli.render.style import PLAIN, Ink, Style
 from edmctl.wording import dotted

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from edmctl.board.first_start.person import ACTS, QUESTIONS, Done, Person
-from edmctl.board.results_first_start import Cause, Item, ItemStatus
+from edmctl.board.results import Cause, Item, ItemStatus
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import EdmError, Interrupted, LinkLost, MachineFault, UsageError
 from edmctl.link.faults import FaultCode

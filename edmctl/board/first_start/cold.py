@@ -9,7 +9,7 @@ from edmctl.board.first_start import nets
 from edmctl.board.first_start.checklist import Checklist, Found, Skip, Spec, mean, wrong
 from edmctl.board.first_start.nets import cause
 from edmctl.board.first_start.person import ACTS, CHAIN_HIGH_V, CHAIN_LOW_V
-from edmctl.board.results_first_start import Cause, ItemStatus
+from edmctl.board.results import Cause, ItemStatus
 from edmctl.dataclasses import dataclass
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.messages import SCHEMA_HASH, ResetCause

@@ -9,7 +9,7 @@ from typing import Any, cast
 from edmctl.board.first_start import nets
 from edmctl.board.first_start.checklist import Checklist, Found, Spec, mean, wrong
 from edmctl.board.first_start.nets import cause
-from edmctl.board.results_first_start import Cause
+from edmctl.board.results import Cause
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import MachineFault
 from edmctl.link.faults import FaultCode

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from edmctl.board.results_first_start import Cause
+from edmctl.board.results import Cause
 
 ESTOP, DOOR, LEVEL, SUPPLY_OK = (
     "e-stop (PG0)",

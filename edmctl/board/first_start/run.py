@@ -12,7 +12,7 @@ from edmctl.board.first_start.checklist import Checklist
 from edmctl.board.first_start.hands import VirtualHands, written_hands
 from edmctl.board.first_start.nets import cause
 from edmctl.board.first_start.person import Asked, Person
-from edmctl.board.results_first_start import Cause, FirstStartReport, Item, ItemStatus
+from edmctl.board.results import Cause, FirstStartReport, Item, ItemStatus
 from edmctl.errors import EdmError, LinkLost, MachineFault, ObjectiveNotReached, PreconditionError, UsageError
 from edmctl.jobs.connect import connected
 from edmctl.jobs.plan import MachineAddress

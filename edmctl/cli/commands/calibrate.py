@@ -38,14 +38,14 @@ FromOption = Annotated[
 ]
 ValidateOption = Annotated[
     list[Path] | None,
-    typer.Option("--validate", metavar="FILE", help="Judge the model on this file as well. Repeatable."),
+    typer.Option("--validate", metavar="FILE", help="Evaluate the model on this file too. Repeatable."),
 ]
 RefitOption = Annotated[
     str,
     typer.Option(
         "--refit",
         metavar="zero|gain,zero",
-        help="What is fitted to each --validate file before it is judged; gain for a record of another day.",
+        help="What is fitted to each --validate file before it is evaluated; gain for a record of another day.",
     ),
 ]
 PreviousOption = Annotated[
@@ -54,7 +54,7 @@ PreviousOption = Annotated[
         "--previous-voltage",
         metavar="V",
         help="Voltage before the first sample: once for all files, or once for each, --from before --validate. "
-        "Default: the actuator had been cycled over the record's range.",
+        "Default: the actuator was cycled over the record's range before.",
     ),
 ]
 DelayOption = Annotated[
@@ -73,8 +73,8 @@ LeverOption = Annotated[
     typer.Option(
         "--lever",
         metavar="FILE",
-        help="Fit the lever factor to stack and tool displacement (CSV with x_um, z_um); alone, nothing else "
-        "is done.",
+        help="Fit the lever factor to stack and tool displacement (CSV with x_um, z_um); alone, only this is "
+        "fitted.",
     ),
 ]
 
@@ -96,10 +96,10 @@ def calibrate(
     controller: ControllerOption = None,
     dry_run: DryRunOption = False,
 ) -> None:
-    """Identify the actuator, and write a calibration.
+    """Identify the actuator and write a calibration.
 
-    A machine drives its actuator for seven minutes beside the work, without pulses, and watches it with the
-    displacement sensor. The errors told are on data that the model did not see.
+    The machine drives its actuator for seven minutes beside the workpiece, without pulses, and records the
+    displacement sensor. Errors are computed on held-out data.
     """
     from edmctl.jobs.calibration.request import CalibrationRequest, check
     from edmctl.jobs.connect import controller_warning, seed_warning

@@ -1,4 +1,4 @@
-"""`edmctl doctor` and `reset`: everything that a job will need, looked at one by one; a latched fault cleared."""
+"""`edmctl doctor` and `reset`: check everything that a job needs; clear a latched fault."""
 
 import os
 from functools import partial
@@ -34,9 +34,9 @@ def doctor(
     sensors: SensorsOption = False,
     out: OutOption = Path("runs"),
 ) -> None:
-    """Check computer, line and machine, and name the remedies.
+    """Check host, port and controller, with a remedy for each problem.
 
-    Nothing moves, but with --sensors.
+    Nothing moves. --sensors arms the generator briefly.
     """
     from edmctl.cli.render.procedure_tables import render_checks
     from edmctl.jobs.doctor_host import Checks
@@ -61,7 +61,7 @@ def _look(
     *,
     sensors: bool,
 ) -> "EdmError | None":
-    """Do every check that can be done; the error of the line or the protocol, if that is what fails."""
+    """Do every check that is possible; return the error of the line or the protocol, if that fails."""
     from edmctl.jobs import doctor_host as doctor_host
     from edmctl.jobs import doctor_machine as doctor_machine
     from edmctl.jobs.connect import machine_at
@@ -112,9 +112,9 @@ def reset(
     port: PortOption = None,
     wait: WaitOption = 0.0,
 ) -> None:
-    """Clear the latched fault, or tell which one it is.
+    """Show the latched fault, or clear it.
 
-    The fault must be named, so that nobody clears another one than the one that was looked at.
+    Name the fault code with --ack, so that only the fault that you have read is cleared.
     """
     from edmctl.jobs.connect import machine_at
     from edmctl.jobs.plan import where_is

@@ -22,7 +22,7 @@ ResumeOption = Annotated[
     typer.Option(
         "--resume",
         metavar="RUN",
-        help="Go on with a run that was interrupted: its file, or its id in --out.",
+        help="Continue an interrupted run: its file, or its id in --out.",
         autocompletion=completion.unfinished,
     ),
 ]
@@ -64,11 +64,11 @@ def machine(
     homed: HomedOption = False,
     restart_hole: RestartHoleOption = False,
 ) -> None:
-    """Machine a hole to its target depth or feed.
+    """Machine the holes or the channel of a profile to their target depth or feed.
 
-    Depth and tool wear are measured by touching the surface before, the bottom, and the surface after. A job
-    that was interrupted goes on with --resume: pad and bottom are touched again, so nothing is taken on trust, and
-    nothing is machined where they are not as they were left.
+    Depth and tool wear are measured by touching the reference pad before, the bottom, and the pad after. --resume
+    continues an interrupted job: pad and bottom are touched again, and the job is refused if they are not as they
+    were.
     """
     from edmctl.jobs.resume.selection import checked, find_run, name_of_resumed
     from edmctl.jobs.run_header import name_run

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ProbeOption = Annotated[
     bool,
-    typer.Option("--probe", help="Ask the controllers at the ports that `auto` would ask who they are."),
+    typer.Option("--probe", help="Identify the controllers at the ports that `auto` would try."),
 ]
 
 
@@ -27,8 +27,8 @@ ProbeOption = Annotated[
 def ports(outcome: Outcome, setup: SetupOption = None, probe: ProbeOption = False) -> None:
     """List serial ports, those of the setup, and virtual ones.
 
-    Nothing is opened but with --probe, and then only ports of known USB ids, those that the setup names, and
-    those that `edmctl simulate serve` serves.
+    No port is opened without --probe. It opens ports with known USB ids, those that the setup names, and those of
+    `edmctl simulate serve`.
     """
     from edmctl.cli.render.procedure_tables import render_ports
     from edmctl.profile.setup import load_setup

@@ -45,9 +45,9 @@ def approach(
     contact: ContactOption = False,
     site: PlaceOption = None,
 ) -> None:
-    """Feed the tool to the spark gap, say where it is, retract.
+    """Feed the tool to the spark gap, report its position, retract.
 
-    The feed is the profile's approach speed. With --contact the tool touches the surface by continuity instead.
+    The feed is the profile's approach speed. With --contact the tool touches the surface without sparks instead.
     """
     from edmctl.jobs.ledger.places_taken import place_of
     from edmctl.jobs.procedures import Approach, approach_forecast
@@ -94,10 +94,10 @@ def jump_flush(
     speed: SpeedOption = None,
     period_s: PeriodOption = None,
 ) -> None:
-    """Make electrode jumps; report their height and the way back.
+    """Make electrode jumps; report height, residual error and settling time.
 
-    The tool jumps beside the work, as low as at the end of the profile's job, and without sparks. The sensor is
-    sampled a thousand times a second, and tells how well and how soon the tool is back.
+    The tool jumps beside the workpiece, as deep as at the end of the profile's job, without sparks. The sensor is
+    sampled at 1 kHz.
     """
     from edmctl.jobs.procedures import JUMPS_ALONE, Jumps, jumps_forecast, refuse_hurry
 
@@ -141,11 +141,11 @@ def measure_wear(
     new_tool: NewToolOption = False,
     site: SiteOption = None,
 ) -> None:
-    """Touch pad, hole and pad again: tool wear, depth and feed.
+    """Measure tool wear, depth and feed by touching pad, hole and pad.
 
-    They count from the reference, the first touch of a tool: that of its first job, or of --reference. It is kept in
-    the job ledger beside the run files. Without a profile it measures the tool last in use, by the recipe of the
-    run that made the hole.
+    Wear is measured relative to the tool's reference touch: that of its first job, or of --reference. The job
+    ledger beside the run files contains it. Without a profile, the tool last in use is measured with the settings of
+    the run that made the hole.
     """
     from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun, wear_forecast
     from edmctl.record.ledger import Ledger
@@ -194,12 +194,11 @@ def measure_drift(
     duration: DurationOption = None,
     output: OutputOption = None,
 ) -> None:
-    """Find out what of a drift at rest touches of the pad see.
+    """Measure sensor drift so that later jobs can correct wear.
 
-    The pad is touched and the tool rests in turn for a quarter of an hour, without sparks, with a hold at depth
-    beside the work: creep after it moves rests and no touches. Later jobs on the machine correct their wear by the
-    drift of their rests. Without a profile it measures with the tool last in use, by the
-    recipe of its last run.
+    For a quarter of an hour touches of the reference pad alternate with holds at 0 V, without sparks. A hold at
+    depth beside the workpiece separates creep from drift. Without a profile, the tool last in use is taken, with the
+    settings of its last run.
     """
     from edmctl.jobs.measure_drift import DriftRun, drift_forecast
     from edmctl.jobs.measure_wear import TOUCHES_LIKE

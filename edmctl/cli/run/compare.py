@@ -1,4 +1,4 @@
-"""`edmctl run compare`: runs side by side, and whether their differences say anything."""
+"""`edmctl run compare`: runs side by side, with differences larger than their uncertainty marked."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -31,9 +31,9 @@ OutOption = Annotated[
 
 @command("run compare")
 def compare(outcome: Outcome, files: FilesArgument, out: OutOption = None) -> None:
-    """Show what was different about runs, and by how much.
+    """Compare settings and results of runs.
 
-    Of the results it is told whether they differ by more than their uncertainty.
+    Marks differences larger than the uncertainty.
     """
     from edmctl.cli.render.runs_tables import render_comparison
     from edmctl.jobs import output_files

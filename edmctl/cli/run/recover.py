@@ -32,7 +32,7 @@ OutOption = Annotated[
 
 @command("run recover")
 def recover(outcome: Outcome, file: FileArgument, out: OutOption = None) -> None:
-    """Make a complete file of a run that was interrupted. The old file stays as it is."""
+    """Make a complete file of an interrupted run. The old file is not changed."""
     from edmctl.jobs.runs.opening import recover_file
     from edmctl.record.reader import open_run
     from edmctl.record.recovery import is_complete

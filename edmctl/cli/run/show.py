@@ -15,16 +15,13 @@ from edmctl.wording import iso_of, utc_of
 
 FollowOption = Annotated[
     bool,
-    typer.Option("--follow", "-f", help="Watch a run that goes on until it ends; Ctrl-C ends the watching."),
+    typer.Option("--follow", "-f", help="Follow a run until it ends; Ctrl-C ends the following."),
 ]
 
 
 @command("run show", PROGRESS)
 def show(outcome: Outcome, file: RunArgument, follow: FollowOption = False) -> None:
-    """Show one run: what was wanted, and what became of it.
-
-    With times and what the file holds.
-    """
+    """Show one run: target, results, times and contents of the file."""
     path = find_run(file)
     killed: RunFileError | None = None
     if follow:
@@ -59,10 +56,7 @@ def _tell(outcome: Outcome, path: Path) -> None:
 
 @command("run explain")
 def explain(outcome: Outcome, file: RunArgument) -> None:
-    """Describe a run in plain sentences.
-
-    What it did, when, and why.
-    """
+    """Describe a run in plain sentences: what it did, when, and why."""
     from edmctl.cli.render.run_view import render_sentences
     from edmctl.jobs.runs.explanation import sentences_of
     from edmctl.record.reader import reading
@@ -89,10 +83,7 @@ OutOption = Annotated[
 
 @command("run list")
 def list_runs(outcome: Outcome, folder: FolderArgument = None, out: OutOption = None) -> None:
-    """List the runs of a folder, and what became of them.
-
-    The newest comes last: status, depth, wear and time of each.
-    """
+    """List the runs of a folder: status, depth, wear and time of each, the newest last."""
     _list(outcome, _only(folder, out))
 
 

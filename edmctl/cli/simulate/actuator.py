@@ -123,7 +123,7 @@ def actuator(
     plot: PlotOption = None,
     data: DataOption = None,
 ) -> None:
-    """Drive a virtual actuator, and say how well models follow it.
+    """Drive a virtual actuator and report the errors of models.
 
     The models are a straight line, the paper's practice (Maxwell elements without creep, fitted to one slow
     cycle), and edmctl's, calibrated as a machine would be: through the displacement sensor. With --model paper it

@@ -101,8 +101,8 @@ def simulate(
 ) -> None:
     """Run a job on many virtual machines.
 
-    Reports how depth, wear, time and the errors of measuring spread over the seeds. A series in a folder (--out)
-    that was interrupted goes on with --resume. `simulate actuator` drives the actuator of one machine alone.
+    Reports the spread of depth, wear, time and measurement errors over the seeds. --resume continues an interrupted
+    series that has a folder (--out). `simulate actuator` drives only the actuator of one machine.
     """
     from edmctl.cli.render.profile_tables import render_forecasts
     from edmctl.jobs.batch import cases_of, check_names, tasks_of

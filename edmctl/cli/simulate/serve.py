@@ -134,8 +134,8 @@ def serve(
 ) -> None:
     """Serve a virtual controller on a pty or a socket until Ctrl-C.
 
-    It is the machine of `sim:`, and lives on between the programs that use it one after the other. What --fault
-    breaks stays broken until SIGUSR1 mends it.
+    It is the machine of `sim:`, and keeps its state between the programs that connect one after the other. Faults of
+    --fault last until SIGUSR1.
     """
     from edmctl.jobs.connect import bench_config
     from edmctl.planning.rules.load import load_profile

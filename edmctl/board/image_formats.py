@@ -1,6 +1,6 @@
-"""What is read of an ELF of 32 bits, little endian: sections, what is loaded where, and symbols.
+"""File formats of images: ELF (32 bits, little endian: sections, load addresses, symbols) and Intel HEX.
 
-`struct` does it in a page; a library would be one more package to install for those who build.
+`struct` reads both in a page; a library would be another package to install.
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ _MAGIC, _CLASS_32, _LITTLE_ENDIAN = b"\x7fELF", 1, 1
 _SYMTAB, _NOBITS, _ALLOCATED, _LOADED = 2, 8, 2, 1
 ARM = 40
 ERASED = 0xFF
+_DATA, _END, _SEGMENT_BASE, _UPPER_BASE = 0, 1, 2, 4
+_LINE_BYTES = 16
+_FARTHEST = 1 << 26
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,3 +122,54 @@ class Elf:
             if 0 <= load_address - s.load_address < s.size:
                 return s.offset + load_address - s.load_address
         raise ValueError(f"nothing of it is loaded to 0x{load_address:08X}")
+
+
+def hex_of(address: int, data: bytes) -> str:
+    """Return data at an address as Intel HEX."""
+    lines, upper = [], -1
+    for at in range(0, len(data), _LINE_BYTES):
+        place = address + at
+        if place >> 16 != upper:
+            upper = place >> 16
+            lines.append(_line(0, _UPPER_BASE, upper.to_bytes(2, "big")))
+        lines.append(_line(place & 0xFFFF, _DATA, data[at : at + _LINE_BYTES]))
+    return "\n".join([*lines, _line(0, _END, b"")]) + "\n"
+
+
+def parse_hex(text: str) -> tuple[int, bytes]:
+    """Return the lowest address and the data from there on, with gaps as erased flash. Raises ValueError."""
+    pieces: dict[int, bytes] = {}
+    upper, is_ended = 0, False
+    for number, line in enumerate(text.split(), 1):
+        record = _bytes_of(line)
+        if len(record) < 5 or len(record) != record[0] + 5 or sum(record) & 0xFF:
+            raise ValueError(f"line {number} is damaged")
+        place, kind, content = int.from_bytes(record[1:3], "big"), record[3], record[4:-1]
+        if kind == _DATA:
+            pieces[upper + place] = content
+        elif kind in (_SEGMENT_BASE, _UPPER_BASE):
+            upper = int.from_bytes(content, "big") << (4 if kind == _SEGMENT_BASE else 16)
+        elif kind == _END:
+            is_ended = True
+    if not pieces or not is_ended:
+        raise ValueError("it is cut off")
+    base, end = min(pieces), max(at + len(piece) for at, piece in pieces.items())
+    if end - base > _FARTHEST:
+        raise ValueError("its data lie too far apart")
+    data = bytearray([ERASED]) * (end - base)
+    for at, piece in pieces.items():
+        data[at - base : at - base + len(piece)] = piece
+    return base, bytes(data)
+
+
+def _bytes_of(line: str) -> bytes:
+    """The bytes of a line; none where it is no line of Intel HEX."""
+    try:
+        return bytes.fromhex(line[1:]) if line.startswith(":") else b""
+    except ValueError:
+        return b""
+
+
+def _line(address: int, kind: int, content: bytes) -> str:
+    record = bytes((len(content), address >> 8, address & 0xFF, kind)) + content
+    return f":{record.hex().upper()}{-sum(record) & 0xFF:02X}"
