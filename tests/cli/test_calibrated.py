@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -14,9 +16,13 @@ import pytest
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import sampled, slow_legs
+from edmctl.jobs.actuator_trial import run_trial
+from edmctl.jobs.actuator_waveforms import Waveform
+from edmctl.jobs.calibration.selection import reaches_down, reaches_up
 from edmctl.jsonout import to_json_value
 from edmctl.profile.calibration import Made, calibration_of, load_calibration, save_calibration
 from edmctl.profile.folders import default_path
+from edmctl.record.columns import write_columns
 from edmctl.simulator.actuator import VirtualActuator
 from tests.cli.commands import SHALLOW, Here, Said
 
@@ -229,3 +235,76 @@ def test_simulate_names_the_model_of_every_run(here: Here, first: Path) -> None:
     said = here("simulate", *SHALLOW, "--runs", "1", "--seed", "1", "--json", "--calibration", str(first))
     (run,) = said.document["result"]["cases"][0]["runs"]
     assert run["calibration"].startswith(f"calibration {first} (sha256 ")
+
+
+class Range(NamedTuple):
+    low_v: float
+    high_v: float
+
+
+@pytest.mark.parametrize(
+    ("low_v", "used_v", "reaches"),
+    [
+        (0.0, (0.0, 120.0), True),
+        (18.0, (0.0, 120.0), True),
+        (18.1, (0.0, 120.0), False),
+        (60.0, (60.0, 120.0), True),
+        (60.0, (40.0, 120.0), False),
+        (-150.0, (-150.0, 150.0), True),
+    ],
+)
+def test_a_calibration_serves_a_little_below_its_lowest_voltage(
+    low_v: float, used_v: tuple[float, float], reaches: bool
+) -> None:
+    assert reaches_down(Range(low_v, 150.0), *used_v) is reaches
+
+
+def test_a_calibration_serves_up_to_its_highest_voltage() -> None:
+    assert reaches_up(Range(0.0, 120.0), 120.0)
+    assert not reaches_up(Range(0.0, 120.0), 120.05)
+    assert reaches_up(Range(0.0, 120.0), 120.05, tolerance_v=0.1)
+
+
+def test_a_waveform_is_told_of_at_both_ends() -> None:
+    t_s = np.arange(1000) / 50.0
+    u_v = 60.0 - 60.0 * np.cos(t_s)
+    plain = Record(t_s, u_v, 3.0 * u_v + np.random.default_rng(1).normal(0.0, 0.2, 1000))
+    narrow = replace(identify([plain], delay_s=0.0, folds=2, resamples=0).model, low_v=60.0, high_v=90.0)
+    (up, down) = run_trial([Waveform("ramp", np.linspace(0.0, 100.0, 500))], narrow, seed=3).doubts
+    assert (up.code, up.message) == ("W8104", "ramp goes up to 100.0 V and the calibration to 90.0 V.")
+    assert (down.code, down.message) == ("W8104", "ramp goes down to 0.0 V and the calibration to 60.0 V.")
+
+
+T_S = np.arange(500) / 50.0
+U_V = 75.0 - 75.0 * np.cos(T_S)
+
+
+@pytest.mark.parametrize("column", ["t_s", "u_V", "y_um"])
+@pytest.mark.parametrize("value", [1e300, -1.7e308, 9.9e37])
+def test_a_number_that_nothing_measures_is_named_with_its_sample(
+    here: Here, column: str, value: float
+) -> None:
+    columns = {"t_s": T_S, "u_V": U_V, "y_um": 3.0 * U_V + np.sin(T_S)}
+    write_columns(Path("good.csv"), columns)
+    columns[column] = np.where(np.arange(500) == 41, value, columns[column])
+    write_columns(Path("huge.csv"), columns)
+    for files in (("--from", "huge.csv"), ("--from", "good.csv", "--validate", "huge.csv")):
+        error = here("calibrate", *files, "--json").document["error"]
+        told = f"huge.csv: 1 of 500 values of {column} cannot have been measured"
+        assert (error["code"], error["message"]) == ("E3612", f"{told}, the first, {value:g}, at sample 42.")
+        assert error["hint"]
+
+
+def test_a_number_that_nothing_measures_gives_no_lever_factor(here: Here) -> None:
+    write_columns(Path("huge.csv"), {"x_um": U_V, "z_um": 1e300 * U_V})
+    said = here("calibrate", "--lever", "huge.csv", "--json")
+    assert said.document["error"]["code"] == "E3622"
+    assert "of 500 values of z_um cannot have been measured" in said.document["error"]["message"]
+
+
+def test_what_is_not_finite_is_still_said_to_be_so(here: Here) -> None:
+    write_columns(Path("inf.csv"), {"t_s": T_S, "u_V": U_V, "y_um": np.where(U_V > 149.0, np.inf, U_V)})
+    assert (
+        "of y_um are not finite"
+        in here("calibrate", "--from", "inf.csv", "--json").document["error"]["message"]
+    )

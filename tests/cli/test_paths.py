@@ -241,19 +241,6 @@ def test_every_run_reports_which_file_it_uses(here: Here, tmp_path: Path) -> Non
     assert Path(said.document["files"]["profile"]) == shipped_folder() / "cu270.toml"
 
 
-def test_no_help_is_cut_off_at_80_columns(monkeypatch: pytest.MonkeyPatch, here: Here) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    wrong = []
-    for words, command in commands(command_tree()):
-        shown = here(*words, "--help").out
-        wrong += [(words, line) for line in shown.splitlines() if re.search(r"[a-z,.]\.\.\.", line)]
-        wrong += [(words, line) for line in shown.splitlines() if len(line) > 80]
-        told = " ".join(shown.split())
-        for inner in getattr(command, "commands", {}).values():
-            assert " ".join(inner.help.partition("\n\n")[0].split()) in told
-    assert wrong == []
-
-
 @pytest.mark.parametrize("group", ["run", "study", "firmware", "profile"])
 def test_a_group_without_a_command_writes_its_help_to_stderr(group: str, here: Here) -> None:
     said = here(group)
