@@ -1,10 +1,9 @@
 """Print how even and how deep the channels of the virtual machine come out: `python -m benchmarks.channel`.
 
-    python -m benchmarks.channel [--runs 2] [--seed 1] [--profile channel-spiral …] [--out DIR]
+    python -m benchmarks.channel [--runs 2] [--seed 1] [--profile channel-spiral …]
 
 The whole job over real frames, judged by the plant's height map under the path of the tool's axis: the bar is a
-floor within 2 µm RMS of the target depth along the path. With `--out` the height map of the first seed of every
-profile is drawn. Exit code 1 where the bar is missed.
+floor within 2 µm RMS of the target depth along the path. Exit code 1 if it is missed.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import math
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,15 +25,12 @@ from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import NullRecorder
-from edmctl.report.figures.channel import Channel, Floor, HeightMap, channel_figure
-from edmctl.report.style import house_style, rendered
 from edmctl.results.forecast import Forecast
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from edmctl.planning.rules.load import LoadedProfile
-    from edmctl.process.path import Way
     from edmctl.results.forecast import Forecast
     from edmctl.results.job import ChannelResult, JobResult
     from edmctl.results.progress import Progress
@@ -64,14 +59,14 @@ class Done:
 
     job: JobResult
     channel: ChannelResult
-    work: HeightMap
-    floor: Floor
+    floor_um: Array
+    """True depths under the path, shape (n,)."""
     expected: Forecast
     wall_s: float
 
     def rms_um(self, target_um: float) -> float:
         """Error of the floor along the path."""
-        return math.sqrt(float(np.mean((self.floor.depth_um - target_um) ** 2)))
+        return math.sqrt(float(np.mean((self.floor_um - target_um) ** 2)))
 
 
 def machined(loaded: LoadedProfile, seed: int) -> Done:
@@ -82,20 +77,13 @@ def machined(loaded: LoadedProfile, seed: int) -> Done:
     with connected(loaded, setup, seed, quiet.note) as bench:
         job = run_job(bench.machine, job_of(profile, setup), recorder=quiet, observer=quiet)
         assert bench.virtual is not None
-        work = HeightMap(*bench.virtual.truth_map())
+        x_um, y_um, depth_um = bench.virtual.truth_map()
     assert job.channel is not None
     assert profile.path is not None
-    floor = floor_along(work, way_of_path(profile.path))
-    return Done(job, job.channel, work, floor, forecast(profile, setup), time.perf_counter() - begin_s)
-
-
-def floor_along(work: HeightMap, way: Way) -> Floor:
-    """Depth of the map under the path, at the nearest cells."""
-    s_um = np.arange(0.0, way.length_um, STEP_UM)
-    places = np.array([way.at(s) for s in s_um])
-    columns = nearest(work.x_um, places[:, 0])
-    rows = nearest(work.y_um, places[:, 1])
-    return Floor(s_um, work.depth_um[rows, columns])
+    way = way_of_path(profile.path)
+    places = np.array([way.at(s_um) for s_um in np.arange(0.0, way.length_um, STEP_UM)])
+    floor_um = depth_um[nearest(y_um, places[:, 1]), nearest(x_um, places[:, 0])]
+    return Done(job, job.channel, floor_um, forecast(profile, setup), time.perf_counter() - begin_s)
 
 
 def nearest(centres: Array, values: Array) -> NDArray[np.int64]:
@@ -107,7 +95,7 @@ def nearest(centres: Array, values: Array) -> NDArray[np.int64]:
 
 def line(name: str, seed: int, target_um: float, done: Done) -> str:
     """One row of the table."""
-    channel, off_um = done.channel, done.floor.depth_um - target_um
+    channel, off_um = done.channel, done.floor_um - target_um
     return (
         f"{name:<18} {seed:>4} {done.rms_um(target_um):8.2f} {off_um.mean():+8.2f} {off_um.std():7.2f} "
         f"{off_um.min():+7.2f} {off_um.max():+7.2f} {channel.depth_um - target_um:+8.2f} ± "
@@ -124,24 +112,8 @@ HEADER = (
 )
 
 
-def figure(loaded: LoadedProfile, done: Done) -> Channel:
-    """What is drawn of a channel."""
-    path, target = loaded.profile.path, loaded.profile.target
-    assert path is not None
-    assert target.kind == "depth"
-    return Channel(
-        work=done.work,
-        path_um=way_of_path(path).points,
-        floor=done.floor,
-        touched=[(place.s_um, place.depth_um) for place in done.channel.floor],
-        touched_u95_um=done.channel.depth_u95_um,
-        target_um=target.depth_um,
-        tolerance_um=target.tolerance_um,
-    )
-
-
 def main() -> int:
-    """Run everything, print the table, draw the figures."""
+    """Run everything, print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -149,7 +121,6 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--profile", nargs="+", default=PROFILES)
     parser.add_argument("--set", action="append", default=[], dest="overrides")
-    parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     print(HEADER)
     met = True
@@ -161,11 +132,6 @@ def main() -> int:
             done = machined(loaded, seed)
             met = met and done.rms_um(target.depth_um) <= RMS_BAR_UM
             print(line(name, seed, target.depth_um, done), flush=True)
-            if args.out is not None and seed == args.seed:
-                args.out.mkdir(parents=True, exist_ok=True)
-                with house_style():
-                    picture = rendered(channel_figure(figure(loaded, done)), ".png")
-                (args.out / f"{name}.png").write_bytes(picture)
     print(f"bar: {RMS_BAR_UM:g} µm rms along the path: {'met' if met else 'MISSED'}")
     return 0 if met else 1
 

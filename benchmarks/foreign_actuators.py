@@ -1,7 +1,7 @@
 """Print how a calibration does on actuators of kinds that edmctl does not hold.
 
     python -m benchmarks.foreign_actuators [--kind bouc-wen preisach prandtl] [--count 8] [--first-seed 1]
-        [--variants all] [--jobs 2] [--json FILE] [--figures FOLDER] [--zero mean] [--mixed servo steps]
+        [--variants all] [--jobs 2] [--zero mean] [--mixed servo steps]
 
 Three kinds, each drawn from a seed: Bouc-Wen (an equation of rate, without the memory of turning points), Preisach
 with a smooth density, and generalised Prandtl-Ishlinskii with other envelopes up than down. All have a bent and
@@ -30,19 +30,17 @@ monotone, of 445 µm).
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import multiprocessing
 import os
 import statistics
 import sys
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -735,16 +733,6 @@ class Judged:
     delay_ms: float
     waveforms: dict[str, dict[str, Errors]]
 
-    @classmethod
-    def of(cls, values: dict[str, Any]) -> Judged:
-        """From what `asdict` made of one."""
-        waveforms = {
-            zero: {name: Errors(**errors) for name, errors in named.items()}
-            for zero, named in values["waveforms"].items()
-        }
-        parts = {name: Errors(**values[name]) for name in ("stated", "stated_model", "maxwell")}
-        return cls(**{**values, **parts, "draw": Draw(**values["draw"]), "waveforms": waveforms})
-
     def mixed(self, how: How) -> Errors:
         """Over the mixed waveforms."""
         return Errors.joined([self.waveforms[how.zero][name] for name in how.mixed])
@@ -758,7 +746,7 @@ class Judged:
         return self.waveforms[how.zero][FAST]
 
 
-def judge(draw: Draw, variant: str, driven: Driven, figures: Path | None) -> Judged:
+def judge(draw: Draw, variant: str, driven: Driven) -> Judged:
     """Build, calibrate and judge one actuator."""
     from edmctl.actuator.validation import ZERO
     from edmctl.jobs.calibration.fit import find
@@ -770,7 +758,6 @@ def judge(draw: Draw, variant: str, driven: Driven, figures: Path | None) -> Jud
     findings = find([record], [], ZERO, None)
     found = findings.identification
     waveforms: dict[str, dict[str, Errors]] = {"start": {}, "mean": {}, SEEN: {}}
-    drawn_errors: dict[str, tuple[Array, Array]] = {}
     for name, wave in WAVEFORMS.items():
         u_v = np.concatenate([_path(SWINGS), _on_grid(wave(rng))])
         truth_um = actuator.drive(u_v)
@@ -787,9 +774,7 @@ def judge(draw: Draw, variant: str, driven: Driven, figures: Path | None) -> Jud
             if name == FAST:
                 slow = np.convolve(left, np.full(SLOW_TICKS, 1.0 / SLOW_TICKS), "same")
                 waveforms[zero][ALONE] = Errors.of((left - slow)[SLOW_TICKS:-SLOW_TICKS])
-            if zero == "start":
-                drawn_errors[name] = (u_v[REST_END:], left)
-    judged = Judged(
+    return Judged(
         draw=draw,
         variant=variant,
         shape=shape,
@@ -806,9 +791,6 @@ def judge(draw: Draw, variant: str, driven: Driven, figures: Path | None) -> Jud
         delay_ms=1000.0 * found.model.delay_s,
         waveforms=waveforms,
     )
-    if figures is not None:
-        draw_figure(actuator, judged, record, found.model, drawn_errors, figures)
-    return judged
 
 
 def predicted(model: ActuatorModel, u_v: Array) -> Array:
@@ -869,45 +851,6 @@ def look_at(actuator: Foreign) -> dict[str, float]:
     if wrong:
         raise AssertionError(f"{actuator.draw} has not {' and '.join(wrong)}: {shape}")
     return shape
-
-
-def draw_figure(
-    actuator: Foreign,
-    judged: Judged,
-    record: Record,
-    model: ActuatorModel,
-    errors: dict[str, tuple[Array, Array]],
-    folder: Path,
-) -> None:
-    """One picture: loops, creep after a step, the record with what the model misses, and the held-out errors."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(15, 9), layout="constrained")
-    axes = figure.subplots(3, 3).ravel()
-    u_v = _path(
-        [(0.0, 0.0), (50.0, 150.0), (100.0, 0.0), (120.0, 100.0), (130.0, 50.0), (140.0, 100.0), (160.0, 0.0)]
-    )
-    axes[0].plot(u_v[::50], actuator.drive(u_v)[::50], lw=0.8)
-    axes[0].set(title="full cycle of 100 s and a minor loop", xlabel="V", ylabel="µm")
-    held_um = actuator.drive(_path([(0.0, 0.0), (0.12, 120.0), (100.12, 120.0)]))
-    axes[1].semilogx(TICK_S * np.arange(1, len(held_um) + 1), held_um, lw=0.8)
-    axes[1].set(title="step to 120 V", xlabel="s", ylabel="µm", xlim=(0.05, 100.0))
-    start = model.starting_state(record.t_s, record.u_v, None)
-    left_um = model.predict(record.t_s, record.u_v, start) - record.y_um
-    axes[2].plot(record.t_s, 100.0 * left_um / actuator.stroke_um, lw=0.4)
-    axes[2].plot(record.t_s, record.u_v / 100.0, lw=0.5, alpha=0.5)
-    axes[2].set(title="calibration: model less record, % (and V/100)", xlabel="s")
-    for axis, (name, (volts, left_pct)) in zip(axes[3:], errors.items(), strict=True):
-        t_s = TICK_S * np.arange(len(volts))
-        axis.plot(t_s, volts / 100.0, lw=0.5, alpha=0.5)
-        axis.plot(t_s, left_pct, lw=0.5)
-        axis.set(title=f"{name}: error, % (and V/100)", xlabel="s")
-    words = ", ".join(f"{name} {value:.3g}" for name, value in judged.shape.items())
-    figure.suptitle(f"{judged.draw.kind} {judged.draw.seed} {judged.variant}: {words}", fontsize=9)
-    folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(
-        folder / f"{judged.draw.kind}-{judged.draw.seed}-{judged.variant.replace(' ', '-')}.png", dpi=80
-    )
 
 
 # --- verdicts ----------------------------------------------------------------------------------------------------
@@ -1259,13 +1202,8 @@ def options() -> argparse.Namespace:
     parser.add_argument("--zero", choices=("start", "mean"), default="mean", help="how bars set the zero")
     words = "held-out waveforms that bars count as mixed"
     parser.add_argument("--mixed", nargs="+", choices=tuple(MIXED), default=tuple(MIXED), help=words)
-    parser.add_argument(
-        "--from", dest="given", type=Path, metavar="JSON", help="judge what --json wrote again"
-    )
     parser.add_argument("--verdicts", action="store_true", help="verdicts on records of few rates instead")
     parser.add_argument("--jobs", type=int, choices=(1, 2), default=2)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--figures", type=Path)
     return parser.parse_args()
 
 
@@ -1278,19 +1216,10 @@ def measured(given: argparse.Namespace, how: How) -> list[Judged]:
     print(heading(how), flush=True)
     many: list[Judged] = []
     with ProcessPoolExecutor(given.jobs, multiprocessing.get_context("spawn")) as pool:
-        judging = partial(judge, driven=driven, figures=given.figures)
+        judging = partial(judge, driven=driven)
         for one in pool.map(judging, *zip(*asked(given), strict=True)):
             print(line_of(one, how), flush=True)
             many.append(one)
-    return many
-
-
-def read(path: Path, how: How) -> list[Judged]:
-    """Read and print what `--json` wrote."""
-    many = [Judged.of(values) for values in json.loads(path.read_text(encoding="utf-8"))]
-    print(heading(how))
-    for one in many:
-        print(line_of(one, how))
     return many
 
 
@@ -1301,20 +1230,11 @@ def main() -> int:
     if given.verdicts:
         return judge_verdicts(given)
     try:
-        many = read(given.given, how) if given.given else measured(given, how)
+        many = measured(given, how)
     except AssertionError as none:
         print(none)
         return 2
-    if given.json:
-        given.json.write_text(json.dumps([asdict(one) for one in many], indent=1), encoding="utf-8")
     summary_of(many, how)
-    calmer = tuple(name for name in how.mixed if name != "servo") or how.mixed
-    for words, other in (
-        (f"zero by {OTHER[how.zero]}", how._replace(zero=OTHER[how.zero])),
-        ("without servo", how._replace(mixed=calmer)),
-    ):
-        print(f"\nbars for comparison, {words}")
-        judge_bars(many, other)
     print(f"\nbars, zero by {how.zero}")
     return 1 if judge_bars(many, how).missed else 0
 

@@ -1,6 +1,5 @@
 """Hostile files and every reader of them: `python -m benchmarks.hostile_files [SECTION ...]`.
 
-`kept` tries run files, benches, ledgers, journals, calibration and drift files (`benchmarks.hostile_kept`).
 `options` runs a command for each option that reads a file, in a process of its own, with the files of
 `tests/cli/test_files_read.py`, a gigabyte that is really on the disk, a file without permission, and one that comes
 and goes all the time. The exit code is 1 if a reader took more than 2 s or 300 MB, or ended with status 1 or without
@@ -23,7 +22,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks import hostile_kept
 from benchmarks.serving import environment
 from tests.cli.test_files_read import KINDS, READERS, is_refused, made, name_in_files
 from tests.study.test_study_folder_read import FILES, STUDY_READERS, finished, is_tried, put, write_names
@@ -119,12 +117,6 @@ def _with_gigabyte(tried: Callable[[Path], int], folder: Path) -> int:
     return tried(gigabyte)
 
 
-def _tried_kept(folder: Path) -> int:
-    tally = hostile_kept.tried(folder)
-    print(f"run files, benches, ledgers, journals, calibration and drift files: {tally}", flush=True)
-    return tally.hangs + tally.bugs
-
-
 def _tried(gigabyte: Path) -> int:
     missed = 0
     for kind in ALL_KINDS:
@@ -191,7 +183,6 @@ def _tried_studies(gigabyte: Path) -> int:
 
 
 SECTIONS: dict[str, Callable[[Path], int]] = {
-    "kept": _tried_kept,
     "studies": partial(_with_gigabyte, _tried_studies),
     "options": partial(_with_gigabyte, _tried),
 }

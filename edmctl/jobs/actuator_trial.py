@@ -21,7 +21,7 @@ from edmctl.errors import Diagnostic, UsageError
 from edmctl.jobs import output_files
 from edmctl.jobs.actuator_waveforms import Waveform
 from edmctl.jobs.calibration import selection
-from edmctl.report.style import check_figure
+from edmctl.report.kinds import check_figure
 from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, SLEW_V_S, DrivenTicks, VirtualActuator
 
 if TYPE_CHECKING:

@@ -22,7 +22,6 @@ from edmctl.errors import Diagnostic, PreconditionError
 from edmctl.jobs import output_files
 from edmctl.jobs.actuator_trial import ModelErrors, Trace, Truth, slow_cycle, slowed
 from edmctl.jobs.actuator_waveforms import Waveform
-from edmctl.report.figures import paper_model as figure
 from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, VirtualActuator
 
 if TYPE_CHECKING:
@@ -141,6 +140,8 @@ def displacement(fitted: FittedModel, applied_v: Array, start: Start) -> Array:
 
 def write_figure(trial: PaperTrial, path: Path, words: str) -> None:
     """Draw the figure and write it; `words` stand below it. Raises RunFileError E9011, E9012."""
+    from edmctl.report.figures import actuator as figure  # matplotlib
+
     panels = []
     for waveform, trace in zip(trial.waveforms, trial.traces, strict=True):
         error_um = trace.models_um["paper"] - trace.sensor_um
@@ -157,8 +158,8 @@ def write_figure(trial: PaperTrial, path: Path, words: str) -> None:
             if reading.is_error
         ]
         panels.append(
-            figure.Panel(
+            figure.PaperTrial(
                 waveform.name, trace.t_s, trace.applied_v, trace.sensor_um, trace.models_um["paper"], marks
             )
         )
-    output_files.write(path, figure.draw(panels, path.name, words))
+    output_files.write(path, figure.draw_paper(panels, path.name, words))

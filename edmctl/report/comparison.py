@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 
-from edmctl.dataclasses import dataclass
 from edmctl.labels import basis_of
 from edmctl.record.reader import RunFile
 from edmctl.record.results import estimated_depth
@@ -14,38 +15,22 @@ from edmctl.results.comparison import Amount, ComparedRun, Comparison, Quantity,
 from edmctl.wording import plain_number
 
 
-@dataclass(frozen=True, slots=True)
-class _Shown:
-    """How a quantity is called and shown."""
-
-    key: str
-    name: str
-    decimals: int = 2
-    factor: float = 1.0
-
-
 def compare(runs: Sequence[RunFile]) -> Comparison:
     """Compare open run files with the first of them."""
     numbers = [numbers_of(run) for run in runs]
     return Comparison(
         tuple(_compared(run, len(n.sites)) for run, n in zip(runs, numbers, strict=True)),
         tuple(_differing(runs)),
-        tuple(_quantities(runs, numbers)),
+        tuple(q for q in _quantities(runs, numbers) if any(math.isfinite(a.value) for a in q.amounts)),
         tuple(_places(numbers)),
     )
 
 
 def _compared(run: RunFile, sites: int) -> ComparedRun:
-    return ComparedRun(
-        str(run.path),
-        run.text("/entry/run_id"),
-        run.text("/entry/title"),
-        run.text("/entry/start_time"),
-        run.text("/entry/status"),
-        run.is_simulated,
-        run.seed,
-        sites,
+    run_id, title, start, status = (
+        run.text(f"/entry/{name}") for name in ("run_id", "title", "start_time", "status")
     )
+    return ComparedRun(str(run.path), run_id, title, start, status, run.is_simulated, run.seed, sites)
 
 
 _TEXTS = (
@@ -83,8 +68,6 @@ def _text(value: object) -> str:
 
 def _setup_lines(texts: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
     """Every value of the setups by its dotted key."""
-    import tomllib
-
     setups = [dict(_leaves(tomllib.loads(text), "")) for text in texts]
     keys = dict.fromkeys(key for setup in setups for key in setup)
     return [(key, tuple(setup.get(key, "") for setup in setups)) for key in keys]
@@ -100,108 +83,106 @@ def _leaves(table: dict[str, object], prefix: str) -> list[tuple[str, str]]:
     return found
 
 
-_WITH_BASIS = ("depth_um", "wear_um", "wear_ratio_lin", "wear_ratio_vol", "feed_um", "mrr_mm3_min")
-
-
-def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> list[Quantity]:
+def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> Iterator[Quantity]:
     several = any(len(n.sites) > 1 for n in numbers)
     mean, total = ("mean ", "total ") if several else ("", "")
-    nothing, nobody = [math.nan] * len(runs), [""] * len(runs)
+    summaries = [run.summary() or {} for run in runs]
+    sums = [n.totals for n in numbers]
 
     def means(key: str) -> list[float]:
         # A run without sites may have measured a hole all the same, as `measure-wear` does.
-        touched = [{} if n.sites else run.summary() or {} for run, n in zip(runs, numbers, strict=True)]
         return [
             n.mean(key) if n.sites else plain_number(found.get(key))
-            for n, found in zip(numbers, touched, strict=True)
+            for n, found in zip(numbers, summaries, strict=True)
         ]
 
-    def totals(key: str) -> list[float]:
-        return [n.total(key) for n in numbers]
+    def of_sums(key: str) -> list[float]:
+        return [float(getattr(one, key)) for one in sums]
 
-    sums = [n.totals for n in numbers]
-    mrr = [of_run.mrr_mm3_min for of_run in sums]
-    times_s = [plain_number((run.summary() or {}).get("time_s")) for run in runs]
-    lengths, volumes = [of_run.wear_ratio_lin for of_run in sums], [of_run.wear_ratio_vol for of_run in sums]
-    rows = [
-        (_Shown("depth_um", f"{mean}depth, µm"), means("depth_um"), means("depth_u95_um")),
-        (_Shown("est_depth_um", "depth when left (estimated), µm", 1), *_estimates(runs)),
-        (_Shown("truth_depth_um", f"{mean}true depth (simulated), µm"), means("truth.depth_um"), nothing),
-        (_Shown("wear_um", f"{mean}tool wear, µm"), means("wear_um"), means("wear_u95_um")),
-        (_Shown("truth_wear_um", f"{mean}true wear (simulated), µm"), means("truth.wear_um"), nothing),
-        *(
-            (_Shown(f"truth_{key}", f"{mean}true {name} (simulated), µm"), means(f"truth.{key}"), nothing)
-            for key, name in (("side_gap_um", "side gap"), ("taper_um", "taper"), ("ra_um", "Ra"))
-        ),
-        (_Shown("wear_ratio_lin", "wear ratio, lengths", 3), lengths, [_wear_ratio_u95(n) for n in numbers]),
-        (_Shown("wear_ratio_vol", "wear ratio, volumes", 3), volumes, nothing),
-        (_Shown("feed_um", f"{mean}feed, µm"), means("feed_um"), means("feed_u95_um")),
-        (_Shown("machining_time_s", f"{total}machining time, s", 1), totals("machining_time_s"), nothing),
-        (_Shown("time_s", "whole run, s", 1), times_s, nothing),
-        (
-            _Shown("mrr_mm3_min", "removal rate, 10⁻³ mm³/min", 3, 1e3),
-            mrr,
-            [rate * _relative_length_u95(n) for rate, n in zip(mrr, numbers, strict=True)],
-        ),
-        (_Shown("energy_j", f"{total}discharge energy, J"), totals("energy_j"), nothing),
-        (_Shown("pulses", f"{total}pulses", 0), totals("pulses"), nothing),
-        *(
-            (
-                _Shown(f"ratio_{name}", f"{name}, %", 2, 100.0),
-                [getattr(of_run.ratios, name) for of_run in sums],
-                nothing,
-            )
-            for name in CLASSES
-        ),
-    ]
-    summaries = [run.summary() or {} for run in runs]
-    touched = [[str(found.get(f"{name}_basis") or "") for name in ("depth", "wear")] for found in summaries]
-    bases = {
-        shown: [
-            n.basis(shown.key) or basis_of(shown.key, *own) for n, own in zip(numbers, touched, strict=True)
+    def bases(key: str) -> list[str]:
+        return [
+            n.basis(key)
+            or basis_of(key, *(str(found.get(f"{name}_basis") or "") for name in ("depth", "wear")))
+            for n, found in zip(numbers, summaries, strict=True)
         ]
-        for shown, _, _ in rows
-        if shown.key in _WITH_BASIS
-    }
-    found = [_quantity(shown, values, u95s, bases.get(shown, nobody)) for shown, values, u95s in rows]
-    return [quantity for quantity in found if any(math.isfinite(a.value) for a in quantity.amounts)]
+
+    def measured(key: str, name: str) -> Quantity:
+        return _quantity(f"{key}_um", name, means(f"{key}_um"), means(f"{key}_u95_um"), bases(f"{key}_um"))
+
+    def true(key: str, name: str) -> Quantity:
+        return _quantity(f"truth_{key}", f"{mean}true {name} (simulated), µm", means(f"truth.{key}"))
+
+    estimated = [estimated_depth(run) for run in runs]
+    rates = of_sums("mrr_mm3_min")
+    rate_u95s = [rate * _relative_length_u95(n) for rate, n in zip(rates, numbers, strict=True)]
+    wear_u95s = [_wear_ratio_u95(n) for n in numbers]
+    lengths, volumes = "wear_ratio_lin", "wear_ratio_vol"
+    yield measured("depth", f"{mean}depth, µm")
+    yield _quantity(
+        "est_depth_um",
+        "depth when left (estimated), µm",
+        [one.depth_um for one in estimated],
+        [one.depth_u95_um for one in estimated],
+        decimals=1,
+    )
+    yield true("depth_um", "depth")
+    yield measured("wear", f"{mean}tool wear, µm")
+    for key, name in (
+        ("wear_um", "wear"),
+        ("side_gap_um", "side gap"),
+        ("taper_um", "taper"),
+        ("ra_um", "Ra"),
+    ):
+        yield true(key, name)
+    yield _quantity(lengths, "wear ratio, lengths", of_sums(lengths), wear_u95s, bases(lengths), decimals=3)
+    yield _quantity(volumes, "wear ratio, volumes", of_sums(volumes), bases=bases(volumes), decimals=3)
+    yield measured("feed", f"{mean}feed, µm")
+    times_s = [n.total("machining_time_s") for n in numbers]
+    yield _quantity("machining_time_s", f"{total}machining time, s", times_s, decimals=1)
+    times_s = [plain_number(found.get("time_s")) for found in summaries]
+    yield _quantity("time_s", "whole run, s", times_s, decimals=1)
+    name = "removal rate, 10⁻³ mm³/min"
+    yield _quantity("mrr_mm3_min", name, rates, rate_u95s, bases("mrr_mm3_min"), decimals=3, factor=1e3)
+    yield _quantity("energy_j", f"{total}discharge energy, J", [n.total("energy_j") for n in numbers])
+    yield _quantity("pulses", f"{total}pulses", [n.total("pulses") for n in numbers], decimals=0)
+    for name in CLASSES:
+        shares = [getattr(of_run.ratios, name) for of_run in sums]
+        yield _quantity(f"ratio_{name}", f"{name}, %", shares, factor=100.0)
 
 
-def _places(numbers: Sequence[RunNumbers]) -> list[Quantity]:
-    """Depth and wear of the places that all runs have, where there are several in one."""
+def _places(numbers: Sequence[RunNumbers]) -> Iterator[Quantity]:
+    """Depth and wear of the places that all runs have, if a run has several."""
     if all(len(n.sites) < 2 for n in numbers):
-        return []
+        return
     by_name = [{site.name: site for site in n.sites} for n in numbers]
-    found = []
     for name in (site.name for site in numbers[0].sites if all(site.name in sites for sites in by_name)):
         there = [sites[name] for sites in by_name]
-        found += [
-            _quantity(
-                _Shown(f"{key}_um", f"{name} {called}, µm"),
-                [getattr(site, f"{key}_um") for site in there],
-                [getattr(site, f"{key}_u95_um") for site in there],
-                [getattr(site, f"{key}_basis") for site in there],
-            )
-            for key, called in (("depth", "depth"), ("wear", "tool wear"))
-            if key == "wear" or not all(site.through for site in there)
-        ]
-    return found
+        for key, called in (("depth", "depth"), ("wear", "tool wear")):
+            if key == "wear" or not all(site.through for site in there):
+                values, u95s, bases = (
+                    [getattr(site, f"{key}_{part}") for site in there] for part in ("um", "u95_um", "basis")
+                )
+                yield _quantity(f"{key}_um", f"{name} {called}, µm", values, u95s, bases)
 
 
 def _quantity(
-    shown: _Shown, values: Sequence[float], u95s: Sequence[float], bases: Sequence[str]
+    key: str,
+    name: str,
+    values: Sequence[float],
+    u95s: Sequence[float] = (),
+    bases: Sequence[str] = (),
+    *,
+    decimals: int = 2,
+    factor: float = 1.0,
 ) -> Quantity:
+    """Return a quantity of each run; without `u95s` its uncertainties are unknown."""
     amounts = []
-    for value, u95, basis in zip(values, u95s, bases, strict=True):
-        difference, u95_of_it = value - values[0], math.hypot(u95, u95s[0])
-        amounts.append(Amount(value, u95, difference, u95_of_it, abs(difference) > u95_of_it, basis))
-    return Quantity(shown.key, shown.name, shown.decimals, shown.factor, tuple(amounts))
-
-
-def _estimates(runs: Sequence[RunFile]) -> tuple[list[float], list[float]]:
-    """How deep each run was where it left a hole without a result, and the uncertainties of that."""
-    found = [estimated_depth(run) for run in runs]
-    return [one.depth_um for one in found], [one.depth_u95_um for one in found]
+    first_u95 = u95s[0] if u95s else math.nan
+    for value, u95, basis in zip_longest(values, u95s, bases):
+        u95 = math.nan if u95 is None else u95
+        difference, u95_of_it = value - values[0], math.hypot(u95, first_u95)
+        amounts.append(Amount(value, u95, difference, u95_of_it, abs(difference) > u95_of_it, basis or ""))
+    return Quantity(key, name, decimals, factor, tuple(amounts))
 
 
 def _wear_ratio_u95(numbers: RunNumbers) -> float:

@@ -7,13 +7,12 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
 from edmctl.dataclasses import dataclass
 from edmctl.report.style import NothingToDraw, house_style, rendered
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 WIDE_MM = 120.0
 """Figures wider than this take both columns of the page."""
@@ -51,8 +50,6 @@ class Picture:
 
     def address(self) -> str:
         """Return the rendered figure as a data URI."""
-        from matplotlib import rc_context
-
         assert self.figure is not None
         # Letters as outlines: the page looks the same where the font of the figures is not installed.
         with house_style(), rc_context({"svg.fonttype": "path"}):
@@ -75,13 +72,13 @@ def picture_of(
 
     formulas : dollars in its texts enclose formulas; not so where names are in it that people choose
     """
-    from matplotlib import rc_context
-
+    figure, why_not = None, ""
     with house_style(), rc_context({"text.parse_math": formulas}):
         try:
-            return Picture(name, title, sees, make(), datasets=datasets)
+            figure = make()
         except NothingToDraw as reason:
-            return Picture(name, title, sees, why_not=str(reason), datasets=datasets)
+            why_not = str(reason)
+    return Picture(name, title, sees, figure, why_not, datasets)
 
 
 def document(
@@ -93,32 +90,17 @@ def document(
     """
     style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
     links = "".join(f'<a href="#{name}">{escape(heading)}</a>' for name, heading in contents)
-    return "\n".join(
-        [
-            "<!DOCTYPE html>",
-            '<html lang="en">',
-            "<head>",
-            '<meta charset="utf-8">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            '<meta name="generator" content="edmctl">',
-            f"<title>{escape(title)}</title>",
-            '<link rel="icon" href="data:,">',
-            f"<style>\n{style}</style>",
-            "</head>",
-            "<body>",
-            "<header>",
-            *header,
-            f"<nav>{links}</nav>",
-            "</header>",
-            "<main>",
-            *body,
-            "</main>",
-            f"<footer>{paragraph(footer)}</footer>",
-            "</body>",
-            "</html>",
-            "",
-        ]
-    )
+    head = [
+        '<meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        '<meta name="generator" content="edmctl">',
+        f"<title>{escape(title)}</title>",
+        '<link rel="icon" href="data:,">',
+        f"<style>\n{style}</style>",
+    ]
+    lines = ["<!DOCTYPE html>", '<html lang="en">', "<head>", *head, "</head>", "<body>"]
+    lines += ["<header>", *header, f"<nav>{links}</nav>", "</header>", "<main>", *body, "</main>"]
+    return "\n".join([*lines, f"<footer>{paragraph(footer)}</footer>", "</body>", "</html>", ""])
 
 
 def section(name: str, heading: str, parts: Iterable[PageTable | str | None]) -> str:
@@ -139,16 +121,15 @@ def tiles(numbers: Iterable[tuple[str, str, str]]) -> str:
 def figures(pictures: Sequence[Picture], first: int = 1) -> list[str]:
     """Return figures with their captions, numbered from `first` on, then why others were not drawn."""
     drawn = [picture for picture in pictures if picture.figure is not None]
-    absent = [picture for picture in pictures if picture.figure is None]
-    parts = (
-        ['<div class="figures">', *(_figure(n, p) for n, p in enumerate(drawn, first)), "</div>"]
-        if drawn
-        else []
+    reasons = "".join(
+        f"<li>{escape(picture.title)}: {_prose(picture.why_not)}</li>"
+        for picture in pictures
+        if picture.figure is None
     )
-    if absent:
-        reasons = "".join(
-            f"<li>{escape(picture.title)}: {_prose(picture.why_not)}</li>" for picture in absent
-        )
+    parts = []
+    if drawn:
+        parts += ['<div class="figures">', *(_figure(n, p) for n, p in enumerate(drawn, first)), "</div>"]
+    if reasons:
         parts.append(f'<details class="absent"><summary>Not drawn</summary>\n<ul>{reasons}</ul>\n</details>')
     return parts
 

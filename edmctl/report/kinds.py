@@ -1,21 +1,24 @@
-"""The kinds of figures that can be drawn from a run file: their names, and what each shows.
+"""The kinds of figures that can be drawn from a run file: their names, what each shows, and the files they fit.
 
-This module loads nothing; that of a figure is loaded when it is drawn.
+This module loads no matplotlib; the module of a figure is loaded when it is drawn.
 """
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, cast
 
 from edmctl.dataclasses import dataclass
+from edmctl.errors import PreconditionError, UsageError, installing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from edmctl.record.reader import RunFile
+    from edmctl.record.reader import RunFile  # numpy, which `--help` does not load
 
+SUFFIXES = (".png", ".svg", ".pdf")
 REPORT = "report"
 """The kind that is no figure: one page with all of them."""
 
@@ -172,3 +175,32 @@ def kinds_table() -> str:
     """Return one line per kind, for `--help`."""
     lines = [f"  {kind.name:<13} {kind.title}" for kind in KINDS]
     return "\n".join([*lines, f"  {REPORT:<13} One HTML page with all of them and the numbers"])
+
+
+def suffix_of(name: str) -> str:
+    """Return the ending of a file name, in small letters; empty without one."""
+    return name[name.rfind(".") :].lower() if "." in name else ""
+
+
+def check_figure(name: str) -> None:
+    """Check that a figure can be drawn into a file called `name`, before anything is computed for it.
+
+    Raises UsageError (E2011) for another type of file, PreconditionError (E8090) without matplotlib.
+    """
+    if suffix_of(name) not in SUFFIXES:
+        raise UsageError(
+            f"A figure cannot be written into {name!r}: its name ends in none of {', '.join(SUFFIXES)}.",
+            hint="Take .pdf or .svg for print and .png for the screen.",
+            code="E2011",
+        )
+    need_matplotlib()
+
+
+def need_matplotlib() -> None:
+    """Raise PreconditionError (E8090) where matplotlib is not installed."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise PreconditionError(
+            "Figures need matplotlib, which is not installed.",
+            hint=f"Install it: {installing('matplotlib')}.",
+            code="E8090",
+        )

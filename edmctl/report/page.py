@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from html import escape
-from typing import TYPE_CHECKING
 
 from edmctl.labels import marked
+from edmctl.record.reader import RunFile
 from edmctl.record.results import estimated_depth
 from edmctl.report import html, page_tables
 from edmctl.report.html import PageTable, Picture
@@ -27,9 +27,6 @@ from edmctl.wording import (
     with_u95,
 )
 
-if TYPE_CHECKING:
-    from edmctl.record.reader import RunFile
-
 NARROW = "\u202f"
 """A narrow space that a line does not break."""
 _CONTENTS = (
@@ -39,7 +36,6 @@ _CONTENTS = (
     ("story", "What happened"),
     ("source", "Machine and versions"),
 )
-_HEADINGS = dict(_CONTENTS)
 
 
 def pictures_of(run: RunFile) -> list[Picture]:
@@ -60,29 +56,24 @@ def render_page(
     """
     numbers = numbers_of(run)
     title = run.text("/entry/title") or run.text("/entry/run_id")
-    wanted = [*(html.paragraph(sentence.text) for sentence in sentences[:1]), *_wanted(run)]
-    tables: list[PageTable | str] = [html.tiles(_key_numbers(run, numbers)), *page_tables.all_numbers(run)]
-    source = page_tables.provenance(run)
-    body = [
-        _section("wanted", wanted),
-        _section("numbers", tables),
-        _section("figures", html.figures(pictures)),
-        _section("story", [_history(sentences[1:])]),
-        _section("source", [source]),
+    sections: list[Sequence[PageTable | str]] = [
+        [*(html.paragraph(sentence.text) for sentence in sentences[:1]), *_wanted(run)],
+        [html.tiles(_key_numbers(run, numbers)), *page_tables.all_numbers(run)],
+        html.figures(pictures),
+        [_history(sentences[1:])],
+        [page_tables.provenance(run)],
     ]
+    body = [html.section(*names, parts) for names, parts in zip(_CONTENTS, sections, strict=True)]
+    status = "done" if _is_done(run) else "other"
     header = [
         f"<h1>{escape(title)}</h1>",
         html.paragraph(_subtitle(run), "sub"),
-        f'<p><span class="status {"done" if _is_done(run) else "other"}">{escape(_status(run))}</span></p>',
+        f'<p><span class="status {status}">{escape(_status(run))}</span></p>',
     ]
     if not _is_done(run):
         header.append(html.paragraph(trouble or (sentences[-1].text if sentences else ""), "trouble"))
     footer = f"From {run.path.name} alone. ± is half the 95 % interval."
     return html.document(f"{title}, {run.text('/entry/run_id')}", header, _CONTENTS, body, footer)
-
-
-def _section(name: str, parts: Iterable[PageTable | str]) -> str:
-    return html.section(name, _HEADINGS[name], parts)
 
 
 def _is_done(run: RunFile) -> bool:
@@ -114,11 +105,8 @@ def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, 
     sites, totals = numbers.sites, numbers.totals
     estimated = estimated_depth(run)
     if math.isfinite(estimated.depth_um):
-        yield (
-            "depth so far",
-            about(estimated.depth_um, estimated.depth_u95_um),
-            "of what was left without a result",
-        )
+        depth = about(estimated.depth_um, estimated.depth_u95_um)
+        yield "depth so far", depth, "of what was left without a result"
     if not sites:
         return
     target = target_depths_um(run.profile_values())
@@ -135,25 +123,15 @@ def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, 
         yield called, f"{marked(text, numbers.basis(name))} µm", of_what
     depths_um = [site.depth_um for site in sites if math.isfinite(site.depth_um)]
     if several and depths_um:
-        yield (
-            "depth, range",
-            f"{decimal(min(depths_um))} to {decimal(max(depths_um))} µm",
-            "the least and the greatest",
-        )
+        ends = f"{decimal(min(depths_um))} to {decimal(max(depths_um))} µm"
+        yield "depth, range", ends, "the least and the greatest"
     yield "machining", duration(numbers.total("machining_time_s")), "with the servo on"
-    yield (
-        "removal rate",
-        marked(removal_rate(totals.mrr_mm3_min), numbers.basis("mrr")),
-        "volume over machining time",
-    )
+    rate = marked(removal_rate(totals.mrr_mm3_min), numbers.basis("mrr"))
+    yield "removal rate", rate, "volume over machining time"
     per = "the sheet's thickness" if through else "depth"
     ratio = marked(decimal(totals.wear_ratio_lin, 3), numbers.basis("wear_ratio"))
     yield "wear ratio", ratio, f"wear over {per}"
-    yield (
-        "arcs",
-        percent(totals.ratios.arc, 2),
-        f"of {count(totals.pulses, NARROW)} pulses",
-    )
+    yield "arcs", percent(totals.ratios.arc, 2), f"of {count(totals.pulses, NARROW)} pulses"
 
 
 def _history(sentences: Sequence[Sentence]) -> PageTable:

@@ -1,13 +1,13 @@
-"""The tables of a run's page: wanted, found, touched, pulses, and where it all comes from."""
+"""The tables of a run's page: results, readings, pulses, profile values, and the origin of the data."""
 
 from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import astuple
 from edmctl.labels import basis_of, heading, is_doubtful, marked, meanings
+from edmctl.record.reader import RunFile
 from edmctl.report.html import PageTable
 from edmctl.report.numbers import CLASSES, RunNumbers, numbers_of
 from edmctl.results.run_file import RecordedSite
@@ -23,9 +23,6 @@ from edmctl.wording import (
     significant,
     with_u95,
 )
-
-if TYPE_CHECKING:
-    from edmctl.record.reader import RunFile
 
 U95_NOTE = "± is half the 95 % interval of a result; lengths in µm."
 FEED_NOTE = "Feed is depth and wear together; its ± is at most the sum of theirs."
@@ -75,57 +72,62 @@ def _one_site(site: RecordedSite) -> PageTable:
     truth = site.truth if site.truth.is_known else None
     bases = (site.depth_basis, site.wear_basis)
     head = heading(bases)
-    header = [site.name, head, "from voltage alone", *([TRUTH] if truth else [])]
-    depth_um = (
-        with_u95(site.beyond_exit_um, site.beyond_exit_u95_um)
-        if site.through
-        else with_u95(site.depth_um, site.depth_u95_um)
-    )
-
-    def row(name: str, measured: str, model: str = "", true: float = math.nan) -> list[str]:
-        ending = [decimal(true) if math.isfinite(true) else ""] if truth else []
-        return [name, measured, model, *ending]
-
+    through = site.through
+    depth = (site.beyond_exit_um, site.beyond_exit_u95_um) if through else (site.depth_um, site.depth_u95_um)
     cuts = f"{duration(site.machining_time_s)} in {plural(site.cuts, 'cut')}"
-    rows = [
-        row(
-            BEYOND_EXIT if site.through else "depth, Z2 − Z3",
-            _marked(site, "depth", depth_um, head),
+
+    def result(name: str, text: str) -> str:
+        return _marked(site, name, text, head)
+
+    lengths = [
+        (
+            BEYOND_EXIT if through else "depth, Z2 − Z3",
+            result("depth", with_u95(*depth)),
             with_u95(site.depth_model_um, site.depth_model_u95_um),
             site.truth.depth_um,
         ),
-        row(
+        (
             "tool wear, Z3 − Z1",
-            _marked(site, "wear", with_u95(site.wear_um, site.wear_u95_um), head),
+            result("wear", with_u95(site.wear_um, site.wear_u95_um)),
             with_u95(site.wear_model_um, site.wear_model_u95_um),
             site.truth.wear_um,
         ),
-        *([row("hole, as long as the sheet is thick", decimal(site.length_um))] if site.through else []),
-        row(
+        ("hole, as long as the sheet is thick", decimal(site.length_um) if through else "", "", math.nan),
+        (
             "feed, Z2 − Z1",
-            _marked(site, "feed", with_u95(site.feed_um, site.feed_u95_um), head),
+            result("feed", with_u95(site.feed_um, site.feed_u95_um)),
             "",
             truth.feed_um if truth else math.nan,
         ),
-        row("Z1, surface before", decimal(site.z1_um)),
-        row("Z2, tip at the end" if site.through else "Z2, bottom", decimal(site.z2_um)),
-        row("Z3, surface after", decimal(site.z3_um)),
-        row("machining time", f"{cuts}, through the sheet" if site.through else cuts),
-        row(
-            "removal rate (MRR), 10⁻³ mm³/min",
-            _marked(site, "mrr", decimal(1e3 * site.mrr_mm3_min, 3), head),
-        ),
-        row("wear ratio, lengths", _marked(site, "wear_ratio", decimal(site.wear_ratio_lin, 3), head)),
-        row("wear ratio, volumes", _marked(site, "wear_ratio", decimal(site.wear_ratio_vol, 3), head)),
-        row("discharge energy, J", significant(site.energy_j)),
-        row("side gap", "", "", site.truth.side_gap_um),
-        row("taper, wider at the mouth", "", "", site.truth.taper_um),
-        row("roughness Ra", "", "", site.truth.ra_um),
-        row("roughness Rz", "", "", site.truth.rz_um),
-        row("radius of the corner", "", "", site.truth.corner_um),
-        row("verdict", (is_doubtful(site.verdict) and site.verdict) or ""),
     ]
-    shown = [row for row in rows if {*row[1:]} - {"", UNKNOWN}]
+    others = {
+        "Z1, surface before": decimal(site.z1_um),
+        "Z2, tip at the end" if through else "Z2, bottom": decimal(site.z2_um),
+        "Z3, surface after": decimal(site.z3_um),
+        "machining time": f"{cuts}, through the sheet" if through else cuts,
+        "removal rate (MRR), 10⁻³ mm³/min": result("mrr", decimal(1e3 * site.mrr_mm3_min, 3)),
+        "wear ratio, lengths": result("wear_ratio", decimal(site.wear_ratio_lin, 3)),
+        "wear ratio, volumes": result("wear_ratio", decimal(site.wear_ratio_vol, 3)),
+        "discharge energy, J": significant(site.energy_j),
+    }
+    true_ones = {
+        "side gap": site.truth.side_gap_um,
+        "taper, wider at the mouth": site.truth.taper_um,
+        "roughness Ra": site.truth.ra_um,
+        "roughness Rz": site.truth.rz_um,
+        "radius of the corner": site.truth.corner_um,
+    }
+    rows = [
+        *lengths,
+        *((name, text, "", math.nan) for name, text in others.items()),
+        *((name, "", "", value_um) for name, value_um in true_ones.items()),
+        ("verdict", (is_doubtful(site.verdict) and site.verdict) or "", "", math.nan),
+    ]
+    cells = [[*words, decimal(true) if math.isfinite(true) else ""] for *words, true in rows]
+    header = [site.name, head, "from voltage alone", TRUTH]
+    if not truth:
+        header, cells = header[:-1], [row[:-1] for row in cells]
+    shown = [row for row in cells if {*row[1:]} - {"", UNKNOWN}]
     notes = [U95_NOTE, FEED_NOTE if math.isfinite(site.feed_um) else "", *meanings(bases, head)]
     return PageTable("Results", header, shown, " ".join(filter(None, notes)))
 
@@ -150,25 +152,22 @@ def touches(run: RunFile) -> PageTable | None:
     found = run.table("/entry/touches")
     if not len(found):
         return None
+    numbers = ("z_sensor", "z_model", "v_cmd", "n", "sd", "drift")
     rows = [
         [
-            f"{row['kind'].decode(errors='ignore')} {row['site'].decode(errors='ignore')}",
+            " ".join(row[name].decode(errors="ignore") for name in ("kind", "site")),
             duration(float(row["time"])),
-            decimal(float(row["z_sensor"])),
-            decimal(float(row["z_model"])),
-            decimal(float(row["v_cmd"])),
-            str(int(row["n"])),
-            decimal(float(row["sd"])),
-            decimal(float(row["drift"])),
+            *(str(int(row[name])) if name == "n" else decimal(float(row[name])) for name in numbers),
             "yes" if row["accepted"] else "no",
         ]
         for row in found
     ]
     header = ["reading", "at", "sensor", "from voltage", "actuator V", "touches", "sd", "drift", "used"]
-    note = "Z1 is the surface before, Z2 the bottom, Z3 the surface after, Zr the face at a place not yet machined. "
-    return PageTable(
-        "Readings by touching", header, rows, f"{note}Lengths in µm; sd is that of a single touch."
+    note = (
+        "Z1 is the surface before, Z2 the bottom, Z3 the surface after, Zr the face at a place not yet machined. "
+        "Lengths in µm; sd is that of a single touch."
     )
+    return PageTable("Readings by touching", header, rows, note)
 
 
 def found(run: RunFile) -> PageTable | None:
@@ -197,33 +196,28 @@ def overrides(run: RunFile) -> PageTable | None:
 
 
 def provenance(run: RunFile) -> PageTable:
-    """Machine, calibration, versions and seed: what it takes to judge or repeat the run."""
+    """Machine, calibration, versions and seed: what it takes to evaluate or repeat the run."""
     seed = "" if run.seed is None else f", seed {run.seed}"
     command = run.text("/entry/command")
+
+    def texts(folder: str, *names: str) -> str:
+        return ", ".join(run.text(f"/entry/{folder}/{name}") for name in names)
+
     rows = [
-        ("machine", run.text("/entry/machine/serial")),
-        (
-            "firmware, protocol",
-            f"{run.text('/entry/machine/firmware')}, {run.text('/entry/machine/protocol')}",
-        ),
+        ("machine", texts("machine", "serial")),
+        ("firmware, protocol", texts("machine", "firmware", "protocol")),
         ("simulated", f"yes{seed}" if run.is_simulated else "no"),
-        ("actuator model", run.text("/entry/machine/calibration")),
-        (
-            "work",
-            f"{run.text('/entry/sample/material')}, {_length(run.number('/entry/sample/thickness'))} thick",
-        ),
-        ("tool", f"{run.text('/entry/tool/material')}, {_length(run.number('/entry/tool/diameter'))} wide"),
-        ("edmctl", run.text("/entry/software/version")),
-        (
-            "Python, h5py, HDF5",
-            ", ".join(run.text(f"/entry/software/{n}") for n in ("python", "h5py", "hdf5")),
-        ),
+        ("actuator model", texts("machine", "calibration")),
+        ("work", f"{texts('sample', 'material')}, {_length(run.number('/entry/sample/thickness'))} thick"),
+        ("tool", f"{texts('tool', 'material')}, {_length(run.number('/entry/tool/diameter'))} wide"),
+        ("edmctl", texts("software", "version")),
+        ("Python, h5py, HDF5", texts("software", "python", "h5py", "hdf5")),
         ("procedure", run.text("/entry/procedure")),
         ("started", run.text("/entry/start_time")),
         ("ended", run.text("/entry/end_time")),
-        ("by", f"{run.text('/entry/user/name')} on {run.text('/entry/machine/host')}"),
-        ("recipe (SHA-256)", run.text("/entry/profile/recipe_sha256")),
-        ("goes on with", run.text("/entry/parent_run")),
+        ("by", f"{texts('user', 'name')} on {texts('machine', 'host')}"),
+        ("recipe (SHA-256)", texts("profile", "recipe_sha256")),
+        ("continues", run.text("/entry/parent_run")),
         ("recovered", run.text("/entry/recovery")),
         ("command", " ".join(json.loads(command)) if command else ""),
     ]

@@ -1,6 +1,6 @@
 """The forecast of a job against the job: time within 10 %, feed within 5 %.
 
-One seed each, so that it runs with every change; the figures of all shipped profiles are `benchmarks/forecast.py`'s.
+One seed each, so that it runs with every change; all shipped profiles are in the slow tests.
 """
 
 from __future__ import annotations

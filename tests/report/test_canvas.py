@@ -39,20 +39,15 @@ def test_every_kind_of_figure_of_a_run_keeps_its_text(fixture: str, request: pyt
                 continue
             drawn.append(kind.name)
             assert rendered(figure, ".png")
-            assert rendered(figure, ".svg")
     assert len(drawn) >= 4
 
 
-@pytest.mark.parametrize("basis", list(Basis))
 @pytest.mark.parametrize("depth_um", [1.5, 20.0, 400.0])
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_a_section_keeps_its_text_at_every_depth(
-    tmp_path: Path, count: int, depth_um: float, basis: Basis
-) -> None:
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_section_keeps_its_text_at_every_depth(tmp_path: Path, count: int, depth_um: float) -> None:
     writer = made_up.new_run(tmp_path)
-    row = replace(
-        a_site_row(), depth_um=depth_um, wear_um=0.4 * depth_um, depth_basis=basis, wear_basis=basis
-    )
+    row = replace(a_site_row(), depth_um=depth_um, wear_um=0.4 * depth_um)
+    row = replace(row, depth_basis=Basis.MODEL, wear_basis=Basis.MODEL)
     rows = [replace(row, name=f"hole-{number}") for number in range(count)]
     for one in rows:
         writer.append(one)

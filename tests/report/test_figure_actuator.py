@@ -12,8 +12,8 @@ import pytest
 from edmctl.errors import PreconditionError, UsageError, installing
 from edmctl.report import style
 from edmctl.report.figures.actuator import Trial, draw
+from edmctl.report.kinds import check_figure
 from edmctl.report.signals import broken
-from edmctl.report.style import check_figure
 from tests.tiers import tiers
 
 pytest.importorskip("matplotlib")

@@ -7,8 +7,9 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from edmctl.process.path import circle, lengths_um
-from edmctl.report.figures.channel import Channel, Floor, HeightMap, channel_figure
+from edmctl.process.path import circle
+from edmctl.record.rows import TruthMap
+from edmctl.report.figures.channel import Channel, channel_figure
 from edmctl.report.style import house_style, rendered
 
 pytest.importorskip("matplotlib")
@@ -20,9 +21,7 @@ def channel(floor_um: float = 20.0) -> Channel:
     x_um = np.arange(-140.0, 141.0, 5.0)
     xs, ys = np.meshgrid(x_um, x_um)
     depth_um = np.where(np.abs(np.hypot(xs, ys) - 100.0) < 30.0, floor_um, 0.0)
-    s_um = lengths_um(PATH_UM)
-    floor = Floor(s_um, np.full(len(s_um), floor_um))
-    return Channel(HeightMap(x_um, x_um, depth_um), PATH_UM, floor, [(50.0, 20.3)], 0.4, 20.0, 2.0)
+    return Channel(TruthMap(x_um, x_um, depth_um), PATH_UM, np.array([[50.0, 20.3]]), 0.4, 20.0, 2.0)
 
 
 def picture(shown: Channel, suffix: str) -> bytes:

@@ -47,7 +47,13 @@ def panels(draw: Callable[[RunFile], Figure], path: Path) -> list[Axes]:
 
 def test_a_hole_has_its_estimates_and_its_measured_values(run_file: Path) -> None:
     told = texts(erosion.draw, run_file)
-    assert {"estimated depth", "its 95 % band", "estimated wear", "measured depth", "measured wear"} <= told
+    assert {
+        "estimated depth",
+        "95 % band of depth",
+        "estimated wear",
+        "measured depth",
+        "measured wear",
+    } <= told
     assert {"depth and wear (µm)", "target 8 µm", "time (s)"} <= told
 
 
@@ -90,7 +96,7 @@ def test_the_band_of_a_depth_is_named_after_it_and_nothing_is_corrected_by_no_to
     made_up.cut(writer, 0.0)
     made_up.measured(writer, 30.0, 20.0, RecordedCode.SITE_ESTIMATED)
     _, labels = panels(erosion.draw, writer.finish("done", 0))[0].get_legend_handles_labels()
-    assert labels[:2] == ["estimated depth", "its 95 % band"]
+    assert labels[:2] == ["estimated depth", "95 % band of depth"]
     assert "depth without a touch" in labels
 
 
@@ -149,7 +155,7 @@ def test_what_was_not_touched_is_drawn_open(tmp_path: Path) -> None:
         basis = Basis.ESTIMATED if estimated_um else Basis.TOUCHED
         writer.append(replace(row, measuring_stops=stops, estimated_um=estimated_um, depth_basis=basis))
     path = writer.finish("done", 0)
-    _, errors, _, *_ = panels(array.draw, path)
+    errors, *_ = panels(array.draw, path)
     points = [bars.lines[0] for bars in errors.containers if isinstance(bars, ErrorbarContainer)]
     faces = [str(line.get_markerfacecolor()) for line in points]
     numbers = [np.asarray(line.get_xdata()).tolist() for line in points]
@@ -193,7 +199,7 @@ def test_holes_are_called_by_the_numbers_of_their_names(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path)
     for place, number in enumerate((4, 1, 2)):
         writer.append(replace(a_site_row(), name=f"hole-{number}", x_um=300.0 * place))
-    places, _, wear, *_ = panels(array.draw, writer.finish("done", 0))
+    _, wear, places = panels(array.draw, writer.finish("done", 0))
     assert [text.get_text().partition("\n")[0] for text in places.texts] == ["4", "1", "2"]
     assert [text.get_text() for text in wear.get_xticklabels()] == ["4", "1", "2"]
     assert short_names(["left-1", "right-1"]) == ["left-1", "right-1"]
@@ -205,7 +211,7 @@ def test_colours_are_centred_on_no_error_however_many_holes(tmp_path: Path, hole
     for k in range(holes):
         x_um, y_um = 300.0 * (k % 10), 300.0 * (k // 10)
         writer.append(replace(a_site_row(), x_um=x_um, y_um=y_um, depth_um=20.0 + 0.03 * k))
-    map_axes = panels(array.draw, writer.finish("done", 0))[0]
+    map_axes = panels(array.draw, writer.finish("done", 0))[2]
     (discs,) = map_axes.collections
     low_um, high_um = discs.get_clim()
     assert low_um is not None

@@ -42,7 +42,7 @@ def compare(outcome: Outcome, files: FilesArgument, out: OutOption = None) -> No
     if len(files) < 2:
         raise UsageError("Only one run is named.", hint="Name at least two run files.", code="E2073")
     if out is not None:
-        from edmctl.report.style import check_figure
+        from edmctl.report.kinds import check_figure
 
         check_figure(out.name)
         output_files.check_free(out)

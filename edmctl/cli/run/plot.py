@@ -57,7 +57,7 @@ def plot(
     Figures are for print or for the screen; --kind report makes an HTML page with all of them.
     """
     from edmctl.jobs.runs.plot import plot_request
-    from edmctl.report.style import need_matplotlib
+    from edmctl.report.kinds import need_matplotlib
 
     path = find_run(file)
     request = plot_request(plain_stem(path), path.parent, kind or [], out, form)

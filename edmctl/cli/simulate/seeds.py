@@ -164,7 +164,7 @@ def _check_files(table: Path | None, figure: Path | None) -> None:
             raise UsageError(f"--table {table} is no .csv file.", hint="Call it FILE.csv.", code="E2113")
         check_free(table)
     if figure is not None:
-        from edmctl.report.style import check_figure
+        from edmctl.report.kinds import check_figure
 
         check_figure(figure.name)
         check_free(figure)

@@ -1,90 +1,72 @@
-"""Depth error of each hole at its place on the work, and in the order of machining, with the tool's wear."""
+"""Depth error of each hole at its place on the workpiece, and in the order of machining, with the tool wear."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
-from edmctl.dataclasses import dataclass
+from edmctl.array_types import Array
 from edmctl.labels import Basis, is_open, marked, open_marks
+from edmctl.record.reader import RunFile
+from edmctl.report import style
 from edmctl.report.numbers import numbers_of
-from edmctl.report.style import (
-    BLACK,
-    BLUE,
-    DEVIATIONS,
-    GREY,
-    PAGE_MM,
-    VERMILION,
-    NothingToDraw,
-    draw_points,
-    letter_panels,
-    new_figure,
-)
-from edmctl.wording import signed
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.collections import PatchCollection
-    from matplotlib.figure import Figure
-    from matplotlib.text import Text
-
-    from edmctl.array_types import Array
-    from edmctl.record.reader import RunFile
+from edmctl.report.style import BLACK, BLUE, GREY, LEFT_MM, PAGE_MM, VERMILION, NothingToDraw
+from edmctl.results.run_file import RecordedSite
+from edmctl.wording import plain_number, signed
 
 _MARKS = {
     Basis.MODEL: marked(" by model", Basis.MODEL),
     Basis.ESTIMATED: marked(" not touched", Basis.ESTIMATED),
 }
+MAP_MM, BAR_MM = 74.0, 14.0
+"""Width of the map, and of its scale of colours."""
 LABELLED = 36
-"""So many holes have room for their numbers."""
+"""Up to so many holes there is room for their numbers."""
 MOST_TICKS = 16
 """Of holes below the axis that there is room for."""
 LONGEST_LEVEL = 4
 """Letters of a name that are written side by side."""
 LEAST_SPAN_UM = 0.5
-"""Where no tolerance says how far colours span, they span at least this, or noise would look like a pattern."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Holes:
-    """Holes in the order of machining: ndarrays of shape (n,), µm; `tolerance_um` is NaN without a target depth."""
-
-    names: list[str]
-    """Short ones: of `hole-1`, `hole-2`, … the numbers."""
-    x_um: Array
-    y_um: Array
-    error_um: Array
-    error_u95_um: Array
-    wear_um: Array
-    wear_u95_um: Array
-    tolerance_um: float
-    against: str
-    """What the error is against, in words."""
-    depth_basis: list[str]
-    wear_basis: list[str]
+"""Least span of the colours without a tolerance, or noise would look like a pattern."""
 
 
 def draw(run: RunFile) -> Figure:
-    """Draw the holes to scale, coloured by depth minus target; where no depth was wanted, minus their mean."""
-    holes = _holes(run)
-    figure = new_figure(82.0, PAGE_MM)
-    grid = figure.add_gridspec(2, 2, width_ratios=[1.25, 1.0], height_ratios=[1.25, 1.0])
-    places = figure.add_subplot(grid[:, 0])
-    _draw_map(figure, places, holes)
-    errors = figure.add_subplot(grid[0, 1])
-    wear = figure.add_subplot(grid[1, 1], sharex=errors)
-    _draw_errors(errors, holes)
-    _draw_wear(wear, holes)
-    letter_panels((places, errors, wear))
-    figure.align_ylabels([errors, wear])
+    """Draw the holes to scale, coloured by depth minus target; without a target depth, minus their mean."""
+    sites = _holes(run)
+    values = run.profile_values()
+    target_um, tolerance_um = plain_number(values.get("target.depth_um")), np.nan
+    depth_um = np.array([site.depth_um for site in sites])
+    against = f"target {target_um:g} µm"
+    if np.isfinite(target_um):
+        tolerance_um = plain_number(values.get("target.tolerance_um"))
+    else:
+        target_um = float(depth_um.mean())
+        against = f"mean {target_um:.2f} µm"
+    error_um = depth_um - target_um
+    label = f"depth − {against.partition(' ')[0]} (µm)"
+    figure, (errors, wear) = style.panels(
+        style.Block("hole, in the order of machining; bars: 95 %", {label: 1.25, "tool wear (µm)": 1.0}),
+        width_mm=PAGE_MM,
+        left_mm=LEFT_MM + MAP_MM + BAR_MM + LEFT_MM,
+    )
+    low, high = wear.get_position().y0, errors.get_position().y1
+    places = figure.add_axes((LEFT_MM / PAGE_MM, low, MAP_MM / PAGE_MM, high - low))
+    style.letter_panels((places, errors, wear))
+    _draw_map(places, sites, error_um, tolerance_um, label)
+    _draw_errors(errors, sites, error_um, tolerance_um, against)
+    _draw_wear(wear, sites)
     return figure
 
 
-def _holes(run: RunFile) -> _Holes:
-    values = run.profile_values()
-    if "path.kind" in values:
+def _holes(run: RunFile) -> list[RecordedSite]:
+    """Return the holes with a depth, in the order of machining."""
+    if "path.kind" in run.profile_values():
         raise NothingToDraw("The run made a channel, no holes: `--kind channel` draws it.")
     sites = [site for site in numbers_of(run).sites if np.isfinite(site.length_um)]
     if not sites:
@@ -94,134 +76,92 @@ def _holes(run: RunFile) -> _Holes:
         raise NothingToDraw("The holes go through the sheet: there are no depths to compare.")
     if len(sites) == 1:
         raise NothingToDraw("The run made one hole: `--kind steps` and `--kind erosion` draw it.")
-    depth_um = np.array([site.depth_um for site in sites])
-    target_um = values.get("target.depth_um")
-    if isinstance(target_um, int | float):
-        wanted_um, against = float(target_um), f"target {target_um:g} µm"
-        tolerance_um = float(values.get("target.tolerance_um", np.nan))
-    else:
-        wanted_um, tolerance_um = float(depth_um.mean()), np.nan
-        against = f"mean {wanted_um:.2f} µm"
-    return _Holes(
-        names=short_names([site.name for site in sites]),
-        x_um=np.array([site.x_um for site in sites]),
-        y_um=np.array([site.y_um for site in sites]),
-        error_um=depth_um - wanted_um,
-        error_u95_um=np.nan_to_num([site.depth_u95_um for site in sites]),
-        wear_um=np.array([site.wear_um for site in sites]),
-        wear_u95_um=np.nan_to_num([site.wear_u95_um for site in sites]),
-        tolerance_um=tolerance_um,
-        against=against,
-        depth_basis=[site.depth_basis or "" for site in sites],
-        wear_basis=[site.wear_basis for site in sites],
-    )
+    return sites
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Return what tells names apart: their numbers, where they differ in nothing else."""
+    """Return the numbers of names that differ in nothing else, else the names."""
     parts = [name.rpartition("-") for name in names]
     alike = len({head for head, _, _ in parts}) == 1 and all(number.isdecimal() for _, _, number in parts)
     return [number for _, _, number in parts] if alike else list(names)
 
 
-def _draw_map(figure: Figure, axes: Axes, holes: _Holes) -> None:
-    from matplotlib.colors import Normalize
-
-    least_um = holes.tolerance_um if np.isfinite(holes.tolerance_um) else LEAST_SPAN_UM
-    span_um = max(least_um, float(np.abs(holes.error_um).max()))
-    pitch_um = _pitch_um(holes.x_um, holes.y_um)
-    middle_um = [0.5 * float(v.min() + v.max()) for v in (holes.x_um, holes.y_um)]
-    half_um = [0.5 * float(np.ptp(v)) + 0.62 * pitch_um for v in (holes.x_um, holes.y_um)]
-    # A row of holes shall not become a strip that nobody can read.
-    half_um = [max(half, 0.35 * max(half_um)) for half in half_um]
+def _draw_map(
+    axes: Axes, sites: Sequence[RecordedSite], error_um: Array, tolerance_um: float, label: str
+) -> None:
+    places_um = np.array([(site.x_um, site.y_um) for site in sites])
+    least_um = tolerance_um if np.isfinite(tolerance_um) else LEAST_SPAN_UM
+    span_um = max(least_um, float(np.abs(error_um).max()))
+    apart_um = np.hypot(*(places_um[:, None] - places_um).T)
+    pitch_um = float(apart_um[apart_um > 1.0].min()) if (apart_um > 1.0).any() else 100.0
+    middle_um = 0.5 * (places_um.min(axis=0) + places_um.max(axis=0))
+    half_um = 0.5 * np.ptp(places_um, axis=0) + 0.62 * pitch_um
+    # A row of holes shall not become a strip that is too narrow to read.
+    half_um = np.maximum(half_um, 0.35 * half_um.max())
     axes.set_xlim(middle_um[0] - half_um[0], middle_um[0] + half_um[0])
     axes.set_ylim(middle_um[1] - half_um[1], middle_um[1] + half_um[1])
     axes.set_aspect("equal")
-    dots = _discs(axes, holes, 0.42 * pitch_um)
-    dots.set(array=holes.error_um, cmap=DEVIATIONS, norm=Normalize(-span_um, span_um))
-    if len(holes.x_um) <= LABELLED:
-        for number, _ in enumerate(holes.x_um):
-            _label(axes, holes, number, span_um, len(holes.x_um))
+    discs = PatchCollection(
+        [Circle((x_um, y_um), 0.42 * pitch_um) for x_um, y_um in places_um], edgecolor=BLACK, linewidth=0.5
+    )
+    discs.set(array=error_um, cmap=style.DEVIATIONS, norm=Normalize(-span_um, span_um))
+    axes.add_collection(discs)
+    if len(sites) <= LABELLED:
+        names = short_names([site.name for site in sites])
+        for name, site, hole_um in zip(names, sites, error_um, strict=True):
+            u95_um = float(np.nan_to_num(site.depth_u95_um))
+            axes.text(
+                site.x_um, site.y_um, f"{name}\n{marked(signed(hole_um), site.depth_basis)}\n± {u95_um:.2f}",
+                ha="center", va="center", fontsize=6.0 if len(sites) <= 16 else 4.5, linespacing=1.15,
+                color="white" if abs(hole_um) > 0.6 * span_um else BLACK,
+            )  # fmt: skip
     axes.locator_params(nbins=6)
     axes.set_xlabel("x (µm)")
     axes.set_ylabel("y (µm)")
-    marks = [text for basis, text in _MARKS.items() if basis in holes.depth_basis]
-    axes.set_title("; ".join([*marks, "discs mark places, not sizes"]), loc="right", pad=3.0)
-    bar = figure.colorbar(dots, cax=axes.inset_axes((1.03, 0.0, 0.045, 1.0)))
-    bar.set_label(f"depth − {holes.against.partition(' ')[0]} (µm)")
-    bar.outline.set_linewidth(0.6)
+    style.add_colours(axes, discs, label)
+    bases = {site.depth_basis for site in sites}
+    marks = [text for basis, text in _MARKS.items() if basis in bases]
+    style.note_above(axes, "; ".join([*marks, "discs mark places, not sizes"]))
 
 
-def _discs(axes: Axes, holes: _Holes, radius_um: float) -> PatchCollection:
-    from matplotlib.collections import PatchCollection
-    from matplotlib.patches import Circle
-
-    circles = [Circle(place, radius_um) for place in zip(holes.x_um, holes.y_um, strict=True)]
-    discs = PatchCollection(circles, edgecolor=BLACK, linewidth=0.5)
-    axes.add_collection(discs)
-    return discs
-
-
-def _label(axes: Axes, holes: _Holes, number: int, span_um: float, count: int) -> Text:
-    error_um = holes.error_um[number]
-    dark = abs(error_um) > 0.6 * span_um
-    error = marked(signed(error_um), holes.depth_basis[number])
-    return axes.text(
-        holes.x_um[number],
-        holes.y_um[number],
-        f"{holes.names[number]}\n{error}\n± {holes.error_u95_um[number]:.2f}",
-        ha="center",
-        va="center",
-        fontsize=6.0 if count <= 16 else 4.5,
-        linespacing=1.15,
-        color="white" if dark else BLACK,
-    )
-
-
-def _pitch_um(x_um: Array, y_um: Array) -> float:
-    """Distance of the two nearest holes; any length where all are at one place."""
-    apart_um = np.hypot(x_um[:, None] - x_um, y_um[:, None] - y_um)
-    others = apart_um[apart_um > 1.0]
-    return float(others.min()) if len(others) else 100.0
-
-
-def _draw_errors(axes: Axes, holes: _Holes) -> None:
-    if np.isfinite(holes.tolerance_um):
-        axes.axhspan(
-            -holes.tolerance_um,
-            holes.tolerance_um,
-            color="#E8F1F7",
-            linewidth=0.0,
-            label="tolerance",
-            zorder=0,
-        )
+def _draw_errors(
+    axes: Axes, sites: Sequence[RecordedSite], error_um: Array, tolerance_um: float, against: str
+) -> None:
+    known = np.isfinite(tolerance_um)
+    if known:
+        axes.axhspan(-tolerance_um, tolerance_um, color=style.TOLERANCE, linewidth=0.0, zorder=0)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    _points(axes, holes.error_um, holes.error_u95_um, holes.depth_basis, BLUE, "o")
-    axes.set_ylabel(f"depth − {holes.against.partition(' ')[0]} (µm)")
-    axes.tick_params(axis="x", labelbottom=False)
-    tolerance = f", ± {holes.tolerance_um:g} µm shaded" if np.isfinite(holes.tolerance_um) else ""
-    axes.set_title(f"{holes.against}{tolerance}", loc="right", pad=3.0)
+    bases = [site.depth_basis or "" for site in sites]
+    _points(axes, error_um, [site.depth_u95_um for site in sites], bases, BLUE, "o")
+    style.note_above(axes, f"{against}, ± {tolerance_um:g} µm shaded" if known else against)
 
 
-def _draw_wear(axes: Axes, holes: _Holes) -> None:
-    _points(axes, holes.wear_um, holes.wear_u95_um, holes.wear_basis, VERMILION, "s")
-    axes.set_ylabel("tool wear (µm)")
-    axes.set_xlabel("hole, in the order of machining; bars: 95 %")
-    axes.set_title(open_marks([*holes.depth_basis, *holes.wear_basis]), loc="right", pad=3.0)
-    every = -(-len(holes.names) // MOST_TICKS)
-    axes.set_xticks(range(1, len(holes.names) + 1, every), holes.names[::every])
-    if max(map(len, holes.names)) > LONGEST_LEVEL:
+def _draw_wear(axes: Axes, sites: Sequence[RecordedSite]) -> None:
+    bases = [site.wear_basis or "" for site in sites]
+    wear_um = np.array([site.wear_um for site in sites])
+    _points(axes, wear_um, [site.wear_u95_um for site in sites], bases, VERMILION, "s")
+    style.note_above(axes, open_marks([*bases, *(site.depth_basis or "" for site in sites)]))
+    names = short_names([site.name for site in sites])
+    every = -(-len(names) // MOST_TICKS)
+    axes.set_xticks(range(1, len(names) + 1, every), names[::every])
+    if max(map(len, names)) > LONGEST_LEVEL:
         axes.tick_params(axis="x", labelrotation=90)
-    axes.set_xlim(0.4, len(holes.wear_um) + 0.6)
+        figure = axes.get_figure(root=True)
+        assert figure is not None
+        style.grow(figure, below_mm=1.3 * max(map(len, names)))
+        axes.xaxis.labelpad = 1.0
+    axes.set_xlim(0.4, len(sites) + 0.6)
 
 
-def _points(axes: Axes, values: Array, u95: Array, bases: Sequence[str], colour: str, mark: str) -> None:
-    """Draw values with their bars by the numbers of the holes, open where they were not touched with a sensor."""
+def _points(
+    axes: Axes, values: Array, u95: Sequence[float], bases: Sequence[str], colour: str, mark: str
+) -> None:
+    """Draw values with their bars by the numbers of the holes, open if they were not touched with a sensor."""
     size = 3.4 if len(values) <= 30 else 2.2
-    number = np.arange(1, len(values) + 1)
+    number, bars = np.arange(1, len(values) + 1), np.nan_to_num(u95)
     hollow = np.array([is_open(basis) for basis in bases], np.bool_)
     for some, full in ((~hollow, True), (hollow, False)):
         if some.any():
-            draw_points(
-                axes, number[some], values[some], u95[some], colour, full=full, marker=mark, size=size
+            style.draw_points(
+                axes, number[some], values[some], bars[some], colour, full=full, marker=mark, size=size
             )

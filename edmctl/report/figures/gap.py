@@ -1,41 +1,34 @@
-"""Mean gap voltage with the servo's reference, and where the tool was, against time.
+"""Mean gap voltage with the servo's reference, and the tool displacement, against time.
 
-The displacement is that of Fig. 7 of Muralidhara et al. 2009; the voltage is what their servo goes by.
+The displacement is that of Fig. 7 of Muralidhara et al. 2009; the voltage is the input of their servo.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from edmctl.array_types import Array
 from edmctl.record.events import RecordedState
-from edmctl.report.signals import Envelope, Spans, envelopes, floats, in_states, rows_worked, without_jumps
-from edmctl.report.style import (
-    BLACK,
-    BLUE,
-    GREY,
-    LIGHT,
-    SKY,
-    NothingToDraw,
-    legend_above,
-    letter_panels,
-    mark_readings,
-    new_figure,
-    time_unit,
+from edmctl.record.reader import RunFile
+from edmctl.report import style
+from edmctl.report.signals import (
+    Columns,
+    Envelope,
+    Floats,
+    Spans,
+    envelopes,
+    floats,
+    in_states,
+    rows_worked,
+    without_jumps,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from edmctl.array_types import Array
-    from edmctl.record.reader import RunFile
-    from edmctl.report.signals import Columns, Floats
+from edmctl.report.style import BLACK, BLUE, GREY, LIGHT, SKY, NothingToDraw
 
 PALE = "#BDBDBD"
-HEIGHT_MM = 82.0
 PROBES, PROBE_ROWS = 60, 512
 MIN_RATIO = 0.05
 """Below, a gap voltage over its share is mostly rounding."""
@@ -44,7 +37,7 @@ SPARKING = (RecordedState.APPROACH, RecordedState.MACHINING)
 
 
 def draw(run: RunFile) -> Figure:
-    """Draw the figure, 85 mm wide. Raises NothingToDraw where the run never touched, approached or cut."""
+    """Draw the figure, 85 mm wide. Raises NothingToDraw if the run has no touch, approach or cut."""
     rows = rows_worked(run)
     if rows[1] - rows[0] < 2:
         raise NothingToDraw(
@@ -66,38 +59,32 @@ def draw(run: RunFile) -> Figure:
         lines |= envelopes(
             run, "/entry/servo", [place, "state"], lambda columns: _places(columns, place), rows
         )
-    figure = new_figure(HEIGHT_MM)
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.0, 1.25])
     time_s = lines["gap"].time_s
-    unit_s, label = time_unit(float(time_s[-1] - time_s[0]))
+    unit_s, label = style.time_unit(float(time_s[-1] - time_s[0]))
+    figure, (upper, lower) = style.panels(
+        style.Block(label, {"mean gap voltage (V)": 1.0, "tool displacement (µm)": 1.25})
+    )
     for axes in (upper, lower):
-        for number, (begin_s, end_s) in enumerate(touching.joined(within_s=2.0)):
+        for begin_s, end_s in touching.joined(within_s=2.0):
             axes.axvspan(
-                begin_s / unit_s,
-                end_s / unit_s,
-                color=LIGHT,
-                linewidth=0.0,
-                label="touching" if number == 0 and axes is upper else "_",
-            )
+                begin_s / unit_s, end_s / unit_s, color=LIGHT, linewidth=0.0,
+                label="touching" if axes is upper else "_",
+            )  # fmt: skip
     _draw_voltage(upper, run, lines["gap"], rows, unit_s)
     _draw_tool(lower, run, lines, unit_s, place)
-    lower.set_xlabel(label)
     lower.set_xlim(time_s[0] / unit_s, time_s[-1] / unit_s)
-    letter_panels((upper, lower))
     for axes in (upper, lower):
-        legend_above(axes)
-    figure.align_ylabels()
+        style.legend_above(axes)
     return figure
 
 
 def _places(columns: Columns, name: str) -> dict[str, Floats]:
-    """Where the tool was without its jumps, and with them."""
+    """Return the displacement without jumps, and with them."""
     all_um = columns[name].astype(np.float32, copy=False)
     return {"tool": without_jumps(all_um, columns["state"]), "all": all_um}
 
 
 def _draw_voltage(axes: Axes, run: RunFile, gap: Envelope, rows: tuple[int, int], unit_s: float) -> None:
-    axes.set_ylabel("mean gap voltage (V)")
     if gap.is_empty:
         axes.text(0.5, 0.5, "no sparks in this run", transform=axes.transAxes, ha="center", color=GREY)
         return
@@ -107,12 +94,12 @@ def _draw_voltage(axes: Axes, run: RunFile, gap: Envelope, rows: tuple[int, int]
     axes.plot(time, gap.mean, color=BLUE, linewidth=0.7, label="mean" if not gap.sampled else "gap voltage")
     reference_v = _reference_v(run, gap.time_s, rows)
     if np.isfinite(reference_v).any():
-        axes.plot(time, reference_v, color=BLACK, linestyle=(0, (3, 1.5)), linewidth=0.8, label="reference")
+        axes.plot(time, reference_v, color=BLACK, linestyle=(0, (3, 1.5)), label="reference")
     axes.set_ylim(0.0, 1.06 * float(np.nanmax(gap.high)))
 
 
 def _reference_v(run: RunFile, time_s: Array, rows: tuple[int, int]) -> Array:
-    """Return the servo's reference in volts at some times, NaN where there was no cut."""
+    """Return the servo's reference in volts at some times, NaN outside of cuts."""
     reference_v = np.full(len(time_s), np.nan)
     slow_s, share = floats(run, "/entry/slow", ("time", "s_ref")).values()
     open_s, open_v = _open_gap(run, rows)
@@ -129,14 +116,13 @@ def _reference_v(run: RunFile, time_s: Array, rows: tuple[int, int]) -> Array:
 def _open_gap(run: RunFile, rows: tuple[int, int]) -> tuple[Array, Array]:
     """Return times and, at each, the mean voltage of an open gap, of which the reference is a share.
 
-    It changes only with the duty factor, so it is looked at in PROBES places.
+    It changes only with the duty factor, so PROBES places are enough.
     """
     times, volts = [], []
     for start in np.unique(np.linspace(rows[0], max(rows[0], rows[1] - PROBE_ROWS), PROBES, dtype=np.int64)):
         part = (int(start), min(int(start) + PROBE_ROWS, rows[1]))
-        gap_v, ratio, state, time_s = floats(
-            run, "/entry/servo", ("v_gap_avg", "s", "state", "time"), part
-        ).values()
+        names = ("v_gap_avg", "s", "state", "time")
+        gap_v, ratio, state, time_s = floats(run, "/entry/servo", names, part).values()
         known = np.isin(state, SPARKING) & (ratio > MIN_RATIO)
         if known.any():
             times.append(float(time_s[known].mean()))
@@ -147,21 +133,15 @@ def _open_gap(run: RunFile, rows: tuple[int, int]) -> tuple[Array, Array]:
 def _draw_tool(axes: Axes, run: RunFile, lines: Mapping[str, Envelope], unit_s: float, place: str) -> None:
     tool, everything = lines["tool"], lines["all"]
     time = tool.time_s / unit_s
-    jumps = np.isfinite(everything.low) & ~(
-        everything.low >= np.where(np.isnan(tool.low), np.inf, tool.low) - 0.5
-    )
+    resting_um = np.where(np.isnan(tool.low), np.inf, tool.low)
+    jumps = np.isfinite(everything.low) & ~(everything.low >= resting_um - 0.5)
     if jumps.any():
+        top_um = np.where(np.isnan(tool.mean), everything.high, tool.mean)
         axes.vlines(
-            time[jumps],
-            everything.low[jumps],
-            np.where(np.isnan(tool.mean), everything.high, tool.mean)[jumps],
-            color=PALE,
-            linewidth=0.5,
-            label="jump",
+            time[jumps], everything.low[jumps], top_um[jumps], color=PALE, linewidth=0.5, label="jump"
         )
-    name = "sensor" if place == "z_sensor" else "estimated"
     if not tool.sampled:
         axes.fill_between(time, tool.low, tool.high, color=BLUE, linewidth=0.0)
+    name = "sensor" if place == "z_sensor" else "estimated"
     axes.plot(time, tool.mean, color=BLUE, linewidth=0.9, label=name)
-    mark_readings(axes, run.table("/entry/touches"), place, unit_s)
-    axes.set_ylabel("tool displacement (µm)")
+    style.mark_readings(axes, run.table("/entry/touches"), place, unit_s)

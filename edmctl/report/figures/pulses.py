@@ -2,34 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from edmctl.array_types import Array
+from edmctl.record.reader import RunFile
+from edmctl.report import style
 from edmctl.report.numbers import CLASSES
-from edmctl.report.pulse_statistics import ARC, SHORT, cuts_with_pulses, has_every_pulse, pulse_counts
-from edmctl.report.style import (
-    PULSE_COLOURS,
-    PULSE_DASHES,
-    PULSE_HATCHES,
-    NothingToDraw,
-    letter_panels,
-    new_figure,
-    shared_legend,
-    time_unit,
-)
+from edmctl.report.pulse_statistics import cuts_with_pulses, has_every_pulse, pulse_counts
+from edmctl.report.style import PULSE_COLOURS, PULSE_DASHES, PULSE_HATCHES, NothingToDraw
 from edmctl.wording import count, percent
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from edmctl.array_types import Array
-    from edmctl.record.reader import RunFile
 
 INTERVALS = 160
 """Of time over the whole run; a column of a journal shows no more steps."""
+FROM_BELOW = ("normal", "open", "arc", "short")
+"""Order of the stack: the frequent classes below, the rare ones on top."""
 
 
 def draw(run: RunFile) -> Figure:
@@ -41,26 +30,30 @@ def draw(run: RunFile) -> Figure:
         raise NothingToDraw(
             "No pulses were recorded while cutting: the line lost them all, or the cut was too short."
         )
-    figure = new_figure(118.0)
-    over_time, rare, over_all = panels = figure.subplots(3, 1, height_ratios=[1.3, 1.0, 1.0])
-    shares = _shares(counts)
-    per_s, label = time_unit(float(edges_s[-1]))
-    _draw_stack(over_time, edges_s / per_s, shares)
-    _draw_rare(rare, edges_s / per_s, shares)
-    for axes in (over_time, rare):
-        axes.set_xlim(edges_s[0] / per_s, edges_s[-1] / per_s)
-    over_time.tick_params(axis="x", labelbottom=False)
-    rare.set_xlabel(label)
+    total = counts.sum(axis=1)[:, None]
+    shares = np.divide(100.0 * counts, total, out=np.full(counts.shape, np.nan), where=total > 0)
+    by_class = dict(zip(CLASSES, shares.T, strict=True))
+    per_s, label = style.time_unit(float(edges_s[-1]))
+    share = "share of\npulses (%)"
+    figure, (over_time, rare, over_all) = style.panels(
+        style.Block(label, {share: 1.2, "arcs and\nshorts (%)": 0.9}), style.Block("", {share: 0.9})
+    )
+    _draw_stack(over_time, edges_s / per_s, by_class)
+    for name in ("arc", "short"):
+        rare.stairs(
+            by_class[name], edges_s / per_s, baseline=None, color=PULSE_COLOURS[name], linewidth=1.0,
+            linestyle=PULSE_DASHES[name],
+        )  # fmt: skip
+    rare.set_ylim(bottom=0.0)
+    rare.set_xlim(edges_s[0] / per_s, edges_s[-1] / per_s)
     of_run = " of this run" if run.text("/entry/parent_run") else ""
     _draw_totals(over_all, counts.sum(axis=0), of_run, every=has_every_pulse(run))
-    letter_panels(panels)
-    shared_legend(figure, [over_time], ncols=4)
-    figure.align_ylabels()
+    style.shared_legend(figure, [over_time], ncols=4)
     return figure
 
 
 def _while_cutting(run: RunFile, edges_s: Array, cuts: Array) -> NDArray[np.int64]:
-    """Pulses of each class in each interval, shape (n, 4), without those between the cuts."""
+    """Return the pulses of each class in each interval, shape (n, 4), without those between the cuts."""
     every_s = np.unique(np.concatenate([edges_s, cuts.ravel()]))
     all_counts = pulse_counts(run, every_s)
     middle_s = 0.5 * (every_s[:-1] + every_s[1:])
@@ -72,89 +65,36 @@ def _while_cutting(run: RunFile, edges_s: Array, cuts: Array) -> NDArray[np.int6
     return counts
 
 
-def _shares(counts: NDArray[np.int64]) -> Array:
-    """Return percents of each class, shape (n, 4); NaN where there was no pulse."""
-    total = counts.sum(axis=1)[:, None]
-    shares: Array = np.divide(100.0 * counts, total, out=np.full(counts.shape, np.nan), where=total > 0)
-    return shares
-
-
-def _draw_stack(axes: Axes, edges: Array, shares: Array) -> None:
-    below = np.where(np.isnan(shares[:, 0]), np.nan, 0.0)
-    for k in _FROM_BELOW:
-        name = CLASSES[k]
-        above = below + shares[:, k]
+def _draw_stack(axes: Axes, edges: Array, shares: dict[str, Array]) -> None:
+    below = np.where(np.isnan(shares["open"]), np.nan, 0.0)
+    for name in FROM_BELOW:
+        above = below + shares[name]
         axes.stairs(
-            above,
-            edges,
-            baseline=below,
-            fill=True,
-            facecolor=PULSE_COLOURS[name],
-            edgecolor="white",
-            hatch=PULSE_HATCHES[name],
-            linewidth=0.0,
-            label=name,
-        )
+            above, edges, baseline=below, fill=True, facecolor=PULSE_COLOURS[name], edgecolor="white",
+            hatch=PULSE_HATCHES[name], linewidth=0.0, label=name,
+        )  # fmt: skip
         below = above
     axes.set_ylim(0.0, 100.0)
-    axes.set_ylabel("share of\npulses (%)")
-
-
-def _draw_rare(axes: Axes, edges: Array, shares: Array) -> None:
-    """Draw arcs and shorts again, on a scale of their own."""
-    for k in (ARC, SHORT):
-        name = CLASSES[k]
-        axes.stairs(
-            shares[:, k],
-            edges,
-            baseline=None,
-            color=PULSE_COLOURS[name],
-            linestyle=PULSE_DASHES[name],
-            linewidth=1.0,
-        )
-    axes.set_ylim(bottom=0.0)
-    axes.set_ylabel("arcs and\nshorts (%)")
 
 
 def _draw_totals(axes: Axes, totals: NDArray[np.int64], of_run: str, *, every: bool) -> None:
-    places = np.arange(len(_FROM_BELOW))
-    shares = totals[list(_FROM_BELOW)] / totals.sum()
-    names = [CLASSES[k] for k in _FROM_BELOW]
-    axes.bar(
-        places,
-        100.0 * shares,
-        width=0.62,
-        color=[PULSE_COLOURS[name] for name in names],
-        edgecolor="white",
-        linewidth=0.0,
-        hatch=[PULSE_HATCHES[name] for name in names],
-    )
-    for place, share in zip(places, shares, strict=True):
-        axes.annotate(
-            _percent(share),
-            (place, 100.0 * share),
-            (0, 2),
-            textcoords="offset points",
-            ha="center",
-            va="bottom",
-        )
-    axes.set_xticks(places, names)
+    shares = np.array([totals[CLASSES.index(name)] for name in FROM_BELOW]) / totals.sum()
+    bars = axes.bar(
+        FROM_BELOW, 100.0 * shares, width=0.62, color=[PULSE_COLOURS[name] for name in FROM_BELOW],
+        edgecolor="white", linewidth=0.0, hatch=[PULSE_HATCHES[name] for name in FROM_BELOW],
+    )  # fmt: skip
+    axes.bar_label(bars, [_percent(share) for share in shares], padding=2.0)
     axes.tick_params(axis="x", length=0.0)
     axes.grid(visible=False, axis="x")
     axes.set_ylim(0.0, 125.0 * shares.max())
-    axes.set_ylabel("share of\npulses (%)")
     # Blocks of pulses lie partly before or after a cut.
     total = int(totals.sum())
     words = count(total) if every else f"about {count(round(total, 3 - len(str(total))))}"
-    axes.set_title(f"{words} pulses while cutting{of_run}", loc="right", pad=3.0)
-
-
-_FROM_BELOW = (1, 0, 2, 3)
-"""Normal discharges carry the stack, and what is rare stands on top of it."""
+    style.note_above(axes, f"{words} pulses while cutting{of_run}")
 
 
 def _percent(share: float) -> str:
-    """Two decimals for all, so that they can be compared."""
+    """Return a share with two decimals, so that shares can be compared."""
     if share == 0.0:
         return "none"
     return "< 0.01 %" if share < 0.5e-4 else percent(share, 2)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
 
 from edmctl.report.style import BLUE, GREY, NothingToDraw, new_figure
 from edmctl.results.simulation import Case, Statistics
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 QUANTITIES = (
     ("mrr_mm3_min", "removal rate, 10⁻³ mm³/min", 1e3),
