@@ -8,27 +8,26 @@ block, and the units in its metadata.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmctl.csv_text import header_line, row_lines, text_cell
 from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError, installing
 from edmctl.record import layout
 from edmctl.record.layout import Column, Table
+from edmctl.record.reader import RunFile
 from edmctl.record.results import sites_of
 from edmctl.results.declared import ending_of, quantities
 from edmctl.results.job import SiteTruth
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    from numpy.typing import NDArray
 
-    from edmctl.record.reader import RunFile
-
-    Block = list[NDArray[np.generic]]
+Block: TypeAlias = list[NDArray[np.generic]]
 
 TABLES = {
     "servo": layout.SERVO,
@@ -68,10 +67,7 @@ class ExportColumn:
 _TRUTH = quantities(SiteTruth)
 _TRUTH_COLUMNS = [
     ExportColumn(
-        f"truth_{name}",
-        np.dtype(one.dtype),
-        one.units,
-        f"{one.title} on the virtual machine; NaN where nobody knows",
+        f"truth_{name}", np.dtype(one.dtype), one.units, f"{one.title} on the virtual machine; NaN if unknown"
     )
     for name, one in _TRUTH.items()
 ]
@@ -192,7 +188,7 @@ class CsvWriter:
     def write(self, block: Block) -> None:
         """Append rows."""
         cells = [
-            _texts(values, text_cell) if column.is_text else formatted(values, unknown="")
+            list(map(text_cell, values.tolist())) if column.is_text else formatted(values, unknown="")
             for column, values in zip(self._columns, block, strict=True)
         ]
         self._sink.write(row_lines(cells).encode())
@@ -216,7 +212,7 @@ class JsonWriter:
     def write(self, block: Block) -> None:
         """Append rows."""
         cells = [
-            _texts(values, _json_value if column.units == JSON_TEXT else _json_text)
+            list(map(_json_value if column.units == JSON_TEXT else _json_text, values.tolist()))
             if column.is_text
             else formatted(values, unknown="null", infinite="null")
             for column, values in zip(self._columns, block, strict=True)
@@ -298,10 +294,6 @@ def _floats(values: NDArray[np.generic], unknown: str, infinite: str | None) -> 
         elif infinite is not None:
             texts[place] = infinite
     return texts
-
-
-def _texts(values: NDArray[np.generic], form: Callable[[str], str]) -> list[str]:
-    return list(map(form, values.tolist()))
 
 
 def _json_text(text: str) -> str:

@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from operator import attrgetter
-from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass
 from edmctl.labels import basis_of, weakest
+from edmctl.record.reader import RunFile
 from edmctl.record.results import sites_of
 from edmctl.results.run_file import RecordedSite, Totals
 from edmctl.results.telemetry import PulseShares
 from edmctl.wording import plain_number
-
-if TYPE_CHECKING:
-    from edmctl.record.reader import RunFile
 
 CLASSES = ("open", "normal", "arc", "short")
 

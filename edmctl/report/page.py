@@ -56,12 +56,13 @@ def render_page(
     """
     numbers = numbers_of(run)
     title = run.text("/entry/title") or run.text("/entry/run_id")
+    source = page_tables.provenance(run)  # all is read before the first figure is rendered
     sections: list[Sequence[PageTable | str]] = [
         [*(html.paragraph(sentence.text) for sentence in sentences[:1]), *_wanted(run)],
         [html.tiles(_key_numbers(run, numbers)), *page_tables.all_numbers(run)],
         html.figures(pictures),
         [_history(sentences[1:])],
-        [page_tables.provenance(run)],
+        [source],
     ]
     body = [html.section(*names, parts) for names, parts in zip(_CONTENTS, sections, strict=True)]
     status = "done" if _is_done(run) else "other"

@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 
 from edmctl.app import main
@@ -50,6 +51,7 @@ def made_through(path: Path) -> None:
     with h5py.File(path, "r+") as file:
         rows = file["/entry/results"][:]
         rows["through"] = 1
+        rows["depth"] = rows["depth_u95"] = np.nan
         file["/entry/results"][...] = rows
 
 

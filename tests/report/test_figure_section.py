@@ -127,8 +127,7 @@ def test_the_figure_of_one_hole_is_as_high_as_it_needs(tmp_path: Path) -> None:
         writer.append(replace(a_site_row(), depth_um=depth_um, wear_um=0.3 * depth_um))
         with open_run(writer.finish("done", 0)) as run, house_style():
             heights.append(float(section.draw(run).get_size_inches()[1]) * 25.4)
-    assert heights[0] < heights[1]
-    assert max(heights) < 115.0
+    assert min(heights) + 3.0 < max(heights) < 115.0
 
 
 @pytest.mark.parametrize(

@@ -138,6 +138,7 @@ def _write_changes(pair: Sequence[Axes], columns: Columns, contacts_s: Array, ho
     since_s = columns["time"]
     for axes, name, unit, digits in ((pair[0], "v_cmd", "V", 2), (pair[1], "z_sensor", "µm", 1)):
         values = columns[name]
+        axes.margins(y=0.15)
         for contact_s in contacts_s:
             inside = (since_s > contact_s) & (since_s < contact_s + hold_s)
             begins = inside & (since_s <= contact_s + ENDS_S)
