@@ -61,8 +61,8 @@ def test_all_that_stands_beside_the_emulator_is_packed() -> None:
     assert firmware == there - {EMULATOR}
 
 
-def test_unicorn_comes_with_the_tests_alone() -> None:
+def test_unicorn_comes_with_the_emulator_alone() -> None:
     extras = PROJECT["project"]["optional-dependencies"]
     packages = {"": PROJECT["project"]["dependencies"], **extras}
     asks = [extra for extra, names in packages.items() if any(re.match(r"unicorn\b", n) for n in names)]
-    assert asks == ["test"]
+    assert asks == ["emulator"]
