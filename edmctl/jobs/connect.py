@@ -31,9 +31,6 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
     from edmctl.simulator import BenchConfig, VirtualBench
 
-VIRTUAL_BEAT_SHARE = 0.8
-"""Of the watchdog's time: where time is virtual nothing is late."""
-
 
 def seed_warning(where: MachineAddress, asked: int | None) -> list[Diagnostic]:
     """Return what is to be said of a seed that no machine will use."""
@@ -86,7 +83,7 @@ def connected(
             line, on = held.enter_context(_virtual(loaded, setup, seed, say, where))
         else:
             line = line_to(where, setup, say, surroundings.environ)
-        session = Session(line, heartbeat_s=VIRTUAL_BEAT_SHARE * setup.controller.watchdog_s)
+        session = Session(line)
         held.callback(session.close)
         stop = surroundings.stop(say)
         session.open(setup.link.hello_s)
@@ -95,8 +92,6 @@ def connected(
             if wires_known:
                 machine.wait_for_rest()
             own = own_setup(where, setup, machine.identity.serial, surroundings.environ)
-            if own is not None:
-                session.heartbeat_s = VIRTUAL_BEAT_SHARE * own.controller.watchdog_s
             yield replace(on(machine), own_setup=own)
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from edmctl.errors import UsageError
 from edmctl.jobs.ledger.tool import NAMELESS, is_unnamed
 from edmctl.planning.rules.load import LoadedProfile
+from edmctl.simulator.bench import DirectLine
 
 if TYPE_CHECKING:
     from edmctl.simulator import BenchConfig, VirtualBench
@@ -120,19 +121,18 @@ def fit(bench: VirtualBench, loaded: LoadedProfile, config: BenchConfig, say: Ca
         say(f"the bench keeps its own sheet: {here.thickness_um:g} µm, not {config.thickness_um:g} µm")
 
 
-class KeptLine:
-    """Hands everything on; every `KEEP_S` that pass while the host reads, a bench with a worn tool is kept.
+class KeptLine(DirectLine):
+    """The line to a kept bench; every `KEEP_S` that pass while the host reads, a bench with a worn tool is kept.
 
     What else moves comes back by itself: the actuator is conditioned by every command. Nothing is written before
     `begin`.
     """
 
-    live = False
-
     def __init__(self, bench: VirtualBench, keep: Callable[[], None], path: Path) -> None:
-        self._bench, self._line, self._keep = bench, bench.transport, keep
-        self.name = f"{self._line.name}{path}"
-        self._kept_s = self._looked_s = self._line.now_s()
+        super().__init__(bench.controller)
+        self._bench, self._keep = bench, keep
+        self.name = f"sim:{path}"
+        self._kept_s = self._looked_s = self.now_s()
         self._kept_um = bench.tool_wear_um
         self._begun = False
 
@@ -149,15 +149,11 @@ class KeptLine:
         """Time of the bench in its file."""
         return self._kept_s
 
-    def write(self, data: bytes) -> None:
-        """Hand bytes to the controller."""
-        self._line.write(data)
-
     def read(self, timeout_s: float) -> bytes:
         """Let up to `timeout_s` of virtual time pass; bytes of the controller."""
-        data = self._line.read(timeout_s)
-        if self._line.now_s() - self._looked_s >= KEEP_S:
-            self._looked_s = self._line.now_s()
+        data = super().read(timeout_s)
+        if self.now_s() - self._looked_s >= KEEP_S:
+            self._looked_s = self.now_s()
             self.keep_worn()
         return data
 
@@ -170,13 +166,5 @@ class KeptLine:
         """Write the bench down. Raises RunFileError E9024."""
         if self._begun:
             self._keep()
-            self._kept_s = self._looked_s = self._line.now_s()
+            self._kept_s = self._looked_s = self.now_s()
             self._kept_um = self._bench.tool_wear_um
-
-    def now_s(self) -> float:
-        """Virtual time."""
-        return self._line.now_s()
-
-    def close(self) -> None:
-        """Cut the line."""
-        self._line.close()

@@ -48,11 +48,13 @@ from edmctl.link.transport import SteppedLine, Transport, VirtualLine
 from edmctl.link.wire import Request
 from edmctl.results.telemetry import LinkReport
 
-__all__ = ["DEADLINE_S", "HEARTBEAT_S", "SILENCE_S", "CommandRefused", "Session"]
+__all__ = ["DEADLINE_S", "HEARTBEAT_S", "LATE_BEAT_S", "SILENCE_S", "CommandRefused", "Session"]
 
 HEARTBEAT_S = 0.05
 VIRTUAL_BEAT_S = 0.1
 """On a `VirtualLine` a heartbeat goes before a read where the last one is so old."""
+LATE_BEAT_S = 0.2
+"""Time between the first two heartbeats on a `VirtualLine`. A later heartbeat means that the host was away."""
 DEADLINE_S = 0.75
 """Longest wait for the reply to a command, all its repetitions included."""
 SILENCE_S = 0.5
@@ -75,20 +77,16 @@ MessageT = TypeVar("MessageT")
 class Session:
     """Commands to and reports from one controller.
 
-    `random_source` chooses session byte and nonce. Where time is virtual, an idle host is heard every `heartbeat_s`.
+    `random_source` chooses session byte and nonce.
     """
 
-    def __init__(
-        self, transport: Transport, random_source: Random | None = None, heartbeat_s: float = HEARTBEAT_S
-    ) -> None:
+    def __init__(self, transport: Transport, random_source: Random | None = None) -> None:
         self.transport = self._line = transport
         self._virtual = transport if isinstance(transport, VirtualLine) else None
-        self.heartbeat_s = heartbeat_s
         self._random = random_source or SystemRandom()
         self._subscriptions = Subscriptions()
         self._writing = RLock()
         self._pulse: HeartbeatThread | None = None
-        self._watches = False
         self._begin(0)
 
     def _begin(self, session: int) -> None:
@@ -290,13 +288,6 @@ class Session:
         return max(1.0, self._rate)
 
     @property
-    def _beat_period_s(self) -> float:
-        """Time between heartbeats where they are sent in virtual time: on a damaged line as on a live one."""
-        if self._virtual is None or not self._watches:
-            return self.heartbeat_s
-        return VIRTUAL_BEAT_S if self._virtual.is_watched else HEARTBEAT_S
-
-    @property
     def _is_watched(self) -> bool:
         """Whether the controller hears its host without heartbeats."""
         return self._virtual is not None and self._virtual.is_watched
@@ -315,14 +306,15 @@ class Session:
                 self._beat(self.transport.now_s())
                 self.pump_until(lambda: False, FIRST_BEATS_APART_S)
         else:
-            self._next_beat_s = self.transport.now_s()
+            self._beat(self.transport.now_s())
+            if self._virtual is not None:
+                self._next_beat_s = self.transport.now_s() + LATE_BEAT_S
         if not self.pump_until(lambda: self.last_heartbeat is not None, DEADLINE_S):
             raise self._lose(no_answer(self.transport.name, "HEARTBEAT", DEADLINE_S))
         self._start_heartbeats()
 
     def _start_heartbeats(self) -> None:
         if self._virtual is not None:
-            self._watches = True
             self._virtual.watch(watched=True)
         if not self.transport.live:
             return
@@ -334,7 +326,6 @@ class Session:
 
     def _end_heartbeats(self) -> None:
         if self._virtual is not None:
-            self._watches = False
             self._virtual.watch(watched=False)
         pulse, self._pulse = self._pulse, None
         if pulse is not None:
@@ -384,10 +375,10 @@ class Session:
             self._beats_us[seq] = int(now_s * 1e6)
             self._send(Heartbeat.ID, seq, Heartbeat(self._beats_us[seq], self._acknowledged).pack())
         # A host that was away itself cannot blame the controller for the silence.
-        was_away = now_s - self._next_beat_s > self.heartbeat_s
+        was_away = now_s - self._next_beat_s > LATE_BEAT_S
         self._unanswered_since_s = now_s if was_away else min(self._unanswered_since_s, now_s)
         if not self.transport.live:
-            self._next_beat_s = now_s + self._beat_period_s
+            self._next_beat_s = now_s + (VIRTUAL_BEAT_S if self._is_watched else HEARTBEAT_S)
         self.statistics.heartbeats_sent += 1
 
     def _step(self, now_s: float, until_s: float) -> bool:

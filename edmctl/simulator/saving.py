@@ -55,6 +55,7 @@ _PLANT_VALUES = (
 _PLANT_ARRAYS = ("position_um", "_tilt_mrad")
 _RANDOM_ARRAYS = ("pulse", "noise", "tables")
 _STREAMS = ("_decide", "_shape", "_delay", "_noise")
+_HOLE = tuple(field.name for field in dataclasses.fields(Hole))
 _NO_HOLE = -1
 _MOST = 1 << 60
 """Whole numbers are smaller than this, so that C can add two of them."""
@@ -156,9 +157,9 @@ def _plant_state(plant: Plant) -> State:
         **{name: getattr(plant, name).copy() for name in _PLANT_ARRAYS},
         "discharge": dataclasses.asdict(plant.discharge),
         "reported": np.array(plant.reported),
-        "holes": np.array([dataclasses.astuple(hole) for hole in holes], dtype=np.float64).reshape(
-            -1, len(dataclasses.fields(Hole))
-        ),
+        "holes": np.array(
+            [[getattr(hole, name) for name in _HOLE] for hole in holes], dtype=np.float64
+        ).reshape(-1, len(_HOLE)),
         "here": here,
         "tile_at": np.array(list(tiles), dtype=np.int64).reshape(-1, 2),
         "tiles": np.array(list(tiles.values()), dtype=np.float64).reshape(-1, TILE, TILE),

@@ -14,7 +14,7 @@ import numpy as np
 
 from edmctl.array_types import Array
 from edmctl.core.library import library
-from edmctl.dataclasses import dataclass
+from edmctl.dataclasses import dataclass, replace
 from edmctl.process.erosion import roughness_ra_um, widening_um
 from edmctl.simulator.config import BenchConfig
 from edmctl.simulator.plant_interface import Drive
@@ -50,6 +50,9 @@ class Hole:
     crater_um3: float = 0.0
     crater_um6: float = 0.0
     arc_um3: float = 0.0
+
+    def __deepcopy__(self, _: object) -> Hole:
+        return replace(self)
 
     @property
     def ra_um(self) -> float:

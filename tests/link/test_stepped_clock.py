@@ -8,6 +8,7 @@ import pytest
 
 from edmctl.errors import LinkLost
 from edmctl.link import messages as m
+from edmctl.link.faults import FaultCode
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.session import Session
 from edmctl.link.transport import SteppedLine
@@ -28,6 +29,7 @@ class Served:
         self._refuses = refuses
         self._clock_s = 0.0
         self.deaf = False
+        self.beats_to_lose = 0
 
     def now_s(self) -> float:
         return self._clock_s
@@ -38,6 +40,9 @@ class Served:
     def write(self, data: bytes) -> None:
         controller = self.bench.controller
         for frame in self._decoder.feed(data):
+            if frame.type_id == m.Heartbeat.ID and self.beats_to_lose:
+                self.beats_to_lose -= 1
+                continue
             if self._refuses and frame.type_id == m.Advance.ID:
                 self._out += encode_frame(
                     m.Advance.ID | 0x40, frame.seq, frame.session, m.Status.UNKNOWN_TYPE, b""
@@ -71,15 +76,29 @@ def telemetry(session: Session) -> list[bytes]:
 @pytest.mark.parametrize("piece", [1, 100, 100_000])
 def test_a_run_over_a_driven_line_is_the_run_without_a_line(piece: int) -> None:
     alone = open_bench(BenchConfig(), 3)
-    expected = telemetry(Session(alone.transport, Random(1), heartbeat_s=0.2))
+    expected = telemetry(Session(alone.transport, Random(1)))
     served = Served(3, piece)
-    session = Session(served, Random(1), heartbeat_s=0.2)
+    session = Session(served, Random(1))
     assert telemetry(session) == expected
     assert session.transport.now_s() == alone.transport.now_s()
     assert session.machine_now_s() == session.transport.now_s()
     assert session.transport.live is False
     assert session.statistics.stray_replies == 0
     session.close()
+
+
+@pytest.mark.parametrize(("lost", "fault"), [(3, 0), (5, FaultCode.HOST_SILENT)])
+def test_an_armed_machine_on_a_driven_line_outlives_lost_heartbeats_as_on_a_live_one(
+    lost: int, fault: int
+) -> None:
+    served = Served(1)
+    session = Session(served, Random(1))
+    session.open()
+    session.request(m.Arm(m.param_crc({})))
+    session.pump(1.0)
+    served.beats_to_lose = lost
+    session.pump(1.0)
+    assert served.bench.controller.fault == fault
 
 
 def test_a_session_on_a_driven_line_can_be_opened_again() -> None:

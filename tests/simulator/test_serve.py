@@ -92,10 +92,10 @@ def job(session: Session) -> list[bytes]:
 
 def test_a_driven_job_over_a_pty_is_the_job_in_process() -> None:
     alone = open_bench(NEAR, 4)
-    expected = job(Session(alone.transport, Random(1), heartbeat_s=0.2))
+    expected = job(Session(alone.transport, Random(1)))
     bench = open_bench(NEAR, 4)
     with serving(bench) as path:
-        assert job(Session(open_line(path), Random(1), heartbeat_s=0.2)) == expected
+        assert job(Session(open_line(path), Random(1))) == expected
     assert bench.controller.tick == alone.controller.tick
     assert bench.truth() == alone.truth()
     assert len(expected) > 500
