@@ -1,6 +1,6 @@
 """Build hook: compiles the library of firmware/ into a wheel, with the C compiler of the system or with zig.
 
-EDMCTL_TARGET names another platform to build for, one of `edmctl.core.build.TARGETS` (tools/wheels.py).
+EDMCTL_TARGET names another platform to build for, one of `TARGETS` in tools/wheels.py.
 """
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ class CoreHook(BuildHookInterface[Any]):
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile, and say what the wheel is for."""
         from edmctl.core import build
+        from tools.wheels import TARGETS
 
         self._made = TemporaryDirectory()
         os.environ.setdefault(build.ZIG_CACHE_VARIABLE, f"{self._made.name}/zig")
-        target = build.TARGETS.get(os.environ.get("EDMCTL_TARGET", ""))
+        target = TARGETS.get(os.environ.get("EDMCTL_TARGET", ""))
         command = build.compiler(os.environ.get("CC", "")) if target is None else target.command
         place = build.packaged(build.digest_of("double"), build.SUFFIX if target is None else target.suffix)
         library = place if version == "editable" else Path(self._made.name) / place.name

@@ -18,6 +18,7 @@ import sys
 from pathlib import Path
 
 from edmctl.core import build
+from tools.wheels import TARGETS
 
 ROOT = Path(__file__).resolve().parents[1]
 DEBIAN = ("python3.11-minimal", "libpython3.11-stdlib", "libc6", "libgcc-s1", "libstdc++6")
@@ -80,7 +81,7 @@ def main() -> int:
     folder = arguments.folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     root, site, library = python_for_arm(folder), wheels_for_arm(folder), folder / "library.so"
-    build.compile_library(build.TARGETS["linux-aarch64"].command, library)
+    build.compile_library(TARGETS["linux-aarch64"].command, library)
     check = ["-m", "tests.simulator.golden_core", "--check", "--library", str(library)]
     environ = {"PYTHONPATH": f"{site}:{ROOT}", "HOME": str(folder), "PATH": os.defpath}
     done = subprocess.run(

@@ -19,7 +19,7 @@ from random import Random
 from statistics import median
 
 from edmctl.errors import EdmError
-from edmctl.jobs.connect import VIRTUAL_BEAT_SHARE, bench_config
+from edmctl.jobs.connect import bench_config
 from edmctl.link.session import Session
 from edmctl.machine import waits
 from edmctl.machine.controller import LinkMachine
@@ -69,7 +69,7 @@ def ending(inject: str, seed: int, slice_s: float) -> Ending:
     loaded, setup, seen = load_profile("cu270", RECIPE), Setup(), _Seen()
     bench = open_bench(bench_config(loaded, setup), seed)
     bench.inject(parse_injection(inject))
-    session = Session(bench.direct_line(), Random(seed), VIRTUAL_BEAT_SHARE * setup.controller.watchdog_s)
+    session = Session(bench.direct_line(), Random(seed))
     code = ""
     try:
         session.open()

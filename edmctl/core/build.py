@@ -64,32 +64,6 @@ _ANOTHER = "Name another one in CC, or unset it: then one of the system is taken
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
-    """A platform that zig builds for: its name there, the ending of a library, the tag of a wheel."""
-
-    zig: str
-    suffix: str
-    tag: str
-
-    @property
-    def command(self) -> tuple[str, ...]:
-        """The compiler for this platform."""
-        return (*ZIG, f"--target={self.zig}")
-
-
-TARGETS = {
-    "linux-x86_64": Target("x86_64-linux-gnu.2.17", ".so", "manylinux_2_17_x86_64.manylinux2014_x86_64"),
-    "linux-aarch64": Target("aarch64-linux-gnu.2.17", ".so", "manylinux_2_17_aarch64.manylinux2014_aarch64"),
-    "musl-x86_64": Target("x86_64-linux-musl", ".so", "musllinux_1_2_x86_64"),
-    "macos-x86_64": Target("x86_64-macos.11.0", ".dylib", "macosx_11_0_x86_64"),
-    "macos-arm64": Target("aarch64-macos.11.0", ".dylib", "macosx_11_0_arm64"),
-    "windows-x86_64": Target("x86_64-windows-gnu", ".dll", "win_amd64"),
-    "windows-arm64": Target("aarch64-windows-gnu", ".dll", "win_arm64"),
-}
-"""The platforms of the wheels."""
-
-
-@dataclass(frozen=True, slots=True)
 class Build:
     """A library that was built, and what by.
 

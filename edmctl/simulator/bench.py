@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
-from typing import TYPE_CHECKING
 
+from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.errors import LinkLost
 from edmctl.link.transport import MergedTlm
-from edmctl.simulator.config import FIRMWARE_FLOAT, STM32
+from edmctl.simulator.config import FIRMWARE_FLOAT, STM32, BenchConfig
 from edmctl.simulator.controller import Controller
-from edmctl.simulator.injection import LineDamage
+from edmctl.simulator.injection import Injection, LineDamage, LineState
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_S
-
-if TYPE_CHECKING:
-    from edmctl.array_types import Array
-    from edmctl.simulator.config import BenchConfig
-    from edmctl.simulator.injection import Injection, LineState
 
 SETTLE_TICKS, MOST_SETTLES = 50, 2000
 
@@ -205,3 +202,15 @@ class VirtualBench:
 def open_bench(config: BenchConfig, seed: int) -> VirtualBench:
     """Set up a fresh virtual bench; the same config and seed give the same machine and the same run."""
     return VirtualBench(config, seed)
+
+
+def run_many(benches: Sequence[VirtualBench], ticks: int, threads: int) -> None:
+    """Let `ticks` ms pass on each of several machines, `threads` of them at a time.
+
+    Each does what it would do alone; what its controller sends waits in `controller.link.take_output()`, and its
+    watchdog hears a host by `controller.host_heard()`. A machine is reset by a copy of it that was made before
+    (`copy.deepcopy`). Raises what went wrong on the first of them.
+    """
+    with ThreadPoolExecutor(threads) as pool:
+        for _ in pool.map(lambda bench: bench.controller.advance(ticks), benches):
+            pass

@@ -6,10 +6,10 @@ The simulator adds injections, a driven clock, and the end of slices of time.
 from __future__ import annotations
 
 import ctypes
+import math
 import struct
 from collections.abc import Callable
 from copy import deepcopy
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,11 +19,10 @@ from edmctl.link.faults import FaultCode
 from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import ResetCause, State, Tlm
 from edmctl.link.transport import MergedTlm
-from edmctl.simulator.host_wait import HostWait
 from edmctl.simulator.injection import Trigger
 from edmctl.simulator.injector import NEVER, Injector
 from edmctl.simulator.plant import Plant
-from edmctl.simulator.plant_interface import TICK_NS
+from edmctl.simulator.plant_interface import TICK_NS, TICK_S
 from edmctl.simulator.unit import BLOCK
 from edmctl.simulator.waveforms import Waveforms
 
@@ -32,62 +31,9 @@ _INPUTS = struct.Struct(
 )
 FRAME_TICKS = 100
 """A host that waits sees what is wrong with its samples as soon as on a live line."""
+ANSWERS_PER_TICK = 100
 MOST_AT_ONCE = 4096
 """Bytes that the core gets at once: the answers to them fit into its memory."""
-
-
-class ControllerLink:
-    """The core's end of the line."""
-
-    answer_ticks = 0
-    """Milliseconds within which a command is answered."""
-
-    def __init__(self, controller: Controller) -> None:
-        self._c = controller
-        self._out: list[bytes] = []
-
-    @property
-    def driven(self) -> bool:
-        return self._c.driven
-
-    @driven.setter
-    def driven(self, driven: bool) -> None:
-        self._c.driven = driven
-        self._c.tell_core()
-
-    @property
-    def urgent(self) -> bool:
-        return bool(self._c.seen.urgent)
-
-    @property
-    def due(self) -> bool:
-        return bool(self._c.seen.due)
-
-    @property
-    def greeting(self) -> bool:
-        seen = self._c.seen
-        return bool(self.driven and seen.urgent and not seen.advanced)
-
-    @property
-    def rx_bad(self) -> int:
-        return self._c.seen.rx_bad
-
-    @property
-    def rx_drop(self) -> int:
-        return self._c.seen.rx_drop
-
-    @property
-    def rx_frames(self) -> int:
-        return self._c.seen.rx_frames
-
-    def keep(self, data: bytes) -> None:
-        self._out.append(data)
-
-    def take_output(self) -> bytes:
-        out = b"".join(self._out)
-        self._out.clear()
-        self._c.output_taken()
-        return out
 
 
 class SampleLine:
@@ -146,22 +92,43 @@ class SampleLine:
         return b"".join(sent)
 
 
-class FrozenBox:
-    """What is asked of the black box beside its samples."""
+class HostWait:
+    """Lets time pass for a host that waits.
 
-    def __init__(self, seen: Seen) -> None:
-        self._seen = seen
+    The controller answers commands at once, without time. So that a host which asks again and again cannot stop the
+    clock, a millisecond passes after a hundred answers. No job asks so much without waiting.
 
-    @property
-    def frozen_tick(self) -> int | None:
-        return None if self._seen.frozen_tick < 0 else self._seen.frozen_tick
+    A wait that ends early has something for the host to see at once. If that comes in the last millisecond of a
+    wait, the next one ends without time.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        self._c = controller
+        self._answers = 0
+        self._came_last = False
+
+    def wait(self, timeout_s: float) -> None:
+        """Let up to `timeout_s` pass: nothing if an answer is there already, else whole milliseconds."""
+        urgent = self._c.urgent or self._came_last
+        self._came_last = False
+        if urgent and self._answers < ANSWERS_PER_TICK:
+            self._answers += 1
+            return
+        self._answers = 0
+        ticks = 1 if urgent else max(1, math.floor(timeout_s / TICK_S + 0.5))
+        self._came_last = self._c.advance(ticks, wakes=True) == ticks and self._c.urgent
 
 
 class Controller:
-    """One core over one plant.
+    """One core over one plant; it is its own end of the line, `link`.
 
     real : arithmetic of the core, "double" or, as on a board, "float".
+    baud, board : what the core reports of its line and of itself. driven : its time passes by ADVANCE alone.
+    host_time_scale : by which it measures what its host does. The core learns all four with the next bytes or ticks.
     """
+
+    answer_ticks = 0
+    """Milliseconds within which a command is answered."""
 
     def __init__(self, plant: Plant, real: str = "double") -> None:
         self.plant = plant
@@ -169,18 +136,19 @@ class Controller:
         self._library = library(real)
         self._memory = (ctypes.c_double * (self._library.size() // 8 + 1))()
         self.waveforms = Waveforms(plant)
-        self.baud_told = self.board_told = 0
-        self._scale = 1.0
+        self.baud = self.board = 0
+        self.host_time_scale = 1.0
         self.driven = False
+        self._out: list[bytes] = []
         self._failed: BaseException | None = None
         self._samples: list[MergedTlm] = []
         self._bind()
         self._read_inputs()
         self._create()
-        self.link = ControllerLink(self)
+        self.link = self
         self.telemetry = SampleLine(self)
         self.injector = Injector(self)
-        self.host_wait = HostWait(self.link, partial(self.advance, wakes=True))
+        self.host_wait = HostWait(self)
         self._noted = (0, 0)
 
     def _bind(self) -> None:
@@ -189,8 +157,7 @@ class Controller:
         self._at = ctypes.addressof(self._memory)
         self._inputs_at = core.inputs_at()
         self.seen = Seen.from_buffer(self._memory, core.seen_at())
-        self.loop = self.parameters = self.seen
-        self.black_box = FrozenBox(self.seen)
+        self.loop = self.parameters = self.black_box = self.seen
         acts: dict[str, Callable[..., object]] = {
             "set_generator": self._set_generator,
             "stage_stop": self.plant.stage_lands,
@@ -276,40 +243,33 @@ class Controller:
         return self.seen.boot_count
 
     @property
-    def baud(self) -> int:
-        return self.baud_told
-
-    @baud.setter
-    def baud(self, baud: int) -> None:
-        self.baud_told = baud
-        self.tell_core()
+    def urgent(self) -> bool:
+        return bool(self.seen.urgent)
 
     @property
-    def board(self) -> int:
-        return self.board_told
-
-    @board.setter
-    def board(self, board: int) -> None:
-        self.board_told = board
-        self.tell_core()
+    def due(self) -> bool:
+        return bool(self.seen.due)
 
     @property
-    def host_time_scale(self) -> float:
-        return self._scale
+    def greeting(self) -> bool:
+        return bool(self.driven and self.seen.urgent and not self.seen.advanced)
 
-    @host_time_scale.setter
-    def host_time_scale(self, scale: float) -> None:
-        self._scale = scale
-        self.tell_core()
+    @property
+    def rx_bad(self) -> int:
+        return self.seen.rx_bad
+
+    @property
+    def rx_drop(self) -> int:
+        return self.seen.rx_drop
+
+    @property
+    def rx_frames(self) -> int:
+        return self.seen.rx_frames
 
     def count_from(self, time_us: int, event_no: int, boot_count: int, frames: int, pulse_no: int) -> None:
         self._library.count_from(
             self._at, time_us, event_no, boot_count, frames & 0xFFFFFFFF, pulse_no & 0xFFFFFFFF
         )
-
-    def tell_core(self) -> None:
-        """Tell the core what it is to say of itself and of its line."""
-        self._library.set(self._at, self.board_told, self.baud_told, self.driven, self._scale)
 
     # ------------------------------------------------------------------------------------------ bytes and time
     def receive(self, data: bytes) -> None:
@@ -355,12 +315,6 @@ class Controller:
                 break
         return self.tick - end + ticks
 
-    def step(self, ticks: int) -> int:
-        """Run plant and core for at most `ticks` ms; returns what happened, in the core's words."""
-        self._provide(ticks)
-        happened: int = self._library.machine_run(ticks, self.plant.in_c().place, self._at)
-        return happened
-
     def _provide(self, ticks: int) -> None:
         plant = self.plant
         pulses = ticks * TICK_NS // plant.unit.pulse_period_ns + 2
@@ -389,6 +343,8 @@ class Controller:
         return self.telemetry.is_broken or bool(self.seen.watched and self.injector.line.is_damaged)
 
     def _read_inputs(self) -> None:
+        """Show the core its inputs, and what it is to report of itself and of its line."""
+        self._library.set(self._at, self.board, self.baud, self.driven, self.host_time_scale)
         _INPUTS.pack_into(self._memory, self._inputs_at, *self.plant.inputs())
 
     def _after_call(self) -> None:
@@ -419,7 +375,8 @@ class Controller:
         size = self.seen.out_bytes
         self.seen.out_bytes = 0
         if size:
-            self.link.keep(self.telemetry.passes(ctypes.string_at(self._at + self._library.out_at(), size)))
+            sent = ctypes.string_at(self._at + self._library.out_at(), size)
+            self._out.append(self.telemetry.passes(sent))
 
     def take_samples(self) -> list[MergedTlm]:
         """Return the samples that were merged since the last call; none of them is in a frame."""
@@ -454,8 +411,12 @@ class Controller:
         """The newest telemetry frame of samples; zeros before the first."""
         return ctypes.string_at(self._at + self._library.last_samples_at(), 257)
 
-    def output_taken(self) -> None:
+    def take_output(self) -> bytes:
+        """Return everything that is to be sent."""
+        out = b"".join(self._out)
+        self._out.clear()
         self._library.taken(self._at)
+        return out
 
     # ------------------------------------------------------------------------------------------ keeping it
     def kept(self) -> Kept:
@@ -467,7 +428,6 @@ class Controller:
     def take_up(self, kept: Kept) -> None:
         """Go on from what was kept on the plant as it is now, before a reset."""
         self._create()
-        self.tell_core()
         self._library.take_up(self._at, kept.place)
         self._noted = (self.seen.arms, self.seen.touch_offs)
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Any
 
 from edmctl.core.library import PACK
 from edmctl.dataclasses import dataclass
 from edmctl.link.messages import ResetCause, State
 from edmctl.simulator.injection import CHIPS, Injection, LineState, Trigger
-from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.plant_state import STUCK_AT_CONTACT, STUCK_AT_GENERATOR
 
@@ -102,54 +101,15 @@ class _Pending:
     to_come: int = 1  # of its triggers
 
 
-class Counting(Protocol):
-    """Counts of the last millisecond."""
-
-    @property
-    def tick_counts(self) -> int:
-        """Pulses, packed by class (library.PACK bits each)."""
-
-
-class Injected(Protocol):
-    """What an injector must know of a controller: its clock, its state, what to break and how to restart it."""
-
-    plant: Plant
-
-    @property
-    def loop(self) -> Counting:
-        """What it has counted."""
-
-    @property
-    def telemetry(self) -> object:
-        """What sends samples: `lost` and `frozen` can be broken."""
-
-    @property
-    def state(self) -> State:
-        """State of the controller."""
-
-    @property
-    def boot_tick(self) -> int:
-        """When it started."""
-
-    @property
-    def tick(self) -> int:
-        """Milliseconds since the machine was set up."""
-
-    def reset(self, cause: ResetCause) -> None:
-        """Start anew."""
-
-    def receive(self, data: bytes) -> None:
-        """Take bytes from the line."""
-
-
 class Injector:
     """Keeps what is still to happen to one machine, and what was broken already.
 
+    controller : the core in this process, or an emulated board.
     line : what is wrong with the line; whoever carries the bytes acts on it.
     applied : what has happened, with its tick.
     """
 
-    def __init__(self, controller: Injected) -> None:
+    def __init__(self, controller: Any) -> None:
         self._c = controller
         self.line = LineState()
         self.applied: list[tuple[Injection, int]] = []

@@ -11,13 +11,15 @@ from __future__ import annotations
 import re
 import select
 from collections.abc import Callable
+from pathlib import Path
 from time import monotonic
 
 from edmctl.dataclasses import dataclass
+from edmctl.files import open_regular
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.endpoints import Endpoint
-from edmctl.simulator.injection import LineDamage
+from edmctl.simulator.injection import LineDamage, parse_injection
 from edmctl.simulator.plant_interface import TICK_S
 
 SLICE_S = 0.004
@@ -196,6 +198,43 @@ class Server:
             self.traffic.dropped_frames += frames
 
 
+class ActsFile:
+    """Carries out on a bench what others append to a file, a line each; errors go to `say`.
+
+    `+NAME` or `+NAME@WHEN` is an injection, `-NAME` repairs it. Lines that were there before do not count. The
+    file is made if there is none. Raises OSError.
+    """
+
+    def __init__(self, path: Path, bench: VirtualBench, say: Callable[[str], None]) -> None:
+        path.touch()
+        self._path, self._bench, self._say = path, bench, say
+        self._at = path.stat().st_size
+
+    def __call__(self) -> None:
+        """Look at the file, and do what is new in it, whole lines alone."""
+        if self._path.stat().st_size <= self._at:
+            return
+        with open_regular(self._path) as acts:
+            acts.seek(self._at)
+            new = acts.read()
+        whole = new[: new.rfind(b"\n") + 1]
+        self._at += len(whole)
+        for line in whole.decode("ascii", errors="replace").split():
+            self._do(line)
+
+    def _do(self, line: str) -> None:
+        name = line[1:]
+        try:
+            if line[0] == "-":
+                self._bench.controller.injector.mend(name)
+            elif line[0] == "+":
+                self._bench.inject(parse_injection(name if "@" in name else f"{name}@0"))
+            else:
+                raise ValueError(f"{line!r} begins with neither + nor -")
+        except ValueError as wrong:
+            self._say(f"acts: {wrong}")
+
+
 class EventMonitor:
     """Says what happens to a served machine, as it happens: call it often.
 
@@ -227,8 +266,9 @@ class EventMonitor:
             if self._fault:
                 self.faults.append(self._fault)
             words = f"{_fault_words(self._fault)} latched" if self._fault else f"{_fault_words(old)} cleared"
-            since = controller.black_box.frozen_tick if self._fault else None
-            self._say(f"{(since or controller.tick) * TICK_S:.3f} s: {words}")
+            frozen_tick = controller.black_box.frozen_tick if self._fault else -1
+            at = controller.tick if frozen_tick in (None, -1) else frozen_tick
+            self._say(f"{at * TICK_S:.3f} s: {words}")
         was_armed, self._armed = self._armed, controller.armed
         if was_armed and not self._armed:
             self._rested()

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.array_types import Array
+from edmctl.core.library import library
 from edmctl.dataclasses import dataclass
 from edmctl.link.messages import WaveformReadReply
 from edmctl.simulator.plant import Plant
 from edmctl.simulator.plant_interface import TICK_NS
-from edmctl.simulator.pulse_shape import CURRENT_NOISE_A, PLATEAU_NOISE, VOLTAGE_NOISE_V, pulse_signals
 
+PLATEAU_NOISE = 0.025  # rms over plateau voltage [assumed]
+VOLTAGE_NOISE_V, CURRENT_NOISE_A = 0.05, 0.0005  # rms of the converters [assumed]
 PULSES_BEFORE, PERIODS_AFTER = 64, 16
 MOST_SAMPLES = 65536
 SHARE_AFTER = 5
@@ -75,6 +77,31 @@ def gap_signals(
         if row["stuck_v"] >= 0.0:
             v[first:end] = row["stuck_v"]
     return v, a + CURRENT_NOISE_A * noise[1]
+
+
+def pulse_signals(
+    t_us: Array, open_v: float, delay_us: float, opens_us: float, plateau_v: float, siemens: float
+) -> tuple[Array, Array]:
+    """Return voltage, V, and current, A, of a pulse at times since its begin, shape (n,) as `t_us`.
+
+    The open voltage rises through the series resistor, breaks down to the plateau `delay_us` after the begin, and
+    falls when the generator's switch opens at `opens_us`; without ignition both are equal. The law and its
+    constants: firmware/plant/pulse_shape.c.
+    """
+    t_us = np.ascontiguousarray(t_us)
+    v, a = np.empty_like(t_us), np.empty_like(t_us)
+    library().pulse_signals(
+        len(t_us),
+        t_us.ctypes.data,
+        open_v,
+        delay_us,
+        opens_us,
+        plateau_v,
+        siemens,
+        v.ctypes.data,
+        a.ctypes.data,
+    )
+    return v, a
 
 
 def _stretches(pulses: RecentPulses, begin_ns: int, samples: int) -> Iterator[tuple[np.void, int, int]]:

@@ -1,4 +1,4 @@
-/* What an oscilloscope would show of a pulse (edmctl/simulator/pulse_shape.py): the open voltage comes up through the
+/* What an oscilloscope would show of a pulse (edmctl/simulator/waveforms.py): the open voltage comes up through the
  * series resistor, breaks down to the plateau at ignition, and falls when the generator's switch opens. All time
  * constants are assumed. */
 #include "plant.h"

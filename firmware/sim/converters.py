@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.simulator.plant_state import SCOPE_PULSES
-from edmctl.simulator.pulse_shape import CURRENT_NOISE_A, PLATEAU_NOISE, VOLTAGE_NOISE_V
+from edmctl.simulator.waveforms import CURRENT_NOISE_A, PLATEAU_NOISE, VOLTAGE_NOISE_V
 
 from .addresses import (
     ADC,

@@ -22,9 +22,9 @@ from edmctl.board.first_start.person import ACTS, CHAIN_HIGH_V, CHAIN_LOW_V, QUE
 from edmctl.machine.controller import LinkMachine
 from edmctl.profile.setup import Setup
 from edmctl.simulator import BenchConfig, VirtualBench
-from edmctl.simulator.acts import ActsFile
 from edmctl.simulator.bench import MemoryTransport
 from edmctl.simulator.injection import WIRING_MISTAKES, parse_injection
+from edmctl.simulator.serve import ActsFile
 from tests.cli.commands import ROOT, Here, Said
 from tests.serving import serving
 from tools.generate.circuits.break_chain import hardware_break

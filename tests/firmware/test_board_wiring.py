@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from edmctl.simulator import BenchConfig, VirtualBench
-from edmctl.simulator.acts import ActsFile
 from edmctl.simulator.injection import parse_injection
+from edmctl.simulator.serve import ActsFile
 from tests.board.test_first_start import NAMED, items, statuses, wired, write_answers
 from tests.serving import serving
 from tests.tiers import tiers

@@ -215,7 +215,7 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
 
 
 def _acts(request: ServeRequest, bench: "VirtualBench", say: "Callable[[str], None]") -> "Callable[[], None]":
-    from edmctl.simulator.acts import ActsFile
+    from edmctl.simulator.serve import ActsFile
 
     if request.acts is None:
         return lambda: None
