@@ -20,12 +20,12 @@ from edmctl.procedures.touch.spots import read_pad
 from edmctl.process.rest_drift import (
     LEAST_TOUCHES,
     DriftFit,
-    PadTouch,
     Rest,
     fit_drift,
     model_of,
     refuse_creep,
 )
+from edmctl.process.touches import Touch
 from edmctl.profile.model import Profile
 from edmctl.profile.setup import Setup
 from edmctl.profile.tables import accepts, permitted_at
@@ -75,7 +75,7 @@ class DriftRecord:
     """Rests and touches, and which of the rests was the first after the hold; the first reading of the pad."""
 
     rests: list[Rest] = field(default_factory=list)
-    touches: list[PadTouch] = field(default_factory=list)
+    touches: list[Touch] = field(default_factory=list)
     held_after: int = 0
     first: SurfaceReading | None = None
 
@@ -146,7 +146,7 @@ def measure_drift(run: JobRun, plan: DriftPlan, expected_um: float) -> DriftReco
         _note_rest(run, record)
         found = take_reading(run, "Z1", pad.name, predicted_um, AGAIN_U_UM)
         predicted_um = found.z_um
-        record.touches.append(PadTouch(found.time_s, found.reading))
+        record.touches.append(Touch(found.time_s, found.reading))
         retract(run)
         run.machine.rest(RESTED_S)
         _note_rest(run, record)

@@ -20,7 +20,7 @@ from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.procedures.touch.spots import pad_u_um, read_pad, refuse_grown_tool
 from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface
-from edmctl.process.touches import TOUCH_U_UM, Displacement, Drift, Reading, measure, share_u
+from edmctl.process.touches import TOUCH_U_UM, Displacement, Drift, Reading, Touch, measure, share_u
 from edmctl.profile.places import Place
 from edmctl.quantity import Value, half_width
 from edmctl.record.rows import EventLevel, RunEvent
@@ -139,16 +139,13 @@ def _found(
     pad_doubt_um = 0.5 * (before.doubt_u_um + after.doubt_u_um)
     doubts_u_um = (reference.doubt_u_um, z2.doubt_u_um if z2 else 0.0, pad_doubt_um)
     found = measure(
-        z1,
-        bottom,
-        z3,
+        Touch(-age_s, z1, doubts_u_um[0]),
+        Touch(-depth_s, bottom, doubts_u_um[1]),
+        Touch(0.0, z3, doubts_u_um[2]),
         sensor_u,
         tilt_u_um=face_u_um,
-        z1_to_z3_s=age_s,
-        z2_to_z3_s=depth_s,
         pad_u_um=meeting_u_um,
         height_um=face_um,
-        doubts_u_um=doubts_u_um,
         drift=Drift(0.0, drift.left_u_um),
     )
     lengths_um = (found.wear_um, found.depth_um, found.feed_um)

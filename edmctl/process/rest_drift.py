@@ -20,7 +20,7 @@ import numpy as np
 from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
 from edmctl.dataclasses import dataclass
-from edmctl.process.touches import Drift, Reading, TouchScatter, share_u
+from edmctl.process.touches import Drift, Touch, TouchScatter, share_u
 from edmctl.quantity import Value
 
 TIME_CONSTANTS_S = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
@@ -183,14 +183,6 @@ def mean_rest(rests: Sequence[Rest | None], shares: Sequence[float]) -> Rest | N
     )
 
 
-@dataclass(frozen=True, slots=True)
-class PadTouch:
-    """A reading of the pad, and when it was made."""
-
-    time_s: float
-    reading: Reading
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class DriftFit:
     """Drifts and creep by rests and touches.
@@ -230,7 +222,7 @@ def creep_prior() -> Array:
 @one_blas_thread()
 def fit_drift(
     rests: Sequence[Rest],
-    touches: Sequence[PadTouch],
+    touches: Sequence[Touch],
     walk_um_per_sqrt_s: float,
     memory_s: float = math.inf,
 ) -> DriftFit:
@@ -258,7 +250,7 @@ def fit_drift(
 
 def _fitted(
     rests: Sequence[Rest],
-    touches: Sequence[PadTouch],
+    touches: Sequence[Touch],
     walk_um_per_sqrt_s: float,
     memory_s: float,
     outliers: int,

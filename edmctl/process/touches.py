@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from edmctl.dataclasses import dataclass
 from edmctl.quantity import Value, coverage_factor
@@ -142,6 +142,26 @@ class DepthAndWear:
         return self.wear_um / self.depth_um if self.depth_um > 0.0 else 0.0
 
 
+class Touched(Protocol):
+    """A reading, when it was made, and the standard uncertainty that suspect touches add to it, µm."""
+
+    @property
+    def reading(self) -> Reading: ...
+    @property
+    def time_s(self) -> float: ...
+    @property
+    def doubt_u_um(self) -> float: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """The plain form of that."""
+
+    time_s: float
+    reading: Reading
+    doubt_u_um: float = 0.0
+
+
 def reading_of(touches_um: tuple[float, ...]) -> Reading:
     """Mean and sample standard deviation of single touches, µm. Raises ValueError without any touch."""
     n = len(touches_um)
@@ -217,68 +237,59 @@ class _Noise:
         return Value(um, noise_um, self.dof).widened(math.hypot(*systematic_um))
 
 
-def _pooled(readings: tuple[Reading, ...], prior_sd_um: float) -> _Noise:
+def _pooled(readings: tuple[Reading, ...]) -> _Noise:
     dof = TOUCH_PRIOR_DOF + sum(r.touches - 1 for r in readings)
-    squares = TOUCH_PRIOR_DOF * prior_sd_um**2 + math.fsum((r.touches - 1) * r.sd_um**2 for r in readings)
+    squares = TOUCH_PRIOR_DOF * TOUCH_SD_PRIOR_UM**2 + math.fsum(
+        (r.touches - 1) * r.sd_um**2 for r in readings
+    )
     return _Noise(math.sqrt(squares / dof), dof)
 
 
 def measure(
-    z1: Reading,
-    z2: Reading,
-    z3: Reading,
+    z1: Touched,
+    z2: Touched,
+    z3: Touched,
     sensor: Displacement,
     *,
     tilt_u_um: float,
-    z1_to_z3_s: float,
-    z2_to_z3_s: float,
     pad_u_um: float = 0.0,
     height_um: float = 0.0,
     z1_u_um: float = 0.0,
-    doubts_u_um: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    touch_sd_prior_um: float = TOUCH_SD_PRIOR_UM,
     drift: Drift | None = None,
 ) -> DepthAndWear:
     """Return depth, wear and feed with their uncertainties; degrees of freedom after Welch and Satterthwaite.
 
-    `z1`, `z2`, `z3` are the touches of the pad before, of the bottom and of the pad after the cut, with
-    `z1_to_z3_s` and `z2_to_z3_s` between them, by a `sensor`. The rest are standard uncertainties: `tilt_u_um` of
-    the height between pad and site, which enters depth and feed but not wear; `pad_u_um` of meeting the same pad
-    again (stage repeatability through tilt). `touch_sd_prior_um` is the repeatability of one touch expected
-    beforehand, because three touches alone know it badly. `height_um` is how much further than the pad the face at
-    the site lies, `z1_u_um` what a Z1 that was not touched right before adds, `doubts_u_um` what each of the three
-    adds where its touches were in doubt. A known `drift` from Z1 to Z3 is taken off the pad after the cut, and off
-    the bottom in proportion to the time; what is left of it counts in place of that of the sensor, except between
-    the last two touches.
+    A known `drift` from Z1 to Z3 is subtracted from the pad after the cut, and from the bottom in proportion to the
+    time; its residual counts in place of the drift of the sensor, except between the last two touches.
+
+    z1, z2, z3 : touches of the pad before the cut, of the bottom, and of the pad after it
+    tilt_u_um : standard uncertainty of the height between pad and site, which enters depth and feed but not wear
+    pad_u_um : of meeting the same pad again (stage repeatability through tilt)
+    height_um : how much further than the pad the workpiece surface at the site lies
+    z1_u_um : what a Z1 that was not touched right before adds
     """
+    z1_to_z3_s, z2_to_z3_s = z3.time_s - z1.time_s, z3.time_s - z2.time_s
     by_bottom = 1.0 - z2_to_z3_s / z1_to_z3_s if z1_to_z3_s > 0.0 else 1.0
     drift_um = drift.um if drift else 0.0
     drift_to_bottom_um = by_bottom * drift_um
-    bottom_um, pad_um = z2.mean_um - height_um - drift_to_bottom_um, z3.mean_um - drift_um
-    depth_um, wear_um, feed_um = bottom_um - pad_um, pad_um - z1.mean_um, bottom_um - z1.mean_um
-    noise = _pooled((z1, z2, z3), touch_sd_prior_um)
-    depth_noise = noise.of_difference(z2, z3)
+    first, bottom, last = z1.reading, z2.reading, z3.reading
+    bottom_um, pad_um = bottom.mean_um - height_um - drift_to_bottom_um, last.mean_um - drift_um
+    depth_um, wear_um, feed_um = bottom_um - pad_um, pad_um - first.mean_um, bottom_um - first.mean_um
+    noise = _pooled((first, bottom, last))
+    depth_noise = noise.of_difference(bottom, last)
     left_u_um = drift.left_u_um if drift else sensor.drifted_u_um(z1_to_z3_s)
+    last_u_um = sensor.drifted_u_um(z2_to_z3_s)
     to_bottom_u_um = sensor.drifted_u_um(z1_to_z3_s - z2_to_z3_s)
     if drift:
-        to_bottom_u_um = math.hypot(by_bottom * drift.left_u_um, sensor.drifted_u_um(z2_to_z3_s))
-    doubt1, doubt2, doubt3 = doubts_u_um
-    depth_parts = (
-        sensor.length_u_um(depth_um),
-        sensor.drifted_u_um(z2_to_z3_s),
-        tilt_u_um,
-        doubt2,
-        doubt3,
-    )
-    depth = noise.value(depth_um, depth_noise, depth_parts)
+        to_bottom_u_um = math.hypot(by_bottom * drift.left_u_um, last_u_um)
+    doubt1, doubt2, doubt3 = z1.doubt_u_um, z2.doubt_u_um, z3.doubt_u_um
+    depth_parts = (sensor.length_u_um(depth_um), last_u_um, tilt_u_um, doubt2, doubt3)
     wear_parts = (sensor.length_u_um(wear_um), left_u_um, pad_u_um, z1_u_um, doubt1, doubt3)
-    wear = noise.value(wear_um, noise.of_difference(z3, z1), wear_parts)
     feed_parts = (sensor.length_u_um(feed_um), to_bottom_u_um, tilt_u_um, z1_u_um, doubt1, doubt2)
-    feed = noise.value(feed_um, noise.of_difference(z2, z1), feed_parts)
     return DepthAndWear(
-        depth,
-        wear,
-        feed,
+        noise.value(depth_um, depth_noise, depth_parts),
+        noise.value(wear_um, noise.of_difference(last, first), wear_parts),
+        noise.value(feed_um, noise.of_difference(bottom, first), feed_parts),
         depth_noise,
         drift_um=drift_um,
         drift_to_bottom_um=drift_to_bottom_um,

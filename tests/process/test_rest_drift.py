@@ -20,13 +20,12 @@ from edmctl.process.rest_drift import (
     CreepLeft,
     DriftFit,
     DriftModel,
-    PadTouch,
     Rest,
     fit_drift,
     mean_rest,
     model_of,
 )
-from edmctl.process.touches import reading_of, share_u
+from edmctl.process.touches import Touch, reading_of, share_u
 
 STEP_S = 1.0
 TAU_S = np.array([0.2, 2.0, 20.0, 200.0, 2000.0])
@@ -74,10 +73,10 @@ class Actuator:
         um = self.creep_um + self.sensor_um_s * self.time_s + u_um * self.noise.standard_normal()
         return Rest(self.time_s, um, u_um, self.lags.um, self.lags.out_s)
 
-    def touch(self) -> PadTouch:
+    def touch(self) -> Touch:
         drift_um = (self.sensor_um_s + self.machine_um_s) * self.time_s
         touches_um = 40.0 + drift_um + TOUCH_SD_UM * self.noisy * self.noise.standard_normal(3)
-        return PadTouch(self.time_s, reading_of(tuple(touches_um)))
+        return Touch(self.time_s, reading_of(tuple(touches_um)))
 
 
 @cache
@@ -98,7 +97,7 @@ def measured(
         made.stay(0.0, 52.0)
     if chip_um:
         time_s, reading = touches[5].time_s, touches[5].reading
-        touches[5] = PadTouch(time_s, replace(reading, mean_um=reading.mean_um - chip_um))
+        touches[5] = Touch(time_s, replace(reading, mean_um=reading.mean_um - chip_um))
     return fit_drift(rests, touches, WALK)
 
 

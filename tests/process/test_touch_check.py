@@ -12,6 +12,7 @@ from edmctl.process.touches import (
     Deviation,
     Displacement,
     Reading,
+    Touch,
     against_sparks,
     agreeing_spots,
     between,
@@ -76,16 +77,9 @@ def test_what_was_doubted_widens_depth_and_wear_but_not_what_it_does_not_enter()
     z1, z2, z3 = Reading(50.0, 0.1, 3), Reading(64.0, 0.1, 3), Reading(54.0, 0.1, 3)
 
     def found(*doubts_u_um: float) -> tuple[float, float, float]:
-        one = measure(
-            z1,
-            z2,
-            z3,
-            Displacement(0.003),
-            tilt_u_um=0.1,
-            z1_to_z3_s=100.0,
-            z2_to_z3_s=20.0,
-            doubts_u_um=(doubts_u_um[0], doubts_u_um[1], doubts_u_um[2]),
-        )
+        made = zip((0.0, 80.0, 100.0), (z1, z2, z3), doubts_u_um, strict=True)
+        first, bottom, last = (Touch(*one) for one in made)
+        one = measure(first, bottom, last, Displacement(0.003), tilt_u_um=0.1)
         return one.depth.u95, one.wear.u95, one.feed.u95
 
     sure = found(0.0, 0.0, 0.0)

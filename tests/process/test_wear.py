@@ -14,6 +14,7 @@ from edmctl.process.touches import (
     Displacement,
     Drift,
     Reading,
+    Touch,
     measure,
     reading_of,
     tilt_uncertainty_um,
@@ -24,16 +25,15 @@ GAIN_U, TILT_U_UM, DRIFT_U, Z1_Z3_S, Z2_Z3_S = 0.003, 0.15, 0.0017, 900.0, 40.0
 heights = st.floats(-500.0, 500.0)
 
 
+def timed(
+    z1: Reading, z2: Reading, z3: Reading, z1_to_z3_s: float, z2_to_z3_s: float
+) -> tuple[Touch, Touch, Touch]:
+    return Touch(-z1_to_z3_s, z1), Touch(-z2_to_z3_s, z2), Touch(0.0, z3)
+
+
 def measured(z1: Reading, z2: Reading, z3: Reading) -> DepthAndWear:
-    return measure(
-        z1,
-        z2,
-        z3,
-        Displacement(GAIN_U, drift_u_um_per_s=DRIFT_U),
-        tilt_u_um=TILT_U_UM,
-        z1_to_z3_s=Z1_Z3_S,
-        z2_to_z3_s=Z2_Z3_S,
-    )
+    sensor = Displacement(GAIN_U, drift_u_um_per_s=DRIFT_U)
+    return measure(*timed(z1, z2, z3, Z1_Z3_S, Z2_Z3_S), sensor, tilt_u_um=TILT_U_UM)
 
 
 @given(heights, heights, heights)
@@ -50,18 +50,14 @@ def test_the_papers_touches_give_the_papers_depth_and_wear() -> None:
 
 def test_tilt_enters_the_depth_and_not_the_wear() -> None:
     z = Reading(50.0, 0.1, 3), Reading(300.0, 0.1, 3), Reading(120.0, 0.1, 3)
-    flat, tilted = (
-        measure(*z, Displacement(), tilt_u_um=t, z1_to_z3_s=900.0, z2_to_z3_s=40.0) for t in (0.0, 1.0)
-    )
+    flat, tilted = (measure(*timed(*z, 900.0, 40.0), Displacement(), tilt_u_um=t) for t in (0.0, 1.0))
     assert tilted.wear.u95 == flat.wear.u95
     assert tilted.depth.u95 > 1.96 > flat.depth.u95
 
 
 def test_drift_widens_the_wear_of_a_long_job() -> None:
     z = Reading(50.0, 0.1, 3), Reading(300.0, 0.1, 3), Reading(120.0, 0.1, 3)
-    result = measure(
-        *z, Displacement(drift_u_um_per_s=1e-3), tilt_u_um=0.0, z1_to_z3_s=900.0, z2_to_z3_s=30.0
-    )
+    result = measure(*timed(*z, 900.0, 30.0), Displacement(drift_u_um_per_s=1e-3), tilt_u_um=0.0)
     assert result.wear.u95 == pytest.approx(1.96 * 0.9, rel=0.1)
     assert result.depth.u95 < 0.6
 
@@ -75,11 +71,9 @@ def test_a_known_drift_is_taken_off_the_bottom_as_far_as_it_had_come() -> None:
         Reading(120.0 + rate_um_s * all_s, 0.05, 3),
     )
     result = measure(
-        *z,
+        *timed(*z, all_s, since_s),
         Displacement(drift_u_um_per_s=rate_um_s),
         tilt_u_um=0.0,
-        z1_to_z3_s=all_s,
-        z2_to_z3_s=since_s,
         drift=Drift(rate_um_s * all_s, 0.1),
     )
     assert (result.depth_um, result.wear_um, result.feed_um) == pytest.approx((180.0, 70.0, 250.0))
@@ -90,11 +84,9 @@ def test_what_drifts_between_bottom_and_pad_widens_the_feed() -> None:
     z = Reading(50.0, 0.05, 3), Reading(300.0, 0.05, 3), Reading(120.0, 0.05, 3)
     soon, late = (
         measure(
-            *z,
+            *timed(*z, 1000.0, since_s),
             Displacement(drift_u_um_per_s=0.002),
             tilt_u_um=0.0,
-            z1_to_z3_s=1000.0,
-            z2_to_z3_s=since_s,
             drift=Drift(0.0, 0.1),
         )
         for since_s in (10.0, 200.0)
@@ -106,7 +98,7 @@ def test_what_drifts_between_bottom_and_pad_widens_the_feed() -> None:
 def test_more_touches_narrow_the_interval() -> None:
     def depth_u95(touches: int) -> float:
         r = Reading(0.0, 0.5, touches)
-        return measure(r, r, r, Displacement(), tilt_u_um=0.0, z1_to_z3_s=0.0, z2_to_z3_s=0.0).depth.u95
+        return measure(*timed(r, r, r, 0.0, 0.0), Displacement(), tilt_u_um=0.0).depth.u95
 
     assert depth_u95(12) < 0.5 * depth_u95(3)
     assert depth_u95(3) > 1.96 * 0.5 * (2 / 3) ** 0.5
@@ -133,7 +125,7 @@ def test_intervals_cover_as_often_as_they_state(touch_sd_um: float, touches: int
             ]
             readings.append(reading_of(tuple(touched_um)))
         z1, z2, z3 = readings
-        found = measure(z1, z2, z3, known, tilt_u_um=0.15, z1_to_z3_s=200.0, z2_to_z3_s=40.0)
+        found = measure(*timed(z1, z2, z3, 200.0, 40.0), known, tilt_u_um=0.15)
         for p, counts in inside.items():
             for i, (value, true_um) in enumerate(
                 ((found.depth, 20.0), (found.wear, 8.0), (found.feed, 28.0))

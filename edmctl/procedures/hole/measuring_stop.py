@@ -143,17 +143,14 @@ def measured(run: JobRun, hole: OpenHole, z2: SurfaceReading, z3: SurfaceReading
     """Return what bottom and pad say of a hole, against where it began."""
     z1 = hole.z1
     return measure(
-        z1.reading,
-        z2.reading,
-        z3.reading,
+        z1,
+        z2,
+        z3,
         run.uncertainty,
         tilt_u_um=hole.face_u_um,
-        z1_to_z3_s=z3.time_s - z1.time_s,
-        z2_to_z3_s=z3.time_s - z2.time_s,
         pad_u_um=pad_u_um(run.setup),
         height_um=hole.face_um,
         z1_u_um=hole.z1_u_um,
-        doubts_u_um=(z1.doubt_u_um, z2.doubt_u_um, z3.doubt_u_um),
         drift=drift_between(run, z1, z3),
     )
 
