@@ -1,13 +1,12 @@
-"""What moves a rest at 0 V: drift of the sensor and creep of the actuator; and what of it a touch sees.
+"""Sensor drift and actuator creep, from readings at a zero-voltage hold ("rest") and from touches of the pad.
 
-Between two moments a rest moves by the drift of the sensor and by creep; a touch of the same place moves by the
-drift of the sensor and by that between tool and work. Creep is linear: a rest is off by a sum of lags of the
-displacement, each with its own time constant, whose weights are alike in every decade of time (logarithmic creep of
-piezo ceramics: Jung and Gweon 2000; Kuhnen 2003, where it is the sum of first-order operators taken here).
+A rest changes by the drift of the sensor and by creep; a touch changes by the drift of the sensor and by that
+between tool and workpiece. Creep is a sum of first-order lags of the displacement with similar weights in every
+decade of time (Jung and Gweon 2000; Kuhnen 2003).
 
-A run of rests and touches with a hold at depth between them tells the weights, how fast rests and touches drift,
-and their ratio; how well, by the covariance of a Gaussian regression. A later job has its own rests and its own way
-of the tool: less the creep that this brings, the change of its rests is drift.
+A Gaussian regression of one run of rests and touches with a hold at depth gives the weights of creep, the drifts of
+rests and touches, and the share of the first that touches see. A later job subtracts the creep of its own
+displacement from its rests; the remaining change is drift.
 """
 
 from __future__ import annotations
@@ -63,9 +62,9 @@ REST_V = 0.5  # an actuator at less is at rest
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CreepLeft:
-    """What an earlier use of the actuator has left: lags of its displacement, as in `CreepLags`.
+    """Residual creep of earlier actuator use: lags of its displacement, as in `CreepLags`.
 
-    `unknown_s` ago the actuator may have been used in a way that nobody has followed; infinity: never.
+    Use of the actuator before `unknown_s` ago was not followed; infinity: there was none.
     """
 
     um: Array
@@ -73,12 +72,12 @@ class CreepLeft:
 
     @classmethod
     def none(cls, unknown_s: float = math.inf) -> CreepLeft:
-        """Of an actuator that was not used before, or not since so long."""
+        """Return that of an actuator that was not used for so long."""
         return cls(np.zeros(len(TIME_CONSTANTS_S)), unknown_s)
 
     @classmethod
     def of(cls, lags_um: Sequence[float], unknown_s: float) -> CreepLeft:
-        """Of values that were written down. Raises ValueError or TypeError where they cannot be."""
+        """Return it from stored values. Raises ValueError or TypeError for impossible ones."""
         um = np.array(lags_um, dtype=np.float64)
         if (
             um.shape != (len(TIME_CONSTANTS_S),)
@@ -94,10 +93,10 @@ class CreepLeft:
 
 
 class CreepLags:
-    """First-order lags of the displacement over home (`um`), one of each of `TIME_CONSTANTS_S`.
+    """First-order lags of the displacement over home (`um`), one for each of `TIME_CONSTANTS_S`.
 
-    They begin with what an earlier use has left. The sensor's drift is in that displacement too. `out_s` are the
-    same lags of the time since the begin while the tool is out: of a drift by 1 µm/s.
+    They start from the residual creep of earlier use. The displacement includes the sensor's drift; `out_s` are the
+    same lags of a drift of 1 µm/s while the tool is extended.
     """
 
     def __init__(self, left: CreepLeft | None = None) -> None:
@@ -109,10 +108,10 @@ class CreepLags:
         self._begin_s = self._time_s = math.nan
 
     def advance(self, time_s: Array, displacement_um: Array, actuator_v: Array) -> None:
-        """Take consecutive samples, shape (n,) each, n > 0; the first one of all is home.
+        """Add consecutive samples, shape (n,) each, n > 0; the first one of all is home.
 
-        A displacement counts from the sample before it until its own, exactly for one that stays. At 0 V it is home
-        by definition: what the sensor shows there is creep and drift, and would tell of itself.
+        A displacement counts from the sample before it until its own. At 0 V it is home by definition, because the
+        sensor reading there is creep and drift itself.
         """
         if math.isnan(self._time_s):
             self._home_um, self._begin_s = float(displacement_um[0]), float(time_s[0])
@@ -148,7 +147,7 @@ class CreepLags:
 
     @property
     def left(self) -> CreepLeft:
-        """What is left for whoever uses the actuator next."""
+        """Residual creep for the next use of the actuator."""
         self._follow()
         passed_s = 0.0 if math.isnan(self._time_s) else self._time_s - self._begin_s
         return CreepLeft(self.um.copy(), self._before.unknown_s + passed_s)
@@ -156,10 +155,7 @@ class CreepLags:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
-    """A rest at 0 V: what the sensor showed, and the lags of the displacement then, as in `CreepLags`.
-
-    `u_um` is the standard uncertainty of the mean of its samples, by their scatter.
-    """
+    """Sensor reading at 0 V, its standard uncertainty by the scatter of its samples, and the lags at that time."""
 
     time_s: float
     um: float
@@ -169,7 +165,7 @@ class Rest:
 
 
 def mean_rest(rests: Sequence[Rest | None], shares: Sequence[float]) -> Rest | None:
-    """Return several rests as one, with shares that add up to 1; None where one of them is not known."""
+    """Return the weighted mean of rests; None if one of them is unknown. The shares add up to 1."""
     known = [rest for rest in rests if rest is not None]
     if len(known) < len(rests):
         return None
@@ -187,14 +183,13 @@ def mean_rest(rests: Sequence[Rest | None], shares: Sequence[float]) -> Rest | N
 class DriftFit:
     """Drifts and creep by rests and touches.
 
-    `creep` are the weights of the lags, `creep_covariance` goes with them. `rest_um_per_s` is the steady drift of
-    the rests without creep, `touch_um_per_s` that of the touches; the uncertainty of both includes the random walk
-    of the sensor during the run. `apart_um_per_s` is the drift of the touches less that of the rests: a drift
-    between tool and work, or a change of the rest that no touch sees. `share` is the ratio of the drifts of this
-    run; None if the rests have not drifted, or by so little that it is known no better than unmeasured. `is_steady`:
-    they have drifted by more than their random walk, of `walk_um_per_sqrt_s`, explains. `misfit` is the factor by
-    which residuals exceed the expected ones, at least 1; all uncertainties include it. `outliers` is the number of
-    touches left out.
+    creep, creep_covariance : weights of the lags
+    rest_um_per_s, touch_um_per_s : steady drifts without creep; uncertainties include the random walk of the sensor
+    apart_um_per_s : drift of the touches less that of the rests: between tool and workpiece, or unseen by touches
+    share : ratio of the drifts; None if the rests drift too little to determine it
+    is_steady : the rests drift by more than their random walk of `walk_um_per_sqrt_s` explains
+    misfit : factor by which residuals exceed the expected ones, at least 1; uncertainties include it
+    outliers : number of touches left out
     """
 
     creep: Array
@@ -228,9 +223,10 @@ def fit_drift(
 ) -> DriftFit:
     """Regress rests and touches of the pad on time and creep.
 
-    `walk_um_per_sqrt_s` is the random walk of the sensor's zero besides its steady drift; how much rests and touches
-    scatter they tell themselves. `memory_s` before the first of them the actuator was in use, infinity where it was
-    not. Raises ValueError with fewer than `LEAST_TOUCHES` touches.
+    walk_um_per_sqrt_s : random walk of the sensor's zero besides its steady drift
+    memory_s : time between earlier use of the actuator and the first of them; infinity: none
+
+    Raises ValueError with fewer than `LEAST_TOUCHES` touches.
     """
     kept, outliers = list(touches), 0
     while True:
@@ -256,9 +252,9 @@ def _fitted(
     outliers: int,
     before: DriftFit | None,
 ) -> tuple[DriftFit, Array]:
-    """Fit these; how far each touch is from the others' line, in its standard deviations.
+    """Return the fit, and the distance of each touch from the line of the others in standard deviations.
 
-    The lags hold the drift itself: what the fit `before` says of creep tells how much of it.
+    The lags include the drift itself, by the creep of the fit `before`.
     """
     n = len(TIME_CONSTANTS_S)
     start_s = rests[0].time_s
@@ -344,10 +340,11 @@ def _fitted(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriftModel:
-    """What a later job goes by: creep of the rests, what share of their drift a touch sees, and a drift unseen.
+    """Basis of the drift correction of later jobs.
 
-    `share` is from 0 to 1, with its standard uncertainty. `apart_u_um_per_s` is the standard uncertainty of a drift
-    that touches see and rests do not, `walk_um_per_sqrt_s` the random walk of the sensor's zero.
+    share, share_u : share of the rests' drift that a touch sees, 0 to 1, and its standard uncertainty
+    apart_u_um_per_s : standard uncertainty of a drift that touches see and rests do not
+    walk_um_per_sqrt_s : random walk of the sensor's zero
     """
 
     creep: Array
@@ -358,7 +355,7 @@ class DriftModel:
     walk_um_per_sqrt_s: float
 
     def between(self, first: Rest, last: Rest, seconds: float, memory_s: float = math.inf) -> Drift:
-        """Return how much a touch drifted from one rest to another, in touches `seconds` apart."""
+        """Return the drift of a touch from one rest to another, with touches `seconds` apart."""
         moved = self.rest_moved(first, last, memory_s)
         left_u_um = math.hypot(
             self.share * moved.left_u_um,
@@ -376,10 +373,10 @@ class DriftModel:
         memory_s: float = math.inf,
         drift_u_um_per_s: float = 0.0,
     ) -> float:
-        """Return how long to rest on after `last`, before a touch that is compared with one `seconds` ago; or 0.
+        """Return the best additional rest before a touch that is compared with one `seconds` ago; 0 if none pays.
 
-        It is the time that leaves least unknown, where that is worth it: of the drift between the two, which is in
-        the wear, and of `drift_u_um_per_s` since the bottom was touched, which is in the depth.
+        It minimises the uncertainty of the drift between the two, which enters the wear, together with that since
+        the bottom was touched (`drift_u_um_per_s`), which enters the depth.
         """
 
         def left_u_um(more_s: float) -> float:
@@ -394,10 +391,7 @@ class DriftModel:
         return best_s if left_u_um(best_s) <= (1.0 - LEAST_GAIN) * left_u_um(0.0) else 0.0
 
     def rest_moved(self, first: Rest, last: Rest, memory_s: float = math.inf) -> Drift:
-        """Return how much a rest drifted, without creep.
-
-        `memory_s` before the lags were begun the actuator was in use, infinity where it was not.
-        """
+        """Return the drift of a rest without creep; `memory_s` as in `fit_drift`, before the lags started."""
         if last.time_s == first.time_s:
             return Drift(0.0, 0.0)
         lags_um = last.lags_um - first.lags_um
@@ -418,7 +412,7 @@ class DriftModel:
 
 
 def refuse_creep(creep: Array, covariance: Array) -> None:
-    """Raise ValueError where no actuator creeps like this, or where nobody can know it so."""
+    """Raise ValueError for creep that no actuator has, or an impossible covariance."""
     if creep.max() > MOST_CREEP_PER_CONSTANT or creep.min() < LEAST_CREEP:
         raise ValueError(f"a creep of {creep[np.abs(creep).argmax()]:.2g} is none that an actuator has")
     if creep.sum() < LEAST_CREEP:
@@ -434,13 +428,11 @@ def refuse_creep(creep: Array, covariance: Array) -> None:
 
 
 def model_of(fit: DriftFit) -> DriftModel:
-    """Return what a job may go by.
+    """Return the drift model of a fit.
 
-    A rest of which a touch sees more than all, or the opposite, does not exist: that is a drift between tool and
-    work, which may be another one by the time of the job. So is, perhaps, what a touch sees less: then it sees all
-    of the rests' drift and another one besides. No regression of one run tells these apart, and a machine whose tool
-    and work have drifted apart once may do so again, at the same speed either way: that is the standard uncertainty.
-    Rests that have shown no share have it taken as that of a sensor that drifts: all of it, and none is as likely.
+    A share outside of 0 to 1 is impossible: the excess is a drift between tool and workpiece, which may differ in a
+    later job. A share below 1 may have the same cause, and one run cannot distinguish them, so the whole difference
+    of the drifts is the standard uncertainty of such a drift. An unknown share is taken as 1, between 0 and 1.
     """
     apart = fit.apart_um_per_s
     apart_u_um_per_s = math.hypot(apart.value, apart.u)

@@ -1,13 +1,12 @@
-"""Touches: depth and tool wear from three of them, with their uncertainty, and whether one can be believed.
+"""Depth and tool wear from three touches, with their uncertainty, and checks for false readings.
 
 Z counts towards the work. Z1 is the surface before the cut, Z2 the bottom of the hole, Z3 the surface after;
 the surface is touched at a reference pad beside the hole. Then `wear = Z3 - Z1`, `depth = Z2 - Z3` and
 `feed = Z2 - Z1 = depth + wear` (Muralidhara et al. 2009, section 4).
 
-Every check compares two numbers whose difference should be zero within a standard uncertainty, and doubts beyond
-so many of them (`*_SIGMAS`); the chance that a good touch is doubted is that of the normal distribution. A chip
-under the tool closes contact early: a wrong reading is too short, never too long, so of two readings that differ
-the longer one is nearer to the truth.
+Every check compares a difference that should be zero with a multiple (`*_SIGMAS`) of its standard uncertainty. A
+chip under the tool closes contact early: a false reading is too short, never too long, so the longer one of two is
+nearer to the truth.
 """
 
 from __future__ import annotations
@@ -58,10 +57,10 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Displacement:
-    """Standard uncertainties of what measures displacements: the sensor, or an actuator model without one.
+    """Standard uncertainties of the sensor, or of an actuator model without one.
 
-    `gain_u_rel` is of the scale, `linearity_u_um` of the sensor's characteristic, `model_u_um` of any length by a
-    model, `drift_u_um_per_s` of a steady drift of the zero; `walk_um_per_sqrt_s` is the zero's random walk.
+    They are of the scale, of the sensor's characteristic, of a steady drift of the zero, and of any length by a
+    model; `walk_um_per_sqrt_s` is the random walk of the zero.
     """
 
     gain_u_rel: float = 0.0
@@ -98,10 +97,10 @@ class Drift:
 class DepthAndWear:
     """Depth, wear and total feed, µm.
 
-    `depth_noise_um` is the part of the depth's standard uncertainty that another set of touches would redraw.
-    `drift_um` is what the pad after the cut was corrected by, `drift_to_bottom_um` the bottom before it, and
-    `drift_left_u_um` the standard uncertainty in the wear of the drift that is left, or of all of it; NaN where no
-    touches tell the wear. `drift_by_rests` says that the drift was known, if only to be nothing.
+    depth_noise_um : part of the depth's standard uncertainty from the scatter of its touches
+    drift_um, drift_to_bottom_um : corrections of the pad after the cut, and of the bottom before it
+    drift_left_u_um : standard uncertainty of the uncorrected drift in the wear; NaN if the wear was not touched
+    drift_by_rests : whether the drift was measured
     """
 
     depth: Value
@@ -206,10 +205,9 @@ class TouchScatter:
 
 
 def share_u(most: float) -> float:
-    """Standard uncertainty of an error that is some share of `most`, from nothing to all of it as likely.
+    """Return the standard uncertainty of an error between 0 and `most` of which nothing is corrected.
 
-    In the unit of `most`. The root of the mean square about the end where the error is nothing, because no share of
-    it is corrected. It is the number of an error anywhere within ± `most` about the middle (JCGM 100:2008, §4.3.7).
+    It is the root mean square about 0, equal to that of an error within ± `most` (JCGM 100:2008, §4.3.7).
     """
     return abs(most) / math.sqrt(3.0)
 
@@ -319,20 +317,16 @@ def is_constant(readings: Sequence[Reading]) -> bool:
 
 
 def between_spots(a: Reading, b: Reading, place_u_um: float) -> Deviation:
-    """How much longer the reading at one spot of a surface is than at another.
+    """Return how much longer the reading at one spot of a surface is than at another.
 
-    Expected is zero. The touches scatter by TOUCH_CHECK_SD_UM each, and `place_u_um` is how far the spots may really
-    differ: tilt between them, and drift meanwhile.
+    `place_u_um` is the standard uncertainty of a real difference: tilt between the spots, and drift meanwhile.
     """
     noise_um = TOUCH_CHECK_SD_UM * math.sqrt(1.0 / a.touches + 1.0 / b.touches)
     return Deviation(a.mean_um - b.mean_um, math.hypot(noise_um, place_u_um))
 
 
 def agreeing_spots(spots: Sequence[Reading], place_u_um: float) -> tuple[int, ...]:
-    """Which of the spots, in their order, agree with the longest one; a single one means that nothing confirms it.
-
-    A shorter reading had a chip under the tool. `place_u_um` as in `between_spots`.
-    """
+    """Return which spots agree with the longest one, itself included. `place_u_um` as in `between_spots`."""
     longest = max(spots, key=lambda spot: spot.mean_um)
     return tuple(
         i for i, spot in enumerate(spots) if between_spots(longest, spot, place_u_um).sigmas <= SPOT_SIGMAS
@@ -340,29 +334,26 @@ def agreeing_spots(spots: Sequence[Reading], place_u_um: float) -> tuple[int, ..
 
 
 def against_sparks(bottom_um: float, end_um: float, gap_um: float, gap_u_um: float) -> Deviation:
-    """A touched bottom against where the tool sparked last: at `end_um`, a gap of `gap_um` ± `gap_u_um` before it.
-
-    Drift between the two is seconds old and left out.
-    """
+    """Compare a touched bottom with the last sparks, at `end_um` and a gap of `gap_um` ± `gap_u_um` before it."""
     return Deviation(bottom_um - (end_um + gap_um), math.hypot(gap_u_um, TOUCH_CHECK_SD_UM))
 
 
 def is_short(bottom: Deviation, gap_um: float) -> bool:
-    """Whether something lies on the bottom: it is too short, or not even where the tool has just sparked."""
+    """Whether something lies on the bottom: the reading is too short, or short of the last sparks."""
     return bottom.sigmas < -SHORT_SIGMAS or gap_um + bottom.um < -SPOT_SIGMAS * TOUCH_CHECK_SD_UM
 
 
 def is_long(bottom: Deviation) -> bool:
-    """Whether a bottom lies deeper than the gap that was believed allows."""
+    """Whether a bottom is deeper than the assumed gap allows."""
     return bottom.sigmas > LONG_SIGMAS
 
 
 def between(touch_um: float, end_um: float, gap_um: float, gap_u_um: float) -> tuple[float, float]:
-    """Where a bottom is whose touch stays short: the best estimate of it, and its standard uncertainty.
+    """Return the best estimate of a bottom whose touch stays short, and its standard uncertainty.
 
-    A chip can only shorten a touch, and the tool has sparked at `end_um` without being shorted. So the bottom lies
-    between the deeper of these two and what the sparks say, with the same chance anywhere (a rectangular
-    distribution, JCGM 100:2008 §4.3.7), and what the sparks say has an uncertainty of its own.
+    A chip can only shorten a touch, and the tool has sparked at `end_um` without a short. So the bottom has a
+    rectangular distribution (JCGM 100:2008, §4.3.7) from the deeper of these two to the depth by the sparks, which
+    has an uncertainty of its own.
     """
     highest_um, deepest_um = max(touch_um, end_um), end_um + gap_um
     way_um = max(0.0, deepest_um - highest_um)
@@ -370,5 +361,5 @@ def between(touch_um: float, end_um: float, gap_um: float, gap_u_um: float) -> t
 
 
 def has_grown(wear: Deviation) -> bool:
-    """Whether the pad says that the tool has become longer, beyond what drift and touches explain."""
+    """Whether the tool appears longer than drift and touches explain."""
     return wear.sigmas < -GROWN_SIGMAS
