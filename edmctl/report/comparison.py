@@ -202,7 +202,7 @@ def _wear_ratio_u95(numbers: RunNumbers) -> float:
 def _relative_length_u95(numbers: RunNumbers) -> float:
     """Uncertainty of a removed volume as a share of it: the area of a hole is known better than its length.
 
-    NaN of a hole through a sheet, of which nobody says how well its thickness is known.
+    NaN for a hole through a sheet: the uncertainty of its thickness is unknown.
     """
     length_um = numbers.mean("length_um")
     if not length_um > 0.0 or any(site.through for site in numbers.sites):

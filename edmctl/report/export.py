@@ -301,7 +301,7 @@ def _json_text(text: str) -> str:
 
 
 def _json_value(text: str) -> str:
-    """A text that is JSON as the value it stands for; as a text where it is none after all."""
+    """Return a text that is JSON as its value, another text as a JSON string."""
     try:
         value = json.loads(text or "null", parse_constant=lambda _: None)
     except ValueError:

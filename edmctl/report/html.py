@@ -25,7 +25,7 @@ _MEDIA_TYPES = {".svg": "image/svg+xml", ".png": "image/png"}
 
 @dataclass(frozen=True, slots=True)
 class PageTable:
-    """A table. The first column names its rows; `words` says that the others hold words, not numbers."""
+    """A table. The first column names its rows; `words`: the others contain words, not numbers."""
 
     caption: str
     header: Sequence[str]
@@ -151,7 +151,7 @@ def _figure(number: int, picture: Picture) -> str:
 
 
 def folded(summary: str, inside: str) -> str:
-    """Return what stands behind a line to open."""
+    """Return an element that a click on its summary opens."""
     return f"<details><summary>{escape(summary)}</summary>\n{inside}\n</details>"
 
 
@@ -192,5 +192,5 @@ def paragraph(text: str, name: str = "") -> str:
 
 
 def _prose(text: str) -> str:
-    """Return text for HTML; what stands between backticks is code."""
+    """Return text for HTML; text between backticks is code."""
     return re.sub("`([^`]*)`", r"<code>\1</code>", escape(text))

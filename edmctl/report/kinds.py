@@ -62,8 +62,8 @@ KINDS = (
         "section",
         "The hole in section",
         "The last holes cut through the middle, with the tool at the bottom and what was worn off it. "
-        "Depth and wear are as touched, the band is the 95 % interval of the depth. Nobody measured the "
-        "width: walls stand where the profile's side gap has them. Of a simulated run the line is the true "
+        "Depth and wear are as touched, the band is the 95 % interval of the depth. The width is "
+        "not measured: walls are drawn from the profile's side gap. For a simulated run the line is the true "
         "hole, with its side gap at the floor, its taper (how much wider the mouth is, on the radius) and "
         "the round edge of its floor; its walls are drawn straight.",
         ("/entry/results", "/entry/profile/values", "/entry/summary"),
@@ -75,8 +75,8 @@ KINDS = (
         "several readings, (a) actuator voltage and (b) displacement from Z1 (surface before) over Z2 "
         "(bottom) to Z3 (surface after), or with Zr (the face at a place not yet machined). In the "
         "panels below, the last set of touches of the bottom with its contacts, and on the right the "
-        "last contact in detail. Beside holds of a second or more (`measure.dwell_s`) stands what voltage "
-        "and sensor did: the one sinks as the actuator creeps on, the other stays.",
+        "last contact in detail. Beside holds of a second or more (`measure.dwell_s`) the changes of voltage "
+        "and sensor are written: the voltage falls because the actuator creeps, the sensor stays.",
         ("/entry/servo", "/entry/touches", "/entry/events"),
     ),
     Kind(
@@ -160,7 +160,7 @@ def kind_called(name: str) -> Kind:
 
 
 def draw(kind: Kind, run: RunFile) -> Figure:
-    """Draw the figure, within `house_style()`; that of a simulated run says so. Raises NothingToDraw."""
+    """Draw the figure, within `house_style()`, with a mark if the run is simulated. Raises NothingToDraw."""
     from edmctl.report.style import mark_below
 
     module = import_module(f"edmctl.report.figures.{kind.name}")

@@ -52,7 +52,7 @@ def render_page(
     """Return the page of an open run file.
 
     sentences : in order of time; the first says what was wanted, the last what ended the run
-    trouble : what ended a run that is not done, and what to do about it; empty where nobody has said so
+    trouble : what ended a run that is not done, and what to do about it; empty if unknown
     """
     numbers = numbers_of(run)
     title = run.text("/entry/title") or run.text("/entry/run_id")

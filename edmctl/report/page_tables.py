@@ -171,7 +171,7 @@ def touches(run: RunFile) -> PageTable | None:
 
 
 def found(run: RunFile) -> PageTable | None:
-    """What a run without sites found, for instance an approach: its result as it stands."""
+    """Return the result of a run without sites, for instance of an approach."""
     rows = [list(fact) for fact in facts(run.summary() or {})]
     return PageTable("What it found", ["quantity", "value"], rows, words=True) if rows else None
 

@@ -182,7 +182,7 @@ class SparkEnergies:
     """How many discharges had which energy, and what they came to.
 
     edges_uj : ndarray, shape (n + 1,)
-    normal, arc : ndarrays, shape (n,); discharges of a block all stand under `normal`, at their mean
+    normal, arc : ndarrays, shape (n,); all discharges of a block count as `normal`, with their mean energy
     sums_uj : ndarray, shape (m,), energy of all discharges in each interval of time
     is_single : whether single discharges were counted
     """

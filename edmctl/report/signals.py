@@ -234,7 +234,7 @@ def cuts_s(run: RunFile) -> Array:
 def broken(time_s: Array, values: Array, points: int = 1500) -> Envelope:
     """Reduce rows, shape (n,), to about `points` groups, none of which spans two intervals of cutting.
 
-    Between the intervals stands NaN, so that a line is broken there.
+    NaN between the intervals breaks a line there.
     """
     every = max(1, len(time_s) // points)
     gap = np.array([np.nan])

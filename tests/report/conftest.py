@@ -73,7 +73,6 @@ SLACK_INCH = 0.01
 @pytest.fixture(autouse=True)
 def _text_within_the_canvas(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fail a test that writes a figure, of whatever kind, with text that leaves its canvas."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.text import Text
 
@@ -84,16 +83,15 @@ def _text_within_the_canvas(monkeypatch: pytest.MonkeyPatch) -> None:
         if self.get_visible() and self.get_text().strip():
             left, lower, right, upper = self.get_window_extent(renderer).extents
             width, height = renderer.get_canvas_width_height()
-            if max(-left, -lower, right - width, upper - height) > SLACK_INCH * renderer.dpi:
+            slack = SLACK_INCH * self.get_figure(root=True).dpi
+            if max(-left, -lower, right - width, upper - height) > slack:
                 outside[self.get_text()] = [left, lower, right, upper, width, height]
         draw(self, renderer, *arguments, **options)
 
     def watched_save(self: Figure, *arguments: Any, **options: Any) -> None:
-        save(self, *arguments, **options)
-        canvas: Any = FigureCanvasAgg(self)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Text, "draw", watched_draw)
-            canvas.draw()
+            save(self, *arguments, **options)
         assert not outside
 
     monkeypatch.setattr(Figure, "savefig", watched_save)

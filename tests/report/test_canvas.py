@@ -14,7 +14,7 @@ from edmctl.record.reader import open_run
 from edmctl.record.rows import Summary
 from edmctl.report.figures import section
 from edmctl.report.kinds import KINDS, draw
-from edmctl.report.style import NothingToDraw, house_style, rendered
+from edmctl.report.style import Block, NothingToDraw, house_style, panels, rendered
 from tests.record.samples import a_site_row
 from tests.report import made_up
 from tests.report.test_figure_section import TRUTH, a_hole
@@ -67,3 +67,13 @@ def test_the_tool_lies_within_the_true_hole(tmp_path: Path, corner_um: float) ->
     for across_um, depth_um in one.tool_tip():
         wall = hole[: len(hole) // 2]
         assert abs(across_um) <= np.interp(depth_um, wall[:, 1], wall[:, 0]) + 1e-9
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+def test_text_that_leaves_the_canvas_is_found(suffix: str) -> None:
+    with house_style():
+        figure, (axes,) = panels(Block("x (s)", {"y (V)": 1.0}))
+        rendered(figure, suffix)
+        axes.set_title("far too many words for a figure of one column, and some more of them", loc="right")
+        with pytest.raises(AssertionError):
+            rendered(figure, suffix)

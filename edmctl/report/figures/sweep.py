@@ -63,7 +63,7 @@ def _sd(found: Statistics) -> float:
 
 
 def _places(cases: Sequence[Case]) -> tuple[list[float], str, list[str]]:
-    """Where the cases stand: by the value of the one number that they differ in, else in their order by name."""
+    """Return places on the axis of x: values of the one number that differs, else the order of the cases."""
     settings = [dict(part.partition("=")[::2] for part in case.overrides) for case in cases]
     keys = sorted({key for one in settings for key in one if len({other.get(key) for other in settings}) > 1})
     if len(keys) == 1 and len(cases) > 1:
