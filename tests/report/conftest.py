@@ -83,7 +83,9 @@ def _text_within_the_canvas(monkeypatch: pytest.MonkeyPatch) -> None:
         if self.get_visible() and self.get_text().strip():
             left, lower, right, upper = self.get_window_extent(renderer).extents
             width, height = renderer.get_canvas_width_height()
-            slack = SLACK_INCH * self.get_figure(root=True).dpi
+            figure = self.get_figure(root=True)
+            assert figure is not None
+            slack = SLACK_INCH * figure.dpi
             if max(-left, -lower, right - width, upper - height) > slack:
                 outside[self.get_text()] = [left, lower, right, upper, width, height]
         draw(self, renderer, *arguments, **options)
