@@ -35,8 +35,7 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import calibration_waveform
 from edmctl.errors import EdmError
 from edmctl.jobs.connect import bench_config
-from edmctl.jobs.connected_machine import Now
-from edmctl.jobs.ledger.elapsed import with_home, with_home_left
+from edmctl.jobs.connected_machine import Now, with_home, with_home_left
 from edmctl.jobs.truth import TrueWear, channel_truth
 from edmctl.labels import Basis
 from edmctl.link.messages import ClearFault

@@ -1,4 +1,4 @@
-"""The Python API: the same jobs as those of the command line, for notebooks, studies and services.
+"""The Python API: the jobs of the command line, for notebooks, studies and services.
 
     import edmctl
 
@@ -6,8 +6,8 @@
         report = machine.machine("cu270", overrides={"target.depth_um": 20})
     report.sites[0].depth_um
 
-Nothing here looks at a terminal, at signals or at the environment, and every call may be made in any thread.
-Names of `edmctl` itself are loaded when they are used.
+The API uses no terminal, signals or environment variables; every function may be called in any thread. Names of
+`edmctl` itself are loaded when they are used.
 """
 
 from __future__ import annotations
@@ -48,8 +48,7 @@ __all__ = [
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from edmctl.jobs.calibration.request import CalibrationRequest, CheckedCalibration
-    from edmctl.jobs.calibration.run import CalibrationReport
+    from edmctl.jobs.calibration.calibrate import CalibrationReport, CalibrationRequest, CheckedCalibration
     from edmctl.jobs.job import Report
     from edmctl.jobs.procedures import Procedure, ProcedureReport, S, Stage
     from edmctl.planning.rules.load import LoadedProfile
@@ -65,19 +64,20 @@ RUNS = "runs"
 class Machine:
     """A machine by the name of its port, as `connect` returns it.
 
-    Each call is a session of its own, as a command is: a fresh virtual machine (`sim:`) begins anew with every call,
-    `sim:FILE` keeps its work and its tool. Expected errors of a job are in its report; what cannot begin is raised.
+    Each call is a session of its own, as a command is: every call makes a new virtual machine (`sim:`), and
+    `sim:FILE` keeps its workpiece and tool. Expected errors of a job are in its report; errors before it starts
+    are raised.
 
-    What all calls share:
+    Parameters that calls have in common:
 
     profile : the name of a shipped profile, or a TOML file
     overrides : values by key (`{"target.depth_um": 20}`), or texts as `--set` takes them
     out, run_id : folder and name of the run file
-    calibration : the calibration file to go by; without, that of the setup or the machine's own
-    allow_model : without a displacement sensor, go by the calibrated actuator alone
-    observer : is told progress and decisions, in the calling thread; that code is still being compiled, in another
+    calibration : the calibration file; default: that of the setup or the machine's own
+    allow_model : without a displacement sensor, use the calibrated actuator alone
+    observer : gets progress and decisions in the calling thread, and in another one the note of a compilation
     stop : `stop.request(signal.SIGINT)` ends the call in order, from any thread
-    warn : is told what is doubtful, before anything moves; without, it is an `edmctl.errors.EdmWarning` of Python
+    warn : gets warnings before anything moves; default: an `edmctl.errors.EdmWarning` of Python for each
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Machine:
         self.port = port
         """Selector of the port."""
         self.seed = seed
-        """Seed of a virtual machine that is not there yet; None takes a new one for each call."""
+        """Seed of a new virtual machine; None takes a new seed for each call."""
         self._setup = setup
         self._wait_s = wait_s
         self._home = home
@@ -104,7 +104,7 @@ class Machine:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Nothing is held between two calls."""
+        """Do nothing: no resource stays open between calls."""
 
     def __repr__(self) -> str:
         return f"Machine({self.port!r}, seed={self.seed})"
@@ -125,11 +125,11 @@ class Machine:
     ) -> Report:
         """Machine a job, as `edmctl machine` does.
 
-        Without `out`, a fresh virtual machine leaves no run file; a machine that keeps its work has it in `runs`,
-        with ledger and journal. `new_tool` says that the electrode was changed.
+        Without `out`, a new virtual machine leaves no run file; any other machine has it in `runs`, with ledger and
+        journal. `new_tool` means that the electrode was changed.
 
         Raises ProfileError, UsageError, RecordError, RunFileError, and LinkLost, ProtocolMismatch or
-        PreconditionError where there is no machine to work with; what is found on the machine is `report.error`.
+        PreconditionError if no machine was connected; an error on the machine is `report.error`.
         """
         from edmctl.jobs.job import carry_out
 
@@ -158,14 +158,13 @@ class Machine:
         stop: StopRequest | None = None,
         warn: Warn | None = None,
     ) -> Report:
-        """Go on with the job of a run that was interrupted: its file, or its id in `out`.
+        """Resume the job of an interrupted run: its file, or its id in `out`.
 
-        `homed`: the stages are where the restarted controller counts them. `restart_hole`: the hole that was left
-        is made from the start. Raises PreconditionError E8050 to E8062 where nobody knows how far it came, and what
-        `machine` raises.
+        `homed`: the stages are where the restarted controller counts them. `restart_hole`: the interrupted hole is
+        made from the start. Raises PreconditionError E8050 to E8062 if the run cannot be resumed, and as `machine`.
         """
         from edmctl.jobs.job import carry_out
-        from edmctl.jobs.resume.selection import checked, find_run, name_of_resumed
+        from edmctl.jobs.resume import checked, find_run, name_of_resumed
         from edmctl.jobs.runs.opening import recovered_before
 
         doubts = _doubts(warn)
@@ -191,10 +190,10 @@ class Machine:
         stop: StopRequest | None = None,
         warn: Warn | None = None,
     ) -> ProcedureReport[Stage]:
-        """Feed the tool to the spark gap, or with `contact` to the surface, say where it is, retract.
+        """Feed the tool to the spark gap, or with `contact` to the surface, report its position, retract.
 
-        `site_um` are stage coordinates; without, where `machine` would put its first hole. Raises as `machine`;
-        in the report, E8042 a hole is there, E8044 the tool does not reach the surface.
+        `site_um` are stage coordinates; default: the place of the next hole of `machine`. Raises as `machine`; in
+        the report, E8042 a hole is there, E8044 the tool does not reach the surface.
         """
         from edmctl.jobs.procedures import Approach
 
@@ -216,7 +215,7 @@ class Machine:
         stop: StopRequest | None = None,
         warn: Warn | None = None,
     ) -> ProcedureReport[Stage]:
-        """Make electrode jumps beside the work, without sparks, and measure them. Raises as `machine`."""
+        """Make electrode jumps next to the workpiece, without sparks, and measure them. Raises as `machine`."""
         from edmctl.jobs.procedures import JUMPS_ALONE, Jumps, refuse_hurry
 
         doubts = _doubts(warn)
@@ -246,11 +245,11 @@ class Machine:
         stop: StopRequest | None = None,
         warn: Warn | None = None,
     ) -> ProcedureReport[Stage]:
-        """Touch the pad and the last hole, and say what the tool has lost since its reference; or touch that.
+        """Touch the pad and the last hole to measure wear since the reference; with `reference`, touch that.
 
-        `site` names another hole of the ledger in `out`. Without a profile it measures the tool last in use, by the
-        recipe of the run that made the hole. Raises as `machine`; in the report,
-        E8041 there is no reference, E8045 no such hole.
+        `site` names another hole of the ledger in `out`. Without a profile it measures the tool last in use, with
+        the recipe of the run that made the hole. Raises as `machine`; in the report, E8041 there is no reference,
+        E8045 no such hole.
         """
         from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun
 
@@ -274,12 +273,12 @@ class Machine:
         stop: StopRequest | None = None,
         warn: Warn | None = None,
     ) -> ProcedureReport[Stage]:
-        """Touch the pad and rest in turn for a quarter of an hour: what of a drift of the rests a touch sees.
+        """Measure sensor drift: touch the pad and hold zero voltage in turn for a quarter of an hour.
 
-        Later jobs of the machine correct their wear by it. It is saved in `output`, else as the machine's own.
-        Without a profile it measures with the tool last in use, by the recipe of its last run. Raises as `machine`,
-        and UsageError E2064 where `duration_s` is too short; in the report, E7041 rests and touches do not go
-        together.
+        Later jobs of the machine correct their wear with it. It is saved in `output`, else as the machine's own.
+        Without a profile it measures with the tool last in use, with the recipe of its last run. Raises as
+        `machine`, and UsageError E2064 if `duration_s` is too short; in the report, E7041 holds and touches are
+        inconsistent.
         """
         from edmctl.jobs.measure_drift import DriftRun
         from edmctl.jobs.measure_wear import TOUCHES_LIKE
@@ -301,15 +300,15 @@ class Machine:
         stop: StopRequest | None = None,
         warn: Warn | None = None,
     ) -> CalibrationReport:
-        """Drive the actuator for seven minutes beside the work, watch it with the sensor, fit a model, and save it.
+        """Drive the actuator for seven minutes next to the workpiece, measure it, fit a model, and save it.
 
-        It is saved in `output`, else as the machine's own calibration, which all later calls use; a fresh `sim:` has
-        none, and its calibration is used where it is named. The others are the arguments of `calibrate_files`.
+        It is saved in `output`, else as the machine's own calibration, which all later calls use; a new `sim:` has
+        no own calibration. The others are the arguments of `calibrate_files`.
 
-        Raises what a report of `machine` would hold, such as Interrupted, and RecordError where what was measured
-        allows no fit: then it is kept in a file that `warn` is told.
+        Raises the errors that a report of `machine` would contain, such as Interrupted, and RecordError if the
+        record allows no fit: then a warning names the file that keeps it.
         """
-        from edmctl.jobs.calibration.run import calibrate_machine
+        from edmctl.jobs.calibration.calibrate import calibrate_machine
 
         request = _calibration((), output, validate, refit, previous_v, delay_s)
         request = replace(
@@ -348,7 +347,6 @@ class Machine:
         return plan
 
     def _surroundings(self, stop: StopRequest | None) -> Surroundings:
-        """The program around a call: no terminal, no environment, no signals."""
         if not isinstance(stop, StopRequest | None):
             raise TypeError(f"stop has to be an edmctl.StopRequest, not {type(stop).__name__}")
         environ = {} if self._home is None else {HOME_VARIABLE: str(self._home)}
@@ -375,14 +373,14 @@ def connect(
 ) -> Machine:
     """Return the machine at a port: `sim:`, `sim:FILE`, a serial port, `socket://HOST:PORT`, `serial:ID` or `auto`.
 
-    seed : makes a virtual machine that is not there yet; without, a new one each time; EdmWarning W4101 where one is
+    seed : of a new virtual machine; default: a new one each time; EdmWarning W4101 if the machine exists already
     setup : TOML file of the machine's setup
-    wait_s : how long to wait for a port that somebody holds
-    home : folder where machines have their own calibrations; without, that of the user
-    controller : what drives a new virtual machine: "firmware", "firmware-float"; without, `sim.controller`
-        says it; EdmWarning W4102 at a port, where it has no effect
+    wait_s : how long to wait for a port in use
+    home : folder of the machines' own calibrations; default: that of the user
+    controller : drives a new virtual machine: "firmware", "firmware-float"; default: `sim.controller`; EdmWarning
+        W4102 at a port, where it has no effect
 
-    Raises UsageError E2006 for a name of nothing, E2005 for a seed that no run file holds, E2049 for no controller.
+    Raises UsageError E2006 for an empty name, E2005 for an invalid seed, E2049 for an unknown controller.
     """
     from edmctl.profile.setup import Setup
 
@@ -413,13 +411,13 @@ def simulate(
     stop: StopRequest | None = None,
     warn: Warn | None = None,
 ) -> list[Report]:
-    """Machine a job on fresh virtual machines: every combination of the sweep's values, with every seed.
+    """Machine a job on new virtual machines: every combination of the sweep's values, with every seed.
 
-    The reports come in that order: `itertools.product` of the values as they are given, the seeds innermost. Run
-    files in `out` are named after profile or values, and seed. A run that fails is a report with its error; a stop
-    ends the series with the report of the run that it ended.
+    The reports are in the order of `itertools.product` of the values, the seeds innermost. Run files in `out` are
+    named after profile or values, and seed. A failed run is a report with its error; a stop ends the series with the
+    report of the run that it ended.
 
-    Raises what `Machine.machine` raises, before anything runs: also where a run file could not be.
+    Raises as `Machine.machine`, before anything runs.
     """
     from edmctl.jobs.batch import Task, check_names
 
@@ -467,15 +465,14 @@ def calibrate_files(
 ) -> CalibrationReport:
     """Fit measured data: one file or several, CSV or HDF5 with t_s, u_V and y_um (s, V, µm, of one length), or runs.
 
-    output : calibration file to write; none without
-    validate, refit : files that the model is judged on as well, and what is fitted to each before, "zero" or
-    "gain,zero"
+    output : calibration file to write, if any
+    validate, refit : files to validate the model on, and what is fitted to each before: "zero" or "gain,zero"
     previous_v : held before the first sample, V: once, or once for each of `files` and `validate`
-    delay_s : delay of the displacement; found without
+    delay_s : delay of the displacement; fitted by default
 
-    Raises UsageError, RecordError where a file cannot be used or allows no fit, RunFileError.
+    Raises UsageError, RecordError if a file cannot be used or allows no fit, RunFileError.
     """
-    from edmctl.jobs.calibration.run import calibrate_files as fitted
+    from edmctl.jobs.calibration.calibrate import calibrate_files as fitted
 
     refuse_wrong_clock()
     request = _calibration(files, output, validate, refit, previous_v, delay_s)
@@ -494,7 +491,7 @@ def load_profile(profile: File, *, overrides: Overrides = ()) -> LoadedProfile:
 
 
 def forecast(profile: File, *, overrides: Overrides = (), setup: File | None = None) -> Forecast:
-    """Return what a job will take: time, feed, stroke, wear. Raises ProfileError."""
+    """Return time, feed, stroke and wear of a job. Raises ProfileError."""
     from edmctl.planning.rules.load import load_profile as load
     from edmctl.profile.setup import load_setup
 
@@ -509,7 +506,7 @@ def open_run(path: File) -> RunFile:
 
 
 def _profile(given: File) -> str:
-    """Return `given` as --profile takes it: a text is a name or a path, a `Path` is always a path."""
+    """Return `given` as for --profile: a text is a name or a path, a `Path` is always a path."""
     if isinstance(given, str):
         return given
     if not isinstance(given, PathLike):
@@ -518,7 +515,6 @@ def _profile(given: File) -> str:
 
 
 def _texts(overrides: Overrides) -> tuple[str, ...]:
-    """Overrides as `--set` takes them."""
     if isinstance(overrides, str):
         return (overrides,)
     if isinstance(overrides, Mapping):
@@ -538,7 +534,6 @@ def _toml(key: str, value: object) -> str:
 
 
 def _steps(sweep: Mapping[str, Sequence[object]]) -> list[list[object]]:
-    """The values of each key."""
     if not isinstance(sweep, Mapping):
         raise TypeError(f"sweep has to be a mapping of keys to values, not {type(sweep).__name__}")
     for key, values in sweep.items():
@@ -555,7 +550,7 @@ def _calibration(
     previous_v: Sequence[float],
     delay_s: float | None,
 ) -> CalibrationRequest:
-    from edmctl.jobs.calibration.request import CalibrationRequest
+    from edmctl.jobs.calibration.calibrate import CalibrationRequest
 
     return CalibrationRequest(
         sources=_files("files", files),
@@ -570,8 +565,8 @@ def _calibration(
 def _checked_calibration(
     request: CalibrationRequest, surroundings: Surroundings, warn: Warn
 ) -> CheckedCalibration:
-    """Check what is asked for, and tell what is doubtful about the files."""
-    from edmctl.jobs.calibration.request import check as check_calibration
+    """Check the request, and warn about its files."""
+    from edmctl.jobs.calibration.calibrate import check as check_calibration
 
     checked = check_calibration(request, surroundings)
     warn(checked.doubts)
@@ -596,7 +591,7 @@ def _path(file: File | None) -> Path | None:
 
 
 def _flag(name: str, given: bool) -> bool:
-    """What lets a machine do more than usual is said outright."""
+    """Require a bool for a flag that lets a machine do more than usual."""
     if not isinstance(given, bool):
         raise TypeError(f"{name} has to be True or False, not {given!r}")
     return given
@@ -611,7 +606,7 @@ def _observer(given: Observer | None) -> Observer:
 
 
 def _doubts(warn: Warn | None) -> Warn:
-    """Who is told what is doubtful: nobody is told of nothing."""
+    """Return a function that takes warnings, and is not called without any."""
     if warn is None:
         warn = python_warnings
     if not callable(warn):

@@ -14,7 +14,7 @@ from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, LinkLost, PreconditionError, ProtocolMismatch, UsageError
 from edmctl.files import lock_holder
 from edmctl.jobs.connect import line_to
-from edmctl.jobs.doctor_host import fail, ok, warn
+from edmctl.jobs.doctor import fail, ok, warn
 from edmctl.jobs.plan import where_is
 from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH
 from edmctl.link.ports import same_port, st_links

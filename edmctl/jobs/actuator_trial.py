@@ -1,8 +1,8 @@
-"""Waveforms through a virtual actuator, and how well three models know where it went.
+"""Waveforms through a virtual actuator, and the errors of three models.
 
-Every waveform, the slow cycle and the calibration begin on the same unit at rest. Models only ever see what a
-machine would: the voltage applied and the reading of the displacement sensor, with its gain error, drift and
-noise. What they say is judged by the truth.
+Every waveform, the slow cycle and the calibration start from the same unit at rest. Models get only data that a
+machine has: the applied voltage and the reading of the displacement sensor, with its gain error, drift and noise.
+Their predictions are compared with the true displacement.
 """
 
 from __future__ import annotations
@@ -16,11 +16,14 @@ from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import judge
 from edmctl.actuator.waveforms import calibration_waveform, sine
+from edmctl.array_types import Array
 from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.jobs import output_files
 from edmctl.jobs.actuator_waveforms import Waveform
 from edmctl.jobs.calibration import selection
+from edmctl.profile.calibration import load_calibration
+from edmctl.record.columns import write_columns
 from edmctl.report.kinds import check_figure
 from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, SLEW_V_S, DrivenTicks, VirtualActuator
 
@@ -28,16 +31,15 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from edmctl.array_types import Array
 
 SLOW_HZ = 0.01
 """Of the one cycle that the simple models are fitted to, as in Muralidhara et al. 2009, §2.2."""
 SLOW_EVERY = 10
 """A hundredth of a second changes nothing in a cycle of 100 s."""
 CALIBRATION_EVERY = 5
-"""200 samples a second, as of a machine; all of the fast legs, which tell lag and delay."""
+"""200 samples a second, as a machine records; all samples of the fast legs, which determine lag and delay."""
 NOTICED_V = 0.1
-"""A voltage this far from what was asked for, or from what was calibrated, is worth a word."""
+"""A voltage that differs by more from the request or the calibrated range is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,7 @@ class ModelErrors:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What only the simulator knows of a waveform."""
+    """True values of a waveform, from the simulator."""
 
     range_um: float
 
@@ -115,8 +117,6 @@ def run_trial(asked: Sequence[Waveform], known: ActuatorModel | None, seed: int)
 
 def known_model(path: Path, seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:
     """Load a calibration file, with warnings when it is another actuator's or was not accepted."""
-    from edmctl.profile.calibration import load_calibration
-
     calibration = load_calibration(path)
     hint = "Say the --seed it was made with, or leave --calibration out."
     own = VirtualActuator(seed).serial
@@ -136,13 +136,12 @@ def _calibrated(seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:
 
 
 def _unaccepted(problems: Sequence[str]) -> list[Diagnostic]:
-    """What stands against a calibration."""
     hint = "The figures show what it costs."
     return [selection.not_accepted("The calibration", problem, hint) for problem in problems]
 
 
 def _measured(seed: int, command_v: Array, kept: NDArray[np.bool_] | slice) -> Record:
-    """Drive the unit from rest; what a host would record of it, of the samples that are kept."""
+    """Drive the unit from rest and return what a host would record, at the samples `kept`."""
     driven = VirtualActuator(seed).drive(command_v)
     return Record(driven.t_s[kept], driven.applied_v[kept], driven.sensor_um[kept])
 
@@ -153,7 +152,7 @@ def slow_cycle(seed: int) -> Record:
 
 
 def slowed(waveform: Waveform, driven: DrivenTicks) -> list[Diagnostic]:
-    """Warn (W8103) where the controller's slew limit changed what was asked for."""
+    """Warn (W8103) if the controller's slew limit changed the requested waveform."""
     worst_v = float(abs(driven.applied_v - waveform.command_v).max())
     if worst_v <= NOTICED_V:
         return []
@@ -178,7 +177,7 @@ def _beyond(waveform: Waveform, driven: DrivenTicks, ours: ActuatorModel) -> lis
 
 
 def _traced(driven: DrivenTicks, models: dict[str, ActuatorModel]) -> Trace:
-    """What every model makes of the voltage applied, each with the zero that suits it best."""
+    """Predict with every model, each with the zero that fits best."""
     models_um = {}
     for key, model in models.items():
         predicted_um = model.predict(driven.t_s, driven.applied_v)
@@ -225,8 +224,6 @@ def write_data(traces: Sequence[Trace], path: Path) -> None:
     """Write every sample; with several waveforms, one after the other under their number in the table."""
     import numpy as np
 
-    from edmctl.record.columns import write_columns
-
     columns: dict[str, Array] = {}
     if len(traces) > 1:
         columns["waveform"] = np.concatenate(
@@ -248,8 +245,8 @@ def write_data(traces: Sequence[Trace], path: Path) -> None:
 
 
 def write_figure(trial: Trial, path: Path, words: str) -> None:
-    """Draw the figure and write it, with small words below it."""
-    from edmctl.report.figures import actuator as figure
+    """Draw the figure with the caption `words`."""
+    from edmctl.report.figures import actuator as figure  # matplotlib
 
     panels = [
         figure.Trial(

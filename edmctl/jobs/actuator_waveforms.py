@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from edmctl.actuator import paper_figures
 from edmctl.actuator.waveforms import Leg, jump_train, sampled, servo_dither, sine, square, triangle
+from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.errors import RecordError, UsageError
 from edmctl.record.columns import read_voltage
 from edmctl.simulator import actuator
 from edmctl.simulator.actuator import RATE_HZ, SLEW_V_S
-
-if TYPE_CHECKING:
-    from edmctl.array_types import Array
 
 LOW_V, HIGH_V = 0.0, 120.0
 """The range of Muralidhara et al. 2009, Figs 3–5."""
@@ -25,7 +23,7 @@ STEP_HOLD_S = 60.0
 FIGURES = "figures"
 """All figures of the paper that show waveforms."""
 LONGEST_S = 1800.0
-"""Half an hour takes some 200 MB, and 1 GB for a moment where it is written as CSV."""
+"""Half an hour takes about 200 MB, and briefly 1 GB if it is written as CSV."""
 
 _STEEPNESS = {"sine": math.pi, "triangle": 2.0, "square": 2.0}
 """Steepest slope over range and frequency; a square wave's edges must fit into its period."""
@@ -33,7 +31,7 @@ _STEEPNESS = {"sine": math.pi, "triangle": 2.0, "square": 2.0}
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What the command line asks for; None where it says nothing."""
+    """The options of the command line; None if not given."""
 
     shape: str
     frequency_hz: float | None
@@ -44,7 +42,7 @@ class Wanted:
 
 
 class Waveform(NamedTuple):
-    """A name, and the voltage to apply at every millisecond, shape (n,); `figure` is that of the paper with it."""
+    """A name and the voltage for every millisecond, shape (n,); `figure` is the paper's figure that shows it."""
 
     name: str
     command_v: Array
@@ -52,7 +50,7 @@ class Waveform(NamedTuple):
 
 
 def waveforms(wanted: Wanted) -> list[Waveform]:
-    """Return the waveforms asked for, one but for `all`.
+    """Return the requested waveforms: one, or several for `all`.
 
     Raises UsageError (E2010: options that do not fit together, out of range, or too long), RecordError (the file).
     """
@@ -154,10 +152,10 @@ def _refusal(message: str, hint: str) -> UsageError:
 
 
 def command_from(path: Path, longest_s: float) -> Array:
-    """Return the voltage at every millisecond, shape (n,), from columns t_s and u_V; straight between the rows.
+    """Return the voltage for every millisecond, shape (n,), interpolated from columns t_s and u_V.
 
-    Raises RecordError: E3601 to E3605 as for measured records, E3612 what is not finite, E3613 time that does not
-    ascend, E3630 a voltage out of the actuator's range, E3631 one that lasts longer than `longest_s`.
+    Raises RecordError: E3601 to E3605 as for measured records, E3612 values that are not finite, E3613 time that
+    does not ascend, E3630 a voltage out of the actuator's range, E3631 longer than `longest_s`.
     """
     import numpy as np
 

@@ -1,39 +1,45 @@
-"""The composition root: from a port selector to a machine that answers.
+"""Connect to a machine by its port selector.
 
-It stands here because `machine/` may not know the simulator, and the simulator shares nothing with the host
-but the wire.
+This is the only place that knows both sides: `machine/` does not import the simulator, and the simulator shares
+only the wire with the host.
 """
 
 from __future__ import annotations
 
+import glob
+import json
 import os
+import socket
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from edmctl.errors import Diagnostic, UsageError
-from edmctl.files import path_variable, read_bytes
+from edmctl.files import json_of, path_variable, read_bytes
 from edmctl.jobs.connected_machine import ConnectedMachine
 from edmctl.jobs.plan import FRESH, MachineAddress, where_is
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.jobs.sweep import seed_to_use
+from edmctl.link.ports import SOCKET, PortInfo, scheme_of
 from edmctl.planning.erosion import of_tool, of_work
+from edmctl.planning.rules.load import LoadedProfile
 from edmctl.process.erosion import ErosionLaw
 from edmctl.process.gap_conditions import GapLaw
-from edmctl.profile.folders import is_file, own_setup_path
+from edmctl.profile.folders import data_folder, is_file, own_setup_path
+from edmctl.profile.model import CONTROLLER_SYNONYMS
+from edmctl.profile.setup import Setup, load_setup
+from edmctl.record.locks import is_alive
 
 if TYPE_CHECKING:
     from edmctl.link.transport import Transport
     from edmctl.machine.controller import LinkMachine
-    from edmctl.planning.rules.load import LoadedProfile
-    from edmctl.profile.setup import Setup
     from edmctl.simulator import BenchConfig, VirtualBench
 
 
 def seed_warning(where: MachineAddress, asked: int | None) -> list[Diagnostic]:
-    """Return what is to be said of a seed that no machine will use."""
+    """Return a warning (W4101) if no machine will use the seed."""
     if asked is None or where.seed_of(asked) is not None:
         return []
     if where.in_process:
@@ -46,7 +52,7 @@ def seed_warning(where: MachineAddress, asked: int | None) -> list[Diagnostic]:
 
 
 def controller_warning(where: MachineAddress, asked: str | None) -> list[Diagnostic]:
-    """Return what is to be said of a `--controller` for a machine that is not in this process."""
+    """Return a warning (W4102) if `--controller` has no effect."""
     if not asked or where.in_process:
         return []
     message = f"--controller {asked} has no effect on the controller at {where.selector}."
@@ -65,11 +71,11 @@ def connected(
     *,
     wires_known: bool = True,
 ) -> Iterator[ConnectedMachine]:
-    """Open the machine and say hello. From then on `surroundings` may stop it in order, with a word to `say`.
+    """Open the machine and exchange hello. From then on `surroundings` may stop it in order.
 
-    loaded : what stands on a virtual bench in this process; None where neither tool nor work matters. In a bench
-    that a file keeps the tool is changed by `Bench.begin`.
-    wires_known : what the machine tells is believed, and a tool that is out is waited for.
+    loaded : what is on a new virtual bench; None if neither tool nor workpiece matters
+    say : prints a note
+    wires_known : trust the machine's state, and wait until an extended tool is retracted
 
     Raises LinkLost and ProtocolMismatch.
     """
@@ -103,13 +109,11 @@ def own_setup(where: MachineAddress, setup: Setup, serial: str, environ: Mapping
     path = own_setup_path(serial, environ)
     if where.in_process or setup.file is not None or not is_file(path):
         return None
-    from edmctl.profile.setup import load_setup
-
     return load_setup(path)
 
 
 def introduction(where: MachineAddress, bench: ConnectedMachine) -> str:
-    """Return what is said of the machine at the start of a run."""
+    """Return the description of the machine that is printed at the start of a run."""
     identity, under = bench.machine.identity, driver(bench.virtual)
     if where.bench_file is not None:
         new = "" if bench.seed is None else f", new with seed {bench.seed}"
@@ -122,7 +126,7 @@ def introduction(where: MachineAddress, bench: ConnectedMachine) -> str:
 
 
 def driver(bench: VirtualBench | None) -> str:
-    """Return the words on what drives a virtual machine; none for the usual controller."""
+    """Return the words for an unusual controller of a virtual machine, else an empty text."""
     from edmctl.simulator.config import FIRMWARE
 
     kind = FIRMWARE if bench is None else bench.plant.config.controller
@@ -133,7 +137,7 @@ def driver(bench: VirtualBench | None) -> str:
 def _virtual(
     loaded: LoadedProfile | None, setup: Setup, seed: int, say: Callable[[str], None], where: MachineAddress
 ) -> Iterator[tuple[Transport, Callable[[LinkMachine], ConnectedMachine]]]:
-    """Open a virtual bench, fresh or that of a file: the line to it, and what it is with a machine behind that."""
+    """Open a virtual bench; give its line and a function that describes the connected machine."""
     config, made_by = bench_config(loaded, setup), where.seed_of(seed)
     if where.controller:
         config = replace(config, controller=where.controller)
@@ -161,8 +165,7 @@ def _virtual(
 
 
 def known_controller(name: str) -> str:
-    """Return what can drive a virtual machine. Raises UsageError E2049 for what cannot."""
-    from edmctl.profile.model import CONTROLLER_SYNONYMS
+    """Return the name of a controller. Raises UsageError E2049 if it is unknown."""
     from edmctl.simulator.config import CONTROLLERS
 
     name = CONTROLLER_SYNONYMS.get(name, name)
@@ -267,9 +270,7 @@ SECRET_VARIABLE = "EDMCTL_SECRET_FILE"
 
 
 def asks_for_secret(*ports: str) -> bool:
-    """Whether one of the ports may ask for a secret."""
-    from edmctl.link.ports import SOCKET, scheme_of
-
+    """Whether a port may require a secret."""
     return any(scheme_of(port) == SOCKET for port in ports)
 
 
@@ -280,7 +281,7 @@ def secret_of(named: str | None, environ: Mapping[str, str]) -> bytes:
 
 
 def read_secret(path: Path) -> bytes:
-    """Return what a secret file holds, without blanks about it.
+    """Return the content of a secret file without surrounding blanks.
 
     Raises UsageError E2047: it cannot be read, others may read it, or it is too short.
     """
@@ -300,3 +301,47 @@ def read_secret(path: Path) -> bytes:
 def _unfit(message: str, remedy: str = "") -> UsageError:
     made = "`(umask 077; openssl rand -hex 32 > FILE)` makes one; the computers at both ends need the same."
     return UsageError(message, hint=remedy or made, code="E2047")
+
+
+@contextmanager
+def announced(port: str, serial: str, environ: Mapping[str, str]) -> Iterator[None]:
+    """Announce a served port during a `with` block, if the note can be written."""
+    note = _folder(environ) / f"{socket.gethostname()}-{os.getpid()}.json"
+    with suppress(OSError):
+        note.parent.mkdir(parents=True, exist_ok=True)
+        where = port if "://" in port else str(Path(port).absolute())
+        note.write_text(json.dumps({"port": where, "serial": serial}), encoding="utf-8")
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            note.unlink()
+            note.parent.rmdir()  # unless others serve too
+            note.parent.parent.rmdir()  # unless anything else is kept there
+
+
+def served_ports(environ: Mapping[str, str]) -> list[PortInfo]:
+    """Return the ports that living processes of this user serve; notes that a killed one has left are removed."""
+    found = []
+    with suppress(OSError):
+        # A home may be that of several computers: what another one serves is neither here nor gone.
+        for note in sorted(_folder(environ).glob(f"{glob.escape(socket.gethostname())}-*.json")):
+            noted, number = _read(note), note.stem.rpartition("-")[2]
+            if noted is None or not (number.isascii() and number.isdigit() and is_alive(int(number))):
+                with suppress(OSError):
+                    note.unlink()
+            else:
+                found.append(PortInfo(noted[0], f"virtual controller {noted[1]}, served by process {number}"))
+    return found
+
+
+def _folder(environ: Mapping[str, str]) -> Path:
+    return data_folder(environ) / "served"
+
+
+def _read(note: Path) -> tuple[str, str] | None:
+    try:
+        noted = json_of(read_bytes(note))
+        return str(noted["port"]), str(noted["serial"])
+    except (OSError, ValueError, TypeError, KeyError):
+        return None

@@ -7,23 +7,27 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from edmctl.dataclasses import dataclass
+from edmctl.dataclasses import dataclass, replace
+from edmctl.procedures.job import REPORT_DELAY_S, Job
+from edmctl.procedures.monitoring.drift import contradicting_between_jobs_um_s, displacement_uncertainty
+from edmctl.profile.setup import Setup
+from edmctl.record.tool_account import MachineHistory
 
-if TYPE_CHECKING:  # a dry run loads no machine
+if TYPE_CHECKING:
     from edmctl.machine.controller import LinkMachine
-    from edmctl.profile.setup import Setup
     from edmctl.simulator import VirtualBench
 
+
 CLOCK_STEP_S = 60.0
-"""A clock may be put right by so much: in that time a zero drifts by 0.1 µm, less than a touch repeats."""
+"""Tolerated correction of a clock: meanwhile a zero drifts by 0.1 µm, less than the scatter of a touch."""
 
 
 @dataclass(frozen=True, slots=True)
 class Now:
     """The present of a machine. `bench_s` is the time of a virtual bench in this process, NaN on any other machine.
 
-    A virtual bench stands still between commands, and each command lets its own time pass. Records of a machine
-    therefore have both times, and only one of them counts.
+    The time of a virtual bench passes only during commands. Records of a machine therefore have both times, and
+    one of them counts.
     """
 
     bench_s: float = math.nan
@@ -68,3 +72,29 @@ class ConnectedMachine:
     def serial(self) -> str:
         """Serial number of the machine."""
         return self.machine.identity.serial
+
+
+def with_home(job: Job, history: MachineHistory, now: Now) -> Job:
+    """Return the job with the last home of the tool by the ledger, its age, and the drift before.
+
+    The age and the home are unknown if the clock was set back since; the drift is still known.
+    """
+    if not history.homes:
+        return job
+    drift_u_um_per_s = displacement_uncertainty(job).drift_u_um_per_s
+    seen = [(home.utc_s if math.isnan(now.bench_s) else home.bench_s, home.um) for home in history.homes]
+    job = replace(job, drift_seen_um_s=contradicting_between_jobs_um_s(seen, drift_u_um_per_s))
+    last = history.homes[-1]
+    passed_s = now.since_s(last.utc_s, last.bench_s)
+    return (
+        job if math.isinf(passed_s) else replace(job, home_um=last.um, home_age_s=passed_s + REPORT_DELAY_S)
+    )
+
+
+def with_home_left(job: Job) -> Job:
+    """Return the job with the tool's home by the journal of the interrupted run, if that is newer."""
+    left = job.resumed
+    age_s = left.home_age_s + job.pause_s + REPORT_DELAY_S if left is not None else math.nan
+    if left is None or not math.isfinite(age_s) or age_s >= job.home_age_s:
+        return job
+    return replace(job, home_um=left.home_um, home_age_s=age_s)

@@ -1,51 +1,40 @@
-"""One job from a request to a result: what `machine` does once and `simulate` many times."""
+"""The main job, from a checked plan to a report."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass
 from edmctl.errors import EdmError, PreconditionError, RunFileError
 from edmctl.jobs.calibration.selection import ModelUsed
+from edmctl.jobs.checkpoint import JobCheckpoint, tell_way_on
 from edmctl.jobs.ledger.job_ledger import DONE, JobLedger
 from edmctl.jobs.plan import Plan
-from edmctl.jobs.resume.checkpoint import JobCheckpoint, tell_way_on
 from edmctl.jobs.run_context import RunContext, connected_run, ending
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.surroundings import Warn
-from edmctl.jobs.truth import TrueWear, channel_truth, keep_truth_map
+from edmctl.jobs.truth import TrueWear, channel_truth, keep_truth_map, truths_of
 from edmctl.jsonout import JsonValue
 from edmctl.labels import marked
 from edmctl.procedures.job_state import StateStore
 from edmctl.procedures.machining import run_job
-from edmctl.process.erosion import corner_radius_um, roughness_rz_um
 from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
 from edmctl.results.progress import Observer
 from edmctl.results.result import Result, html_table
 from edmctl.wording import length
 
-if TYPE_CHECKING:
-    from edmctl.simulator.bench import HoleTruth
-
-
-SAME_HOLE_UM = 50.0
-"""Farther away no hole is the site's: many times what the stages miss a place by, less than two holes lie apart."""
-
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Report(Result):
-    """What a job reached, whether it ended well or with `error`.
+    """Result of a job, with the `error` that ended it, if any.
 
-    `truths` has one entry per site, and none on any machine but a virtual one in this process.
-
-    `model` says where its estimated displacements come from, None where the job ended before that was known.
-    `run_file` is the run's own file as it is called now, if it has one.
+    truths : one entry per site on a virtual machine in this process, else empty
+    model : source of estimated displacements; None if the job ended before that was known
+    run_file : the file as it is called now; None without one
     """
 
     simulated: bool
@@ -56,7 +45,7 @@ class Report(Result):
     model: ModelUsed | None
     channel_truth: ChannelTruth | None = None
     drift_file: str = ""
-    """What the wear was corrected by, in words; empty without."""
+    """The drift file that corrected the wear, in words; empty without."""
     seed: int | None = None
     """Of the virtual machine, None on a real one and where another process served it."""
     setup: Mapping[str, object] | None = None
@@ -125,11 +114,11 @@ def carry_out(
     warn: Warn | None = None,
     serial: str = "",
 ) -> Report:
-    """Run the job on the machine that the plan names, into the run file `name`, if any.
+    """Run the job on the machine of the plan, into the run file `name`, if any.
 
     `seed` makes a virtual bench that does not exist yet. `warn` gets warnings about calibration and tool before
-    anything moves. If `serial` names the machine that the job is for, another one is refused (E8214). The report
-    holds an expected error, with what was reached until then.
+    anything moves. If `serial` names a machine, another one is refused (E8214). The report contains an expected
+    error.
 
     Raises LinkLost, ProtocolMismatch and RunFileError if no machine was connected.
     """
@@ -175,7 +164,7 @@ def _refuse_other_machine(found: str, wanted: str) -> None:
 
 @contextmanager
 def _kept(run: RunContext, ledger: JobLedger, checkpoint: JobCheckpoint) -> Iterator[None]:
-    """Write what the job has reached into ledger, journal and run file, whatever ends it."""
+    """Write the result into ledger, journal and run file, however the block ends."""
     try:
         try:
             yield
@@ -200,12 +189,7 @@ def _report(run: RunContext, true_wear: TrueWear | None) -> Report:
     truths: tuple[SiteTruth, ...] = ()
     channel = None
     if virtual and true_wear:
-        truths = tuple(
-            dataclasses.replace(
-                truth, corner_um=corner_radius_um(true_wear.at_end_of(site.name), profile.tool.diameter_um)
-            )
-            for site, truth in zip(job.sites, truths_of(job.sites, virtual.truth(), true_wear), strict=True)
-        )
+        truths = truths_of(job.sites, virtual.truth(), true_wear, profile.tool.diameter_um)
         if job.channel is not None:
             channel = channel_truth(profile, virtual, virtual.tool_wear_um - true_wear.before_um)
     return Report(
@@ -222,32 +206,8 @@ def _report(run: RunContext, true_wear: TrueWear | None) -> Report:
     )
 
 
-def truths_of(
-    sites: Sequence[SiteResult], holes: Sequence[HoleTruth], true_wear: TrueWear
-) -> tuple[SiteTruth, ...]:
-    """The true hole of each site, in µm: the nearest one, and what the tool lost while it was made.
-
-    A hole through the sheet has no depth.
-    """
-    truths = []
-    for site in sites:
-        hole = min(holes, key=lambda hole: _apart_um(hole, site), default=None)
-        wear_um = true_wear.of_site(site.name)
-        if hole is None or _apart_um(hole, site) > SAME_HOLE_UM:
-            truths.append(SiteTruth(wear_um=wear_um))
-            continue
-        depth_um = math.nan if site.through else hole.depth_um
-        rz_um = roughness_rz_um(hole.ra_um)
-        truths.append(SiteTruth(depth_um, wear_um, hole.side_gap_um, hole.taper_um, hole.ra_um, rz_um))
-    return tuple(truths)
-
-
 def _depth(made: SiteResult | ChannelResult) -> str:
     """Return the depth with its mark, or that the hole goes through the sheet."""
     if isinstance(made, SiteResult) and made.through:
         return "through"
     return marked(length(made.depth_um, made.depth_u95_um), made.depth_basis)
-
-
-def _apart_um(hole: HoleTruth, site: SiteResult) -> float:
-    return math.hypot(hole.x_um - site.x_um, hole.y_um - site.y_um)

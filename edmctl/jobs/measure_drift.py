@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from edmctl.dataclasses import asdict, dataclass
-from edmctl.jobs.calibration.request import check_writable
-from edmctl.jobs.ledger.elapsed import with_home
+from edmctl.jobs.connected_machine import with_home
 from edmctl.jobs.ledger.tool import (
     account_of,
     last_run_of,
@@ -19,6 +18,7 @@ from edmctl.jobs.ledger.tool import (
     tool_identity,
     with_recipe_of,
 )
+from edmctl.jobs.output_files import check_writable
 from edmctl.jobs.plan import Plan
 from edmctl.jobs.run_context import RunContext
 from edmctl.procedures.job import Job, job_of
@@ -27,14 +27,14 @@ from edmctl.procedures.run import JobRun
 from edmctl.process.rest_drift import DriftModel, model_of
 from edmctl.profile.drift_file import MadeBy, drift_file, save_drift
 from edmctl.profile.folders import default_drift_path, fresh_drift_path
-from edmctl.record.ledger import Ledger, RunEnded, WearMeasured
-from edmctl.record.tool_account import ToolAccount, history_of
+from edmctl.record.ledger import RunEnded, WearMeasured
+from edmctl.record.tool_account import ToolAccount
 from edmctl.results.measurements import DriftResult
 from edmctl.version import __version__
 
 
 def drift_forecast(plan: Plan, duration_s: float | None) -> dict[str, Any]:
-    """Return what is touched and held, and how long it takes. Raises what `plan_drift` raises."""
+    """Return touches, hold and duration. Raises as `plan_drift`."""
     profile, setup = plan.loaded.profile, plan.setup
     planned = plan_drift(profile, setup, duration_s)
     return {
@@ -58,7 +58,7 @@ class DriftRun:
     pulses: bool = False
 
     def __post_init__(self) -> None:
-        """Raise what `plan_drift` raises, before anything is connected."""
+        """Raise as `plan_drift`, before anything is connected."""
         plan_drift(self.plan.loaded.profile, self.plan.setup, self.duration_s)
 
     def prepare(self, run: RunContext) -> DriftStage:
@@ -67,14 +67,13 @@ class DriftRun:
         Raises PreconditionError: E8048 a tool whose job was killed, E8059 a reference under another setup, E8063 a
         run whose recipe is unknown; RunFileError E9012 if the file cannot be written.
         """
-        serial, ledger, where = run.bench.serial, run.open_ledger(), run.plan.where
+        serial, where, history = run.bench.serial, run.plan.where, run.history
         place = default_drift_path if where.lasting else fresh_drift_path
         path = self.output or place(serial, run.plan.surroundings.environ)
         check_writable(path)
-        history = history_of(ledger.lines if ledger else (), serial)
         account = account_of(run.plan, tool_identity(run.bench), history)
-        if ledger is not None:
-            folder = ledger.path.parent
+        if run.ledger is not None:
+            folder = run.ledger.path.parent
             refuse_other_setup(account, history, run.plan, folder)
             refuse_unknown_length(account, folder, run.plan)
             run.plan = with_recipe_of(run.plan, folder, last_run_of(account))
@@ -82,7 +81,7 @@ class DriftRun:
         planned = plan_drift(profile, setup, self.duration_s)
         job = with_home(job_of(profile, setup, (), run.actuator), history, run.bench.now)
         is_own = self.output is None and where.lasting
-        return DriftStage(run, job, planned, ledger, account, path, is_own)
+        return DriftStage(run, job, planned, account, path, is_own)
 
 
 @dataclass(slots=True, eq=False)
@@ -95,7 +94,6 @@ class DriftStage:
     run: RunContext
     job: Job
     planned: DriftPlan
-    ledger: Ledger | None
     account: ToolAccount
     path: Path
     is_own: bool
@@ -115,17 +113,14 @@ class DriftStage:
 
     def close(self, time_s: float) -> None:
         """Write the file, and the present place of the pad into the ledger."""
-        assert self.run.name is not None
-        file = self.run.name.path.name
+        file = self.run.file_name
         self._save(file)
-        if self.ledger is None:
-            return
         account, home_um = self.account, self.run.tally.home_um
         seen = WearMeasured(account.label, file, self._pad_um, account.worn_um, account.worn_u95_um, home_um)
-        self.run.write_down(self.ledger, seen, RunEnded(file, "done", time_s))
+        self.run.write_down(seen, RunEnded(file, "done", time_s))
 
     def result(self) -> Mapping[str, object] | None:
-        """Return what was measured, and where it is kept."""
+        """Return the measured values and the path of the file."""
         if self.found is None:
             return None
         return {
@@ -138,7 +133,7 @@ class DriftStage:
 
     @property
     def use(self) -> str:
-        """Which jobs go by the file, a sentence without its end."""
+        """Which jobs use the file, as a sentence without its end."""
         bench, where = self.run.bench, self.run.plan.where
         if self.is_own:
             return f"jobs on {bench.serial} go by it from now on"

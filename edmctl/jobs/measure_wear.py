@@ -1,4 +1,4 @@
-"""One `measure-wear` on a connected machine: what the ledger knows before it, what is touched, what is kept."""
+"""`measure-wear`: touch the reference pad, or measure wear, depth and feed against that reference."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from typing import Any
 
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import Diagnostic, PreconditionError, UsageError
-from edmctl.jobs.connected_machine import Now
+from edmctl.jobs.connected_machine import Now, with_home
 from edmctl.jobs.drift_choice import choose_drift
-from edmctl.jobs.ledger.elapsed import with_home
-from edmctl.jobs.ledger.places_taken import coordinates_in
+from edmctl.jobs.ledger.prepared_job import coordinates_in
 from edmctl.jobs.ledger.tool import (
     NAMELESS,
     ToolIdentity,
@@ -60,17 +59,17 @@ from edmctl.results.measurements import WearResult
 from edmctl.wording import length
 
 MOST_NAMES = 8
-"""More of them nobody reads in a message."""
+"""Holes that a message lists."""
 
 
 def bottom_of(
     asked: str | None, history: MachineHistory, account: ToolAccount, diameter_um: float, folder: Path
 ) -> Bottom | None:
-    """Return the hole that was asked for, or else the last one that the tool made and measured; None without any.
+    """Return the requested hole, or else the last measured hole of the tool; None without any.
 
-    `folder` holds the run files.
+    `folder` contains the run files.
 
-    Raises PreconditionError: E8045 no such hole, or one of unknown depth; E8046 the tool does not go into it.
+    Raises PreconditionError: E8045 no such hole, or unknown depth; E8046 the tool does not fit into it.
     """
     if asked is None:
         made = [hole for hole in account.holes if hole.status != UNFINISHED]
@@ -140,7 +139,7 @@ TOUCHES_LIKE = "cu270"
 
 
 def measuring_profile(profile: Profile, speed_um_s: float = math.nan) -> Profile:
-    """Return the recipe with enough touches of every Z, and with the speed of the reference where there is one."""
+    """Return the recipe with enough touches of every Z, and with the speed of the reference, if given."""
     measure = profile.measure
     changes: dict[str, object] = {"touches": max(LEAST_TOUCHES, measure.touches)}
     if not math.isnan(speed_um_s):
@@ -149,7 +148,7 @@ def measuring_profile(profile: Profile, speed_um_s: float = math.nan) -> Profile
 
 
 def wear_forecast(plan: Plan, *, reference: bool) -> dict[str, Any]:
-    """Return what is touched, how, and how long it takes."""
+    """Return readings, touches, speed and duration."""
     profile, setup = measuring_profile(plan.loaded.profile), plan.setup
     time_s = touch_time_s(profile, setup)
     if not reference:
@@ -186,14 +185,13 @@ class WearRun:
 
     @property
     def kind(self) -> str:
-        """What its run file says was done."""
+        """Kind of procedure in the run file."""
         return "wear reference" if self.is_reference else "measure-wear"
 
     def prepare(self, run: RunContext) -> ReferenceStage | WearStage:
         """Return what is touched on the connected machine. Raises what `look` raises."""
-        assert run.name is not None
-        ledger, identity = run.open_ledger(), tool_identity(run.bench)
-        known = self.look(run.plan, identity, ledger, run.warn)
+        identity = tool_identity(run.bench)
+        known = self.look(run.plan, identity, run.ledger, run.warn)
         run.plan, where = known.plan, known.plan.where
         if known.reference is not None:
             run.drift = choose_drift(
@@ -201,22 +199,20 @@ class WearRun:
             )
             run.warn(run.drift.warnings)
         temperature_c = run.bench.machine.status().temperature_c
-        job = job_of(known.profile, run.plan.setup, (), run.actuator)
-        if ledger is not None:
-            job = with_home(job, history_of(ledger.lines, identity.serial), run.bench.now)
+        job = with_home(job_of(known.profile, run.plan.setup, (), run.actuator), run.history, run.bench.now)
         if known.reference is None:
-            return ReferenceStage(run, job, ledger, known.account, temperature_c)
+            return ReferenceStage(run, job, known.account, temperature_c)
         reference = replace(known.reference, drift_um_per_s=run.drift.touch_um_per_s)
-        return WearStage(run, job, ledger, known.account, temperature_c, reference, known.bottom)
+        return WearStage(run, job, known.account, temperature_c, reference, known.bottom)
 
     def look(self, plan: Plan, identity: ToolIdentity, ledger: Ledger | None, warn: Warn) -> KnownTool:
-        """Return what the ledger knows of the tool, and the recipe of the touches.
+        """Return the ledger's knowledge of the tool, and the recipe of the touches.
 
         Without a profile it is the recipe of the run that made the hole, else of the last run with the tool.
 
-        Raises PreconditionError: E8041 no reference, E8045 no such hole, E8046 a hole too narrow for the tool, E8048
-        a tool whose job was killed, E8056 a tool that was replaced since its reference, E8059 a reference under
-        another setup, E8063 a run whose recipe is unknown.
+        Raises PreconditionError: E8041 no reference, E8045 no such hole, E8046 a hole too narrow for the tool,
+        E8048 a tool whose job was killed, E8056 a tool that was replaced since its reference, E8059 a reference
+        under another setup, E8063 a run with an unknown recipe.
         """
         history = history_of(ledger.lines if ledger else (), identity.serial)
         account = account_of(plan, identity, history)
@@ -245,11 +241,11 @@ class WearRun:
 
 @dataclass(frozen=True, slots=True)
 class KnownTool:
-    """What the ledger knows of a tool, and how it is touched.
+    """The ledger's knowledge of a tool, and the recipe of its touches.
 
     plan, profile : with the recipe of an earlier run if no profile was named
-    reference : None if the reference is what is to be touched
-    bottom : the hole to touch as well, if any
+    reference : None for a reference touch
+    bottom : the hole to touch, if any
     """
 
     plan: Plan
@@ -265,7 +261,6 @@ class ReferenceStage:
 
     run: RunContext
     job: Job
-    ledger: Ledger | None
     account: ToolAccount
     temperature_c: float
     home_um: float = math.nan
@@ -282,11 +277,11 @@ class ReferenceStage:
     def close(self, time_s: float) -> None:
         """Write the reference into the ledger."""
         run, touched, tool = self.run, self.touched, self.account.label
-        if self.ledger is None or run.name is None or touched is None:
+        if touched is None:
             return
         reference = ReferenceTouched(
             tool=tool,
-            run_file=run.name.path.name,
+            run_file=run.file_name,
             z_um=touched.z_um,
             sd_um=touched.reading.sd_um,
             touches=touched.reading.touches,
@@ -300,7 +295,7 @@ class ReferenceStage:
             **reference_setup(run.plan.setup),
         )
         changed = [ToolChanged(tool)] if run.plan.new_tool else []
-        run.write_down(self.ledger, *changed, reference, RunEnded(run.name.path.name, "done", time_s))
+        run.write_down(*changed, reference, RunEnded(run.file_name, "done", time_s))
 
     def result(self) -> Mapping[str, object] | None:
         """Return the reading, and whose it is."""
@@ -326,7 +321,6 @@ class WearStage:
 
     run: RunContext
     job: Job
-    ledger: Ledger | None
     account: ToolAccount
     temperature_c: float
     reference: Reference
@@ -345,16 +339,20 @@ class WearStage:
     def close(self, time_s: float) -> None:
         """Write the wear into the ledger."""
         run, found = self.run, self.found
-        if self.ledger is None or run.name is None or found is None:
+        if found is None:
             return
-        file = run.name.path.name
         measured = WearMeasured(
-            self.account.label, file, found.z3_after_um, found.wear_um, found.wear_u95_um, self.home_um
+            self.account.label,
+            run.file_name,
+            found.z3_after_um,
+            found.wear_um,
+            found.wear_u95_um,
+            self.home_um,
         )
-        run.write_down(self.ledger, measured, RunEnded(file, "done", time_s))
+        run.write_down(measured, RunEnded(run.file_name, "done", time_s))
 
     def result(self) -> Mapping[str, object] | None:
-        """Return what was measured, and what the ledger knows of the tool."""
+        """Return the measured values, and the ledger's wear of the tool."""
         if self.found is None:
             return None
         return {
@@ -370,7 +368,7 @@ class WearStage:
 
     @property
     def total_um(self) -> float:
-        """What the tool has lost since it was new; NaN before it is measured."""
+        """Total wear since the tool was new; NaN before it is measured."""
         return math.nan if self.found is None else self.account.lost_before_um + self.found.wear_um
 
     @property
@@ -488,7 +486,7 @@ def _reference_of(
 
 
 def _aged(reference: ReferenceTouched, account: ToolAccount, now: Now) -> Reference:
-    """The reference with its age, infinite where nobody knows it."""
+    """Return the reference with its age; infinity if that is unknown."""
     return Reference(
         z_um=reference.z_um,
         sd_um=reference.sd_um,

@@ -1,7 +1,8 @@
-"""Files that a command leaves: none takes the place of another unasked, and what cannot be written is refused."""
+"""Output files of commands: an existing file is not replaced unless requested."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -12,6 +13,8 @@ from edmctl.record.disk import make_folder as make
 from edmctl.record.disk import write_new
 
 _ANOTHER = "Choose another name."
+LONGEST_NAME = 200
+"""Bytes; a file system takes 255, and a file that is being written has a longer name."""
 
 
 def check_free(path: Path, hint: str = _ANOTHER) -> None:
@@ -40,8 +43,34 @@ def write(path: Path, content: bytes, hint: str = _ANOTHER, *, overwrite: bool =
         raise unwritable(str(path), str(refused.strerror), "Check folder and space.") from refused
 
 
+def check_new(path: Path) -> None:
+    """Refuse a file that is there (RunFileError E9011) or could not be written (E9012)."""
+    _check_name(path)
+    check_free(path)
+    check_writable(path)
+
+
+def check_writable(path: Path) -> None:
+    """Refuse (RunFileError E9012) a file that could not be written, going by the nearest folder that is there."""
+    _check_name(path)
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    if folder.is_dir() and os.access(folder, os.W_OK | os.X_OK) and not path.is_dir():
+        return
+    why = "is a folder" if path.is_dir() else f"{folder} is no folder that can be written"
+    raise unwritable(f"the calibration file {path}", why, "Name another file with --output.")
+
+
+def _check_name(path: Path) -> None:
+    if len(os.fsencode(path.name)) > LONGEST_NAME:
+        raise RunFileError(
+            f"The name of the calibration file has {len(os.fsencode(path.name))} bytes; at most {LONGEST_NAME} fit.",
+            hint="Give --output a shorter name.",
+            code="E9012",
+        )
+
+
 def check_folder(folder: Path) -> None:
-    """Raise RunFileError E9012 when something else stands where the folder is, or has to be made."""
+    """Raise RunFileError E9012 if a path of the folder is not a folder."""
     there = next((path for path in (folder, *folder.parents) if path.exists()), folder)
     if there.exists() and not there.is_dir():
         raise unwritable(f"into {folder}", f"{there} is not a folder", "Check the path.")
@@ -65,7 +94,7 @@ def _taken(path: Path, hint: str) -> RunFileError:
 
 
 class Sink:
-    """A binary file whose errors become those that `error_of` makes of them."""
+    """A binary file whose OSErrors are converted by `error_of`."""
 
     closed = False
 
@@ -75,7 +104,7 @@ class Sink:
         self._written = 0
 
     def write(self, data: bytes) -> int:
-        """Write all of `data`. Raises what `error_of` makes of an OSError."""
+        """Write all of `data`. Raises the error that `error_of` returns for an OSError."""
         try:
             self._file.write(data)
         except OSError as refused:
@@ -84,7 +113,7 @@ class Sink:
         return len(data)
 
     def flush(self) -> None:
-        """Hand on what waits. Raises as `write`."""
+        """Flush the file. Raises as `write`."""
         try:
             self._file.flush()
         except OSError as refused:

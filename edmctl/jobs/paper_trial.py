@@ -1,31 +1,28 @@
-"""The electromechanical model of Muralidhara et al. 2009 against the virtual actuator, as the paper tested it.
+"""The electromechanical model of Muralidhara et al. 2009 compared with the virtual actuator, as in the paper.
 
 The virtual actuator with its displacement sensor is the experiment. The model is Table 1 of the paper behind a
 block H, for which the paper gives no parameters: H is fitted to one slow cycle of the same actuator over its whole
-range, as the Maxwell model of the other trials is, and knows no creep. One zero, that of the fit, holds for all
-waveforms.
+range and has no creep. The zero of that fit is used for all waveforms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from edmctl.actuator.identification import fit_maxwell
 from edmctl.actuator.maxwell import TABLE_1, ElectromechanicalModel, MaxwellModel, Transducer
 from edmctl.actuator.model import ActuatorState, Estimator
 from edmctl.actuator.paper_figures import Reading, readings
 from edmctl.actuator.validation import ErrorFigures
+from edmctl.array_types import Array
 from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import Diagnostic, PreconditionError
 from edmctl.jobs import output_files
 from edmctl.jobs.actuator_trial import ModelErrors, Trace, Truth, slow_cycle, slowed
 from edmctl.jobs.actuator_waveforms import Waveform
 from edmctl.simulator.actuator import HIGH_V, LOW_V, RATE_HZ, VirtualActuator
-
-if TYPE_CHECKING:
-    from edmctl.array_types import Array
 
 Start = Literal["virgin", "conditioned"]
 
@@ -84,7 +81,7 @@ class PaperTrial:
 def run_paper_trial(asked: Sequence[Waveform], start: Start, seed: int) -> PaperTrial:
     """Drive the waveforms on the actuator of this seed and through the model of the paper.
 
-    The actuator begins each at rest, after full swings long ago; the model begins it as `start` says. Raises
+    The actuator starts each at rest, long after full swings; the model starts in the state `start`. Raises
     PreconditionError E8037 for an actuator that Table 1 cannot drive.
     """
     fitted = fit_model(seed)
@@ -111,9 +108,9 @@ def run_paper_trial(asked: Sequence[Waveform], start: Start, seed: int) -> Paper
 
 
 def fit_model(seed: int, transducer: Transducer = TABLE_1) -> FittedModel:
-    """Fit H to one slow cycle of the actuator of this seed, seen through its sensor.
+    """Fit H to one slow cycle of the actuator of this seed, measured by its sensor.
 
-    Raises PreconditionError E8037 where the actuator moves farther per volt than the transducer can drive it.
+    Raises PreconditionError E8037 if the actuator moves farther per volt than the transducer can drive it.
     """
     found = fit_maxwell([slow_cycle(seed)])
     plays = found.model
@@ -139,7 +136,7 @@ def displacement(fitted: FittedModel, applied_v: Array, start: Start) -> Array:
 
 
 def write_figure(trial: PaperTrial, path: Path, words: str) -> None:
-    """Draw the figure and write it; `words` stand below it. Raises RunFileError E9011, E9012."""
+    """Draw the figure with the caption `words`. Raises RunFileError E9011, E9012."""
     from edmctl.report.figures import actuator as figure  # matplotlib
 
     panels = []

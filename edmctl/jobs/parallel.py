@@ -1,4 +1,4 @@
-"""Many tasks side by side over any executor of `concurrent.futures`; a pool that broke is made anew."""
+"""Many tasks in parallel over any executor of `concurrent.futures`; a broken pool is replaced."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")
 
 MOST_LOSSES = 3
-"""A task under way when so many pools broke, alone in the last of them, is the one that breaks them."""
+"""A task that was running when this many pools broke, alone in the last of them, is the cause."""
 FEEDER = "QueueFeederThread"
 """Name of the threads in which `multiprocessing` writes into the queue of a pool."""
 AHEAD = 2
@@ -50,7 +50,7 @@ class Program:
 
 
 def _nothing() -> None:
-    """What a worker of a program without signals begins with."""
+    pass
 
 
 def silent_program() -> Program:
@@ -70,7 +70,7 @@ class Pool:
     workers: int
     kill: Callable[[Executor], None]
     killers: tuple[type[BaseException], ...] = ()
-    """What a task raises whose workers died again and again, where the executor tries by itself."""
+    """Errors of a task whose workers died repeatedly, for executors that retry by themselves."""
     can_begin: Callable[[], bool] = lambda: True
     """Whether workers begin at all; a worker that has begun and dies later is replaced."""
 
@@ -112,7 +112,7 @@ def _unguarded() -> PreconditionError:
 
 
 def pool_of(make: Callable[[], Executor], workers: int) -> Pool:
-    """Return a pool of executors that a caller makes, each with so many workers."""
+    """Return a pool of executors that a caller makes, with `workers` each."""
     return Pool(make, workers, _close)
 
 
@@ -148,7 +148,7 @@ def dask_pool(address: str) -> Iterator[Pool]:
 
 @contextmanager
 def _scheduler_there(address: str) -> Iterator[None]:
-    """Tell a scheduler that is gone in words: dask cancels what was under way."""
+    """Convert the errors of a lost scheduler: dask cancels running tasks."""
     try:
         yield
     except (CancelledError, ConnectionError) as lost:
@@ -165,11 +165,11 @@ def perform(
     pool: Pool,
     on_result: Callable[[int, ResultT | Lost], None],
 ) -> None:
-    """Call `function` with every task, and hand its number and result to `on_result` when it is done, in any order.
+    """Call `function` with every task; `on_result` gets number and result of each finished task, in any order.
 
-    A worker that dies costs no result but its own, which is tried again; a task that three pools broke over, at
-    last with no other beside it, is `Lost`. Whatever `function` or `on_result` raises, or a signal, ends all:
-    results that are there by then are still handed on. Raises PreconditionError E8218 if no worker can begin.
+    The task of a worker that died is repeated; a task that broke three pools, the last time alone, is `Lost`. An
+    error of `function` or `on_result`, or a signal, ends all; finished results are still delivered. Raises
+    PreconditionError E8218 if no worker can start.
     """
     with _silent_feeders():
         _Series(function, tasks, pool, on_result).run()
@@ -177,7 +177,7 @@ def perform(
 
 @contextmanager
 def _silent_feeders() -> Iterator[None]:
-    """Keep what Python's threads that hand tasks to workers say when these die under them: the pool is made anew."""
+    """Silence Python's feeder threads when their workers die: the pool is replaced."""
     before = threading.excepthook
 
     def say(raised: threading.ExceptHookArgs) -> None:
@@ -244,12 +244,12 @@ class _Series(Generic[TaskT, ResultT]):
                 self._on_result(self._under_way.pop(future), result)
 
     def _may_begin(self, number: int) -> bool:
-        """Tell whether a task may join those under way: one that may not be lost once more runs alone."""
+        """Whether a task may run with others: a task that was lost too often runs alone."""
         together = (number, *self._under_way.values())
         return not self._under_way or all(self._losses.get(one, 0) < MOST_LOSSES - 1 for one in together)
 
     def _take_back(self) -> None:
-        """Put what was under way back in line, or give up what was there at every loss."""
+        """Queue the running tasks again, or abandon the task that was present at every loss."""
         self._hand_on_rest()
         for number in sorted(self._under_way.values(), reverse=True):
             self._losses[number] = self._losses.get(number, 0) + 1
@@ -267,7 +267,7 @@ class _Series(Generic[TaskT, ResultT]):
 
 
 def _kill(executor: Executor, *, is_ending: bool) -> None:
-    """Kill the workers of a pool, and nobody else's processes."""
+    """Kill the workers of a pool, and no other processes."""
     for process in list((getattr(executor, "_processes", None) or {}).values()):
         process.kill()
     _close(executor)
@@ -277,7 +277,7 @@ def _kill(executor: Executor, *, is_ending: bool) -> None:
 
 
 def _close(executor: Executor) -> None:
-    """Shut an executor down without waiting; that of dask knows no other way."""
+    """Shut an executor down without waiting."""
     try:
         executor.shutdown(wait=False, cancel_futures=True)
     except TypeError:

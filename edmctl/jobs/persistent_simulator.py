@@ -6,34 +6,32 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from edmctl.errors import UsageError
 from edmctl.jobs.ledger.tool import NAMELESS, is_unnamed
 from edmctl.planning.rules.load import LoadedProfile
+from edmctl.record.bench_file import bench_lock, read_bench, write_bench
+from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.bench import DirectLine
-
-if TYPE_CHECKING:
-    from edmctl.simulator import BenchConfig, VirtualBench
+from edmctl.simulator.config import FIRMWARE, STM32
+from edmctl.simulator.saving import bench_state, restored_bench
 
 KEEP_S = 5.0
-"""A command that is killed leaves its bench as it was at most so long before, in the bench's own time. That is how
-often a job keeps its journal."""
+"""Bench time between two writes: a killed command loses at most this. As often as a job writes its journal."""
 
 
 @contextmanager
 def kept_bench(
     path: Path | None, config: BenchConfig, seed: int
 ) -> Iterator[tuple[VirtualBench, Callable[[], None]]]:
-    """Give the bench that `path` keeps, or a new one where there is none yet, and a call that writes it down.
+    """Give the bench of the file `path`, or a new one, and a function that writes it.
 
-    It is written at the start and at the end as well, whatever ends the block.
+    It is also written at the start and at the end of the block, however that ends.
 
-    Raises RunFileError where the file is no bench, is in use or cannot be written, UsageError E2049 for an emulated
-    board.
+    Raises RunFileError if the file is not a bench, is in use or cannot be written, UsageError E2049 for an
+    emulated board.
     """
-    from edmctl.simulator import open_bench
-
     if path is None:
         yield open_bench(config, seed), lambda: None
         return
@@ -67,11 +65,6 @@ def kept_line(
 def _opened(
     path: Path, config: BenchConfig, seed: int, wait_s: float = 0.0
 ) -> Iterator[tuple[VirtualBench, Callable[[], None]]]:
-    from edmctl.record.bench_file import bench_lock, read_bench, write_bench
-    from edmctl.simulator import open_bench
-    from edmctl.simulator.config import FIRMWARE, STM32
-    from edmctl.simulator.saving import bench_state, restored_bench
-
     if config.controller == STM32:
         raise UsageError(
             f"A bench under the controller {STM32} cannot be kept in {path}: an emulated chip has no file.",
@@ -88,10 +81,10 @@ def _opened(
 
 
 def fit(bench: VirtualBench, loaded: LoadedProfile, config: BenchConfig, say: Callable[[str], None]) -> None:
-    """Put the profile's tool into a kept bench; say what changes by that, and what of the profile does not count.
+    """Put the profile's tool into a persistent bench; print what changes and which profile values have no effect.
 
-    The work, its height and the sensors belong to the bench. A tool that nobody has named yet, of the profile's
-    diameter, is the profile's: it gets its name.
+    Workpiece, height and sensors belong to the bench. An unnamed tool with the profile's diameter gets the
+    profile's name.
     """
     tool, before = loaded.profile.tool, bench.tool_label
     named = is_unnamed(before, bench.plant.config.tool_diameter_um, tool)
@@ -122,10 +115,9 @@ def fit(bench: VirtualBench, loaded: LoadedProfile, config: BenchConfig, say: Ca
 
 
 class KeptLine(DirectLine):
-    """The line to a kept bench; every `KEEP_S` that pass while the host reads, a bench with a worn tool is kept.
+    """The line to a persistent bench; writes a bench with a worn tool every `KEEP_S` while the host reads.
 
-    What else moves comes back by itself: the actuator is conditioned by every command. Nothing is written before
-    `begin`.
+    Other motion need not be kept: every command conditions the actuator. Nothing is written before `begin`.
     """
 
     def __init__(self, bench: VirtualBench, keep: Callable[[], None], path: Path) -> None:
@@ -137,12 +129,12 @@ class KeptLine(DirectLine):
         self._begun = False
 
     def begin(self) -> None:
-        """Write the bench down, from now on. Raises RunFileError E9024 where that is not possible."""
+        """Start writing the bench. Raises RunFileError E9024 if that fails."""
         self._begun = True
         self.keep_all()
 
     def end(self) -> None:
-        """Write what the command has made of the bench."""
+        """Write the final state of the bench."""
         self.keep_all()
 
     def kept_s(self) -> float:

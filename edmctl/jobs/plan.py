@@ -1,10 +1,9 @@
-"""What is asked for, on which machine, and what checking makes of it: plain values that all of a job speaks of."""
+"""Requests, the machine they address, and the checked plan."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, ProfileError, UsageError
@@ -12,25 +11,25 @@ from edmctl.files import user_path
 from edmctl.jobs.calibration.selection import look_at_named, refuse_unasked
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.labels import PAD, PARKING
+from edmctl.planning.forecast import Reached, forecast
+from edmctl.planning.rules.load import LoadedProfile, load_profile
+from edmctl.procedures.job_state import JobState
 from edmctl.profile.findings import Code
+from edmctl.profile.places import Place
+from edmctl.profile.read import read_source
+from edmctl.profile.setup import Setup, load_setup
+from edmctl.record.journal import Journal, JournalledJob
+from edmctl.results.forecast import Forecast
 from edmctl.wording import coordinates, plural
-
-if TYPE_CHECKING:
-    from edmctl.planning.rules.load import LoadedProfile
-    from edmctl.procedures.job_state import JobState
-    from edmctl.profile.places import Place
-    from edmctl.profile.setup import Setup
-    from edmctl.record.journal import Journal, JournalledJob
-    from edmctl.results.forecast import Forecast
 
 SIMULATOR = "sim:"
 
 
 @dataclass(frozen=True, slots=True)
 class MachineAddress:
-    """Which machine: the selector of its port, and how long to wait for the port.
+    """A machine: the selector of its port, and how long to wait for the port.
 
-    controller : what drives a new virtual machine; empty where the profile says it.
+    controller : drives a new virtual machine; empty for the profile's choice
     """
 
     selector: str = SIMULATOR
@@ -44,7 +43,7 @@ class MachineAddress:
 
     @property
     def bench_file(self) -> Path | None:
-        """Where a virtual bench is kept between commands; None for a fresh one and for every other machine."""
+        """File of a persistent virtual bench; None for a new one and for every other machine."""
         if not self.in_process or self.selector == SIMULATOR:
             return None
         return user_path(self.selector.removeprefix(SIMULATOR))
@@ -65,9 +64,9 @@ FRESH = MachineAddress()
 
 
 def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> MachineAddress:
-    """Return the machine that the option (or its environment variable), else the setup, else nobody names.
+    """Return the machine of the option (or its environment variable), else of the setup, else a new virtual one.
 
-    Raises UsageError: E2006 the name is empty, E2045 `wait_s` is no length of time.
+    Raises UsageError: E2006 the name is empty, E2045 `wait_s` is not a duration.
     """
     if not wait_s >= 0.0:
         raise UsageError(f"--wait {wait_s} is no length of time.", hint="Give seconds.", code="E2045")
@@ -87,7 +86,7 @@ def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> MachineAd
 
 @dataclass(frozen=True, slots=True)
 class JobRequest:
-    """What the command line asks for, in plain values that travel to worker processes."""
+    """The options of the command line, in plain values that can be sent to worker processes."""
 
     profile: str | None
     overrides: tuple[str, ...]
@@ -101,10 +100,10 @@ class JobRequest:
 
 @dataclass(frozen=True, slots=True)
 class Resumption:
-    """An interrupted run, as its journal at `path` tells.
+    """An interrupted run, by its journal at `path`.
 
-    `homed`: the stages are confirmed to be where the restarted controller counts them. `restart_hole`: the hole that
-    was interrupted is made from the start.
+    `homed`: the stages are confirmed to be where the restarted controller counts them. `restart_hole`: the
+    interrupted hole is made from the start.
     """
 
     path: Path
@@ -169,9 +168,9 @@ class Resumption:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A checked request. `simulated` is None where only the machine itself will tell, once it is connected.
+    """A checked request. `simulated` is None if that is known only after connecting.
 
-    `new_tool` says that the electrode was changed. Without `names_tool` the machine's tool is taken as it is, and
+    `new_tool` means that the electrode was changed. Without `names_tool` the machine's tool is used as it is, and
     `recipe_of` is the run file whose recipe is used, if any.
     """
 
@@ -191,8 +190,6 @@ class Plan:
 
     def forecast_left(self) -> Forecast | None:
         """Return the forecast of the holes that remain, with the one that was interrupted; None if none remains."""
-        from edmctl.planning.forecast import Reached, forecast
-
         if self.resumed is None:
             return self.forecast
         if not self.resumed.left:
@@ -204,12 +201,12 @@ class Plan:
         return forecast(self.loaded.profile, self.setup, remaining, reached)
 
     def tool_for(self) -> LoadedProfile | None:
-        """What goes onto a virtual bench; None where a bench that is kept stays as it is."""
+        """Return the profile for a virtual bench; None if a persistent bench stays as it is."""
         return self.loaded if self.names_tool or self.where.bench_file is None else None
 
 
 def under(plan: Plan, setup: Setup) -> Plan:
-    """Return the plan checked for another setup, on the same machine. Raises what `check` raises."""
+    """Return the plan checked for another setup, on the same machine. Raises as `check`."""
     request = replace(plan.request, setup=setup.file)
     checked = check(request, plan.surroundings)
     checked = replace(checked, where=plan.where, names_tool=plan.names_tool)
@@ -219,10 +216,8 @@ def under(plan: Plan, setup: Setup) -> Plan:
 def _refuse_beside_virtual_work(setup: Setup, places: Sequence[Place]) -> None:
     """Raise ProfileError E3140 if parking place, pad or holes do not fit the workpiece of the virtual machine.
 
-    It is that of the stock machine, whatever the setup states.
+    That is the workpiece of the stock machine, independent of the setup.
     """
-    from edmctl.profile.setup import Setup
-
     stage, (edge,) = setup.stage, Setup().workpiece_limits()
     for name, x_um, y_um in (
         (PARKING, stage.park_x_um, stage.park_y_um),
@@ -267,10 +262,6 @@ def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:
             hint="Say --profile NAME|FILE or set EDMCTL_PROFILE; `--profile cu270` takes a shipped one.",
             code="E2002",
         )
-    from edmctl.planning.rules.load import load_profile
-    from edmctl.profile.read import read_source
-    from edmctl.profile.setup import load_setup
-
     setup = load_setup(request.setup)
     where = where_is(request.port, setup, request.wait_s)
     loaded = load_profile(request.profile, request.overrides, setup=setup)

@@ -11,9 +11,15 @@ from typing import Generic, Protocol, TypeVar
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import EdmError, UsageError
 from edmctl.jobs.calibration.selection import ModelUsed
-from edmctl.jobs.job_preparation import PreparedJob, hole_radius_um, prepared_job
-from edmctl.jobs.ledger.elapsed import with_home
-from edmctl.jobs.ledger.places_taken import refuse_pad, refuse_taken, refuse_unreachable
+from edmctl.jobs.connected_machine import with_home
+from edmctl.jobs.ledger.prepared_job import (
+    PreparedJob,
+    hole_radius_um,
+    prepared_job,
+    refuse_pad,
+    refuse_taken,
+    refuse_unreachable,
+)
 from edmctl.jobs.ledger.tool import (
     ToolIdentity,
     account_of,
@@ -42,7 +48,6 @@ from edmctl.procedures.session import running
 from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.profile.places import Place
 from edmctl.record.ledger import Ledger
-from edmctl.record.tool_account import history_of
 from edmctl.results.measurements import JumpSeries, SurfaceFound
 from edmctl.results.progress import Observer
 from edmctl.results.result import Result
@@ -53,20 +58,20 @@ MOST_UM = 1e6
 
 
 class Stage(Protocol):
-    """A procedure on a connected machine that has been checked: what it acts on, and what it has reached."""
+    """A procedure that was checked on a connected machine."""
 
     @property
     def job(self) -> Job:
-        """What the machine is prepared for."""
+        """The job that the machine is prepared for."""
 
     def act(self, run: JobRun) -> None:
         """Do it on an armed and conditioned machine."""
 
     def close(self, time_s: float) -> None:
-        """Keep what later commands have to know; the machine is retracted and idle, after `time_s`."""
+        """Keep data for later commands; the machine is retracted and idle after `time_s`."""
 
     def result(self) -> Mapping[str, object] | None:
-        """Return what was reached, for scripts; None if there is nothing."""
+        """Return the result for scripts; None if there is none."""
 
 
 S = TypeVar("S", bound=Stage)
@@ -74,7 +79,7 @@ StageT_co = TypeVar("StageT_co", bound=Stage, covariant=True)
 
 
 class Procedure(Protocol[StageT_co]):
-    """What one command asks for, checked as far as that is possible without a machine."""
+    """The request of one command, checked as far as possible without a machine."""
 
     @property
     def plan(self) -> Plan:
@@ -86,27 +91,27 @@ class Procedure(Protocol[StageT_co]):
 
     @property
     def kind(self) -> str:
-        """What the run file says was done."""
+        """Kind of procedure in the run file."""
 
     @property
     def pulses(self) -> bool:
         """Whether it makes sparks."""
 
     def prepare(self, run: RunContext) -> StageT_co:
-        """Return the next stage; refuse what cannot be done on the connected machine. May change `run.plan`."""
+        """Return the next stage; refuse what the connected machine does not permit. May change `run.plan`."""
 
 
 _MAIN_VALUES = ("kind", "displacement", "height of the jumps, mean", "Z1", "wear", "depth")
-"""By their names in words: what stands in a short representation."""
+"""Values of a short representation, by name."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class ProcedureReport(Result, Generic[StageT_co]):
-    """What a procedure reached, whether it ended well or with `error`.
+    """Result of a procedure, with the `error` that ended it, if any.
 
-    result : what the command of that name prints with `--json`
+    result : the `result` of the command's JSON
     stage : the procedure on the machine; None if it was refused
-    model : where estimated displacements come from; None if the procedure ended before that was known
+    model : source of estimated displacements; None if the procedure ended before that was known
     run_file : the file as it is called now
     """
 
@@ -128,7 +133,7 @@ class ProcedureReport(Result, Generic[StageT_co]):
         return self.result
 
     def brief(self) -> list[str]:
-        """Return the procedure's name and what it was made for."""
+        """Return the procedure's name and its main values."""
         known = dict(facts(self.result))
         return [self.name, *(f"{name} {known[name]}" for name in _MAIN_VALUES if name in known)]
 
@@ -139,7 +144,7 @@ class ProcedureReport(Result, Generic[StageT_co]):
 
 
 def name_of(plan: Plan, command: str, folder: Path, run_id: str | None) -> RunName:
-    """Name the run; a profile that nobody named is not in it. Raises UsageError E2004."""
+    """Name the run, without a profile that was not named. Raises UsageError E2004."""
     loaded = plan.loaded if plan.names_tool else None
     return name_run(folder, run_id, loaded, datetime.now(UTC), command)
 
@@ -147,10 +152,10 @@ def name_of(plan: Plan, command: str, folder: Path, run_id: str | None) -> RunNa
 def perform(
     procedure: Procedure[S], name: RunName, seed: int, observer: Observer, warn: Warn
 ) -> ProcedureReport[S]:
-    """Do it into the run file `name`; `seed` makes a virtual bench that does not exist yet.
+    """Perform it into the run file `name`; `seed` makes a virtual bench that does not exist yet.
 
-    The report holds an expected error, with what was reached. Raises LinkLost, ProtocolMismatch and RunFileError if
-    no machine was connected.
+    The report contains an expected error. Raises LinkLost, ProtocolMismatch and RunFileError if no machine was
+    connected.
     """
     stage: S | None = None
     with connected_run(procedure.plan, seed, observer, name, warn) as run:
@@ -235,7 +240,7 @@ def approach_forecast(
     *,
     contact: bool,
 ) -> dict[str, float | str]:
-    """Return where the tool would go and how long it takes, as far as machine and ledger are known.
+    """Return place and duration of the approach, as far as machine and ledger are known.
 
     Raises PreconditionError as the approach would.
     """
@@ -262,7 +267,7 @@ def approach_forecast(
 
 @dataclass(slots=True)
 class Approach:
-    """A request to find the spark gap, or with `contact` the surface, at a place or where a job would begin."""
+    """A request to find the spark gap, or with `contact` the workpiece surface, at a place or at the next hole."""
 
     plan: Plan
     place: tuple[float, float] | None
@@ -270,7 +275,7 @@ class Approach:
     name: str = "approach"
 
     def __post_init__(self) -> None:
-        """Raise UsageError E2000 for a place where no stage can be."""
+        """Raise UsageError E2000 for a place that no stage can reach."""
         if self.place is not None:
             self.place = stage_place_um(self.place)
 
@@ -285,9 +290,9 @@ class Approach:
         return not self.contact
 
     def prepare(self, run: RunContext) -> ApproachStage:
-        """Return the approach with the machine's tool as it is now. Raises what `checked_site` raises."""
+        """Return the approach with the present tool. Raises as `checked_site`."""
         assert run.name is not None
-        prepared = prepared_job(run.plan, tool_identity(run.bench), run.actuator, run.open_ledger())
+        prepared = prepared_job(run.plan, tool_identity(run.bench), run.actuator, run.ledger)
         site = checked_site(prepared, self.place, run.name.path.parent, run.plan, contact=self.contact)
         return ApproachStage(prepared.job, site, self.contact)
 
@@ -314,11 +319,11 @@ class ApproachStage:
 
 
 JUMPS_ALONE = ('jump.mode="fixed"', "log.servo_hz=1000")
-"""Jumps at a fixed period, whatever a job does about them, and every sample of them."""
+"""Jumps at a fixed period, with every sample recorded."""
 
 
 def refuse_hurry(plan: Plan) -> None:
-    """Raise UsageError E2060 where the jumps follow so fast that the tool is never seen at rest."""
+    """Raise UsageError E2060 if the period is too short for the tool to come to rest."""
     jump = plan.loaded.profile.jump
     least_s = least_period_s(jump.height_um, jump.speed_um_s, jump.dwell_s)
     if jump.period_s < least_s:
@@ -335,7 +340,7 @@ def end_um(plan: Plan) -> float:
 
 
 def jumps_forecast(plan: Plan, count: int) -> dict[str, float]:
-    """Return what a series of jumps is, and how long it takes."""
+    """Return the values and the duration of a series of jumps."""
     profile, jump = plan.loaded.profile, plan.loaded.profile.jump
     before_s = conditioning_time_s(profile, plan.setup) + SETTLE_AT_DEPTH_S
     return {
@@ -361,19 +366,17 @@ class Jumps:
 
     def prepare(self, run: RunContext) -> JumpsStage:
         """Return the jumps with the profile's job. Raises PreconditionError E8059 for another setup."""
-        ledger, plan = run.open_ledger(), run.plan
-        job = job_of(plan.loaded.profile, plan.setup, (), run.actuator)
-        if ledger is not None:
-            history = history_of(ledger.lines, run.bench.serial)
+        plan, history = run.plan, run.history
+        if run.ledger is not None:
             account = account_of(plan, tool_identity(run.bench), history)
-            refuse_other_setup(account, history, plan, ledger.path.parent)
-            job = with_home(job, history, run.bench.now)
+            refuse_other_setup(account, history, plan, run.ledger.path.parent)
+        job = with_home(job_of(plan.loaded.profile, plan.setup, (), run.actuator), history, run.bench.now)
         return JumpsStage(job, end_um(plan), self.count)
 
 
 @dataclass(slots=True)
 class JumpsStage:
-    """A series of jumps on the machine, from the displacement `from_um`; `series` is what was measured."""
+    """A series of jumps on the machine, from the displacement `from_um`; `series` is the result."""
 
     job: Job
     from_um: float

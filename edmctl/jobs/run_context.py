@@ -1,15 +1,15 @@
-"""The context of a run: a connected machine, a calibration and a run file, from the first check to the closed file.
+"""The context of a run: connected machine, calibration and run file, from the first check to the closed file.
 
-A job or procedure that moves a machine is written in the order in which it happens:
+A job or procedure that moves a machine reads in the order of events:
 
     with connected_run(plan, seed, observer, name, warn) as run:
         run.check_machine()
-        ...  # refuse what cannot be done; nothing is written and nothing moves
+        ...  # refuse; nothing is written and nothing moves
         with run.recording("machine", summary):
             ...  # move the machine
 
-The two blocks close the run file and the connection whatever ends them. `procedures.session.running` brings the
-machine into its safe state. An expected error ends the outer block and is kept as `run.error`.
+Both blocks close run file and connection however they end; `procedures.session.running` brings the machine into its
+safe state. An expected error ends the outer block and is kept as `run.error`.
 """
 
 from __future__ import annotations
@@ -24,12 +24,11 @@ from edmctl.exitcodes import MEANING, ExitCode, error_exit_code
 from edmctl.jobs.calibration.selection import Choice, choose
 from edmctl.jobs.connect import connected, introduction
 from edmctl.jobs.connected_machine import ConnectedMachine
-from edmctl.jobs.creep_left import CreepNote
-from edmctl.jobs.drift_choice import DriftChoice
-from edmctl.jobs.job_preparation import ledger_of
+from edmctl.jobs.drift_choice import CreepNote, DriftChoice
+from edmctl.jobs.ledger.prepared_job import ledger_of
 from edmctl.jobs.ledger.tool import as_found, name_tool
 from edmctl.jobs.plan import Plan, under
-from edmctl.jobs.resume.selection import refuse_other_setup_of_run
+from edmctl.jobs.resume import refuse_other_setup_of_run
 from edmctl.jobs.run_header import RunName, run_meta
 from edmctl.jobs.runs.opening import on_machine
 from edmctl.jobs.surroundings import Warn
@@ -38,23 +37,25 @@ from edmctl.labels import NOT_SHOWN_CODE, Verdict
 from edmctl.procedures.job import CalibratedActuator
 from edmctl.procedures.job_state import JobTally
 from edmctl.process.rest_drift import CreepLeft
+from edmctl.record.background import BackgroundWriter
 from edmctl.record.disk import refuse_place
 from edmctl.record.disk_thread import DiskThread
 from edmctl.record.ledger import Entry, Ledger
 from edmctl.record.locks import are_known
 from edmctl.record.rows import NullRecorder, Recorder, Summary
+from edmctl.record.tool_account import MachineHistory, history_of
 from edmctl.results.progress import Observer
 
 
 @dataclass(slots=True, eq=False)
 class RunContext:
-    """What a run works with, and what it has reached, also after an error.
+    """The machine, plan and files of a run, and its results, also after an error.
 
     plan : under the setup in effect, which may be known only by the machine's serial number
-    name : name of the run file; None if the run leaves none
-    creep_left : what the actuator creeps back yet: after an earlier use, and in the end after this one; None if
-        nothing has used it
-    run_file : the run file as it is called now; None as long as there is none
+    name : name of the run file; None if there is none
+    ledger : job ledger next to the run file; None without one, or if the machine ends with the command
+    creep_left : remaining creep of the actuator, before this use and in the end after it; None if it was never used
+    run_file : the run file as it is called now; None before it exists
     error : the expected error that ended the run
     """
 
@@ -65,6 +66,7 @@ class RunContext:
     bench: ConnectedMachine
     disk: DiskThread
     tally: JobTally = field(default_factory=JobTally)
+    ledger: Ledger | None = None
     choice: Choice | None = None
     drift: DriftChoice = field(default_factory=DriftChoice)
     creep_left: CreepLeft | None = None
@@ -77,15 +79,21 @@ class RunContext:
         """The calibrated actuator; None if no calibration is used."""
         return self.choice.actuator if self.choice else None
 
-    def open_ledger(self) -> Ledger | None:
-        """Read the job ledger beside the run file; None without a run file or on a machine that does not last."""
-        return ledger_of(self.plan, self.name)
+    @property
+    def history(self) -> MachineHistory:
+        """The machine's history by the ledger; empty without one."""
+        return history_of(self.ledger.lines if self.ledger else (), self.bench.serial)
+
+    @property
+    def file_name(self) -> str:
+        """Name of the run file in the ledger; empty without one."""
+        return self.name.path.name if self.name else ""
 
     def check_machine(self) -> None:
-        """Take the setup that belongs to the machine, choose its calibration, read how its actuator was used.
+        """Take the machine's own setup, choose its calibration, read the use of its actuator and its ledger.
 
-        Raises RecordError, ProfileError, and PreconditionError: E8031, E8032 no calibration for a machine without a
-        sensor, E8053 a resumed run had another setup.
+        Raises RecordError, ProfileError, RunFileError, and PreconditionError: E8031, E8032 no calibration for a
+        machine without a sensor, E8053 a resumed run had another setup.
         """
         if self.bench.own_setup is not None:
             self.plan = under(self.plan, self.bench.own_setup)
@@ -108,26 +116,27 @@ class RunContext:
         )
         self.warn(self.choice.warnings)
         self.creep_left = self._creep_note().read()
+        self.ledger = ledger_of(plan, self.name)
 
     @contextmanager
     def recording(self, procedure: str, summary: Callable[[], Mapping[str, object]]) -> Iterator[None]:
-        """Open the run file and introduce the run; close the file whatever ends the block.
+        """Create the run file and introduce the run; close the file however the block ends.
 
-        `procedure` names in the file what is done, `summary` gives the result that is written at the end. From here
-        on a virtual bench has the profile's tool.
+        `procedure` is the kind of procedure in the file, `summary` returns the result that is written at the end.
+        From here on a virtual bench has the profile's tool.
 
         Raises PreconditionError E8010 if a fault is latched, RunFileError if a file cannot be written.
         """
         bench, plan = self.bench, self.plan
         if bench.machine.hello.fault and (latched := bench.machine.latched_fault()):
             raise latched
-        before, note, ledger = self.creep_left, self._creep_note(), self.open_ledger()
-        found = as_found(plan, bench, ledger, "measure-wear")
+        before, note = self.creep_left, self._creep_note()
+        found = as_found(plan, bench, self.ledger, "measure-wear")
         with self._run_file(found, procedure, summary):
             into = f", into {self.name.path}" if self.name else ""
             recipe = f"; recipe of {plan.recipe_of}" if plan.recipe_of else ""
             self.observer.note(f"{introduction(plan.where, bench)}{into}; {plan.setup.in_words()}{recipe}")
-            name_tool(plan, bench, ledger)
+            name_tool(plan, bench, self.ledger)
             note.take_away()
             bench.begin()
             if plan.new_tool and bench.virtual is not None:
@@ -139,14 +148,17 @@ class RunContext:
                     note.leave(self.creep_left)
 
     def note_creep(self) -> None:
-        """Keep what the actuator creeps back after this use; of a use that ended early it is unknown."""
+        """Keep the remaining creep after this use; unknown if the use ended early."""
         self.creep_left = self.tally.creep_left or CreepLeft.none(0.0)
 
-    def write_down(self, ledger: Ledger, *entries: Entry) -> None:
-        """Add entries to the ledger; a bench in a file is written first and is never older.
+    def write_down(self, *entries: Entry) -> None:
+        """Add entries to the ledger, if any; a bench in a file is written first and is never older.
 
         Raises RunFileError if one of them cannot be written.
         """
+        ledger = self.ledger
+        if ledger is None:
+            return
         self.bench.keep_all()
         serial, bench_s = self.bench.serial, self.bench.kept_s()
         self.disk.run(ledger.path, lambda: ledger.append(serial, *entries, bench_s=bench_s))
@@ -162,8 +174,6 @@ class RunContext:
         if name is None:
             yield
             return
-        from edmctl.record.background import BackgroundWriter  # h5py
-
         assert self.choice is not None
         identity = self.bench.machine.identity
         meta = run_meta(name, plan, self.bench.seed, identity, self.choice, procedure, self.drift.toml)

@@ -1,4 +1,4 @@
-"""The name of a run file, and what it says about the run before its first row."""
+"""The name and the header of a run file."""
 
 from __future__ import annotations
 
@@ -13,20 +13,23 @@ from typing import TYPE_CHECKING
 from edmctl.dataclasses import dataclass
 from edmctl.errors import UsageError
 from edmctl.jobs.calibration.selection import Choice
+from edmctl.jobs.plan import Plan
+from edmctl.planning.rules.load import LoadedProfile
+from edmctl.profile.positions import SET_OPTION
+from edmctl.profile.read import read_chain
+from edmctl.profile.setup import Setup
+from edmctl.record.journal import journal_path
 from edmctl.record.run_meta import RunMeta, SourceText, profile_leaves
 from edmctl.toml_text import toml_scalar, toml_tables
 from edmctl.version import __version__
 
 if TYPE_CHECKING:
-    from edmctl.jobs.plan import Plan
     from edmctl.machine.interface import MachineIdentity
-    from edmctl.planning.rules.load import LoadedProfile
-    from edmctl.profile.setup import Setup
 
 
 @dataclass(frozen=True, slots=True)
 class RunName:
-    """What a run is called, when it started (UTC), and the run that it goes on with, if any."""
+    """Name, start (UTC) and run file of a run, and the run that it resumes, if any."""
 
     run_id: str
     path: Path
@@ -40,9 +43,7 @@ class RunName:
 
     @property
     def journal(self) -> Path:
-        """Where the state of its job is kept until it is done."""
-        from edmctl.record.journal import journal_path
-
+        """Path of the journal until the job is done."""
         return journal_path(self.path)
 
 
@@ -54,7 +55,7 @@ class _GivenNames:
         self._paths: set[Path] = set()
 
     def take(self, path: Path) -> bool:
-        """Take a name; False where it is taken."""
+        """Reserve a name; False if it is reserved already."""
         with self._lock:
             is_new = path not in self._paths
             self._paths.add(path)
@@ -69,9 +70,7 @@ def name_run(
 ) -> RunName:
     """Name a run by `run_id`, or else by the profile's file name and the time: `cu270-20260131T101500.250Z`.
 
-    A `command` other than `machine` stands in front, or alone where there is no profile.
-
-    Raises UsageError (E2004) when the id is no plain file name.
+    A `command` other than `machine` is the first word. Raises UsageError (E2004) if the id is not a plain file name.
     """
     if run_id is not None:
         return RunName(run_id, run_path(folder, run_id), start)
@@ -86,7 +85,7 @@ def name_run(
 
 
 def plain_name(text: str) -> str:
-    """Return what a file name can hold of `text`."""
+    """Return `text` with the characters that a file name can contain."""
     return re.sub(r"[^A-Za-z0-9._+-]", "-", text).lstrip("._+-")[:80] or "run"
 
 
@@ -112,7 +111,7 @@ def run_meta(
     procedure: str,
     drift_text: str = "",
 ) -> RunMeta:
-    """Describe a run for its file; `drift_text` is the drift file that it goes by."""
+    """Return the header of a run; `drift_text` is the drift file in use."""
     loaded, profile = plan.loaded, plan.loaded.profile
     values = profile.model_dump(mode="json", by_alias=True, exclude_none=True)
     return RunMeta(
@@ -153,10 +152,8 @@ def run_meta(
 
 
 def _title(loaded: LoadedProfile) -> str:
-    """The description of the job, where it is its own: one that is inherited or overridden speaks of another job."""
+    """Return the job's own description; an inherited or overridden one may describe another job."""
     import tomllib
-
-    from edmctl.profile.positions import SET_OPTION
 
     meta = loaded.profile.meta
     changed = {line.partition(" ")[0] for line in loaded.overrides if line.endswith(f", {SET_OPTION})")}
@@ -169,8 +166,6 @@ def _title(loaded: LoadedProfile) -> str:
 
 def _parents(loaded: LoadedProfile) -> tuple[SourceText, ...]:
     """The files that the profile extends, read again: a loaded profile keeps its own text only."""
-    from edmctl.profile.read import read_chain
-
     return tuple(SourceText(source.name, source.text) for source in read_chain(loaded.path).sources[1:])
 
 

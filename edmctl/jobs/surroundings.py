@@ -1,4 +1,4 @@
-"""What a job is told of the program that runs it; it looks at no terminal, shell or signal by itself."""
+"""What a job needs of the program that runs it: command, environment, stop request."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Warn = Callable[[Sequence[Diagnostic]], None]
 
 
 def python_warnings(found: Sequence[Diagnostic]) -> None:
-    """Tell doubts as warnings of Python, at the line of the program that called."""
+    """Issue warnings of Python, at the line of the calling program."""
     frame, level = sys._getframe(), 1
     while frame.f_back is not None and frame.f_globals["__name__"].startswith("edmctl."):
         frame, level = frame.f_back, level + 1
@@ -25,7 +25,7 @@ def python_warnings(found: Sequence[Diagnostic]) -> None:
 
 
 class Unobserved:
-    """An observer that nobody looks at."""
+    """An observer that ignores everything."""
 
     def progress(self, p: Progress) -> None:
         """Ignore it."""
@@ -39,9 +39,9 @@ class Surroundings:
     """The program around a job.
 
     `command` is kept in run files; `environ` names calibrations and secrets as environment variables do. `stop`
-    makes the request to stop of a machine, which may say a word when it is honoured; while the machine is connected
-    `guard` is entered with that request and with what ends the session at once. `settled` is called when a result
-    stands: a stop could only cut off how it is kept.
+    makes the stop request of a machine, and gets a function that prints a note. While the machine is connected,
+    `guard` is entered with that request and a function that ends the session at once. `settled` is called when the
+    result is final: from then on a stop could only damage its file.
     """
 
     command: tuple[str, ...] = ("edmctl",)
@@ -54,4 +54,4 @@ class Surroundings:
 
 
 NONE = Surroundings()
-"""A program that says nothing of itself."""
+"""A program without command line, environment or signals."""

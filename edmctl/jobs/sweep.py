@@ -27,10 +27,10 @@ def simulated_by(seed: int | None) -> str:
 
 
 def seed_to_use(asked: SupportsIndex | None, runs: int = 1) -> int:
-    """Return the first seed that was asked for, else a new one, to be printed and recorded.
+    """Return the requested first seed, else a new one, to be printed and recorded.
 
-    Raises UsageError (E2005) when the run file cannot hold it, or the last of the seeds of `runs` runs; TypeError
-    when it is no whole number.
+    Raises UsageError (E2005) if the run file cannot store it, or the last seed of `runs` runs; TypeError if it is
+    not a whole number.
     """
     if asked is None:
         return secrets.randbelow(_NEW_SEEDS)

@@ -1,9 +1,9 @@
-"""What the virtual machine truly has, for judging measurements, never for making them: channels and wear."""
+"""True values of a virtual machine, to evaluate measurements and never to make them: holes, channels and wear."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any
@@ -12,19 +12,23 @@ from edmctl.dataclasses import dataclass, field
 from edmctl.errors import RunFileError
 from edmctl.jobs.plan import Resumption
 from edmctl.procedures.job_state import JobState, StateStore
+from edmctl.process.erosion import corner_radius_um, roughness_rz_um
+from edmctl.profile.model import Profile
 from edmctl.record.rows import Recorder, TruthMap
-from edmctl.results.job import ChannelTruth
+from edmctl.results.job import ChannelTruth, SiteResult, SiteTruth
 
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
+if TYPE_CHECKING:  # a job on hardware loads no simulator
     from edmctl.simulator import VirtualBench
+    from edmctl.simulator.bench import HoleTruth
 
+SAME_HOLE_UM = 50.0
+"""Larger than the stage error, smaller than the distance of two holes: a hole farther away is not the site's."""
 STEP_UM = 5.0
 """The floor is looked at every so often along the path."""
 
 
 def channel_truth(profile: Profile, bench: VirtualBench, wear_um: float) -> ChannelTruth | None:
-    """Look along the path in the height map; None where the recipe has no path or nothing was cut."""
+    """Return the floor of the channel in the height map; None if the recipe has no path or nothing was cut."""
     import numpy as np
 
     from edmctl.procedures.channel.way import way_of_path
@@ -43,13 +47,13 @@ def channel_truth(profile: Profile, bench: VirtualBench, wear_um: float) -> Chan
 
 
 def keep_truth_map(recorder: Recorder, bench: VirtualBench) -> None:
-    """Write the height map of the work into the run file. A disk that failed is told at the end of the file."""
+    """Write the height map of the workpiece into the run file. A disk error is reported at the end of the file."""
     with suppress(RunFileError):
         recorder.append(TruthMap(*bench.truth_map()))
 
 
 LEFT = "left"
-"""Stands for a hole that was given up; with a number and a space it is the name of no site."""
+"""Name of an abandoned hole; with a number and a space it cannot be the name of a site."""
 
 
 @dataclass(slots=True, eq=False)
@@ -74,7 +78,7 @@ class TrueWear:
         self.journal.keep(state, urgent=urgent)
 
     def as_mapping(self) -> dict[str, object]:
-        """What a run that goes on with this one has to know."""
+        """Return the state that a resumed run needs."""
         self._look()
         return {"tool_wear_um": self.before_um, "at_end_um": dict(self._at_end_um)}
 
@@ -92,7 +96,7 @@ class TrueWear:
             self._given_up_um = self.bench.tool_wear_um
 
     def of_site(self, name: str) -> float:
-        """True wear at a site, up to now where the job has not left it."""
+        """Return the true wear at a site, up to now if the job has not left it."""
         self._look()
         names = list(self._at_end_um)
         if name not in self._at_end_um:
@@ -109,3 +113,30 @@ class TrueWear:
         if self.bench.tool_wear_um > self._given_up_um:
             self._at_end_um[f"{LEFT} {len(self._at_end_um)}"] = self._given_up_um
             self._given_up_um = math.inf
+
+
+def truths_of(
+    sites: Sequence[SiteResult], holes: Sequence[HoleTruth], true_wear: TrueWear, tool_um: float = math.nan
+) -> tuple[SiteTruth, ...]:
+    """Return the true hole of each site, in µm: the nearest hole, and the tool wear at the site.
+
+    A hole through the foil has no depth. `tool_um` is the diameter of the tool.
+    """
+    truths = []
+    for site in sites:
+        hole = min(holes, key=lambda hole: _apart_um(hole, site), default=None)
+        wear_um = true_wear.of_site(site.name)
+        corner_um = corner_radius_um(true_wear.at_end_of(site.name), tool_um)
+        if hole is None or _apart_um(hole, site) > SAME_HOLE_UM:
+            truths.append(SiteTruth(wear_um=wear_um, corner_um=corner_um))
+            continue
+        depth_um = math.nan if site.through else hole.depth_um
+        rz_um = roughness_rz_um(hole.ra_um)
+        truths.append(
+            SiteTruth(depth_um, wear_um, hole.side_gap_um, hole.taper_um, hole.ra_um, rz_um, corner_um)
+        )
+    return tuple(truths)
+
+
+def _apart_um(hole: HoleTruth, site: SiteResult) -> float:
+    return math.hypot(hole.x_um - site.x_um, hole.y_um - site.y_um)

@@ -23,7 +23,7 @@ from edmctl.errors import (
     UsageError,
 )
 from edmctl.files import path_variable
-from edmctl.jobs.ledger.places_taken import WALL_UM
+from edmctl.jobs.ledger.prepared_job import WALL_UM
 from edmctl.jobs.plan import JobRequest, Plan, check
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.surroundings import Surroundings, Warn
@@ -175,7 +175,7 @@ class _Series:
         self, run: StudyRun, name: RunName
     ) -> _Begun | tuple[dict[str, JsonValue], tuple[Path, ...]] | None:
         """What an earlier command left of an attempt: a hole to resume, a result without a row, or nothing."""
-        from edmctl.jobs.resume.selection import checked, find_run, name_of_resumed
+        from edmctl.jobs.resume import checked, find_run, name_of_resumed
         from edmctl.jobs.runs.opening import recovered_before
 
         try:

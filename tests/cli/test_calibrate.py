@@ -22,9 +22,10 @@ from edmctl.actuator.waveforms import jump_train, sampled, slow_legs, triangle
 from edmctl.app import main
 from edmctl.cli.signals import SignalArrived
 from edmctl.errors import Interrupted
-from edmctl.jobs.calibration import run as calibration_run
+from edmctl.jobs.calibration import calibrate as calibration_run
 from edmctl.jobs.calibration import selection as calibrated
 from edmctl.planning.rules.load import load_profile
+from edmctl.procedures.actuator.calibration import MeasuredActuator
 from edmctl.profile.calibration import load_calibration
 from edmctl.profile.setup import Setup
 from edmctl.record.columns import read_record, write_columns
@@ -208,18 +209,16 @@ def test_a_calibration_changes_no_later_run_of_the_same_seed(here: Here, quick: 
 
 
 def test_a_calibration_in_use_is_not_replaced_by_one_that_is_not_accepted(
-    here: Here, quick: None, home: Path, monkeypatch: pytest.MonkeyPatch
+    here: Here, quick: None, files: Files, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kept = ("calibrate", "--port", "sim:bench.h5")
     here(*kept, "--seed", "3")
     own = home / "calibration" / "SIM-3.toml"
     before = own.read_bytes()
-    from edmctl.procedures.actuator import calibration as calibrating
-
-    shaky = calibrating.measure_actuator().record  # type: ignore[call-arg]
+    shaky = read_record(files.fit)
     y_um = shaky.y_um + 8.0 * np.random.default_rng(1).standard_normal(len(shaky.y_um))
-    worse = calibrating.MeasuredActuator(shaky._replace(y_um=y_um), 0)
-    monkeypatch.setattr(calibrating, "measure_actuator", lambda *_: worse)
+    worse = MeasuredActuator(shaky._replace(y_um=y_um), 0)
+    monkeypatch.setattr(calibration_run, "measure_actuator", lambda *_: worse)
     said = here(*kept, "--json")
     assert said.exit_code == 0
     assert own.read_bytes() == before
@@ -254,10 +253,8 @@ def test_without_a_sensor_a_machine_is_not_calibrated(here: Here) -> None:
 @pytest.fixture
 def quick(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare the five minutes: the machine measures what stands in a file."""
-    from edmctl.procedures.actuator import calibration as calibrating
-
-    done = calibrating.MeasuredActuator(read_record(files.fit), 0)
-    monkeypatch.setattr(calibrating, "measure_actuator", lambda *_: done)
+    done = MeasuredActuator(read_record(files.fit), 0)
+    monkeypatch.setattr(calibration_run, "measure_actuator", lambda *_: done)
 
 
 def test_what_was_measured_is_kept_when_no_model_can_be_fitted(
@@ -321,10 +318,8 @@ def no_space(*_: object) -> NoReturn:
 def test_lost_telemetry_is_doubtful(
     here: Here, files: Files, quick: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from edmctl.procedures.actuator import calibration as calibrating
-
-    done = calibrating.MeasuredActuator(read_record(files.fit), 2)
-    monkeypatch.setattr(calibrating, "measure_actuator", lambda *_: done)
+    done = MeasuredActuator(read_record(files.fit), 2)
+    monkeypatch.setattr(calibration_run, "measure_actuator", lambda *_: done)
     (warning,) = here("calibrate", "--seed", "1", "--json").document["warnings"]
     assert (warning["code"], warning["message"][:8]) == ("W3611", "2 frames")
 
@@ -548,11 +543,9 @@ def test_an_output_that_exists_stays_as_it_is(here: Here, files: Files) -> None:
 def test_a_home_that_cannot_be_written_is_noticed_before_anything_moves(
     here: Here, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from edmctl.procedures.actuator import calibration as calibrating
-
     home.rmdir()
     home.write_text("no folder", encoding="utf-8")
-    monkeypatch.setattr(calibrating, "measure_actuator", None)
+    monkeypatch.setattr(calibration_run, "measure_actuator", None)
     assert refusal(here)["code"] == "E9012"
 
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, cast
 import pytest
 
 from edmctl.errors import ProtocolMismatch
-from edmctl.jobs import doctor_host as doctor_host
-from edmctl.jobs.doctor_machine import _line, _round_trip
+from edmctl.jobs import doctor
+from edmctl.jobs.doctor import _line, _round_trip
 from edmctl.link.faults import FaultCode
 from edmctl.link.messages import ClearFault, ResetCause, State
 from edmctl.link.session import Session
@@ -201,17 +201,17 @@ def test_a_setup_that_cannot_be_read_is_one_check_of_many(here: Here, tmp_path: 
 
 def test_a_folder_that_cannot_be_written_fails(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    assert doctor_host.run_folder(tmp_path / "file" / "runs").status is CheckStatus.FAIL
-    assert doctor_host.run_folder(tmp_path / "new" / "runs").status is not CheckStatus.FAIL
+    assert doctor.run_folder(tmp_path / "file" / "runs").status is CheckStatus.FAIL
+    assert doctor.run_folder(tmp_path / "new" / "runs").status is not CheckStatus.FAIL
 
 
 def test_a_machine_without_sensor_needs_a_calibration(tmp_path: Path) -> None:
     setup = Setup(sensor=Sensor(fitted=False))
     machine = (setup, "SIM-1", "sim:bench.h5")
-    check = doctor_host.calibration({"EDMCTL_HOME": str(tmp_path)}, *machine)
+    check = doctor.calibration({"EDMCTL_HOME": str(tmp_path)}, *machine)
     assert check.status is CheckStatus.FAIL
     assert check.fix == "Run `edmctl calibrate --port sim:bench.h5`."
-    named = doctor_host.calibration({"EDMCTL_CALIBRATION": str(tmp_path / "none.toml")}, *machine)
+    named = doctor.calibration({"EDMCTL_CALIBRATION": str(tmp_path / "none.toml")}, *machine)
     assert named.status is CheckStatus.FAIL
     assert "none.toml" in named.message
 
@@ -229,7 +229,7 @@ def system(tmp_path: Path) -> tuple[Path, Path]:
 
 
 def test_linux_tells_of_slow_adapters_and_of_modem_manager(system: tuple[Path, Path]) -> None:
-    checks = doctor_host.line_settings("/dev/ttyUSB0", *system)
+    checks = doctor.line_settings("/dev/ttyUSB0", *system)
     assert [(check.name, check.status.value) for check in checks] == [
         ("latency timer", "warn"),
         ("ModemManager", "warn"),
@@ -237,19 +237,19 @@ def test_linux_tells_of_slow_adapters_and_of_modem_manager(system: tuple[Path, P
     assert "16 ms" in checks[0].message
     (system[0] / "bus/usb-serial/devices/ttyUSB0/latency_timer").write_text("1\n")
     (system[1] / "4711" / "comm").write_text("bash\n")
-    checks = doctor_host.line_settings("/dev/ttyUSB0", *system)
+    checks = doctor.line_settings("/dev/ttyUSB0", *system)
     assert [(check.name, check.status.value) for check in checks] == [("latency timer", "ok")]
 
 
 def test_an_adapter_is_known_by_every_name_of_its_port(system: tuple[Path, Path], tmp_path: Path) -> None:
     (tmp_path / "edm").symlink_to("/dev/ttyUSB0")
-    assert doctor_host.line_settings(str(tmp_path / "edm"), *system)[0].name == "latency timer"
+    assert doctor.line_settings(str(tmp_path / "edm"), *system)[0].name == "latency timer"
 
 
 def test_a_virtual_machine_has_no_adapter(system: tuple[Path, Path], tmp_path: Path) -> None:
     (tmp_path / "edm").symlink_to("/dev/pts/0")
     for port in (None, "sim:", "/dev/pts/0", str(tmp_path / "edm"), "socket://127.0.0.1:7321"):
-        assert list(doctor_host.line_settings(port, *system)) == []
+        assert list(doctor.line_settings(port, *system)) == []
 
 
 @pytest.mark.parametrize(
@@ -259,7 +259,7 @@ def test_a_virtual_machine_has_no_adapter(system: tuple[Path, Path], tmp_path: P
 def test_a_slow_line_is_blamed_on_an_adapter_where_there_is_one(
     monkeypatch: pytest.MonkeyPatch, port: str, is_told: bool
 ) -> None:
-    monkeypatch.setattr("edmctl.jobs.doctor_machine.SLOW_S", -1.0)
+    monkeypatch.setattr("edmctl.jobs.doctor.SLOW_S", -1.0)
     identity = SimpleNamespace(transport=port, simulated=False)
     machine = cast("LinkMachine", SimpleNamespace(identity=identity, status=lambda: None))
     check = _round_trip(machine)

@@ -251,17 +251,16 @@ def test_a_bench_that_cannot_be_kept_in_the_end_does_not_hide_the_result(
 
 def test_a_bench_that_cannot_be_kept_any_more_is_told(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     from edmctl.errors import RunFileError
-    from edmctl.record import bench_file
 
-    write, calls = bench_file.write_bench, []
+    calls: list[float] = []
 
     def full(path: Path, state: object, *, is_own: bool = False) -> None:
         calls.append(time.monotonic())
         if len(calls) > 1:
             raise RunFileError("Cannot keep the bench: no space.", hint="Make room.", code="E9024")
-        write(path, state, is_own=is_own)  # type: ignore[arg-type]
+        write_bench(path, state, is_own=is_own)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(bench_file, "write_bench", full)
+    monkeypatch.setattr("edmctl.jobs.persistent_simulator.write_bench", full)
     said = here("approach", "--profile", CU270, "--contact", *KEPT, "--json")
     assert said.exit_code == 9
     assert said.document["error"]["code"] == "E9024"

@@ -12,8 +12,7 @@ import h5py
 import pytest
 
 from edmctl.jobs import run_context
-from edmctl.jobs.job import truths_of
-from edmctl.jobs.truth import TrueWear
+from edmctl.jobs.truth import TrueWear, truths_of
 from edmctl.jsonout import to_json_value
 from edmctl.procedures.job_state import JobState, NoStateStore
 from edmctl.record.reader import open_run

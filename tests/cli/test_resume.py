@@ -8,6 +8,7 @@ import math
 import os
 import shutil
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,10 +17,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import LinkLost, MachineFault
+from edmctl.jobs.checkpoint import tell_way_on
 from edmctl.jobs.connected_machine import CALENDAR, Now
 from edmctl.jobs.measure_wear import _aged
-from edmctl.jobs.resume.checkpoint import tell_way_on
-from edmctl.jobs.resume.selection import checked, find_run, taken_up
+from edmctl.jobs.resume import checked, find_run, taken_up
 from edmctl.jobs.run_header import RunName
 from edmctl.link.faults import FaultCode
 from edmctl.machine.controller import LinkMachine
@@ -63,6 +64,8 @@ from tests.serving import serving
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from edmctl.machine.interface import Touch
     from edmctl.machine.requests import TouchRequest
     from edmctl.record.ledger import Entry
@@ -104,12 +107,29 @@ def refused(said: Said, code: str) -> str:
     return str(error["message"])
 
 
+@contextmanager
+def dying_at(*places: str, error: Exception | None = None) -> Iterator[None]:
+    """Raise an error in functions of the job, else a lost line."""
+
+    def dies(*_: object, **__: object) -> None:
+        raise error or LinkLost("made for this test")
+
+    with pytest.MonkeyPatch.context() as patch:
+        for place in places:
+            patch.setattr(place, dies)
+        yield
+
+
 def assert_on_target(said: Said) -> None:
     assert said.exit_code == 0, said.out
     (site,) = said.document["result"]["sites"]
     assert abs(site["depth_um"] - TARGET_UM) <= TOLERANCE_UM
     assert abs(site["depth_um"] - site["truth"]["depth_um"]) <= 1.0
     assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= 1.5
+
+
+def latch(bench: VirtualBench) -> None:
+    bench.controller.raise_fault(FaultCode.HOST_SILENT)
 
 
 def ledger_goes_on(*entries: Entry) -> None:
@@ -261,12 +281,7 @@ def test_a_resumed_job_can_be_interrupted_and_resumed_again(here: Here, killed: 
 @pytest.mark.slow
 def test_one_that_dies_before_it_touches_keeps_what_was_known(here: Here, killed: Path) -> None:
     before = read_journal(Path("runs/a.journal")).state
-    with pytest.MonkeyPatch.context() as patch:
-
-        def lost(*_: object, **__: object) -> None:
-            raise LinkLost("made for this test")
-
-        patch.setattr("edmctl.procedures.hole.resuming.take_reading", lost)
+    with dying_at("edmctl.procedures.hole.resuming.take_reading"):
         assert here(*RESUME, *BENCH).exit_code == 4
     (journal,) = Path("runs").glob("*.journal")
     after = read_journal(journal).state
@@ -278,12 +293,7 @@ def test_one_that_dies_before_it_touches_keeps_what_was_known(here: Here, killed
 def test_one_that_died_before_any_touch_goes_on_with_a_worn_tool(here: Here) -> None:
     deep = (*MACHINE, "--set", "target.depth_um=110.0", *BENCH, "--seed", "4")
     assert here(*deep, "--run-id", "before", "--quiet").exit_code == 0
-    with pytest.MonkeyPatch.context() as patch:
-
-        def lost(*_: object, **__: object) -> None:
-            raise LinkLost("made for this test")
-
-        patch.setattr("edmctl.procedures.hole.hole.read_pad", lost)
+    with dying_at("edmctl.procedures.hole.hole.read_pad"):
         assert here(*MACHINE, *BENCH, "--run-id", "a", "--quiet").exit_code == 4
     assert read_journal(Path("runs/a.journal")).state["site"] == ""
     assert_on_target(here(*RESUME, *BENCH))
@@ -291,13 +301,7 @@ def test_one_that_died_before_any_touch_goes_on_with_a_worn_tool(here: Here) -> 
 
 @pytest.mark.slow
 def test_one_that_dies_between_a_cut_and_its_touch_knows_the_wear(here: Here) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-
-        def lost(*_: object, **__: object) -> None:
-            raise LinkLost("made for this test")
-
-        patch.setattr("edmctl.procedures.hole.site.measure_hole", lost)
-        patch.setattr("edmctl.procedures.hole.site.estimate_hole", lost)
+    with dying_at("edmctl.procedures.hole.site.measure_hole", "edmctl.procedures.hole.site.estimate_hole"):
         assert here(*MACHINE, *BENCH, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 4
     state = read_journal(Path("runs/a.journal")).state
     assert state["phase"] == "measuring"
@@ -357,11 +361,8 @@ def test_a_controller_that_stayed_on_needs_nobody(here: Here, killed: Path) -> N
 
 @pytest.mark.parametrize("code", ["E8010", "E8100"])
 def test_another_job_that_is_refused_leaves_nothing_to_take_up(here: Here, killed: Path, code: str) -> None:
-    def latch(bench: VirtualBench) -> None:
-        if code == "E8010":
-            bench.controller.raise_fault(FaultCode.HOST_SILENT)
-
-    bench_changed(latch)
+    if code == "E8010":
+        bench_changed(latch)
     there = ("--set", 'sites=[{name="there",x_um=1500,y_um=0}]', "--set", "flush.min_flow_lpm=2.0")
     error = error_of(here(*MACHINE, *BENCH, *there, "--new-tool", "--run-id", "b", "--json", "--quiet"))
     assert error["code"] == code
@@ -370,9 +371,6 @@ def test_another_job_that_is_refused_leaves_nothing_to_take_up(here: Here, kille
 
 
 def test_a_latched_fault_is_cleared_first(here: Here, killed: Path) -> None:
-    def latch(bench: VirtualBench) -> None:
-        bench.controller.raise_fault(FaultCode.HOST_SILENT)
-
     bench_changed(latch)
     refused(here(*RESUME, *BENCH), "E8010")
     assert "reset --ack 1001" in str(error_of(here(*RESUME, *BENCH))["hint"])
@@ -381,13 +379,9 @@ def test_a_latched_fault_is_cleared_first(here: Here, killed: Path) -> None:
 
 
 def test_another_machine_is_refused(here: Here, killed: Path) -> None:
-    Path("bench.h5").rename("other.h5")
-
-    def another(bench: VirtualBench) -> None:
-        bench.plant.serial = "SIM-99"
-
-    bench = restored_bench(read_bench(Path("other.h5")))
-    another(bench)
+    bench = restored_bench(read_bench(Path("bench.h5")))
+    bench.plant.serial = "SIM-99"
+    Path("bench.h5").unlink()
     write_bench(Path("bench.h5"), bench_state(bench))
     assert "This is SIM-99" in refused(here(*RESUME, *BENCH), "E8055")
 
@@ -437,12 +431,10 @@ def test_another_job_with_the_tool_is_warned_of_what_it_ends(here: Here, left: L
 
 
 def test_a_job_that_ended_by_a_fault_before_it_cut_is_started_again(here: Here) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-
-        def collides(*_: object, **__: object) -> None:
-            raise MachineFault("made for this test", hint="Reset it.", code="E62007")
-
-        patch.setattr("edmctl.procedures.hole.hole.read_pad", collides)
+    with dying_at(
+        "edmctl.procedures.hole.hole.read_pad",
+        error=MachineFault("made for this test", hint="Reset it.", code="E62007"),
+    ):
         error = error_of(here(*MACHINE, *BENCH, "--seed", "4", "--run-id", "a", "--quiet", "--json"))
     assert "--resume a" not in str(error["hint"])
     assert "start the job again" in str(error["hint"])
@@ -453,12 +445,7 @@ def test_a_job_that_ended_by_a_fault_before_it_cut_is_started_again(here: Here) 
 def test_a_job_that_has_cut_nothing_hinders_no_other(here: Here) -> None:
     setup = Path("shop.toml")
     setup.write_text("[stage]\nspeed_um_s = 5000.0\n")
-    with pytest.MonkeyPatch.context() as patch:
-
-        def lost(*_: object, **__: object) -> None:
-            raise LinkLost("made for this test")
-
-        patch.setattr("edmctl.procedures.hole.hole.read_pad", lost)
+    with dying_at("edmctl.procedures.hole.hole.read_pad"):
         machine = (*MACHINE, *BENCH, "--setup", str(setup))
         assert here(*machine, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 4
     assert here(*machine, "--dry-run", "--json").document["warnings"] == []

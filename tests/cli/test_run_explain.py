@@ -11,7 +11,7 @@ from typing import Any
 import h5py
 import pytest
 
-from edmctl.jobs.runs.events import event_sentences, holes_of
+from edmctl.jobs.runs.explanation import event_sentences, holes_of
 from edmctl.results.run_file import FileEvent
 from tests.cli.commands import CU270, Here
 from tests.faults.workshop import Workshop

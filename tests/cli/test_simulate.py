@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from edmctl.errors import UsageError
-from edmctl.jobs.statistics import summarize
+from edmctl.jobs.batch import summarize
 from edmctl.jobs.sweep import parse_sweep
 from edmctl.labels import Basis, Verdict
 from edmctl.results.job import SiteTruth

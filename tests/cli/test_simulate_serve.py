@@ -10,7 +10,7 @@ from typing import IO, Any
 
 import pytest
 
-from edmctl.jobs.served_controllers import served_ports
+from edmctl.jobs.connect import served_ports
 from edmctl.link.messages import GetStatus, Interlocks
 from edmctl.link.opening import BOARD_BAUD, open_line
 from edmctl.link.session import Session

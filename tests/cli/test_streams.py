@@ -14,7 +14,7 @@ from edmctl.cli import outcome
 from edmctl.cli.render.live import LiveReporter
 from edmctl.cli.render.style import Style
 from edmctl.errors import Diagnostic, UsageError
-from edmctl.jobs.statistics import _statistics
+from edmctl.jobs.batch import _statistics
 from edmctl.jobs.sweep import parse_sweep, seed_to_use
 from tests.cli.commands import command, environment
 from tests.cli.render.views import made_state

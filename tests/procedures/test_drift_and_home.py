@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from edmctl.errors import EdmError, Interrupted, PreconditionError
-from edmctl.jobs.connected_machine import CALENDAR, Now
-from edmctl.jobs.ledger.elapsed import with_home, with_home_left
+from edmctl.jobs.connected_machine import CALENDAR, Now, with_home, with_home_left
 from edmctl.link import messages as m
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.interface import Axis

@@ -13,7 +13,7 @@ from edmctl.cli.signals import shell
 from edmctl.errors import EdmError, Interrupted, LinkLost, PreconditionError, ProtocolMismatch
 
 if TYPE_CHECKING:
-    from edmctl.jobs.doctor_host import Checks
+    from edmctl.jobs.doctor import Checks
     from edmctl.machine.controller import LinkMachine
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the run files.")]
@@ -39,7 +39,7 @@ def doctor(
     Nothing moves. --sensors arms the generator briefly.
     """
     from edmctl.cli.render.procedure_tables import render_checks
-    from edmctl.jobs.doctor_host import Checks
+    from edmctl.jobs.doctor import Checks
 
     checks = Checks()
     error = None
@@ -62,28 +62,27 @@ def _look(
     sensors: bool,
 ) -> "EdmError | None":
     """Do every check that is possible; return the error of the line or the protocol, if that fails."""
-    from edmctl.jobs import doctor_host as doctor_host
-    from edmctl.jobs import doctor_machine as doctor_machine
+    from edmctl.jobs import doctor as jobs_doctor
     from edmctl.jobs.connect import machine_at
 
     say = partial(tell, outcome.output)
     port, wait_s = place
-    checks.add(doctor_host.versions())
-    checks.add(doctor_host.run_folder(out))
-    setup = doctor_host.load(checks, setup_file)
+    checks.add(jobs_doctor.versions())
+    checks.add(jobs_doctor.run_folder(out))
+    setup = jobs_doctor.load(checks, setup_file)
     selector = port or setup.port
-    checks.add(*doctor_host.line_settings(selector))
+    checks.add(*jobs_doctor.line_settings(selector))
     try:
         with machine_at(setup, port, wait_s, say, shell()) as bench:
             machine = bench.machine
             if bench.own_setup is not None:
                 setup = bench.own_setup
             outcome.simulated = machine.identity.simulated
-            doctor_machine.look(checks, machine, setup)
-            checks.add(doctor_host.calibration(os.environ, setup, machine.identity.serial, port or ""))
+            jobs_doctor.look(checks, machine, setup)
+            checks.add(jobs_doctor.calibration(os.environ, setup, machine.identity.serial, port or ""))
             if sensors:
                 say("doctor: arming, and making pulses with the tool retracted, for about a second.")
-                doctor_machine.test_sensors(checks, machine, setup)
+                jobs_doctor.test_sensors(checks, machine, setup)
     except ProtocolMismatch as error:
         checks.fail("protocol", error)
         return error
@@ -94,7 +93,7 @@ def _look(
         return error if isinstance(error, LinkLost) else None
     finally:
         if all(check.name != "setup" for check in checks.done):
-            checks.add(doctor_host.setup_used(setup))
+            checks.add(jobs_doctor.setup_used(setup))
     return None
 
 

@@ -70,7 +70,7 @@ def machine(
     continues an interrupted job: pad and bottom are touched again, and the job is refused if they are not as they
     were.
     """
-    from edmctl.jobs.resume.selection import checked, find_run, name_of_resumed
+    from edmctl.jobs.resume import checked, find_run, name_of_resumed
     from edmctl.jobs.run_header import name_run
     from edmctl.jobs.runs.opening import recovered_before
 
@@ -99,7 +99,7 @@ def machine(
 def _forecast(outcome: Outcome, plan: "Plan", name: "RunName") -> None:
     """Tell what the job will take, and how far it came already. Raises what ledger and bench would refuse."""
     from edmctl.cli.render.profile_tables import render_forecast
-    from edmctl.jobs.job_preparation import forewarned
+    from edmctl.jobs.ledger.prepared_job import forewarned
 
     result: dict[str, object] = {}
     if plan.resumed is not None:

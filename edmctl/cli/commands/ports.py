@@ -40,8 +40,7 @@ def ports(outcome: Outcome, setup: SetupOption = None, probe: ProbeOption = Fals
 
 def port_rows(setup: "Setup", *, probe: bool) -> "list[PortRow]":
     """Look at every port that is listed or named in the setup; with `probe` ask those that may be asked."""
-    from edmctl.jobs.connect import asks_for_secret, secret_of
-    from edmctl.jobs.served_controllers import served_ports
+    from edmctl.jobs.connect import asks_for_secret, secret_of, served_ports
     from edmctl.link import ports as link_ports
     from edmctl.link import probing
 

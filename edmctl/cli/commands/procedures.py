@@ -49,7 +49,7 @@ def approach(
 
     The feed is the profile's approach speed. With --contact the tool touches the surface without sparks instead.
     """
-    from edmctl.jobs.ledger.places_taken import place_of
+    from edmctl.jobs.ledger.prepared_job import place_of
     from edmctl.jobs.procedures import Approach, approach_forecast
 
     plan, place = job.plan(outcome), place_of(site)

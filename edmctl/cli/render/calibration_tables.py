@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from edmctl.actuator.identification import Identification
     from edmctl.actuator.validation import ErrorFigures
     from edmctl.jobs.actuator_trial import WaveformResult
+    from edmctl.jobs.calibration.calibrate import LeverFound
     from edmctl.jobs.calibration.fit import FileFigures, Findings
-    from edmctl.jobs.calibration.request import LeverFound
     from edmctl.procedures.actuator.calibration import CalibrationPlan
 
     Errors = ErrorFigures | FileFigures

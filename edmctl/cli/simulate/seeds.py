@@ -30,8 +30,7 @@ from edmctl.jobs.sweep import MOST_RUNS, seed_to_use
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from edmctl.jobs.batch import Case, Task
-    from edmctl.jobs.series import SeriesRows
+    from edmctl.jobs.batch import CheckedCase, SeriesRows, Task
     from edmctl.results.simulation import Case as Summary
     from edmctl.results.simulation import SimulatedRun
 
@@ -105,9 +104,8 @@ def simulate(
     series that has a folder (--out). `simulate actuator` drives only the actuator of one machine.
     """
     from edmctl.cli.render.profile_tables import render_forecasts
-    from edmctl.jobs.batch import cases_of, check_names, tasks_of
+    from edmctl.jobs.batch import Series, SeriesRows, cases_of, check_names, tasks_of
     from edmctl.jobs.plan import SIMULATOR, JobRequest
-    from edmctl.jobs.series import Series, SeriesRows
 
     outcome.simulated = True
     _check_files(table, figure)
@@ -202,7 +200,7 @@ def _one_machine(seed: int) -> Diagnostic:
 
 def _simulate(
     outcome: Outcome,
-    cases: list["Case"],
+    cases: list["CheckedCase"],
     tasks: list["Task"],
     rows: "SeriesRows | None",
     table: Path | None,
@@ -244,8 +242,8 @@ def _simulate(
         )
 
 
-def _summaries(cases: list["Case"], runs: int, done: "dict[int, SimulatedRun]") -> "list[Summary]":
-    from edmctl.jobs.statistics import summarize
+def _summaries(cases: list["CheckedCase"], runs: int, done: "dict[int, SimulatedRun]") -> "list[Summary]":
+    from edmctl.jobs.batch import summarize
 
     finished = [
         (case, [done[number] for number in range(first, first + runs) if number in done])
@@ -255,7 +253,7 @@ def _summaries(cases: list["Case"], runs: int, done: "dict[int, SimulatedRun]") 
 
 
 def _tell(
-    outcome: Outcome, cases: list["Case"], runs: int, done: "dict[int, SimulatedRun]", out: Path | None
+    outcome: Outcome, cases: list["CheckedCase"], runs: int, done: "dict[int, SimulatedRun]", out: Path | None
 ) -> None:
     from edmctl.cli.render.runs_tables import render_cases
 
@@ -274,7 +272,7 @@ def _tell(
 
 def _write(
     outcome: Outcome,
-    cases: list["Case"],
+    cases: list["CheckedCase"],
     runs: int,
     done: "dict[int, SimulatedRun]",
     table: Path | None,
@@ -285,7 +283,7 @@ def _write(
 
     summaries = _summaries(cases, runs, done)
     if table is not None:
-        from edmctl.jobs.statistics import csv_of
+        from edmctl.jobs.batch import csv_of
 
         output_files.write(table, csv_of(summaries))
         outcome.show(f"Table {table}")

@@ -167,8 +167,8 @@ def serve(
 
 
 def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _Place | None) -> None:
+    from edmctl.jobs.connect import announced
     from edmctl.jobs.persistent_simulator import kept_bench
-    from edmctl.jobs.served_controllers import announced
     from edmctl.simulator.plant import serial_number
     from edmctl.simulator.serve import EventMonitor, Server
 

@@ -1,1 +1,1 @@
-"""Calibrations: which one a run goes by, what is doubtful about it, and how one is made."""
+"""Calibrations: choosing one for a run, its warnings, and making one."""

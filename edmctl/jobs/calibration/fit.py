@@ -1,4 +1,4 @@
-"""From records to a calibration: the model, what simpler ones would do, and errors on data that none of them saw."""
+"""Fit a calibration to records, compare it with simpler models, and validate it on other data."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ BEYOND_SHARE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class FileFigures:
-    """Errors on one validation file, with the gain and zero that were set for it.
+    """Errors on one validation file, with the gain and zero that were fitted to it.
 
-    judged_from_s : its time from which on it is judged: before, what the actuator remembers is unknown.
-    screened : errors without a start that rings, `rung_s` long, and single samples that stand out, so many
-        `outliers`; None where there are none
-    note : the same in words
+    judged_from_s : start of the evaluation; before it the actuator's history is unknown
+    screened : errors without the ringing start of `rung_s` and without `outliers` single samples; None if nothing is
+        left out
+    note : the same as a sentence
     """
 
     name: str
@@ -49,7 +49,7 @@ class FileFigures:
 class Findings:
     """An identified actuator. `baselines` and `held_out_baselines` have the keys line and maxwell.
 
-    validated_screened : as `validated`, without what is left out of a file; None where nothing is
+    validated_screened : as `validated`, without ringing starts and outliers; None if there are none
     """
 
     identification: Identification
@@ -112,9 +112,9 @@ class Findings:
 def find(
     records: Sequence[Record], validation: Sequence[Record], refit: tuple[Refit, ...], delay_s: float | None
 ) -> Findings:
-    """Identify the actuator, and judge the model beside a straight line and the paper's Maxwell model.
+    """Identify the actuator, and compare with a straight line and the paper's Maxwell model.
 
-    Raises RecordError E3619 when the records allow no fit.
+    Raises RecordError E3619 if the records allow no fit.
     """
     try:
         found = _possible(identify(records, delay_s=delay_s))
@@ -151,7 +151,7 @@ def find(
 
 
 def _possible(found: Identification) -> Identification:
-    """The same, not accepted where no actuator that feeds a tool can be like it: its file would be refused."""
+    """Reject an identification that no feed actuator can have: its file would be refused."""
     wrong = [
         f"No actuator that feeds a tool is like that: {one}. What the record shows is beyond what is looked for, "
         "such as a lag of more than 20 ms, or t_s is not in s."
@@ -205,7 +205,7 @@ def _of_file(record: Record, judged: Validation) -> FileFigures:
 
 
 def _without(record: Record, judged: Validation, screened: ErrorFigures) -> str:
-    """Say what a file's errors are without what an identification would give no weight."""
+    """Return a sentence with the errors without ringing start and outliers."""
     left_out = []
     if judged.rung_s:
         left_out.append(

@@ -1,4 +1,4 @@
-"""Which calibration a run goes by, what is doubtful about it, and what a run without a sensor costs."""
+"""Choose the calibration of a run, with warnings; state the uncertainty of a run without a sensor."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, Protocol
 from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS
 from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, PreconditionError
+from edmctl.procedures.job import CalibratedActuator
 from edmctl.profile.folders import find_calibration
+from edmctl.profile.model import Profile
+from edmctl.profile.read import read_source
+from edmctl.profile.setup import Setup
 
 if TYPE_CHECKING:
-    from edmctl.procedures.job import CalibratedActuator
     from edmctl.profile.calibration import Calibration
-    from edmctl.profile.model import Profile
-    from edmctl.profile.setup import Setup
 
 LOW_END_SHARE = 0.15
-"""Of the voltages to be used: a calibration that begins so far above the lowest still serves there."""
+"""Share of the voltage range: a calibration that starts this far above the lowest voltage is still used there."""
 
 
 class VoltageRange(Protocol):
@@ -31,7 +32,7 @@ class VoltageRange(Protocol):
 
 
 def owner(calibration: Calibration) -> str:
-    """Return the serial number of the machine that it was made on, or words where it names none."""
+    """Return the serial number of the calibrated machine, or words if it is unnamed."""
     return calibration.serial or "an unnamed machine"
 
 
@@ -77,14 +78,14 @@ def _doubt(code: str, message: str, hint: str) -> Diagnostic:
 
 SHORT_HASH = 12
 LOAD_UM_PER_N = 5.0
-"""What 1 N at the tool takes of the displacement: 0.2 N/µm of the amplified actuator."""
+"""Loss of displacement per newton at the tool: 0.2 N/µm stiffness of the amplified actuator."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModelUsed:
-    """What the estimated displacements of a run come from; None where no calibration was used.
+    """Source of a run's estimated displacements; path, hash and acceptance are None without a calibration.
 
-    `alone` tells that no sensor is fitted: then every length of the result is estimated.
+    `alone` means that no sensor is fitted: every length of the result is estimated.
     """
 
     alone: bool
@@ -96,7 +97,7 @@ class ModelUsed:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The actuator that procedures work with, what to say of it, and the file's text for the run file."""
+    """The calibrated actuator of a run, warnings, and the text of the file for the run file."""
 
     actuator: CalibratedActuator | None
     used: ModelUsed
@@ -105,7 +106,7 @@ class Choice:
 
 
 def refuse_unasked(setup: Setup, *, allow_model: bool) -> None:
-    """Raise PreconditionError E8030 where no sensor is fitted and nobody said that the model may stand for it."""
+    """Raise PreconditionError E8030 if no sensor is fitted and the request does not allow the model instead."""
     if setup.sensor.fitted or allow_model:
         return
     raise PreconditionError(
@@ -126,7 +127,7 @@ def _refuse_unconditioned(setup: Setup) -> None:
 
 
 def look_at_named(option: Path | None, environ: Mapping[str, str], setup: Setup, profile: Profile) -> None:
-    """Load a calibration that was asked for, so that what is wrong with it is said before anything is connected."""
+    """Load a named calibration, so that its errors are reported before anything is connected."""
     _refuse_unconditioned(setup)
     if named := find_calibration(option, environ, setup.actuator.calibration, None):
         from edmctl.profile.calibration import load_calibration
@@ -144,13 +145,13 @@ def choose(
     *,
     lasting: bool = True,
 ) -> Choice:
-    """Find the calibration for the machine with that serial number. `calibrate` is the command that makes one there.
+    """Find the calibration for the machine with that serial number. `calibrate` is the command that makes one.
 
-    One that is not `lasting`, a virtual machine of this command alone, has none of its own: the same seed gives the
-    same result, whatever was calibrated meanwhile.
+    A machine that is not `lasting` (a virtual one of this command) has no calibration of its own, so that a seed
+    always gives the same result.
 
-    Raises RecordError when one that was found cannot be used, PreconditionError when a machine without a sensor has
-    none (E8031) or one that covers too little (E8032).
+    Raises RecordError if the file cannot be used, PreconditionError if a machine without a sensor has none (E8031)
+    or one with too small a range (E8032).
     """
     path = find_calibration(option, environ, setup.actuator.calibration, serial if lasting else None)
     if path is None:
@@ -173,9 +174,7 @@ def _uncalibrated(serial: str, calibrate: str, *, lasting: bool) -> Precondition
 
 
 def _chosen(path: Path, setup: Setup, profile: Profile, serial: str) -> Choice:
-    from edmctl.procedures.job import CalibratedActuator
     from edmctl.profile.calibration import load_calibration
-    from edmctl.profile.read import read_source
 
     calibration = load_calibration(path)
     _refuse_narrow(path, calibration, setup, profile)
@@ -200,7 +199,7 @@ def _used(path: Path, calibration: Calibration, setup: Setup, serial: str) -> Mo
 
 
 def _covers(calibration: Calibration, profile: Profile) -> bool:
-    """Whether the calibration holds all voltages of the job: 0 V, where the tool rests, to the profile's limit."""
+    """Whether the calibration covers all voltages of the job, from 0 V to the profile's limit."""
     model, top_v = calibration.actuator, profile.limits.stroke_v_max
     return reaches_up(model, top_v) and reaches_down(model, 0.0, top_v)
 

@@ -1,4 +1,4 @@
-"""The job ledger around one job: what earlier jobs left behind, and what this one adds."""
+"""The job ledger during one job: reads what earlier jobs left, adds what this job does."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import Diagnostic
 from edmctl.jobs.drift_choice import choose_drift, doubts_of_use
-from edmctl.jobs.job_preparation import hole_radius_um, prepared_job
-from edmctl.jobs.ledger.places_taken import Place
+from edmctl.jobs.ledger.prepared_job import Place, hole_radius_um, prepared_job
 from edmctl.jobs.ledger.tool import reference_setup, tool_identity
 from edmctl.jobs.run_context import RunContext
 from edmctl.procedures.job import Job
@@ -31,27 +30,26 @@ DONE = "done"
 
 @dataclass(slots=True, eq=False)
 class JobLedger:
-    """One job in the ledger: a journal on the way to `journal`. It writes nothing where no ledger is kept.
+    """Ledger entries of one job. It receives job states and passes them to `journal`; it may have no ledger.
 
-    `truth` is what a virtual bench knows of its tool when the job begins.
+    `truth` contains true values of a virtual bench's tool at the start of the job.
     """
 
     run: RunContext
     journal: StateStore
     truth: Mapping[str, float] | None = None
-    _ledger: Ledger | None = None
     _places: tuple[Place, ...] = ()
     _z1: JobState | None = None
     _wants_reference: bool = False
     _begun: dict[str, JobState] = field(default_factory=dict)
 
     def job(self, resuming: Collection[str] = ()) -> Job:
-        """Return the job as it can be done now; `resuming` as in `prepared_job`. Nothing is written down yet.
+        """Return the job for the present tool; `resuming` as in `prepared_job`. Writes nothing.
 
-        Raises PreconditionError: whatever `prepared_job` and `PreparedJob.refuse` raise.
+        Raises PreconditionError as `prepared_job` and `PreparedJob.refuse` do.
         """
         run, plan = self.run, self.run.plan
-        ledger = self._ledger = run.open_ledger()
+        ledger = run.ledger
         if ledger is not None and run.bench.seed is not None:
             run.warn(_of_another_bench(ledger, run.bench.serial))
         prepared = prepared_job(plan, tool_identity(run.bench), run.actuator, ledger, resuming)
@@ -70,17 +68,15 @@ class JobLedger:
 
     def begin(self) -> None:
         """Before the machine moves: a job that is killed leaves a word about its places."""
-        if self._ledger is None or self.run.name is None:
-            return
         changed = [ToolChanged(self._tool)] if self.run.plan.new_tool else []
         radius_um, wear_um = hole_radius_um(self.run.plan.loaded.profile), self.run.plan.forecast.tool_wear_um
         begun = JobBegun(
-            self._tool, self.run.name.path.name, radius_um, self._places, wear_um, self.run.plan.setup.sha256
+            self._tool, self.run.file_name, radius_um, self._places, wear_um, self.run.plan.setup.sha256
         )
-        self.run.write_down(self._ledger, *changed, begun)
+        self.run.write_down(*changed, begun)
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
-        """Note the first Z1 and what was cut, and hand the state on."""
+        """Keep the first Z1 and the holes that were started, and pass the state on."""
         if self._z1 is None and state.z1_touches and not state.begun:
             self._z1 = state
             self._keep_reference(state)
@@ -89,24 +85,22 @@ class JobLedger:
         self.journal.keep(state, urgent=urgent)
 
     def close(self, result: JobResult, status: str) -> None:
-        """Write down what was reached. Raises RunFileError where that is not possible."""
-        if self._ledger is None or self.run.name is None or not self._places:
-            return
-        run_file = self.run.name.path.name
-        ended = RunEnded(run_file, status, result.time_s - result.earlier_time_s)
-        self.run.write_down(self._ledger, *self._sites(result, run_file), ended)
+        """Write the results. Raises RunFileError if that fails."""
+        if self._places:
+            ended = RunEnded(self.run.file_name, status, result.time_s - result.earlier_time_s)
+            self.run.write_down(*self._sites(result), ended)
 
     @property
     def _tool(self) -> str:
         return self.run.plan.loaded.profile.tool.label
 
     def _keep_reference(self, z1: JobState) -> None:
-        """Write down the first touch where the tool has no reference yet: at once, as the job may be killed."""
-        if self._ledger is None or self.run.name is None or not self._wants_reference:
+        """Write the first touch as the tool's reference, at once because the job may be killed."""
+        if not self._wants_reference:
             return
         reference = ReferenceTouched(
             tool=self._tool,
-            run_file=self.run.name.path.name,
+            run_file=self.run.file_name,
             z_um=z1.z1_um,
             sd_um=z1.z1_sd_um,
             touches=z1.z1_touches,
@@ -117,13 +111,13 @@ class JobLedger:
             truth=self.truth,
             **reference_setup(self.run.plan.setup),
         )
-        self.run.write_down(self._ledger, reference)
+        self.run.write_down(reference)
 
-    def _sites(self, result: JobResult, run_file: str) -> list[SiteMachined]:
+    def _sites(self, result: JobResult) -> list[SiteMachined]:
         """Measured holes, and those that were begun and left; or the channel, place by place."""
         blank = SiteMachined(
             tool=self._tool,
-            run_file=run_file,
+            run_file=self.run.file_name,
             name="",
             x_um=math.nan,
             y_um=math.nan,
@@ -139,7 +133,7 @@ class JobLedger:
         return self._holes(places, result)
 
     def _holes(self, places: Sequence[SiteMachined], result: JobResult) -> list[SiteMachined]:
-        """In the request of machining, which is that of the results: the tool is as long as the last one left it."""
+        """Return the holes in the order of machining: the last one determines the length of the tool."""
         begun = {place.name: place for place in places}
         entries = []
         for site in result.sites:
@@ -151,7 +145,7 @@ class JobLedger:
 
 
 def _of_another_bench(ledger: Ledger, serial: str) -> list[Diagnostic]:
-    """A warning where the ledger knows a machine of that number although it is new."""
+    """Return a warning if the ledger contains a machine with the number of this new bench."""
     if all(line.serial != serial for line in ledger.lines):
         return []
     return [
@@ -166,7 +160,7 @@ def _of_another_bench(ledger: Ledger, serial: str) -> list[Diagnostic]:
 
 
 def _left(place: SiteMachined, state: JobState) -> SiteMachined:
-    """A hole that this run has not looked at, by the journal: what an earlier one has left of it."""
+    """Return a hole that this run has not measured, with the values of the journal."""
     return replace(
         place,
         depth_um=state.depth_um,
@@ -205,9 +199,9 @@ def _floor_at(place: SiteMachined, found: ChannelResult) -> SiteMachined:
 
 
 def _channel(places: Sequence[SiteMachined], result: JobResult, left: JobState | None) -> list[SiteMachined]:
-    """A channel as a row of holes, the whole wear at the first; none where nothing was cut.
+    """Return a channel as a row of holes, the whole wear at the first; empty if nothing was cut.
 
-    One that no run has measured is by the journal.
+    Values of a channel that no run has measured come from the journal.
     """
     if not result.machining_time_s:
         return []

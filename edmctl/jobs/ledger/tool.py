@@ -1,4 +1,4 @@
-"""Which machine it is and which tool is in it, as far as that is known before anything moves; what is left of it."""
+"""The machine's identity and tool, and the account of that tool by the ledger."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 _LABEL = re.compile(r"(?P<material>.+) (?P<um>\d+(?:\.\d+)?) µm")
 NAMELESS = "tool"
-"""A tool that nobody has named yet: that of a virtual bench that no profile has seen, or of an empty ledger."""
+"""Label of a tool without a name: on a virtual bench before its first profile, or with an empty ledger."""
 
 
 @dataclass(frozen=True, slots=True)
 class ToolIdentity:
-    """A machine by its serial number, its present and its tool; "" and NaN where only a virtual bench could tell.
+    """Serial number, present time and tool of a machine; "" and NaN if only a virtual bench would know.
 
-    `is_new` says that it is a virtual bench which this command has made: its serial number is news to everybody.
+    `is_new`: the virtual bench was made by this command.
     """
 
     serial: str
@@ -46,16 +46,16 @@ class ToolIdentity:
 
 
 def tool_identity(bench: ConnectedMachine) -> ToolIdentity:
-    """Return what a connected machine shows."""
+    """Return the identity of a connected machine."""
     if bench.virtual is None:
         return ToolIdentity(bench.serial)
     return replace(_identity_of(bench.virtual), is_new=bench.seed is not None)
 
 
 def tool_identity_in_file(where: MachineAddress) -> ToolIdentity | None:
-    """Return what the file of a kept bench shows; None where there is none to read.
+    """Return the identity in the file of a virtual bench; None without a file.
 
-    Raises RunFileError: those of `read_bench`, E9024 there is no folder where it could be kept.
+    Raises RunFileError as `read_bench`, and E9024 if the folder does not exist.
     """
     file = where.bench_file
     if file is None:
@@ -75,7 +75,7 @@ def _identity_of(bench: VirtualBench) -> ToolIdentity:
 
 
 def not_seen(where: MachineAddress) -> str:
-    """Return what a dry run says of a machine that it would have to connect to."""
+    """Return the note of a dry run about a machine that is not connected."""
     return (
         "job ledger, bench and the machine's own setup were not looked at: the serial number of "
         f"{where.selector} is known only once it is connected"
@@ -88,9 +88,9 @@ def is_unnamed(label: str, diameter_um: float, tool: Tool) -> bool:
 
 
 def account_of(plan: Plan, identity: ToolIdentity, history: MachineHistory) -> ToolAccount:
-    """Return the account of the profile's tool; that of the unnamed tool which is in the machine, if it is that.
+    """Return the account of the profile's tool, which may be the unnamed tool in the machine.
 
-    If no profile was named it is that of the tool on a virtual bench, or of the one last in use.
+    If no profile was named it is the account of the tool on a virtual bench, or of the tool last in use.
     """
     tool, label = plan.loaded.profile.tool, plan.loaded.profile.tool.label
     if not plan.names_tool and plan.resumed is None:
@@ -114,9 +114,7 @@ def diameter_of(label: str, identity: ToolIdentity) -> float:
 
 
 def as_found(plan: Plan, bench: ConnectedMachine, ledger: Ledger | None, command: str) -> Plan:
-    """Return the plan as its run file shall tell it: a command without a profile has its own name, and the tool that
-    it found in the machine.
-    """
+    """Return the plan for the run file: without a named profile it has the command's name and the machine's tool."""
     if plan.names_tool or plan.resumed is not None:
         return plan
     identity, profile = tool_identity(bench), plan.loaded.profile
@@ -136,7 +134,7 @@ def as_found(plan: Plan, bench: ConnectedMachine, ledger: Ledger | None, command
 
 
 def other_tool(plan: Plan, account: ToolAccount, history: MachineHistory) -> list[Diagnostic]:
-    """Return a warning where the reference that was touched last is of no use to this job."""
+    """Return a warning if the last reference touch is of another tool."""
     unnamed = history.account(NAMELESS).reference
     if unnamed is None or history.tool != NAMELESS or account.reference is not None:
         return []
@@ -150,7 +148,7 @@ def other_tool(plan: Plan, account: ToolAccount, history: MachineHistory) -> lis
 
 
 def reference_command(plan: Plan) -> str:
-    """Return the command that touches the pad anew with the tool and the setup of the plan."""
+    """Return the command that repeats the reference touch with the tool and the setup of the plan."""
     command, profile = ["edmctl", "measure-wear", "--reference"], plan.request.profile
     if profile and plan.names_tool:
         command += ["--profile", profile]
@@ -160,9 +158,9 @@ def reference_command(plan: Plan) -> str:
 
 
 def name_tool(plan: Plan, bench: ConnectedMachine, ledger: Ledger | None) -> None:
-    """Write down that the unnamed tool in the machine is the profile's, before it gets that name.
+    """Write into the ledger that the unnamed tool in the machine is the profile's.
 
-    Raises RunFileError where that is not possible.
+    Raises RunFileError if that fails.
     """
     if ledger is None or plan.new_tool or not plan.names_tool:
         return
@@ -175,7 +173,7 @@ def name_tool(plan: Plan, bench: ConnectedMachine, ledger: Ledger | None) -> Non
 
 
 def reference_setup(setup: Setup) -> dict[str, Any]:
-    """Return what a reference states of the setup that it was touched under."""
+    """Return the setup values that a reference entry contains."""
     stage = setup.stage
     return {
         "sensor": setup.sensor.fitted,
@@ -188,7 +186,7 @@ def reference_setup(setup: Setup) -> dict[str, Any]:
 
 
 def setup_differences(reference: ReferenceTouched | None, setup: Setup) -> list[str]:
-    """Return what differs from the setup that the reference was touched under; places unknown then do not count."""
+    """Return the differences from the setup of the reference touch; unknown places do not count."""
     if reference is None:
         return []
     stage = setup.stage
@@ -221,12 +219,12 @@ def refuse_other_setup(account: ToolAccount, history: MachineHistory, plan: Plan
 
 
 NEAR_UM = 10.0
-"""The first touch finds a surface that lies so far from where the recipe says: then nothing has to be told to it."""
+"""The first touch finds a surface within this distance of the recipe's value."""
 _NEW = "Dress or change the tool, and say --new-tool for a new one."
 
 
 def on_worn_tool(profile: Profile, account: ToolAccount) -> Profile:
-    """Return the recipe with the gap at 0 V that the tool's last touch left, where that is another one."""
+    """Return the recipe with the gap at 0 V after the tool's last touch, if it differs."""
     moved_um = account.pad_um - profile.approach.offset_um
     if math.isnan(moved_um) or abs(moved_um) <= NEAR_UM:
         return profile
@@ -240,7 +238,7 @@ def on_worn_tool(profile: Profile, account: ToolAccount) -> Profile:
 
 
 def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: ToolAccount, plan: Plan) -> None:
-    """Raise PreconditionError E8044 where the actuator does not take the worn tool down by `stroke_um`."""
+    """Raise PreconditionError E8044 if the stroke of the actuator is less than `stroke_um` with the worn tool."""
     available_um = stroke_available_um(worn, setup)
     if stroke_um > available_um:
         raise PreconditionError(
@@ -264,7 +262,7 @@ def _remedy(plan: Plan, account: ToolAccount, hint: str) -> str:
 
 
 def refuse_unknown_length(account: ToolAccount, folder: Path, plan: Plan) -> None:
-    """Raise PreconditionError E8048 where a job of the tool was killed, and nobody knows what it took off."""
+    """Raise PreconditionError E8048 if a job of the tool was killed, so that its length is unknown."""
     if not account.killed:
         return
     run_file = folder / account.killed[-1].run_file
@@ -280,9 +278,9 @@ def refuse_unknown_length(account: ToolAccount, folder: Path, plan: Plan) -> Non
 
 
 def refuse_worn_out(profile: Profile, setup: Setup, plan: Plan, account: ToolAccount) -> list[Diagnostic]:
-    """Return a warning where the tool will not last for the whole job.
+    """Return a warning if the tool will not last for the whole job.
 
-    Raises PreconditionError E8043 where it will not last for one hole of it.
+    Raises PreconditionError E8043 if it will not last for one hole.
     """
     expected, limit_um = forecast(profile, setup, plan.loaded.places), profile.tool.max_wear_um
     lost = f"{account.label} has lost {length(account.lost_um)} so far"

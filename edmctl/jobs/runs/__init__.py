@@ -1,1 +1,1 @@
-"""Run files: which one is meant, its story and summary, what is drawn and exported of it."""
+"""Run files: find, summarize, explain, export, plot."""

@@ -1,28 +1,166 @@
-"""A run in plain sentences, from its file: what was wanted, what it did and why, and what ended it."""
+"""A run in sentences, from its file: objective, steps with reasons, and end."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping, Sequence
+from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.runs.events import event_sentences, events_of, holes_of
+from edmctl.dataclasses import dataclass, field
 from edmctl.labels import PAD
-from edmctl.record.events import error_code_of
+from edmctl.link.faults import FAULTS
+from edmctl.machine.interface import EventCode
+from edmctl.record.create import NO_EXIT_CODE
+from edmctl.record.events import error_code_of, recorded_events
+from edmctl.record.reader import RunFile
+from edmctl.record.rows import RunEvent
 from edmctl.results.run_file import FileEvent, Sentence
-from edmctl.wording import duration, earlier, ended_as, facts, plain_number, with_u95
+from edmctl.wording import duration, earlier, ended_as, facts, plain_number, plural, with_u95
 
 if TYPE_CHECKING:
-    from edmctl.record.reader import RunFile
-
     Values = dict[str, float | int | str | bool]
 
+
+LEFT_OUT = frozenset({"READING", "LINK", "STAGE_MOVED", "CONTROLLER_LOG", "JUMP_PERIOD", "APPROACHED"})
+"""Single steps that sentences about readings, jumps and cuts summarize."""
+OF_A_HOLE = frozenset(
+    {
+        *("CUT_PLANNED", "CUT_ENDED", "CUT_DECIDED", "CUT_GIVEN_UP", "SITE_MEASURED", "SITE_ESTIMATED"),
+        *("TARGET_REACHED", "TARGET_MISSED", "LEFT_UNMEASURED", "BREAKTHROUGH"),
+    }
+)
+"""Events of a hole: in a job with several holes these sentences start with its name."""
+DEBUG = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """One jump. `is_flushing`: arcs or shorts have shortened the period.
+
+    `arcs` and `shorts` are their shares since the last jump, NaN if not recorded; `asking` are the shares that
+    caused this jump.
+    """
+
+    time_s: float
+    is_flushing: bool
+    arcs: float
+    shorts: float = math.nan
+    asking: Mapping[str, float] = field(default_factory=dict)
+
+
+def events_of(opened: RunFile, start: int = 0) -> list[FileEvent]:
+    """The events of the file from row `start` on, in the order in which they were written."""
+    names = {int(code): code.name for code in (*EventCode, *RunEvent)}
+    found = []
+    for event in recorded_events(opened, start=start):
+        name, args = names.get(event.code, str(event.code)), dict(event.values)
+        if name == RunEvent.ENDED_EARLY.name and not args.get("hint"):
+            code = str(args.get("code", ""))
+            args["hint"] = next((row.hint for row in FAULTS.values() if row.error == code), "")
+        found.append(FileEvent(event.time_s, name, event.level, event.message, args))
+    return found
+
+
+def event_sentences(
+    events: Sequence[FileEvent], period_s: float, *, names_holes: bool = False
+) -> list[Sentence]:
+    """Describe the events: jumps by intervals with their reason, hints, all else as recorded.
+
+    period_s : jump period of the recipe
+    names_holes : start sentences with the hole's name
+    """
+    sentences: list[Sentence] = []
+    jumps: list[Jump] = []
+    for event, hole in zip(events, holes_of(events), strict=True):
+        if event.code == "JUMPED":
+            jumps.append(_jump(event, period_s))
+            continue
+        if event.level == DEBUG or event.code in LEFT_OUT:
+            continue
+        if event.code == "CUT_ENDED" or event.code.endswith("_CHANGED") or event.code == "ENDED_EARLY":
+            sentences += jump_sentences(jumps)
+            jumps.clear()
+        name = f"{hole}: " if names_holes and hole and event.code in OF_A_HOLE else ""
+        sentences.append(Sentence(event.time_s, f"{name}{event.message}", event.code))
+        hint = event.args.get("hint")
+        if isinstance(hint, str) and hint:
+            sentences.append(Sentence(event.time_s, hint, "HINT"))
+    sentences += jump_sentences(jumps)
+    return sorted(sentences, key=lambda sentence: sentence.time_s)
+
+
+def holes_of(events: Sequence[FileEvent]) -> list[str]:
+    """Return the hole of each event; empty between holes."""
+    found, hole = [], ""
+    for event in events:
+        if event.code == "STAGE_MOVED":
+            place = event.message.removeprefix("At ").rpartition(" (")[0]
+            hole = hole if place == PAD else place
+        elif event.code == "FACE_FITTED":
+            hole = ""
+        found.append(hole)
+        if event.code in ("TARGET_REACHED", "TARGET_MISSED"):
+            hole = ""
+    return found
+
+
+def _jump(event: FileEvent, period_s: float) -> Jump:
+    def figure(name: str, default: float) -> float:
+        value = event.args.get(name)
+        return float(value) if isinstance(value, int | float) else default
+
+    flushing = bool(event.args.get("asked")) or figure("period_s", period_s) < period_s
+    asking = {name: figure(f"asking_{name}", math.nan) for name in ("arcs", "shorts")}
+    known = {name: share for name, share in asking.items() if math.isfinite(share)}
+    return Jump(event.time_s, flushing, figure("arcs", 0.0), figure("shorts", math.nan), known)
+
+
+def jump_sentences(jumps: Sequence[Jump]) -> list[Sentence]:
+    """Describe the jumps of one cut, in order of time, by intervals with and without a shortened period."""
+    groups = [
+        (flushing, list(group)) for flushing, group in groupby(jumps, key=lambda jump: jump.is_flushing)
+    ]
+    return [Sentence(group[0].time_s, _sentence(group, flushing), "JUMPED") for flushing, group in groups]
+
+
+def _sentence(group: Sequence[Jump], flushing: bool) -> str:
+    why = "as its period asks for"
+    if flushing:
+        most: dict[str, float] = {}
+        for jump in group:
+            for name, share in jump.asking.items():
+                most[name] = max(share, most.get(name, 0.0))
+        why = f"because {' and '.join(most) or 'arcs or shorts'} asked for more flushing"
+        if most:
+            why += ": up to " + " and ".join(f"{100.0 * share:.1f} % {name}" for name, share in most.items())
+            why += " within a second"
+    between = [
+        f"{100.0 * mean:.1f} % {name}"
+        for name in ("arcs", "shorts")
+        if (mean := sum(getattr(jump, name) for jump in group) / len(group)) >= 0.0005
+    ]
+    if between:
+        why += f"; {' and '.join(between)} between jumps" + (" on average" if flushing else "")
+    if len(group) == 1:
+        return f"It jumped once, {why}."
+    times_s = [jump.time_s for jump in group]
+    gaps_s = sorted(later - earlier for earlier, later in pairwise(times_s))
+    low, high = f"{gaps_s[0]:.2g}", f"{gaps_s[-1]:.2g}"
+    every = f"every {low} s" if low == high else f"every {low}–{high} s"
+    return (
+        f"From {duration(times_s[0])} to {duration(times_s[-1])} it jumped {plural(len(group), 'time')}, "
+        f"{every}, {why}."
+    )
+
+
 ENDS = ("ENDED_EARLY", "TARGET_MISSED", "SITES_LEFT", "SETUP_WRONG", "VERDICT")
-"""Kinds of sentences that say why a run did not come to its end."""
+"""Kinds of sentences that give the reason for an early end."""
 
 
 def sentences_of(opened: RunFile) -> list[Sentence]:
-    """Return the sentences of an open run file, from what was wanted to what ended it."""
+    """Return the sentences of an open run file, from its objective to its end."""
     events = events_of(opened)
     values = opened.profile_values()
     last_s = max((event.time_s for event in events), default=0.0)
@@ -45,13 +183,13 @@ def sentences_of(opened: RunFile) -> list[Sentence]:
 
 
 def _found(opened: RunFile) -> str:
-    """What a command found that makes no hole."""
+    """Return the result of a command that makes no hole."""
     found = "; ".join(f"{name} {value}" for name, value in facts(opened.summary() or {}))
     return f"Found: {found}." if found else ""
 
 
 def depths_of_holes(values: Values) -> list[float]:
-    """How deep each hole was to be, µm, NaN where the target says it; places from files are not in the run file."""
+    """Return the target depth of each hole, µm, NaN for the profile's; places from files are not recorded."""
     depths_um: list[float] = []
     for site in json.loads(str(values.get("sites") or "[]")):
         if site["kind"] != "file":
@@ -125,7 +263,7 @@ def _done(opened: RunFile, events: list[FileEvent]) -> str:
 
 
 def wanted(opened: RunFile) -> str:
-    """What was wanted, by the command and the profile."""
+    """Return the objective, by the command and the profile."""
     values = opened.profile_values()
     name = values.get("meta.name") or opened.text("/entry/title")
     alone = _alone(opened, values)
@@ -148,7 +286,7 @@ def wanted(opened: RunFile) -> str:
 
 
 def _alone(opened: RunFile, values: Values) -> str | None:
-    """What a procedure wanted that makes no hole; None where it was a whole job."""
+    """Return the objective of a procedure that makes no hole; None for a whole job."""
     tool, work = _tool(values), values.get("work.material")
     height_um, period_s = values.get("jump.height_um", 0), values.get("jump.period_s", 0)
     return {
@@ -159,19 +297,7 @@ def _alone(opened: RunFile, values: Values) -> str | None:
         "approach": f"to find the spark gap of {work} with a {tool}",
         "jump-flush": f"to jump {height_um:g} µm every {period_s:g} s with a {tool}, "
         "and measure how well it comes back",
-    }.get(_procedure(opened))
-
-
-def _procedure(opened: RunFile) -> str:
-    """What was done; files of before this was kept tell it by their command line."""
-    if told := opened.text("/entry/procedure"):
-        return told
-    words = json.loads(opened.text("/entry/command") or "[]")[1:]
-    command = words[0] if words else ""
-    special = {("approach", "--contact"): "contact touch", ("measure-wear", "--reference"): "wear reference"}
-    return next(
-        (kind for (name, option), kind in special.items() if name == command and option in words), command
-    )
+    }.get(opened.text("/entry/procedure"))
 
 
 def _tool(values: Values) -> str:
@@ -183,15 +309,12 @@ def _tool(values: Values) -> str:
 
 
 def _depths(values: Values, depths_um: list[float]) -> str:
-    """The depth that was wanted, or from which to which."""
     target_um = float(values.get("target.depth_um", 0.0))
     own_um = sorted({target_um if math.isnan(um) else um for um in depths_um}) or [target_um]
     return f"{own_um[0]:g}" if len(own_um) == 1 else f"{own_um[0]:g} to {own_um[-1]:g}"
 
 
 def _ended(opened: RunFile, events: list[FileEvent]) -> str:
-    from edmctl.record.create import NO_EXIT_CODE
-
     if not opened.is_finished:
         return (
             "The file has no end: the program that wrote it was killed, or is still running. "
@@ -215,7 +338,7 @@ def _ended(opened: RunFile, events: list[FileEvent]) -> str:
 
 
 def trouble_of(sentences: list[Sentence]) -> str:
-    """What ended a run that did not come to its end, with what to do about it; empty where no sentence says so."""
+    """Return the reason for an early end, with the remedy; empty if there is none."""
     for number, sentence in reversed(list(enumerate(sentences))):
         if sentence.code in ENDS:
             after = sentences[number + 1 :][:1]
@@ -224,7 +347,7 @@ def trouble_of(sentences: list[Sentence]) -> str:
 
 
 def _why(events: list[FileEvent]) -> str:
-    """Where the file says what ended a run that did not come to its end."""
+    """Return the sentence that gives the reason for an early end."""
     last = next((event for event in reversed(events) if event.code in ENDS), None)
     if last is None:
         return (

@@ -1,4 +1,4 @@
-"""What `run export` was asked for: which tables, in which format, into which files."""
+"""The request of `run export`: tables, format and files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Format(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ExportRequest:
-    """`tables` are empty where all were meant. With neither `file` nor `folder` the one table goes to stdout."""
+    """`tables` are empty for all tables. With neither `file` nor `folder` the one table is written to stdout."""
 
     tables: tuple[str, ...]
     form: Format
@@ -63,13 +63,13 @@ def export_request(
     as_json: bool,
     overwrite: bool = False,
 ) -> ExportRequest:
-    """Make sense of the options.
+    """Return the request of the options.
 
     stem : name of the run; beside : its folder; known : the names of all tables
 
-    A name without an ending is a folder, and so is one that is there. Raises UsageError: E2080 there is no such
-    table, E2081 no such format, also by the ending of the file, E2082 several tables into one file or to stdout,
-    E2083 --json while the table itself goes to stdout, E2084 the ending of the file is another format's.
+    A name without an ending is a folder, and so is an existing folder. Raises UsageError: E2080 no such table,
+    E2081 no such format, also by the ending of the file, E2082 several tables into one file or to stdout, E2083
+    --json with a table on stdout, E2084 the ending of the file is another format's.
     """
     wanted = tuple(dict.fromkeys(_table(name, known) for name in tables))
     ending = out.suffix.lower().removeprefix(".") if out is not None else ""

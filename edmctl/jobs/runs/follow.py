@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass
-from edmctl.jobs.runs.events import DEBUG, LEFT_OUT, events_of
-from edmctl.jobs.runs.explanation import depths_of_holes
+from edmctl.jobs.runs.explanation import DEBUG, LEFT_OUT, depths_of_holes, events_of
 from edmctl.labels import PAD, PARKING
+from edmctl.machine.interface import MachineState
+from edmctl.record.reader import RunFile, final_name, follow
 from edmctl.results.progress import Extremes, Observer, Phase, Progress
 from edmctl.results.run_file import FileEvent
 from edmctl.results.telemetry import PulseShares
@@ -21,16 +22,15 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from edmctl.record.reader import RunFile
 
 SLICE_S = 0.1
-"""As often as a job reports what it does."""
+"""Period of a job's own reports."""
 SPAN_S = 60.0
-"""As much is drawn; what is older is not looked at."""
+"""Time span of the live view."""
 MOST_ROWS = 60_000
 """Rows in that time at 1 kHz, the highest rate there is."""
 PULSES_S = 2.0
-"""The supervisor writes two rows a second or more while there are pulses: without one for so long there are none."""
+"""Without a row for this time there are no pulses: the supervisor writes at least two rows a second of them."""
 _MOST_SLOW = int(10.0 * (SPAN_S + PULSES_S))
 
 
@@ -52,7 +52,7 @@ class SampleReader:
         self._read = 0
 
     def read(self, run: RunFile) -> Samples | None:
-        """Return what has come since the last call, the newest row again where nothing has; None before any."""
+        """Return the samples since the last call, or the newest again; None before the first sample."""
         import numpy as np
 
         rows = run.rows("/entry/servo")
@@ -99,9 +99,9 @@ def _with_pulses(run: RunFile, times_s: NDArray[np.float64]) -> NDArray[np.bool_
 
 LOOK_EVERY_S = 0.5
 FEED_AFTER_S = 10.0
-"""The mean feed of a cut says something from here on: one jump period."""
+"""The mean feed of a cut is used from this time on: one jump period."""
 EARLIER = 3
-"""So many decisions from before the first look are told."""
+"""Number of earlier decisions that are printed at the first look."""
 WARNING_LEVEL = 2
 _SITE_ENDS = ("TARGET_REACHED", "TARGET_MISSED")
 
@@ -112,13 +112,10 @@ def pause() -> None:
 
 
 def follow_run(path: Path, reporter: Observer, wait: Callable[[], None] = pause) -> Path:
-    """Report the state of the run at `path` until it has an end; return what the file is called then.
+    """Report the state of the run at `path` until it ends; return the final name of the file.
 
-    Of what was decided before the first look the newest is told first. Raises RunFileError: E9008 its writer died,
-    else as `open_run`.
+    Only the newest earlier decisions are reported. Raises RunFileError: E9008 its writer died, else as `open_run`.
     """
-    from edmctl.record.reader import final_name, follow
-
     watcher: _Watcher | None = None
     for run in follow(path, wait):
         if watcher is None:
@@ -128,7 +125,7 @@ def follow_run(path: Path, reporter: Observer, wait: Callable[[], None] = pause)
 
 
 class _Watcher:
-    """Knows what has been told already, and what the events say about where the job stands."""
+    """Remembers what was reported, and derives the state of the job from its events."""
 
     def __init__(self, run: RunFile) -> None:
         values = run.profile_values()
@@ -227,7 +224,7 @@ class _Watcher:
 
 
 class _Cut:
-    """A cut that was planned at `planned_s`, and how long it will take at its mean feed so far."""
+    """A cut that was planned at `planned_s`, with its remaining time at the mean feed so far."""
 
     def __init__(
         self, planned_s: float = math.nan, feed_um: float = math.nan, wear_ratio: float = math.nan
@@ -237,9 +234,9 @@ class _Cut:
         self._begin: tuple[float, float] | None = None
 
     def time_left_s(self, run: RunFile, now_s: float, fed_um: float, depth_left_um: float) -> float:
-        """Return the time to the depth that is wanted, else to the end of the feed; NaN while that is unknown.
+        """Return the time to the target depth, else to the end of the feed; NaN while that is unknown.
 
-        fed_um : estimated depth and wear of the hole; depth_left_um : NaN where no depth is wanted
+        fed_um : estimated depth and wear of the hole; depth_left_um : NaN without a target depth
         """
         begin_s, begin_um = self._begin_of(run)
         mean_um_s = (fed_um - begin_um) / (now_s - begin_s) if now_s - begin_s > FEED_AFTER_S else math.nan
@@ -251,7 +248,7 @@ class _Cut:
         return max(0.0, left_um) / mean_um_s
 
     def _begin_of(self, run: RunFile) -> tuple[float, float]:
-        """Time of the cut's first row, and what was fed to the hole before."""
+        """Return the time of the cut's first row, and the feed of the hole before it."""
         if self._begin is None:
             times_s = run.column("/entry/slow", "time")
             row = int(times_s.searchsorted(self._planned_s))
@@ -265,7 +262,7 @@ class _Cut:
 
 
 def _newest_slow(run: RunFile, now_s: float) -> dict[str, float]:
-    """The newest row of the supervisor's view; empty where it is not of now, because nothing is machined."""
+    """Return the newest row of the supervisor; empty if it is old because nothing is machined."""
     rows = run.rows("/entry/slow")
     names = ("time", "s_ref", "r_open", "r_normal", "r_arc", "r_short", "est_depth", "est_depth_u95")
     more = ("est_wear", "est_wear_u95", "feed_um_s", "jump_period")
@@ -275,9 +272,7 @@ def _newest_slow(run: RunFile, now_s: float) -> dict[str, float]:
 
 
 def _phase(state: int, *, machining: bool) -> Phase:
-    """What the state of the controller comes to in the words of a job."""
-    from edmctl.machine.interface import MachineState
-
+    """Return the phase of a job for a controller state."""
     if state == MachineState.JUMP:
         return Phase.JUMPING
     if state == MachineState.MACHINING or machining:

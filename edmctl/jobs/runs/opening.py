@@ -1,4 +1,4 @@
-"""Run files that a command goes by, found by path or id, complete or live; how an interrupted one goes on."""
+"""Find run files by path or id, complete or live, and the command that resumes an interrupted run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, EdmError, RunFileError
 from edmctl.record.disk import partial_path
-from edmctl.record.locks import is_live
+from edmctl.record.locks import interrupted, is_live
 
 if TYPE_CHECKING:
     from edmctl.jobs.plan import Resumption
@@ -23,9 +23,9 @@ _COMPLETE, _PARTIAL = ".h5", ".partial"
 
 
 def find_run(named: Path) -> Path:
-    """Return the run file that is meant: a path, with or without its endings, or the id of a run in `RUNS`.
+    """Return a run file: by a path, with or without its endings, or by the id of a run in `RUNS`.
 
-    A name with an ending of run files is a path. What is not found is returned as it was named, so that opening it
+    A name with an ending of run files is a path. A name that is not found is returned unchanged, so that opening it
     reports it.
     """
     from edmctl.record.reader import present_name
@@ -39,7 +39,7 @@ def find_run(named: Path) -> Path:
 
 @contextmanager
 def reading_unless_killed(path: Path) -> Iterator[RunFile]:
-    """Open a run file that has an end, or whose writer lives, for a `with` block that works on what is in it.
+    """Open a run file that is finished or whose writer lives, for a `with` block.
 
     Raises RunFileError: E9005–E9007 it cannot be read, E9008 its writer was killed.
     """
@@ -51,12 +51,10 @@ def reading_unless_killed(path: Path) -> Iterator[RunFile]:
 
 
 def unless_killed(opened: RunFile, command: str = "") -> None:
-    """Raise RunFileError E9008 where the writer of an open run file was killed.
+    """Raise RunFileError E9008 if the writer of an open run file was killed.
 
-    command : how its job goes on, if it does; the run file becomes whole by that as well.
+    command : resumes its job, which also completes the file; empty if that is impossible
     """
-    from edmctl.record.locks import interrupted, is_live
-
     if not opened.is_finished and not is_live(opened.path):
         error = interrupted(opened.path)
         if command:
@@ -70,11 +68,11 @@ def plain_stem(path: Path) -> str:
 
 
 def command_to_go_on(run_file: Path) -> str:
-    """Return the command that takes up the job of a run file; empty where it is done, goes on, or has to stay.
+    """Return the command that resumes the job of a run file; empty if the job is done, running or cannot be resumed.
 
     It names the machine as the run did.
     """
-    from edmctl.jobs.resume.selection import checked, find_run
+    from edmctl.jobs.resume import checked, find_run
 
     try:
         resumption = find_run(str(run_file), run_file.parent)
@@ -98,9 +96,7 @@ def on_machine(command: str, port: str) -> str:
 
 
 def _is_live(resumption: Resumption) -> bool:
-    from edmctl.record.disk import partial_path
     from edmctl.record.journal import SUFFIX
-    from edmctl.record.locks import is_live
 
     journal = resumption.path
     partial = partial_path(journal.with_name(f"{journal.name.removesuffix(SUFFIX)}.h5"))
@@ -108,7 +104,7 @@ def _is_live(resumption: Resumption) -> bool:
 
 
 def recover_file(file: Path, out: Path | None = None) -> Recovered:
-    """Recover `file`, and save what can be read where it is damaged. Raises RunFileError."""
+    """Recover `file`, and save the readable part of a damaged one. Raises RunFileError."""
     from edmctl.record.recovery import recover as recover_whole
     from edmctl.record.recovery import recover_damaged
 
@@ -121,9 +117,9 @@ def recover_file(file: Path, out: Path | None = None) -> Recovered:
 
 
 def recovered_before(resumption: Resumption) -> list[Diagnostic]:
-    """Recover the file of the run that is taken up, where it has no end; what hinders that is a warning.
+    """Recover the file of the run that is resumed, if it has no end; return a warning if that fails.
 
-    The job goes by its journal, so it does not depend on this.
+    The job uses its journal, so it does not depend on this.
     """
     path = resumption.path.with_name(f"{resumption.job.run_id}.h5")
     partial = partial_path(path)

@@ -1,4 +1,4 @@
-"""What `run plot` is to draw, and into which files: settled before anything is read or drawn."""
+"""The request of `run plot`: figures and files, resolved before anything is read or drawn."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class PlotRequest:
-    """What was asked for. `by_name` tells a figure that must be there from one that is drawn where there is one."""
+    """`by_name`: the figures were named and must be drawn; otherwise those without data are skipped."""
 
     targets: tuple[Target, ...]
     by_name: bool
@@ -50,7 +50,7 @@ REPLACE_HINT = "Choose another place with --out, or replace it with --overwrite.
 def plot_request(
     stem: str, beside: Path, kinds: Sequence[str], out: Path | None, form: str | None
 ) -> PlotRequest:
-    """Settle the files: `STEM-KIND.png` in the folder `beside`, in that of `out`, or the one file that `out` names.
+    """Resolve the files: `STEM-KIND.png` in the folder `beside`, in that of `out`, or the one file `out`.
 
     Raises UsageError: E2070 no such kind, E2071 one file for several figures, E2072 formats that contradict.
     """
@@ -76,7 +76,7 @@ def plot_request(
 
 
 def _paths(stem: str, out: Path, suffixes: dict[str, str], form: str | None) -> Iterator[tuple[str, Path]]:
-    """Where each kind goes; `out` is a file by its ending, a folder without one or where it is there."""
+    """Give the path of each kind; `out` is a file if it has an ending, else a folder."""
     if str(out) == "-":
         raise UsageError("Figures do not go to stdout.", hint="Name a file or a folder.", code="E2071")
     known = {f".{name}" for name in FORMATS} | {PAGE_SUFFIX}

@@ -5,18 +5,17 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
-from edmctl.jobs.runs.events import events_of
-from edmctl.jobs.runs.explanation import sentences_of, wanted
+from edmctl.jobs.runs.explanation import events_of, sentences_of, wanted
 from edmctl.jobs.runs.opening import command_to_go_on
+from edmctl.record.create import NO_EXIT_CODE
 from edmctl.record.events import error_code_of
 from edmctl.record.layout import TOUCHES
+from edmctl.record.reader import RunFile
+from edmctl.record.results import estimated_depth
+from edmctl.record.run_index import status_of
 from edmctl.results.run_file import FileEvent, JumpTimes, RunSummary, Sentence
 from edmctl.wording import plain_number
-
-if TYPE_CHECKING:
-    from edmctl.record.reader import RunFile
 
 TIME_LINE = frozenset(
     {
@@ -25,15 +24,12 @@ TIME_LINE = frozenset(
         *("CHANNEL_MEASURED", "WEAR_MEASURED", "SURFACE_FOUND", "JUMP_MEASURED", "ENDED_EARLY"),
     }
 )
-"""Kinds of sentences that a time line is made of; `run explain` has all."""
+"""Kinds of sentences in a time line; `run explain` has all."""
 WARNING_LEVEL = 2
 
 
 def summary_of(opened: RunFile) -> RunSummary:
     """Read the summary of an open run file, also of one without an end."""
-    from edmctl.record.create import NO_EXIT_CODE
-    from edmctl.record.results import estimated_depth
-    from edmctl.record.run_index import status_of
     from edmctl.report.numbers import numbers_of
 
     numbers, events = numbers_of(opened), events_of(opened)
@@ -61,7 +57,7 @@ def summary_of(opened: RunFile) -> RunSummary:
         seed=opened.seed,
         time_s=_time_s(opened, summary, events),
         machining_time_s=numbers.total("machining_time_s"),
-        earlier_time_s=_earlier_s(opened),
+        earlier_time_s=opened.number("/entry/parent_time"),
         pause_s=plain_number((summary or {}).get("pause_s", 0.0)),
         sites=numbers.sites,
         est_depth_um=estimated.depth_um,
@@ -95,17 +91,13 @@ def _time_s(opened: RunFile, summary: Mapping[str, object] | None, events: Seque
         return time_s
     servo = opened.rows("/entry/servo")
     last = opened.column("/entry/servo", "time", servo - 1, servo).tolist() if servo else []
-    return _earlier_s(opened) + max([*last, *(event.time_s for event in events[-1:])], default=math.nan)
-
-
-def _earlier_s(opened: RunFile) -> float:
-    """Time of the job in the runs before; files of older versions do not have it."""
-    earlier_s = opened.number("/entry/parent_time")
-    return earlier_s if math.isfinite(earlier_s) else 0.0
+    return opened.number("/entry/parent_time") + max(
+        [*last, *(event.time_s for event in events[-1:])], default=math.nan
+    )
 
 
 def jumps_of(events: Sequence[FileEvent]) -> JumpTimes:
-    """Count the jumps, whatever asked for them, and the times from one to the next of the same cut."""
+    """Count all jumps, and the times between jumps of the same cut."""
     from statistics import median
 
     apart_s: list[float] = []

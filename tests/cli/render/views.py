@@ -9,8 +9,8 @@ from typing import Any, cast
 from edmctl.actuator.acceptance import Noise
 from edmctl.actuator.uncertainty import Bands
 from edmctl.actuator.validation import ErrorFigures
+from edmctl.jobs.calibration.calibrate import LeverFound
 from edmctl.jobs.calibration.fit import FileFigures, Findings
-from edmctl.jobs.calibration.request import LeverFound
 from edmctl.labels import Basis, Verdict
 from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
 from edmctl.results.progress import Phase, Progress

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from edmctl.dataclasses import dataclass
 from edmctl.errors import EdmError, MachineFault, ObjectiveNotReached, PreconditionError, RunFileError
 from edmctl.jobs.plan import Plan
-from edmctl.jobs.resume.checks import refuse_elsewhere, refuse_untouchable
-from edmctl.jobs.resume.selection import find_run, taken_up
+from edmctl.jobs.resume import find_run, refuse_elsewhere, refuse_untouchable, taken_up
 from edmctl.jobs.run_context import RunContext
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.runs.opening import resume_command
@@ -23,7 +22,7 @@ RESTARTED = "E4005"
 
 
 def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
-    """Add to the hint of an error how the job goes on, where it left a journal that lets it."""
+    """Add the command that resumes the job to the hint of an error, if there is a journal for it."""
     if name is None or isinstance(error, ObjectiveNotReached) or not name.journal.exists():
         return
     try:
@@ -38,9 +37,9 @@ def tell_way_on(error: EdmError, plan: Plan, name: RunName | None) -> None:
 
 @dataclass(slots=True, eq=False)
 class JobCheckpoint:
-    """Keeps the state of the job beside its run file; keeps none on a machine that is gone with the command.
+    """Keeps the journal of a job next to its run file; keeps none on a machine that ends with the command.
 
-    `truth` is asked for what a virtual bench knows.
+    `truth` returns the true values of a virtual bench.
     """
 
     run: RunContext
@@ -49,17 +48,17 @@ class JobCheckpoint:
     _left: JobState | None = None
 
     def refuse(self) -> None:
-        """Raise PreconditionError where a run that is to be taken up cannot be, on this machine and tool."""
+        """Raise PreconditionError if the interrupted run cannot be resumed on this machine and tool."""
         resumption = self.run.plan.resumed
         if resumption is None:
             return
-        ledger = self.run.open_ledger()
+        ledger = self.run.ledger
         refuse_elsewhere(resumption, self.run.bench, ledger.lines if ledger else ())
 
     def begin(self, job: Job) -> Job:
-        """Return the job, as far as an earlier run came, and keep its first state: a death from now on is known.
+        """Return the job with the progress of an earlier run, and write its first state.
 
-        The journal of that earlier run goes: this one tells more.
+        The journal of the earlier run is replaced.
         """
         resumption = self.run.plan.resumed
         if resumption is not None:
@@ -102,7 +101,7 @@ class JobCheckpoint:
             self.end()
 
     def end(self) -> None:
-        """The job is done. Raises RunFileError E9040 where the journal cannot be removed."""
+        """Remove the journal of a finished job. Raises RunFileError E9040 if that fails."""
         if self._file is not None:
             self._file.remove()
 

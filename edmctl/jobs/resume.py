@@ -1,38 +1,154 @@
-"""`edmctl machine --resume RUN`: which run is meant, and every reason not to take it up again.
+"""`edmctl machine --resume RUN`: find the run, and refuse it if job, machine, tool or stages have changed.
 
-Taking up needs to know where the hole is, how deep it is and which tool made it. Depth and wear are touched again,
-so they need no trust; job, machine, tool and the place of the stages do.
+Depth and wear are measured again by contact, so they need no check.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
-from edmctl.errors import PreconditionError, RunFileError, UsageError
+from edmctl.errors import PreconditionError, RunFileError, UsageError, stages_by_hand
 from edmctl.files import user_path
-from edmctl.jobs.connected_machine import Now
-from edmctl.jobs.ledger.elapsed import with_home_left
+from edmctl.jobs.connected_machine import ConnectedMachine, Now, with_home_left
 from edmctl.jobs.plan import Plan, Resumption, check, with_resumed
-from edmctl.jobs.resume.checks import refuse_untouchable, refuse_used_tool
 from edmctl.jobs.run_header import RunName, run_path
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.procedures.job import Job
 from edmctl.procedures.job_state import job_state
 from edmctl.profile.places import Place
 from edmctl.record.journal import SUFFIX, Journal, JournalledJob, journal_path, read_journal
-from edmctl.record.ledger import Ledger
+from edmctl.record.ledger import JobBegun, Ledger, Line, RunEnded, SiteMachined, ToolChanged
+from edmctl.wording import coordinates
+
+HOMED_WITHIN_UM = 2.0
+"""The side gap of a hole leaves this clearance for a tool that returns into it."""
+
+
+def refuse_untouchable(resumption: Resumption, plan: Plan) -> None:
+    """Raise PreconditionError: E8054 the journal has no data of its channel, E8062 there is no hole to restart."""
+    run_id, state = resumption.job.run_id, resumption.state
+    is_channel = plan.loaded.profile.path is not None
+    if is_channel and state.channel is None:
+        raise PreconditionError(
+            f"{run_id} machines a channel, and the edmctl that wrote its journal kept nothing of channels.",
+            hint="Machine the channel anew on fresh work.",
+            code="E8054",
+        )
+    if is_channel and resumption.restart_hole:
+        raise PreconditionError(
+            f"{run_id} machines a channel, and --restart-hole makes holes anew.",
+            hint="Leave --restart-hole out; on fresh work, order the channel as a job of its own.",
+            code="E8062",
+        )
+    if resumption.restart_hole and not resumption.state.begun:
+        raise PreconditionError(
+            f"{run_id} has begun no hole that could be made anew; the next one is machined from its face anyway.",
+            hint="Leave --restart-hole out.",
+            code="E8062",
+        )
+
+
+def refuse_elsewhere(resumption: Resumption, bench: ConnectedMachine, lines: Sequence[Line]) -> None:
+    """Check the connected machine and the ledger's `lines` before anything moves.
+
+    Raises PreconditionError: E8051 the run was continued meanwhile, E8055 another machine, E8056 another tool, or
+    one that was used since, E8057 the stage positions are unknown. FaultLatched E8010 while a fault is latched.
+    """
+    job, machine, virtual = resumption.job, bench.machine, bench.virtual
+    serial = machine.identity.serial
+    if serial != job.serial:
+        raise PreconditionError(
+            f"This is {serial}; {job.run_id} ran on {job.serial}, where its work is.",
+            hint=f"Name that machine with --port (it was {job.port}).",
+            code="E8055",
+        )
+    latched = machine.latched_fault()
+    if latched is not None:
+        raise latched
+    try:
+        same = read_journal(resumption.path).written_utc_s == resumption.journal.written_utc_s
+    except FileNotFoundError:
+        same = False
+    if not same:
+        raise PreconditionError(
+            f"{job.run_id} went on while this command waited for the machine.",
+            hint="Look at its result; if it was interrupted again, say the same command again.",
+            code="E8051",
+        )
+    if virtual is not None and virtual.tool_label != resumption.state.tool:
+        raise _other_tool(
+            f"{virtual.tool_label} is in the machine; {job.run_id} had {resumption.state.tool}."
+        )
+    refuse_used_tool(resumption, lines)
+    if virtual is None and machine.hello.boot_count != job.boots and not resumption.homed:
+        raise _not_homed(resumption, bench)
+
+
+def _other_tool(message: str) -> PreconditionError:
+    return PreconditionError(
+        message,
+        hint="Only the tool that began a hole can tell its own wear by touching. "
+        "Machine it at another place or on new work.",
+        code="E8056",
+    )
+
+
+def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
+    """Raise PreconditionError E8056 if the tool was changed or used since the run began, by the ledger."""
+    tool, own, begun = resumption.state.tool, resumption.run_files, False
+    lines = tuple(line for line in lines if line.serial == resumption.job.serial)
+    for number, line in enumerate(lines):
+        entry = line.entry
+        if isinstance(entry, RunEnded):
+            continue
+        if isinstance(entry, JobBegun) and entry.run_file in own:
+            begun = True
+        elif not begun:
+            continue
+        elif isinstance(entry, ToolChanged) and entry.tool == tool:
+            raise _other_tool(f"{tool} was changed for a new one since {resumption.job.run_id}.")
+        elif entry.tool != tool:
+            raise _other_tool(
+                f"{entry.tool} was in the machine since {resumption.job.run_id}, and not {tool}."
+            )
+        elif isinstance(entry, JobBegun) and not _was_idle(entry.run_file, lines[number + 1 :]):
+            raise _other_tool(f"{tool} has machined {entry.run_file} since {resumption.job.run_id} was left.")
+
+
+def _was_idle(run_file: str, later: Sequence[Line]) -> bool:
+    """Whether a job came to its end, refused or stopped, before it cut anywhere, by the lines after its begin."""
+    for line in later:
+        entry = line.entry
+        if isinstance(entry, JobBegun | SiteMachined):
+            return False
+        if isinstance(entry, RunEnded):
+            return entry.run_file == run_file
+    return False
+
+
+def _not_homed(resumption: Resumption, bench: ConnectedMachine) -> PreconditionError:
+    status, journal = bench.machine.status(), resumption.journal
+    here = f"{coordinates(status.x_um, status.y_um, 1)}, {status.theta_deg:g}°, within {HOMED_WITHIN_UM:g} µm"
+    return PreconditionError(
+        f"The controller was restarted since {journal.job.run_id}; the run was last seen at "
+        f"{coordinates(journal.x_um, journal.y_um, 1)}.",
+        hint=f"{stages_by_hand(here)} Then confirm that with --homed.",
+        code="E8057",
+    )
+
 
 _DONE = "done"
 _ANOTHER_PLACE = "Machine it at another place or on new work."
 
 
 def name_of_resumed(resumption: Resumption, run_id: str | None, start: datetime) -> RunName:
-    """Name the run that goes on: by `run_id`, or else after the first run, `a-r1`, `a-r2` and so on.
+    """Name the run that resumes another: `run_id`, or the first run's name with `-r1`, `-r2` and so on.
 
-    It stands in the folder of the run before.
+    It is in the folder of that run.
     """
     folder, first = resumption.path.parent, resumption.job.family[0]
     number = 1
@@ -47,7 +163,7 @@ def name_of_resumed(resumption: Resumption, run_id: str | None, start: datetime)
 
 
 def taken_up(resumption: Resumption, job: Job, now: Now) -> Job:
-    """Return the job with the places of the run before, how far that came, and where the tool's home was."""
+    """Return the job with the places and the progress of the interrupted run, and the tool's home."""
     sites = tuple(Place(*place) for place in resumption.job.places)
     pause_s = now.since_s(resumption.journal.written_utc_s, resumption.journal.clock_s)
     job = replace(
@@ -57,12 +173,12 @@ def taken_up(resumption: Resumption, job: Job, now: Now) -> Job:
 
 
 def find_run(named: str, folder: Path, *, homed: bool = False, restart_hole: bool = False) -> Resumption:
-    """Return the interrupted run that is meant by a run file, its .partial, its .journal, or a run id in `folder`.
+    """Return the interrupted run of a run file, its .partial, its .journal, or a run id in `folder`.
 
-    A run that was taken up already stands for the last one that goes on with it.
+    A run that was resumed already refers to the last run that continues it.
 
     Raises PreconditionError: E8050 there is no journal, E8051 the run is finished, E8052 the journal is damaged or
-    of a later version. RunFileError E9041 where it cannot be read.
+    of a later version. RunFileError E9041 if it cannot be read.
     """
     path = _journal_named(named, folder)
     later = _continued(path)
@@ -86,8 +202,8 @@ def checked(
 ) -> Plan:
     """Return the plan of the run's own request, on the machine that is named now.
 
-    Raises PreconditionError: E8053 profile or setup are not what they were, E8054 the journal tells nothing of its
-    channel, E8056 its tool was used since, E8058 the virtual bench is gone. Whatever `check` raises.
+    Raises PreconditionError: E8053 profile or setup have changed, E8054 the journal has no data of its channel,
+    E8056 its tool was used since, E8058 the virtual bench does not exist. Raises as `check`.
     """
     job = resumption.job
     try:
@@ -108,7 +224,7 @@ def checked(
 
 
 def refuse_other_setup_of_run(plan: Plan, resumption: Resumption) -> None:
-    """Raise PreconditionError E8053 where the setup in effect is not that of the interrupted run."""
+    """Raise PreconditionError E8053 if the setup differs from that of the interrupted run."""
     job = resumption.job
     if plan.setup.sha256 != job.setup_sha256:
         now = "" if plan.setup.file is None else f"; {plan.setup.file} is used now"
@@ -116,7 +232,7 @@ def refuse_other_setup_of_run(plan: Plan, resumption: Resumption) -> None:
 
 
 def _journal_named(named: str, folder: Path) -> Path:
-    """Where the journal of a run is: by a path that exists or looks like one, else by its id."""
+    """Return the path of a run's journal, by a path that exists or looks like one, else by its id."""
     given = user_path(named)
     for ending in (".h5.partial", ".h5", SUFFIX):
         if given.name.endswith(ending):
@@ -134,7 +250,7 @@ def _journal_named(named: str, folder: Path) -> Path:
 
 
 def _continued(path: Path) -> tuple[Path, Journal] | None:
-    """The journal of the run that goes on with the one whose journal would be at `path`."""
+    """Return the journal of the run that continues the one whose journal would be at `path`."""
     run_id = path.name.removesuffix(SUFFIX)
     found: list[tuple[Path, Journal]] = []
     for other in sorted(path.parent.glob(f"*{SUFFIX}")):
@@ -173,7 +289,7 @@ def _without_journal(path: Path) -> PreconditionError:
 
 
 def _run_files(run_id: str, folder: Path) -> list[Path]:
-    """The run's own file and those that go on with it, finished or not."""
+    """Return the run's own file and the files that continue it, finished or not."""
     own = [folder / f"{run_id}.h5", folder / f"{run_id}.h5.partial"]
     first = re.sub(r"-r\d+$", "", run_id)
     later = sorted(
@@ -183,7 +299,7 @@ def _run_files(run_id: str, folder: Path) -> list[Path]:
 
 
 def _status(file: Path) -> str:
-    """How a run ended; empty where its file cannot tell."""
+    """Return the status of a run file; empty if it cannot be read."""
     from edmctl.record.reader import open_run
 
     try:
