@@ -157,7 +157,7 @@ def _run(command: list[str]) -> None:
 
 
 def _not_written(elf: Path, error: OSError) -> RunFileError:
-    """The error E9012: what is in the way, where something is."""
+    """Return the error E9012 with its cause."""
     why = error.strerror or str(error)
     for place in reversed(elf.parents):
         if place.exists() and not place.is_dir():

@@ -137,7 +137,7 @@ def settings_not_compared(image: ImageFacts, board: BoardFacts) -> Check:
 
 
 def _older(image: ImageFacts, board: BoardFacts, flash_it: str) -> tuple[str, str]:
-    """Which side is older, and what to do about it."""
+    """Return which side is older, and the remedy."""
     ours, theirs = (image.protocol, image.firmware), (board.protocol, board.firmware or image.firmware)
     if ours > theirs:
         return "the board is older", f"Flash it: {flash_it}."
@@ -259,7 +259,7 @@ def flash_board(
 
 
 def _refuse(found: BoardFacts, board: Board) -> None:
-    """Refuse a job that runs, and another board than the image is for."""
+    """Refuse a running job, and a board that the image is not for."""
     if found.state is None:
         raise PreconditionError(
             f"The controller at {found.port} does not tell its state: a job may run.",
@@ -277,7 +277,7 @@ def _refuse(found: BoardFacts, board: Board) -> None:
 
 
 def _refuse_held_ports() -> None:
-    """Without a port nobody can be asked, but an ST-LINK whose serial port another program holds tells enough."""
+    """Refuse if another program holds the port of an ST-LINK: a job may run there."""
     for port in st_links():
         if owner := lock_holder(Path(port.device)):
             raise LinkLost(
@@ -288,7 +288,7 @@ def _refuse_held_ports() -> None:
 
 
 def _take_st_link_of(port: str, tool: Tool) -> None:
-    """Have the tool flash the board that was asked: the ST-LINK of its port, of however many there are."""
+    """Have the tool use the ST-LINK that the port belongs to."""
     serial = next((one.usb_serial for one in st_links() if same_port(port, one.device)), "")
     if serial and tool.probe and tool.probe.lower() not in serial.lower():
         raise no_board(
@@ -299,7 +299,7 @@ def _take_st_link_of(port: str, tool: Tool) -> None:
 
 
 def _refuse_to_guess(tool: Tool) -> None:
-    """Refuse one of several boards by a tool that would take the first one: a job may run there."""
+    """Refuse a tool that would take the first of several boards."""
     if tool.takes_first and not tool.probe and len(st_links()) > 1:
         raise several_boards(tool.name)
 

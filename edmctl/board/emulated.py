@@ -56,7 +56,7 @@ def image(compiler: str | None = None) -> Elf:
 
 
 def _emulator() -> ModuleType:
-    """Load firmware/sim, which no package carries."""
+    """Load firmware/sim, which is not part of the package."""
     if PACKAGE in sys.modules:
         return sys.modules[PACKAGE]
     folder = source_folder() / "sim"
@@ -77,7 +77,6 @@ def _emulator() -> ModuleType:
 
 
 def _has_unicorn() -> bool:
-    """Whether the package that executes the instructions is installed, with its library."""
     try:
         importlib.import_module("unicorn")
     except ImportError:

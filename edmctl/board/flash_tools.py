@@ -275,14 +275,13 @@ def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> 
 
 
 def _first_bytes(file: Path, count: int) -> bytes:
-    """The begin of what a tool has left; nothing where that is no file."""
+    """Return the first bytes of a file; nothing if it is no regular file."""
     with suppress(OSError), open_regular(file) as opened:
         return opened.read(count)
     return b""
 
 
 def _id_in(said: str, pattern: str, tool: str) -> int:
-    """The device id in what a tool said."""
     if match := re.search(pattern, said, re.IGNORECASE | re.MULTILINE):
         number = int(match[1], 16)
         if number & _DEVICE_BITS not in (0, _DEVICE_BITS):

@@ -129,7 +129,7 @@ def seal(elf_data: bytes) -> bytes:
 
 
 def _record(path: Path, data: bytes) -> Record:
-    """The record in an image; wherever it stands, size and check tell it from other bytes that look alike."""
+    """Return the record in an image; size and check distinguish it from other bytes."""
     reason = ""
     for at, record in _records(data):
         if not at + _RECORD.size <= record.size <= len(data):
@@ -183,7 +183,7 @@ def _damaged(path: Path, reason: str) -> RecordError:
 
 
 def _sections(elf: Elf, board: Board) -> tuple[Section, ...]:
-    """The sections that take memory; initial values take that of their place and that of the flash."""
+    """Return the sections that take memory; initial values take flash too."""
     found = []
     for section in elf.sections:
         if section.is_allocated and section.size:

@@ -78,7 +78,7 @@ class Elf:
         self.symbols = self._symbols()
 
     def _symbols(self) -> dict[str, tuple[int, int]]:
-        """Address and size of each symbol by its name."""
+        """Return address and size of each symbol by its name."""
         found: dict[str, tuple[int, int]] = {}
         for table in (s for s in self.sections if s.kind == _SYMTAB):
             texts = self.sections[table.link].offset
@@ -163,7 +163,7 @@ def parse_hex(text: str) -> tuple[int, bytes]:
 
 
 def _bytes_of(line: str) -> bytes:
-    """The bytes of a line; none where it is no line of Intel HEX."""
+    """Return the bytes of a line; none if it is not Intel HEX."""
     try:
         return bytes.fromhex(line[1:]) if line.startswith(":") else b""
     except ValueError:

@@ -94,7 +94,6 @@ def parse_settings(texts: Sequence[str], known: Mapping[str, Setting]) -> dict[s
 
 
 def _check_together(value: Mapping[str, float]) -> None:
-    """Refuse values that contradict each other: a reading at its end is none, a set point beyond it cannot be."""
     for low, high in _ORDERED:
         if low in value and high in value and not value[low] < value[high]:
             raise _refused(

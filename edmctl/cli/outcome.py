@@ -184,7 +184,6 @@ def watching(output: Output) -> Iterator[Reporter]:
 
 
 def _reporter(output: Output, style: Style) -> Reporter:
-    """JSON lines when asked for, else silence when asked for, else the best that stderr can show."""
     if output.events:
         return EventReporter(sys.stderr)
     if output.quiet:

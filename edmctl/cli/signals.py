@@ -164,7 +164,7 @@ def _handling(handler: Callable[[int, FrameType | None], None]) -> Iterator[None
 
 
 def _say(text: str) -> None:
-    """Write to stderr below Python's buffers, which the interrupted code may be holding."""
+    """Write to stderr below Python's buffers, which the interrupted code may hold."""
     try:
         number = sys.stderr.fileno()
         # The picture that is interrupted had hidden the cursor.

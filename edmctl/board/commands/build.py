@@ -147,7 +147,7 @@ def _library(outcome: Outcome, real: str | None, compiler: str | None) -> None:
 
 
 def _environment(compiler: str | None) -> "Mapping[str, str]":
-    """The environment in which CC names what --compiler names."""
+    """Return the environment, with CC set to what --compiler names."""
     from edmctl.core.build import ZIG
 
     if compiler is None:

@@ -138,7 +138,7 @@ def _line(item: "Item") -> str:
 
 
 def _leave(outcome: Outcome, report: "FirstStartReport", out: Path) -> None:
-    """Write the report, as text and as JSON, and leave it as the result."""
+    """Write the report as text and as JSON, and set it as the result."""
     from edmctl.board.commands.tables import render_first_start
     from edmctl.jobs.output_files import make_folder, write
 
@@ -226,7 +226,7 @@ class Terminal:
 
 
 def _forget_typed_ahead() -> None:
-    """What was typed before a question is no answer to it."""
+    """Discard what was typed before the question."""
     try:
         import termios
     except ImportError:  # not on Windows

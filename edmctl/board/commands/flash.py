@@ -83,7 +83,7 @@ def flash(
 
 
 def _confirm(output: Output, settings: str, board: "Board", *, is_said: bool) -> None:
-    """Go on only where somebody says that the high voltage is off. Raises PreconditionError E8124."""
+    """Ask whether the high voltage is off. Raises PreconditionError E8124 if it is not."""
     if is_said:
         return
     remedy = (

@@ -53,7 +53,7 @@ def info(outcome: Outcome, what: WhatArgument, setup: SetupOption = None, wait: 
 
 
 def _is_file(what: str) -> bool:
-    """Whether an image is meant: what is there decides, else the name."""
+    """Whether an image is meant: an existing file, or a name with the ending of one."""
     if "://" in what:
         return False
     with suppress(OSError, ValueError):

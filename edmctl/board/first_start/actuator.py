@@ -81,7 +81,6 @@ def look(c: Checklist) -> None:
 
 
 def _bounded(c: Checklist, spec: Spec, bounds: tuple[float, float]) -> Spec:
-    """Return an item that says what the sensor is expected to read, by the setup."""
     gain = c.setup.actuator.gain_um_per_v
     low, high = bounds
     text = f"by {low * gain:.2f} to {high * gain:.2f} µm/V ({low:g} to {high:g} of the setup's {gain:g})"
@@ -121,7 +120,7 @@ def _amplifier_on(c: Checklist) -> Found:
 
 
 def _steps(c: Checklist, voltages: tuple[float, ...]) -> list[Step]:
-    """Arm without pulses, step through voltages and come back; what was read at each."""
+    """Arm without pulses, step through the voltages and back; return the readings of each."""
     fitted = c.setup.sensor.fitted
     rest_um = mean([status.displacement_um for status in c.read()]) if fitted else 0.0
     c.machine.configure(motion_settings(c.setup, rest_um + SAFE_UM, sensor_fitted=fitted, pulses=True))
@@ -141,7 +140,7 @@ def _step(c: Checklist, voltage: float) -> Step:
 
 
 def _line(steps: list[Step], value: Callable[[Step], float]) -> tuple[float, float]:
-    """Slope and offset of a value over the command."""
+    """Return slope and offset of a value over the command."""
     slope, offset = linear_regression([step.command_v for step in steps], [value(step) for step in steps])
     return slope, offset
 

@@ -191,7 +191,7 @@ def _link(c: Checklist) -> Found:
 
 
 def _inputs(c: Checklist) -> Interlock:
-    """Open inputs now. An input that chatters counts as open."""
+    """Return the open inputs. An input that chatters counts as open."""
     bits = Interlock(0)
     for status in c.read():
         bits |= status.interlocks
@@ -203,7 +203,7 @@ def _in_words(bits: Interlock) -> str:
 
 
 def _switches(c: Checklist) -> None:
-    """Open and close every switch first: what is exchanged shows in two of them."""
+    """Open and close every switch before evaluating: exchanged wires show in two of them."""
     seen: dict[Interlock, Seen] = {}
     left_out: dict[Interlock, Skip] = {}
     for switch in SWITCHES:
@@ -234,7 +234,7 @@ def _switches(c: Checklist) -> None:
 
 
 def _acted(c: Checklist, switch: Switch, key: str, before: Interlock) -> Interlock:
-    """Have a switch changed, and tell at once what has followed; the open inputs then."""
+    """Have a switch operated, report what changed, and return the open inputs."""
     c.act(key)
     after = _inputs(c)
     changes = [
@@ -249,7 +249,7 @@ def _acted(c: Checklist, switch: Switch, key: str, before: Interlock) -> Interlo
 
 
 def _judge(switch: Switch, all_seen: dict[Interlock, Seen]) -> tuple[tuple[Cause, ...], list[Interlock]]:
-    """Return the likely mistakes of a switch, and the other switches that these explain as well."""
+    """Return the likely mistakes of a switch, and the other switches that they explain."""
     seen, own = all_seen[switch.bit], switch.bit
     others = [bit for bit in Interlock if bit in seen.changed and bit != own]
     net = switch.net
@@ -349,7 +349,7 @@ def _contact(c: Checklist) -> Found:
 
 
 def _closed(c: Checklist) -> bool | None:
-    """Whether the contact is closed; None where the readings differ."""
+    """Whether the contact is closed; None if readings differ."""
     flags = {TelemetryFlag.CONTACT in status.flags for status in c.read()}
     return flags.pop() if len(flags) == 1 else None
 
@@ -405,7 +405,7 @@ def _gap_rest(c: Checklist) -> Found:
 
 
 def _battery_left(c: Checklist) -> float | None:
-    """What the controller showed of the battery; None where none was read."""
+    """Return the last reading of the battery; None if there was none."""
     item = next(item for item in c.items if item.key == GAP_BATTERY.key)
     return None if item.status is not ItemStatus.PASS else c.battery_v
 

@@ -134,7 +134,7 @@ def _is_stuck_on(share: float) -> bool:
 
 
 def _off_in_words(heard: Heard) -> str:
-    """What was at the gap before the generator was on, by the samples: the fault tells of the other half alone."""
+    """The gap voltage before the generator was on, from the samples."""
     if heard.blocks:
         s = heard.samples
         n_off = int(((s.flags & TelemetryFlag.PULSES_ON) == 0).argmin())
@@ -144,7 +144,7 @@ def _off_in_words(heard: Heard) -> str:
 
 
 def _self_test_cause(share: float) -> Cause:
-    """Of a gap sensor that reads a battery right: `share` of what was meant came with the generator on."""
+    """`share` of the expected voltage was read with the generator on; the sensor read a battery right."""
     if _is_stuck_on(share):
         return cause(
             "voltage at the gap with the generator there and its gate off: the transistor is shorted, or its "
@@ -167,7 +167,7 @@ def _duty() -> float:
 
 
 def _pulsing(setup: Setup, rest_um: float) -> ControllerSettings:
-    """Parameters of a servo that hardly feeds: everything else at the controller's defaults."""
+    """Return parameters of a servo that hardly feeds, everything else at its default."""
     motion: MotionSettings = motion_settings(
         setup, rest_um + CLEAR_UM, sensor_fitted=setup.sensor.fitted, pulses=True
     )
@@ -251,7 +251,7 @@ def _gate_off(heard: Heard) -> Found:
 
 
 def _apart(after_s: float) -> str:
-    """Where the sample with the last pulse ends, beside the time at which the generator was switched off."""
+    """When the sample with the last pulse ends, relative to the generator being switched off."""
     after_ms = round(1000.0 * after_s, 1)
     if after_ms == 0.0:
         return "in the sample that ends when"
@@ -259,7 +259,7 @@ def _apart(after_s: float) -> str:
 
 
 def _span_s(samples: TelemetryBlock) -> float:
-    """Half the time between samples beyond a whole one: times are those of their ends."""
+    """One and a half sample periods: the times are those of the ends."""
     return 1.5 * float(median((samples.time_s[1:] - samples.time_s[:-1]).tolist()))
 
 

@@ -210,7 +210,6 @@ def _words_for(key: str) -> list[str]:
 
 
 def _why_not_absent(key: str) -> str:
-    """Return why nobody can say that the machine has none of what an answer is about."""
     if key in ("level-low", "level-ok", "pump-off", "pump-on"):
         return "the checklist arms with the dielectric required, and goes by its level and flow"
     offered = ", ".join(key for key in (*ACTS, *QUESTIONS) if Done.ABSENT in _words_for(key))

@@ -121,7 +121,7 @@ def _cleared(c: Checklist) -> Found:
 
 
 def _still(c: Checklist) -> None:
-    """Arm without pulses, with a sensor that nobody relies on: what moves are stages alone."""
+    """Arm without pulses and without the sensor: only stages move."""
     c.machine.configure(motion_settings(c.setup, SAFE_UM, sensor_fitted=False, pulses=True))
     c.machine.arm(pulses=False)
 
@@ -179,7 +179,7 @@ def _limit(c: Checklist) -> Found:
 
 
 def _directions(c: Checklist) -> None:
-    """Move every axis and ask; two that are exchanged are one mistake."""
+    """Move every axis and ask; two exchanged axes are one mistake."""
     seen: dict[Axis, str] = {}
     for axis, spec in AXES.items():
         if axis is Axis.Y and seen.get(Axis.X) == "other":
@@ -191,7 +191,7 @@ def _directions(c: Checklist) -> None:
 
 
 def _with_x(found: Found, seen: dict[Axis, str]) -> Found:
-    """What Y shows where X has moved another stage: the same mistake, told once."""
+    """Skip Y if X has moved another stage: it is the same mistake."""
     if seen[Axis.Y] == "other":
         raise Skip("told at: X direction")
     return found

@@ -195,14 +195,13 @@ def _run(outcome: Outcome, checked: "CheckedCalibration", seed: int) -> None:
 
 
 def _again(where: "MachineAddress", seed: int | None) -> str:
-    """Return the options that name the same virtual machine."""
     if where.bench_file is not None:
         return f" --port {where.selector}"
     return "" if seed is None else f" --seed {seed}"
 
 
 def _whereabouts(done: "CalibrationReport", checked: "CheckedCalibration", seed: int | None) -> str:
-    """Where the file is, and how `machine` comes to use it."""
+    """Return where the file is and how `machine` uses it."""
     if done.path is None:
         return "Nothing was saved."
     made_by = simulated_by(seed) if done.simulated else ""

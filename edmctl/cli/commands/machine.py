@@ -97,7 +97,7 @@ def machine(
 
 
 def _forecast(outcome: Outcome, plan: "Plan", name: "RunName") -> None:
-    """Tell what the job will take, and how far it came already. Raises what ledger and bench would refuse."""
+    """Show the forecast, for a resumed job of what remains. Raises what ledger and bench would refuse."""
     from edmctl.cli.render.profile_tables import render_forecast
     from edmctl.jobs.ledger.prepared_job import forewarned
 
@@ -128,7 +128,7 @@ def _run(outcome: Outcome, plan: "Plan", name: "RunName", seed: int | None) -> N
 
 
 def _refuse_other_options(context: typer.Context) -> None:
-    """Raise UsageError E2050 for options that the journal has already. What the environment says does not count."""
+    """Raise UsageError E2050 for options that the journal contains. Environment variables do not count."""
     named = [
         option
         for name, option in _KEPT_ALREADY.items()

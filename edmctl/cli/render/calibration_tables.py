@@ -88,7 +88,7 @@ def _numbers(figures: Errors) -> list[str]:
 
 
 def _validation(found: Findings, ours: Errors, style: Style) -> str:
-    """Errors on the files that no model was fitted to, and on each of them where there are several."""
+    """Errors on the files that were not fitted, and on each of them if there are several."""
     title = found.files[0].name if len(found.files) == 1 else f"{len(found.files)} files"
     rows = _models(found.validated_baselines, ours)
     if len(found.files) > 1:

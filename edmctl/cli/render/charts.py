@@ -167,7 +167,7 @@ def chart(
 
 
 def _level(value: float, scale: tuple[float, float], levels: int) -> int:
-    """Row of dots from the top that a value lies in."""
+    """Return the row of dots, from the top, of a value."""
     low, high = scale
     share = (value - low) / (high - low) if high > low else 0.5
     return levels - 1 - min(max(round(share * (levels - 1)), 0), levels - 1)
@@ -211,7 +211,7 @@ def _ascii(
 
 
 def _joined(cells: Sequence[str], bright: Sequence[bool]) -> list[Span]:
-    """Neighbours of one ink become one span."""
+    """Join neighbours of one ink."""
     spans: list[Span] = []
     begin = 0
     for i in range(1, len(cells) + 1):

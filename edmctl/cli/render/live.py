@@ -133,7 +133,6 @@ class Screen:
             self._lines, self._cells = [], []
 
     def _back(self, width: int) -> str:
-        """Go to the begin of the block."""
         return _up(self._rows(self._cells[:-1], width))
 
     def _erased(self, width: int) -> str:
@@ -146,7 +145,7 @@ class Screen:
 
     @staticmethod
     def _rows(cells: Sequence[int], width: int) -> int:
-        """Rows that lines take on a terminal, which wraps them where it became narrower."""
+        """Return the rows of lines on a terminal that wraps them after it became narrower."""
         return sum(max(1, -(-count // width)) for count in cells)
 
     def _block(self) -> str:

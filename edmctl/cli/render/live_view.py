@@ -58,7 +58,7 @@ class Histories:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where things go: `words` cells of figures beside `chart` cells of bars, which is 0 on narrow terminals."""
+    """`words` cells of figures beside `chart` cells of bars (0 on narrow terminals)."""
 
     width: int
     chart: int
@@ -116,7 +116,7 @@ def _row(label: str, bar: list[Span], words: list[Span]) -> list[Span]:
 
 
 def _head(p: Progress, width: int, style: Style) -> list[Span]:
-    """What is being done, where, and for how long; the names are cut before the times are."""
+    """Step, place and times; names are cut before times."""
     where = [printable(p.site)] if p.site else []
     if p.step:
         where.append(p.step)
@@ -141,7 +141,7 @@ def _head(p: Progress, width: int, style: Style) -> list[Span]:
 
 
 def _depth(p: Progress, place: _Place) -> list[list[Span]]:
-    """Depth beside its target; feed where that is what the job wants."""
+    """Depth and its target, or the feed if the target is a feed."""
     if math.isfinite(p.feed_target_um) and math.isfinite(p.feed_um):
         bar = _bar(p.feed_um, math.nan, p.feed_target_um, place)
         return [_row("feed", bar, [(f"{p.feed_um:.1f} of {p.feed_target_um:.1f} µm", None)])]
@@ -167,7 +167,7 @@ def _pulses(p: Progress, place: _Place) -> list[list[Span]]:
 
 
 def _share(name: str, percent: float, cells: int) -> Span:
-    """Share of one class in words that all four have room for in `cells`."""
+    """Share of one class, short enough for all four to fit."""
     last = name == "short"
     if cells >= WIDE_WORDS:
         words = f"{percent:2.0f} % {name}" + ("" if last else "  ")
@@ -189,7 +189,6 @@ def _gap(p: Progress, history: History, place: _Place) -> list[list[Span]]:
 
 
 def _tool(p: Progress, history: History, place: _Place) -> list[list[Span]]:
-    """Where the tool stands: the chart spans what it did in the last minute."""
     if not math.isfinite(p.displacement_um):
         return []
     scale = _scale(history.low, history.high, LEAST_HEIGHT_UM)
@@ -198,7 +197,7 @@ def _tool(p: Progress, history: History, place: _Place) -> list[list[Span]]:
 
 
 def _scale(low: float, high: float, least: float) -> tuple[float, float]:
-    """The range, or as much as `least` about its middle."""
+    """Return the range, widened to `least`."""
     spare = max(0.0, least - (high - low)) / 2.0
     return low - spare, high + spare
 
@@ -213,7 +212,7 @@ def _charted(
     now_s: float,
     place: _Place,
 ) -> list[list[Span]]:
-    """A chart with the newest figures beside its first row and the range beside its last."""
+    """A chart with the newest values beside its first row and the range beside its last."""
     known = math.isfinite(history.low)
     extent = (
         f"{decimal(history.low, 1)} to {decimal(history.high, 1)} {unit} in {SPAN_S:.0f} s" if known else ""
@@ -231,7 +230,6 @@ def _charted(
 
 
 def _feed(p: Progress) -> list[list[Span]]:
-    """Feed so far, its rate, and the wear of the tool, as far as they are known."""
     feed = []
     if math.isfinite(p.feed_um) and math.isnan(p.feed_target_um):
         feed.append(f"{p.feed_um:.1f} µm")

@@ -107,7 +107,6 @@ def render_forecasts(named: Sequence[tuple[str, Forecast]], style: Style = PLAIN
 
 
 def _work(forecast: Forecast) -> list[Sequence[str]]:
-    """What is made, and what it costs the tool."""
     depth, wear = length(forecast.depth_um), length(forecast.wear_um)
     feed = length(forecast.feed_um)
     beyond_um = forecast.feed_um - forecast.depth_um - forecast.wear_um
@@ -148,7 +147,6 @@ def _work(forecast: Forecast) -> list[Sequence[str]]:
 
 
 def _stroke(forecast: Forecast) -> Sequence[str]:
-    """The stroke that is needed, or how many holes it lasts for."""
     available = length(forecast.stroke_available_um)
     if forecast.holes > 1 and forecast.holes_in_reach < forecast.holes:
         return _row("stroke", available, f"for the first {plural(forecast.holes_in_reach, 'hole')} only")

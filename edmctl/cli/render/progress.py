@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import TextIO
 
 from edmctl.cli.render.result_table import render_ratios
+from edmctl.dataclasses import fields
 from edmctl.jsonout import render_json_line
 from edmctl.labels import Basis, marked
 from edmctl.results.progress import Progress
@@ -22,30 +23,9 @@ PASSING_PHASE = "jumping"
 _IN_A_CUT = ("machining", PASSING_PHASE)
 LINE_EVERY_S = 30.0
 EVENT_EVERY_S = 1.0
-_EVENT_KEYS = (
-    *(
-        "phase",
-        "site",
-        "time_s",
-        "gap_v",
-        "reference_v",
-        "ratios",
-        "depth_um",
-        "depth_u95_um",
-        "depth_target_um",
-    ),
-    *(
-        "displacement_um",
-        "time_left_s",
-        "step",
-        "feed_um",
-        "feed_target_um",
-        "feed_um_s",
-        "wear_um",
-        "wear_u95_um",
-    ),
-    *("jumps", "jump_period_s", "sites_done", "sites_total", "warning"),
-)
+_NOT_IN_EVENTS = {"gap_low_v", "gap_high_v", "displacement_low_um", "displacement_high_um", "past"}
+_NOT_IN_EVENTS |= {"last_jump_s", "warned_s"}
+_EVENT_KEYS = [one.name for one in fields(Progress) if one.name not in _NOT_IN_EVENTS]
 
 
 class Reporter:
@@ -191,7 +171,7 @@ def has_pulses(ratios: PulseShares) -> bool:
 
 
 class _PatientStream:
-    """A text stream that falls silent when nobody reads it any more."""
+    """A text stream that becomes silent when its reader is gone."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream

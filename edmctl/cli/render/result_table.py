@@ -177,13 +177,13 @@ def drift_in_words(found: SiteResult | ChannelResult) -> str:
 
 
 def _costs_much(found: SiteResult | ChannelResult) -> bool:
-    """Whether a drift that nobody has corrected makes most of the interval; without a sensor there is no cure."""
+    """Whether uncorrected drift is most of the interval; without a sensor it cannot be corrected."""
     is_cured = found.drift_by_rests or found.wear_basis is Basis.MODEL
     return not is_cured and half_width(found.drift_left_u_um) >= 0.5 * found.wear_u95_um
 
 
 def _drift_of_many(sites: Sequence[SiteResult], columns: int) -> list[str]:
-    """Return what drift there is in the wear of many holes, in a sentence."""
+    """Return the drift in the wear of many holes, in a sentence."""
     by_rests = [site for site in sites if site.drift_by_rests]
     if by_rests:
         far_um = max((site.drift_correction_um for site in by_rests), key=abs)

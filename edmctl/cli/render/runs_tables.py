@@ -156,7 +156,7 @@ def render_comparison(comparison: Comparison, style: Style = PLAIN) -> str:
 
 
 def _row_a_run(comparison: Comparison, style: Style, columns: int) -> list[str]:
-    """Tables with a row for each run and a column for each setting and quantity, as many tables as they need."""
+    """Tables with a row for each run, as many as fit their columns."""
     settings = {
         named_with_unit(setting.key, setting.units): [_short(value) for value in setting.values]
         for setting in comparison.differs
@@ -224,7 +224,6 @@ def _quantities(quantities: Sequence[Quantity], heading: str) -> Mapping[str, Se
 
 
 def _reading(comparison: Comparison) -> str:
-    """How the tables are to be read."""
     amounts = [amount for quantity in comparison.quantities for amount in quantity.amounts[1:]]
     if not any(math.isfinite(amount.difference_u95) for amount in amounts):
         return ""
@@ -309,7 +308,6 @@ def _render_case(case: Case, style: Style) -> str:
 
 
 def _of_basis(basis: str) -> dict[str, str]:
-    """Return the names of quantities that were not touched with a sensor."""
     return {key: name.replace(",", f" {basis},") for key, name in _NAMES.items()}
 
 

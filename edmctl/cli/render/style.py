@@ -107,7 +107,7 @@ def terminal_columns() -> int:
 
 
 def _shows_unicode(stream: TextIO, environ: Mapping[str, str]) -> bool:
-    """By the encoding of the stream and the locale: in the C locale Python writes UTF-8 to any terminal."""
+    """By encoding and locale: in the C locale Python writes UTF-8 to any terminal."""
     encoding = getattr(stream, "encoding", None) or "utf-8"
     if not encoding.lower().replace("-", "").startswith("utf"):
         return False

@@ -96,7 +96,7 @@ def export(
 
 
 def _export(outcome: Outcome, opened: "RunFile", request: "ExportRequest") -> None:
-    """Write one table after the other, so that what is there stays when a later one fails."""
+    """Write one table after the other, so that earlier ones remain if a later one fails."""
     from edmctl.jobs.output_files import make_folder, new_file
     from edmctl.machine.interface import EventCode
     from edmctl.record.rows import RunEvent

@@ -74,7 +74,7 @@ def plot(
 
 
 def _draw(outcome: Outcome, opened: "RunFile", request: "PlotRequest", overwrite: bool) -> None:
-    """Draw and write one file after the other, so that what is there stays when a later one fails."""
+    """Draw and write one file after the other, so that earlier ones remain if a later one fails."""
     from edmctl.jobs import output_files
     from edmctl.jobs.runs.plot import REPLACE_HINT
     from edmctl.report.style import NothingToDraw
@@ -107,7 +107,7 @@ def _draw(outcome: Outcome, opened: "RunFile", request: "PlotRequest", overwrite
 
 
 def _content(opened: "RunFile", target: "Target") -> bytes:
-    """The bytes of the file. Raises NothingToDraw."""
+    """Return the bytes of the file. Raises NothingToDraw."""
     if target.kind is None:
         return page_of(opened).encode()
     from edmctl.report.style import house_style, rendered

@@ -40,7 +40,7 @@ def show(outcome: Outcome, file: RunArgument, follow: FollowOption = False) -> N
 
 
 def _tell(outcome: Outcome, path: Path) -> None:
-    """Leave the summary as the result. Raises RunFileError E9008 when the writer was killed."""
+    """Set the summary as the result. Raises RunFileError E9008 if the writer was killed."""
     from edmctl.cli.render.run_view import render_run
     from edmctl.jobs.runs.summary import summary_of
     from edmctl.record.reader import reading
@@ -88,7 +88,7 @@ def list_runs(outcome: Outcome, folder: FolderArgument = None, out: OutOption = 
 
 
 def _only(folder: Path | None, out: Path | None) -> Path:
-    """Return the folder that is meant. Raises UsageError E2063 where two are named."""
+    """Return the folder. Raises UsageError E2063 if two are named."""
     if folder is not None and out is not None:
         raise UsageError(
             f"Two folders are named: {folder}, and {out} with --out.", hint="Leave one out.", code="E2063"
@@ -124,7 +124,7 @@ def _list(outcome: Outcome, folder: Path) -> None:
 
 
 def _since(head: "RunHead | Unreadable") -> tuple[str, str]:
-    """What the runs are sorted by: their start, of unreadable ones their last change."""
+    """Return the sort key: the start, or the last change of an unreadable file."""
     if isinstance(head, Unreadable):
         return iso_of(head.changed_s), head.path.name
     start = utc_of(head.start_time)

@@ -167,7 +167,6 @@ def _refuse_contradictions(
 
 
 def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, seed: int) -> "Trial":
-    """Get the models and drive every waveform."""
     from edmctl.jobs.actuator_trial import known_model, run_trial
 
     known = None
@@ -183,7 +182,7 @@ def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, se
 
 
 def _report(outcome: Outcome, trial: "Trial", plot: Path | None, data: Path | None) -> None:
-    """Say the figures; then write the files, so that a full disk leaves the figures known."""
+    """Show the errors, then write the files, so that a full disk does not hide them."""
     from edmctl.cli.render.calibration_tables import render_actuator
     from edmctl.jobs.actuator_trial import write_figure
 
@@ -199,7 +198,6 @@ def _write(
     plot: Path | None,
     draw: "Callable[[Path], None]",
 ) -> None:
-    """Put the trial into the result, write its files, and name them below the figures."""
     from edmctl.jobs.actuator_trial import write_data
 
     result: dict[str, object] = {**trial.as_mapping(), "plot_file": None, "data_file": None}
@@ -216,7 +214,6 @@ def _write(
 
 
 def _try_paper(outcome: Outcome, asked: "list[Waveform]", start: StartChoice, seed: int) -> "PaperTrial":
-    """Fit the paper's model and drive every waveform."""
     from edmctl.jobs.paper_trial import run_paper_trial
 
     trial = run_paper_trial(asked, start.value, seed)
@@ -225,7 +222,6 @@ def _try_paper(outcome: Outcome, asked: "list[Waveform]", start: StartChoice, se
 
 
 def _report_paper(outcome: Outcome, trial: "PaperTrial", plot: Path | None, data: Path | None) -> None:
-    """Say the figures; then write the files."""
     from edmctl.cli.render.calibration_tables import render_paper_trial
     from edmctl.jobs.paper_trial import write_figure
 

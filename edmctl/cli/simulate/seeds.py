@@ -154,7 +154,7 @@ def simulate(
 
 
 def _check_files(table: Path | None, figure: Path | None) -> None:
-    """Refuse files that cannot be, before hours of runs."""
+    """Refuse output files that cannot be written, before hours of runs."""
     from edmctl.jobs.output_files import check_free
 
     if table is not None:
@@ -179,7 +179,7 @@ def simulate_or_subcommand(context: typer.Context, **given: Any) -> int:
 
 
 def _refuse_options_before(context: typer.Context) -> None:
-    """The options of a job say nothing to a subcommand; left there they would be lost without a word."""
+    """Refuse options of a job before a subcommand, which would ignore them."""
     given = [
         parameter.opts[0]
         for parameter in context.command.params
@@ -206,7 +206,7 @@ def _simulate(
     table: Path | None,
     figure: Path | None,
 ) -> None:
-    """Run everything; what is finished when the series is stopped is told all the same, and kept in its folder."""
+    """Run everything. A stopped series reports its finished runs and keeps them in its folder."""
     from edmctl.jobs.batch import command_of, perform_all
     from edmctl.jobs.parallel import Program
 
@@ -278,7 +278,6 @@ def _write(
     table: Path | None,
     figure: Path | None,
 ) -> None:
-    """Write the table and the figure that were asked for."""
     from edmctl.jobs import output_files
 
     summaries = _summaries(cases, runs, done)

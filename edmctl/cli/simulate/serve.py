@@ -106,7 +106,7 @@ class ServeRequest:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """A socket to serve on, and the secret that its clients have to know; empty for none."""
+    """A socket to serve on, and the secret for its clients; empty for none."""
 
     host: str
     port: int
@@ -248,7 +248,7 @@ def _endpoint(link: Path | None, place: _Place | None, output: Output) -> "Endpo
 
 
 def _serial(bench: "VirtualBench") -> str:
-    """The number that HELLO will tell: that of the machine, or of an emulated chip."""
+    """Return the serial number in HELLO: that of the machine, or of an emulated chip."""
     from edmctl.link.session import Session
     from edmctl.simulator import MemoryTransport
     from edmctl.simulator.config import STM32
@@ -299,7 +299,7 @@ def _closing(serial: str, server: "Server", news: "EventMonitor") -> str:
 
 
 def _baud(asked: int | None, controller: str) -> int:
-    """What the line carries: an image has one rate, and no frame arrives whole at another."""
+    """Return the baud rate. An image has one rate."""
     from edmctl.link.opening import BOARD_BAUD, DEFAULT_BAUD
     from edmctl.simulator.config import STM32
 
@@ -332,7 +332,7 @@ def _speed(text: str) -> float | None:
 
 
 def _place(text: str | None, secret_file: Path | None, *, allow_remote: bool) -> _Place | None:
-    """Where to serve a socket, and with which secret; None without one."""
+    """Return the socket to serve and its secret; None without one."""
     from edmctl.jobs.connect import read_secret
     from edmctl.simulator.endpoints import address_of, is_loopback
 
