@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
 
 from edmctl.cli.outcome import Outcome, note, watching
+from edmctl.cli.render.layout import wrapped
 from edmctl.cli.render.progress import Reporter
 from edmctl.cli.render.style import Style
 from edmctl.cli.signals import ignore_signals
@@ -47,19 +48,20 @@ def run_and_tell(
             reporter.note(f"what was recorded until then is in {report.run_file}")
     outcome.result = report.as_mapping()
     if report.reached:
-        outcome.show(lambda style: closing_text(render(report, style), report, outcome.seed))
+        outcome.show(lambda style: closing_text(render(report, style), style, report, outcome.seed))
     report.raise_for_error()
 
 
-def closing_text(table: str, report: Report | ProcedureReport[Stage], seed: int | None) -> str:
+def closing_text(table: str, style: Style, report: Report | ProcedureReport[Stage], seed: int | None) -> str:
     """Return the table at the end of a run, and what it was made with."""
-    lines = [table]
+    lines = []
     if report.model:
         lines.append(f"Actuator model: {report.model.text}.")
         if report.model.alone:
             lines.append("No sensor is fitted: every touch was read by that model.")
     made_by = simulated_by(seed) if report.simulated else ""
-    return "\n".join([*lines, f"{made_by}Run file {report.run_file}"])
+    lines.append(f"{made_by}Run file {report.run_file}")
+    return "\n".join([table, *(part for line in lines for part in wrapped(line, style.columns))])
 
 
 def perform_and_tell(

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import zip_longest
 from typing import TypeAlias
 
 from edmctl.cli.render.style import PLAIN, Ink, Style
 
 Span: TypeAlias = "tuple[str, Ink | None]"
 """Text in one ink, None for that of the terminal."""
+NARROW_COLUMNS = 60
 USUAL_COLUMNS = 80
 """Width of text for files and pipes, and of an ordinary terminal."""
 _COMMAND = re.compile(r"`[^`]+`")
@@ -29,16 +31,22 @@ def render_columns(
 
     align : one `<` or `>` per column; the last one is used for all columns after it. A row may be shorter than
         the header; what is missing stays empty.
-    fold : the column that is folded if the terminal is too narrow.
+    fold : the column that is folded if the terminal is too narrow; None for all.
     """
     from rich.table import Table
     from rich.text import Text
 
+    texts = [header, *([cell if isinstance(cell, str) else cell[0] for cell in row] for row in rows)]
+    width = sum(max(map(len, column)) + GAP for column in zip_longest(*texts, fillvalue="")) - GAP
+    is_narrow = style.columns is not None and width > style.columns
     table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, header_style=Ink.STRONG)
     for name, side in zip(header, align.ljust(len(header), align[-1]), strict=False):
         text = Text(name)
         table.add_column(
-            text, justify="left" if side == "<" else "right", no_wrap=name != fold, overflow="fold"
+            text,
+            justify="left" if side == "<" else "right",
+            no_wrap=not (is_narrow and fold in (name, None)),
+            overflow="fold",
         )
     for row in rows:
         cells = (cell if isinstance(cell, tuple) else (cell, None) for cell in row)
@@ -108,5 +116,7 @@ def wrapped(text: str, columns: int | None, indent: str = "") -> list[str]:
 
 
 def labelled(label: str, text: str, cells: int, columns: int) -> str:
-    """Return a text behind its label, which has `cells`, within `columns`."""
+    """Return a text behind its label, which has `cells` (fewer on a narrow terminal), within `columns`."""
+    if columns < NARROW_COLUMNS:
+        cells = len(label) + 2
     return "\n".join(wrapped(f"{label:{cells}}{text}", columns, " " * cells))

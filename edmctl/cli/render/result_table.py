@@ -38,7 +38,7 @@ def render_job(
     truths: Sequence[SiteTruth] = (),
     style: Style = PLAIN,
     channel_truth: ChannelTruth | None = None,
-    columns: int = USUAL_COLUMNS,
+    columns: int | None = None,
 ) -> str:
     """Render one block per site, one line each where there are many, and a closing line.
 
@@ -46,12 +46,13 @@ def render_job(
         what the touches measured (with the half-width of its 95 % interval) and what the actuator model makes
         of the voltage alone.
     """
+    columns = columns or min(style.columns or USUAL_COLUMNS, USUAL_COLUMNS)
     padded = (*truths, *[None] * (len(job.sites) - len(truths)))
     blocks = render_sites(list(zip(job.sites, padded, strict=True)), style, columns)
     if len(job.sites) <= MOST_BLOCKS:
         blocks = [f"{block}\n{_pulses(site, columns)}" for block, site in zip(blocks, job.sites, strict=True)]
     if job.channel is not None:
-        blocks.append(_channel_block(job.channel, channel_truth, style))
+        blocks.append(_channel_block(job.channel, channel_truth, style, columns))
     worn = "the tool's wear was not measured"
     if not isnan(job.tool_wear_total_um):
         worn = f"the tool is {length(max(0.0, job.tool_wear_total_um))} shorter"
@@ -208,7 +209,7 @@ def _pulses(site: SiteResult, columns: int) -> str:
     return labelled("pulses", f"{count(site.pulses)}: {render_ratios(site.ratios)}", _LABEL, columns)
 
 
-def _channel_block(channel: ChannelResult, truth: ChannelTruth | None, style: Style) -> str:
+def _channel_block(channel: ChannelResult, truth: ChannelTruth | None, style: Style, columns: int) -> str:
     header = [channel.name, heading((channel.depth_basis, channel.wear_basis))]
     depth = ["depth, mean", length(channel.depth_um, channel.depth_u95_um)]
     floor = ["floor, rms about its mean", length(channel.floor_sd_um)]
@@ -221,12 +222,13 @@ def _channel_block(channel: ChannelResult, truth: ChannelTruth | None, style: St
     table = render_columns(header, [depth, floor, wear, ["length", length(channel.length_um)]], style)
     passes = "1 pass" if channel.passes == 1 else f"{channel.passes} passes"
     made = f"{plural(channel.layers, 'layer')} in {passes}"
-    pulses = f"{count(channel.pulses)}: {render_ratios(channel.ratios)}"
-    machining = f"{duration(channel.machining_time_s)}, {made}"
-    lines = [table, f"{'machining':27}{machining}", f"{'pulses':27}{pulses}"]
-    if drift := drift_in_words(channel):
-        lines.append(f"{'drift':27}{drift}")
-    return "\n".join([*lines, f"{'verdict':27}{channel.verdict}"] if is_doubtful(channel.verdict) else lines)
+    lines = {
+        "machining": f"{duration(channel.machining_time_s)}, {made}",
+        "pulses": f"{count(channel.pulses)}: {render_ratios(channel.ratios)}",
+        "drift": drift_in_words(channel),
+        "verdict": str(channel.verdict) if is_doubtful(channel.verdict) else "",
+    }
+    return "\n".join([table, *(labelled(name, text, 27, columns) for name, text in lines.items() if text)])
 
 
 def render_ratios(ratios: PulseShares, decimals: int = 2) -> str:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from edmctl.cli.render.result_table import render_job
+from edmctl.cli.render.style import Style
 from edmctl.labels import Basis, Seen
 from edmctl.results.job import Belief
 from tests.cli.render.views import CHANNEL_TRUTH, TRUTH, made_channel, made_job, made_site
@@ -239,3 +240,13 @@ def test_a_contradicted_belief_is_told_with_what_no_run_can_show() -> None:
 def test_a_feed_has_an_interval() -> None:
     text = " ".join(render_job(made_job(sites=(made_site(feed_u95_um=0.81),))).split())
     assert "feed 250.24 ± 0.81 µm" in text
+
+
+@pytest.mark.parametrize("columns", [40, 60, 80, 120])
+def test_a_result_fits_the_terminal_and_loses_nothing(columns: int) -> None:
+    style = Style(colour=False, live=True, columns=columns)
+    job = replace(made_job(), channel=made_channel())
+    said = render_job(job, [TRUTH], style, CHANNEL_TRUTH)
+    assert max(map(len, said.splitlines())) <= columns
+    words = set(render_job(job, [TRUTH], channel_truth=CHANNEL_TRUTH).split())
+    assert words <= set(said.split())
