@@ -128,9 +128,8 @@ def _filled(profile: Profile, table: str, **values: float) -> Profile:
 def with_sought_reference(profile: Profile) -> Profile:
     """Fill in where an adaptive reference begins, and the arcs that it keeps: those of the most removal expected.
 
-    Over the reference removal has a maximum that moves with flushing and depth, but the share of arcs there hardly
-    does: keeping it costs at most 4 % of the removal where the oil clears four times faster or slower, and nobody
-    has to know which (decision 0043).
+    The reference of the most removal depends on flushing and depth, but its share of arcs hardly does: keeping that
+    share costs at most 4 % of the removal if the oil clears four times faster or slower (decision 0043).
     """
     pulse, most_arcs = profile.pulse, ARC_ROOM * profile.limits.arc_ratio
     depth_um = usual_depth_um(profile)

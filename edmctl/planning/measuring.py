@@ -1,8 +1,7 @@
-"""Measuring: which cuts of a job are measured, and how long everything but machining takes.
+"""The cuts of a job with their measurement cycles, and the time of everything but machining.
 
-The cuts are as the job decides, without its surprises. The same arithmetic of uncertainty decides as during the job
-(`edmctl.process.next_cut`), here with wear and removal exactly as the recipe expects them. The times are those of
-conditioning, approaches, touches and stage moves.
+The cuts follow from the rules of a job (`edmctl.process.next_cut`), with wear and removal as the recipe expects
+them. The times are those of conditioning, approaches, touches and stage moves.
 """
 
 from __future__ import annotations
@@ -112,7 +111,7 @@ def channel_depth_u95_um(setup: Setup, depth_um: float) -> float:
 
 
 def displacement(setup: Setup) -> Displacement:
-    """What the setup says of its sensor; without one, what a calibration of another day keeps of it at best."""
+    """Return the uncertainties of the sensor; without one, those of a calibration of another day at best."""
     sensor = setup.sensor
     if sensor.fitted:
         walk = setup.drift.walk_um_per_sqrt_s
@@ -312,7 +311,7 @@ def stop_time_s(
 ) -> float:
     """One measuring stop after a cut of `feed_um`, with a tool worn by `wear_um`: bottom, if any, and pad, s.
 
-    `pad_s` is the way of the stages to the pad; over the last `rim_um` of the feed nobody knows the wear.
+    `pad_s` is the way of the stages to the pad; the wear over the last `rim_um` of the feed is unknown.
     """
     surface_um = profile.approach.offset_um + wear_um
     bottom_s = 0.5 + reading_time_s(profile, RISE_UM) if bottom else 0.0

@@ -94,9 +94,8 @@ class ToolWear:
     def learn(self, since_uj: float, wear_um: float, drift_u_um: float) -> None:
         """Learn from a measured wear: one Kalman step on the wear per energy, and a new start.
 
-        `drift_u_um` is what the displacement may have drifted by since the last one. It belongs to the next cut as
-        wear does, and spoils only what is learned of the rate. A wear further from what was believed than chance
-        allows makes the belief as uncertain as it was wrong.
+        `drift_u_um` is the possible drift since the last one, which makes the rate uncertain. A wear further from
+        its expectation than chance allows widens the prior by the excess.
         """
         expected_um = self.per_uj * since_uj
         if expected_um > 0.0:

@@ -1,10 +1,9 @@
-"""Depth and wear between two touches, from feed and discharge energy; what every touch teaches is kept.
+"""Depth and wear between two touches, from feed and discharge energy.
 
-The feed below a known bottom, `depth + wear`, is known from the tool's displacement to within the working gap. How
-it divides is not: that takes the wear ratio. The energy of the discharges gives the depth by itself, as far as the
-volume removed per energy is known. Both unknowns are logarithms with a joint normal distribution; a cut is judged by
-one Kalman step on the feed, a touch by two, on depth and wear. Depth by energy instead of counts of discharges, and
-refitting at every touch, follow the closing aim of Muralidhara et al. 2009, §5.
+The displacement gives the feed below a known bottom, `depth + wear`, to within the working gap. The wear ratio
+divides it, and the energy of the discharges gives the depth by the volume removed per energy. The logarithms of
+ratio and volume per energy have a joint normal distribution, which a cut updates by one Kalman step (feed) and a
+touch by two (depth and wear). Depth by energy follows the outlook of Muralidhara et al. 2009, §5.
 """
 
 from __future__ import annotations
@@ -31,12 +30,12 @@ REMOVAL_SCATTER = 0.03
 LEAST_U_REL = 0.005  # nothing is ever known better than this, however often it was measured
 LEAST_RATIO = 1e-4  # a tool that does not wear at all has no logarithm
 LEAST_BELIEVED = 0.02
-"""A smaller ratio is not believed beside a touch: its uncertainty, which goes with it, would vanish too."""
+"""Least prior ratio at a touch, because the uncertainty is relative."""
 RECIPE_U_REL = 0.5
-"""A ratio that no touch has confirmed may be as wrong as ×0.4 to ×2.7 (2 sd), however well a recipe believes to know
-it: tools that wear little wear by as much as a touch errs, and would never contradict it."""
+"""Of a ratio that no touch has confirmed: ×0.4 to ×2.7 (2 sd), whatever the recipe states. Touches cannot contradict
+the ratio of a tool whose wear is as small as their error."""
 WIDENING_SDS = 2.0
-"""What a touch says beyond so many standard deviations makes what was believed as uncertain as it was wrong."""
+"""A touch further off than this widens the prior by the excess."""
 _SHARES = tuple(i / 1000 for i in range(1001))
 _NOTHING = 1e-12
 CONTRADICTION_SDS = 3.0  # beyond this the belief is contradicted: one in 370 by chance
@@ -58,8 +57,7 @@ class Energy:
 class LiveErosion:
     """Estimated depth and wear since the last touch, µm, with standard uncertainties.
 
-    That of the wear has a part from the ratio of wear to depth, which errs alike in the holes of one job, and one of
-    its own.
+    That of the wear has a part from the wear ratio, common to the holes of one job, and one of its own.
     """
 
     depth_um: float
@@ -90,7 +88,7 @@ class _Known:
         return depth_um, depth_um * math.exp(self.ratio + arc_log)
 
     def sds(self, error_um: float, per_removal: float, per_ratio: float, noise_u_um: float) -> float:
-        """How many standard deviations a length was from what was expected, with these two derivatives."""
+        """Return the distance of a length from its expectation in standard deviations."""
         variance = (
             self.var_removal * per_removal**2
             + 2.0 * self.covariance * per_removal * per_ratio
@@ -99,7 +97,7 @@ class _Known:
         return abs(error_um) / math.sqrt(variance + noise_u_um**2)
 
     def widened(self, sds: float, *, removal: bool, ratio: bool) -> _Known:
-        """Return the same, with those of the two less certain that something `sds` away has contradicted."""
+        """Return the same, less certain in one or both after a contradiction of `sds`."""
         factor = max(1.0, sds / WIDENING_SDS)
         of_removal, of_ratio = factor if removal else 1.0, factor if ratio else 1.0
         return _Known(
@@ -126,7 +124,7 @@ class _Known:
 
 
 class ErosionEstimate:
-    """What is known of removal and wear in one job, from its recipe and every touch so far.
+    """Estimate of removal and wear in one job, from its recipe and every touch so far.
 
     Parameters
     ----------
@@ -134,7 +132,7 @@ class ErosionEstimate:
     wear_ratio, ratio_u_rel : wear length per depth, likewise
     hole_area_um2 : cross-section of the hole
 
-    `contradicted` says that the last touch was far from what was believed of the wear ratio.
+    `contradicted`: the last touch was far from the expected wear ratio.
     """
 
     def __init__(
@@ -175,13 +173,13 @@ class ErosionEstimate:
         return math.exp(self._known.removal)
 
     def confirmed(self) -> ErosionEstimate:
-        """Return the same, which another touch agrees with: nothing is contradicted any more."""
+        """Return the same after another touch has agreed with it."""
         other = copy(self)
         other.contradicted = False
         return other
 
     def next_hole(self, depth_um: float) -> ErosionEstimate:
-        """Return what is known of another hole of such a depth, which erodes a little differently."""
+        """Return the estimate for another hole of this depth, which erodes a little differently."""
         known = self._known
         other = self._with(
             _Known(
@@ -198,7 +196,7 @@ class ErosionEstimate:
         return other
 
     def split(self, feed_um: float, feed_u_um: float, energy: Energy | None = None) -> LiveErosion:
-        """Depth and wear that make up a feed, with what the energy says of it; without energy by the ratio alone."""
+        """Divide a feed into depth and wear, by energy and ratio; without energy by the ratio alone."""
         feed_um = max(0.0, feed_um)
         known = self._known
         if energy is None or energy.normal_uj <= 0.0:
@@ -222,7 +220,7 @@ class ErosionEstimate:
         )
 
     def contradicts(self, feed_um: float, feed_u_um: float, energy: Energy) -> bool:
-        """Whether a feed and its energy cannot both be as believed; then `split` goes by the feed alone."""
+        """Whether feed and energy contradict each other; then `split` uses the feed alone."""
         if feed_um <= 0.0 or energy.normal_uj <= 0.0:
             return False
         return self._known.sds(*self._feed_step(feed_um, feed_u_um, *self._logs(energy))) > CONTRADICTION_SDS
@@ -252,10 +250,7 @@ class ErosionEstimate:
     def fitted(
         self, energy: Energy | None, depth_um: float, depth_u_um: float, wear_um: float, wear_u_um: float
     ) -> ErosionEstimate:
-        """Return what is known after depth and wear of a hole were measured, that discharges of that energy made.
-
-        Where nobody knows the energy (None), only the ratio of wear to depth is learned.
-        """
+        """Return the estimate after a hole was measured; without its energy only the ratio changes."""
         if depth_um <= 0.0 or (energy is not None and energy.normal_uj <= 0.0):
             return self
         known, arcs = self._known, self._arcs
@@ -308,10 +303,9 @@ class ErosionEstimate:
 
 
 def _sds_of_wear(known: _Known, expected_um: float, wear_um: float, u_um: float) -> float:
-    """How many standard deviations a touched wear is from what was expected: by its logarithm where that is known.
+    """Return the distance of a measured wear from its expectation in standard deviations, by its logarithm if known.
 
-    A long wear that is hardly known, after a pause of hours, contradicts no short one, however far the logarithms
-    are apart.
+    An uncertain long wear, such as after hours of drift, does not contradict a short one by its logarithm.
     """
     by_length = known.sds(wear_um - expected_um, 0.0, expected_um, u_um)
     if wear_um <= u_um:
@@ -323,11 +317,7 @@ def _sds_of_wear(known: _Known, expected_um: float, wear_um: float, u_um: float)
 def _wear_step(
     known: _Known, expected_um: float, wear_um: float, u_um: float
 ) -> tuple[float, float, float, float]:
-    """Error of a touched wear, its derivatives, and its noise, all about the likeliest wear (iterated Kalman step).
-
-    That lies between what was expected and what was touched: near the touch where it is sharp, near the belief where
-    the touch says little.
-    """
+    """Return error, derivatives and noise of a measured wear about the likeliest wear (iterated Kalman step)."""
     way = math.log(max(wear_um, LEAST_RATIO * expected_um) / expected_um)
 
     var_ratio, exp = known.var_ratio, math.exp

@@ -1,7 +1,7 @@
-"""How far the next cut goes, and whether what it leaves has to be measured.
+"""Size of the next cut, and whether it has to be measured.
 
-A measured depth is exact where a feed is not: tool wear takes an unknown part of it. So a cut goes to the target
-only where what is known of the wear suffices; otherwise it stays short of it by the uncertainty, and is measured.
+Tool wear takes an uncertain part of a feed. So a cut goes to the target only if the wear is known well enough;
+otherwise it stays short of it by the uncertainty, and is measured.
 """
 
 from __future__ import annotations
@@ -41,11 +41,10 @@ def is_done(remaining_um: float, tolerance_um: float, depth_noise_um: float) -> 
 
 
 def largest_first_um(target_um: float, first_fraction: float, estimate: ErosionEstimate) -> float:
-    """Deepest first cut of a hole, µm.
+    """Return the deepest first cut of a hole, µm.
 
-    Until a touch has said what removal and wear are, the cut feeds no further than the target is deep: a tool that
-    wears less than the recipe believes, or not at all, does not cut too deep then. A belief that the last touch has
-    contradicted counts as little.
+    Without a touch, or after a contradicted one, the cut feeds no further than the target is deep, so that a tool
+    that wears less than expected does not cut too deep.
     """
     if estimate.fits > 0 and not estimate.contradicted:
         return target_um
@@ -65,10 +64,11 @@ def next_cut(
 ) -> NextCut:
     """Size the next cut of a hole of `target_um` depth, of which `remaining_um` are left, within `tolerance_um`.
 
-    `start_u_um` and `gap_u_um` are standard uncertainties: of where the cut starts, surface or measured bottom, and
-    of the working gap at its end. `largest_um` is the deepest cut that the recipe allows; `begun` says whether the
-    hole has been measured before. A ratio that the last touch has contradicted, or that no touch has confirmed,
-    feeds no further than what is left is deep: where it is wrong, nothing is cut too deep.
+    start_u_um, gap_u_um : standard uncertainties of the start (surface or measured bottom) and of the final gap
+    largest_um : deepest cut that the recipe allows
+    begun : whether the hole has been measured before
+
+    With a contradicted or unconfirmed ratio the cut feeds no further than the remaining depth.
     """
     if estimate.contradicted or (begun and estimate.fits == 0):
         largest_um = min(largest_um, remaining_um / (1.0 + estimate.wear_ratio))

@@ -1,4 +1,4 @@
-"""The face of the work as a plane through touched places, and which places tell it best."""
+"""The workpiece surface as a plane through touched places, and the choice of these places."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Step:
 
 
 def unknown_plane(origin_um: tuple[float, float], tilt_u_mrad: float) -> Plane:
-    """Return a face that was touched at one place only: level, as far as anybody knows."""
+    """Return a surface that was touched at one place only: level, with uncertain slopes."""
     return Plane(origin_um, np.zeros(2), np.eye(2) * (1e-3 * tilt_u_mrad) ** 2)
 
 
@@ -73,10 +73,8 @@ def fitted_plane(
 ) -> Plane:
     """Fit a plane to heights of places over that of the origin, with one standard uncertainty or each its own.
 
-    The origin was touched as badly as the best of the places, so their heights share its error; `steps` have errors
-    of their own. What is known of the tilt beforehand keeps places in a line from saying nonsense of the direction
-    across it; a slope beyond `CONTRADICTION_SDS` of that is believed instead, and the face taken to be as badly
-    level as it was found.
+    The heights share the error of the origin, which is that of the best place; `steps` have errors of their own. The
+    prior of the tilt bounds the slope across a line of places; a slope beyond `CONTRADICTION_SDS` of it widens it.
     """
     ways = np.asarray(places_um, dtype=np.float64).reshape(-1, 2) - np.asarray(origin_um)
     heights = np.asarray(heights_um, dtype=np.float64)

@@ -1,9 +1,8 @@
-"""What one touch of the reference says about several holes: how the wear since the touch before divides among them.
+"""Division of the wear between two touches of the reference pad among the holes made meanwhile.
 
-Each hole is expected to have worn the tool by a share, known badly in the same direction for all (the wear ratio)
-and a little for itself. The tool's length and the drift of the sensor since the touch before make up the one length
-that was touched. All of them are jointly normal, so the touch conditions them at once, and the errors that remain
-stay correlated: a tool that was shorter than expected left every later hole shallower.
+The expected wears have a common error (the wear ratio) and one of their own. The touched length contains the wear
+of all holes and the drift of the sensor. All are jointly normal, so the touch conditions them at once, and the
+remaining errors stay correlated: a tool that was shorter than expected made every later hole shallower.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 
 CONTRADICTION_SDS = 2.0
-"""A touch further from the expectation than this makes the expectation as uncertain as it was wrong."""
+"""A touch further from the expectation than this widens its uncertainty by the excess."""
 
 MOST_ALONE = 8  # of more holes than these it is unlikely that just one has changed
 LEAST_WEAR_UM = 1e-3  # even a hole that is expected to have worn nothing may have
@@ -62,15 +61,14 @@ def share_wear(
 ) -> tuple[SharedWear, ...]:
     """Divide what the tool has lost by a touch among the holes since the touch before; in their order.
 
-    `shares` are the expectations, in order of time; the touch was `found_um` further than the one before it and
-    `after_s` later. `touch_u_um` is the standard uncertainty of the difference of both touches, drift apart, and
-    `drift_u_um_per_s` that of a steady drift of what measures.
+    shares : expectations, in order of time
+    found_um, after_s : how much further and later the touch was than the one before
+    touch_u_um : standard uncertainty of the difference of both touches without drift
+    drift_u_um_per_s : standard uncertainty of a steady drift of the sensor
 
-    The wears and the rate of drift are normal with zero mean about their expectation. Where the touch lies beyond
-    `CONTRADICTION_SDS` of what it was expected to be, their covariance is widened to that ratio before. And what
-    touches, drift and single holes do not explain may be of all holes, of the last ones or of one: a tool may wear
-    otherwise at any time. So half of it is added to what each hole does for itself: of `MOST_ALONE` holes at most,
-    among more it is less, and never more than the wear that is expected.
+    A touch beyond `CONTRADICTION_SDS` of its expectation first widens the covariance to that ratio. What touches,
+    drift and single holes do not explain may come from all holes, the last ones or one. So half of it is added to
+    the own uncertainty of each hole, less among more than `MOST_ALONE` holes, and at most the expected wear.
     """
     count = len(shares)
     common = np.array([share.common_u_um for share in shares])

@@ -1,9 +1,8 @@
-"""The gap as the servo keeps it, on average: how wide, how dirty, how many arcs, and what is removed and worn.
+"""The mean state of the gap under the servo: width, debris, arcs, removal and wear.
 
-The mean gap voltage that the servo keeps fixes how late pulses ignite, whatever the gap (`process.discharge`). What
-they remove fills the gap with debris until as much is flushed out, and debris costs: material stays on particles,
-discharges turn into arcs. The gap itself then follows from the delay and the debris. Averages take the place of the
-single pulses of the virtual machine; the laws are the same.
+The mean gap voltage fixes the ignition delay, whatever the gap (`process.discharge`). Removal fills the gap with
+debris until as much is flushed out; debris reduces removal and turns discharges into arcs. The gap follows from the
+delay and the debris. The laws are those of the virtual machine, averaged over its pulses.
 """
 
 from __future__ import annotations

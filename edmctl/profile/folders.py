@@ -121,27 +121,27 @@ def own_setup_path(serial: str, environ: Mapping[str, str]) -> Path:
 
 
 def default_path(serial: str, environ: Mapping[str, str]) -> Path:
-    """File of the machine with that serial number; what a file's name cannot hold is written as %XX."""
+    """Calibration file of the machine with that serial number; characters that no file name holds become %XX."""
     return data_folder(environ) / "calibration" / f"{quote(serial, safe=' ')}.toml"
 
 
-def fresh_path(serial: str, environ: Mapping[str, str]) -> Path:
-    """File of a virtual machine that is gone with its command: no machine finds it by itself."""
-    return _fresh(default_path(serial, environ))
-
-
 def default_drift_path(serial: str, environ: Mapping[str, str]) -> Path:
-    """File of what `measure-drift` has told of the machine with that serial number, beside its calibration."""
+    """Drift file of the machine with that serial number."""
     return data_folder(environ) / "drift" / f"{quote(serial, safe=' ')}.toml"
 
 
 def creep_path(serial: str, environ: Mapping[str, str]) -> Path:
-    """Note of what the last use of the machine with that serial number has left, beside its drift file."""
+    """File of the residual creep after the last use of the machine with that serial number."""
     return data_folder(environ) / "drift" / f"{quote(serial, safe=' ')}.creep.json"
 
 
+def fresh_path(serial: str, environ: Mapping[str, str]) -> Path:
+    """Calibration file of a virtual machine that keeps no state: no machine uses it unless it is named."""
+    return _fresh(default_path(serial, environ))
+
+
 def fresh_drift_path(serial: str, environ: Mapping[str, str]) -> Path:
-    """Drift file of a virtual machine that is gone with its command: no machine finds it by itself."""
+    """Drift file of a virtual machine that keeps no state."""
     return _fresh(default_drift_path(serial, environ))
 
 
@@ -150,29 +150,26 @@ def _fresh(own: Path) -> Path:
 
 
 def find_drift(environ: Mapping[str, str], stated: str | None, serial: str | None) -> Path | None:
-    """Which drift file is used: that of $EDMCTL_DRIFT, of the setup (`stated`), the machine's own if there is one.
+    """Return the drift file in use: $EDMCTL_DRIFT, that of the setup (`stated`), or an existing one of the machine.
 
     `serial` is None for a machine that has none of its own.
     """
-    if named := path_variable(DRIFT_VARIABLE, environ) or stated:
-        return Path(named)
-    if serial is None:
-        return None
-    own = default_drift_path(serial, environ)
-    return own if own.is_file() else None
+    named = path_variable(DRIFT_VARIABLE, environ) or stated
+    return _named_or_own(named, default_drift_path(serial, environ) if serial is not None else None)
 
 
 def find_calibration(
     option: Path | None, environ: Mapping[str, str], stated: str | None, serial: str | None
 ) -> Path | None:
-    """Which calibration file is used: that of the option, of $EDMCTL_CALIBRATION, of the setup, the machine's own.
+    """Return the calibration file in use: that of the option, $EDMCTL_CALIBRATION, the setup, or the machine's own.
 
-    `stated` is that of the setup, `serial` None for a machine that has none of its own. Only the last need not
-    exist: without it there is none. The others were asked for, and loading them says what is wrong with them.
+    Only the last need not exist; loading reports the others that do not.
     """
-    if named := option or path_variable(CALIBRATION_VARIABLE, environ) or stated:
+    named = option or path_variable(CALIBRATION_VARIABLE, environ) or stated
+    return _named_or_own(named, default_path(serial, environ) if serial is not None else None)
+
+
+def _named_or_own(named: Path | str | None, own: Path | None) -> Path | None:
+    if named:
         return Path(named)
-    if serial is None:
-        return None
-    own = default_path(serial, environ)
-    return own if own.is_file() else None
+    return own if own is not None and own.is_file() else None
