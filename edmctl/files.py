@@ -109,18 +109,6 @@ def json_of(data: bytes) -> Any:
     return value
 
 
-_HOLES_BYTES, _HOLES_RATIO = 1 << 26, 100
-"""A file that is so much longer than what the disk stores of it; compressing file systems reach a ratio of 32."""
-
-
-def refuse_holes(path: Path) -> None:
-    """Raise OSError EFBIG if almost all of a file are holes, so that reading it would not end."""
-    found = path.stat()
-    stored_bytes = 512 * getattr(found, "st_blocks", found.st_size)
-    if found.st_size > _HOLES_BYTES + _HOLES_RATIO * stored_bytes:
-        raise OSError(errno.EFBIG, f"of its {found.st_size / 1e9:.0f} GB almost nothing was written")
-
-
 def refuse_locked(path: Path) -> None:
     """Raise BlockingIOError that names the holder if another program has locked a file for writing, as HDF5 does."""
     try:

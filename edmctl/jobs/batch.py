@@ -28,7 +28,8 @@ from edmctl.labels import Basis, basis_of
 from edmctl.profile.folders import is_path
 from edmctl.record.appended_rows import RowWriter, read_lines
 from edmctl.record.disk import refuse_place
-from edmctl.results.declared import result_of, shared
+from edmctl.record.plain_values import record_of
+from edmctl.results.declared import shared
 from edmctl.results.job import ChannelResult, SiteResult, SiteTruth
 from edmctl.results.progress import Observer, SeriesObserver
 from edmctl.results.simulation import Case, SimulatedRun, SimulatedSite, Statistics
@@ -330,7 +331,7 @@ class SeriesRows:
                     code="E8213",
                 )
             try:
-                found[str(line["run_id"])] = result_of(SimulatedRun, line["run"])
+                found[str(line["run_id"])] = record_of(SimulatedRun, line["run"])
             except (KeyError, TypeError, ValueError):
                 continue
         return {number: found[task.run_id] for number, task in enumerate(tasks) if task.run_id in found}

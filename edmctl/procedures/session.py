@@ -34,8 +34,8 @@ from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import Args, JobRun, JobStateKeeper, rest_and_look, total_pause_s
 from edmctl.procedures.settings import controller_settings, pulse_settings, recorded_every, telemetry_settings
 from edmctl.procedures.stages import move_to
+from edmctl.record.plain_values import site_result_of
 from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent
-from edmctl.results.job import site_result_of
 from edmctl.results.progress import Observer, Phase
 from edmctl.wording import signed
 

@@ -21,6 +21,7 @@ from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError, RunFileError
 from edmctl.files import json_of, read_bytes, sync
 from edmctl.record.disk_thread import DiskThread
+from edmctl.record.plain_values import record_of
 
 SCHEMA = "edmctl-journal"
 VERSION = 2
@@ -290,17 +291,8 @@ def _journal(data: bytes) -> Journal:
     content = envelope["content"]
     if envelope["sha256"] != _hash_of(_canonical(content)):
         raise ValueError("its content does not fit its check sum")
-    job = content["job"]
-    _refuse_other_types(job)
     return Journal(
-        job=JournalledJob(
-            **{
-                **job,
-                "overrides": tuple(job["overrides"]),
-                "parents": tuple(job["parents"]),
-                "places": tuple((name, *map(_number, numbers)) for name, *numbers in job["places"]),
-            }
-        ),
+        job=record_of(JournalledJob, content["job"]),
         state={name: _not_null(value) for name, value in content["state"].items()},
         written_utc_s=float(content["written_utc_s"]),
         x_um=_number(content["x_um"]),
@@ -308,23 +300,6 @@ def _journal(data: bytes) -> Journal:
         truth=content["truth"],
         clock_s=_number(content.get("clock_s")),
     )
-
-
-def _refuse_other_types(job: Mapping[str, object]) -> None:
-    """Raise TypeError for a member of a job that has another type than its field."""
-    types: dict[str, tuple[type, ...]] = {
-        "str": (str,),
-        "bool": (bool,),
-        "int": (int,),
-        "int | None": (int, type(None)),
-    }
-    for field in dataclasses.fields(JournalledJob):
-        value, kind = job.get(field.name), str(field.type)
-        if kind in types and type(value) not in types[kind]:
-            raise TypeError(f"{field.name} is no {kind.partition(' ')[0]}")
-        texts = value if kind == "tuple[str, ...]" and isinstance(value, list) else []
-        if any(not isinstance(text, str) for text in texts):
-            raise TypeError(f"{field.name} holds what is no text")
 
 
 def _plain(value: object) -> object:

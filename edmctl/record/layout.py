@@ -193,6 +193,13 @@ def _count(name: str, field: str, long_name: str) -> Column:
     return Column(name, field, "u4", PURE, long_name)
 
 
+def _columns_of(kind: type) -> tuple[Column, ...]:
+    return tuple(
+        Column(one.name, one.source, one.quantity.dtype, one.quantity.units, one.quantity.title)
+        for one in stored_columns(kind)
+    )
+
+
 _TIME = Column("time", "time_s", "f8", "s", "time since start")
 
 SERVO = Table(
@@ -200,17 +207,7 @@ SERVO = Table(
     "NXdata",
     4096,
     "gap servo, at the telemetry rate",
-    (
-        _TIME,
-        Column("v_cmd", "actuator_v", "f4", "V", "actuator voltage"),
-        Column("z_sensor", "displacement_um", "f4", "um", "tool displacement, sensor; NaN without one"),
-        Column("z_model", "model_um", "f4", "um", "tool displacement, estimated from the voltage"),
-        Column("v_gap_avg", "gap_v", "f4", "V", "mean gap voltage"),
-        Column("s", "gap_ratio", "f4", PURE, "mean gap voltage over duty factor × open voltage"),
-        Column("current", "current_a", "f4", "A", "mean gap current"),
-        Column("dir", "direction", "i1", PURE, "direction of the servo: −1 back, 0 hold, 1 forward"),
-        _small("state", "state", "state of the controller"),
-    ),
+    _columns_of(ServoBlock),
     signal="v_gap_avg",
     in_blocks=True,
 )
@@ -313,19 +310,7 @@ TOUCHES = Table(
     "",
     32,
     "readings of surface and bottom",
-    (
-        _TIME,
-        Column("kind", "kind", "S4", TEXT, "Z1, Z2 or Z3; Zr at a place that is not machined yet"),
-        Column("site", "site", "S128", TEXT, "site"),
-        Column("v_cmd", "actuator_v", "f8", "V", "actuator voltage"),
-        _um("z_sensor", "displacement_um", "displacement, sensor; NaN without one"),
-        _um("z_model", "model_um", "displacement, estimated"),
-        Column("n", "touches", "u2", PURE, "touches"),
-        _um("sd", "sd_um", "standard deviation of one touch"),
-        _um("drift", "drift_um", "drift between repeated readings"),
-        Column("speed", "speed_um_s", "f8", "um/s", "approach speed"),
-        _small("accepted", "accepted", "1 when the reading was used, 0 when another one counts instead"),
-    ),
+    _columns_of(TouchRow),
     at_once=True,
 )
 
@@ -334,10 +319,7 @@ RESULTS = Table(
     "",
     32,
     "one row per site",
-    tuple(
-        Column(one.name, one.source, one.quantity.dtype, one.quantity.units, one.quantity.title)
-        for one in stored_columns(SiteResult)
-    ),
+    _columns_of(SiteResult),
     at_once=True,
 )
 

@@ -20,6 +20,7 @@ from edmctl.dataclasses import dataclass
 from edmctl.errors import RunFileError
 from edmctl.files import json_of, lock_holder, open_descriptor, read_bytes, refuse_locked
 from edmctl.record.locks import exclusive, retried
+from edmctl.record.plain_values import record_of
 
 VERSION = 4
 """Since 2 touches of the pad come with `home_um`: what the sensor showed then of a tool at home. Since 3 lines of a
@@ -191,12 +192,8 @@ def line_of(row: bytes) -> Line:
     serial, utc_s, bench_s = values.pop("serial"), values.pop("utc_s"), values.pop("bench_s", None)
     if not isinstance(serial, str):
         raise TypeError("its serial is no text")
-    known = {field.name: field for field in dataclasses.fields(kind)}
-    strange = set(values) - set(known)
-    if strange:
-        raise ValueError(f"it has no place for {', '.join(sorted(strange))}")
-    fields = {name: _value(name, str(known[name].type), raw) for name, raw in values.items()}
-    entry = kind(**fields)  # type: ignore[arg-type]
+    entry: Entry = record_of(kind, values)
+    _refuse_absurd(entry)
     if isinstance(entry, SiteMachined) and entry.lacks_depth:
         raise ValueError("its hole is measured, but has no depth_um")
     own_s = math.nan if bench_s is None else _number("bench_s", bench_s)
@@ -208,20 +205,18 @@ def from_home_um(z_um: float, home_um: float) -> float:
     return z_um if math.isnan(home_um) else z_um - home_um
 
 
-def _value(name: str, kind: str, raw: object) -> object:
-    if kind == "str" and isinstance(raw, str):
-        return raw
-    if kind == "bool" and isinstance(raw, bool):
-        return raw
-    if kind == "int" and isinstance(raw, int) and not isinstance(raw, bool) and 0 < raw <= LARGEST:
-        return raw
-    if kind == "float":
-        return math.nan if raw is None and name not in _KNOWN else _number(name, raw)
-    if kind.startswith("tuple") and isinstance(raw, list):
-        return tuple((_value(name, "str", place), _number(name, x), _number(name, y)) for place, x, y in raw)
-    if kind.startswith("Mapping") and (raw is None or isinstance(raw, dict)):
-        return raw and {str(key): _number(name, value) for key, value in raw.items()}
-    raise TypeError(f"{name} is no {kind.partition('[')[0]}")
+def _refuse_absurd(entry: Entry) -> None:
+    """Raise TypeError for a number that no machine has, or an unknown place."""
+    numbers = {one.name: getattr(entry, one.name) for one in dataclasses.fields(entry)}
+    for place in numbers.pop("places", ()):
+        numbers |= {f"x of {place[0]}": place[1], f"y of {place[0]}": place[2]}
+    numbers |= numbers.pop("truth", None) or {}
+    for name, value in numbers.items():
+        is_known = name in _KNOWN or name.startswith(("x of", "y of"))
+        if type(value) is float and (abs(value) > LARGEST or (is_known and math.isnan(value))):
+            raise TypeError(f"{name} is no number, or one beyond any machine")
+        if type(value) is int and not 0 < value <= LARGEST:
+            raise TypeError(f"{name} is no count")
 
 
 def _number(name: str, raw: object) -> float:

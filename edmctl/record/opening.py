@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl.errors import RunFileError
-from edmctl.files import open_regular, refuse_holes, refuse_locked
+from edmctl.files import open_regular, refuse_locked
 from edmctl.record import layout
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL
 from edmctl.record.hdf5 import open_hdf5, open_swmr
@@ -67,7 +68,7 @@ def refuse_unreadable(path: Path) -> None:
         if begin != MAGIC:
             raise RunFileError(f"{path} is not an HDF5 file.", code="E9005", hint=_ANOTHER)
         refuse_locked(path)
-        refuse_holes(path)
+        _refuse_holes(path)
     except BlockingIOError as error:
         hint = "Close it in that program, or read a copy."
         raise RunFileError(f"{path} is in use: {error.strerror}.", code="E9016", hint=hint) from None
@@ -75,6 +76,18 @@ def refuse_unreadable(path: Path) -> None:
         raise RunFileError(f"There is no run file {path}.", code="E9005", hint=_nearest(path)) from error
     except OSError as error:
         raise _unreadable(path, error) from error
+
+
+_HOLES_BYTES, _HOLES_RATIO = 1 << 26, 100
+"""A file that is so much longer than what the disk stores of it; compressing file systems reach a ratio of 32."""
+
+
+def _refuse_holes(path: Path) -> None:
+    """Raise OSError EFBIG if almost all of a file are holes, so that reading it would not end."""
+    found = path.stat()
+    stored_bytes = 512 * getattr(found, "st_blocks", found.st_size)
+    if found.st_size > _HOLES_BYTES + _HOLES_RATIO * stored_bytes:
+        raise OSError(errno.EFBIG, f"of its {found.st_size / 1e9:.0f} GB almost nothing was written")
 
 
 def _seal_of(path: Path) -> Checksum:

@@ -12,8 +12,9 @@ from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis
 from edmctl.record.events import RecordedCode, recorded_events
 from edmctl.record.layout import RESULTS, SLOW, TOUCHES
+from edmctl.record.plain_values import record_of
 from edmctl.record.reader import RunFile
-from edmctl.results.declared import ONLY_JSON, quantities, result_of
+from edmctl.results.declared import ONLY_JSON, quantities
 from edmctl.results.job import SiteResult, SiteTruth
 from edmctl.results.run_file import RecordedSite
 from edmctl.results.telemetry import PulseShares
@@ -53,7 +54,7 @@ def _site(row: np.void, places: Mapping[str, Mapping[str, object]], thickness_um
     known = {name: values[name] for name in quantities(SiteResult) if name in values}
     known |= {name: bool(values[name]) for name in ("through", "drift_by_rests")}
     known |= {name: values[name] or None for name in ("depth_basis", "verdict")}
-    return result_of(
+    return record_of(
         RecordedSite,
         known
         | {name: place[name] for name in _ONLY_JSON if name in place}

@@ -12,6 +12,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from edmctl.dataclasses import dataclass, field
+from edmctl.results.declared import PURE, TEXT, quantity, um
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import LinkReport, PulseBlockBatch, PulseTrain, TelemetryBlock, WaveformBatch
 
@@ -102,23 +103,23 @@ class EventRow:
 
 @dataclass(slots=True)
 class ServoBlock:
-    """Consecutive servo samples."""
+    """Consecutive servo samples. Displacements are positive towards the workpiece."""
 
-    time_s: FloatArray
-    actuator_v: FloatArray
-    displacement_um: FloatArray
-    """Inductive sensor, + towards the work."""
-    model_um: FloatArray
-    """Displacement estimated from the actuator voltage alone; NaN without an estimator."""
-    gap_v: FloatArray
-    """Mean gap voltage."""
-    gap_ratio: FloatArray
-    """Mean gap voltage over duty factor × open voltage."""
-    current_a: FloatArray
-    direction: IntArray
-    """−1 retracting, 0 holding, 1 advancing."""
-    state: IntArray
-    """State of the controller."""
+    time_s: FloatArray = quantity("s", "time since start")
+    actuator_v: FloatArray = quantity("V", "actuator voltage", dtype="f4", column="v_cmd")
+    displacement_um: FloatArray = um(
+        "tool displacement, sensor; NaN without one", dtype="f4", column="z_sensor"
+    )
+    model_um: FloatArray = um("tool displacement, estimated from the voltage", dtype="f4", column="z_model")
+    gap_v: FloatArray = quantity("V", "mean gap voltage", dtype="f4", column="v_gap_avg")
+    gap_ratio: FloatArray = quantity(
+        PURE, "mean gap voltage over duty factor × open voltage", dtype="f4", column="s"
+    )
+    current_a: FloatArray = quantity("A", "mean gap current", dtype="f4")
+    direction: IntArray = quantity(
+        PURE, "direction of the servo: −1 back, 0 hold, 1 forward", dtype="i1", column="dir"
+    )
+    state: IntArray = quantity(PURE, "state of the controller", dtype="u1")
 
 
 @dataclass(slots=True)
@@ -174,19 +175,22 @@ class LinkRow:
 class TouchRow:
     """One accepted or rejected set of touches, reduced to one reading. Later touches may reject an accepted one."""
 
-    time_s: float
-    kind: str
-    """Z1, Z2 or Z3."""
-    site: str
-    actuator_v: float
-    displacement_um: float
-    model_um: float
-    touches: int
-    sd_um: float
-    """Standard deviation of the single touches."""
-    drift_um: float
-    speed_um_s: float
-    accepted: bool = True
+    time_s: float = quantity("s", "time since start")
+    kind: str = quantity(TEXT, "Z1, Z2 or Z3; Zr at a place that is not machined yet", dtype="S4")
+    site: str = quantity(TEXT, "site", dtype="S128")
+    actuator_v: float = quantity("V", "actuator voltage", column="v_cmd")
+    displacement_um: float = um("displacement, sensor; NaN without one", column="z_sensor")
+    model_um: float = um("displacement, estimated", column="z_model")
+    touches: int = quantity(PURE, "touches", dtype="u2", column="n")
+    sd_um: float = um("standard deviation of one touch")
+    drift_um: float = um("drift between repeated readings")
+    speed_um_s: float = quantity("um/s", "approach speed", column="speed")
+    accepted: bool = quantity(
+        PURE,
+        "1 when the reading was used, 0 when another one counts instead",
+        dtype="u1",
+        default=True,
+    )
 
 
 @dataclass(frozen=True, slots=True)

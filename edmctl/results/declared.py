@@ -1,17 +1,9 @@
-"""Declarations of result fields: unit, title, type and column are written once, where the field is defined.
-
-The results table of run files, its page in the documentation, exported columns and JSON follow from them.
-"""
+"""Declarations of result fields, once each: run file, its page, exported columns and JSON derive from them."""
 
 from __future__ import annotations
 
-import dataclasses
-import math
-from collections.abc import Callable, Iterator, Mapping
-from enum import Enum
-from functools import cache
-from types import NoneType, UnionType
-from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
+from collections.abc import Callable, Iterator
+from typing import Any, Generic, TypeVar
 
 from edmctl.dataclasses import dataclass, field, fields
 
@@ -40,13 +32,17 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """Unit, title, type and group of a field; `column` if the column's name does not follow from the field's."""
+    """Unit, title, type and group of a field; `column` if the column's name does not follow from the field's.
+
+    `nested` is the class of a value with columns of its own, whose names begin with `column`.
+    """
 
     units: str
     title: str
     group: str
-    dtype: str
-    column: str
+    dtype: str = "f8"
+    column: str = ""
+    nested: type | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,15 +55,27 @@ class StoredColumn:
 
 
 def quantity(
-    units: str, title: str, group: str = "further", *, dtype: str = "f8", column: str = "", **options: Any
+    units: str,
+    title: str,
+    group: str = "further",
+    *,
+    dtype: str = "f8",
+    column: str = "",
+    nested: type | None = None,
+    **options: Any,
 ) -> Any:
     """Declare a field; `options` are those of `dataclasses.field`."""
-    return field(metadata={"quantity": Quantity(units, title, group, dtype, column)}, **options)
+    return field(metadata={"quantity": Quantity(units, title, group, dtype, column, nested)}, **options)
 
 
 def um(title: str, group: str = "further", **options: Any) -> Any:
     """Declare a length in µm."""
     return quantity("um", title, group, **options)
+
+
+def flag(title: str, group: str = "further", *, default: bool = False) -> Any:
+    """Declare a yes or no."""
+    return quantity(PURE, title, group, dtype="u1", default=default)
 
 
 class Derived(Generic[T]):
@@ -84,7 +92,7 @@ def derived(
     units: str, title: str, group: str, *, dtype: str = "f8"
 ) -> Callable[[Callable[[Any], T]], Derived[T]]:
     """Declare a property; in its group it comes before the fields."""
-    return lambda compute: Derived(compute, Quantity(units, title, group, dtype, ""))
+    return lambda compute: Derived(compute, Quantity(units, title, group, dtype))
 
 
 def quantities(kind: type) -> dict[str, Quantity]:
@@ -93,22 +101,21 @@ def quantities(kind: type) -> dict[str, Quantity]:
 
 
 def stored_columns(kind: type) -> list[StoredColumn]:
-    """Return the columns of the results table for a kind of result."""
+    """Return the columns of the table for a kind of result or row."""
     return sorted(_columns(kind), key=lambda one: GROUPS.index(one.quantity.group))
 
 
 def _columns(kind: type) -> Iterator[StoredColumn]:
     declared = {name: one.quantity for name, one in vars(kind).items() if isinstance(one, Derived)}
-    hints = _hints(kind)
     for name, one in (declared | quantities(kind)).items():
         if one.group == ONLY_JSON:
             continue
-        if not dataclasses.is_dataclass(hints.get(name)):
+        if one.nested is None:
             yield StoredColumn(one.column or _without_unit(name, one.units), name, one)
             continue
-        for inner, part in quantities(hints[name]).items():
-            nested = Quantity(part.units, part.title, one.group, part.dtype, "")
-            yield StoredColumn(f"{one.column}{inner}", f"{name}.{inner}", nested)
+        for inner, part in quantities(one.nested).items():
+            own = Quantity(part.units, part.title, one.group, part.dtype)
+            yield StoredColumn(f"{one.column}{inner}", f"{name}.{inner}", own)
 
 
 def ending_of(units: str) -> str:
@@ -120,39 +127,6 @@ def _without_unit(name: str, units: str) -> str:
     return name.removesuffix(ending_of(units))
 
 
-@cache
-def _hints(kind: Any) -> dict[str, Any]:
-    return get_type_hints(kind)
-
-
 def shared(kind: type, source: object) -> dict[str, Any]:
     """Return the values of `source` that have the names of fields of `kind`."""
     return {one.name: getattr(source, one.name) for one in fields(kind) if hasattr(source, one.name)}
-
-
-def result_of(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Return the result whose fields are kept as plain values, as JSON has them: None for a float is NaN.
-
-    Raises TypeError or ValueError if the values are not those of such a result.
-    """
-    hints = _hints(kind)  # type: ignore[arg-type]
-    if unknown := values.keys() - hints.keys():
-        raise TypeError(f"{kind.__name__} has no {', '.join(map(str, unknown))}")
-    return kind(**{name: _typed(hints[name], value) for name, value in values.items()})
-
-
-def _typed(kind: Any, value: Any) -> Any:
-    if isinstance(kind, UnionType):
-        one = next(one for one in get_args(kind) if one is not NoneType)
-        return None if value is None else _typed(one, value)
-    if get_origin(kind) is tuple:
-        return tuple(_typed(get_args(kind)[0], one) for one in value)
-    if kind is float and value is None:
-        return math.nan
-    if not isinstance(kind, type):
-        return value
-    if dataclasses.is_dataclass(kind):
-        if not isinstance(value, Mapping):
-            raise TypeError(f"{kind.__name__} has to be a mapping")
-        return result_of(kind, value)
-    return kind(value) if issubclass(kind, Enum) else value

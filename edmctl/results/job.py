@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from typing import Any
 
-from edmctl.dataclasses import asdict, dataclass
+from edmctl.dataclasses import dataclass
 from edmctl.errors import ObjectiveNotReached
 from edmctl.labels import Basis, Seen, Verdict
 from edmctl.quantity import half_width
-from edmctl.results.declared import ONLY_JSON, PURE, TEXT, derived, quantity, result_of, um
+from edmctl.results.declared import ONLY_JSON, PURE, TEXT, derived, flag, quantity, shared, um
 from edmctl.results.telemetry import LinkReport, PulseShares
 from edmctl.wording import to_its_u95
 
@@ -28,11 +28,9 @@ class FloorPlace:
 class ChannelResult:
     """One channel, measured by touches: `feed = depth + wear`, with standard uncertainties u and half intervals u95.
 
-    `depth_um` is the mean over the places of `floor`, `floor_sd_um` their standard deviation; the touches cannot
-    tell roughness below the tool's face. One that is not `finished` was under way when its job ended early; if it
-    was cut on since its last stop, it is estimated and `floor` is empty. `verdict` is None until the channel is
-    done. `width_um` is planned. `layers` are those cut, `passes` the times that the path was gone along. `energy_j`
-    is the energy of all discharges; `working_gap_um` the gap between the held tool and the floor that it left.
+    `depth_um` is the mean over the places of `floor`, `floor_sd_um` their standard deviation without roughness. A
+    channel that is not `finished` was cut when its job ended early; if that was after its last measurement cycle, it
+    is estimated and `floor` is empty. `width_um` is planned, `working_gap_um` is the gap between tool and floor.
     """
 
     name: str
@@ -73,13 +71,9 @@ class ChannelResult:
         return math.sqrt(squares / len(self.floor))
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelTruth:
-    """Mean depth of the floor under the path, its scatter, its rms error against the target, the tool's wear, µm."""
-
+class _Truth:
+    __slots__ = ()
     depth_um: float
-    floor_sd_um: float
-    floor_error_rms_um: float
     wear_um: float
 
     @property
@@ -88,8 +82,23 @@ class ChannelTruth:
         return self.depth_um + self.wear_um
 
     def as_mapping(self) -> dict[str, float]:
-        """All of it, with the feed."""
-        return {**asdict(self), "feed_um": self.feed_um}
+        """Return all of it, with the feed."""
+        return shared(type(self), self) | {"feed_um": self.feed_um}
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelTruth(_Truth):
+    """Mean depth of the floor under the path, its scatter, its rms error against the target, the tool's wear, µm."""
+
+    depth_um: float
+    floor_sd_um: float
+    floor_error_rms_um: float
+    wear_um: float
+
+
+def word(title: str, default: object) -> Any:
+    """Declare a basis or verdict."""
+    return quantity(TEXT, title, "measurement", dtype="S9", default=default)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,7 +146,9 @@ class SiteResult:
     machining_time_s: float = quantity("s", "time with the servo on", "machining")
     cuts: int = quantity(PURE, "cuts", "machining", dtype="u2")
     pulses: int = quantity(PURE, "pulses", "machining", dtype="u8")
-    ratios: PulseShares = quantity(PURE, "shares of the pulses by class", "machining", column="r_")
+    ratios: PulseShares = quantity(
+        PURE, "shares of the pulses by class", "machining", column="r_", nested=PulseShares
+    )
     gap_ratio_mean: float = quantity(
         PURE, "mean gap voltage over duty factor × open voltage", ONLY_JSON, default=math.nan
     )
@@ -146,32 +157,19 @@ class SiteResult:
     wear_ratio_lin: float = quantity(PURE, "wear over depth, or over the sheet's thickness", "machining")
     wear_ratio_vol: float = quantity(PURE, "tool volume lost over hole volume", "machining")
     mrr_mm3_min: float = quantity("mm3/min", "hole volume over machining time", "machining")
-    through: bool = quantity(
-        PURE, "1 when the hole goes through the sheet", "measurement", dtype="u1", default=False
-    )
+    through: bool = flag("1 when the hole goes through the sheet", "measurement")
     beyond_exit_um: float = um("feed beyond the exit of a hole through the sheet", default=math.nan)
     beyond_exit_u95_um: float = um("95 % uncertainty of that", default=math.nan)
     depth_model_u95_um: float = um("95 % uncertainty of depth_model", default=math.nan)
     wear_model_u95_um: float = um("95 % uncertainty of wear_model", default=math.nan)
-    depth_basis: Basis | None = quantity(
-        TEXT,
-        "`touched`, `estimated`, or `model` without a sensor; empty when through",
-        "measurement",
-        dtype="S9",
-        default=Basis.TOUCHED,
+    depth_basis: Basis | None = word(
+        "`touched`, `estimated`, or `model` without a sensor; empty when through", Basis.TOUCHED
     )
-    wear_basis: Basis = quantity(
-        TEXT, "the same of the wear", "measurement", dtype="S9", default=Basis.TOUCHED
-    )
-    verdict: Verdict | None = quantity(
-        TEXT, "`shown`, `missed` or `not shown`; empty for a feed", "measurement", dtype="S9", default=None
-    )
-    finished: bool = quantity(PURE, "false if the job ended while the hole was open", ONLY_JSON, default=True)
-    in_doubt: bool = quantity(
-        PURE,
-        "whether touches of bottom or face may be wrong, for which the interval is wider",
-        ONLY_JSON,
-        default=False,
+    wear_basis: Basis = word("the same of the wear", Basis.TOUCHED)
+    verdict: Verdict | None = word("`shown`, `missed` or `not shown`; empty for a feed", None)
+    finished: bool = flag("false if the job ended while the hole was open", ONLY_JSON, default=True)
+    in_doubt: bool = flag(
+        "whether touches of bottom or face may be wrong, for which the interval is wider", ONLY_JSON
     )
     feed_u95_um: float = um("95 % uncertainty of the feed", "uncertainty", default=math.nan)
     depth_u_um: float = um("standard uncertainty of the depth", "uncertainty", default=math.nan)
@@ -181,9 +179,7 @@ class SiteResult:
         "drift of the pad from Z1 to Z3 by the rests, taken off z2, z3 and wear", "uncertainty", default=0.0
     )
     drift_left_u_um: float = um("standard uncertainty of what is left of it", "uncertainty", default=math.nan)
-    drift_by_rests: bool = quantity(
-        PURE, "1 when the rests tell it, by a drift file", dtype="u1", default=False
-    )
+    drift_by_rests: bool = flag("1 when the rests tell it, by a drift file")
 
     @derived("um", "depth_model − depth", "error of the model")
     def depth_model_error_um(self) -> float:
@@ -196,10 +192,7 @@ class SiteResult:
 
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """How deep a hole or channel is that was left in the middle of a cut: estimated, not measured. No target is NaN.
-
-    `depth_estimated_u95_um` is half its 95 % interval, NaN of a channel that was not touched before.
-    """
+    """Estimated depth of a hole or channel that was abandoned during a cut; unknown values are NaN."""
 
     site: str
     depth_estimated_um: float
@@ -275,7 +268,7 @@ class ObjectiveMissed(ObjectiveNotReached):
 
 
 @dataclass(frozen=True, slots=True)
-class SiteTruth:
+class SiteTruth(_Truth):
     """A hole as the virtual machine knows it; NaN where nothing is known. All lengths in µm."""
 
     depth_um: float = um("depth", default=math.nan)
@@ -290,17 +283,3 @@ class SiteTruth:
     def is_known(self) -> bool:
         """Whether the machine was virtual and knows depth or wear."""
         return math.isfinite(self.depth_um) or math.isfinite(self.wear_um)
-
-    @property
-    def feed_um(self) -> float:
-        """Depth and wear together."""
-        return self.depth_um + self.wear_um
-
-    def as_mapping(self) -> dict[str, float]:
-        """Return all of it, with the feed."""
-        return {**asdict(self), "feed_um": self.feed_um}
-
-
-def site_result_of(mapping: Mapping[str, object]) -> SiteResult:
-    """Return the result that a journal has kept, estimated if without a basis. Raises TypeError for other values."""
-    return result_of(SiteResult, {"depth_basis": "estimated", "wear_basis": "estimated"} | dict(mapping))

@@ -1,4 +1,4 @@
-"""What a run file says: of each hole, of the whole run, and one run of a folder."""
+"""What run files hold: of each hole, of a whole run, one run of a folder, and runs side by side."""
 
 from __future__ import annotations
 
@@ -15,17 +15,12 @@ from edmctl.results.telemetry import PulseShares
 
 @dataclass(frozen=True, slots=True)
 class RunHead:
-    """One run file of a folder. Depth and wear are means of its sites; unknown values are NaN or None.
+    """One run file of a folder. Depth and wear are means of its sites; unknown values are NaN, None or empty.
 
-    Without sites they are what the run touched, as `measure-wear` does. `est_depth_um` is how deep a hole is that
-    was left without a result. Of `through` of its sites, holes through a sheet, the depth is how far the tip went
-    below the face.
-
-    `depth_basis` and `wear_basis` are those of the site that is known least, `verdict` is that of the worst; empty
-    without sites.
-
-    `status` is `running` while its writer lives, `interrupted` when that was killed, else as the run ended;
-    `error_code` is of what ended it early, empty where nothing did.
+    Without sites they are the values that `measure-wear` has touched. `est_depth_um` is the depth of a hole that was
+    abandoned without a result; `through` counts the holes through a sheet. The bases are the weakest of the sites,
+    `verdict` is the worst. `status` is `running` while the writer lives, `interrupted` if it was killed, else as the
+    run ended; `error_code` is that of the error that ended it early.
     """
 
     path: Path
@@ -191,3 +186,63 @@ class Exported:
     rows: int
     size_bytes: int
     columns: Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedRun:
+    """A run of the comparison."""
+
+    file: str
+    run_id: str
+    title: str
+    start: str
+    status: str
+    simulated: bool
+    seed: int | None
+    sites: int
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Something that is not the same in all runs; `values` has one text a run, empty where a run has none."""
+
+    key: str
+    units: str
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Amount:
+    """A quantity in one run, and against the first run. What is not known is NaN.
+
+    `difference_u95` combines the uncertainties of both; `beyond` says that the difference is larger. `basis` is what
+    a depth or wear rests on, empty for all else.
+    """
+
+    value: float
+    u95: float
+    difference: float
+    difference_u95: float
+    beyond: bool
+    basis: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One quantity in every run, in the unit of `key`; what is shown under `name` is `factor` times that."""
+
+    key: str
+    name: str
+    decimals: int
+    factor: float
+    amounts: tuple[Amount, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Several runs; `sites` has the depths and wears of places that all of them have, where there are several."""
+
+    runs: tuple[ComparedRun, ...]
+    differs: tuple[Setting, ...]
+    quantities: tuple[Quantity, ...]
+    sites: tuple[Quantity, ...]

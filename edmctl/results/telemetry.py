@@ -1,6 +1,4 @@
-"""Samples and pulses of a machine, many at a time, in µm, V, A and s: made when decoded, kept as they are.
-
-With them stand the shares of the pulse classes, and how the line did that brought them.
+"""Samples and pulses of a machine in blocks, in µm, V, A and s; shares of pulse classes; statistics of the link.
 
 Displacements are those of the inductive sensor on the actuator, positive towards the work and zero near 0 V.
 Times are seconds since the first message of the run, on the controller's clock.
@@ -11,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from edmctl.dataclasses import dataclass
+from edmctl.dataclasses import dataclass, fields
 from edmctl.results.declared import PURE, quantity
 
 if TYPE_CHECKING:
@@ -36,9 +34,8 @@ class PulseShares:
 def pulse_shares(open_count: float, normal_count: float, arc_count: float, short_count: float) -> PulseShares:
     """Shares from counts."""
     total = open_count + normal_count + arc_count + short_count
-    if total <= 0:
-        return PulseShares(0.0, 0.0, 0.0, 0.0)
-    return PulseShares(open_count / total, normal_count / total, arc_count / total, short_count / total)
+    counts = (open_count, normal_count, arc_count, short_count)
+    return PulseShares(*(count / total if total > 0 else 0.0 for count in counts))
 
 
 @dataclass(slots=True, eq=False)
@@ -135,20 +132,9 @@ def joined(blocks: Sequence[TelemetryBlock]) -> TelemetryBlock:
 
     if len(blocks) == 1:
         return blocks[0]
-    return TelemetryBlock(
-        time_s=np.concatenate([b.time_s for b in blocks]),
-        displacement_um=np.concatenate([b.displacement_um for b in blocks]),
-        actuator_v=np.concatenate([b.actuator_v for b in blocks]),
-        gap_v=np.concatenate([b.gap_v for b in blocks]),
-        current_a=np.concatenate([b.current_a for b in blocks]),
-        n_open=np.concatenate([b.n_open for b in blocks]),
-        n_normal=np.concatenate([b.n_normal for b in blocks]),
-        n_arc=np.concatenate([b.n_arc for b in blocks]),
-        n_short=np.concatenate([b.n_short for b in blocks]),
-        state=np.concatenate([b.state for b in blocks]),
-        flags=np.concatenate([b.flags for b in blocks]),
-        missing_frames=sum(b.missing_frames for b in blocks),
-    )
+    names = [one.name for one in fields(TelemetryBlock) if one.name != "missing_frames"]
+    columns = {name: np.concatenate([getattr(block, name) for block in blocks]) for name in names}
+    return TelemetryBlock(**columns, missing_frames=sum(block.missing_frames for block in blocks))
 
 
 @dataclass(slots=True)
@@ -188,10 +174,9 @@ class WaveformBatch:
 
 @dataclass(frozen=True, slots=True)
 class LinkReport:
-    """How the line did so far.
+    """Statistics of the link so far; `controller_*` count host frames that the controller discarded.
 
-    `controller_bad_frames` and `controller_dropped_frames` are what the controller threw away of ours, as far as it
-    told. The clock is the controller's against the host's: offset in s, rate as deviation from one in ppm.
+    The clock is the controller's against the host's: offset in s, rate as deviation from one in ppm.
     """
 
     frames_sent: int

@@ -34,8 +34,8 @@ from edmctl.procedures.touch.home import Home, _is_on_a_spot
 from edmctl.process.rest_drift import TIME_CONSTANTS_S, DriftModel, Rest
 from edmctl.profile.places import Place
 from edmctl.quantity import half_width
+from edmctl.record.plain_values import site_result_of
 from edmctl.record.tool_account import HomeSeen, MachineHistory
-from edmctl.results.job import site_result_of
 from edmctl.results.progress import Phase
 from edmctl.simulator.plant_interface import TICK_S
 from tests.procedures.conftest import Shop, armed

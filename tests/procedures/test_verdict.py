@@ -13,8 +13,9 @@ from edmctl.procedures.hole.cut import remedy as remedy_of
 from edmctl.procedures.hole.site_result import judge_holes, judged, record_results
 from edmctl.procedures.job import HoleTarget, verdict_of
 from edmctl.profile.setup import Sensor
+from edmctl.record.plain_values import site_result_of
 from edmctl.record.rows import RunEvent
-from edmctl.results.job import ObjectiveMissed, site_result_of
+from edmctl.results.job import ObjectiveMissed
 
 from .conftest import Done, Shop, calibrated, eroding
 

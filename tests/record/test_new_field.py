@@ -16,9 +16,7 @@ from pathlib import Path
 import edmctl.results
 
 source = Path("edmctl/results/job.py").read_text(encoding="utf-8")
-last = '''    drift_by_rests: bool = quantity(
-        PURE, "1 when the rests tell it, by a drift file", dtype="u1", default=False
-    )
+last = '''    drift_by_rests: bool = flag("1 when the rests tell it, by a drift file")
 '''
 assert last in source
 line = '    roundness_um: float = um("roundness of the wall", default=math.nan)' + chr(10)

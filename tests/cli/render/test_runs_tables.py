@@ -7,7 +7,7 @@ from typing import Any
 
 from edmctl.cli.render.runs_tables import render_cases, render_comparison
 from edmctl.cli.render.style import Style
-from edmctl.results.comparison import Amount, ComparedRun, Comparison, Quantity, Setting
+from edmctl.results.run_file import Amount, ComparedRun, Comparison, Quantity, Setting
 from edmctl.results.simulation import Case, SimulatedRun, Statistics
 
 
