@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 
-from edmctl.errors import EdmError, LinkLost
+from edmctl.errors import EdmError, LinkLost, PreconditionError
 from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import (
+    PARAMS,
     Approach,
     Arm,
+    CommitProfile,
     Disarm,
     HelloReply,
     Jump,
     PathMove,
     PiezoSet,
+    PulseConfig,
     PulseEnable,
     ScanStart,
     SelfTest,
     ServoStart,
     ServoStop,
+    SetParam,
     SetZero,
     StageMove,
     Status,
@@ -34,32 +38,37 @@ from edmctl.machine.faults import FaultLatched, latched_error
 from edmctl.machine.inbox import Inbox
 from edmctl.machine.interface import (
     SLICE_S,
+    Axis,
+    ControllerSettings,
+    CutRequest,
+    EventCode,
+    JumpRequest,
     MachineEvent,
     MachineIdentity,
     MachineListener,
+    MachineState,
     MachineStatus,
-    TelemetryBlock,
-    Touch,
-    WaveformBatch,
-)
-from edmctl.machine.plausibility import impossible, wrong_touch
-from edmctl.machine.queries import identity_of, read_black_box, read_status, read_unbelieved, read_waveforms
-from edmctl.machine.recovery import clear_fault, wait_for_rest
-from edmctl.machine.requests import (
-    ControllerSettings,
-    CutRequest,
-    JumpRequest,
     MotionSettings,
     PulseSettings,
     ScanLine,
+    TelemetryBlock,
     TelemetrySettings,
+    Touch,
     TouchRequest,
+    WaveformBatch,
     default_settings,
-    set_generator,
     settings_by_name,
-    upload,
 )
-from edmctl.machine.states import Axis, EventCode, MachineState
+from edmctl.machine.plausibility import impossible, wrong_touch
+from edmctl.machine.queries import (
+    clear_fault,
+    identity_of,
+    read_black_box,
+    read_status,
+    read_unbelieved,
+    read_waveforms,
+    wait_for_rest,
+)
 from edmctl.machine.stop import StopRequest
 from edmctl.machine.waits import CUT_ENDS, GRACE_S, SLOWEST, Waits, touch_time_s
 from edmctl.results.telemetry import LinkReport
@@ -364,3 +373,26 @@ class LinkMachine:
 
     def _retract_time_s(self) -> float:
         return self._waits.settings["piezo_max_v"] / self._waits.settings["retract_v_s"]
+
+
+def upload(session: Session, settings: Mapping[str, float]) -> None:
+    """Set and commit every parameter. Raises PreconditionError E8011 where the wire cannot carry a value."""
+    for name, value in settings.items():
+        session.request(SetParam(PARAMS[name].id, _on_the_wire(name, value)))
+    session.request(CommitProfile(param_crc(settings)))
+
+
+def set_generator(session: Session, pulses: PulseSettings) -> None:
+    """Set the pulses of the generator."""
+    session.request(PulseConfig(**asdict(pulses)))
+
+
+def _on_the_wire(name: str, value: float) -> int:
+    try:
+        return PARAMS[name].to_wire(value)
+    except ValueError as error:
+        raise PreconditionError(
+            f"The controller cannot be set so: {error}.",
+            hint="Change the value in the setup or in the profile.",
+            code="E8011",
+        ) from error

@@ -22,7 +22,7 @@ from edmctl.errors import (
     UsageError,
 )
 from edmctl.link.faults import FAULTS, FaultCode, FaultRow
-from edmctl.machine.states import Interlock
+from edmctl.link.messages import Interlocks as Interlock
 
 _NO_PORT = "sim:"
 _ERRORS: dict[int, type[EdmError]] = {

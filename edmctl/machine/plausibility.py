@@ -15,9 +15,15 @@ from edmctl.errors import EdmError
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.messages import Event, Fault, GetStatusReply
 from edmctl.machine.faults import host_fault
-from edmctl.machine.interface import MachineEvent
-from edmctl.machine.requests import TouchRequest
-from edmctl.machine.states import EventCode, Interlock, MachineState, PulseClass, TelemetryFlag
+from edmctl.machine.interface import (
+    EventCode,
+    Interlock,
+    MachineEvent,
+    MachineState,
+    PulseClass,
+    TelemetryFlag,
+    TouchRequest,
+)
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain, TelemetryBlock, joined
 
 FARTHEST_UM = 2000.0

@@ -12,11 +12,16 @@ from edmctl.link.session import Session
 from edmctl.link.wire import Request
 from edmctl.machine.faults import fault_error
 from edmctl.machine.inbox import Inbox
-from edmctl.machine.interface import SLICE_S, MachineEvent, MachineListener
+from edmctl.machine.interface import (
+    SLICE_S,
+    EventCode,
+    MachineEvent,
+    MachineListener,
+    MachineState,
+    TouchRequest,
+)
 from edmctl.machine.plausibility import impossible
 from edmctl.machine.queries import read_status
-from edmctl.machine.requests import TouchRequest
-from edmctl.machine.states import EventCode, MachineState
 from edmctl.machine.stop import StopRequest
 
 VIRTUAL_SLICE_S = 0.5

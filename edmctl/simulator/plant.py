@@ -7,10 +7,12 @@ import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from edmctl.core.library import library
+from edmctl.dataclasses import dataclass
 from edmctl.process.discharge import pulse_energy_uj
 from edmctl.process.erosion import removal_um3_per_uj
 from edmctl.process.gap_conditions import (
@@ -26,7 +28,6 @@ from edmctl.simulator.config import BenchConfig, DischargeConstants, drawn
 from edmctl.simulator.plant_interface import TICK_NS, Drive, Readings
 from edmctl.simulator.plant_state import BURNING, Machine, PlantState, Scope, Unit
 from edmctl.simulator.unit import RandomBlocks, draw_actuator, set_actuator
-from edmctl.simulator.wiring import Inputs, Wiring
 from edmctl.simulator.work_under_tool import Chips, Hole, WorkUnderTool
 
 CONTACT_COMPLIANCE = 0.1  # travel of the tool end into the work per µm of free travel beyond [assumed]
@@ -46,6 +47,60 @@ _OF_THE_GAP = (
 """Constants of the gap's law that the library takes as they are."""
 
 SERIAL_LENGTH = 12  # bytes in the reply to HELLO
+STAGE_X, STAGE_Y = 0, 1
+
+
+class Inputs(NamedTuple):
+    """Switches and slow sensors, as a controller reads them."""
+
+    estop: bool
+    door_open: bool
+    hv_supply_ok: bool
+    level_ok: bool
+    limit_switch: bool
+    flow_lpm: float
+    temperature_c: float
+    monitor_v: float
+
+
+@dataclass(slots=True)
+class Wiring:
+    """What is wired wrongly between machine and controller; nothing at first.
+
+    Mistakes of analog wires and of the contact are in `Unit`, which the plant reads.
+    """
+
+    estop_door_swapped: bool = False
+    estop_open: bool = False  # its wire is off: pressed, whatever the button does
+    door_bridged: bool = False
+    level_inverted: bool = False
+    supply_bridged: bool = False  # "high voltage ok" is tied to ok
+    flow_open: bool = False
+    x_share: float = 1.0  # way of the X stage over the way asked for: reversed -1, 0 without steps
+    xy_swapped: bool = False
+
+    def seen(self, real: Inputs) -> Inputs:
+        """Return what reaches the controller of what is really so."""
+        estop, door_open = real.estop, real.door_open
+        if self.estop_door_swapped:
+            estop, door_open = door_open, estop
+        return Inputs(
+            estop or self.estop_open,
+            door_open and not self.door_bridged,
+            real.hv_supply_ok or self.supply_bridged,
+            real.level_ok != self.level_inverted,
+            real.limit_switch,
+            0.0 if self.flow_open else real.flow_lpm,
+            real.temperature_c,
+            real.monitor_v,
+        )
+
+    def drives(self, axis: int) -> tuple[int, float]:
+        """Return which stage the steps of an axis move, and by what share of the way."""
+        if axis not in (STAGE_X, STAGE_Y):
+            return axis, 1.0
+        share = self.x_share if axis == STAGE_X else 1.0
+        return (STAGE_X + STAGE_Y - axis if self.xy_swapped else axis), share
 
 
 class Plant:

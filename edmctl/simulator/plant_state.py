@@ -101,7 +101,7 @@ class Unit(Record):
     gap_closed_um: float  # by what lies across the gap
     off_time_a: float  # current that goes on into the off-time
     stray_pulses: int  # seen in measure mode
-    # how it is wired (wiring.py), and what somebody has put across the gap
+    # how it is wired (`Wiring` in plant.py), and what somebody has put across the gap
     dac_open: int
     contact_inverted: int
     contact_open: int

@@ -18,7 +18,7 @@ from edmctl.jobs.connect import bench_config
 from edmctl.link.messages import Arm, param_crc
 from edmctl.link.opening import open_line
 from edmctl.link.session import Session
-from edmctl.machine.requests import default_settings
+from edmctl.machine.interface import default_settings
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
 from edmctl.simulator import BenchConfig, open_bench

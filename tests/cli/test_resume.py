@@ -66,8 +66,7 @@ from tests.tiers import tiers
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from edmctl.machine.interface import Touch
-    from edmctl.machine.requests import TouchRequest
+    from edmctl.machine.interface import Touch, TouchRequest
     from edmctl.record.ledger import Entry
     from edmctl.simulator import VirtualBench
 

@@ -20,7 +20,7 @@ from edmctl.link.heartbeat import HUNG_S
 from edmctl.link.messages import Arm, GetStatus, State, param_crc
 from edmctl.link.serial_line import SerialLine, open_port
 from edmctl.link.session import HEARTBEAT_S, Session
-from edmctl.machine.requests import default_settings
+from edmctl.machine.interface import default_settings
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.endpoints import SocketEndpoint
 from edmctl.simulator.serve import Server

@@ -12,7 +12,7 @@ from cobs import cobs
 
 from edmctl.link.frame import Frame, encode_frame
 from edmctl.link.messages import Event
-from edmctl.machine.states import EventCode
+from edmctl.machine.interface import EventCode
 from tools.generate.schema import load_schema
 
 if TYPE_CHECKING:

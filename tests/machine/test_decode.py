@@ -11,8 +11,8 @@ from edmctl.link.messages import PulseBlocks, PulseLog, Pulses, Tlm
 from edmctl.link.session import Session
 from edmctl.link.transport import MergedTlm
 from edmctl.machine.decode import pulse_batches, pulse_block_batch, telemetry_block
-from edmctl.machine.frame_sequence import SampleStream
-from edmctl.machine.requests import TelemetrySettings
+from edmctl.machine.inbox import SampleStream
+from edmctl.machine.interface import TelemetrySettings
 from edmctl.simulator import BenchConfig, open_bench
 
 

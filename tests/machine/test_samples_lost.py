@@ -12,7 +12,7 @@ from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.link.messages import Tlm
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
-from edmctl.machine.frame_sequence import OLDEST_SAMPLE_S
+from edmctl.machine.inbox import OLDEST_SAMPLE_S
 from edmctl.machine.interface import Axis, JumpRequest, MachineState, TouchRequest
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.plant_interface import TICK_S

@@ -11,9 +11,8 @@ import pytest
 from edmctl.errors import EdmError
 from edmctl.machine import inbox
 from edmctl.machine.decode import telemetry_block
-from edmctl.machine.interface import Axis, TouchRequest
+from edmctl.machine.interface import Axis, TelemetryFlag, TouchRequest
 from edmctl.machine.plausibility import contradicts_samples
-from edmctl.machine.states import TelemetryFlag
 from edmctl.results.telemetry import TelemetryBlock
 from tests.machine.conftest import Rig
 

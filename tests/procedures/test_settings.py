@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from edmctl.link.messages import PARAMS, PulseLog, PulseMode, ServoLaw
-from edmctl.machine.requests import settings_by_name
+from edmctl.machine.interface import settings_by_name
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.session import running
 from edmctl.procedures.settings import (

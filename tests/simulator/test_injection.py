@@ -7,7 +7,7 @@ import pytest
 from edmctl.link.faults import FAULTS, FaultRow
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import INJECTIONS, WIRING_MISTAKES, parse_injection
-from edmctl.simulator.wiring import Wiring
+from edmctl.simulator.plant import Wiring
 
 
 @pytest.mark.parametrize("row", FAULTS.values(), ids=lambda row: row.name)

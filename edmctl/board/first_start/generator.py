@@ -26,10 +26,11 @@ from edmctl.machine.interface import (
     TelemetryFlag,
     TelemetrySettings,
     TouchRequest,
+    default_settings,
     host_fault,
     joined,
+    settings_by_name,
 )
-from edmctl.machine.requests import default_settings, settings_by_name
 from edmctl.procedures.settings import motion_settings
 from edmctl.profile.setup import Setup
 from edmctl.wording import decimal

@@ -12,8 +12,7 @@ import math
 from edmctl.actuator.inverse import jump_volts
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import MachineFault
-from edmctl.machine.interface import CutRequest, EventCode, MachineEvent
-from edmctl.machine.requests import JumpRequest
+from edmctl.machine.interface import CutRequest, EventCode, JumpRequest, MachineEvent
 from edmctl.planning.removal import approach_speed_um_s, least_jump_um
 from edmctl.procedures.hole.cut_planning import CutPlan
 from edmctl.procedures.job import target_of
