@@ -35,7 +35,7 @@ DASHED: Dash = (0, (4, 1.5))
 
 PANEL_MM = 26.0
 """Height of a panel of share 1."""
-LEFT_MM, RIGHT_MM, BELOW_MM, TITLE_MM = 17.0, 2.5, 9.0, 4.2
+LEFT_MM, RIGHT_MM, BELOW_MM, TITLE_MM = 17.0, 2.5, 9.6, 4.2
 """Margins of panels: for ticks and label of y, on the right, for ticks and label of x, and for a title."""
 LABEL_MM = 10.3
 """From an axis of y to its label."""
