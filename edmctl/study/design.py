@@ -293,16 +293,18 @@ class Points:
 
 
 def points_of(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
-    """Return the points of a study's design. Raises ProfileError-like `Refused` where it cannot be."""
+    """Return the points of a study's design. Raises Refused if there can be none."""
     design = source.file.design
-    made = _MAKERS[design.kind](source, factors)
+    try:
+        made = _MAKERS[design.kind](source, factors)
+    except ValueError as error:
+        hint, *keys = _REMEDIES[design.kind]
+        key = next((key for key in keys if getattr(design, key)), keys[0])
+        raise Refused(str(error).rstrip("."), hint, key) from error
     size = len(made.settings) * design.replicates
     if size > MOST_RUNS:
-        raise Refused(
-            f"{plural(len(made.settings), 'point')} with {plural(design.replicates, 'replicate')} are {size} runs, "
-            f"and at most {MOST_RUNS} are planned",
-            "take a fraction, or fewer levels",
-        )
+        runs = f"{plural(len(made.settings), 'point')} with {plural(design.replicates, 'replicate')} are {size} runs"
+        raise Refused(f"{runs}, and at most {MOST_RUNS} are planned", "take a fraction, or fewer levels")
     return made
 
 
@@ -395,15 +397,11 @@ def _fractional(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
             "a fractional factorial has either a resolution or generators",
             'say resolution = 4, or generators = ["D = ABC"]',
         )
-    try:
-        fraction = (
-            fraction_of(len(factors), design.generators)
-            if design.generators
-            else fraction_for(len(factors), design.resolution or 3)
-        )
-    except ValueError as error:
-        key = "generators" if design.generators else "resolution"
-        raise Refused(str(error).rstrip("."), "docs/study.md tells how fractions are named", key) from error
+    fraction = (
+        fraction_of(len(factors), design.generators)
+        if design.generators
+        else fraction_for(len(factors), design.resolution or 3)
+    )
     settings = [
         {f.key: f.values[int(sign > 0)] for f, sign in zip(factors, row, strict=True)}
         for row in fraction.coded().tolist()
@@ -447,10 +445,7 @@ def _taguchi(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
 
     design = source.file.design
     counts = [len(f.values) for f in factors]
-    try:
-        array, columns = array_for(counts, design.array)
-    except ValueError as error:
-        raise Refused(str(error).rstrip("."), "give other levels, or another array", "array") from error
+    array, columns = array_for(counts, design.array)
     if design.columns:
         columns = tuple(column - 1 for column in design.columns)
         if (
@@ -523,21 +518,14 @@ def _numbers_only(factors: Sequence[FactorInfo], what: str) -> None:
 def _bbd(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
 
     _numbers_only(factors, "a Box-Behnken design")
-    try:
-        rows = box_behnken(len(factors))
-    except ValueError as error:
-        raise Refused(str(error).rstrip("."), "vary other factors, or take ccd") from error
-    return _coded_design("Box-Behnken", rows.tolist(), source, factors)
+    return _coded_design("Box-Behnken", box_behnken(len(factors)).tolist(), source, factors)
 
 
 def _ccd(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
 
     _numbers_only(factors, "a central composite design")
     alpha = source.file.design.alpha
-    try:
-        rows = central_composite(len(factors), alpha)
-    except ValueError as error:
-        raise Refused(str(error).rstrip("."), "vary two factors or more, or take lhs", "alpha") from error
+    rows = central_composite(len(factors), alpha)
     name = {"face": "face-centred", "rotatable": "rotatable"}.get(str(alpha), f"alpha {alpha}")
     return _coded_design(f"central composite, {name}", rows.tolist(), source, factors)
 
@@ -561,10 +549,7 @@ def _sensitivity(source: StudySource, factors: Sequence[FactorInfo]) -> Points:
         raise Refused("how many base samples there are is not said", "add base = 64 to [design]")
     if base * (len(factors) + 2) > MOST_RUNS:
         raise Refused(f"{base * (len(factors) + 2)} runs are more than {MOST_RUNS}", "take fewer", "base")
-    try:
-        rows = sensitivity_points(len(factors), base, source.file.design.seed)
-    except ValueError as error:
-        raise Refused(str(error).rstrip("."), "take a power of two", "base") from error
+    rows = sensitivity_points(len(factors), base, source.file.design.seed)
     return _coded_design(f"Sobol indices, {base} base samples", (2 * rows - 1).tolist(), source, factors)
 
 
@@ -615,6 +600,16 @@ _MAKERS = {
     "sensitivity": _sensitivity,
     "csv": _csv,
 }
+
+
+_REMEDIES = {
+    "fractional": ("docs/study.md tells how fractions are named", "generators", "resolution"),
+    "taguchi": ("give other levels, or another array", "array"),
+    "bbd": ("vary other factors, or take ccd", "kind"),
+    "ccd": ("vary two factors or more, or take lhs", "alpha"),
+    "sensitivity": ("take a power of two", "base"),
+}
+"""The hint on a design that cannot be, and the key of [design] that it names: the first of them that is given."""
 
 
 def center_of(source: StudySource, factors: Sequence[FactorInfo]) -> dict[str, Value]:

@@ -44,7 +44,7 @@ from edmctl.study.results import (
     Value,
 )
 from edmctl.study.rows import is_run_of, need
-from edmctl.study.study_file import Response, StudyMachine, StudySource
+from edmctl.study.study_file import Refusals, Response, StudyMachine, StudySource
 from edmctl.toml_text import toml_value
 from edmctl.wording import length, plural
 
@@ -96,62 +96,47 @@ def wear_by_tool(runs: Sequence[PlannedRun], checked: Mapping[int, Plan]) -> dic
 
 
 def refuse_undoable(source: StudySource, runs: Sequence[PlannedRun], checked: Mapping[int, Plan]) -> None:
-    """Raise ProfileError where a tool would wear too short, or the grid has no room."""
+    """Raise ProfileError if a tool would wear too short, or the grid has no room."""
     machine = source.file.machine
     if machine is None:
         return
-    some = next(iter(checked.values()))
+    some, wrong = next(iter(checked.values())), Refusals(source)
     profile = some.loaded.profile
-    wrong: list[Diagnostic] = []
     if profile.sites or profile.path is not None:
         message = "a run of a study on a machine is one hole, and the profile has sites or a path of its own"
-        wrong.append(source.refusal(("study", "profile"), message, "name a profile of one hole"))
+        wrong.add("name a profile of one hole", message, "study", "profile")
     per_tool = machine.holes_per_tool
     if per_tool is not None and machine.center_runs and per_tool < 3:
         message = f"{per_tool} holes a tool leave none beside the centre runs that open and close a block"
-        wrong.append(
-            source.refusal(("machine", "holes_per_tool"), message, "take 3 or more, or center_runs = false")
+        wrong.add("take 3 or more, or center_runs = false", message, "machine", "holes_per_tool")
+    limit_um = profile.tool.max_wear_um
+    worn = [(tool, um) for tool, um in wear_by_tool(runs, checked).items() if um > limit_um]
+    for tool, wear_um in worn[:1]:
+        message = (
+            f"tool {tool} would lose {length(wear_um)} in all, and tool.max_wear_um is {length(limit_um)}"
         )
-    for tool, wear_um in wear_by_tool(runs, checked).items():
-        limit_um = profile.tool.max_wear_um
-        if wear_um > limit_um:
-            message = (
-                f"tool {tool} would lose {length(wear_um)} in all, and tool.max_wear_um is {length(limit_um)}"
-            )
-            hint = "set holes_per_tool lower, or make the holes shallower"
-            wrong.append(source.refusal(("machine", "holes_per_tool"), message, hint))
-            break
-    places, needed = machine.columns * machine.rows, len(runs)
-    if places < needed:
-        message = f"the grid has {plural(places, 'place')} for {plural(needed, 'run')}"
-        wrong.append(source.refusal(("machine", "columns"), message, "set columns or rows higher"))
+        hint = "set holes_per_tool lower, or make the holes shallower"
+        wrong.add(hint, message, "machine", "holes_per_tool")
+    places = machine.columns * machine.rows
+    if places < len(runs):
+        message = f"the grid has {plural(places, 'place')} for {plural(len(runs), 'run')}"
+        wrong.add("set columns or rows higher", message, "machine", "columns")
     radius_um = max(
         one.loaded.profile.tool.diameter_um / 2 + one.loaded.profile.work.side_gap_um
         for one in checked.values()
     )
-    least_um = 2 * radius_um + WALL_UM
-    pitches = [("pitch_x_um", machine.columns), ("pitch_y_um", machine.rows)]
-    for name, count in pitches:
-        if count > 1 and abs(getattr(machine, name)) < least_um:
-            message = (
-                f"holes of {length(2 * radius_um)} {getattr(machine, name):g} µm apart run into each other"
-            )
-            wrong.append(
-                source.refusal(("machine", name), message, f"set it to {math.ceil(least_um)} or more")
-            )
-    clear_um = 2 * radius_um + PAD_MARGIN_UM
-    stage = some.setup.stage
-    for x_um, y_um in grid_of(machine)[: len(runs)]:
-        if math.hypot(x_um - stage.reference_x_um, y_um - stage.reference_y_um) < clear_um:
-            message = f"the place at {x_um:g}, {y_um:g} µm lies on the reference pad"
-            wrong.append(
-                source.refusal(
-                    ("machine", "first_x_um"), message, f"keep {math.ceil(clear_um)} µm away from it"
-                )
-            )
-            break
-    if wrong:
-        raise ProfileError(tuple(wrong))
+    least_um, clear_um = 2 * radius_um + WALL_UM, 2 * radius_um + PAD_MARGIN_UM
+    for name, count in (("pitch_x_um", machine.columns), ("pitch_y_um", machine.rows)):
+        pitch_um = getattr(machine, name)
+        if count > 1 and abs(pitch_um) < least_um:
+            message = f"holes of {length(2 * radius_um)} {pitch_um:g} µm apart run into each other"
+            wrong.add(f"set it to {math.ceil(least_um)} or more", message, "machine", name)
+    pad_um = some.setup.stage.reference_x_um, some.setup.stage.reference_y_um
+    hit = [place_um for place_um in grid_of(machine)[: len(runs)] if math.dist(place_um, pad_um) < clear_um]
+    for x_um, y_um in hit[:1]:
+        message = f"the place at {x_um:g}, {y_um:g} µm lies on the reference pad"
+        wrong.add(f"keep {math.ceil(clear_um)} µm away from it", message, "machine", "first_x_um")
+    wrong.check()
 
 
 MOST_REFUSED = 5
@@ -226,20 +211,14 @@ def plan_study(
 
 def _refuse_absent(source: StudySource, checked: Mapping[int, Plan]) -> None:
     """Raise ProfileError for a response that a run of the study never has."""
-    profiles = [one.loaded.profile for one in checked.values()]
+    profiles, wrong = [one.loaded.profile for one in checked.values()], Refusals(source)
     kinds = {"channel" if one.path else one.target.kind for one in profiles}
-    wrong = [
-        source.refusal(
-            ("responses", number, "name"),
-            f"a job of the kind {kind} has no {one.name}",
-            "take another response, such as wear_um or time_s",
-        )
-        for number, one in enumerate(source.file.responses)
-        for kind in sorted(kinds)
-        if one.name in responses.ABSENT.get(kind, ())
-    ]
-    if wrong:
-        raise ProfileError(tuple(wrong))
+    for number, one in enumerate(source.file.responses):
+        for kind in sorted(kinds):
+            if one.name in responses.ABSENT.get(kind, ()):
+                hint = "take another response, such as wear_um or time_s"
+                wrong.add(hint, f"a job of the kind {kind} has no {one.name}", "responses", number, "name")
+    wrong.check()
 
 
 def _wrong_values(
@@ -289,8 +268,8 @@ OWN_KEYS = {
 
 
 def _foreign_keys(source: StudySource) -> list[Diagnostic]:
-    """Keys that say nothing to the design or factor that they stand in: they would be lost without a word."""
-    design, wrong = source.file.design, []
+    """Refuse keys that the kind of their design or factor does not use."""
+    design, wrong = source.file.design, Refusals(source)
     if ("design",) in source.damaged:
         return []
     own = OWN_KEYS.get(design.kind, ())
@@ -298,100 +277,82 @@ def _foreign_keys(source: StudySource) -> list[Diagnostic]:
         if key in design.model_fields_set and key not in own:
             kinds = ", ".join(kind for kind, keys in OWN_KEYS.items() if key in keys)
             message = f"{key} says nothing to a design of kind {design.kind}"
-            wrong.append(source.refusal(("design", key), message, f"remove it; it belongs to {kinds}"))
+            wrong.add(f"remove it; it belongs to {kinds}", message, "design", key)
     for number, factor in enumerate(source.file.factors):
-        is_judged = ("factors", number) not in source.damaged
-        if is_judged and factor.step is not None and factor.low is None:
+        if ("factors", number) not in source.damaged and factor.step is not None and factor.low is None:
             message = f"step says nothing to the levels of {factor.key}"
-            wrong.append(
-                source.refusal(("factors", number, "step"), message, "remove it, or give low and high")
-            )
+            wrong.add("remove it, or give low and high", message, "factors", number, "step")
     return wrong
 
 
 def _wrong_names(source: StudySource) -> list[Diagnostic]:
-    """Responses nobody gives, constraints and objectives of responses that are not asked for."""
-    file, wrong = source.file, []
+    """Refuse responses that do not exist, and constraints and objectives of responses that are not requested."""
+    file, wrong = source.file, Refusals(source)
     names = [one.name for one in file.responses]
-    unnamed = any(path[0] == "responses" for path in source.damaged)
-    factor_keys = {factor.key for factor in file.factors} | {factor.name for factor in file.factors}
+    wanted = {objective.response for objective in file.objectives}
+    taken = {
+        *(factor.key for factor in file.factors),
+        *(factor.name for factor in file.factors),
+        *responses.COLUMNS,
+    }
     for number, one in enumerate(file.responses):
         if ("responses", number) in source.damaged:
             continue
         path: KeyPath = ("responses", number, "name")
+        is_known = responses.is_known(one.name)
         if names.index(one.name) != number:
-            wrong.append(source.refusal(path, f"{one.name} is asked for twice", "give each response once"))
-        for key in ("low", "high"):
-            if getattr(one, key) is not None and one.source == "job":
-                message = f"{key} says nothing to {one.name}, which no hand tells"
-                hint = "remove it; a limit of a recipe stands in [[constraints]]"
-                wrong.append(source.refusal(("responses", number, key), message, hint))
+            wrong.add("give each response once", f"{one.name} is asked for twice", *path)
+        if one.source == "job":
+            for key in ("low", "high"):
+                if getattr(one, key) is not None:
+                    hint = "remove it; a limit of a recipe stands in [[constraints]]"
+                    wrong.add(hint, f"{key} says nothing to {one.name}, which no hand tells", *path[:2], key)
+            if not is_known:
+                hint = f'{responses.near(one.name)}; what is told later has source = "manual"'
+                wrong.add(hint, f"no job answers {one.name}", *path)
+        elif is_known or one.name in taken or one.name.endswith("_u95"):
+            wrong.add("give what is told by hand another", f"{one.name} has that name already", *path)
         if one.low is not None and one.high is not None and not one.low < one.high:
             message = f"low = {one.low:g} of {one.name} is not below high = {one.high:g}"
-            wrong.append(source.refusal(("responses", number, "low"), message, "swap them"))
-        if one.source == "job" and not responses.is_known(one.name):
-            hint = f'{responses.near(one.name)}; what is told later has source = "manual"'
-            wrong.append(source.refusal(path, f"no job answers {one.name}", hint))
-        if one.source == "manual" and (
-            responses.is_known(one.name)
-            or one.name in factor_keys
-            or one.name in responses.COLUMNS
-            or one.name.endswith("_u95")
-        ):
-            wrong.append(
-                source.refusal(path, f"{one.name} has that name already", "give what is told by hand another")
-            )
-        if (
-            one.better == "nominal"
-            and one.target is None
-            and file.objectives
-            and one.name in {objective.response for objective in file.objectives}
-        ):
-            wrong.append(
-                source.refusal(path, f"{one.name} is wanted nominal, and its target is missing", "add target")
-            )
-    for table in ("constraints", "objectives"):
-        for number, bound in enumerate(getattr(file, table)):
-            is_judged = (table, number) not in source.damaged and not unnamed
-            if bound.response not in names and is_judged:
-                wrong.append(
-                    source.refusal(
-                        (table, number, "response"),
-                        f"{bound.response} is none of the responses",
-                        f"add it to [[responses]]; there are {', '.join(names)}",
-                    )
-                )
+            wrong.add("swap them", message, *path[:2], "low")
+        if one.better == "nominal" and one.target is None and one.name in wanted:
+            wrong.add("add target", f"{one.name} is wanted nominal, and its target is missing", *path)
+    if not any(path[0] == "responses" for path in source.damaged):
+        for table in ("constraints", "objectives"):
+            for number, bound in enumerate(getattr(file, table)):
+                if bound.response not in names and (table, number) not in source.damaged:
+                    hint = f"add it to [[responses]]; there are {', '.join(names)}"
+                    message = f"{bound.response} is none of the responses"
+                    wrong.add(hint, message, table, number, "response")
     for number, constraint in enumerate(file.constraints):
-        is_judged = ("constraints", number) not in source.damaged
-        if is_judged and (constraint.at_most is None) == (constraint.at_least is None):
-            wrong.append(
-                source.refusal(
-                    ("constraints", number), "a constraint has one bound", "give at_most or at_least"
-                )
-            )
+        has_one = (constraint.at_most is None) != (constraint.at_least is None)
+        if not has_one and ("constraints", number) not in source.damaged:
+            wrong.add("give at_most or at_least", "a constraint has one bound", "constraints", number)
     return [*wrong, *_bounds_beyond(source)]
 
 
 def _bounds_beyond(source: StudySource) -> list[Diagnostic]:
-    """Bounds and targets that no run can be on the other side of, such as a percentage for a share."""
+    """Refuse bounds and targets that a response cannot reach, such as a percentage for a share."""
+    wrong = Refusals(source)
     wanted = [
-        (("constraints", number, key), one.response, value)
-        for number, one in enumerate(source.file.constraints)
-        for key, value in (("at_most", one.at_most), ("at_least", one.at_least))
+        *(
+            (("constraints", number, key), one.response, getattr(one, key))
+            for number, one in enumerate(source.file.constraints)
+            for key in ("at_most", "at_least")
+        ),
+        *(
+            (("responses", number, "target"), one.name, one.target)
+            for number, one in enumerate(source.file.responses)
+            if one.source == "job"
+        ),
     ]
-    wanted += [
-        (("responses", number, "target"), one.name, one.target)
-        for number, one in enumerate(source.file.responses)
-        if one.source == "job"
-    ]
-    wrong = []
     for path, name, value in wanted:
         low, high = responses.range_of(name)
         if value is None or low <= value <= high:
             continue
         between = f"lies between {low:g} and {high:g}" if math.isfinite(high) else f"is never below {low:g}"
         hint = f"a share is no percentage: write {value / 100:g}" if 1 < value <= 100 else "correct it"
-        wrong.append(source.refusal(path, f"{path[-1]} = {value:g}, and {name} {between}", hint))
+        wrong.add(hint, f"{path[-1]} = {value:g}, and {name} {between}", *path)
     return wrong
 
 

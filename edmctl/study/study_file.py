@@ -176,6 +176,23 @@ class StudySource:
         return Diagnostic(Code.STUDY, message, hint, self.sources.value(path))
 
 
+class Refusals(list[Diagnostic]):
+    """What is wrong with the values of a study file."""
+
+    def __init__(self, source: StudySource) -> None:
+        super().__init__()
+        self._source = source
+
+    def add(self, hint: str, message: str, *path: str | int) -> None:
+        """Add what is wrong with the value at `path`."""
+        self.append(self._source.refusal(path, message, hint))
+
+    def check(self) -> None:
+        """Raise ProfileError if something is wrong."""
+        if self:
+            raise ProfileError(tuple(self))
+
+
 def read_study(path: Path) -> StudySource:
     """Read a study file; `plan_study` refuses one that has something wrong, together with all else that is.
 
