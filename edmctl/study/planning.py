@@ -215,7 +215,7 @@ def _refuse_absent(source: StudySource, checked: Mapping[int, Plan]) -> None:
     kinds = {"channel" if one.path else one.target.kind for one in profiles}
     for number, one in enumerate(source.file.responses):
         for kind in sorted(kinds):
-            if one.name in responses.ABSENT.get(kind, ()):
+            if one.name in responses.KNOWN and kind in responses.KNOWN[one.name].absent:
                 hint = "take another response, such as wear_um or time_s"
                 wrong.add(hint, f"a job of the kind {kind} has no {one.name}", "responses", number, "name")
     wrong.check()
@@ -299,7 +299,7 @@ def _wrong_names(source: StudySource) -> list[Diagnostic]:
         if ("responses", number) in source.damaged:
             continue
         path: KeyPath = ("responses", number, "name")
-        is_known = responses.is_known(one.name)
+        is_known = one.name in responses.KNOWN
         if names.index(one.name) != number:
             wrong.add("give each response once", f"{one.name} is asked for twice", *path)
         if one.source == "job":

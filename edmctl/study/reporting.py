@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import EdmError, PreconditionError
 from edmctl.jobs import output_files
 from edmctl.jobs.run_header import plain_name
@@ -18,8 +18,8 @@ from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.study.analysis import StudyAnalysis, analysis_of
 from edmctl.study.folder import StudyState
 from edmctl.study.planning import request_of
-from edmctl.study.results import Confirmation, Recommendation
-from edmctl.study.suggestions import recommended
+from edmctl.study.results import Confirmation, Recommendation, ResponseInfo, StudyRun
+from edmctl.study.suggestions import confirmations_of, recommended
 
 if TYPE_CHECKING:
     from edmctl.study.statistics.response_analysis import ResponseAnalysis
@@ -37,13 +37,35 @@ def recommendation_or_why(
         return None, ()
 
 
-def mapping_of(
-    analysis: StudyAnalysis,
-    best: Recommendation | None,
-    confirmations: list[Confirmation],
-    notes: Sequence[str],
-) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True)
+class StudyReport:
+    """All that a report contains.
+
+    runs : every run of the study with its state
+    notes : what a reader has to know before the tables; those of the plan are added
+    """
+
+    analysis: StudyAnalysis
+    runs: Sequence[StudyRun]
+    recommendation: Recommendation | None = None
+    confirmations: Sequence[Confirmation] = ()
+    notes: Sequence[str] = ()
+
+    def info(self, name: str) -> ResponseInfo:
+        """Return how a response was requested."""
+        return next(info for info in self.analysis.plan.responses if info.name == name)
+
+
+def report_of(state: StudyState, surroundings: Surroundings = NONE) -> StudyReport:
+    """Return the report of a study. Raises PreconditionError E8206 if no run is done."""
+    found = analysis_of(state)
+    best, why = recommendation_or_why(state, surroundings)
+    return StudyReport(found, state.runs, best, confirmations_of(state), (*found.notes, *why))
+
+
+def mapping_of(report: StudyReport) -> dict[str, Any]:
     """Return the `result` of the JSON object of a report."""
+    analysis = report.analysis
     return {
         "study": analysis.plan.name,
         "runs": [run.planned.number for run in analysis.runs],
@@ -55,9 +77,9 @@ def mapping_of(
             for name, one in analysis.indices.items()
         },
         "choices": analysis.choices,
-        "recommendation": best,
-        "confirmations": confirmations,
-        "notes": notes,
+        "recommendation": report.recommendation,
+        "confirmations": report.confirmations,
+        "notes": report.notes,
     }
 
 
@@ -81,22 +103,6 @@ AS_ANALYSED = (
     *("r2", "adjusted_r2", "predicted_r2", "error_sd", "notes"),
 )
 """Fields of an analysis that the JSON object has under the same name."""
-
-
-def page_of(
-    state: StudyState,
-    analysis: StudyAnalysis,
-    best: Recommendation | None,
-    confirmations: list[Confirmation],
-    notes: Sequence[str],
-) -> str:
-    """Return the HTML page of a study."""
-    from edmctl.study.report.page import StudyPage, render_study_page
-
-    found = analysis
-    results = (found.responses, found.truths, found.indices, found.choices)
-    page = StudyPage(found.plan, state.runs, found.runs, *results, confirmations, best, notes)
-    return render_study_page(page, source=str(state.folder.path))
 
 
 def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) -> list[Path]:

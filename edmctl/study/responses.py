@@ -6,109 +6,68 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping
 
+from edmctl.dataclasses import dataclass
 from edmctl.jsonout import JsonValue, to_json_value
 from edmctl.labels import weakest
 from edmctl.study.results import TRUTH
 
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """A response of a job: what it is, its lowest and highest possible value, and the jobs that never have it.
+
+    absent : kinds of the target, or `channel`
+    """
+
+    text: str
+    low: float = -math.inf
+    high: float = math.inf
+    absent: tuple[str, ...] = ()
+
+
 RESPONSES = {
-    "depth_um": "depth, mean of the holes, µm",
-    "depth_error_um": "depth less the depth that was wanted, µm",
-    "wear_um": "wear of the tool, mean of the holes, µm",
-    "feed_um": "depth and wear, µm",
-    "wear_ratio_lin": "wear per depth",
-    "wear_ratio_vol": "volume of the tool per volume of the hole",
-    "mrr_mm3_min": "removal rate while sparks flow, mm³/min",
-    "machining_time_s": "time with the servo on, s",
-    "time_s": "whole time of the job, s",
-    "measuring_time_s": "time of touching, s",
-    "open_share": "pulses without a discharge",
-    "normal_share": "normal discharges",
-    "arc_share": "arcs",
-    "short_share": "shorts",
-    "energy_j": "energy of all discharges, J",
-    "energy_per_depth_j_um": "energy per depth, J/µm",
-    "working_gap_um": "frontal gap while machining, µm",
-    "pulses": "number of pulses",
-    "cuts": "number of cuts",
-    "measuring_stops": "touches of bottom and pad",
-    "zero_drift_um": "move of the rest at 0 V from Z1 to Z3, µm",
+    "depth_um": Known("depth, mean of the holes, µm", absent=("through",)),
+    "depth_error_um": Known("depth less the depth that was wanted, µm", absent=("through", "feed")),
+    "wear_um": Known("wear of the tool, mean of the holes, µm"),
+    "feed_um": Known("depth and wear, µm"),
+    "wear_ratio_lin": Known("wear per depth", absent=("channel",)),
+    "wear_ratio_vol": Known("volume of the tool per volume of the hole", absent=("channel",)),
+    "mrr_mm3_min": Known("removal rate while sparks flow, mm³/min", absent=("channel",)),
+    "machining_time_s": Known("time with the servo on, s", 0.0),
+    "time_s": Known("whole time of the job, s", 0.0),
+    "measuring_time_s": Known("time of touching, s", 0.0),
+    "open_share": Known("pulses without a discharge", 0.0, 1.0),
+    "normal_share": Known("normal discharges", 0.0, 1.0),
+    "arc_share": Known("arcs", 0.0, 1.0),
+    "short_share": Known("shorts", 0.0, 1.0),
+    "energy_j": Known("energy of all discharges, J", 0.0),
+    "energy_per_depth_j_um": Known("energy per depth, J/µm", absent=("through",)),
+    "working_gap_um": Known("frontal gap while machining, µm"),
+    "pulses": Known("number of pulses", 0.0),
+    "cuts": Known("number of cuts", 0.0),
+    "measuring_stops": Known("touches of bottom and pad", 0.0),
+    "zero_drift_um": Known("move of the rest at 0 V from Z1 to Z3, µm", absent=("channel",)),
 }
-"""Responses of a job, and what they say."""
+"""Responses of a job. Lengths and ratios of them have no lowest value: the error of one may bring it below zero."""
 TRUTHS = {
-    "depth_um": "true depth, µm",
-    "wear_um": "true wear, µm",
-    "side_gap_um": "gap at the wall, µm",
-    "taper_um": "taper, µm",
-    "ra_um": "roughness Ra of the floor, µm",
-    "rz_um": "roughness Rz of the floor, µm",
-    "corner_um": "radius of the floor's edge, µm",
-    "wear_ratio_lin": "true wear per true depth",
+    "depth_um": Known("true depth, µm", absent=("through",)),
+    "wear_um": Known("true wear, µm"),
+    "side_gap_um": Known("gap at the wall, µm", absent=("channel",)),
+    "taper_um": Known("taper, µm", absent=("channel",)),
+    "ra_um": Known("roughness Ra of the floor, µm", absent=("channel",)),
+    "rz_um": Known("roughness Rz of the floor, µm", absent=("channel",)),
+    "corner_um": Known("radius of the floor's edge, µm", absent=("channel",)),
+    "wear_ratio_lin": Known("true wear per true depth", absent=("through",)),
 }
 """What only a virtual machine knows; a response is called `truth.NAME`."""
+KNOWN = RESPONSES | {f"{TRUTH}{name}": one for name, one in TRUTHS.items()}
 
-ABSENT = {
-    "through": {
-        "depth_um",
-        "depth_error_um",
-        "energy_per_depth_j_um",
-        "truth.depth_um",
-        "truth.wear_ratio_lin",
-    },
-    "feed": {"depth_error_um"},
-    "channel": {
-        "wear_ratio_lin",
-        "wear_ratio_vol",
-        "mrr_mm3_min",
-        "zero_drift_um",
-        *(f"{TRUTH}{name}" for name in ("side_gap_um", "taper_um", "ra_um", "rz_um", "corner_um")),
-    },
-}
-"""Responses that are never known, by the kind of the target, or of a channel."""
-
-COLUMNS = frozenset(
-    [
-        "run",
-        "kind",
-        "point",
-        "replicate",
-        "block",
-        "tool",
-        "x_um",
-        "y_um",
-        "seed",
-        "attempt",
-        "state",
-        "judgement",
-        "reason",
-        "exit_code",
-        "error",
-        "depth_basis",
-        "wear_basis",
-        "run_file",
-        "run_sha256",
-        "started",
-        "duration_s",
-        "host",
-    ]
-)
-"""Columns of the table that say something else: no response has such a name."""
-
-NEVER_NEGATIVE = frozenset(
-    [
-        "machining_time_s",
-        "time_s",
-        "measuring_time_s",
-        "open_share",
-        "normal_share",
-        "arc_share",
-        "short_share",
-        "energy_j",
-        "pulses",
-        "cuts",
-        "measuring_stops",
-    ]
-)
-"""Sums and shares. Lengths and ratios of them are measured, and may come out below zero by their own error."""
+COLUMNS = frozenset((
+    "run", "kind", "point", "replicate", "block", "tool", "x_um", "y_um", "seed", "attempt", "state", "judgement",
+    "reason", "exit_code", "error", "depth_basis", "wear_basis", "run_file", "run_sha256", "started", "duration_s",
+    "host",
+))  # fmt: skip
+"""Columns of the table that contain something else: no response has such a name."""
 
 _UNITS = {"_um": "µm", "_s": "s", "_j": "J", "_mm3_min": "mm³/min", "_j_um": "J/µm"}
 
@@ -117,23 +76,16 @@ LARGEST = 1e30
 """Of any response: powers of it stay finite."""
 
 
-def is_known(name: str) -> bool:
-    """Return whether a job answers by that name."""
-    return name in RESPONSES or (name.startswith(TRUTH) and name.removeprefix(TRUTH) in TRUTHS)
-
-
 def near(name: str) -> str:
-    """Return what to say of an unknown name."""
-    names = [*RESPONSES, *(f"{TRUTH}{one}" for one in TRUTHS)]
-    close = difflib.get_close_matches(name, names, 1)
-    return f"perhaps {close[0]} is meant" if close else f"a job tells {', '.join(names)}"
+    """Return a hint on an unknown name."""
+    close = difflib.get_close_matches(name, KNOWN, 1)
+    return f"perhaps {close[0]} is meant" if close else f"a job tells {', '.join(KNOWN)}"
 
 
 def range_of(name: str) -> tuple[float, float]:
-    """Return the least and the largest value that a response can have."""
-    if name not in NEVER_NEGATIVE:
-        return -math.inf, math.inf
-    return 0.0, 1.0 if name.endswith("_share") else math.inf
+    """Return the lowest and the highest value that a response can have."""
+    known = KNOWN.get(name, Known(""))
+    return known.low, known.high
 
 
 def unit_of(name: str) -> str:

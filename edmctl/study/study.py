@@ -257,7 +257,7 @@ class Study:
         for name, value in given.items():
             number, (low, high) = _number(value), responses.range_of(name)
             is_possible = abs(number) <= responses.LARGEST and low <= number <= high
-            if (name not in asked and not responses.is_known(name)) or not is_possible:
+            if (name not in asked and name not in responses.KNOWN) or not is_possible:
                 raise UsageError(
                     f"{name} = {value!r} is no value of a response of the study.",
                     hint=f"Give a possible number alone. Responses: {', '.join(sorted(asked))}.",

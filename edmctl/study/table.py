@@ -14,7 +14,7 @@ from edmctl.record import run_meta
 from edmctl.record.delimited import read_table
 from edmctl.study.folder import StudyState
 from edmctl.study.on_machine import wants_new_tool
-from edmctl.study.responses import LARGEST, RESPONSES, TRUTHS, unit_of
+from edmctl.study.responses import KNOWN, LARGEST, RESPONSES, TRUTHS, unit_of
 from edmctl.study.results import TRUTH, RunState, StudyRun
 from edmctl.study.study_file import Response
 from edmctl.study.suggestions import counted
@@ -81,8 +81,7 @@ def _row(state: StudyState, run: StudyRun, with_u95: set[str]) -> dict[str, Cell
 def columns_of(state: StudyState) -> dict[str, tuple[str, str]]:
     """Return the unit and the meaning of columns that have one, as Parquet keeps them; `1` is a pure number."""
     plan = state.folder.plan
-    known = {**RESPONSES, **{f"{TRUTH}{name}": words for name, words in TRUTHS.items()}}
-    found = {name: (unit_of(name) or "1", words) for name, words in known.items()}
+    found = {name: (unit_of(name) or "1", known.text) for name, known in KNOWN.items()}
     found |= {one.name: (one.unit or "1", one.name) for one in plan.responses if one.is_manual}
     found |= {
         f"{name}{U95}": (unit, f"half of the 95 % interval of {name}") for name, (unit, _) in found.items()

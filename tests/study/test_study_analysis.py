@@ -7,7 +7,8 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from edmctl.study.analysis import analysis_of
-from edmctl.study.reporting import page_of
+from edmctl.study.report.page import render_study_page
+from edmctl.study.reporting import StudyReport
 from edmctl.study.running import bare_row, lost_row
 from tests.study.studies import SMALL, made
 
@@ -44,4 +45,4 @@ def test_a_factor_with_one_level_left_has_no_table_of_levels(tmp_path: Path) -> 
     assert [one.factor for one in time.noise_means] == ["reference"]
     assert not time.interactions
     assert "only one level of duty has a value" in time.notes
-    assert "too many different values" not in page_of(state, found, None, [], ())
+    assert "too many different values" not in render_study_page(StudyReport(found, state.runs))

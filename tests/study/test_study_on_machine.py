@@ -18,7 +18,8 @@ from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import parse_injection
 from edmctl.study.analysis import analysis_of
 from edmctl.study.on_machine import MachineRuns, run_on_machine
-from edmctl.study.reporting import page_of
+from edmctl.study.report.page import render_study_page
+from edmctl.study.reporting import StudyReport
 from edmctl.study.results import RunState
 from edmctl.study.running import refuse_mixture
 from edmctl.study.study import Study
@@ -347,6 +348,6 @@ def test_an_array_with_replicates_is_made_through_a_line_with_a_tool_change_and_
     assert table is not None
     assert {row.name for row in table.rows} == {"block", "reference", "duty", "frequency"}
     assert table.rows[1].p < 0.01
-    assert "machining_time_s" in page_of(state, found, None, [], [])
+    assert "machining_time_s" in render_study_page(StudyReport(found, state.runs))
     holes = [(hole.x_um, hole.y_um) for hole in bench.truth()]
     assert len({(round(x_um / 100), round(y_um / 100)) for x_um, y_um in holes}) == 22

@@ -16,12 +16,13 @@ import pytest
 
 from edmctl.report.html import picture_of
 from edmctl.report.style import NothingToDraw
-from edmctl.study.analysis import doe_runs
+from edmctl.study.analysis import StudyAnalysis, doe_runs
 from edmctl.study.design import terms_of
 from edmctl.study.report import figures as drawn
-from edmctl.study.report.page import StudyPage, render_study_page
+from edmctl.study.report.page import render_study_page
 from edmctl.study.report.tables import all_runs
 from edmctl.study.report.words import p_text, p_words
+from edmctl.study.reporting import StudyReport
 from edmctl.study.results import (
     Choice,
     Confirmation,
@@ -81,15 +82,18 @@ class Made:
         """The page; `others` take the place of parts."""
         parts = {
             "plan": self.plan,
-            "state": self.runs,
             "runs": self.runs,
+            "added": (),
             "responses": self.responses,
             "truths": {one.name: one for one in self.responses if one.name == "wear_um"},
             "indices": {},
             "choices": self.choices,
+            "notes": (),
         }
+        parts |= {name: others.pop(name) for name in parts if name in others and name != "notes"}
         texts = {name: str(others.pop(name, "")) for name in ("title", "source")}
-        page = StudyPage(**{**parts, **others})  # type: ignore[arg-type]
+        runs = others.pop("state", self.runs)
+        page = StudyReport(StudyAnalysis(**parts), runs, **others)  # type: ignore[arg-type]
         return render_study_page(page, **texts, with_figures=with_figures)
 
     def one(self, name: str) -> ResponseAnalysis:

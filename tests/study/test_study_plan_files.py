@@ -17,7 +17,7 @@ from edmctl.study.analysis import analysis_of
 from edmctl.study.commands.tables import render_plan, render_status
 from edmctl.study.folder import open_folder
 from edmctl.study.report.text import render_report
-from edmctl.study.reporting import mapping_of
+from edmctl.study.reporting import StudyReport, mapping_of
 from edmctl.study.suggestions import (
     confirmation_runs,
     confirmations_of,
@@ -72,8 +72,9 @@ def used(path: Path) -> None:
         table_bytes(rows, form, columns_of(state))
     analysis = analysis_of(state)
     confirmations = confirmations_of(state)
-    mapping_of(analysis, None, confirmations, analysis.notes)
-    render_report(analysis, None, confirmations, ())
+    report = StudyReport(analysis, state.runs, None, confirmations)
+    mapping_of(report)
+    render_report(report)
     for ask in (recommended, lambda one: suggestions(one, 1), extension_runs):
         with suppress(EdmError):
             ask(state)

@@ -14,8 +14,9 @@ import pytest
 from edmctl.app import main
 from edmctl.study.analysis import analysis_of
 from edmctl.study.design import value_at
+from edmctl.study.report.page import render_study_page
 from edmctl.study.report.words import what_matters
-from edmctl.study.reporting import mapping_of, page_of
+from edmctl.study.reporting import StudyReport, mapping_of, report_of
 from edmctl.study.running import bare_row
 from edmctl.study.suggestions import confirmation_runs, suggested_runs
 from tests.study.studies import HEAD, RESPONSES, made
@@ -106,7 +107,7 @@ def add(folder: StudyFolder, count: int) -> None:
 
 def tables(folder: StudyFolder) -> str:
     """All design tables, to the digit."""
-    found = mapping_of(analysis_of(folder.read()), None, [], ())
+    found = mapping_of(StudyReport(analysis_of(folder.read()), ()))
     kept = {name: found[name] for name in ("runs", "responses", "truths", "sobol_indices")}
     return json.dumps(kept, default=lambda one: {name: getattr(one, name) for name in one.__slots__})
 
@@ -200,7 +201,7 @@ def test_an_added_replicate_is_a_block_of_the_design(
     assert {row.name: row.dof for row in one.anova.rows}["block"] == 2
     assert one.anova.total.dof == 26
     assert all(level.means for level in one.level_means)
-    page = page_of(folder.read(), analysis_of(folder.read()), None, [], analysis_of(folder.read()).notes)
+    page = render_study_page(report_of(folder.read()))
     assert "Runs 22–30 are replicates or fold-overs of the design" in page
 
 
@@ -243,6 +244,6 @@ def test_table_page_and_json_name_the_runs_that_they_use(
     assert note in text
     state = folder.read()
     found = analysis_of(state)
-    page = page_of(state, found, None, [], found.notes)
+    page = render_study_page(StudyReport(found, state.runs, notes=found.notes))
     assert note in page
     assert "8 of 8 runs of the design have a value" in page

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 def tables() -> dict[str, str]:
     """Return the tables of the keys, of the responses, and of what only a virtual machine knows."""
     keys = "\n".join(section(*_titled(name, info)) for name, info in StudyFile.model_fields.items())
-    told = [(f"`{name}`", text) for name, text in RESPONSES.items()]
-    true = [(f"`{TRUTH}{name}`", text) for name, text in TRUTHS.items()]
+    told = [(f"`{name}`", known.text) for name, known in RESPONSES.items()]
+    true = [(f"`{TRUTH}{name}`", known.text) for name, known in TRUTHS.items()]
     head = ("name", "what it is")
     return {"keys": keys, "responses": table(head, told), "truths": table(head, true)}
 

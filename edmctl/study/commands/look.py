@@ -116,21 +116,15 @@ def report(
 ) -> None:
     """Say what matters, by analysis of variance, models and the Pareto front; --out writes a page of it."""
     from edmctl.jobs import output_files
-    from edmctl.study.analysis import analysis_of
+    from edmctl.study.report.page import render_study_page
     from edmctl.study.report.text import render_report
-    from edmctl.study.reporting import mapping_of, page_of, recommendation_or_why
-    from edmctl.study.suggestions import confirmations_of
+    from edmctl.study.reporting import mapping_of, report_of
 
-    study = opened(folder)
-    state = study.read()
-    found = analysis_of(state)
-    best, why = recommendation_or_why(state, shell())
-    notes = (*found.notes, *why)
-    confirmations = confirmations_of(state)
-    outcome.result = mapping_of(found, best, confirmations, notes)
-    outcome.text = render_report(found, best, confirmations, notes, stream_style(sys.stdout))
+    found = report_of(opened(folder).read(), shell())
+    outcome.result = mapping_of(found)
+    outcome.text = render_report(found, stream_style(sys.stdout))
     if out is not None:
-        content = page_of(state, found, best, confirmations, notes).encode()
+        content = render_study_page(found, source=str(folder)).encode()
         output_files.make_folder(out.parent)
         hint = "Choose another name, or replace it with --overwrite."
         output_files.write(out, content, hint, overwrite=overwrite)

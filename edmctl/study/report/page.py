@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from html import escape
 from typing import TYPE_CHECKING
 
-from edmctl.dataclasses import dataclass
 from edmctl.report import html
 from edmctl.report.html import PageTable, Picture
 from edmctl.study.report import tables, words
+from edmctl.study.reporting import StudyReport
 from edmctl.study.results import (
-    Choice,
-    Confirmation,
-    Recommendation,
-    ResponseInfo,
     RunState,
-    StudyPlan,
-    StudyRun,
 )
-from edmctl.study.statistics.choice import SobolIndices
 from edmctl.study.statistics.response_analysis import ResponseAnalysis
 from edmctl.wording import plural
 
@@ -33,35 +26,8 @@ FEW_ALIASES = 4
 """More of them stand behind a line to open."""
 
 
-@dataclass(frozen=True, slots=True)
-class StudyPage:
-    """The content of a page.
-
-    state : all runs of the study, with how far each has come
-    runs : the runs of the design, in the order of the rows of every analysis
-    truths : analyses of the virtual machine's true values, by response
-    indices : Sobol indices by response
-    notes : what a reader has to know before the tables; those of the plan are added
-    """
-
-    plan: StudyPlan
-    state: Sequence[StudyRun]
-    runs: Sequence[StudyRun]
-    responses: Sequence[ResponseAnalysis]
-    truths: Mapping[str, ResponseAnalysis]
-    indices: Mapping[str, SobolIndices]
-    choices: Sequence[Choice]
-    confirmations: Sequence[Confirmation] = ()
-    recommendation: Recommendation | None = None
-    notes: Sequence[str] = ()
-
-    def info(self, name: str) -> ResponseInfo:
-        """Return how a response was asked for."""
-        return next(info for info in self.plan.responses if info.name == name)
-
-
 def render_study_page(
-    parts: StudyPage, *, title: str = "", source: str = "", with_figures: bool = True
+    parts: StudyReport, *, title: str = "", source: str = "", with_figures: bool = True
 ) -> str:
     """Return the page of a study that was analysed; `source` is the folder that its foot names."""
     numbers = itertools.count(1)
@@ -69,19 +35,19 @@ def render_study_page(
         ("studied", "What was studied", _studied(parts)),
         ("brief", "Result in brief", _brief(parts)),
     ]
-    for n, one in enumerate(parts.responses, 1):
+    for n, one in enumerate(parts.analysis.responses, 1):
         pictures = _pictures(parts, one, f"r{n}") if with_figures else []
         sections.append((f"response-{n}", one.name, _response(parts, one, pictures, numbers)))
     pictures = [_front(parts)] if with_figures else []
     sections.append(("choice", "What to choose", _choice(parts, pictures, numbers)))
-    if parts.indices:
+    if parts.analysis.indices:
         pictures = list(_sobol_pictures(parts)) if with_figures else []
         sections.append(("sobol", "Sensitivity", _sobol(parts, pictures, numbers)))
-    sections.append(("runs", "All runs", [tables.all_runs(parts.plan, parts.state)]))
-    title = title or parts.plan.name
-    done = sum(run.state is RunState.DONE for run in parts.state) == len(parts.state)
-    simulated = any(run.row is not None and run.row.truth for run in parts.state)
-    status = f"{words.progress_words(parts.state)}{' · simulated' if simulated else ''}"
+    sections.append(("runs", "All runs", [tables.all_runs(parts.analysis.plan, parts.runs)]))
+    title = title or parts.analysis.plan.name
+    done = sum(run.state is RunState.DONE for run in parts.runs) == len(parts.runs)
+    simulated = any(run.row is not None and run.row.truth for run in parts.runs)
+    status = f"{words.progress_words(parts.runs)}{' · simulated' if simulated else ''}"
     header = [
         f"<h1>{escape(title)}</h1>",
         html.paragraph(_subtitle(parts), "sub"),
@@ -95,21 +61,21 @@ def render_study_page(
     return html.document(title, header, contents, body, footer)
 
 
-def _subtitle(parts: StudyPage) -> str:
-    plan = parts.plan
+def _subtitle(parts: StudyReport) -> str:
+    plan = parts.analysis.plan
     started = min(
-        (run.row.started for run in parts.state if run.row is not None and run.row.started), default=""
+        (run.row.started for run in parts.runs if run.row is not None and run.row.started), default=""
     )
     facts = [plan.kind, plural(len(plan.factors), "factor"), plural(len(plan.responses), "response")]
     return " · ".join([*facts, *([started[:16].replace("T", " ")] if started else [])])
 
 
-def _studied(parts: StudyPage) -> list[PageTable | str]:
-    plan = parts.plan
+def _studied(parts: StudyReport) -> list[PageTable | str]:
+    plan = parts.analysis.plan
     found: list[PageTable | str] = [html.paragraph(plan.description)] if plan.description else []
     found += [
         "<h3>What this study cannot know</h3>",
-        html.sentences(words.unknowns(plan, parts.runs, parts.responses, parts.notes)),
+        html.sentences(words.unknowns(plan, parts.analysis.runs, parts.analysis.responses, parts.notes)),
         "<h3>Design</h3>",
         html.paragraph(words.design_words(plan)),
         html.paragraph(f"Model: {words.MODELS.get(plan.model, plan.model)}."),
@@ -125,9 +91,9 @@ def _studied(parts: StudyPage) -> list[PageTable | str]:
     return found
 
 
-def _brief(parts: StudyPage) -> list[PageTable | str]:
-    plan = parts.plan
-    acting = [" ".join(words.what_matters(parts.info(one.name), one)) for one in parts.responses]
+def _brief(parts: StudyReport) -> list[PageTable | str]:
+    plan = parts.analysis.plan
+    acting = [" ".join(words.what_matters(parts.info(one.name), one)) for one in parts.analysis.responses]
     found: list[PageTable | str] = [html.sentences(acting)]
     found.append(html.paragraph(words.recommended(plan, parts.recommendation)))
     name = "trouble" if words.held(parts.confirmations) is False else ""
@@ -136,13 +102,13 @@ def _brief(parts: StudyPage) -> list[PageTable | str]:
 
 
 def _response(
-    parts: StudyPage, one: ResponseAnalysis, pictures: Sequence[Picture], numbers: Iterator[int]
+    parts: StudyReport, one: ResponseAnalysis, pictures: Sequence[Picture], numbers: Iterator[int]
 ) -> list[PageTable | str | None]:
-    plan, info = parts.plan, parts.info(one.name)
+    plan, info = parts.analysis.plan, parts.info(one.name)
     found: list[PageTable | str | None] = []
     said = [words.wanted(info)]
     said += ["modelled as its logarithm"] if one.is_log else []
-    said += [f"{len(one.values)} of {len(parts.runs)} runs of the design have a value"]
+    said += [f"{len(one.values)} of {len(parts.analysis.runs)} runs of the design have a value"]
     found.append(html.paragraph(words.sentence(f"In {info.unit or 'units of 1'}, {', '.join(said)}")))
     if one.notes:
         found.append(html.sentences(words.sentence(note) for note in one.notes))
@@ -151,11 +117,11 @@ def _response(
         enough = 2 * one.anova.error.dof >= one.anova.total.dof
         why = "the error has enough degrees of freedom" if enough else "there are too few terms for that"
         found.append(html.paragraph(f"Nothing is pooled: {why}.", "note"))
-    true = parts.truths.get(one.name)
+    true = parts.analysis.truths.get(one.name)
     if true is not None:
         found.append(tables.measured_and_true(one, true))
     unit = f", {info.unit}" if info.unit else ""
-    used = [parts.runs[row].planned.settings for row in one.used]
+    used = [parts.analysis.runs[row].planned.settings for row in one.used]
     shown = [means.factor for means in one.level_means]
     varied = [factor for factor in plan.factors if len({repr(of[factor.key]) for of in used}) > 1]
     left = sum(factor.name not in shown for factor in varied)
@@ -182,11 +148,11 @@ def _numbered(pictures: Sequence[Picture], numbers: Iterator[int]) -> list[str]:
     return html.figures(pictures, taken[0] if taken else 1)
 
 
-def _pictures(parts: StudyPage, one: ResponseAnalysis, prefix: str) -> list[Picture]:
+def _pictures(parts: StudyReport, one: ResponseAnalysis, prefix: str) -> list[Picture]:
     """Draw all figures of one response."""
     from edmctl.study.report import figures
 
-    plan, info, runs, name = parts.plan, parts.info(one.name), parts.runs, one.name
+    plan, info, runs, name = parts.analysis.plan, parts.info(one.name), parts.analysis.runs, one.name
     mixed = " The design mixes such effects with those of factors alone." if plan.aliases else ""
     bars = "Bars are the 95 % interval of a mean by the error of the model"
     if one.anova is None or not one.anova.error.dof:
@@ -247,10 +213,10 @@ def _pictures(parts: StudyPage, one: ResponseAnalysis, prefix: str) -> list[Pict
     ]
 
 
-def _front(parts: StudyPage) -> Picture:
+def _front(parts: StudyReport) -> Picture:
     from edmctl.study.report import figures
 
-    more = len(parts.plan.objectives or parts.plan.responses) - 2
+    more = len(parts.analysis.plan.objectives or parts.analysis.plan.responses) - 2
     also = (
         f" The front is over {plural(more, 'further objective')} too, which this figure does not show."
         if more > 0
@@ -259,42 +225,45 @@ def _front(parts: StudyPage) -> Picture:
     return html.picture_of(
         "front",
         "Objectives against each other",
-        f"Means of the points, numbered on the front: no other point{tables.that_keeps(parts.plan)} is as "
+        f"Means of the points, numbered on the front: no other point{tables.that_keeps(parts.analysis.plan)} is as "
         f"good as one of those in every objective and better in one.{also}",
-        partial(figures.draw_front, parts.plan, parts.choices),
+        partial(figures.draw_front, parts.analysis.plan, parts.analysis.choices),
         formulas=False,
     )
 
 
 def _choice(
-    parts: StudyPage, pictures: Sequence[Picture], numbers: Iterator[int]
+    parts: StudyReport, pictures: Sequence[Picture], numbers: Iterator[int]
 ) -> list[PageTable | str | None]:
-    plan = parts.plan
+    plan = parts.analysis.plan
     found: list[PageTable | str | None] = []
     if parts.recommendation is not None:
         found.append(tables.expected(plan, parts.recommendation))
     found += [tables.confirmation(plan, one) for one in parts.confirmations]
-    found += [tables.choices(plan, parts.choices), tables.preferences(plan, parts.choices)]
+    found += [tables.choices(plan, parts.analysis.choices), tables.preferences(plan, parts.analysis.choices)]
     found += _numbered(pictures, numbers)
     return found
 
 
 def _sobol(
-    parts: StudyPage, pictures: Sequence[Picture], numbers: Iterator[int]
+    parts: StudyReport, pictures: Sequence[Picture], numbers: Iterator[int]
 ) -> list[PageTable | str | None]:
-    tables = [tables.sobol(parts.plan, parts.info(name), found) for name, found in parts.indices.items()]
+    tables = [
+        tables.sobol(parts.analysis.plan, parts.info(name), found)
+        for name, found in parts.analysis.indices.items()
+    ]
     return [*tables, *_numbered(pictures, numbers)]
 
 
-def _sobol_pictures(parts: StudyPage) -> Iterator[Picture]:
+def _sobol_pictures(parts: StudyReport) -> Iterator[Picture]:
     from edmctl.study.report import figures
 
-    for n, (name, found) in enumerate(parts.indices.items(), 1):
+    for n, (name, found) in enumerate(parts.analysis.indices.items(), 1):
         yield html.picture_of(
             f"sobol-{n}",
             f"Sobol indices of {name}",
             "Share of the variance that a factor brings alone (first order), and with all that it interacts with "
             "(total); bars are 95 % intervals.",
-            partial(figures.draw_indices, parts.plan, found),
+            partial(figures.draw_indices, parts.analysis.plan, found),
             formulas=False,
         )

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from edmctl.cli.render.layout import USUAL_COLUMNS, render_columns, wrapped
 from edmctl.cli.render.style import PLAIN, Ink, Style
 from edmctl.report.html import PageTable
-from edmctl.study.analysis import StudyAnalysis
 from edmctl.study.report import tables, words
+from edmctl.study.reporting import StudyReport
 from edmctl.study.results import Confirmation, Recommendation, ResponseInfo, StudyPlan
 from edmctl.study.statistics.response_analysis import ResponseAnalysis
 from edmctl.wording import plural, significant
@@ -19,18 +19,12 @@ OF_VARIANCE = ("term", "dof", "F", "p", "share of seq. SS, %")
 OF_BOTH = ("term", *(f"{what}, {of}" for of in ("measured", "true") for what in ("p", "seq. share %")))
 
 
-def render_report(
-    found: StudyAnalysis,
-    best: Recommendation | None,
-    confirmations: Sequence[Confirmation],
-    notes: Sequence[str],
-    style: Style = PLAIN,
-) -> str:
+def render_report(report: StudyReport, style: Style = PLAIN) -> str:
     """Render what matters for each response, the Pareto front, the recommendation and the confirmations."""
-    plan, columns = found.plan, style.columns or USUAL_COLUMNS
-    infos = {info.name: info for info in plan.responses}
+    found, plan, columns = report.analysis, report.analysis.plan, style.columns or USUAL_COLUMNS
     parts = [
-        render_response(infos[one.name], one, style, found.truths.get(one.name)) for one in found.responses
+        render_response(report.info(one.name), one, style, found.truths.get(one.name))
+        for one in found.responses
     ]
     front = [one for one in found.choices if one.is_pareto]
     if len(plan.objectives or plan.responses) > 1 and front:
@@ -38,11 +32,13 @@ def render_report(
         head = f"{len(front)} of {plural(len(found.choices), 'point')} ({runs}) Pareto-optimal"
         ranked = tables.preferences(plan, front)
         parts.append(f"{head}\n{_text(ranked, style, most=MOST_POINTS)}")
-    if best is not None:
-        parts.append(render_recommendation(plan, best, style))
-    parts += [render_confirmation(plan, one, style) for one in confirmations]
-    if notes:
-        parts.append("\n".join(line for note in notes for line in wrapped(f"note: {note}", columns, "  ")))
+    if report.recommendation is not None:
+        parts.append(render_recommendation(plan, report.recommendation, style))
+    parts += [render_confirmation(plan, one, style) for one in report.confirmations]
+    if report.notes:
+        parts.append(
+            "\n".join(line for note in report.notes for line in wrapped(f"note: {note}", columns, "  "))
+        )
     return "\n\n".join(parts)
 
 
