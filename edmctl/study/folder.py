@@ -32,7 +32,7 @@ from edmctl.study.rows import Rows, StudyWriter, is_run_of, need, read_rows
 from edmctl.study.study_file import StudySource, study_of
 from edmctl.version import __version__
 
-SCHEMA = "edmctl-study/1"
+SCHEMA = "edmctl-study/2"
 PLAN_BYTES = 40_000_000
 """A plan of 20,000 runs with 24 factors."""
 MOMENT_S, LOOKS_EVERY_S = 0.5, 0.02

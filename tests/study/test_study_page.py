@@ -483,3 +483,10 @@ def test_figures_of_the_page_are_numbered_through() -> None:
     found = re.findall(r"<b>Fig\. (\d+): ", text)
     assert found == [str(n + 1) for n in range(len(found))]
     assert "Not drawn" in text
+
+
+def test_sobol_indices_have_a_section() -> None:
+    plan = levels().plan
+    shares = np.full(len(plan.factors), 0.4)
+    text = levels().page(indices={"time_s": SobolIndices(shares, shares, shares / 10, shares / 10)})
+    assert "Sobol indices of time_s" in text

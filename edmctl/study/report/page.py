@@ -248,11 +248,9 @@ def _choice(
 def _sobol(
     parts: StudyReport, pictures: Sequence[Picture], numbers: Iterator[int]
 ) -> list[PageTable | str | None]:
-    tables = [
-        tables.sobol(parts.analysis.plan, parts.info(name), found)
-        for name, found in parts.analysis.indices.items()
-    ]
-    return [*tables, *_numbered(pictures, numbers)]
+    plan, indices = parts.analysis.plan, parts.analysis.indices
+    shown = [tables.sobol(plan, parts.info(name), found) for name, found in indices.items()]
+    return [*shown, *_numbered(pictures, numbers)]
 
 
 def _sobol_pictures(parts: StudyReport) -> Iterator[Picture]:
