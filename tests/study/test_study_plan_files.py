@@ -91,7 +91,7 @@ WRONG: dict[str, Change] = {
     "no files": lambda study: study.update(sha256={}),
     "another file": lambda study: study["sha256"].update({"../../secret": "0" * 64}),
     "hashes as a list": lambda study: study.update(sha256=["study.toml"]),
-    "another schema": lambda study: study.update(schema="edmctl-study/2"),
+    "another schema": lambda study: study.update(schema="edmctl-study/1"),
     "a schema as number": lambda study: study.update(schema=1),
     "no recipes": lambda study: study.update(recipes={}),
     "a recipe without a number": lambda study: study.update(recipes={"one": ["a", "b"]}),
