@@ -256,42 +256,21 @@ def _fitted(
 
     The lags include the drift itself, by the creep of the fit `before`.
     """
-    n = len(TIME_CONSTANTS_S)
-    start_s = rests[0].time_s
-    rest_s = np.array([rest.time_s for rest in rests]) - start_s
-    touch_s = np.array([touch.time_s for touch in touches]) - start_s
-    lags_um = np.array([rest.lags_um for rest in rests])
-    a, b = len(rests), len(touches)
-    design = np.zeros((a + b, 4 + n))
-    design[:a, 0], design[:a, 2], design[:a, 4:] = 1.0, rest_s, lags_um
-    if before is not None:
-        design[:a, 2] -= np.array([rest.lags_out_s for rest in rests]) @ before.creep
-    design[a:, 1], design[a:, 3] = 1.0, touch_s
+    n, a, b = len(TIME_CONSTANTS_S), len(rests), len(touches)
+    times_s = np.array([*(rest.time_s for rest in rests), *(touch.time_s for touch in touches)])
+    times_s -= rests[0].time_s
+    design = _design(rests, times_s, None if before is None else before.creep)
     y_um = np.concatenate(([rest.um for rest in rests], [touch.reading.mean_um for touch in touches]))
     offset_um = np.concatenate((np.full(a, y_um[0]), np.full(b, y_um[a])))
-    prior = np.zeros((4 + n, 4 + n))
-    prior[[0, 1], [0, 1]] = ZERO_PRIOR_UM**2
-    prior[[2, 3], [2, 3]] = DRIFT_PRIOR_UM_PER_S**2
-    prior[4:, 4:] = creep_prior()
-    times_s = np.concatenate((rest_s, touch_s))
+    prior = _prior()
     walk = walk_um_per_sqrt_s**2 * np.minimum.outer(times_s, times_s)
-    noise = walk.copy()
-    usual = np.full(n, _PER_DECADE * 0.5 * CREEP_PRIOR_PER_DECADE)
-    rest_u_um = max(LEAST_NOISE_UM, math.sqrt(math.fsum(rest.u_um**2 for rest in rests) / a))
-    scatter = TouchScatter()
-    for one in touches:
-        scatter.add(one.reading)
-    sd_um = np.concatenate(
-        (
-            np.hypot(rest_u_um, MISFIT * (np.abs(lags_um) @ usual)),
-            [max(LEAST_NOISE_UM, scatter.u_um) / math.sqrt(touch.reading.touches) for touch in touches],
-        )
-    )
+    noise, usual = walk.copy(), np.full(n, _PER_DECADE * 0.5 * CREEP_PRIOR_PER_DECADE)
+    sd_um = np.concatenate((_rest_sd_um(rests, usual), _touch_sd_um(touches)))
     noise[np.diag_indices(a + b)] += sd_um**2
     if math.isfinite(memory_s):
-        left = usual * MEMORY_UM * np.exp(-(memory_s + rest_s[:, None]) / _TAU_S)
+        left = usual * MEMORY_UM * np.exp(-(memory_s + times_s[:a, None]) / _TAU_S)
         noise[:a, :a] += left @ left.T
-    # What is wanted besides is how the walk happened to go: its slope over the run, which both have in common.
+    # Also estimated is the slope of the walk over the run, which rests and touches have in common.
     centred_s = times_s - times_s.mean()
     slope = centred_s / (centred_s @ centred_s)
     known = np.vstack((prior @ design.T, slope @ walk))
@@ -300,9 +279,9 @@ def _fitted(
     found = known @ np.linalg.solve(total, off_um)
     left_um = off_um - design @ found[:-1]
     misfit = math.sqrt(max(1.0, float(off_um @ np.linalg.solve(total, off_um)) / (a + b)))
-    believed = np.zeros((5 + n, 5 + n))
-    believed[:-1, :-1], believed[-1, -1] = prior, slope @ walk @ slope
-    covariance = misfit**2 * (believed - known @ np.linalg.solve(total, known.T))
+    prior_of_all = np.zeros((5 + n, 5 + n))
+    prior_of_all[:-1, :-1], prior_of_all[-1, -1] = prior, slope @ walk @ slope
+    covariance = misfit**2 * (prior_of_all - known @ np.linalg.solve(total, known.T))
     covariance = 0.5 * (covariance + covariance.T)
     drifts = np.zeros((3, 5 + n))
     drifts[0, [2, 4 + n]], drifts[1, [3, 4 + n]] = 1.0, 1.0
@@ -310,22 +289,14 @@ def _fitted(
     rest, touch, apart = (float(value) for value in drifts @ found)
     spread = drifts @ covariance @ drifts.T
     rest_u, touch_u, apart_u = (math.sqrt(max(0.0, float(spread[i, i]))) for i in range(3))
-    both, walk_u = float(spread[0, 1]), math.sqrt(believed[-1, -1])
-    share = None
-    if abs(rest) >= LEAST_SIGMAS * rest_u:
-        ratio = touch / rest
-        variance = touch_u**2 - 2.0 * ratio * both + ratio**2 * rest_u**2
-        # The walk is in both drifts alike, and draws the ratio of the steady ones towards 1.
-        variance += (ratio - 1.0) ** 2 * walk_u**2
-        ratio_u = math.sqrt(max(0.0, variance)) / abs(rest)
-        share = Value(ratio, ratio_u) if ratio_u <= share_u(1.0) else None
+    walk_u = math.sqrt(prior_of_all[-1, -1])
     fit = DriftFit(
         creep=found[4:-1],
         creep_covariance=covariance[4:-1, 4:-1],
         rest_um_per_s=Value(rest, math.hypot(rest_u, walk_u)),
         touch_um_per_s=Value(touch, math.hypot(touch_u, walk_u)),
         apart_um_per_s=Value(apart, apart_u),
-        share=share,
+        share=_share(rest, touch, spread, walk_u),
         is_steady=abs(rest) >= LEAST_SIGMAS * math.hypot(rest_u, walk_u),
         walk_um_per_sqrt_s=walk_um_per_sqrt_s,
         misfit=misfit,
@@ -336,6 +307,54 @@ def _fitted(
     return fit, (left_um[a:] - np.median(left_um[a:])) / np.hypot(
         sd_um[a:], walk_um_per_sqrt_s * math.sqrt(times_s.max())
     )
+
+
+def _prior() -> Array:
+    n = len(TIME_CONSTANTS_S)
+    prior = np.zeros((4 + n, 4 + n))
+    prior[[0, 1], [0, 1]] = ZERO_PRIOR_UM**2
+    prior[[2, 3], [2, 3]] = DRIFT_PRIOR_UM_PER_S**2
+    prior[4:, 4:] = creep_prior()
+    return prior
+
+
+def _design(rests: Sequence[Rest], times_s: Array, creep: Array | None) -> Array:
+    """Return the columns: zeros of rests and touches, their drifts, and the lags, less the drift in known creep."""
+    a = len(rests)
+    design = np.zeros((len(times_s), 4 + len(TIME_CONSTANTS_S)))
+    design[:a, 0], design[:a, 2] = 1.0, times_s[:a]
+    design[:a, 4:] = [rest.lags_um for rest in rests]
+    if creep is not None:
+        design[:a, 2] -= np.array([rest.lags_out_s for rest in rests]) @ creep
+    design[a:, 1], design[a:, 3] = 1.0, times_s[a:]
+    return design
+
+
+def _rest_sd_um(rests: Sequence[Rest], usual: Array) -> Array:
+    u_um = max(LEAST_NOISE_UM, math.sqrt(math.fsum(rest.u_um**2 for rest in rests) / len(rests)))
+    sd_um: Array = np.hypot(u_um, MISFIT * (np.abs(np.array([rest.lags_um for rest in rests])) @ usual))
+    return sd_um
+
+
+def _touch_sd_um(touches: Sequence[Touch]) -> Array:
+    scatter = TouchScatter()
+    for one in touches:
+        scatter.add(one.reading)
+    u_um = max(LEAST_NOISE_UM, scatter.u_um)
+    return np.array([u_um / math.sqrt(touch.reading.touches) for touch in touches])
+
+
+def _share(rest: float, touch: float, spread: Array, walk_u: float) -> Value | None:
+    """Return the ratio of the drifts with covariance `spread`; None if it is known no better than unmeasured."""
+    rest_u, touch_u = (math.sqrt(max(0.0, float(spread[i, i]))) for i in range(2))
+    if abs(rest) < LEAST_SIGMAS * rest_u:
+        return None
+    ratio = touch / rest
+    variance = touch_u**2 - 2.0 * ratio * float(spread[0, 1]) + ratio**2 * rest_u**2
+    # The walk is in both drifts alike, and draws the ratio of the steady ones towards 1.
+    variance += (ratio - 1.0) ** 2 * walk_u**2
+    ratio_u = math.sqrt(max(0.0, variance)) / abs(rest)
+    return Value(ratio, ratio_u) if ratio_u <= share_u(1.0) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
