@@ -1,8 +1,7 @@
-"""A run file written by a thread of its own, so that whoever controls the machine never waits for the disk.
+"""A run file written by a thread of its own, so that control of the machine never waits for the disk.
 
-Rows are handed over in about a microsecond and written in order. What must not be lost is flushed at once, all
-else after half a second; every ten seconds the disk is asked to make it last. All of that may take as long as the
-disk likes: h5py, `posix_fallocate` and `fsync` let other threads run while they wait for it.
+Rows are handed over in about a microsecond and written in order: urgent ones at once, others after 0.5 s, and
+synced every ten seconds. h5py, `posix_fallocate` and `fsync` let other threads run while they wait for the disk.
 """
 
 from __future__ import annotations

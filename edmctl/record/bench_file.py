@@ -1,9 +1,8 @@
 """The file of a kept bench: nested names with arrays, numbers and texts, as HDF5.
 
-The dataset `state` is JSON text with names, numbers and texts; each array in it is a place in the dataset `arrays`,
-which holds the bytes of all. It is written every few seconds of the bench's time, and hundreds of attributes and
-datasets would cost more than the machining. A hash over both tells a damaged file. The file is written beside its
-place and put there at once; while a program uses it, a lock beside it keeps others away.
+The dataset `state` is JSON text with names, numbers and texts; each array in it is a place in the dataset `arrays`.
+Hundreds of datasets, written every few seconds of the bench's time, would cost more than the machining. A hash over
+both detects damage. The file is replaced at once; while a program uses it, a lock beside it keeps others away.
 """
 
 from __future__ import annotations
@@ -24,8 +23,8 @@ from edmctl.errors import RunFileError
 from edmctl.files import lock_holder, open_descriptor, open_regular, refuse_locked
 from edmctl.record import locks
 from edmctl.record.disk import HDF5_ERRORS, reason
-from edmctl.record.hdf5 import image_of, open_hdf5, refuse_endless
 from edmctl.record.integrity import MAGIC
+from edmctl.record.opening import image_of, open_hdf5, refuse_endless
 
 if TYPE_CHECKING:
     import h5py

@@ -1,9 +1,8 @@
 """Writes a run file anew: compressed, with nothing but its rows, and sealed; so a complete one gets its name.
 
-While a run goes on nothing is compressed, because SWMR never reuses the space of a compressed chunk that
-grows. So at the end everything is copied: groups, attributes, hard links and dimension scales as they are, rows
-in large chunks through the filters shuffle and gzip, which every HDF5 library has. The new file is in the oldest
-format that can hold it.
+During a run nothing is compressed, because SWMR never reuses the space of a compressed chunk that grows. At the end
+groups, attributes, links and dimension scales are copied as they are, and rows in large chunks through the filters
+shuffle and gzip, which every HDF5 library has. The new file is in the oldest format that can hold it.
 """
 
 from __future__ import annotations
@@ -23,8 +22,8 @@ from numpy.typing import NDArray
 from edmctl.errors import RunFileError
 from edmctl.files import sync
 from edmctl.record.disk import HDF5_ERRORS, cannot_name, rename_without_replacing
-from edmctl.record.hdf5 import open_hdf5, refuse_endless
 from edmctl.record.integrity import append_checksum
+from edmctl.record.opening import open_hdf5, refuse_endless
 
 CHUNK_ROWS = 1 << 16
 LEVEL = 4

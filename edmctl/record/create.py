@@ -16,15 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.record import layout
-from edmctl.record.hdf5 import image_of
 from edmctl.record.layout import Grid, Scalar, Table
+from edmctl.record.opening import image_of
 from edmctl.record.run_meta import RunMeta
 from edmctl.results.declared import PURE, TEXT
 
 RUNNING = "running"
 NO_EXIT_CODE = -1
 NO_SEED = -1
-NO_WEAR_YET = 0.0
 LIBRARY_VERSIONS = ("v110", "v110")
 """The oldest format that can be written in SWMR mode, and read by every HDF5 since 1.10."""
 
@@ -94,7 +93,7 @@ def _scalar_values(meta: RunMeta) -> dict[str, object]:
         "/entry/seed": NO_SEED if meta.seed is None else meta.seed,
         "/entry/recovery": b"",
         "/entry/summary": None,
-        "/entry/tool/length_wear_total": NO_WEAR_YET,
+        "/entry/tool/length_wear_total": 0.0,
         "/entry/profile/sha256": hashlib.sha256(meta.profile_text.encode()).hexdigest(),
         "/entry/profile/parents": [parent.text for parent in meta.profile_parents],
         "/entry/profile/parent_paths": [parent.path for parent in meta.profile_parents],

@@ -1,7 +1,6 @@
-"""Writes that have to be on the disk before a job goes on, in a thread: meanwhile the line to the machine is read.
+"""Writes that have to be on the disk before a job continues, in a thread: meanwhile the caller serves the machine.
 
-Sparks and moves wait until what comes before them is safe, and a disk may stand still for seconds. Meanwhile the
-caller attends to the machine, so that it hears of its host.
+Sparks and moves wait until what precedes them is on the disk, and a disk may not answer for seconds.
 """
 
 from __future__ import annotations

@@ -20,11 +20,10 @@ from edmctl.errors import EdmError, RunFileError
 from edmctl.record import layout
 from edmctl.record.compaction import CLOSING
 from edmctl.record.disk import PARTIAL, partial_path
-from edmctl.record.hdf5 import refuse_endless
 from edmctl.record.integrity import is_whole
 from edmctl.record.layout import Column, Table
 from edmctl.record.locks import interrupted, is_live
-from edmctl.record.opening import damaged, open_file
+from edmctl.record.opening import damaged, open_file, refuse_endless
 from edmctl.record.rows import TruthMap
 
 TABLES = {table.path: table for table in layout.TABLES}

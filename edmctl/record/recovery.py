@@ -28,11 +28,10 @@ from edmctl.record import layout
 from edmctl.record.compaction import CLOSING, compact
 from edmctl.record.create import LIBRARY_VERSIONS, empty_run_file
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL, error_number, reason, rename_without_replacing, write_new
-from edmctl.record.hdf5 import open_hdf5, refuse_endless
 from edmctl.record.integrity import are_sound, end_at_breaks, is_whole, read_superblock
 from edmctl.record.layout import Scalar, Table
 from edmctl.record.locks import is_live
-from edmctl.record.opening import damaged, open_file, open_unjudged, refuse_foreign
+from edmctl.record.opening import damaged, open_file, open_hdf5, open_unjudged, refuse_endless, refuse_foreign
 from edmctl.record.run_meta import Leaf, RunMeta, SourceText
 from edmctl.record.writer import fit_utf8
 from edmctl.version import __version__

@@ -40,9 +40,9 @@ from edmctl.record.disk import (
     reserve,
     write_new,
 )
-from edmctl.record.hdf5 import open_hdf5
 from edmctl.record.layout import Table
 from edmctl.record.locks import hold, release
+from edmctl.record.opening import open_hdf5
 from edmctl.record.rows import EventRow, RejectedTouch, Row, Summary, TruthMap
 from edmctl.record.run_meta import RunMeta
 from edmctl.results.job import SiteResult

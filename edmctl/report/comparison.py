@@ -9,7 +9,7 @@ from itertools import zip_longest
 
 from edmctl.labels import basis_of
 from edmctl.record.reader import RunFile
-from edmctl.record.results import estimated_depth
+from edmctl.record.run_index import estimated_depth
 from edmctl.report.numbers import CLASSES, RunNumbers, numbers_of
 from edmctl.results.run_file import Amount, ComparedRun, Comparison, Quantity, Setting
 from edmctl.wording import plain_number

@@ -20,7 +20,7 @@ from edmctl.errors import PreconditionError, installing
 from edmctl.record import layout
 from edmctl.record.layout import Column, Table
 from edmctl.record.reader import RunFile
-from edmctl.record.results import sites_of
+from edmctl.record.run_index import sites_of
 from edmctl.results.declared import ending_of, quantities
 from edmctl.results.job import SiteTruth
 

@@ -9,7 +9,7 @@ from operator import attrgetter
 from edmctl.dataclasses import dataclass
 from edmctl.labels import basis_of, weakest
 from edmctl.record.reader import RunFile
-from edmctl.record.results import sites_of
+from edmctl.record.run_index import sites_of
 from edmctl.results.run_file import RecordedSite, Totals
 from edmctl.results.telemetry import PulseShares
 from edmctl.wording import plain_number

@@ -9,7 +9,7 @@ from html import escape
 
 from edmctl.labels import marked
 from edmctl.record.reader import RunFile
-from edmctl.record.results import estimated_depth
+from edmctl.record.run_index import estimated_depth
 from edmctl.report import html, page_tables
 from edmctl.report.html import PageTable, Picture
 from edmctl.report.kinds import KINDS, draw

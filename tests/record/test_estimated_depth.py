@@ -10,9 +10,8 @@ import pytest
 
 from edmctl.record.events import RecordedCode
 from edmctl.record.reader import open_run
-from edmctl.record.results import estimated_depth
 from edmctl.record.rows import EventLevel, EventRow, SlowRow
-from edmctl.record.run_index import read_head
+from edmctl.record.run_index import estimated_depth, read_head
 from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, a_site_row
 

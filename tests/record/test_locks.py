@@ -92,7 +92,7 @@ def test_every_file_is_opened_where_locks_are_thought_of() -> None:
         for call in ast.walk(ast.parse(text))
         if isinstance(call, ast.Call) and ast.unparse(call.func) == "h5py.File"
     ]
-    assert sorted(bare) == ["hdf5.py", "hdf5.py", "hdf5.py"]
+    assert sorted(bare) == ["opening.py", "opening.py", "opening.py"]
 
 
 @pytest.mark.slow

@@ -12,8 +12,7 @@ from edmctl.record.create import NO_EXIT_CODE
 from edmctl.record.events import error_code_of
 from edmctl.record.layout import TOUCHES
 from edmctl.record.reader import RunFile
-from edmctl.record.results import estimated_depth
-from edmctl.record.run_index import status_of
+from edmctl.record.run_index import estimated_depth, status_of
 from edmctl.results.run_file import FileEvent, JumpTimes, RunSummary, Sentence
 from edmctl.wording import plain_number
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from edmctl.array_types import Array
 from edmctl.record import layout
 from edmctl.record.reader import RunFile
-from edmctl.record.results import has_sensor
+from edmctl.record.run_index import has_sensor
 from edmctl.report import style
 from edmctl.report.removal import KnownDepth, hole_starts_s, known_depths
 from edmctl.report.signals import MEAN_S, broken, floats, running_mean

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis, basis_of, marked
 from edmctl.record.reader import RunFile
-from edmctl.record.results import has_sensor
+from edmctl.record.run_index import has_sensor
 from edmctl.report import style
 from edmctl.report.numbers import numbers_of
 from edmctl.report.style import BLACK, BLUE, COLUMN_MM, GREEN, GREY, PAGE_MM, VERMILION, NothingToDraw
