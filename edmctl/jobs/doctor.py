@@ -65,7 +65,6 @@ class Checks:
     done: list[Check] = field(default_factory=list)
 
     def add(self, *checks: Check) -> None:
-        """Add checks."""
         self.done += checks
 
     def fail(self, name: str, error: EdmError) -> None:
@@ -339,7 +338,6 @@ class _Counted(SampleListener):
         self.samples = 0
 
     def telemetry(self, block: TelemetryBlock) -> None:
-        """Count."""
         self.samples += len(block.time_s)
 
 
