@@ -49,13 +49,10 @@ RESTS_S = (10.0, 20.0, 40.0, 80.0, 160.0)
 """What a rest before a touch may take: creep of a deep cut fades, and with it what is unknown of it."""
 REST_SHARE = 0.05  # of the time since the first touch it takes at most
 LEAST_GAIN = 0.05  # a rest that leaves so little less unknown does not pay
-
-
 MOST_CREEP_PER_CONSTANT = 0.15
 """Of any one time constant: three times what piezo actuators creep in a decade of time."""
 LEAST_CREEP = -0.05  # of all time constants together, and of each: noise may make it less than none
 LEAST_CREEP_U = 1e-6  # of each: less than a sensor's last digit after a full stroke is not known of it
-
 _GATHERED = 20  # blocks of samples that are followed together
 REST_V = 0.5  # an actuator at less is at rest
 

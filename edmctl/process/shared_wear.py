@@ -17,7 +17,6 @@ from edmctl.dataclasses import dataclass
 
 CONTRADICTION_SDS = 2.0
 """A touch further from the expectation than this widens its uncertainty by the excess."""
-
 MOST_ALONE = 8  # of more holes than these it is unlikely that just one has changed
 LEAST_WEAR_UM = 1e-3  # even a hole that is expected to have worn nothing may have
 
