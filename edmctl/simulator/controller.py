@@ -213,7 +213,6 @@ class Controller:
         assert samples == reply.n
         ctypes.memmove(counts, np.frombuffer(reply.records, "<i2").astype("=i2").tobytes(), 4 * samples)
 
-    # ------------------------------------------------------------------------------------ state of the core
     @property
     def tick(self) -> int:
         return self.plant.readings.tick
@@ -271,7 +270,6 @@ class Controller:
             self._at, time_us, event_no, boot_count, frames & 0xFFFFFFFF, pulse_no & 0xFFFFFFFF
         )
 
-    # ------------------------------------------------------------------------------------------ bytes and time
     def receive(self, data: bytes) -> None:
         at = 0
         while at < len(data):
@@ -418,7 +416,6 @@ class Controller:
         self._library.taken(self._at)
         return out
 
-    # ------------------------------------------------------------------------------------------ keeping it
     def kept(self) -> Kept:
         """Return what outlives a loss of power."""
         kept = Kept()
@@ -453,7 +450,6 @@ class Controller:
         twin._bind()
         return twin
 
-    # ------------------------------------------------------------------------------- what a board finds by itself
     def raise_fault(self, code: FaultCode, detail: int = 0) -> None:
         self._library.fault(self._at, int(code), detail)
         self._after_call()
