@@ -17,13 +17,17 @@ from tests.cli.run_files import killed
 from tests.record.samples import PROFILE, a_meta
 
 DEEP = {"target": {"kind": "depth", "depth_um": 180.0, "tolerance_um": 2.0}}
+PROCEDURES = {("measure-wear", "--reference"): "wear reference", ("approach", "--contact"): "contact touch"}
 WEAR = {"z2_um": 61.3, "wear_um": 3.468, "wear_u95_um": 0.991, "depth_um": 7.951, "depth_u95_um": 0.42}
 
 
 def made(folder: Path, run_id: str, *command: str, found: Mapping[str, object] | None = None) -> Path:
     """The file of a run of `command` that found something, or left a hole."""
     leaves = profile_leaves({**PROFILE, **DEEP, "jump": {"height_um": 60.0, "period_s": 10.0}})
-    meta = replace(a_meta(), run_id=run_id, command=("edmctl", *command), procedure="", profile_leaves=leaves)
+    procedure = PROCEDURES.get(command, command[0])
+    meta = replace(
+        a_meta(), run_id=run_id, command=("edmctl", *command), procedure=procedure, profile_leaves=leaves
+    )
     writer = RunWriter.create(folder / f"{run_id}.h5", meta)
     if found is not None:
         writer.append(Summary(json.dumps(found)))
