@@ -17,7 +17,10 @@ from tests.cli.run_files import killed
 from tests.record.samples import PROFILE, a_meta
 
 DEEP = {"target": {"kind": "depth", "depth_um": 180.0, "tolerance_um": 2.0}}
-PROCEDURES = {("measure-wear", "--reference"): "wear reference", ("approach", "--contact"): "contact touch"}
+PROCEDURES: dict[tuple[str, ...], str] = {
+    ("measure-wear", "--reference"): "wear reference",
+    ("approach", "--contact"): "contact touch",
+}
 WEAR = {"z2_um": 61.3, "wear_um": 3.468, "wear_u95_um": 0.991, "depth_um": 7.951, "depth_u95_um": 0.42}
 
 
