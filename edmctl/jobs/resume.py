@@ -29,15 +29,9 @@ HOMED_WITHIN_UM = 2.0
 
 
 def refuse_untouchable(resumption: Resumption, plan: Plan) -> None:
-    """Raise PreconditionError: E8054 the journal has no data of its channel, E8062 there is no hole to restart."""
-    run_id, state = resumption.job.run_id, resumption.state
+    """Raise PreconditionError E8062 if there is no hole to restart."""
+    run_id = resumption.job.run_id
     is_channel = plan.loaded.profile.path is not None
-    if is_channel and state.channel is None:
-        raise PreconditionError(
-            f"{run_id} machines a channel, and the edmctl that wrote its journal kept nothing of channels.",
-            hint="Machine the channel anew on fresh work.",
-            code="E8054",
-        )
     if is_channel and resumption.restart_hole:
         raise PreconditionError(
             f"{run_id} machines a channel, and --restart-hole makes holes anew.",
@@ -202,7 +196,7 @@ def checked(
 ) -> Plan:
     """Return the plan of the run's own request, on the machine that is named now.
 
-    Raises PreconditionError: E8053 profile or setup have changed, E8054 the journal has no data of its channel,
+    Raises PreconditionError: E8053 profile or setup have changed,
     E8056 its tool was used since, E8058 the virtual bench does not exist. Raises as `check`.
     """
     job = resumption.job

@@ -1,7 +1,4 @@
-"""What is to be done, and on which machine: a recipe, a setup, the places of the holes, what is known already.
-
-And what one hole is to become: a depth, a feed, or a way through the sheet.
-"""
+"""A job: recipe, setup, places of the holes, what is known already; and the target of one hole."""
 
 from __future__ import annotations
 
@@ -22,16 +19,16 @@ if TYPE_CHECKING:
     from edmctl.profile.setup import Setup
 
 REPORT_DELAY_S = 600.0
-"""Added to the age of what ledger and journal know: they tell of a home a while after it was seen."""
+"""Added to the age of a home in ledger and journal, which record it a while after it was seen."""
 SPOT_MARGIN_UM = 30.0
-"""Between the tool's edges at two spots: wider than a chip that a gap of some µm lets through."""
+"""Between the tool's edges at two spots: wider than debris that passes a gap of some µm."""
 THROUGH_TOLERANCE_UM = 5.0
-"""Of the sheet's thickness: a sheet that breaks through so much earlier or later is the sheet that was meant."""
+"""Of the sheet's thickness: a breakthrough may be this much earlier or later."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedActuator:
-    """A calibration of this machine's actuator, and how well its model does on data that it did not see."""
+    """A calibration of this machine's actuator, and the error of its model on held-out data."""
 
     model: ActuatorModel
     held_out_rms_um: float
@@ -39,15 +36,13 @@ class CalibratedActuator:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A recipe, the setup of the machine, the holes to make, and the actuator's calibration where there is one.
+    """A recipe, the setup of the machine, the holes to make, and the actuator's calibration if there is one.
 
-    `resumed` is how far an earlier run of this job came, `pause_s` ago, infinity where nobody knows; `restart_hole`
-    when the hole that it left is to be made from an untouched face. `tool_wear_before_um` is what the tool has
-    lost in earlier jobs, as far as anybody knows.
-    `home_um` is what the sensor showed of a tool at home `home_age_s` ago; NaN is since the controller came up.
-    `drift_seen_um_s` is the drift by which homes of earlier jobs contradict the setup, else 0; `drift` is what rests
-    and touches have in common where that was measured, `creep_left` what an earlier use of the actuator has left,
-    None where nothing has used it.
+    `resumed` is the state of an earlier run of this job, `pause_s` ago, infinity if unknown; `restart_hole` if its
+    hole is to be made again from an untouched surface. `tool_wear_before_um` is the wear in earlier jobs.
+    `home_um` is the sensor reading of a tool at home `home_age_s` ago; NaN is since the controller started.
+    `drift_seen_um_s` is the drift by which homes of earlier jobs contradict the setup, else 0; `drift` is the common
+    drift of rests and touches if measured, `creep_left` the residual creep, None if the actuator was not used.
     """
 
     profile: Profile
@@ -66,27 +61,27 @@ class Job:
 
     @property
     def unknown_use_s(self) -> float:
-        """How long ago the actuator may have been used in a way that nobody has followed; infinity: never."""
+        """How long ago the actuator may have been used unrecorded; infinity: never."""
         return math.inf if self.creep_left is None else self.creep_left.unknown_s
 
     @property
     def touch_basis(self) -> Basis:
-        """What a touch of this machine rests on."""
+        """What a touch of this machine is based on."""
         return Basis.TOUCHED if self.setup.sensor.fitted else Basis.MODEL
 
     @property
     def touches_final(self) -> bool:
-        """Whether the end of every hole is touched: a single hole has no other that would tell of it later."""
+        """Whether the end of every hole is touched: no later hole would measure a single one."""
         return len(self.sites) == 1 and self.profile.wear.remeasure == "auto"
 
     @property
     def pad(self) -> Place:
-        """Where the surface is touched before and after a cut."""
+        """Where the tool length is measured before and after a cut."""
         return Place(PAD, self.setup.stage.reference_x_um, self.setup.stage.reference_y_um)
 
     @property
     def spot_distance_um(self) -> float:
-        """How far spots of one surface are from each other."""
+        """Distance between spots of one surface."""
         return self.profile.tool.diameter_um + SPOT_MARGIN_UM
 
     @property
@@ -103,9 +98,8 @@ def job_of(
     *,
     start_x_um: float | None = None,
 ) -> Job:
-    """Make a job of a recipe: at its places, or one hole beside the reference pad.
-
-    That one is at `start_x_um`, where others may not be, or `measure.site_dx_um` from the pad.
+    """Return the job of a recipe: at its places, or one hole at `start_x_um` or `measure.site_dx_um` from the
+    pad.
     """
     if not places:
         stage = setup.stage
@@ -116,10 +110,10 @@ def job_of(
 
 @dataclass(frozen=True, slots=True)
 class HoleTarget:
-    """The objective of a hole. `depth_um` is NaN for a feed, `feed_um` for a depth.
+    """The target of a hole. `depth_um` is NaN for a feed, `feed_um` for a depth.
 
-    Of a way through, `depth_um` is the sheet's thickness and `completion_um` the feed after the breakthrough.
-    `regime` is the regime of a hole that ends there, where it has several.
+    For a way through, `depth_um` is the sheet's thickness and `completion_um` the feed after the breakthrough.
+    `regime` is the regime in use if the hole has several.
     """
 
     kind: str
@@ -137,7 +131,7 @@ class HoleTarget:
         return f"a depth of {self.depth_um:g} µm"
 
     def reached(self, depth_um: float, feed_um: float) -> str:
-        """Return what was reached of it, in words."""
+        """Return the reached part of it, in words."""
         if self.kind == "feed":
             return f"a feed of {feed_um:.2f} of {self.feed_um:g} µm"
         of_regime = f" of regime {self.regime}" if self.regime else ""
@@ -157,7 +151,7 @@ def target_of(profile: Profile, place: Place | None = None) -> HoleTarget:
 
 
 def verdict_of(target: HoleTarget, depth_um: float, depth_u95_um: float, *, through: bool) -> Verdict | None:
-    """Judge a depth with half its 95 % interval; a way through by whether it goes `through`, a feed not at all."""
+    """Return the verdict of a depth with half its 95 % interval, or of a way `through`; None for a feed."""
     if target.kind == "feed":
         return None
     if target.kind == "through":

@@ -1,9 +1,9 @@
-"""The state of a job: what it has reached so far, and what it must know to be taken up again."""
+"""The state of a job: what it has reached so far, and what a resumed job needs."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from edmctl.dataclasses import dataclass, field, fields
@@ -13,21 +13,10 @@ from edmctl.results.progress import Phase
 from edmctl.results.telemetry import LinkReport
 
 if TYPE_CHECKING:
-    from edmctl.process.rest_drift import CreepLeft
+    from edmctl.process.rest_drift import CreepLeft  # a dry run loads no NumPy
 
 PERIOD_S = 5.0
-"""Between two states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the touch of the bottom looks for."""
-
-_ADDED = (
-    "home_age_s",
-    "face_doubt_u_um",
-    "channel",
-    "broken_cuts",
-    "regime",
-    "regime_depth_um",
-    "regime_wear_um",
-)
-"""Fields that earlier journals do not have."""
+"""Period of the states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the search of the bottom covers."""
 
 Counts = tuple[int, int, int, int]
 SurfaceTouch = tuple[float, float, float, float]
@@ -35,21 +24,19 @@ SurfaceTouch = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class JobState:
-    """How far a job has come, in values that JSON holds.
+    """How far a job has come, in values that JSON can represent.
 
     `done` are the results of the finished sites, each a mapping of `SiteResult`'s fields. `site` is the hole under
-    way, empty between two; the rest is about it: the pad's height `z1_um` before its first cut (of `z1_touches`
-    touches with `z1_sd_um`, at `z1_time_s`; `z1_u_um` is its standard uncertainty where it was not touched right
-    before the hole, `z1_doubt_u_um` that of touches in doubt), whether a cut has begun, the last displacement and
-    the estimates of depth and wear, with the standard uncertainties of depth, wear and feed. `counts` (open,
-    normal, arc, short), `energy_j`, `cuts`, of which `broken_cuts` came to no end, and `machining_time_s` are the
-    hole's. `home_um` is what the sensor showed of a tool at home, `home_age_s` before `time_s`, NaN where nobody
-    knows. `time_s` counts from the start of the first run, pauses left out: those were `pause_s`, NaN where nobody
-    knows; `job_machining_time_s` is the machining in it. `face` is what was touched of the untouched face: x, y,
-    height over the pad and its standard uncertainty, µm; `face_doubt_u_um` is one on top, since something
-    contradicted it. `regime` is the number of the regime of the hole, which began at `regime_depth_um` with
-    `regime_wear_um` lost. `channel` is what a channel has to know besides, empty before it is begun and for holes,
-    None in the journal of an earlier version.
+    way, empty between two, and `begun` whether it was cut. The following fields are about it: `z1_*` is the reading
+    of the pad before its first cut (`z1_u_um` its standard uncertainty if it was not touched right before the hole,
+    `z1_doubt_u_um` that of doubted touches), then the last displacement, depth and wear with the standard
+    uncertainties of depth, wear and feed; `counts` are pulses by class (open, normal, arc, short). `broken_cuts` of
+    the `cuts` came to no end.
+
+    `home_um` is the sensor reading with the tool at home, `home_age_s` before `time_s`, NaN if unknown. `time_s`
+    counts from the start of the first run without pauses; those were `pause_s`, NaN if unknown. `face` are the
+    touches of the untouched surface: x, y, height over the pad and its standard uncertainty, µm; `face_doubt_u_um`
+    is added to it. `channel` has the state of a channel; it is empty before that was begun and for holes.
     """
 
     phase: str
@@ -85,7 +72,7 @@ class JobState:
     regime: int = 0
     regime_depth_um: float = 0.0
     regime_wear_um: float = 0.0
-    channel: Mapping[str, float] | None = field(default_factory=dict)
+    channel: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def has_cut(self) -> bool:
@@ -98,14 +85,14 @@ class JobState:
 
 
 def job_state(mapping: Mapping[str, object]) -> JobState:
-    """Return the state that `as_mapping` made. Raises TypeError or ValueError where it is none."""
+    """Return the state that `as_mapping` made. Raises TypeError or ValueError if it is none."""
     values = dict(mapping)
-    missing = [one.name for one in fields(JobState) if one.name not in values and one.name not in _ADDED]
+    missing = [one.name for one in fields(JobState) if one.name not in values]
     if missing:
         raise ValueError(f"it has no {', '.join(missing)}")
     done, counts, face = values.pop("done"), values.pop("counts"), values.pop("face")
-    channel = values.pop("channel", None)
-    if not isinstance(channel, dict | None):
+    channel = values.pop("channel")
+    if not isinstance(channel, dict):
         raise TypeError("channel has to be a mapping")
     if not isinstance(done, list | tuple) or not isinstance(counts, list | tuple) or len(counts) != 4:
         raise TypeError("done and counts have to be lists")
@@ -116,20 +103,8 @@ def job_state(mapping: Mapping[str, object]) -> JobState:
         done=tuple(dict(site) for site in done),
         face=tuple((float(x), float(y), float(height), float(u)) for x, y, height, u in face),
         counts=(int(counts[0]), int(counts[1]), int(counts[2]), int(counts[3])),
-        channel=None if channel is None else {name: float(value) for name, value in channel.items()},
+        channel={name: float(value) for name, value in channel.items()},
     )
-
-
-@dataclass(frozen=True, slots=True)
-class UnderWay:
-    """The hole or channel under way, as far as its job has to know it.
-
-    `state` adds what is known of it at a time of the run, s, to the state of the job; `leave` reports what is known
-    of it where the job ends early.
-    """
-
-    state: Callable[[JobState, float], JobState]
-    leave: Callable[[], None] = lambda: None
 
 
 class StateStore(Protocol):
@@ -140,7 +115,7 @@ class StateStore(Protocol):
 
 
 class NoStateStore:
-    """Keeps nothing: for jobs that nobody will take up again."""
+    """Keeps nothing: for jobs that are never resumed."""
 
     def keep(self, state: JobState, *, urgent: bool = False) -> None:
         """Do nothing."""
@@ -148,7 +123,7 @@ class NoStateStore:
 
 @dataclass(frozen=True, slots=True)
 class CutTotals:
-    """What cuts or passes have done together: their number, pulses by class (open, normal, arc, short), J and s."""
+    """Sums of cuts or passes: their number, pulses by class (open, normal, arc, short), J and s."""
 
     number: int = 0
     counts: Counts = (0, 0, 0, 0)
@@ -156,7 +131,7 @@ class CutTotals:
     time_s: float = 0.0
 
     def since(self, before: CutTotals) -> CutTotals:
-        """Return what has come to those before."""
+        """Return the difference to earlier sums."""
         opens, normals, arcs, shorts = (a - b for a, b in zip(self.counts, before.counts, strict=True))
         return CutTotals(
             self.number - before.number,
@@ -175,7 +150,7 @@ class CutTotals:
 
 @dataclass(frozen=True, slots=True)
 class RegimeBegun:
-    """How deep a hole was when its regime began, what the tool had lost in it, its cuts and stops until then."""
+    """Depth, wear, cuts and measurement cycles of a hole when its regime began."""
 
     depth_um: float = 0.0
     wear_um: float = 0.0
@@ -185,7 +160,7 @@ class RegimeBegun:
 
 @dataclass(slots=True)
 class RunningCut:
-    """What the cut under way has done so far, pulses by class; `displacement_um` is where it last sparked."""
+    """Sums of the cut under way, pulses by class; `displacement_um` is where it last sparked."""
 
     counts: Counts = (0, 0, 0, 0)
     energy_j: float = 0.0
@@ -195,16 +170,14 @@ class RunningCut:
 
 @dataclass(slots=True)
 class JobTally:
-    """What a job has reached so far; still there when the job ends with an error.
+    """What a job has reached so far, also when it ends with an error.
 
-    `depth_um` is the best present knowledge of the hole under way: estimated while cutting, then measured.
-    `open_site` names that hole until it is finished, `here` the hole where the tool is, empty beside the holes,
-    `unmeasured_site` from the begin of a cut until it is measured; `unwritten` names finished holes whose results
-    later touches may still correct, `ordered` all holes that no earlier run has begun, in working order.
-    `home_um` is what the sensor showed of the tool at home, at the last rest at 0 V, which was at `home_s`. `cut` is
-    the cut under way, `phase` what is being done, `warning` what was last warned of, at `warned_s`.
-    `time_s` and `machining_time_s` count those of the runs before this one too. `creep_left` is what the actuator
-    creeps back yet after a run that came to its end, `scatter` that of the touches of this run.
+    `depth_um` is the depth of the hole under way: estimated while cutting, then measured. `open_site` names that
+    hole until it is finished, `here` the hole where the tool is, `unmeasured_site` the hole from the begin of a cut
+    until it is measured. `unwritten` are finished holes whose results later touches may still correct, `ordered` all
+    holes that no earlier run has begun, in working order. `home_um` is the sensor reading with the tool at home, at
+    the last rest at 0 V, which was at `home_s`. `time_s` and `machining_time_s` include earlier runs. `creep_left`
+    is the residual creep after a run that came to its end, `scatter` that of the touches of this run.
     """
 
     sites: dict[str, SiteResult] = field(default_factory=dict)
@@ -215,7 +188,7 @@ class JobTally:
     unmeasured_site: str = ""
     unwritten: list[str] = field(default_factory=list)
     ordered: tuple[str, ...] = ()
-    cut: RunningCut = field(default_factory=lambda: RunningCut())
+    cut: RunningCut = field(default_factory=RunningCut)
     phase: Phase = Phase.MOVING
     warning: str = ""
     warned_s: float = math.nan
@@ -233,7 +206,7 @@ class JobTally:
 
     @property
     def sites_done(self) -> int:
-        """How many places are finished: the one under way may have a first result."""
+        """Number of finished places; the one under way may have a first result."""
         return len(self.sites) - (self.open_site in self.sites)
 
     @property
@@ -243,7 +216,7 @@ class JobTally:
 
     @property
     def wear_um(self) -> float:
-        """What the tool has lost at all sites so far."""
+        """Wear of the tool at all sites so far."""
         return math.fsum(site.wear_um for site in self.sites.values())
 
     @property

@@ -1,7 +1,7 @@
-"""Electrode jumps in free space, measured one by one: how high, how far beside where they began, how soon at rest.
+"""Electrode jumps in free space, measured one by one: height, residual displacement, settling time.
 
-The tool hangs as low as at the end of a hole, beside the work and without pulses, and jumps again and again
-(Muralidhara et al. 2009, §2.2 and Fig. 5, where ramps and drops of the voltage leave an error of some µm).
+The tool is as low as at the end of a hole, beside the work and without pulses, and jumps repeatedly (Muralidhara et
+al. 2009, §2.2 and Fig. 5, where ramps and drops of the voltage leave an error of some µm).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from edmctl.array_types import Array
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.machine.interface import MachineState, TelemetryBlock
 from edmctl.planning.removal import jump_time_s
-from edmctl.procedures.hole.running_cut import jump_request
+from edmctl.procedures.hole.cut import jump_request
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.record.rows import RunEvent
@@ -25,23 +25,23 @@ from edmctl.results.telemetry import joined
 from edmctl.wording import signed
 
 SETTLE_AT_DEPTH_S = 20.0
-"""Rest after the way down, several times the 5 to 6 s of creep after a large step (Muralidhara et al. 2009, Fig. 4):
-what is seen then comes of the jumps."""
+"""Rest after the way down, several times the 5 to 6 s of creep after a large step (Muralidhara et al. 2009, Fig.
+4)."""
 BASE_S = 0.3
-"""The sensor is averaged so long before a jump, and at the end of the time after it: 0.15 µm rms become 0.01 µm."""
+"""Averaging time of the sensor before a jump, and at the end of the time after it: 0.15 µm rms become 0.01 µm."""
 LEAST_REST_S = 1.0
-"""Between the end of a jump and the begin of the next one."""
+"""Least time from the end of a jump to the next one."""
 LOOKED_AT_S = 8.0
-"""At most, after a jump: what moves later is creep."""
+"""Longest time after a jump: later motion is creep."""
 TOP_S = 0.005
-"""The height is averaged so long about the top: shorter than the dwell, longer than ringing and noise."""
+"""Averaging time about the top: shorter than the dwell, longer than ringing and noise."""
 SMOOTHED_S = 0.02
 SETTLED_UM = 1.0
-"""A tool that stays within this of where it comes to rest has settled: the tolerance of a good touch."""
+"""A tool that stays within this of its final place has settled: the tolerance of a good touch."""
 
 
 def least_period_s(height_um: float, speed_um_s: float, dwell_s: float) -> float:
-    """Shortest time from jump to jump that leaves enough to see how the tool comes to rest."""
+    """Return the shortest time from jump to jump that shows how the tool settles."""
     return jump_time_s(height_um, speed_um_s, dwell_s) + LEAST_REST_S + BASE_S
 
 

@@ -1,7 +1,4 @@
-"""The main job: all places one after the other, or a channel, judged; the machine is left retracted and idle.
-
-What one place teaches, the next one uses.
-"""
+"""The main job: all places one after the other, or a channel; the machine is left retracted and idle."""
 
 from __future__ import annotations
 
@@ -10,10 +7,11 @@ from dataclasses import replace
 
 from edmctl.machine.interface import Machine
 from edmctl.planning.forecast import hole_time_s, working_order
+from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.planning.removal import hole
-from edmctl.procedures.hole.cut import Decision
-from edmctl.procedures.hole.hole import JobKnowledge, begin_hole, initial_knowledge
-from edmctl.procedures.hole.site import keep_hole_begun, machine_hole
+from edmctl.procedures.hole.decision import Decision
+from edmctl.procedures.hole.knowledge import JobKnowledge
+from edmctl.procedures.hole.procedure import HoleProcedure
 from edmctl.procedures.hole.site_result import judge_holes, open_site, record_left, record_results
 from edmctl.procedures.job import Job, target_of
 from edmctl.procedures.job_state import JobTally, StateStore
@@ -22,10 +20,9 @@ from edmctl.procedures.run import MOVING, JobRun
 from edmctl.procedures.servo.limits import TimeLimits, rise_um
 from edmctl.procedures.servo.supervisor import STROKE_RESERVE_UM
 from edmctl.procedures.session import running
-from edmctl.procedures.touch.surface_plane import touch_plane, touch_where_unknown
 from edmctl.process.plane import TOUCHES_FOR_A_PLANE
 from edmctl.profile.places import Place
-from edmctl.record.rows import EventLevel, Recorder, RunEvent
+from edmctl.record.rows import Recorder, RunEvent
 from edmctl.results.job import JobResult, ObjectiveMissed
 from edmctl.results.progress import Observer
 
@@ -47,15 +44,15 @@ def run_job(
 ) -> JobResult:
     """Run a whole job on an idle machine.
 
-    The recorder takes every sample, decision and result; the observer is told progress and decisions; the tally
-    holds what has been reached, also after an error; the store keeps what it takes to go on after an interruption.
+    The recorder takes every sample, decision and result; the observer gets progress and decisions; the tally has
+    what was reached, also after an error; the store keeps the state that a resumed job needs.
 
     Raises
     ------
     ObjectiveMissed
         The job ended in order but short of its target; carries the result.
     MachineFault, LinkLost, PreconditionError, RunFileError, Interrupted
-        The safe state was reached first, or by the controller alone where the link is lost.
+        The safe state was reached first, or by the controller alone if the link is lost.
     """
     tally = tally or JobTally()
     if job.profile.path is None:
@@ -94,23 +91,21 @@ def _record_left_channel(run: JobRun) -> None:
 
 
 def machine_sites(run: JobRun) -> Decision | None:
-    """Machine every place that is not done yet; the decision of the first that misses its objective, None if all do.
+    """Machine every place that is not done yet; return the first decision that misses its target, else None.
 
-    A tool that would lose more than it may ends the job before the next place, with what is done and what remains.
+    A tool that would lose more than it may ends the job before the next place.
     """
-    knowledge = initial_knowledge(run)
+    knowledge = JobKnowledge(run)
     missed = _machine_sites(run, knowledge)
     judge_job(run, knowledge.pads)
     return missed
 
 
 def _machine_sites(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
-    limits = TimeLimits(run)
-    resumed = run.job.resumed
-    done = set(run.tally.sites)
+    limits, resumed, done = TimeLimits(run), run.job.resumed, set(run.tally.sites)
     left = [site for site in working_order(run.profile, run.setup, run.job.sites) if site.name not in done]
     if resumed is not None and not resumed.begun and left:
-        from edmctl.procedures.hole.resuming import check_last_hole
+        from edmctl.procedures.hole.resuming import check_last_hole  # only resumed jobs need it
 
         check_last_hole(run, knowledge)
     for number, site in enumerate(left):
@@ -118,62 +113,55 @@ def _machine_sites(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
         if used_up is not None:
             return used_up
         open_site(run, site)
-        begun = resumed is not None and resumed.begun and resumed.site == site.name
-        decision = _resumed(run, site, knowledge, limits) if begun else None
+        decision = None
+        if resumed is not None and resumed.begun and resumed.site == site.name:
+            from edmctl.procedures.hole.resuming import ResumedHole  # as above
+
+            decision = ResumedHole(run, site, knowledge, limits).resume()
         if decision is None:
-            decision = _machine_fresh(run, site, knowledge, left[number:], limits)
+            _touch_surface(run, site, knowledge, left[number:])
+            hole = knowledge.next_hole(site)
+            hole.keep()
+            is_last = number == len(left) - 1
+            decision = HoleProcedure(run, hole, knowledge, limits).machine(is_last=is_last)
         run.keeper.keep(MOVING, None)
         if decision.missed:
             return _of_several(run, decision, site)
     return None
 
 
-def _resumed(run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> Decision | None:
-    from edmctl.procedures.hole.resuming import resume_hole, resume_through_hole
-
-    is_through = run.profile.target.kind == "through" and not run.job.restart_hole
-    return (resume_through_hole if is_through else resume_hole)(run, site, knowledge, limits)
+def _touch_surface(run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequence[Place]) -> None:
+    """Touch the workpiece surface if its tilt would limit the depths."""
+    if knowledge.tool is None:
+        knowledge.touch_pad_first(site.name)
+    assert knowledge.tool is not None
+    surface = knowledge.surface
+    wanted = run.profile.array.surface == "plane" and len(left) >= TOUCHES_FOR_A_PLANE
+    if wanted and not surface.touched:
+        surface.touch_plane(left, knowledge.tool)
+    elif run.profile.target.kind != "through" and surface.height_u_um(site) > FACE_LIMIT_UM:
+        surface.touch(site, knowledge.tool)
+    else:
+        return
+    surface.keep()
 
 
 def _of_several(run: JobRun, decision: Decision, site: Place) -> Decision:
-    """Return the end after a hole that missed its objective, with the holes of the job that were not begun."""
+    """Return the end after a hole that missed its target, with the holes that were not begun."""
     missed, hint, names = decision.missed, decision.hint, run.tally.not_begun
     if len(run.job.sites) > 1:
         missed = f"{site.name}: {missed}"
     if names:
         text = f"Not begun: {', '.join(names)}."
-        run.decide(RunEvent.SITES_LEFT, text, {"left": len(names)}, level=EventLevel.WARNING)
+        run.warn(RunEvent.SITES_LEFT, text, {"left": len(names)})
         missed = f"{missed} {text}"
     if decision.code == STROKE_CODE and run.tally.sites_done > 1:
         hint = STROKE_HINT
     return replace(decision, missed=missed, hint=hint, site=site.name)
 
 
-def _machine_fresh(
-    run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequence[Place], limits: TimeLimits
-) -> Decision:
-    hole = begin_hole(run, site, knowledge)
-    if _touch_surface(run, site, knowledge, left):
-        run.keeper.set_surface(tuple(knowledge.surface.touched), knowledge.surface.doubt_u_um)
-        hole = begin_hole(run, site, knowledge)
-    keep_hole_begun(run, hole)
-    return machine_hole(run, hole, knowledge, limits, is_last=len(left) == 1)
-
-
-def _touch_surface(run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequence[Place]) -> bool:
-    """Touch the face where its tilt would limit the depths; whether anything was touched."""
-    assert knowledge.tool is not None
-    wanted = run.profile.array.surface == "plane" and len(left) >= TOUCHES_FOR_A_PLANE
-    if wanted and not knowledge.surface.touched:
-        touch_plane(run, left, knowledge.surface, knowledge.tool)
-        return True
-    if run.profile.target.kind == "through":
-        return False
-    return touch_where_unknown(run, site, knowledge.surface, knowledge.tool)
-
-
 def _used_up(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Decision | None:
-    """Return the end before a place for which wear limit or stroke do not suffice; None while they do."""
+    """Return the end before a place for which wear limit or stroke do not suffice; None if they do."""
     target, ratio = target_of(run.profile, left[0]), knowledge.estimate.wear_ratio
     feed_um = target.feed_um if target.kind == "feed" else target.depth_um * (1.0 + ratio)
     lost_um, next_um = run.job.tool_wear_before_um + run.tally.wear_um, feed_um * ratio / (1.0 + ratio)
@@ -190,14 +178,14 @@ def _used_up(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Dec
     else:
         return None
     message = f"{why} Done: {len(run.tally.sites)}; left: {', '.join(run.tally.not_begun)}."
-    run.decide(RunEvent.SITES_LEFT, message, {"left": len(left), "hint": hint}, level=EventLevel.WARNING)
+    run.warn(RunEvent.SITES_LEFT, message, {"left": len(left), "hint": hint})
     return Decision(None, message, message, hint, code)
 
 
 def _stroke_um(
     run: JobRun, knowledge: JobKnowledge, site: Place, feed_um: float
 ) -> tuple[float, float] | None:
-    """Return the stroke that a hole needs to end within its tolerance, and the one there is, in µm.
+    """Return the stroke that a hole needs to end within its tolerance, and the available one, µm.
 
     None before the first touch of the tool, without a model of the actuator, and in several regimes.
     """
@@ -207,6 +195,8 @@ def _stroke_um(
     target = target_of(profile, site)
     spare_um = 0.0 if target.kind == "feed" else target.tolerance_um
     surface_um = knowledge.tool.pad_um + knowledge.surface.height_um(site)
-    needed_um = surface_um + feed_um - spare_um + target.completion_um - knowledge.gap_um + STROKE_RESERVE_UM
+    needed_um = (
+        surface_um + feed_um - spare_um + target.completion_um - knowledge.gap.value + STROKE_RESERVE_UM
+    )
     time_s = hole_time_s(profile, hole(profile, target.depth_um))
     return needed_um, run.watch.displacement_um + rise_um(estimator, profile.limits.stroke_v_max, time_s)

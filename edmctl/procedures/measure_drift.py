@@ -1,7 +1,7 @@
-"""What rests at 0 V and touches of the pad have in common: touched and rested in turn, with a hold at depth between.
+"""The common drift of rests at 0 V and touches of the pad: touched and rested in turn, with a hold at depth between.
 
-No sparks are made. The hold stands over free space, at the parking place: creep after it moves rests and no touches,
-and touches of the pad alone would never excite it as a job does.
+No sparks are made. The tool is held over free space, at the parking place: creep after it moves rests and no
+touches, and touches of the pad alone would not cause it as a job does.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to, retract
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
-from edmctl.procedures.touch.spots import read_pad
+from edmctl.procedures.touch.spots import OFFSET_U_UM, read_pad
 from edmctl.process.rest_drift import (
     LEAST_TOUCHES,
     DriftFit,
@@ -34,20 +34,18 @@ from edmctl.results.measurements import DriftResult
 from edmctl.results.progress import Phase
 from edmctl.wording import decimal
 
-PAD_U_UM = 3.5
-"""Standard uncertainty with which the first touch of the pad is foreseen."""
 AGAIN_U_UM = 0.5
-"""And every further one: what drifts in a minute, and creep that the tool is lowered with."""
+"""Standard uncertainty of every further touch of the pad: drift of a minute, and creep."""
 BEFORE_HOLD_SHARE = 0.3
-"""Of the time without the hold: so much of it passes before the hold. What follows shows its creep fade."""
+"""Share of the time without the hold that passes before it. The rest shows its creep fade."""
 RESTED_S = 1.0
-"""After a retraction the first rest is taken; in a job the stages have moved for as long."""
+"""Time from a retraction to the rest; in a job the stages move for as long."""
 STROKE_SHARE = 0.95
-"""Of the stroke that the profile allows the hold uses at most."""
+"""Largest share of the permitted stroke for the hold."""
 TOUCH_S = 12.0
-"""One touch of a known pad from 0 V and back, besides its contacts."""
+"""Time of a touch of a known pad from 0 V and back, besides its contacts."""
 MOST_MISFIT = 3.0
-"""Residuals so many times as large as expected: something else moves rests or touches than creep and drift."""
+"""Largest ratio of residuals to the expected ones; beyond it something else than creep and drift acts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +59,7 @@ class DriftPlan:
 
     @property
     def touches(self) -> int:
-        """How many touches there are about."""
+        """Approximate number of touches."""
         return int((self.duration_s - self.hold_s) // self.interval_s) + 1
 
     @property
@@ -72,7 +70,7 @@ class DriftPlan:
 
 @dataclass(slots=True)
 class DriftRecord:
-    """Rests and touches, and which of the rests was the first after the hold; the first reading of the pad."""
+    """Rests and touches, the index of the first rest after the hold, and the first reading of the pad."""
 
     rests: list[Rest] = field(default_factory=list)
     touches: list[Touch] = field(default_factory=list)
@@ -81,7 +79,7 @@ class DriftRecord:
 
 
 def plan_drift(profile: Profile, setup: Setup, duration_s: float | None = None) -> DriftPlan:
-    """Plan by the setup, over another time where one is given.
+    """Plan by the setup, or over the given time.
 
     Raises UsageError E2064 if the time is beyond the bounds of drift.duration_s or too short for the hold,
     PreconditionError E8034 without a sensor.
@@ -118,7 +116,7 @@ def plan_drift(profile: Profile, setup: Setup, duration_s: float | None = None) 
 
 
 def drift_time_s(plan: DriftPlan, profile: Profile, setup: Setup) -> float:
-    """From an idle machine to the last touch, s."""
+    """Return the time from an idle machine to the last touch, s."""
     moves_s = 2.0 * move_time_s(park_to_pad_um(setup), setup)
     last_s = TOUCH_S + profile.measure.touches * again_s(profile)
     return touch_time_s(profile, setup) + plan.duration_s + moves_s + last_s
@@ -127,7 +125,7 @@ def drift_time_s(plan: DriftPlan, profile: Profile, setup: Setup) -> float:
 def measure_drift(run: JobRun, plan: DriftPlan, expected_um: float) -> DriftRecord:
     """Touch the pad, expected at `expected_um`, and rest in turn; hold the tool at depth over the parking place."""
     pad, record = run.job.pad, DriftRecord()
-    first = read_pad(run, "Z1", pad.name, expected_um, PAD_U_UM)
+    first = read_pad(run, "Z1", pad.name, expected_um, OFFSET_U_UM)
     record.first, predicted_um = first, first.z_um
     move_to(run, pad)
     begin_s = run.machine.time_s
@@ -155,7 +153,7 @@ def measure_drift(run: JobRun, plan: DriftPlan, expected_um: float) -> DriftReco
 
 
 def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[DriftFit, DriftResult]:
-    """Regress touches on rests. Raises ObjectiveNotReached E7041 where they are not explained by drift and creep."""
+    """Regress touches on rests. Raises ObjectiveNotReached E7041 if drift and creep do not explain them."""
     try:
         walk = run.setup.drift.walk_um_per_sqrt_s
         fit = fit_drift(record.rests, record.touches, walk, run.job.unknown_use_s)
@@ -194,10 +192,7 @@ def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[Dri
         hold_s=plan.hold_s,
         time_s=run.machine.time_s,
         beliefs=judge(
-            run,
-            [record.first] if record.first else [],
-            fit.rest_um_per_s.value,
-            fit.rest_um_per_s.u,
+            run, [record.first] if record.first else [], fit.rest_um_per_s.value, fit.rest_um_per_s.u
         ),
     )
     run.decide(
@@ -211,21 +206,18 @@ def drift_result(run: JobRun, plan: DriftPlan, record: DriftRecord) -> tuple[Dri
 
 
 def _hold(run: JobRun, plan: DriftPlan) -> None:
-    """Hold the tool at depth over free space, and retract. Raises PreconditionError E8021 where it touches there."""
+    """Hold the tool at depth over free space. Raises PreconditionError E8021 if it touches there."""
     move_to(run, run.job.parking)
     run.begin(Phase.MEASURING)
     lower_to(run, run.tally.home_um + plan.hold_um)
     run.machine.rest(plan.hold_s)
-    if run.watch.in_contact:
-        raise PreconditionError(
-            f"The contact sensor reads closed at {run.watch.displacement_um:.1f} µm over the parking place.",
-            hint="Set stage.park_x_um and park_y_um to where the tool may use its whole stroke.",
-            code="E8021",
-        )
+    run.refuse_contact(
+        " over the parking place",
+        "Set stage.park_x_um and park_y_um to where the tool may use its whole stroke.",
+    )
 
 
 def _note_rest(run: JobRun, record: DriftRecord) -> None:
-    """Take the rest of this moment."""
     run.watch.rest()
     assert run.watch.last_rest is not None
     record.rests.append(run.watch.last_rest)

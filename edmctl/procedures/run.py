@@ -1,25 +1,17 @@
-"""What every procedure of a run works with, and the state that is kept of it for a run that goes on with the job.
-
-The state is kept at every step, and every few seconds of a cut.
-"""
+"""What every procedure of a run works with, and the state of the job that the journal keeps."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any, Protocol
 
 from edmctl.dataclasses import asdict, dataclass, field, replace
+from edmctl.errors import PreconditionError
 from edmctl.machine.interface import Machine, TelemetryBlock
+from edmctl.planning.regimes import recipes_of
 from edmctl.procedures.job import HoleTarget, Job, target_of
-from edmctl.procedures.job_state import (
-    PERIOD_S,
-    JobState,
-    JobTally,
-    NoStateStore,
-    StateStore,
-    SurfaceTouch,
-    UnderWay,
-)
+from edmctl.procedures.job_state import PERIOD_S, JobState, JobTally, NoStateStore, StateStore, SurfaceTouch
 from edmctl.procedures.monitoring.drift import counted_pause_s, uncertainty_now
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.settings import gap_reference_v
@@ -29,27 +21,36 @@ from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent
 from edmctl.results.job import SiteResult
-from edmctl.results.progress import Extremes, Observer, Phase, Progress
-from edmctl.results.telemetry import PulseShares
+from edmctl.results.progress import Observer, Phase, Progress
+from edmctl.results.telemetry import BlockSummary, PulseShares, pulse_shares
 
 MACHINING, MEASURING, MOVING = "machining", "measuring", "moving"
 """Phases of a job; while it is machining, the state is kept every few seconds too."""
 SAMPLES_LATE_S = 1.0
-"""A cut without samples is ended after so long at the latest."""
+"""A cut without samples is ended after this time at the latest."""
 
 Args = Mapping[str, float | int | str | bool]
 
 NO_PULSES = PulseShares(0.0, 0.0, 0.0, 0.0)
-NOT_SAMPLED = Extremes(math.nan, math.nan, math.nan, math.nan, math.nan)
 LOOK_S = 0.1
+
+
+class UnderWay(Protocol):
+    """The hole or channel under way, for the journal."""
+
+    def add_to(self, state: JobState, now_s: float) -> JobState:
+        """Return the state of the job with that of the hole at a time of the run."""
+
+    def leave(self) -> None:
+        """Report what is known of it when the job ends early."""
 
 
 @dataclass(slots=True, eq=False)
 class JobStateKeeper:
-    """Puts the state of a job together from its tally and the hole or channel under way.
+    """Keeps the state of a job, from its tally and the hole or channel under way.
 
-    `time_s` is that of the newest sample, or of the newest step. After `stop`, `samples_late_s` is how long the line
-    had been silent then.
+    `time_s` is that of the newest sample or step. After `stop`, `samples_late_s` is how long the line had been
+    silent then.
     """
 
     job: Job
@@ -66,15 +67,14 @@ class JobStateKeeper:
 
     def __post_init__(self) -> None:
         if self.job.resumed is not None:
-            self._surface = self.job.resumed.face
-            self._surface_doubt_u_um = self.job.resumed.face_doubt_u_um
+            self.set_surface(self.job.resumed.face, self.job.resumed.face_doubt_u_um)
 
     def set_surface(self, touched: tuple[SurfaceTouch, ...], doubt_u_um: float) -> None:
-        """Note what was touched of the untouched surface, and what is doubted of it."""
+        """Take the touches of the workpiece surface, and their additional standard uncertainty."""
         self._surface, self._surface_doubt_u_um = touched, doubt_u_um
 
     def doubt_surface(self, u_um: float) -> None:
-        """Take the surface to be less certain by a standard uncertainty."""
+        """Add a standard uncertainty to that of the surface."""
         self._surface_doubt_u_um = math.hypot(self._surface_doubt_u_um, u_um)
 
     def keep(self, phase: str, under_way: UnderWay | None, time_s: float | None = None) -> None:
@@ -91,12 +91,12 @@ class JobStateKeeper:
             self._keep(MACHINING, urgent=False)
 
     def stop(self, time_s: float, *, linked: bool) -> None:
-        """Keep the newest times and estimates of a job that ends early, at once where the line lives."""
+        """Keep the newest state of a job that ends early, at once if the line is alive."""
         self.samples_late_s = (
             min(max(0.0, time_s - self.time_s), SAMPLES_LATE_S) if linked else SAMPLES_LATE_S
         )
         if not self.phase and self.job.resumed is not None:
-            # Nothing was touched yet: what the run before knew stands.
+            # Nothing was touched yet: the state of the run before remains.
             state = after_pause(self.job)
             age_s = state.home_age_s + time_s
             self.store.keep(replace(state, time_s=state.time_s + time_s, home_age_s=age_s), urgent=linked)
@@ -105,7 +105,7 @@ class JobStateKeeper:
         self._keep(self.phase or "starting", urgent=linked)
 
     def leave(self) -> None:
-        """Report what is known of the hole or channel under way, where the job ends early."""
+        """Report what is known of the hole or channel under way when the job ends early."""
         if self._under_way is not None:
             self._under_way.leave()
 
@@ -125,7 +125,7 @@ class JobStateKeeper:
             home_age_s=self.time_s - tally.home_s,
         )
         if self._under_way is not None:
-            state = self._under_way.state(state, self.time_s)
+            state = self._under_way.add_to(state, self.time_s)
         self.store.keep(state, urgent=urgent)
 
     def _done(self) -> tuple[Mapping[str, object], ...]:
@@ -137,13 +137,13 @@ class JobStateKeeper:
 
 
 def total_pause_s(job: Job) -> float:
-    """Return all pauses of the job so far; NaN where the newest is unknown."""
+    """Return all pauses of the job so far; NaN if the newest is unknown."""
     before_s = job.resumed.pause_s if job.resumed else 0.0
     return before_s + job.pause_s if math.isfinite(job.pause_s) else math.nan
 
 
 def after_pause(job: Job) -> JobState:
-    """Return what the run before left, as long ago as it is now: the pause is in it, for whoever goes on later."""
+    """Return the state that the run before left, with its times counted from now."""
     state = job.resumed
     assert state is not None
     return replace(
@@ -156,7 +156,7 @@ def after_pause(job: Job) -> JobState:
 
 @dataclass(slots=True)
 class RegimeNow:
-    """The regime in use by its number; no name and no profile of its own where the job has none."""
+    """The regime in use; no name and no profile of its own if the job has none."""
 
     number: int = 0
     name: str = ""
@@ -165,7 +165,7 @@ class RegimeNow:
 
 @dataclass(frozen=True, slots=True)
 class JobRun:
-    """The machine, the job, and everybody who is told about it."""
+    """The machine, the job, and where its progress is recorded and reported."""
 
     machine: Machine
     job: Job
@@ -178,87 +178,119 @@ class JobRun:
 
     @property
     def profile(self) -> Profile:
-        """The recipe, of the regime in use where the job has several."""
+        """The recipe, of the regime in use if the job has several."""
         return self.regime.profile or self.job.profile
-
-    def target_at(self, site: Place) -> HoleTarget:
-        """Return what a hole is to reach; with the regime in use, where the job has several."""
-        return replace(target_of(self.profile, site), regime=self.regime.name)
-
-    @property
-    def regime_follows(self) -> bool:
-        """Whether other pulses take over where those in use are done: they begin from a bottom that is touched."""
-        return self.regime.number + 1 < len(self.job.profile.regimes)
 
     @property
     def setup(self) -> Setup:
         """The machine's own settings."""
         return self.job.setup
 
+    def target_at(self, site: Place) -> HoleTarget:
+        """Return the target of a hole in the regime in use."""
+        return replace(target_of(self.profile, site), regime=self.regime.name)
+
+    @property
+    def regime_follows(self) -> bool:
+        """Whether another regime follows, which begins from a measured bottom."""
+        return self.regime.number + 1 < len(self.job.profile.regimes)
+
     @property
     def uncertainty(self) -> Displacement:
         """Standard uncertainties of a displacement as they are by now."""
         return uncertainty_now(self.job, self.watch.rests)
 
+    def use_regime(self, number: int) -> None:
+        """Use the recipe of a regime from now on; without effect if the job has none."""
+        if not self.job.profile.regimes:
+            return
+        recipe = recipes_of(self.job.profile)[number]
+        self.regime.number, self.regime.name, self.regime.profile = number, recipe.name, recipe.profile
+        self.watch.set_duty_voltage(recipe.profile.pulse.duty_voltage_v)
+
+    def note(self, code: RunEvent, message: str, args: Args, level: EventLevel = EventLevel.INFO) -> None:
+        """Write an event to the run file."""
+        self.recorder.append(EventRow(self.machine.time_s, code, level, message, args))
+
     def decide(
         self, code: RunEvent, message: str, args: Args, *, level: EventLevel = EventLevel.INFO
     ) -> None:
-        """Write a decision or result to the run file and tell the observer."""
+        """Write a decision or result to the run file and report it to the observer."""
         if level >= EventLevel.WARNING:
             self.tally.warning, self.tally.warned_s = message, self.machine.time_s
-        self.recorder.append(EventRow(self.machine.time_s, code, level, message, args))
+        self.note(code, message, args, level)
         self.observer.note(message)
 
-    def begin(self, phase: Phase) -> None:
-        """Tell the observer what comes now."""
-        self.tally.phase = phase
-        self.report_idle(self.machine.time_s, 0.0, NO_PULSES, self.watch.displacement_um)
+    def warn(self, code: RunEvent, message: str, args: Args) -> None:
+        """Do the same with a warning, which stays visible in the progress."""
+        self.decide(code, message, args, level=EventLevel.WARNING)
 
-    def report_idle(
-        self,
-        time_s: float,
-        gap_v: float,
-        ratios: PulseShares,
-        displacement_um: float,
-        between: Extremes = NOT_SAMPLED,
+    def refuse_contact(self, where: str, hint: str) -> None:
+        """Raise PreconditionError E8021 if the contact sensor reads closed where nothing is to be touched."""
+        if self.watch.in_contact:
+            here_um = self.watch.displacement_um
+            message = f"The contact sensor reads closed at {here_um:.1f} µm{where}."
+            raise PreconditionError(message, hint=hint, code="E8021")
+
+    def begin(self, phase: Phase) -> None:
+        """Report the phase that begins."""
+        self.tally.phase = phase
+        self._report_idle(self.machine.time_s, 0.0, NO_PULSES, self.watch.displacement_um)
+
+    def on_telemetry(self, block: TelemetryBlock) -> None:
+        """Report the samples of a block; while machining the follower of the cut or pass does so."""
+        if self.tally.phase is Phase.MACHINING:
+            return
+        seen = block.summary
+        shares = pulse_shares(*seen.counts)
+        self._report_idle(seen.end_s, seen.gap_mean_v, shares, seen.mean_um, **extremes_of(seen))
+
+    def _report_idle(
+        self, time_s: float, gap_v: float, ratios: PulseShares, displacement_um: float, **extremes: float
     ) -> None:
-        """Tell the observer what is known while nothing is machined; `between` are the extremes since last time."""
+        progress = self.progress(
+            phase=self.tally.phase,
+            time_s=time_s,
+            gap_v=gap_v,
+            reference_v=gap_reference_v(self.profile),
+            ratios=ratios,
+            depth_um=self.tally.depth_um,
+            depth_target_um=self.tally.depth_target_um,
+            displacement_um=displacement_um,
+            time_left_s=math.nan,
+            **extremes,
+        )
+        self.observer.progress(progress)
+
+    def progress(self, **values: Any) -> Progress:
+        """Return a progress with the state of the job filled in."""
         tally = self.tally
-        self.observer.progress(
-            Progress(
-                phase=tally.phase,
-                time_s=time_s,
-                gap_v=gap_v,
-                reference_v=gap_reference_v(self.profile),
-                ratios=ratios,
-                depth_um=tally.depth_um,
-                depth_target_um=tally.depth_target_um,
-                displacement_um=displacement_um,
-                time_left_s=math.nan,
-                site=self.site_among_many,
-                gap_low_v=between.gap_low_v,
-                gap_high_v=between.gap_high_v,
-                displacement_low_um=between.displacement_low_um,
-                displacement_high_um=between.displacement_high_um,
-                sites_done=tally.sites_done,
-                sites_total=len(self.job.sites),
-                warning=tally.warning,
-                warned_s=tally.warned_s,
-            )
+        return Progress(
+            # The name of the hole where the tool is: empty beside the holes, and if there is only one.
+            site=tally.here if len(self.job.sites) > 1 else "",
+            sites_done=tally.sites_done,
+            sites_total=len(self.job.sites),
+            warning=tally.warning,
+            warned_s=tally.warned_s,
+            **values,
         )
 
-    @property
-    def site_among_many(self) -> str:
-        """Name of the hole where the tool is; empty beside the holes, and if there is only one."""
-        return self.tally.here if len(self.job.sites) > 1 else ""
+
+def extremes_of(seen: BlockSummary) -> dict[str, Any]:
+    """Return the extremes of a block by the names of `Progress`."""
+    return {
+        "gap_low_v": seen.gap_low_v,
+        "gap_high_v": seen.gap_high_v,
+        "displacement_low_um": seen.low_um,
+        "displacement_high_um": seen.high_um,
+    }
 
 
 def rest_and_look(run: JobRun, duration_s: float) -> None:
-    """Rest for a time, and on until a sample has come that was taken in it.
+    """Rest for a time, and then until a sample from that time has arrived.
 
-    Time passes on a host that is held up and on a line that loses frames too, but what the tool did meanwhile is not
-    known then, and a ramp that is planned from an older place goes too far. Where no sample comes at all the rest
-    raises LinkLost E4022, as every wait does.
+    If the host is delayed or frames are lost, time passes without samples, and a ramp that is planned from an older
+    place goes too far. Without any samples the rest raises LinkLost E4022, as every wait does.
     """
     begin_s = run.machine.time_s
     run.machine.rest(duration_s)

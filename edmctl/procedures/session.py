@@ -1,13 +1,12 @@
-"""A machine made ready for a job or one procedure and put away after it: armed, conditioned, recorded, retracted.
+"""A machine is made ready for a job or one procedure, and left retracted and idle after it.
 
-Whatever ends a procedure early, the machine is brought to its safe state first.
+If anything ends a procedure early, the machine is brought to its safe state first.
 
 Conditioning brings the memory of the actuator into a known state beside the work, and starts the estimator there.
-Hysteresis remembers the turning points of the voltage; full swings wipe out whatever came before. Without
-them a model is wrong by tens of µm near 0 V (Muralidhara et al. 2009, §2.2, near the trough of Fig. 3a).
-
-The swings are also the home of the estimator: they are compared with the sensor over the whole stroke, which
-sets today's gain and zero of a calibration. Without a calibration a plain model is identified from them.
+Hysteresis depends on the turning points of the voltage; full swings erase the earlier ones. Without them a model is
+wrong by tens of µm near 0 V (Muralidhara et al. 2009, §2.2, near the trough of Fig. 3a). The swings are compared
+with the sensor over the whole stroke, which sets the gain and zero of the day for a calibration; without one a plain
+model is identified from them.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -26,33 +26,32 @@ from edmctl.errors import EdmError, LinkLost, MachineFault, PreconditionError, P
 from edmctl.machine.interface import SLICE_S, Machine, TelemetryBlock, joined
 from edmctl.procedures.actuator.sensorless import SensorlessMachine
 from edmctl.procedures.actuator.tracker import Tracker, home
-from edmctl.procedures.hole.regimes import take_recipe
 from edmctl.procedures.job import CalibratedActuator, Job
 from edmctl.procedures.job_state import JobTally, NoStateStore, StateStore
-from edmctl.procedures.monitoring.monitors import IdleMonitor, LinkMonitor, SensorMonitor, record_link
+from edmctl.procedures.monitoring.monitors import LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import Args, JobRun, JobStateKeeper, rest_and_look, total_pause_s
 from edmctl.procedures.settings import controller_settings, pulse_settings, recorded_every, telemetry_settings
 from edmctl.procedures.stages import move_to
 from edmctl.record.plain_values import site_result_of
-from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent
+from edmctl.record.rows import EventLevel, Recorder, RunEvent
 from edmctl.results.progress import Observer, Phase
 from edmctl.wording import signed
 
 LEAST_GAIN_UM_PER_V = 0.05
 """Half the least mean gain that a setup may have."""
 DAY_GAINS = (0.5, 2.0)
-"""Between which the gain of the day lies: a stage's moves by percents, another machine's by tens of them."""
+"""Limits of the gain of the day: that of a stage changes by percents, of another machine by tens of them."""
 REST_S = 1.0
-"""Rest before the first swing: the record starts from a standing actuator."""
+"""Rest before the first swing, so that the record starts from an actuator at rest."""
 
 
 @contextmanager
 def safe_state_on_error(machine: Machine) -> Iterator[None]:
-    """Pulses off, retract, idle, when anything is raised inside; the error then goes on its way unchanged.
+    """Pulses off, retract, idle, when anything is raised inside; the error is then raised unchanged.
 
-    A failure of the safe stop itself becomes a note of that error and never takes its place: the controller's
-    watchdog reaches the safe state without the host.
+    A failure of the safe stop itself becomes a note of that error and never replaces it: the controller's watchdog
+    reaches the safe state without the host.
     """
     try:
         yield
@@ -81,10 +80,10 @@ def running(
 
     Without `pulses` it can make none, and needs no dielectric; with `self_test` the gap sensor is tested before
     anything moves. `tally` gets the times in any case, `store` the state of the job at every step. `record_left`
-    writes what is known of sites that were left, where an error ends the job.
+    writes the results of sites that were left, if an error ends the job.
 
     Raises MachineFault, LinkLost, PreconditionError, RunFileError, Interrupted; the safe state was reached first, or
-    by the controller alone where the link is lost.
+    by the controller alone if the link is lost.
     """
     watch = Watch(
         recorder,
@@ -102,11 +101,11 @@ def running(
     keeper = JobStateKeeper(job, tally, store or NoStateStore())
     run = JobRun(machine, job, watch, recorder, observer, tally, keeper)
     left = job.resumed
-    take_recipe(run, left.regime if left is not None and left.begun and not job.restart_hole else 0)
+    run.use_regime(left.regime if left is not None and left.begun and not job.restart_hole else 0)
     watch.follow_creep(job.creep_left)
     watch.guard(keeper.on_telemetry)
     watch.guard(LinkMonitor(run).on_telemetry)
-    watch.guard(IdleMonitor(run).on_telemetry)
+    watch.guard(run.on_telemetry)
     if job.setup.sensor.fitted and job.calibration is not None:
         watch.compare(SensorMonitor(run).update)
     try:
@@ -123,7 +122,7 @@ def running(
         raise
     except BaseException:
         with suppress(Exception):
-            watch.settle()  # what was heard is kept, whatever ended it
+            watch.settle()  # received samples are kept, whatever ended it
         raise
     finally:
         tally.time_s = tally.earlier_time_s + machine.time_s
@@ -131,7 +130,7 @@ def running(
 
 
 def _with_displacements(machine: Machine, job: Job, watch: Watch) -> Machine:
-    """Return the machine itself where it has a sensor, otherwise the one that its calibrated actuator makes."""
+    """Return the machine itself if it has a sensor, otherwise one with a calibrated actuator."""
     if job.setup.sensor.fitted:
         return machine
     if job.calibration is None:
@@ -142,7 +141,7 @@ def _with_displacements(machine: Machine, job: Job, watch: Watch) -> Machine:
         )
     estimated = SensorlessMachine(machine, job.calibration, job.setup.actuator.gain_um_per_v)
     watch.estimate_with(estimated.tracker)
-    return estimated
+    return cast("Machine", estimated)
 
 
 def _prepare(run: JobRun, *, pulses: bool, self_test: bool) -> None:
@@ -161,7 +160,7 @@ def _prepare(run: JobRun, *, pulses: bool, self_test: bool) -> None:
 
 
 def _test_gap_sensor(run: JobRun) -> None:
-    """Before anything moves: a run on a wrong gap voltage would drive the tool into the work."""
+    """Test it before anything moves: with a wrong gap voltage the tool would be driven into the work."""
     gap_v, open_v = run.machine.self_test(), run.profile.pulse.duty_voltage_v
     run.decide(
         RunEvent.SELF_TESTED,
@@ -171,7 +170,7 @@ def _test_gap_sensor(run: JobRun) -> None:
 
 
 def _record_end(run: JobRun, error: EdmError, record_left: Callable[[JobRun], None]) -> None:
-    """Keep how far the job came, and write down what was reached, what the controller saw, and why it ended.
+    """Keep the state of the job, and record what was reached, the controller's black box, and why it ended.
 
     A disk that fails now must not hide that reason.
     """
@@ -191,39 +190,28 @@ def _record_end(run: JobRun, error: EdmError, record_left: Callable[[JobRun], No
             depth: Args = {"site": reached.site, "depth_um": reached.depth_estimated_um}
             if math.isfinite(reached.depth_estimated_u95_um):
                 depth = {**depth, "depth_u95_um": reached.depth_estimated_u95_um}
-            run.recorder.append(
-                EventRow(
-                    run.machine.time_s, RunEvent.LEFT_UNMEASURED, EventLevel.WARNING, str(reached), depth
-                )
-            )
+            run.note(RunEvent.LEFT_UNMEASURED, str(reached), depth, EventLevel.WARNING)
         args = {"code": error.code, "hint": error.hint}
-        run.recorder.append(
-            EventRow(run.machine.time_s, RunEvent.ENDED_EARLY, EventLevel.ERROR, error.message, args)
-        )
+        run.note(RunEvent.ENDED_EARLY, error.message, args, EventLevel.ERROR)
 
 
 def _record_black_box(run: JobRun) -> None:
-    """Write what the controller kept of the time about a latched fault into the run file, where there is one.
+    """Record the samples and waveforms about a latched fault.
 
-    A line that is dead by now, or a controller that says what cannot be, hides nothing.
+    A dead line or an implausible answer must not hide the fault itself.
     """
     with suppress(LinkLost, ProtocolMismatch, MachineFault, PreconditionError):
         if not run.machine.status().fault:
             return
         with suppress(PreconditionError):
-            _record_samples(run)
+            block = run.machine.black_box()
+            if block is not None and not run.setup.sensor.fitted:
+                block = replace(block, displacement_um=np.full(len(block.time_s), np.nan))
+            if block is not None:
+                run.recorder.append(block)
         batch = run.machine.waveforms()
         if batch is not None:
             run.recorder.append(batch)
-
-
-def _record_samples(run: JobRun) -> None:
-    block = run.machine.black_box()
-    if block is None:
-        return
-    if not run.setup.sensor.fitted:
-        block = replace(block, displacement_um=np.full(len(block.time_s), np.nan))
-    run.recorder.append(block)
 
 
 def condition(run: JobRun, *, pulses: bool = True) -> None:
@@ -238,7 +226,10 @@ def condition(run: JobRun, *, pulses: bool = True) -> None:
     run.watch.follow(record.append)
     try:
         rest_and_look(run, REST_S)
-        _swing(run)
+        actuator = run.setup.actuator
+        for _ in range(actuator.conditioning_cycles):
+            run.machine.ramp(run.profile.limits.stroke_v_max, actuator.conditioning_slew_v_s)
+            run.machine.ramp(0.0, actuator.conditioning_slew_v_s)
         run.machine.rest(2.0 * SLICE_S)  # until the last samples of the swings are in
         run.machine.disarm()
     finally:
@@ -250,19 +241,15 @@ def condition(run: JobRun, *, pulses: bool = True) -> None:
         top_v = run.profile.limits.stroke_v_max
         message = f"Conditioned with {cycles} swings to {top_v:.0f} V; there is no sensor to compare with."
         run.decide(RunEvent.CONDITIONED, message, {"cycles": cycles})
-    _load_inverse(run)
+    estimator = run.watch.estimator()
+    if estimator is not None:
+        # Where the code of the inverse is not compiled yet, that takes seconds: now nothing waits for it.
+        jump_volts(estimator, 1.0, 0.0, 0.01, 0.0)
     run.machine.arm(pulses=pulses)
 
 
-def _swing(run: JobRun) -> None:
-    actuator = run.setup.actuator
-    for _ in range(actuator.conditioning_cycles):
-        run.machine.ramp(run.profile.limits.stroke_v_max, actuator.conditioning_slew_v_s)
-        run.machine.ramp(0.0, actuator.conditioning_slew_v_s)
-
-
 def _start_estimator(run: JobRun, block: TelemetryBlock) -> None:
-    """From a conditioned actuator at rest through the swings on the voltage really applied, then home."""
+    """Follow the voltage really applied through the swings, from a conditioned actuator at rest."""
     record = Record(block.time_s, block.actuator_v, block.displacement_um)
     calibration, cycles = run.job.calibration, run.setup.actuator.conditioning_cycles
     if cycles:
@@ -318,15 +305,8 @@ def _homed(calibration: CalibratedActuator, record: Record) -> tuple[Tracker, Er
     )
 
 
-def _load_inverse(run: JobRun) -> None:
-    """Use the inverse model once while nothing waits: where its code is not compiled yet, that takes seconds."""
-    estimator = run.watch.estimator()
-    if estimator is not None:
-        jump_volts(estimator, 1.0, 0.0, 0.01, 0.0)
-
-
 def _refuse_dead_sensor(record: Record) -> None:
-    """Raise PreconditionError E8033 where the sensor does not rise with the voltage: nothing may rely on it."""
+    """Raise PreconditionError E8033 if the sensor does not rise with the voltage: nothing may rely on it."""
     slope_um_per_v = float(np.cov(record.u_v, record.y_um)[0, 1]) / max(float(record.u_v.var()), 1e-12)
     if slope_um_per_v > LEAST_GAIN_UM_PER_V:
         return

@@ -1,4 +1,4 @@
-"""Everything the controller is told before a job, derived in one place from the recipe and the setup."""
+"""All settings of the controller for a job, derived from the recipe and the setup."""
 
 from __future__ import annotations
 

@@ -26,27 +26,27 @@ from edmctl.results.progress import Phase
 from edmctl.wording import coordinates, duration
 
 ROTARY_REPEATABILITY_DEG = 0.1
-"""Of the rotary table (Muralidhara et al. 2009, §3.1): a smaller turn is no turn."""
+"""Repeatability of the rotary table (Muralidhara et al. 2009, §3.1): a smaller turn is not made."""
 
 _SETTLE_S = 0.2
 _WORTH_SETTING_UM = 1.0
-"""A home nearer than this to where the controller takes it to be need not be told."""
+"""A home nearer than this to that of the controller is not sent."""
 _OF_ANOTHER_BENCH = (
     "A virtual controller that is served anew without --bench is another machine, though with the number of the one "
     "before where the seed is the same. Keep its runs in another folder (--out), or serve it with another --seed; "
     "with --bench FILE it stays the same machine."
 )
 SETTABLE_BELOW_UM = 4.9
-"""Nor one that lies 5 µm beyond the tool at rest: nothing pulls a tool beyond home."""
+"""A home 5 µm beyond the tool at rest is wrong: nothing pulls a tool beyond home."""
 SETTABLE_UM = 22.0
-"""The controller takes no home that the tool rests 25 µm from: while creep holds it lower the host waits. The
-controller's own reading is low-passed; it lags by 1 to 2 µm while creep ends."""
+"""The controller accepts no home 25 µm from the tool at rest: the host waits for creep. The controller's own reading
+is low-passed; it lags by 1 to 2 µm while creep ends."""
 
 
 def retract(run: JobRun) -> None:
-    """Ramp to 0 V, and wait while creep still holds the tool lower than the stages may move at.
+    """Ramp to 0 V, and wait until creep allows the stages to move.
 
-    What counts is the height over home, where the tool rests without creep: the sensor's own zero drifts.
+    The height over home counts, where the tool rests without creep: the sensor's own zero drifts.
     """
     run.begin(Phase.RETRACTING)
     run.machine.ramp(0.0, retract_v_s(run.setup))
@@ -66,7 +66,7 @@ def retract(run: JobRun) -> None:
 
 
 def _is_home_set(run: JobRun, home: Home, over_um: float) -> bool:
-    """Tell the controller where home is if it would take that; whether it lets the stages move as it knows it."""
+    """Set the controller's home if it would accept that; return whether it then permits stage moves."""
     if over_um <= SETTABLE_UM and abs(home.um - run.machine.zero_um) > _WORTH_SETTING_UM:
         run.machine.set_zero(home.um)
     safe_z_um = controller_settings(run.profile, run.setup).safe_z_um
@@ -83,7 +83,7 @@ def _of_another_actuator(over_um: float) -> PreconditionError:
 
 
 def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> PreconditionError:
-    """Return why no stage may move: the tool is too far out, or could be with the sensor's drift."""
+    """Return why no stage may move: the tool is too far out, or may be with the sensor's drift."""
     if home.hidden_um <= CLEAR_UM:
         message = (
             f"The tool stands {over_um:.1f} µm from home at 0 V; the stages may move below {most_um:.1f} µm "
@@ -107,7 +107,7 @@ def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> Prec
 
 
 def _zero_the_sensor(run: JobRun) -> str:
-    """Return how the tool's position at 0 V becomes known again."""
+    """Return the hint for an unknown position at 0 V."""
     has_old_zero = not math.isnan(run.job.home_age_s)
     old = " Use a new folder of run files (--out): this one has the old zero." if has_old_zero else ""
     return (
@@ -117,18 +117,15 @@ def _zero_the_sensor(run: JobRun) -> str:
 
 
 def move_to(run: JobRun, place: Place) -> None:
-    """Retract, then move X and Y to a place; the estimate of the displacement counts from the rest there.
+    """Retract, then move X and Y to a place; the displacement estimate counts from the rest there.
 
-    Raises PreconditionError E8021 where the tool touches something although it is retracted.
+    Raises PreconditionError E8021 if the tool touches something although it is retracted.
     """
     retract(run)
-    if run.watch.in_contact:
-        raise PreconditionError(
-            f"The contact sensor reads closed at {run.watch.displacement_um:.1f} µm with the tool retracted; "
-            "no stage was moved.",
-            hint="Look whether the tool stands on something, and for a shorted continuity wire.",
-            code="E8021",
-        )
+    run.refuse_contact(
+        " with the tool retracted; no stage was moved",
+        "Look whether the tool stands on something, and for a shorted continuity wire.",
+    )
     run.tally.here = "" if place.name in (PAD, PARKING) else place.name
     run.begin(Phase.MOVING)
     status = run.machine.status()

@@ -26,7 +26,6 @@ from edmctl.link.faults import FaultCode
 from edmctl.machine.controller import LinkMachine
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import REPORT_DELAY_S, job_of
-from edmctl.procedures.job_state import job_state
 from edmctl.profile.setup import Setup
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal, write_journal
@@ -241,15 +240,6 @@ def test_home_is_where_the_journal_has_it_when_the_ledger_is_older(here: Here, k
     )
 
 
-def test_a_journal_from_before_homes_had_an_age_is_read(here: Here, killed: Path) -> None:
-    values = dict(read_journal(Path("runs/a.journal")).state)
-    del values["home_age_s"]
-    assert math.isnan(job_state(values).home_age_s)
-    del values["home_um"]
-    with pytest.raises(ValueError, match="home_um"):
-        job_state(values)
-
-
 def test_a_stopped_job_keeps_the_times_of_its_end(left: Left) -> None:
     state = read_journal(left.stopped / "runs/a.journal").state
     with open_run(left.stopped / "runs/a.h5") as run:
@@ -292,7 +282,7 @@ def test_one_that_dies_before_it_touches_keeps_what_was_known(here: Here, killed
 def test_one_that_died_before_any_touch_goes_on_with_a_worn_tool(here: Here) -> None:
     deep = (*MACHINE, "--set", "target.depth_um=110.0", *BENCH, "--seed", "4")
     assert here(*deep, "--run-id", "before", "--quiet").exit_code == 0
-    with dying_at("edmctl.procedures.hole.hole.read_pad"):
+    with dying_at("edmctl.procedures.hole.knowledge.read_pad"):
         assert here(*MACHINE, *BENCH, "--run-id", "a", "--quiet").exit_code == 4
     assert read_journal(Path("runs/a.journal")).state["site"] == ""
     assert_on_target(here(*RESUME, *BENCH))
@@ -300,7 +290,10 @@ def test_one_that_died_before_any_touch_goes_on_with_a_worn_tool(here: Here) -> 
 
 @pytest.mark.slow
 def test_one_that_dies_between_a_cut_and_its_touch_knows_the_wear(here: Here) -> None:
-    with dying_at("edmctl.procedures.hole.site.measure_hole", "edmctl.procedures.hole.site.estimate_hole"):
+    with dying_at(
+        "edmctl.procedures.hole.procedure.HoleProcedure._measure",
+        "edmctl.procedures.hole.procedure.HoleProcedure._estimate",
+    ):
         assert here(*MACHINE, *BENCH, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 4
     state = read_journal(Path("runs/a.journal")).state
     assert state["phase"] == "measuring"
@@ -431,7 +424,7 @@ def test_another_job_with_the_tool_is_warned_of_what_it_ends(here: Here, left: L
 
 def test_a_job_that_ended_by_a_fault_before_it_cut_is_started_again(here: Here) -> None:
     with dying_at(
-        "edmctl.procedures.hole.hole.read_pad",
+        "edmctl.procedures.hole.knowledge.read_pad",
         error=MachineFault("made for this test", hint="Reset it.", code="E62007"),
     ):
         error = error_of(here(*MACHINE, *BENCH, "--seed", "4", "--run-id", "a", "--quiet", "--json"))
@@ -444,7 +437,7 @@ def test_a_job_that_ended_by_a_fault_before_it_cut_is_started_again(here: Here) 
 def test_a_job_that_has_cut_nothing_hinders_no_other(here: Here) -> None:
     setup = Path("shop.toml")
     setup.write_text("[stage]\nspeed_um_s = 5000.0\n")
-    with dying_at("edmctl.procedures.hole.hole.read_pad"):
+    with dying_at("edmctl.procedures.hole.knowledge.read_pad"):
         machine = (*MACHINE, *BENCH, "--setup", str(setup))
         assert here(*machine, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 4
     assert here(*machine, "--dry-run", "--json").document["warnings"] == []
@@ -471,21 +464,6 @@ def test_a_profile_or_setup_that_has_changed_is_refused(here: Here, killed: Path
     ):
         write_journal(Path("runs/a.journal"), replace(journal, job=replace(journal.job, **change)))  # type: ignore[arg-type]
         refused(here(*RESUME, *BENCH), "E8053")
-
-
-def test_a_channel_of_a_journal_that_tells_nothing_of_channels_is_refused(here: Here, killed: Path) -> None:
-    loaded = load_profile("channel-circle")
-    journal = read_journal(Path("runs/a.journal"))
-    job = replace(
-        journal.job,
-        profile=str(loaded.path),
-        overrides=(),
-        profile_sha256=loaded.sha256,
-        sim_sha256=loaded.sim_sha256,
-    )
-    state = {name: value for name, value in journal.state.items() if name != "channel"}
-    write_journal(Path("runs/a.journal"), replace(journal, job=job, state=state))
-    assert "kept nothing of channels" in refused(here(*RESUME, *BENCH), "E8054")
 
 
 def test_a_damaged_journal_is_refused(here: Here, killed: Path) -> None:

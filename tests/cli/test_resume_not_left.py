@@ -35,7 +35,7 @@ from tests.tiers import tiers
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.job_state import UnderWay
+    from edmctl.procedures.run import UnderWay
     from edmctl.record.journal import Journal
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here

@@ -11,7 +11,7 @@ import pytest
 from edmctl.actuator.model import Estimator
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import EventCode, MachineState
-from edmctl.procedures.hole.running_cut import CLEARANCE_UM, jump_request
+from edmctl.procedures.hole.cut import CLEARANCE_UM, jump_request
 from edmctl.procedures.machining import machine_sites
 from edmctl.procedures.session import condition
 from edmctl.procedures.touch.approach import lower_to, raise_by

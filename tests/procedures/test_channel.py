@@ -13,7 +13,7 @@ from edmctl.labels import Basis, Verdict
 from edmctl.procedures.channel import layers as channel_layers
 from edmctl.procedures.channel import procedure as channel
 from edmctl.procedures.channel.layers import wear_of
-from edmctl.procedures.channel.procedure import machine_channel
+from edmctl.procedures.channel.procedure import ChannelProcedure
 from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
 from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.hole.site_result import judged_channel
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmctl.procedures.channel.scan import PassPlan, PassResult
-    from edmctl.procedures.hole.cut import Decision
+    from edmctl.procedures.hole.decision import Decision
 
 TARGET_UM = 20.0
 LEVEL = Plane((0.0, 0.0), np.zeros(2), np.zeros((2, 2)))
@@ -128,8 +128,10 @@ def make(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Made]:
                 return TimeLeft(left_s - machine.time_s, "limits.max_time_s has passed")
 
         kept: list[ChannelResult] = []
-        result, decision = machine_channel(run, cast("TimeLimits", Limits()), kept.append)
-        return Made(result, decision, kept, world, noted)
+        procedure = ChannelProcedure(run, cast("TimeLimits", Limits()))
+        monkeypatch.setattr(procedure, "keep", kept.append)
+        decision = procedure.machine()
+        return Made(kept[-1] if kept else None, decision, kept, world, noted)
 
     return made
 

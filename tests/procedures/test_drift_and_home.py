@@ -29,8 +29,8 @@ from edmctl.procedures.monitoring.drift import (
     first_home_um,
 )
 from edmctl.procedures.stages import _is_home_set, move_to, retract
-from edmctl.procedures.touch.drift import drift_between
 from edmctl.procedures.touch.home import Home, _is_on_a_spot
+from edmctl.procedures.touch.spots import drift_between
 from edmctl.process.rest_drift import TIME_CONSTANTS_S, DriftModel, Rest
 from edmctl.profile.places import Place
 from edmctl.quantity import half_width

@@ -11,14 +11,15 @@ from edmctl.planning.measuring import estimate_of
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
 from edmctl.procedures.hole.hole_estimate import (
-    Estimate,
     ExpectedHole,
     estimate_in_cut,
     expected_of_left,
     is_untouched,
+    lengths,
+    with_unseen,
 )
 from edmctl.procedures.job import job_of
-from edmctl.procedures.job_state import JobState, job_state
+from edmctl.procedures.job_state import CutTotals, JobState, job_state
 from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
 from edmctl.procedures.run import total_pause_s
 from edmctl.process.touches import DepthAndWear
@@ -83,18 +84,18 @@ def test_an_unconfirmed_ratio_is_a_belief_and_the_touched_part_is_not() -> None:
         CutStart(200.0, 0.15, 3.0, 0.8, depth_um=100.0, depth_u_um=0.5, wear_um=39.0, wear_u_um=0.4),
         estimate_of(PROFILE).fitted(None, 100.0, 0.3, 39.0, 0.3),
     )
-    known = estimate_in_cut(plan, 237.0, energy_of(PROFILE.pulse, (0, 0, 0, 0), 0.0), 0.0)
+    known = estimate_in_cut(plan, 237.0, energy_of(PROFILE.pulse, CutTotals()), 0.0)
     worn_um = known.wear_um - 39.0
     assert worn_um == pytest.approx(40.0 * 0.389 / 1.389, rel=0.05)
-    assert 0.25 * worn_um < known.wear_u_um < 0.35 * worn_um
-    assert 0.25 * worn_um < known.depth_u_um < 0.35 * worn_um
-    assert known.feed_u_um < 1.0
+    assert 0.25 * worn_um < known.wear.u < 0.35 * worn_um
+    assert 0.25 * worn_um < known.depth.u < 0.35 * worn_um
+    assert known.feed.u < 1.0
 
 
 def test_what_was_fed_unseen_is_depth_and_wear_even_of_a_hole_that_has_just_begun() -> None:
-    left = Estimate().left(9.0, 0.5, touched=True)
-    assert left.depth_u_um == pytest.approx(9.0 / math.sqrt(3.0))
-    assert left.wear_u_um == pytest.approx(3.0 / math.sqrt(3.0))
+    left = with_unseen(lengths(), 9.0, 0.5, is_confirmed=True)
+    assert left.depth.u == pytest.approx(9.0 / math.sqrt(3.0))
+    assert left.wear.u == pytest.approx(3.0 / math.sqrt(3.0))
 
 
 def test_a_drift_over_the_pause_hides_no_other_work() -> None:
@@ -111,7 +112,7 @@ def test_a_face_is_untouched_within_what_measures_it() -> None:
 
 
 def test_a_finished_hole_takes_nothing_more() -> None:
-    expected = ExpectedHole(Estimate(24.0, 0.3))
+    expected = ExpectedHole(lengths(24.0, 0.3))
     assert expected.depth_fits(found(24.9, 0.0))
     assert not expected.depth_fits(found(25.5, 0.0))
 
@@ -140,17 +141,17 @@ def test_a_state_of_an_older_version_is_told_from_one_that_knows_its_uncertainty
 
 
 def test_a_hole_that_was_left_before_it_shows_any_wear_may_have_some() -> None:
-    touched, untouched = (Estimate().left(3.0, 0.4, touched=known) for known in (True, False))
+    touched, untouched = (with_unseen(lengths(), 3.0, 0.4, is_confirmed=known) for known in (True, False))
     u_um = 3.0 / math.sqrt(3.0)
-    assert touched.depth_u_um == pytest.approx(u_um)
-    assert touched.wear_u_um == pytest.approx(u_um * 0.4 / 1.4)
-    assert untouched.wear_u_um > 1.5 * touched.wear_u_um
+    assert touched.depth.u == pytest.approx(u_um)
+    assert touched.wear.u == pytest.approx(u_um * 0.4 / 1.4)
+    assert untouched.wear.u > 1.5 * touched.wear.u
 
 
 def test_a_bottom_that_is_doubted_makes_the_wear_uncertain_as_well() -> None:
     sure, doubted = (
         CutPlan(1, 20.0, CutStart(50.0, u_um, 3.0, 0.8), estimate_of(PROFILE)) for u_um in (0.3, 6.0)
     )
-    energy = energy_of(PROFILE.pulse, (0, 0, 0, 0), 0.0)
-    wear_u_um = [estimate_in_cut(plan, 47.0, energy, 0.0).wear_u_um for plan in (sure, doubted)]
+    energy = energy_of(PROFILE.pulse, CutTotals())
+    wear_u_um = [estimate_in_cut(plan, 47.0, energy, 0.0).wear.u for plan in (sure, doubted)]
     assert wear_u_um[1] > 1.0 + wear_u_um[0]

@@ -15,7 +15,7 @@ from edmctl.link.frame import FrameDecoder
 from edmctl.link.messages import WaveformRead
 from edmctl.machine.interface import Machine, MachineState
 from edmctl.planning.forecast import forecast, stroke_um
-from edmctl.procedures.hole.cut import refuse_wrong_setup
+from edmctl.procedures.hole.decision import refuse_wrong_setup
 from edmctl.procedures.monitoring.monitors import LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.servo.limits import LEAST_S, LONGEST_SHARE, TimeLimits
 from edmctl.process.touches import DepthAndWear

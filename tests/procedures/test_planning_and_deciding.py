@@ -10,16 +10,17 @@ import pytest
 
 from edmctl.planning.measuring import cut_budget, estimate_of
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.hole.cut import CutEnd, CutResult, Decision, decide
+from edmctl.procedures.hole.cut import CutEnd, CutResult
 from edmctl.procedures.hole.cut_planning import (
     CutPlan,
     CutStart,
     discharge_energy_j,
     energy_of,
     first_plan,
-    learned_gap_um,
 )
+from edmctl.procedures.hole.decision import Decision, decide
 from edmctl.procedures.job import HoleTarget, target_of
+from edmctl.procedures.job_state import CutTotals
 from edmctl.process.discharge import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.touches import DepthAndWear
@@ -161,10 +162,6 @@ def test_the_wear_of_a_later_cut_is_no_better_known_than_what_was_measured_befor
     assert live.depth_u_um >= start.u_at(0.0)
 
 
-def test_the_working_gap_is_what_touching_adds_to_sparking() -> None:
-    assert learned_gap_um(260.5, 257.0) == pytest.approx(3.5)
-
-
 def test_what_is_left_is_cut_with_the_wear_ratio_measured() -> None:
     then = decision(profile(), plan()).plan
     assert then is not None
@@ -225,6 +222,6 @@ def test_energy_is_that_of_discharges_however_many_arcs_and_shorts_there_are() -
         pulse, counts, 1000 * charge_c(22.0) + 50 * charge_c(16.94) + 100 * charge_c(0.0)
     )
     assert energy_j == pytest.approx(1000 * 22.0 * charge_c(22.0) + 50 * 16.94 * charge_c(16.94))
-    divided = energy_of(pulse, counts, energy_j)
+    divided = energy_of(pulse, CutTotals(1, counts, energy_j))
     assert divided.normal_uj == pytest.approx(1e9 * 22.0 * charge_c(22.0))
     assert divided.arc_uj == pytest.approx(5e7 * 16.94 * charge_c(16.94))

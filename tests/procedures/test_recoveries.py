@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import MachineFault
-from edmctl.procedures.hole import running_cut as burning
+from edmctl.procedures.hole import cut as cutting
 from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
+from edmctl.procedures.hole.cut import AGAIN_S, ARC_BURN, MOST_BURNS, ArcRecovery
 from edmctl.procedures.hole.cut_planning import CutStart, first_plan
-from edmctl.procedures.hole.running_cut import AGAIN_S, ARC_BURN, MOST_BURNS, ArcRecovery
 from edmctl.procedures.servo.adaptive import MOST_JUMPS, ShortRecovery
 from edmctl.procedures.servo.limits import JUMP_AFTER_S, STALL_S, StallDetection
 from edmctl.procedures.settings import OPEN_LOST_S, controller_settings
@@ -86,14 +86,14 @@ def burns_of(s: Shop, seen_um: float, ways_um: list[float]) -> tuple[ArcRecovery
     adaptive = SimpleNamespace(soften=lambda *_: None)
     supervisor = SimpleNamespace(displacement_um=seen_um, sparking_s=1.0, seen_s=95.0, adaptive=adaptive)
     nothing = dict.fromkeys(("set_generator", "start", "report_changes"), lambda: None)
-    cutting = SimpleNamespace(**nothing, open_v=40.0, reference_v=20.0)
-    return ArcRecovery(run, first_plan(s.profile, start), supervisor, cutting), supervisor  # type: ignore[arg-type]
+    cut = SimpleNamespace(**nothing, open_v=40.0, reference_v=20.0)
+    return ArcRecovery(run, first_plan(s.profile, start), supervisor, cut), supervisor  # type: ignore[arg-type]
 
 
 def test_burns_far_apart_are_answered_and_soon_after_each_other_only_two(
     shop: OpenShop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(burning, "lower_to", lambda *_: None)
+    monkeypatch.setattr(cutting, "lower_to", lambda *_: None)
 
     def answered(apart_s: float) -> int:
         ways_um: list[float] = []
@@ -117,7 +117,7 @@ def test_the_ramp_back_from_a_burn_ends_above_where_the_bottom_can_be(
     """Where telemetry told no sparks the bottom is what was planned, as far as that is known 100 s later."""
     ramps_um: list[float] = []
     ways_um: list[float] = []
-    monkeypatch.setattr(burning, "lower_to", lambda _, target_um: ramps_um.append(target_um))
+    monkeypatch.setattr(cutting, "lower_to", lambda _, target_um: ramps_um.append(target_um))
     burns, _ = burns_of(shop(), seen_um, ways_um)
     burns.answer(BURN)
     spark_um = 48.0

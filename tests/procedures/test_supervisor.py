@@ -74,7 +74,7 @@ def test_feed_and_time_left_follow_the_tool(watched: tuple[Shop, Supervisor]) ->
     for i in range(200):
         supervisor.on_telemetry(a_slice(i, 46.6 + 0.03 * i))
     assert s.seen.slow[-1].feed_um_s == pytest.approx(0.3)
-    energy = energy_of(s.profile.pulse, supervisor.counts, supervisor.energy_j)
+    energy = energy_of(s.profile.pulse, supervisor)
     there = planned(s).at(46.6 + 0.03 * 199, energy)
     assert there.depth_um > 0.03 * 199 / 1.389
     assert s.seen.slow[-1].depth_um == pytest.approx(there.depth_um, rel=1e-6)
@@ -171,9 +171,7 @@ def test_a_cut_that_goes_on_beyond_its_target_is_ended(watched: tuple[Shop, Supe
     s, supervisor = watched
 
     def depth_um(z_um: float) -> float:
-        return (
-            planned(s).at(z_um, energy_of(s.profile.pulse, supervisor.counts, supervisor.energy_j)).depth_um
-        )
+        return planned(s).at(z_um, energy_of(s.profile.pulse, supervisor)).depth_um
 
     for i in range(200):
         z_um = 50.0 + 0.2 * i

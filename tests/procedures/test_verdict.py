@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.labels import Basis, Verdict
-from edmctl.procedures.hole.cut import remedy as remedy_of
+from edmctl.procedures.hole.decision import remedy as remedy_of
 from edmctl.procedures.hole.site_result import judge_holes, judged, record_results
 from edmctl.procedures.job import HoleTarget, verdict_of
 from edmctl.profile.setup import Sensor
@@ -22,7 +22,7 @@ from .conftest import Done, Shop, calibrated, eroding
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.hole.cut import Decision
+    from edmctl.procedures.hole.decision import Decision
 
     OpenShop = Callable[..., Shop]
 

@@ -1,8 +1,8 @@
-"""Drive the record that an actuator is identified from: at the parking place, without pulses.
+"""Record the motions from which an actuator is identified: at the parking place, without pulses.
 
 Full swings, first-order reversal curves, minor loops, holds and cycles of 1 s to 50 s separate hysteresis, creep and
-delay. Swings of up to 50 Hz, sampled ten times as fast, separate lag from delay. A part of every use follows,
-because small moves that add up let some actuators slide.
+delay. Swings of up to 50 Hz, sampled ten times as fast, separate lag from delay. Typical motions of a job follow,
+because some actuators slide by many small moves.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ RATE_HZ = 200.0
 """60 000 samples in five minutes; the fastest swing, of 1 s, has 200 of them."""
 FAST_HZ = 1000.0
 BATCH, FRAME_S = 14, 0.1
-"""Samples in a telemetry frame, and how long slow ones wait for it: a host does not go on with none for a second."""
+"""Samples in a telemetry frame, and longest wait for one: a host stops after a second without samples."""
 FAST_BATCH = 4
-"""A move of the fast legs waits for the frame with its end."""
+"""Samples in a frame of the fast legs, whose moves wait for the frame with their end."""
 SAFE_Z_UM = 20.0
-"""The stages may move while the tool reads at most this: above every work that a job may start from."""
+"""The stages may move while the tool reads at most this: above every workpiece that a job may start from."""
 REST_S = 1.0
-"""Before the first swing: the record starts from a standing actuator."""
+"""Rest before the first swing, so that the record starts from an actuator at rest."""
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPlan:
-    """What the actuator will be driven through, beginning at 0 V: `legs`, then `fast`, then `use`."""
+    """Motions of a calibration, beginning at 0 V: `legs`, then `fast`, then `use`."""
 
     legs: tuple[Leg, ...]
     period_us: int
@@ -90,7 +90,7 @@ class CalibrationPlan:
 
 
 def _length_s(legs: Sequence[Leg], period_s: float) -> float:
-    """Time of legs from 0 V on, with a sample at every turning point."""
+    """Return the time of legs from 0 V, with a sample at every turning point."""
     starts_v = [0.0, *(leg.u_v for leg in legs[:-1])]
     moves = sum(leg.u_v != start_v for leg, start_v in zip(legs, starts_v, strict=False))
     return sum(leg.duration_s for leg in legs) + period_s * moves
@@ -105,7 +105,7 @@ class MeasuredActuator:
 
 
 def plan_calibration(setup: Setup) -> CalibrationPlan:
-    """Plan over the whole stroke. Raises PreconditionError E8034 where no sensor is fitted."""
+    """Plan over the whole stroke. Raises PreconditionError E8034 without a sensor."""
     if not setup.sensor.fitted:
         raise PreconditionError(
             "No displacement sensor is fitted (setup: sensor.fitted = false), and a calibration is made with one.",
@@ -125,9 +125,9 @@ def plan_calibration(setup: Setup) -> CalibrationPlan:
 def measure_actuator(
     machine: Machine, setup: Setup, plan: CalibrationPlan, observer: Observer
 ) -> MeasuredActuator:
-    """Drive the plan on an idle machine and record what the sensor says; retracted and idle in the end.
+    """Drive the plan on an idle machine and record the sensor; retracted and idle in the end.
 
-    Raises RecordError after the first swing when the sensor does not show it; else MachineFault, LinkLost,
+    Raises RecordError after the first swing if the sensor does not show it; otherwise MachineFault, LinkLost,
     PreconditionError and Interrupted as every procedure, with the safe state reached first.
     """
     listener = _Listener(observer, plan.duration_s)
@@ -151,13 +151,12 @@ def measure_actuator(
 
 
 def _sample(machine: Machine, period_us: int, listener: _Listener, *, fast: bool = False) -> None:
-    """Begin to send samples."""
     batch = max(1, min(FAST_BATCH if fast else BATCH, round(FRAME_S / (1e-6 * period_us))))
     machine.start_telemetry(TelemetrySettings(period_us, batch, PulseLog.OFF), listener)
 
 
 def _drive_fast(machine: Machine, plan: CalibrationPlan, listener: _Listener) -> None:
-    """Drive the fast legs with telemetry at their rate, which changes while the voltage stands."""
+    """Drive the fast legs with telemetry at their rate, which changes at constant voltage."""
     machine.rest(FRAME_S)
     machine.stop_telemetry()
     _sample(machine, plan.fast_period_us, listener, fast=True)
@@ -170,7 +169,7 @@ def _drive_fast(machine: Machine, plan: CalibrationPlan, listener: _Listener) ->
 
 
 def _park(machine: Machine, setup: Setup, listener: _Listener) -> None:
-    """Retract, and move to the parking place where the machine is not there yet."""
+    """Retract, and move to the parking place if the machine is not there yet."""
     stage = setup.stage
     machine.ramp(0.0, retract_v_s(setup))
     status = machine.status()
@@ -184,14 +183,14 @@ def _park(machine: Machine, setup: Setup, listener: _Listener) -> None:
     ]
     if not ways:
         return
-    listener.tell(Phase.MOVING, machine.time_s)
+    listener.report(Phase.MOVING, machine.time_s)
     _wait_for_creep(machine, setup)
     for axis, target_um in ways:
         machine.move_stage(axis, target_um, stage.speed_um_s)
 
 
 def _wait_for_creep(machine: Machine, setup: Setup) -> None:
-    """Wait while creep still holds the tool lower than the stages may move at, counted from home."""
+    """Wait until creep allows the stages to move, counted from home."""
     end_s = machine.time_s + CREEP_WAIT_S
     while True:
         here_um = machine.status().displacement_um
@@ -212,7 +211,7 @@ def _wait_for_creep(machine: Machine, setup: Setup) -> None:
 
 
 def _drive(machine: Machine, legs: Sequence[Leg], period_us: int, start_v: float = 0.0) -> None:
-    """Ramp, and stay for one sample, so that the turning point is in the record; or hold."""
+    """Ramp, and wait for one sample, so that the turning point is in the record; or hold."""
     for leg in legs:
         if leg.u_v == start_v:
             machine.rest(leg.duration_s)
@@ -224,7 +223,7 @@ def _drive(machine: Machine, legs: Sequence[Leg], period_us: int, start_v: float
 
 @dataclass(slots=True)
 class _Listener:
-    """Collects telemetry from `begin` on, and tells how far the record is."""
+    """Collects telemetry from `begin` on, and reports the progress of the record."""
 
     observer: Observer
     duration_s: float
@@ -242,7 +241,7 @@ class _Listener:
         self.lost_frames = 0
 
     def record(self, machine: Machine) -> Record:
-        """Return what was collected. Raises LinkLost E4020 when nothing came."""
+        """Return the record. Raises LinkLost E4020 without any samples."""
         if not self.blocks:
             raise LinkLost(
                 "The controller sent no telemetry.", hint="Check the line, and try again.", code="E4020"
@@ -259,10 +258,9 @@ class _Listener:
         self.displacement_um = float(block.displacement_um[-1])
         self.low_um, self.high_um = float(block.displacement_um.min()), float(block.displacement_um.max())
         if not math.isnan(self.begin_s):
-            self.tell(Phase.CALIBRATING, self.newest_s)
+            self.report(Phase.CALIBRATING, self.newest_s)
 
-    def tell(self, phase: Phase, time_s: float) -> None:
-        """Tell the observer what is going on."""
+    def report(self, phase: Phase, time_s: float) -> None:
         self.observer.progress(
             Progress(
                 phase=phase,
@@ -280,14 +278,14 @@ class _Listener:
         )
 
     def pulse_blocks(self, batch: PulseBlockBatch) -> None:
-        """There are none."""
+        """Ignore them: there are none."""
 
     def pulses(self, batch: PulseTrain) -> None:
-        """There are none."""
+        """Ignore them: there are none."""
 
     def event(self, event: MachineEvent) -> None:
-        """Waits look at events themselves."""
+        """Ignore it: waits receive events themselves."""
 
     def log(self, level: int, text: str) -> None:
-        """Hand on what the controller logs."""
+        """Pass on a line of the controller's log."""
         self.observer.note(f"controller: {text}")

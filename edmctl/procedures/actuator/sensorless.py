@@ -9,36 +9,27 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any, cast
 
 from edmctl.actuator.correction import SlowCorrection
 from edmctl.actuator.inverse import travel_by
 from edmctl.machine.interface import (
     SLICE_S,
-    Axis,
-    ControllerSettings,
     CutRequest,
     EventCode,
-    JumpRequest,
     Machine,
     MachineEvent,
-    MachineIdentity,
     MachineListener,
     MachineState,
     MachineStatus,
-    MotionSettings,
-    PulseBlockBatch,
-    PulseSettings,
-    PulseTrain,
     ScanLine,
     TelemetryBlock,
     TelemetrySettings,
     Touch,
     TouchRequest,
-    WaveformBatch,
 )
 from edmctl.procedures.actuator.tracker import Trace, Tracker, at_rest
 from edmctl.procedures.job import CalibratedActuator
-from edmctl.results.telemetry import LinkReport
 
 MARGIN_SHARE = 0.03
 """Error of a height by the inverse, as a share of the way there: 2.5 % of gain between days, and the model's own."""
@@ -48,9 +39,9 @@ SHORT, AT, BEYOND = -1.0, 0.0, 1.0
 
 
 class DisplacementEstimates:
-    """Listens between machine and host: turns the displacement of every sample and event into the estimate.
+    """Replaces the displacement of every sample and event by the estimate, and passes all to a `MachineListener`.
 
-    `displacement_um` is the newest estimate, `cutting_um` the mean of it over the newest samples of a cut.
+    `displacement_um` is the newest estimate, `cutting_um` its mean over the newest samples of a cut.
     """
 
     def __init__(self, calibration: CalibratedActuator) -> None:
@@ -58,15 +49,15 @@ class DisplacementEstimates:
         # Displacements count from the actuator at rest, as with a sensor; `at_rest` is there already.
         estimator.correct(1.0, -estimator.tick(estimator.state.u_v, 0.0))
         self.tracker = Tracker(estimator, SlowCorrection(), calibration.held_out_rms_um)
-        self._listener: MachineListener | None = None
+        self.listener: MachineListener | None = None
         self._trace = Trace()
         self._started = False
         self.displacement_um = 0.0
         self.cutting_um = 0.0
 
-    def inform(self, listener: MachineListener) -> None:
-        """Hand everything on to `listener`."""
-        self._listener = listener
+    def __getattr__(self, name: str) -> Any:
+        """Return a method of the listener: pulses and log lines are passed on unchanged."""
+        return getattr(self.listener, name)
 
     def at(self, time_s: float) -> float:
         """Return the estimate at a touch of this run, or at a moment of the last seconds, µm."""
@@ -77,7 +68,7 @@ class DisplacementEstimates:
         return replace(event, displacement_um=self.at(event.time_s))
 
     def telemetry(self, block: TelemetryBlock) -> None:
-        """Estimate and hand on."""
+        """Estimate, and pass on."""
         estimator = self.tracker.estimator
         if not self._started:
             estimator.state.t_s = float(block.time_s[0])
@@ -88,34 +79,19 @@ class DisplacementEstimates:
         cutting_um = estimate_um[block.state == MachineState.MACHINING]
         if len(cutting_um):
             self.cutting_um = float(cutting_um.mean())
-        if self._listener is not None:
-            self._listener.telemetry(replace(block, displacement_um=estimate_um))
-
-    def pulse_blocks(self, batch: PulseBlockBatch) -> None:
-        """Hand on."""
-        if self._listener is not None:
-            self._listener.pulse_blocks(batch)
-
-    def pulses(self, batch: PulseTrain) -> None:
-        """Hand on."""
-        if self._listener is not None:
-            self._listener.pulses(batch)
+        if self.listener is not None:
+            self.listener.telemetry(replace(block, displacement_um=estimate_um))
 
     def event(self, event: MachineEvent) -> None:
-        """Hand on with the estimate; that of a touch is kept, because its reading is asked for much later."""
+        """Pass on with the estimate; that of a touch is kept, because its reading is requested much later."""
         if event.code is EventCode.TOUCH:
             self._trace.keep(event.time_s)
-        if self._listener is not None:
-            self._listener.event(self.translated(event))
-
-    def log(self, level: int, text: str) -> None:
-        """Hand on."""
-        if self._listener is not None:
-            self._listener.log(level, text)
+        if self.listener is not None:
+            self.listener.event(self.translated(event))
 
 
 class SensorlessMachine:
-    """A `Machine` whose displacements are those of its calibrated actuator.
+    """A `Machine` with the displacements of its calibrated actuator; what is not defined here is of the real one.
 
     Parameters
     ----------
@@ -124,75 +100,32 @@ class SensorlessMachine:
     gain_um_per_v : mean gain that the controller is configured with
     """
 
+    slice_s = SLICE_S
+    """The limit of a cut is checked in every slice, so they are short."""
+
     def __init__(self, machine: Machine, calibration: CalibratedActuator, gain_um_per_v: float) -> None:
         self._machine = machine
         self._gain_um_per_v = gain_um_per_v
         self._estimates = DisplacementEstimates(calibration)
         self._z_limit_um = 0.0
 
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the real machine."""
+        return getattr(self._machine, name)
+
     @property
     def tracker(self) -> Tracker:
         """The estimator behind every displacement."""
         return self._estimates.tracker
 
-    @property
-    def identity(self) -> MachineIdentity:
-        """Identity of the controller."""
-        return self._machine.identity
-
-    @property
-    def time_s(self) -> float:
-        """Controller time of the newest message."""
-        return self._machine.time_s
-
-    @property
-    def uptime_s(self) -> float:
-        """How long the controller has been on, s."""
-        return self._machine.uptime_s
-
-    @property
-    def zero_um(self) -> float:
-        """Where the controller takes home to be: nobody tells it another place."""
-        return self._machine.zero_um
-
-    def configure(
-        self, settings: ControllerSettings | MotionSettings, pulses: PulseSettings | None = None
-    ) -> None:
-        """Upload and commit every parameter and set the generator."""
-        self._machine.configure(settings, pulses)
-
     def start_telemetry(self, settings: TelemetrySettings, listener: MachineListener) -> None:
         """Begin to send samples, with estimates, to `listener`."""
-        self._estimates.inform(listener)
-        self._machine.start_telemetry(settings, self._estimates)
-
-    def stop_telemetry(self) -> None:
-        """Send no more samples."""
-        self._machine.stop_telemetry()
-
-    def arm(self, *, pulses: bool = True) -> None:
-        """Start the watchdog; from here on the machine may move."""
-        self._machine.arm(pulses=pulses)
+        self._estimates.listener = listener
+        self._machine.start_telemetry(settings, cast("MachineListener", self._estimates))
 
     def status(self) -> MachineStatus:
-        """Ask what the controller sees now; the displacement is the newest estimate."""
+        """Request the state of the controller; the displacement is the newest estimate."""
         return replace(self._machine.status(), displacement_um=self._estimates.displacement_um)
-
-    def self_test(self) -> float:
-        """Test the gap sensor with the tool retracted; mean gap voltage with the generator on, V."""
-        return self._machine.self_test()
-
-    def rest(self, duration_s: float) -> None:
-        """Let time pass."""
-        self._machine.rest(duration_s)
-
-    def ramp(self, actuator_v: float, slew_v_s: float) -> None:
-        """Ramp the actuator."""
-        self._machine.ramp(actuator_v, slew_v_s)
-
-    def move_stage(self, axis: Axis, target: float, speed: float) -> None:
-        """Move a stage. The controller sees 0 µm at 0 V: the caller waits for creep."""
-        self._machine.move_stage(axis, target, speed)
 
     def set_zero(self, zero_um: float) -> None:
         """Leave the controller's zero alone: its displacements are volts, which are 0 at rest and do not drift."""
@@ -218,7 +151,7 @@ class SensorlessMachine:
         )
 
     def start_cut(self, request: CutRequest) -> None:
-        """Start the gap servo; `watch_cut` looks for the limit."""
+        """Start the gap servo; `watch_cut` checks the limit."""
         self._z_limit_um = request.z_limit_um
         self._estimates.cutting_um = self._estimates.displacement_um
         sent_um = self._sent_um(request.z_limit_um, BEYOND, math.inf)
@@ -233,13 +166,8 @@ class SensorlessMachine:
         """Append a line; its limit becomes the voltage that the inverse gives now, so send it not long before."""
         return self._machine.path_move(replace(line, z_limit_um=self._sent_um(line.z_limit_um, AT)))
 
-    @property
-    def slice_s(self) -> float:
-        """The limit of a cut is looked for in every slice, so they are short."""
-        return SLICE_S
-
     def watch_cut(self, duration_s: float) -> MachineEvent | None:
-        """Let at most `duration_s` of a cut pass, and end it where the estimate has reached its limit."""
+        """Let at most `duration_s` of a cut pass, and end it when the estimate has reached its limit."""
         event = self._machine.watch_cut(duration_s)
         if event is not None:
             return self._estimates.translated(event)
@@ -250,43 +178,6 @@ class SensorlessMachine:
     def stop_cut(self) -> MachineEvent:
         """End a cut: pulses off, tool held."""
         return self._estimates.translated(self._machine.stop_cut())
-
-    def jump(self, request: JumpRequest) -> None:
-        """Lift the tool to flush the gap, and return; a jump is told in µm of the mean gain in any case."""
-        self._machine.jump(request)
-
-    def set_pulses(self, pulses: PulseSettings) -> None:
-        """Set the generator anew: armed, and not while it makes pulses."""
-        self._machine.set_pulses(pulses)
-
-    def clear_fault(self, code: int) -> None:
-        """Clear the latched fault once the tool has retracted."""
-        self._machine.clear_fault(code)
-
-    def disarm(self) -> None:
-        """Pulses off, retract to 0 V, idle."""
-        self._machine.disarm()
-
-    def safe_stop(self) -> None:
-        """Pulses off, retract to 0 V, idle, whatever the state."""
-        self._machine.safe_stop()
-
-    def black_box(self) -> TelemetryBlock | None:
-        """Return what the controller saw before the latched fault; its displacements are of no meaning here."""
-        return self._machine.black_box()
-
-    def waveforms(self) -> WaveformBatch | None:
-        """Gap voltage and current about the latched fault; None where none are held."""
-        return self._machine.waveforms()
-
-    def link_report(self) -> LinkReport:
-        """Return how the line did since the session opened."""
-        return self._machine.link_report()
-
-    @property
-    def bad_frames(self) -> int:
-        """Frames that arrived damaged since the session opened."""
-        return self._machine.bad_frames
 
     def _sent_um(self, target_um: float, side: float, speed_um_s: float = math.inf) -> float:
         """Return the displacement to send so that a feed from here ends at `target_um`, short of it or beyond it."""

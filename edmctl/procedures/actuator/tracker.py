@@ -21,9 +21,9 @@ from edmctl.machine.interface import MachineState
 from edmctl.results.telemetry import TelemetryBlock
 
 HOME_READINGS = 32
-"""The swings are compared in so many pieces."""
+"""Number of pieces in which the swings are compared."""
 PIECES_ALIKE = 4
-"""So many neighbouring pieces share one error of the model, which bends slowly along a swing."""
+"""Number of neighbouring pieces that share one error of the model, which changes slowly along a swing."""
 RECORD_SHARE = 0.2
 """A record shows creep with time constants up to this share of its length; slower creep is extrapolated."""
 CALIBRATION_S = 390.0
@@ -32,14 +32,14 @@ CREEP_U_REL = 0.08
 """Standard uncertainty of extrapolated creep, relative: one rate per decade explains the steps and sines of
 Muralidhara et al. 2009 (figs. 3 and 4) within 5 to 10 % [assumed]."""
 CREEPING_U_UM = 0.25
-"""Standard uncertainty of a length because it is unknown which plays creep: thresholds from 0 to 5 % of the span
-differ by so much [assumed]."""
+"""Standard uncertainty of a length because the creeping play operators are unknown: thresholds from 0 to 5 % of the
+span differ by this [assumed]."""
 LEAST_SD_UM = 0.05
-"""A model is never trusted further than the sensor itself repeats."""
+"""Least standard deviation of a model: repeatability of the sensor."""
 SPAN_S = 15.0
-"""Looked back at most: a touch is told at the end of its dwell, which is 10 s at most."""
+"""Longest time back: a touch is reported at the end of its dwell, which is 10 s at most."""
 SMOOTHED_S = 0.1
-"""Both are averaged over this: 0.15 µm of sensor noise a sample becomes 0.05 µm at 100 Hz."""
+"""Averaging time: 0.15 µm of sensor noise a sample becomes 0.05 µm at 100 Hz."""
 _GATHERED_BLOCKS = 20
 """Blocks reduced together: ten seconds of them."""
 
@@ -52,11 +52,7 @@ class Tracker:
     """
 
     def __init__(
-        self,
-        estimator: Estimator,
-        correction: SlowCorrection,
-        sd_um: float,
-        record_s: float = CALIBRATION_S,
+        self, estimator: Estimator, correction: SlowCorrection, sd_um: float, record_s: float = CALIBRATION_S
     ) -> None:
         self.estimator = estimator
         self._slow_s = RECORD_SHARE * record_s
@@ -76,19 +72,19 @@ class Tracker:
         return self.estimator.creep_um(self._slow_s) - self._creep_at_rest_um
 
     def length_u_um(self, creep_um: float) -> float:
-        """Return the standard uncertainty of a length by the model, where extrapolated creep is `creep_um` of it."""
+        """Return the standard uncertainty of a length by the model that includes extrapolated creep `creep_um`."""
         return math.hypot(math.sqrt(2.0) * self.sd_um, CREEPING_U_UM, CREEP_U_REL * creep_um)
 
     def zero_um(self, estimated_um: float, measured_um: float) -> float:
-        """Return what the sensor shows at a rest beyond the actuator's own displacement."""
+        """Return the sensor reading at a rest less the actuator's own displacement."""
         return measured_um - self.correction.gain * self._raw_um(estimated_um)
 
     def note(self, estimated_um: float, measured_um: float) -> None:
-        """Keep a reading of the hole under way for when it is finished."""
+        """Keep a reading of the hole under way until it is finished."""
         self._noted.append((self._raw_um(estimated_um), measured_um))
 
     def learn_noted(self) -> None:
-        """Correct by the readings of the hole before, now that its result stands."""
+        """Correct by the readings of the finished hole."""
         for y_um, measured_um in self._noted:
             self.correction.observe(self.correction.time_s, y_um, measured_um, self.sd_um)
         self._noted.clear()
@@ -105,12 +101,12 @@ class Tracker:
         self.estimator.correct(self.correction.gain, self.correction.offset_um)
 
     def _raw_um(self, estimated_um: float) -> float:
-        """Return what the model says before correction."""
+        """Return the estimate before correction."""
         return (estimated_um - self.estimator.offset_um) / self.estimator.gain
 
 
 def at_rest(model: ActuatorModel, time_s: float, u_v: float = 0.0) -> Estimator:
-    """Start from a conditioned actuator that has long been at rest at `u_v`."""
+    """Return an estimator of a conditioned actuator that has long been at rest at `u_v`."""
     state = ActuatorState.conditioned(model, u_v)
     state.t_s = time_s
     return Estimator(model, state)
@@ -119,11 +115,10 @@ def at_rest(model: ActuatorModel, time_s: float, u_v: float = 0.0) -> Estimator:
 def home(
     model: ActuatorModel, record: Record, sd_um: float, record_s: float = CALIBRATION_S
 ) -> tuple[Tracker, ErrorFigures]:
-    """Follow the conditioning swings from rest, and learn gain and zero from them; errors on them after that.
+    """Follow the conditioning swings from rest, and learn gain and zero; return the errors on them after that.
 
-    The model was identified from `record_s` of samples, with errors of `sd_um` rms.
-
-    What comes before the first maximum is left out: it depends on a history that nobody recorded.
+    The model was identified from `record_s` of samples, with errors of `sd_um` rms. The part before the first
+    maximum is left out: it depends on an unknown history.
     """
     start_s = float(record.t_s[0])
     estimator = at_rest(model, start_s, float(record.u_v[0]))
@@ -154,11 +149,11 @@ class Trace:
             self._blocks.popleft()
 
     def keep(self, time_s: float) -> None:
-        """Keep the displacement at a moment for good: the reading of a touch is asked for much later."""
+        """Keep the displacement at a moment: the reading of a touch is requested much later."""
         self._kept[time_s] = self.at(time_s)
 
     def at(self, time_s: float) -> float:
-        """Displacement at a moment, interpolated; that of the nearest end outside the span; NaN when empty."""
+        """Return the displacement at a moment, interpolated, of the nearest end outside the span; NaN if empty."""
         if time_s in self._kept:
             return self._kept[time_s]
         if not self._blocks:
@@ -169,7 +164,7 @@ class Trace:
 
 
 class FeedError:
-    """Sums over one hole: estimate less sensor, averaged over `SMOOTHED_S`, wherever all samples are machining."""
+    """Errors of the estimate in one hole, averaged over `SMOOTHED_S`, while all samples are machining."""
 
     def __init__(self) -> None:
         self._fresh: list[tuple[TelemetryBlock, Array]] = []

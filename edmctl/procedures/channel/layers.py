@@ -1,4 +1,4 @@
-"""The layers of a channel: passes to and fro until the tool was held all along, and what a stop teaches."""
+"""The layers of a channel: passes to and fro until the tool was held, and the updates by measurements."""
 
 from __future__ import annotations
 
@@ -24,25 +24,24 @@ from edmctl.profile.places import Place
 from edmctl.record.rows import EventLevel, RunEvent
 
 QUIET_SHARE = 0.65
-"""A floor is even when so many pulses of a pass found nothing to strike; the servo's own gap has 0.3."""
+"""A floor is even when this share of the pulses of a pass is open; the servo's own gap has 0.3."""
 GAP_GROWTH = 1.25
-"""A floor that was evened out lies further from the held tool than a servo would keep it, by this factor until it is
-measured: ignition takes so much more gap for twice the open pulses."""
+"""Gap of an evened floor relative to that of the servo, until it is measured: a larger gap ignites half the
+pulses."""
 FLOOR_U_UM = 1.0
-"""Standard uncertainty of the height of a floor that a pass has left: gap, and what it left uneven [assumed]."""
+"""Standard uncertainty of the height of a floor after a pass: gap and unevenness [assumed]."""
 SPARE_PASSES = 4
-"""A layer may take twice the passes that its volume needs, and these."""
+"""A layer may take these and twice the passes that its volume needs."""
 MOST_TO_EVEN = 8
 """Passes at one height to even out the floor before a measuring stop."""
 
 
 class Layers:
-    """The channel under way: how deep it is planned so far, how the tool wears, which gap a held tool leaves.
+    """The layers cut so far, the wear of the tool, and the gap that a held tool leaves.
 
-    `since_uj` is the wearing energy since the last measuring stop, at `since_s`, `measured_u_um` the standard
-    uncertainty of the wear measured then; `last` the newest pass. `aim_um` is how deep the layer under way is to
-    be, `behind` says that it took more passes than it may. `keep` writes down how far the channel has come, before
-    every pass.
+    `since_uj` is the wearing energy since the last measurement, at `since_s`, `measured_u_um` the standard
+    uncertainty of the wear measured then; `last` the newest pass. `aim_um` is the depth of the layer under way,
+    `behind` says that it took more passes than it may. `keep` is called before every pass.
     """
 
     def __init__(
@@ -70,19 +69,19 @@ class Layers:
 
     @property
     def wear_u_um(self) -> float:
-        """Standard uncertainty of where the tool's face is now: wear since the last stop, and drift."""
+        """Standard uncertainty of the tip of the tool: wear since the last measurement, and drift."""
         return math.hypot(self.wear.u_um(self.since_uj), self._drift_um)
 
     @property
     def _drift_um(self) -> float:
-        """Standard uncertainty by which the displacement may have drifted since the last stop."""
+        """Standard uncertainty of the drift since the last measurement."""
         drift_u_um_per_s = self._run.uncertainty.drift_u_um_per_s
         return drift_u_um_per_s * (self._run.machine.time_s - self.since_s)
 
     def cut(self, depth_um: float, layers_after: int, *, even_out: bool) -> tuple[str, str]:
-        """Cut a layer down to `depth_um`; with `even_out` go on until hardly any spark is left.
+        """Cut a layer down to `depth_um`; with `even_out` until hardly any sparks remain.
 
-        The fault row that ended it early and what was seen; both empty when it is cut.
+        Return the fault row that ended it early and a message; both empty if it is cut.
         """
         left = self._limits.left()
         if left.seconds <= 0.0:
@@ -113,7 +112,7 @@ class Layers:
         return self._even_out(held, uj_per_um)
 
     def learn(self, found: FloorReading) -> None:
-        """Take a measuring stop: wear, wear per energy, the gap that a held tool leaves, the depth."""
+        """Update wear, wear per energy, the gap of a held tool and the depth by a measurement."""
         if self.last is None:
             raise ValueError("nothing was cut")
         drift_u_um_per_s = self._run.uncertainty.drift_u_um_per_s
@@ -123,9 +122,9 @@ class Layers:
         self._start_from(found)
 
     def resume(self, found: FloorReading) -> None:
-        """Take the first measuring stop after an earlier run: its last seconds of sparks are in no sum.
+        """Take the first measurement after an earlier run, whose last seconds of sparks are in no sum.
 
-        So it tells where tool and floor are, and nothing of wear per energy or of the gap.
+        So it shows where tool and floor are, and nothing of wear per energy or of the gap.
         """
         self.wear.restart(found.pad.z_um - self.surface.z1.z_um)
         self._start_from(found)
@@ -166,7 +165,7 @@ class Layers:
         return done
 
     def _even_out(self, held: HeldTool, uj_per_um: float) -> tuple[str, str]:
-        """Pass again without feeding down, until hardly any spark is left."""
+        """Pass again without feeding down, until hardly any sparks remain."""
         for _ in range(MOST_TO_EVEN):
             done = self._pass(held, uj_per_um, 0)
             if done.fault:
@@ -177,7 +176,7 @@ class Layers:
         return "", ""
 
     def _engage(self, held: HeldTool) -> None:
-        """Go to where the next pass begins, and down to the first sparks, unless the tool is still there."""
+        """Go to the start of the next pass, and down to the first sparks, unless the tool is there."""
         if self._engaged:
             return
         x_um, y_um = self._way.at(self._way.length_um if self.sums.number % 2 else 0.0)
@@ -209,7 +208,7 @@ class Layers:
 
 
 def wear_of(profile: Profile) -> ToolWear:
-    """Wear per energy by the recipe: as much tool per work as in a hole."""
+    """Return the wear per energy by the recipe: as much tool per workpiece as in a hole."""
     work, wear = profile.work, profile.wear
     section_um2 = hole_area_um2(profile.tool.diameter_um, work.side_gap_um)
     per_uj = wear.expected_ratio / section_um2 * _removal_um3_per_uj(profile)

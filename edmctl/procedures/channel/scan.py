@@ -1,8 +1,7 @@
 """One pass along a channel: the stages follow lines from a queue while the tool is held at a sinking height.
 
-The height of each line's end is planned when the line is sent, seconds before the tool is there: by the wear that
-the energy of the pass tells so far, and the wear per length for the rest. So the floor comes out even although the
-wear along a path is not.
+The height of each line's end is planned when the line is sent, seconds before the tool is there: by the energy of
+the pass so far, and the energy per length for the rest. So the floor is even although the wear along a path is not.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from edmctl.errors import PreconditionError
 from edmctl.machine.interface import SLICE_S, CutRequest, EventCode, MachineEvent, MachineState, ScanLine
 from edmctl.procedures.hole.cut_planning import energy_of
 from edmctl.procedures.job_state import Counts, RunningCut
-from edmctl.procedures.run import JobRun
+from edmctl.procedures.run import JobRun, extremes_of
 from edmctl.procedures.servo.limits import RatioLimits
 from edmctl.procedures.servo.telemetry_sums import RATIO_WINDOW_S, TelemetrySums
 from edmctl.procedures.settings import gap_reference_v
@@ -28,27 +27,27 @@ from edmctl.results.progress import Phase, Progress
 from edmctl.results.telemetry import TelemetryBlock
 
 LOOK_AHEAD_S = 3.0
-"""Lines are sent so long before the tool gets to them: a late host must not make it stand, and a line that is sent
-holds what was known of the wear then."""
+"""Lines are sent this long before the tool gets there, so that a late host does not stop it; a line that is sent has
+the wear as known then."""
 HELD_WITHIN_UM = 0.4
-"""The tool is at its limit when it is this near: noise of the sensor over 0.1 s, and the servo's step."""
+"""Tolerance of a tool at its limit: noise of the sensor over 0.1 s, and the servo's step."""
 LEARN_OVER_UM = 200.0
-"""The energy per length that was expected counts as much as this length of the pass."""
+"""Weight of the expected energy per length, as a length of the pass."""
 HELD_ENOUGH = 0.8
-"""A layer is cut when the tool stood at its limit on this share of the path; the next one takes the rest along."""
+"""A layer is cut when the tool was at its limit on this share of the path; the next one removes the rest."""
 STALLED_S = 10.0
-"""Stages that stand for so long over a gap that is not shorted have lost their lines."""
+"""Stages that stop for this long over a gap that is not shorted have lost their lines."""
 TIME_SLACK_S = 2.0
 """The host ends a pass when the time is up; the controller would do so this much later."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassPlan:
-    """One pass: which way, how fast, where the tool is held, and what to expect of the wearing energy per length.
+    """One pass: its way and speed, where the tool is held, and the expected wearing energy per length.
 
-    `since_uj` is the wearing energy between the last touch of the pad and this pass, `rest_s` the time to machine
-    after it. `number` counts passes from 1; 0 is unknown. `wear_u_um` is the standard uncertainty of the wear before
-    the pass, but for what that energy leaves unknown.
+    `since_uj` is the wearing energy from the last touch of the pad to this pass, `rest_s` the machining time after
+    it. `number` counts passes from 1; 0 is unknown. `wear_u_um` is the standard uncertainty of the wear before the
+    pass, without that by energy.
     """
 
     way: Way
@@ -63,11 +62,12 @@ class PassPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassResult:
-    """What a pass did. `fault` names the row of the faults that ended it early, `message` says why; else both empty.
+    """Result of a pass. `fault` names the row of the faults that ended it early, `message` the reason; else both
+    empty.
 
-    `held_share` is the share of the path on which the tool stood at its limit. `counts` are pulses by class (open,
-    normal, arc, short), `wearing_uj` the energy that wore the tool. `limits_um` holds the limit at each point of
-    the way, `used_uj` the wearing energy of the pass when the tool was there, shape (n,).
+    `held_share` is the share of the path on which the tool was at its limit. `counts` are pulses by class (open,
+    normal, arc, short), `wearing_uj` the energy that wore the tool. `limits_um` is the limit at each point of the
+    way, `used_uj` the wearing energy of the pass when the tool was there, shape (n,).
     """
 
     limits_um: Array
@@ -83,17 +83,17 @@ class PassResult:
 
     @property
     def held(self) -> bool:
-        """Whether the tool stood at its limit as good as all along."""
+        """Whether the tool was at its limit on nearly all of the path."""
         return not self.fault and self.held_share >= HELD_ENOUGH
 
     @property
     def open_share(self) -> float:
-        """Share of the pulses that found nothing to strike."""
+        """Share of open pulses."""
         return self.counts[0] / max(1, sum(self.counts))
 
 
 def run_pass(run: JobRun, plan: PassPlan, wear: ToolWear, left_s: float, time_limit: str) -> PassResult:
-    """Go along the path once; the tool is then held with the pulses off."""
+    """Follow the path once; the tool is then held with the pulses off."""
     start_s = run.machine.time_s
     follower = PassFollower(run, start_s, plan.number)
     feeder = _Feeder(run, plan, wear, follower)
@@ -138,7 +138,7 @@ def _watch(run: JobRun, feeder: _Feeder, end_s: float, time_limit: str) -> tuple
 
 
 class _Feeder:
-    """Knows where the tool is on its way, and sends the lines ahead of it."""
+    """Follows the tool along its way, and sends the lines ahead of it."""
 
     def __init__(self, run: JobRun, plan: PassPlan, wear: ToolWear, follower: PassFollower) -> None:
         self._run = run
@@ -154,27 +154,24 @@ class _Feeder:
 
     @property
     def held_share(self) -> float:
-        """Share of the slices, while the tool moved, in which it stood at its limit."""
+        """Share of the slices, while the tool moved, in which it was at its limit."""
         return self._held_slices / self._slices if self._slices else 0.0
 
     @property
     def stalled(self) -> str:
-        """What is wrong with stages that have stood still for long; nothing while they move."""
-        stood = self._run.machine.time_s - self._moved_s > STALLED_S
-        return (
-            f"the stages stood still for {STALLED_S:.0f} s, {self._here_um:.0f} µm along the path"
-            if stood
-            else ""
-        )
+        """What is wrong with stages that have stopped; empty while they move."""
+        if self._run.machine.time_s - self._moved_s <= STALLED_S:
+            return ""
+        return f"the stages stood still for {STALLED_S:.0f} s, {self._here_um:.0f} µm along the path"
 
     def used_uj(self) -> Array:
-        """Wearing energy of the pass when the tool was at each point, shape (n,)."""
+        """Return the wearing energy of the pass when the tool was at each point, shape (n,)."""
         s_um, uj = np.array(self._trace).T
         used: Array = np.interp(self._plan.way.lengths_um, s_um, uj)
         return used
 
     def feed(self) -> None:
-        """See where the tool is, and send what it will soon need."""
+        """Locate the tool, and send the lines that it will soon need."""
         way, follower = self._plan.way, self.follower
         status = self._run.machine.status()
         ahead_um = self._plan.speed_um_s * LOOK_AHEAD_S
@@ -194,7 +191,7 @@ class _Feeder:
                 return
 
     def _send(self, i: int) -> bool:
-        """Send the line to point `i`; False where the queue is full."""
+        """Send the line to point `i`; return False if the queue is full."""
         x_um, y_um = (float(c) for c in self._plan.way.points[i])
         limit_um = self._limit_um(i)
         last = i == len(self._plan.way.points) - 1
@@ -205,7 +202,7 @@ class _Feeder:
         return True
 
     def _limit_um(self, i: int) -> float:
-        """Limit at a point, by the wear that the tool will have there."""
+        """Return the limit at a point, by the expected wear there."""
         plan, used_uj = self._plan, self.follower.wearing_uj
         ahead_um = float(plan.way.lengths_um[i]) - self._here_um
         coming_uj = ahead_um * self._uj_per_um(used_uj)
@@ -226,10 +223,10 @@ class _Feeder:
 
 
 class PassFollower(TelemetrySums):
-    """Follows the telemetry of the pass `number` that begins at `start_s`; keeps its sums, and the tally of the job.
+    """Follows the telemetry of a pass that begins at `start_s`; keeps its sums, and the tally of the job.
 
-    `displacement_um` is of the newest block. Whoever scans sets `depth_um`, `wear_um`, `wear_u95_um` and
-    `time_left_s`. `unstable` says why a pass should end, `shorted` that most pulses of the last seconds were shorts.
+    `displacement_um` is of the newest block. The feeder sets `depth_um`, `wear_um`, `wear_u95_um` and `time_left_s`.
+    `unstable` is why a pass should end, `shorted` whether most pulses of the last seconds were shorts.
     """
 
     def __init__(self, run: JobRun, start_s: float, number: int = 0) -> None:
@@ -249,8 +246,8 @@ class PassFollower(TelemetrySums):
 
     @property
     def wearing_uj(self) -> float:
-        """Energy of this pass so far that wore the tool."""
-        return wearing_uj(energy_of(self._run.profile.pulse, self.counts, self.energy_j))
+        """Energy of this pass so far that wore the tool, µJ."""
+        return wearing_uj(energy_of(self._run.profile.pulse, self))
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
         """Take the samples of one slice."""
@@ -281,10 +278,7 @@ class PassFollower(TelemetrySums):
             step=self._step,
             wear_um=self.wear_um,
             wear_u95_um=self.wear_u95_um,
-            gap_low_v=seen.gap_low_v,
-            gap_high_v=seen.gap_high_v,
-            displacement_low_um=seen.low_um,
-            displacement_high_um=seen.high_um,
+            **extremes_of(seen),
             warning=tally.warning,
             warned_s=tally.warned_s,
         )

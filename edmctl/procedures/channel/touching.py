@@ -1,4 +1,4 @@
-"""The touches of a channel: the face before it, floor and pad at every measuring stop, and what they teach."""
+"""The touches of a channel: the surface before it, floor and pad at every measurement, and the gap by them."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
 from edmctl.procedures.touch.spots import OFFSET_U_UM, ToolLength, read_pad, refuse_grown_tool
-from edmctl.procedures.touch.surface_plane import fit_pad_slope, level_surface, touch_plane
+from edmctl.procedures.touch.surface_plane import SurfacePlane
 from edmctl.process.channel import ToolWear
 from edmctl.process.path import Way, even_places
 from edmctl.process.plane import Plane
 from edmctl.process.touches import against_sparks, is_short
 from edmctl.profile.places import Place
-from edmctl.record.rows import EventLevel, RejectedTouch, RunEvent
+from edmctl.record.rows import RejectedTouch, RunEvent
 from edmctl.results.job import FloorPlace
 
 FACE_CANDIDATES = 24
-"""Places of the path among which those for the plane are chosen."""
+"""Places of the path from which those for the plane are chosen."""
 FLOOR_U_UM = 1.0
-"""The same of the floor before it is touched: gap and unevenness."""
+"""Standard uncertainty of the floor before it is touched: gap and unevenness [assumed]."""
 PAD_U_SHARE = 0.15
-"""Of the wear since the last touch of the pad."""
+"""Standard uncertainty of the pad, as a share of the wear since its last touch."""
 UNEVEN_U_UM = 0.5
-"""Standard uncertainty of the floor's height at a place over that at others, after it was evened out [assumed]."""
+"""Standard uncertainty of the height of an evened floor from place to place [assumed]."""
 
 Touched = tuple[float, "Place", "SurfaceReading"]
 """Length along the path, place and reading of one touch of the floor."""
@@ -39,7 +39,7 @@ Touched = tuple[float, "Place", "SurfaceReading"]
 
 @dataclass(slots=True, eq=False)
 class ChannelSurface:
-    """The untouched face: the pad before the channel, and a plane through it and places of the path.
+    """The untouched surface: the pad before the channel, and a plane through it and places of the path.
 
     `doubt_u_um` is a standard uncertainty on top of the plane's, since something contradicted it.
     """
@@ -51,9 +51,8 @@ class ChannelSurface:
 
 @dataclass(frozen=True, slots=True)
 class ExtraUncertainty:
-    """Standard uncertainties, µm, that come on top where an earlier run has left a channel.
-
-    `step_u_um` is of the floor from place to place.
+    """Additional standard uncertainties of a resumed channel, µm; `step_u_um` is from place to place of the
+    floor.
     """
 
     pad_u_um: float = 0.0
@@ -66,7 +65,7 @@ NO_EXTRA = ExtraUncertainty()
 
 @dataclass(frozen=True, slots=True)
 class FloorReading:
-    """The touches of one measuring stop: the pad, the floor at places of the path, and the pad again."""
+    """The touches of one measurement: the pad, the floor at places of the path, and the pad again."""
 
     places: tuple[FloorPlace, ...]
     floor: tuple[SurfaceReading, ...]
@@ -87,14 +86,14 @@ class FloorReading:
 
 
 def touch_untouched(run: JobRun, way: Way) -> ChannelSurface:
-    """Touch the pad (Z1), then the face at places of the path, as its tilt would otherwise enter the floor."""
+    """Touch the pad (Z1), then the surface at places of the path: its tilt would otherwise enter the floor."""
     expected_um = run.tally.home_um + run.profile.approach.offset_um
     z1 = read_pad(run, "Z1", run.profile.meta.name, expected_um, OFFSET_U_UM)
     candidates = [_place(run, way, s_um) for s_um in even_places(way, FACE_CANDIDATES)]
-    surface = level_surface(run)
-    fit_pad_slope(run, surface, z1)
-    touch_plane(run, candidates, surface, ToolLength(z1))
-    run.keeper.set_surface(tuple(surface.touched), surface.doubt_u_um)
+    surface = SurfacePlane(run)
+    surface.fit_pad_slope(z1)
+    surface.touch_plane(candidates, ToolLength(z1))
+    surface.keep()
     return ChannelSurface(z1, surface.plane, surface.doubt_u_um)
 
 
@@ -110,9 +109,8 @@ def measure_floor(
 ) -> FloorReading:
     """Touch the pad, the floor at places along the path of the pass just done, and the pad again.
 
-    `since_uj` is the wearing energy since the pad was touched last, `unknown` what else nobody knows of pad and
-    floor. Between the two readings of the pad its height is interpolated: the sensor drifts by as much in these
-    minutes as the floor may be uneven.
+    `since_uj` is the wearing energy since the pad was touched last. Between the two readings of the pad its height
+    is interpolated, because in these minutes the sensor drifts by as much as the floor may be uneven.
     """
     wear_um = wear.um(since_uj)
     pad_u_um = math.hypot(PAD_U_SHARE * wear.per_uj * since_uj, unknown.pad_u_um)
@@ -145,7 +143,7 @@ def _short_ones_again(
 ) -> list[Touched]:
     """Touch again where the floor is shorter than the other places and the held tool allow.
 
-    The tool was held alike all along, so it left the same gap everywhere but for the floor's unevenness.
+    The tool was held alike everywhere, so it left the same gap apart from the unevenness of the floor.
     """
     ends_um = [_held_um(plan, done, wear, s_um) for s_um, _, _ in touched]
     gap_um = statistics.median(z2.z_um - end_um for (_, _, z2), end_um in zip(touched, ends_um, strict=True))
@@ -156,12 +154,11 @@ def _short_ones_again(
         if not is_short(off, gap_um):
             found.append((s_um, place, z2))
             continue
-        run.decide(
+        run.warn(
             RunEvent.TOUCH_DOUBTED,
             f"Z2 = {z2.z_um:.2f} µm at {place.name} is {-off.um:.2f} µm short of what the held tool left elsewhere "
             "(a chip?). It is touched again.",
             {"kind": "Z2", "off_um": off.um, "u_um": off.u_um, "z_um": z2.z_um},
-            level=EventLevel.WARNING,
         )
         run.recorder.append(RejectedTouch(z2.time_s))
         move_to(run, place)
@@ -173,7 +170,7 @@ def _short_ones_again(
 def _touch_pad(
     run: JobRun, surface: ChannelSurface, predicted_um: float, pad_u_um: float, unknown: ExtraUncertainty
 ) -> SurfaceReading:
-    """Touch the pad (Z3). The tool that an earlier run has left is compared together with the floor."""
+    """Touch the pad (Z3). The tool of a resumed channel is compared together with the floor."""
     z1 = surface.z1
     z3 = read_pad(run, "Z3", run.profile.meta.name, predicted_um, pad_u_um)
     if unknown is NO_EXTRA:
@@ -184,7 +181,7 @@ def _touch_pad(
 def _surface_at(
     place: Place, z2: SurfaceReading, before: SurfaceReading, after: SurfaceReading, surface: ChannelSurface
 ) -> float:
-    """Return where the tool would have met the untouched face at a place, when it touched there."""
+    """Return where the tool would have met the untouched surface at a place, at the time of its touch."""
     share = (z2.time_s - before.time_s) / (after.time_s - before.time_s)
     pad_um = before.z_um + share * (after.z_um - before.z_um)
     return pad_um + surface.plane.height_um(place.x_um, place.y_um)
@@ -193,9 +190,9 @@ def _surface_at(
 def learned_gap_um(
     plan: PassPlan, done: PassResult, found: FloorReading, wear: ToolWear, believed_um: float
 ) -> float:
-    """Return the mean gap that a pass left between the held tool and the floor, by the wear per energy as now known.
+    """Return the mean gap that a pass left between the held tool and the floor; `believed_um` if it is unknown.
 
-    A tool that was not held, and touches in doubt, say nothing of a gap: then it is what was believed.
+    A tool that was not held, and doubted touches, show no gap.
     """
     gaps_um = [
         z2.z_um - _held_um(plan, done, wear, place.s_um)
@@ -206,10 +203,7 @@ def learned_gap_um(
 
 
 def _held_um(plan: PassPlan, done: PassResult, wear: ToolWear, s_um: float) -> float:
-    """Return where the tool was held at a place, as the tool that touches there would show it.
-
-    That one is shorter, by the wear of the rest of the pass.
-    """
+    """Return where the tool was held at a place, for the tool after the rest of the pass, which is shorter."""
     held_um = float(np.interp(s_um, plan.way.lengths_um, done.limits_um))
     used_uj = float(np.interp(s_um, plan.way.lengths_um, done.used_uj))
     return held_um + wear.per_uj * (done.wearing_uj - used_uj)

@@ -1,8 +1,7 @@
-"""Tells that a cut has come out at the back of the sheet, from feed, depth and open pulses.
+"""Detection of a breakthrough at the back of a sheet, from feed, depth and open pulses.
 
-As the bottom opens, less area is left to erode: the tool feeds faster, and more pulses find nothing to strike.
-Where the work erodes nearly as fast as the servo feeds, the feed has no room to rise; there the end of all
-discharges tells.
+As the bottom opens, less area remains to erode: the tool feeds faster, and more pulses are open. If the workpiece
+erodes nearly as fast as the servo feeds, the feed cannot rise; then the end of all discharges shows it.
 """
 
 from __future__ import annotations
@@ -15,27 +14,26 @@ from edmctl.process.next_cut import CLEAR_SIGMAS
 FEED_WINDOW_S = 2.0
 BASE_S = 20.0
 FEED_FACTOR = 1.6
-"""The mean feed of the last 2 s is so much of the median of the last 20 s."""
+"""Mean feed of the last 2 s relative to the median of the last 20 s."""
 DEPTH_SHARE = 0.15
-"""The depth is so near to the thickness, within what is unknown of it: it is known by feed and a wear that is only
-believed, so a sheet under a tool that wears otherwise gives way at another feed."""
+"""Largest distance of the depth from the thickness, besides its uncertainty: the wear in it is only expected."""
 OPEN_S = 1.0
 OPEN_MORE = 0.10
-"""In the last second there were so many more open pulses, as a share of all, than in the last 20 s."""
+"""Rise of the share of open pulses in the last second over that of the last 20 s."""
 FREEZE_S = 0.5
-"""After a jump nothing is judged for so long."""
+"""Time after a jump without detection."""
 
 
 def is_near_back(depth_um: float, depth_u_um: float, thickness_um: float) -> bool:
-    """Return whether a depth is so near to the thickness of the sheet that the hole may be open."""
+    """Return whether the hole may be open by its depth."""
     return abs(depth_um - thickness_um) <= DEPTH_SHARE * thickness_um + CLEAR_SIGMAS * depth_u_um
 
 
 class Breakthrough:
-    """Judges one cut through a sheet of `thickness_um`, slice by slice.
+    """Detects the breakthrough of one cut through a sheet of `thickness_um`, slice by slice.
 
-    `at_um` is the displacement at which the sheet broke through, NaN before; `message` what was seen then. The feeds
-    and the shares of open pulses are what was seen last, beside what was usual before.
+    `at_um` is the displacement at which the sheet broke through, NaN before; `message` states the evidence. Feeds
+    and shares of open pulses are the newest, and the usual ones before.
     """
 
     def __init__(self, thickness_um: float) -> None:
@@ -59,7 +57,7 @@ class Breakthrough:
         *,
         sparking: bool,
     ) -> bool:
-        """Judge a slice; True once, when the sheet has broken through.
+        """Take a slice; return True once, when the sheet has broken through.
 
         `depth_um` is the estimated depth, `depth_u_um` its standard uncertainty.
         """
@@ -88,14 +86,14 @@ class Breakthrough:
         return True
 
     def on_spark_loss(self, spark_um: float, depth_um: float, depth_u_um: float, lost: str) -> bool:
-        """Judge that all discharges have ended, the last one at `spark_um`; whether the sheet has broken through."""
+        """Take the end of all discharges, the last at `spark_um`; return whether the sheet has broken through."""
         if not is_near_back(depth_um, depth_u_um, self._thickness_um):
             return False
         self.at_um, self.message = spark_um, f"Broke through at {spark_um:.1f} µm: {lost}."
         return True
 
     def _follow(self, duration_s: float, speed_um_s: float, open_share: float) -> None:
-        """Means of feed and open share, exponential ones when they are old enough; and what they were before."""
+        """Update the exponential means of feed and open share, and their history."""
         self._seconds += duration_s
         self.feed_um_s += duration_s / min(FEED_WINDOW_S, self._seconds) * (speed_um_s - self.feed_um_s)
         self.open_share += duration_s / min(OPEN_S, self._seconds) * (open_share - self.open_share)
@@ -126,7 +124,7 @@ class SparkLoss:
         self.spark_um = math.nan
 
     def update(self, duration_s: float, displacement_um: float, pulses: int, opens: int) -> str:
-        """Judge a slice of sparking; says what was seen when the sparks are lost, empty otherwise."""
+        """Take a slice of sparking; return the evidence when the sparks are lost, otherwise empty."""
         if opens < pulses or math.isnan(self.spark_um):
             self._open_s, self.spark_um = 0.0, displacement_um
             return ""

@@ -1,6 +1,8 @@
-"""One cut: the servo runs in the controller, the host watches, jumps on time, and says when it is over.
+"""One cut: the controller runs the servo; the host watches, jumps, changes servo and pulses, and answers burns.
 
-And what follows it: another one, the end, or the end short of the objective.
+After an arc that burned in one place the controller has switched the pulses off, retracted and latched its fault.
+The first burn of a cut costs no more than the way back; after the second the gap is kept wider and the pulses pause
+longer; then the cut is given up.
 """
 
 from __future__ import annotations
@@ -8,38 +10,43 @@ from __future__ import annotations
 import math
 from enum import StrEnum
 
-from edmctl.dataclasses import dataclass
+from edmctl.actuator.inverse import jump_volts
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import MachineFault
-from edmctl.labels import Verdict
-from edmctl.machine.faults import host_fault
-from edmctl.machine.interface import EventCode, MachineEvent
-from edmctl.planning.measuring import cut_budget
-from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, following_plan
-from edmctl.procedures.hole.running_cut import NO_SPARK, ArcRecovery, CutControl, with_a_check
-from edmctl.procedures.job import HoleTarget, verdict_of
-from edmctl.procedures.run import JobRun
+from edmctl.machine.interface import CutRequest, EventCode, JumpRequest, MachineEvent
+from edmctl.planning.removal import approach_speed_um_s, least_jump_um
+from edmctl.procedures.hole.cut_planning import CutPlan
+from edmctl.procedures.job_state import Counts
+from edmctl.procedures.run import Args, JobRun
 from edmctl.procedures.servo.limits import TimeLeft
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor
-from edmctl.process.live_erosion import ErosionEstimate
-from edmctl.process.next_cut import is_done
-from edmctl.process.touches import DepthAndWear
-from edmctl.profile.model import Profile
-from edmctl.record.rows import EventLevel, EventRow, RunEvent
-from edmctl.results.telemetry import PulseShares, pulse_shares
-from edmctl.wording import decimal, plural, signed
+from edmctl.procedures.settings import pulse_settings
+from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS, lower_to
+from edmctl.record.rows import EventLevel, RunEvent
+from edmctl.results.telemetry import pulse_shares
 
 STATUS_PERIOD_S = 5.0
-"""The dielectric is asked for this often; the controller itself guards it."""
+"""Period of requests for the state of the dielectric; the controller itself guards it."""
 SPARKLESS_UM = 1.0
-"""A cut that ends so far beyond its last discharge has not cut that way; good cuts end within 0.2 µm of it."""
-_ROWS = {StopReason.STALLED: "STALL", StopReason.ENDED: "STROKE_END"}
-"""The fault row of a reason to stop."""
-MOST_RATIO = 5.0
-"""The recipe takes no wear.expected_ratio beyond it."""
-LARGEST_FACTOR = 3.0
-"""Of the wear ratio that the recipe expects; the other polarity wears the tool several times as fast."""
-LEAST_EXPECTED = 0.02
-"""A recipe that expects less wear than this is taken to expect this: no tool keeps its length altogether."""
+"""A cut that ends further than this beyond its last discharge did not cut that way; good cuts end within 0.2 µm."""
+JUMP_RESERVE_UM = 5.0
+"""Displacement that a jump leaves, because the actuator cannot go below 0 V."""
+LEAST_JUMP_UM = 10.0
+FLUSHING_HEIGHTS = 2.0
+"""Least height of a jump, relative to the height that refills the gap beside the tool once."""
+LEAST_S = 0.05
+"""A resumed cut gets at least this time, so that the controller itself ends it."""
+CLEARANCE_UM = 1.0
+"""A jump returns fast to this far above the last spark point, with a working gap of some µm still below it. From
+5 µm the servo took 0.3 s to find its gap again; the actuator comes back within 0.4 µm (decision 0021)."""
+ARC_BURN, NO_SPARK = "E63002", "E63005"
+REST_S = 0.2
+REFERENCE_STEP = 0.05
+DUTY_SHARE = 0.8
+AGAIN_S = 10.0
+"""A third burn within this sparking time after the last one ends the cut,"""
+MOST_BURNS = 6
+"""and so does this number of burns."""
 
 
 class CutEnd(StrEnum):
@@ -52,24 +59,23 @@ class CutEnd(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CutResult:
-    """What a cut did. `counts` are its pulses by class: open, normal, arc, short; `energy_j` as in SiteResult.
+    """Result of a cut. `counts` are its pulses by class: open, normal, arc, short; `energy_j` as in SiteResult.
 
-    `is_at_limit` says that the tool sparked at the feed limit in the end: its gap to the bottom is a working gap.
-    `fault` names the row of the faults that ended it, empty where none did; `message` holds the figures of that.
-    `breakthrough_um` is the displacement at which the sheet broke through, NaN where it did not.
+    `is_at_limit`: the tool sparked at the feed limit in the end, so its gap to the bottom is a working gap.
+    `fault` names the row of the faults that ended it, empty if none did; `message` has the figures of that.
+    `breakthrough_um` is the displacement at which the sheet broke through, NaN if it did not.
     """
 
     end: CutEnd
     reason: str
     time_s: float
     end_displacement_um: float
-    counts: tuple[int, int, int, int]
+    counts: Counts
     gap_ratio_mean: float
     energy_j: float
     is_at_limit: bool
     fault: str = ""
     message: str = ""
-    jumps: int = 0
     breakthrough_um: float = math.nan
 
     @property
@@ -77,266 +83,310 @@ class CutResult:
         """Whether the sheet broke through."""
         return not math.isnan(self.breakthrough_um)
 
-    @property
-    def pulses(self) -> int:
-        """All pulses of the cut."""
-        return sum(self.counts)
+
+class Cut:
+    """One planned cut, while there is time left."""
+
+    def __init__(self, run: JobRun, plan: CutPlan, time_left: TimeLeft) -> None:
+        self._run, self._plan, self._time_left = run, plan, time_left
+        self._duty = run.profile.pulse.duty
+        self._start_s = run.machine.time_s
+        self._supervisor = Supervisor(run, plan, self._start_s)
 
     @property
-    def ratios(self) -> PulseShares:
-        """Share of each class."""
-        return pulse_shares(*self.counts)
+    def open_v(self) -> float:
+        """Mean gap voltage of an all-open gap with the duty in use, V."""
+        return self._supervisor.adaptive.duty * self._run.profile.pulse.open_voltage_v
 
+    @property
+    def reference_v(self) -> float:
+        """Mean gap voltage that the servo is to keep, V."""
+        return self._supervisor.adaptive.reference * self.open_v
 
-def run_cut(run: JobRun, plan: CutPlan, time_left: TimeLeft) -> CutResult:
-    """Machine to the plan's limit, while there is time left; the tool is then held with the pulses off."""
-    run.decide(
-        RunEvent.CUT_PLANNED,
-        f"Cut {plan.number}: feed {plan.feed_um:.1f} µm to {plan.z_limit_um:.1f} µm, expecting a gap of "
-        f"{plan.start.gap_um:.2f} µm and {plan.wear_ratio:.3f} µm wear per µm depth.",
-        {
-            "cut": plan.number,
-            "feed_um": plan.feed_um,
-            "z_limit_um": plan.z_limit_um,
-            "gap_um": plan.start.gap_um,
-            "wear_ratio": plan.wear_ratio,
-            **({} if math.isnan(plan.target_um) else {"target_um": plan.target_um}),
-        },
-    )
-    start_s = run.machine.time_s
-    supervisor = Supervisor(run, plan, start_s)
-    cutting = CutControl(run, plan, supervisor, start_s + time_left.seconds)
-    run.watch.follow(supervisor.on_telemetry)
-    try:
-        cutting.start()
-        ended = _watch(run, cutting, ArcRecovery(run, plan, supervisor, cutting), supervisor)
-        cutting.finish()
-    finally:
-        run.watch.follow(None)
-    result = _result(plan, supervisor, cutting, ended, ended.time_s - start_s, time_left.limit)
-    _report(run, plan, result)
-    return result
-
-
-def _watch(run: JobRun, cutting: CutControl, burns: ArcRecovery, supervisor: Supervisor) -> MachineEvent:
-    """Watch until the end, over burns that can be recovered from."""
-    while True:
+    def run(self) -> CutResult:
+        """Machine to the plan's limit; the tool is then held with the pulses off."""
+        run, plan, supervisor = self._run, self._plan, self._supervisor
+        run.decide(
+            RunEvent.CUT_PLANNED,
+            f"Cut {plan.number}: feed {plan.feed_um:.1f} µm to {plan.z_limit_um:.1f} µm, expecting a gap of "
+            f"{plan.start.gap_um:.2f} µm and {plan.wear_ratio:.3f} µm wear per µm depth.",
+            {
+                "cut": plan.number,
+                "feed_um": plan.feed_um,
+                "z_limit_um": plan.z_limit_um,
+                "gap_um": plan.start.gap_um,
+                "wear_ratio": plan.wear_ratio,
+                **({} if math.isnan(plan.target_um) else {"target_um": plan.target_um}),
+            },
+        )
+        burns = ArcRecovery(run, plan, supervisor, self)
+        run.watch.follow(supervisor.on_telemetry)
         try:
-            return _watch_sparks(run, cutting, supervisor)
-        except MachineFault as fault:
-            if fault.code == NO_SPARK:
-                raise with_a_check(fault, supervisor.displacement_um) from fault
-            burns.answer(fault)
+            self.start()
+            ended = self._watch(burns)
+            self._set_duty(run.profile.pulse.duty)
+        finally:
+            run.watch.follow(None)
+        result = self._result(ended)
+        self._report(result)
+        return result
+
+    def start(self) -> None:
+        """Start the servo, with the reference and the pulses in use."""
+        run = self._run
+        self.set_generator()
+        self._supervisor.reference_v, self._supervisor.duty_v = self.reference_v, self.open_v
+        left_s = max(LEAST_S, self._start_s + self._time_left.seconds - run.machine.time_s)
+        run.machine.start_cut(CutRequest(self.reference_v, self._plan.z_limit_um, left_s))
+
+    def set_generator(self) -> None:
+        """Set the duty in use."""
+        self._set_duty(self._supervisor.adaptive.duty)
+
+    def report_changes(self) -> bool:
+        """Record the changes of the adaptive control; return whether the cut has to be restarted for them."""
+        run, changes = self._run, self._supervisor.adaptive.changes
+        restart = False
+        for change in changes:
+            if change.code is RunEvent.JUMP_PERIOD:
+                run.note(change.code, change.message, change.args, EventLevel.DEBUG)
+            else:
+                run.decide(change.code, change.message, change.args)
+                restart = True
+        changes.clear()
+        return restart
+
+    def _watch(self, burns: ArcRecovery) -> MachineEvent:
+        while True:
+            try:
+                return self._watch_sparks()
+            except MachineFault as fault:
+                if fault.code == NO_SPARK:
+                    raise _with_a_check(fault, self._supervisor.displacement_um) from fault
+                burns.answer(fault)
+
+    def _watch_sparks(self) -> MachineEvent:
+        run, supervisor = self._run, self._supervisor
+        next_status_s = run.machine.time_s
+        while True:
+            ended = run.machine.watch_cut(supervisor.slice_s(run.machine.time_s))
+            if ended is not None:
+                return ended
+            if run.machine.time_s >= next_status_s:
+                supervisor.status = run.machine.status()
+                next_status_s += STATUS_PERIOD_S
+            if supervisor.stop_reason is not None:
+                ended = run.machine.stop_cut()
+                # Recorded after the pulses are off, because writing takes time.
+                said = f": {supervisor.message}" if supervisor.message else ""
+                args = {"displacement_um": supervisor.displacement_um}
+                message = f"{supervisor.stop_reason}{said}"
+                run.note(RunEvent.CUT_GIVEN_UP, message, args, EventLevel.WARNING)
+                return ended
+            if supervisor.is_complete:
+                return run.machine.stop_cut()
+            if self.report_changes():
+                ended = run.machine.stop_cut()
+                if ended.code is not EventCode.STOPPED:
+                    return ended
+                self.start()
+            self._jump_if_due()
+
+    def _jump_if_due(self) -> None:
+        run, supervisor = self._run, self._supervisor
+        due = supervisor.jump_due(run.machine.time_s)
+        if due is None:
+            return
+        code, reason = due
+        height_um = self._jump_height_um(code)
+        if height_um >= LEAST_JUMP_UM:
+            run.machine.jump(jump_request(run, height_um))
+            supervisor.jumps, supervisor.last_jump_s = supervisor.jumps + 1, run.machine.time_s
+            self._report_jump(code, reason, height_um)
+        supervisor.jumped(code, run.machine.time_s)
+
+    def _jump_height_um(self, code: RunEvent) -> float:
+        """Return as high a jump as the hole needs and the displacement allows."""
+        profile, displacement_um = self._run.profile, self._supervisor.displacement_um
+        if math.isnan(displacement_um):
+            return 0.0
+        height_um = profile.jump.height_um
+        if profile.jump.mode == "adaptive" or code is not RunEvent.JUMPED:
+            depth_um = self._plan.depth_at(displacement_um)
+            least_um = least_jump_um(depth_um, profile.tool.diameter_um, profile.work.side_gap_um)
+            height_um = max(height_um, FLUSHING_HEIGHTS * least_um)
+        return min(height_um, displacement_um - JUMP_RESERVE_UM)
+
+    def _report_jump(self, code: RunEvent, reason: str, height_um: float) -> None:
+        run, adaptive = self._run, self._supervisor.adaptive
+        message = f"Jump of {height_um:.0f} µm: {reason}."
+        if code is not RunEvent.JUMPED:
+            run.decide(code, message, {"height_um": height_um})
+            return
+        args: Args = {
+            "height_um": height_um,
+            "period_s": adaptive.period_s,
+            "arcs": round(adaptive.arcs, 5),
+            "shorts": round(adaptive.shorts, 5),
+            "asked": " and ".join(adaptive.asking),
+            **{f"asking_{name}": round(share, 5) for name, share in adaptive.asking.items()},
+        }
+        run.note(code, message, args, EventLevel.DEBUG)
+
+    def _set_duty(self, duty: float) -> None:
+        """Change the pauses between pulses of the same length."""
+        if duty == self._duty:
+            return
+        pulses = pulse_settings(self._run.profile)
+        off_time_us = pulses.on_time_us * (1.0 / duty - 1.0)
+        self._run.machine.set_pulses(replace(pulses, off_time_us=off_time_us))
+        self._run.watch.set_duty_voltage(duty * pulses.open_voltage_v)
+        self._duty = duty
+
+    def _result(self, ended: MachineEvent) -> CutResult:
+        supervisor = self._supervisor
+        end = {EventCode.CUT_DONE: CutEnd.REACHED, EventCode.TIME_UP: CutEnd.TIME_UP}.get(
+            ended.code, CutEnd.GIVEN_UP
+        )
+        stop_reason, at_limit, reason = supervisor.stop_reason, end is CutEnd.REACHED, end.value
+        fault = message = ""
+        if stop_reason is not None:
+            rows = {StopReason.STALLED: "STALL", StopReason.ENDED: "STROKE_END"}
+            reason, fault, message = stop_reason.value, rows.get(stop_reason, ""), supervisor.message
+        elif supervisor.is_complete:
+            end, reason = CutEnd.REACHED, "through"
+        if end is CutEnd.TIME_UP:
+            fault, message = "TIMEOUT", self._time_left.limit
+        end_um = self._end_um(ended, at_limit=at_limit)
+        return CutResult(
+            end=end,
+            reason=reason,
+            time_s=ended.time_s - self._start_s,
+            end_displacement_um=end_um,
+            is_at_limit=at_limit and end_um == self._plan.z_limit_um,
+            counts=supervisor.total,
+            gap_ratio_mean=supervisor.gap_ratio_mean,
+            energy_j=supervisor.energy_j,
+            fault=fault,
+            message=message,
+            breakthrough_um=supervisor.breakthrough.at_um,
+        )
+
+    def _end_um(self, ended: MachineEvent, *, at_limit: bool) -> float:
+        """At CUT_DONE the controller's low-passed sensor read the limit, unless the tool went without sparks."""
+        end_um = self._plan.z_limit_um if at_limit else ended.displacement_um
+        sparked_um = self._supervisor.sparked_at_um
+        if not self._supervisor.is_through and end_um - sparked_um > SPARKLESS_UM:
+            return sparked_um
+        return end_um
+
+    def _report(self, result: CutResult) -> None:
+        ratios = pulse_shares(*result.counts)
+        self._run.decide(
+            RunEvent.CUT_ENDED,
+            f"Cut {self._plan.number} ended after {result.time_s:.1f} s at {result.end_displacement_um:.1f} µm "
+            f"({result.reason}); {100 * ratios.normal:.0f} % normal, {100 * ratios.arc:.1f} % arcs, "
+            f"{100 * ratios.short:.1f} % shorts.",
+            {
+                "cut": self._plan.number,
+                "time_s": result.time_s,
+                "z_um": result.end_displacement_um,
+                "pulses": sum(result.counts),
+                "jumps": self._supervisor.jumps,
+            },
+            level=EventLevel.INFO if result.end is CutEnd.REACHED else EventLevel.WARNING,
+        )
 
 
-def _watch_sparks(run: JobRun, cutting: CutControl, supervisor: Supervisor) -> MachineEvent:
-    next_status_s = run.machine.time_s
-    while True:
-        ended = run.machine.watch_cut(supervisor.slice_s(run.machine.time_s))
-        if ended is not None:
-            return ended
-        if run.machine.time_s >= next_status_s:
-            supervisor.status = run.machine.status()
-            next_status_s += STATUS_PERIOD_S
-        if supervisor.stop_reason is not None:
-            ended = run.machine.stop_cut()
-            _record_stop_reason(run, supervisor)
-            return ended
-        if cutting.is_complete:
-            return run.machine.stop_cut()
-        ended = cutting.retune()
-        if ended is not None:
-            return ended
-        cutting.jump_if_due()
+def jump_request(run: JobRun, height_um: float, clearance_um: float = CLEARANCE_UM) -> JumpRequest:
+    """Return a jump of `height_um` at the profile's speed that returns fast to `clearance_um`, 0 for all the way.
 
-
-def _record_stop_reason(run: JobRun, supervisor: Supervisor) -> None:
-    """Say why the cut was ended: after the pulses are off, because writing takes time."""
-    message = (
-        f"{supervisor.stop_reason}: {supervisor.message}"
-        if supervisor.message
-        else str(supervisor.stop_reason)
-    )
-    args = {"displacement_um": supervisor.displacement_um}
-    run.recorder.append(
-        EventRow(run.machine.time_s, RunEvent.CUT_GIVEN_UP, EventLevel.WARNING, message, args)
-    )
-
-
-def _result(
-    plan: CutPlan,
-    supervisor: Supervisor,
-    cutting: CutControl,
-    ended: MachineEvent,
-    time_s: float,
-    time_limit: str,
-) -> CutResult:
-    """At CUT_DONE the controller's low-passed sensor stood at the limit: that is the displacement.
-
-    But for a tool that has come there without sparks.
+    JUMP carries lengths, which the controller converts to volts by `gain_um_per_v`. After a turning point the
+    actuator moves far less per volt: 60 µm become 41. So the actuator model gives the voltages of the jump, and
+    voltage × mean gain is sent; without a model the mean gain alone counts. The speed is scaled alike, so that the
+    jump takes the time that the profile states.
     """
-    end = {EventCode.CUT_DONE: CutEnd.REACHED, EventCode.TIME_UP: CutEnd.TIME_UP}.get(
-        ended.code, CutEnd.GIVEN_UP
-    )
-    stop_reason = supervisor.stop_reason
-    at_limit, reason = end is CutEnd.REACHED, end.value
-    if cutting.is_complete and stop_reason is None:
-        end, reason = CutEnd.REACHED, "through"
-    fault, message = ("", "") if stop_reason is None else (_ROWS.get(stop_reason, ""), supervisor.message)
-    if end is CutEnd.TIME_UP:
-        fault, message = "TIMEOUT", time_limit
-    end_um = _end_um(plan, supervisor, ended, at_limit=at_limit)
-    return CutResult(
-        end=end,
-        reason=reason if stop_reason is None else stop_reason.value,
-        time_s=time_s,
-        end_displacement_um=end_um,
-        is_at_limit=at_limit and end_um == plan.z_limit_um,
-        counts=supervisor.total,
-        gap_ratio_mean=supervisor.gap_ratio_mean,
-        energy_j=supervisor.energy_j,
-        fault=fault,
-        message=message,
-        jumps=cutting.jumps,
-        breakthrough_um=supervisor.breakthrough.at_um,
+    jump, gain_um_per_v = run.profile.jump, run.setup.actuator.gain_um_per_v
+    estimator = run.watch.estimator()
+    if estimator is None:
+        return JumpRequest(height_um, jump.speed_um_s, jump.dwell_s, clearance_um)
+    volts = jump_volts(estimator, height_um, clearance_um, height_um / jump.speed_um_s, jump.dwell_s)
+    sent_um = gain_um_per_v * volts.height_v
+    return JumpRequest(
+        height_um=sent_um,
+        speed_um_s=jump.speed_um_s * max(1.0, sent_um / height_um),
+        dwell_s=jump.dwell_s,
+        clearance_um=gain_um_per_v * volts.clearance_v if clearance_um else 0.0,
     )
 
 
-def _end_um(plan: CutPlan, supervisor: Supervisor, ended: MachineEvent, *, at_limit: bool) -> float:
-    end_um = plan.z_limit_um if at_limit else ended.displacement_um
-    sparked_um = supervisor.sparked_at_um
-    if not supervisor.is_through and end_um - sparked_um > SPARKLESS_UM:
-        return sparked_um
-    return end_um
+@dataclass(slots=True, eq=False)
+class ArcRecovery:
+    """The burns of one cut, and the answer to each."""
+
+    run: JobRun
+    plan: CutPlan
+    supervisor: Supervisor
+    cut: Cut
+    _number: int = 0
+    _last_s: float = -math.inf
+
+    def answer(self, fault: MachineFault) -> None:
+        """Continue the cut after a burn; raise any other fault, and one burn too many."""
+        while True:
+            if fault.code != ARC_BURN:
+                raise fault
+            spark_s = self.supervisor.sparking_s
+            self._number += 1
+            soon = spark_s - self._last_s < AGAIN_S
+            if self._number >= MOST_BURNS or (self._number > 2 and soon):
+                raise fault
+            self._last_s = spark_s
+            try:
+                self._go_on(fault.fault)
+            except MachineFault as again:
+                fault = again
+            else:
+                return
+
+    def _go_on(self, code: int) -> None:
+        run, supervisor = self.run, self.supervisor
+        spark_um, unknown_um = self._sparked_at(run.machine.time_s)
+        run.warn(
+            RunEvent.ARC_BURN_RECOVERY,
+            f"Burn {self._number} of this cut, at {spark_um:.1f} µm: the tool has retracted, rests and comes back.",
+            {"burn": self._number, "displacement_um": spark_um},
+        )
+        run.machine.clear_fault(code)
+        run.machine.arm()
+        if self._number > 1:
+            supervisor.adaptive.soften(REFERENCE_STEP, DUTY_SHARE, f"burn {self._number} of this cut")
+            self.cut.report_changes()
+        run.machine.rest(REST_S)
+        self.cut.set_generator()
+        lower_to(run, spark_um - ABOVE_BOTTOM_UM - unknown_um)
+        way_um = spark_um - run.watch.displacement_um + BEYOND_BOTTOM_UM + unknown_um
+        first_sparks_v = 0.5 * (self.cut.open_v + self.cut.reference_v)
+        run.machine.approach(approach_speed_um_s(run.profile), way_um, first_sparks_v)
+        self.cut.start()
+
+    def _sparked_at(self, now_s: float) -> tuple[float, float]:
+        """Return where the tool sparked, and how far from there the bottom may be now.
+
+        With samples of this cut that is the drift since the last one; without any it is as planned.
+        """
+        seen_um, plan = self.supervisor.displacement_um, self.plan
+        if math.isnan(seen_um):
+            u_um = math.hypot(plan.start.bottom_u_at(now_s), plan.start.gap_u_um)
+            return plan.start.bottom_um - plan.start.gap_um, UNKNOWN_SDS * u_um
+        since_s = max(0.0, now_s - self.supervisor.seen_s)
+        return seen_um, UNKNOWN_SDS * plan.start.drift_u_um_per_s * since_s
 
 
-def _report(run: JobRun, plan: CutPlan, result: CutResult) -> None:
-    ratios = result.ratios
-    run.decide(
-        RunEvent.CUT_ENDED,
-        f"Cut {plan.number} ended after {result.time_s:.1f} s at {result.end_displacement_um:.1f} µm "
-        f"({result.reason}); {100 * ratios.normal:.0f} % normal, {100 * ratios.arc:.1f} % arcs, "
-        f"{100 * ratios.short:.1f} % shorts.",
-        {
-            "cut": plan.number,
-            "time_s": result.time_s,
-            "z_um": result.end_displacement_um,
-            "pulses": result.pulses,
-            "jumps": result.jumps,
-        },
-        level=EventLevel.INFO if result.end is CutEnd.REACHED else EventLevel.WARNING,
+def _with_a_check(fault: MachineFault, displacement_um: float) -> MachineFault:
+    """Return the fault of lost sparks with the way to distinguish a lost tool from missing pulses."""
+    hint = (
+        f"{fault.hint} `edmctl approach --contact` tells which it is: contact near {displacement_um:.0f} µm means "
+        "that the tool is there and no pulses reach it; no contact, that it is lost or broken."
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Decision:
-    """The next cut, or None at the end; then `missed` says why the objective was missed, empty if not.
-
-    `code` is the error code of a miss, `site` the hole that it is about.
-    """
-
-    plan: CutPlan | None
-    message: str
-    missed: str = ""
-    hint: str = ""
-    code: str = "E7010"
-    site: str = ""
-
-
-def decide(
-    profile: Profile,
-    target: HoleTarget,
-    number: int,
-    cut: CutResult | None,
-    found: DepthAndWear,
-    start: CutStart,
-    estimate: ErosionEstimate,
-    *,
-    touch_final: bool = False,
-    broken_cuts: int = 0,
-) -> Decision:
-    """Decide from what was measured after `number` cuts; another would start from `start`, with that estimate.
-
-    `cut` is None where an earlier run made it. `touch_final` says that the last cut is measured however small;
-    `broken_cuts` of the hole's came to no end and do not count.
-    """
-    if cut is not None and cut.end is not CutEnd.REACHED:
-        return unfinished(target, cut, found.depth_um, found.feed_um)
-    if target.kind == "feed" and cut is not None:
-        return Decision(None, f"Feed {found.feed_um:.2f} µm of {target.feed_um:.0f} µm.")
-    remaining_um = target.depth_um - found.depth_um
-    done = is_done(remaining_um, target.tolerance_um, found.depth_noise_um)
-    if done or number >= cut_budget(profile) + broken_cuts:
-        return _final(profile, target, number, found)
-    plan = following_plan(profile, target, number + 1, start, estimate, touch_final=touch_final)
-    after = "measured" if plan.measured else "known well enough not to be measured"
-    message = f"{remaining_um:.2f} µm are left: next cut feeds {plan.feed_um:.2f} µm, then {after}."
-    return Decision(plan, message)
-
-
-def out_of_time(target: HoleTarget, plan: CutPlan, limit: str) -> Decision:
-    """Return the end before a cut for which `limit` leaves no time."""
-    reached = target.reached(plan.start.depth_um, plan.start.depth_um + plan.start.wear_um)
-    return _missed("TIMEOUT", f" No time is left for cut {plan.number}: {limit}; the job ends at {reached}.")
-
-
-def unfinished(target: HoleTarget, cut: CutResult, depth_um: float, feed_um: float) -> Decision:
-    """Return the end after a cut that did not reach its limit."""
-    reached = target.reached(depth_um, feed_um)
-    if cut.fault:
-        return _missed(cut.fault, f" The cut ended early ({cut.message}) at {reached}.")
-    missed = f"The cut ended early ({cut.reason}) at {reached}."
-    hint = "Flush better (shorter jump.period_s, greater jump.height_um), or raise servo.reference."
-    return Decision(None, missed, missed, hint)
-
-
-def _missed(row: str, message: str) -> Decision:
-    """Return the end by a row of the faults, and what was reached."""
-    error = host_fault(row, message)
-    return Decision(None, error.message, error.message, error.hint, error.code)
-
-
-def _final(profile: Profile, target: HoleTarget, number: int, found: DepthAndWear) -> Decision:
-    off_um = found.depth_um - target.depth_um
-    cuts = plural(number, "cut")
-    message = f"Depth {decimal(found.depth_um)} µm, {signed(off_um)} µm from the target, after {cuts}."
-    verdict = verdict_of(target, found.depth_um, found.depth.u95, through=False)
-    if verdict is not Verdict.MISSED:
-        return Decision(None, message)
-    return Decision(
-        None,
-        message,
-        f"The depth is {decimal(found.depth_um)} µm after {cuts}, {signed(off_um)} µm from the target; "
-        f"target.tolerance_um is {target.tolerance_um:.1f} µm.",
-        remedy(profile, off_um, found.wear_ratio),
-    )
-
-
-def remedy(profile: Profile, off_um: float, wear_ratio: float = math.nan) -> str:
-    """Return the remedy for a depth that misses its target by `off_um`; an unmeasured `wear_ratio` is NaN."""
-    if off_um < 0.0:
-        key = "max_cuts" if cut_budget(profile) == profile.wear.max_cuts else "remeasure"
-        return f"Allow more cuts (wear.{key})."
-    if 0.0 < wear_ratio <= MOST_RATIO:
-        return f"Set wear.expected_ratio to {wear_ratio:.3f}, as measured."
-    return "Cut less before the first measuring stop (wear.first_fraction)."
-
-
-def refuse_wrong_setup(run: JobRun, found: DepthAndWear) -> None:
-    """Raise MachineFault E67005 where the first cut wore the tool far too fast, or left a hill and no hole.
-
-    Only what is beyond the uncertainty of the measurement counts.
-    """
-    expected = max(run.profile.wear.expected_ratio, LEAST_EXPECTED)
-    least_wear_um = found.wear.interval()[0]
-    most_depth_um = found.depth.interval()[1]
-    if most_depth_um >= 0.0 and least_wear_um <= LARGEST_FACTOR * expected * most_depth_um:
-        return
-    error = host_fault(
-        "SETUP",
-        f" The first cut has a depth of {found.depth_um:.2f} µm and a wear of {found.wear_um:.2f} µm; "
-        f"{expected:g} µm per µm were expected.",
-    )
-    args = {"depth_um": found.depth_um, "wear_um": found.wear_um, "expected_ratio": expected}
-    run.decide(RunEvent.SETUP_WRONG, error.message, args, level=EventLevel.ERROR)
-    raise error
+    return MachineFault(fault.message, hint=hint, code=fault.code, fault=fault.fault)

@@ -1,9 +1,10 @@
-"""Where a cut ends: from a depth wanted below a known bottom to a limit of the tool's displacement."""
+"""Plan a cut: from a target depth below a known bottom to a limit of the tool's displacement."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Protocol
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.planning.measuring import cut_budget, estimate_of
@@ -11,11 +12,8 @@ from edmctl.planning.removal import feed_rate_um_s
 from edmctl.procedures.job import HoleTarget, target_of
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
 from edmctl.process.next_cut import CLEAR_SIGMAS, NextCut, largest_first_um, next_cut
+from edmctl.profile.model import Profile, Pulse
 from edmctl.quantity import Value
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile, Pulse
-
 
 ARC_SHARE_OF_DISCHARGE_VOLTAGE = 0.77
 """An arc burns at 17 V where a normal discharge burns at 22 V."""
@@ -23,12 +21,10 @@ ARC_SHARE_OF_DISCHARGE_VOLTAGE = 0.77
 
 @dataclass(frozen=True, slots=True)
 class CutStart:
-    """What a cut starts from.
+    """State at the start of a cut; `*_u_um` are standard uncertainties.
 
-    The tool would touch the bottom at `bottom_um`, known within `bottom_u_um` at `time_s` and drifting within
-    `drift_u_um_per_s` since. `depth_um` and `wear_um` are the hole's so far, the wear known within `wear_u_um`;
-    `depth_u_um` is what else is unknown of the depth. `gap_um` is the working gap to expect, with the standard
-    uncertainty `gap_u_um`.
+    The tool would touch the bottom at `bottom_um`, as measured at `time_s` and drifting since. `depth_um` and
+    `wear_um` are those of the hole so far; `depth_u_um` excludes the bottom. `gap_um` is the expected working gap.
     """
 
     bottom_um: float
@@ -53,10 +49,10 @@ class CutStart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CutPlan:
-    """One cut of `feed_um`, from what it starts from to `z_limit_um`.
+    """One cut of `feed_um` from `start`.
 
-    `wear_ratio` is the wear per depth that is expected, `target_um` the depth of the hole that is wanted (NaN for a
-    feed), `measured` whether a measuring stop is to follow, `depth_u_um` what will be unknown of the depth then.
+    `target_um` is the target depth of the hole (NaN for a feed), `measured` whether a measurement cycle follows,
+    `depth_u_um` the standard uncertainty of the depth at its end.
     """
 
     number: int
@@ -74,17 +70,17 @@ class CutPlan:
 
     @property
     def z_limit_um(self) -> float:
-        """Displacement at which the cut ends: a working gap short of where the tool will touch afterwards."""
+        """Displacement at which the cut ends: a working gap above the bottom that it leaves."""
         return self.start.bottom_um + self.feed_um - self.start.gap_um
 
     def fed_um(self, displacement_um: float) -> float:
-        """Feed of this cut while sparking at a displacement."""
+        """Return the feed of this cut while sparking at a displacement."""
         return max(0.0, displacement_um + self.start.gap_um - self.start.bottom_um)
 
     def at(self, displacement_um: float, energy: Energy | None = None, now_s: float = 0.0) -> LiveErosion:
-        """Depth and wear of the hole while sparking at a displacement, after discharges of that energy.
+        """Return depth and wear of the hole while sparking at a displacement, after discharges of that energy.
 
-        `wear_u_um` is what this cut adds; see `stated` for that of the hole.
+        `wear_u_um` is of this cut alone; see `stated` for that of the hole.
         """
         split = self.estimate.split(self.fed_um(displacement_um), self.start.gap_u_um, energy)
         return LiveErosion(
@@ -96,18 +92,15 @@ class CutPlan:
         )
 
     def contradicts(self, displacement_um: float, energy: Energy) -> bool:
-        """Return whether by what is believed the feed cannot have taken that energy: then only a touch can tell."""
+        """Return whether the estimate cannot explain that energy for the feed."""
         return self.estimate.contradicts(self.fed_um(displacement_um), self.start.gap_u_um, energy)
 
     def off_by_energy_um(self, displacement_um: float, energy: Energy) -> float:
-        """Wear of this cut by feed and energy less that by the ratio; 0 where chance may make them so different."""
+        """Return the wear of this cut by feed and energy less that by the ratio; 0 if within chance."""
         return self.estimate.off_by_energy_um(self.fed_um(displacement_um), self.start.gap_u_um, energy)
 
     def stated(self, live: LiveErosion) -> tuple[Value, Value]:
-        """Return depth and wear as they are shown in a cut.
-
-        How the feed of this cut divides is as unknown as any recipe's, until a touch has confirmed it.
-        """
+        """Return depth and wear as displayed in a cut; until a touch confirms the recipe's ratio, with its error."""
         unconfirmed_um = 0.0
         if self.estimate.fits == 0:
             worn_um = live.wear_um - self.start.wear_um
@@ -118,23 +111,32 @@ class CutPlan:
         )
 
     def depth_at(self, displacement_um: float) -> float:
-        """Estimated depth while sparking at this displacement, from the expected gap and wear ratio."""
+        """Return the depth while sparking at this displacement, by the expected gap and wear ratio."""
         return self.at(displacement_um).depth_um
 
 
-def energy_of(pulse: Pulse, counts: tuple[int, int, int, int] | list[int], energy_j: float) -> Energy:
-    """Divide the energy of discharges between normal ones and arcs; `counts` are open, normal, arc and short pulses.
+class Discharges(Protocol):
+    """Pulses by class (open, normal, arc, short) and the energy of their discharges."""
+
+    @property
+    def counts(self) -> Sequence[int]: ...
+    @property
+    def energy_j(self) -> float: ...
+
+
+def energy_of(pulse: Pulse, done: Discharges) -> Energy:
+    """Divide the energy of discharges between normal ones and arcs.
 
     An arc burns from the start of its pulse through the generator's resistance, so its energy is known.
     """
-    arc_uj = counts[2] * _full_pulse_uc(pulse, _arc_v(pulse)) * _arc_v(pulse)
-    return Energy(max(0.0, 1e6 * energy_j - arc_uj), arc_uj)
+    arc_uj = done.counts[2] * _full_pulse_uc(pulse, _arc_v(pulse)) * _arc_v(pulse)
+    return Energy(max(0.0, 1e6 * done.energy_j - arc_uj), arc_uj)
 
 
 def discharge_energy_j(pulse: Pulse, counts: tuple[int, int, int, int], charge_c: float) -> float:
     """Return the energy of the discharges among pulses (open, normal, arc, short) that passed a charge, in J.
 
-    Charge times the plateau voltage of a normal discharge counts arcs too high, and shorts, which burn nothing.
+    Charge times the plateau voltage of a normal discharge overestimates arcs, and shorts, which release none.
     """
     plateau_v, arc_v = pulse.discharge_voltage_v, _arc_v(pulse)
     excess_uj = counts[2] * _full_pulse_uc(pulse, arc_v) * (plateau_v - arc_v)
@@ -159,7 +161,7 @@ def first_plan(
     estimate: ErosionEstimate | None = None,
     now_s: float = 0.0,
 ) -> CutPlan:
-    """Plan the first cut of a hole at `now_s`: all of a feed or way through, of a depth what is surely short."""
+    """Plan the first cut of a hole at `now_s`: all of a feed or way through, and less than a target depth."""
     target = target or target_of(profile)
     estimate = estimate or estimate_of(profile)
     if target.kind == "feed":
@@ -182,10 +184,7 @@ def first_plan(
 
 
 def through_plan(number: int, start: CutStart, target: HoleTarget, estimate: ErosionEstimate) -> CutPlan:
-    """Return all that is left of a way through the sheet.
-
-    The breakthrough ends it: the limit leaves room for a tool that wears more than the recipe says.
-    """
+    """Plan the rest of the way through a sheet, with room for a tool that wears more than the recipe expects."""
     worst = estimate.wear_ratio * (1.0 + (0.0 if estimate.fits else CLEAR_SIGMAS * RECIPE_U_REL))
     left_um = max(0.0, target.depth_um - start.depth_um) + target.tolerance_um
     return CutPlan(number, left_um * (1.0 + worst) + target.completion_um, start, estimate, target.depth_um)
@@ -200,10 +199,7 @@ def following_plan(
     *,
     touch_final: bool = False,
 ) -> CutPlan:
-    """Return the next cut, from the bottom just touched, with the gap and the estimate just learned.
-
-    `touch_final` says that it is measured however small.
-    """
+    """Plan the next cut from the bottom just measured; `touch_final` measures it however small."""
     remaining_um = target.depth_um - start.depth_um
     cut = next_cut(
         estimate,
@@ -219,7 +215,7 @@ def following_plan(
 
 
 def _cut_s(profile: Profile, target: HoleTarget, depth_um: float, estimate: ErosionEstimate) -> float:
-    """Return how long a cut of that depth will take, for what drifts meanwhile."""
+    """Return how long a cut of that depth will take."""
     return depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(profile, target.depth_um)
 
 
@@ -233,8 +229,3 @@ def _planned(
 ) -> CutPlan:
     measured = cut.measured or profile.wear.remeasure not in ("auto", "sparing")
     return CutPlan(number, cut.feed_um, start, estimate, target.depth_um, measured, cut.depth_u_um)
-
-
-def learned_gap_um(bottom_um: float, end_displacement_um: float) -> float:
-    """Return the working gap: how much further the tool goes to touch than it went to spark."""
-    return bottom_um - end_displacement_um

@@ -1,4 +1,4 @@
-"""The hole under way, and what the holes before it have taught."""
+"""A hole under way: its readings and cuts, what is known of its depth and wear, and its result."""
 
 from __future__ import annotations
 
@@ -6,29 +6,26 @@ import math
 
 from edmctl.dataclasses import dataclass, field, replace
 from edmctl.labels import Basis
-from edmctl.planning.measuring import FACE_LIMIT_UM, estimate_of
+from edmctl.planning.measuring import FACE_LIMIT_UM
+from edmctl.procedures.hole.cut import CutResult
 from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
-from edmctl.procedures.hole.hole_estimate import Estimate
-from edmctl.procedures.hole.site_result import CutSums
-from edmctl.procedures.job import HoleTarget
-from edmctl.procedures.job_state import RegimeBegun, SurfaceTouch
-from edmctl.procedures.monitoring.drift import pause_drift_u_um
-from edmctl.procedures.run import JobRun
-from edmctl.procedures.touch.home import pad_from_home_um
-from edmctl.procedures.touch.reading import SurfaceReading
-from edmctl.procedures.touch.spots import OFFSET_U_UM, ToolLength, read_pad
-from edmctl.procedures.touch.surface_plane import SurfacePlane, fit_pad_slope, level_surface
-from edmctl.process.discharge import (
-    first_gap_u_um,
-    first_sparks_um,
-    hole_area_um2,
-    mrr_mm3_min,
-    tool_area_um2,
+from edmctl.procedures.hole.hole_estimate import (
+    estimate_in_cut,
+    estimate_left,
+    expected_of_left,
+    lengths,
+    most_um_s,
+    with_unseen,
 )
-from edmctl.process.live_erosion import Energy, ErosionEstimate
-from edmctl.process.shared_wear import WearShare
-from edmctl.process.touches import DepthAndWear, Deviation, share_u
-from edmctl.profile.model import Profile
+from edmctl.procedures.job_state import CutTotals, JobState, RegimeBegun, RunningCut
+from edmctl.procedures.run import MACHINING, MEASURING, JobRun
+from edmctl.procedures.touch.reading import SurfaceReading
+from edmctl.procedures.touch.spots import drift_between, pad_u_um
+from edmctl.procedures.touch.surface_plane import SurfacePlane
+from edmctl.process.discharge import hole_area_um2, mrr_mm3_min, tool_area_um2
+from edmctl.process.live_erosion import ErosionEstimate
+from edmctl.process.shared_wear import SharedWear
+from edmctl.process.touches import TOUCH_U_UM, DepthAndWear, measure
 from edmctl.profile.places import Place
 from edmctl.quantity import Value
 from edmctl.results.job import SiteResult
@@ -36,143 +33,183 @@ from edmctl.results.telemetry import pulse_shares
 
 NO_DEPTH = Value(math.nan, math.nan)
 """Depth of a hole through the sheet."""
-LEFT_U_UM = 4.0
-"""Standard uncertainty of the distance to the pad where an earlier run of the job has left the tool, with wear that
-it only estimated; without drift."""
 
 
-@dataclass(slots=True, eq=False)
-class JobKnowledge:
-    """What a job has learned so far, from hole to hole: tool length, face, removal and wear, working gap.
+@dataclass(slots=True)
+class CutSums:
+    """Sums of the cuts of a hole. `before` are those of an earlier run, and one that was broken off."""
 
-    `pad_um` is where the pad is expected, with the standard uncertainty `pad_u_um`, before the tool has touched it;
-    `gap_u_um` is that of the working gap. `unmeasured` are the cuts since the pad was last touched,
-    `pads` all its readings in this run.
-    """
+    cuts: list[CutResult] = field(default_factory=list)
+    before: CutTotals = field(default_factory=CutTotals)
+    broken_cuts: int = 0
 
-    estimate: ErosionEstimate
-    surface: SurfacePlane
-    gap_um: float
-    gap_u_um: float
-    tool: ToolLength | None = None
-    pad_um: float = math.nan
-    pad_u_um: float = OFFSET_U_UM
-    unmeasured: list[Unmeasured] = field(default_factory=list)
-    pads: list[SurfaceReading] = field(default_factory=list)
+    def add_broken_off(self, cut: RunningCut) -> None:
+        """Add a cut that came to no end."""
+        if cut.time_s > 0.0:
+            self.before = self.before.plus(cut.counts, cut.energy_j, cut.time_s)
+            self.broken_cuts += 1
 
-
-def initial_knowledge(run: JobRun) -> JobKnowledge:
-    """Return what the recipe and the setup say before the first touch."""
-    profile, resumed = run.profile, run.job.resumed
-    gap_u_um = first_gap_u_um(profile.pulse.open_voltage_v)
-    knowledge = JobKnowledge(
-        estimate_of(profile), level_surface(run), profile.measure.expected_gap_um, gap_u_um
-    )
-    home_um = run.tally.home_um
-    knowledge.pad_um = home_um + pad_from_home_um(run)
-    if resumed is not None and (resumed.site or run.tally.sites):
-        knowledge.pad_u_um = math.hypot(
-            LEFT_U_UM, pause_drift_u_um(run.job), share_u(home_um - resumed.home_um)
+    @property
+    def total(self) -> CutTotals:
+        """All of them together."""
+        opens, normals, arcs, shorts = (
+            sum(column) for column in zip(self.before.counts, *(cut.counts for cut in self.cuts), strict=True)
         )
-    return knowledge
-
-
-@dataclass(frozen=True, slots=True)
-class FirstSparks:
-    """Where sparks began, and the surface at `bottom_um`, known within `bottom_u_um`, that they are compared with.
-
-    Something `debris_um` high may lie on it, which sparks first.
-    """
-
-    z_um: float
-    bottom_um: float
-    bottom_u_um: float
-    debris_um: float
-
-    def off(self, open_voltage_v: float, gap_um: float, gap_u_um: float) -> Deviation:
-        """Return how much later they began than such a gap makes them, on the surface or on what lies there."""
-        before_um, before_u_um = first_sparks_um(open_voltage_v)
-        off_um = self.z_um - (self.bottom_um - gap_um - before_um)
-        u_um = math.hypot(self.bottom_u_um, gap_u_um, before_u_um)
-        return min(
-            Deviation(off_um, u_um),
-            Deviation(off_um + self.debris_um, u_um),
-            key=lambda off: abs(off.sigmas),
+        return CutTotals(
+            self.before.number + len(self.cuts),
+            (opens, normals, arcs, shorts),
+            self.before.energy_j + sum(cut.energy_j for cut in self.cuts),
+            self.before.time_s + sum(cut.time_s for cut in self.cuts),
         )
 
-
-@dataclass(frozen=True, slots=True)
-class DoubtedSurface:
-    """First sparks that put the face in doubt, with the gap believed then, and what was known of the face before."""
-
-    sparks: FirstSparks
-    gap_um: float
-    gap_u_um: float
-    face_u_um: float
-    touched: tuple[SurfaceTouch, ...]
-    doubt_u_um: float
+    @property
+    def gap_ratio_mean(self) -> float:
+        """Normalised gap voltage while sparking; NaN if no cut sparked."""
+        sparking = [cut for cut in self.cuts if not math.isnan(cut.gap_ratio_mean)]
+        time_s = sum(cut.time_s for cut in sparking)
+        return sum(cut.time_s * cut.gap_ratio_mean for cut in sparking) / time_s if time_s else math.nan
 
 
-@dataclass(slots=True, eq=False)
-class OpenHole:
-    """The hole under way.
+class Hole:
+    """The hole under way. Only its own methods change it.
 
-    `z1` is where the tool would have met the pad when the hole began, known within `z1_u_um` where it was not
-    touched right before; `face_um` is how much further the face lies here. `bottom` and `pad` are the readings of
-    the last measuring stop, the same as `z1` before the first one; `found` is what they say with what
-    is doubted of it, `touched` without that; `doubted` are first sparks that have put its face in doubt. An
-    `interrupted` hole has had more discharges than anybody counted. `begun` says that it was cut, `plan` is the cut
-    under way, `cut_estimate` what was known when the last one ended.
+    Attributes
+    ----------
+    z1, z1_u_um : where the tool would have met the pad when the hole began; uncertainty if not touched right before
+    face_um, face_u_um : height of the workpiece surface here over the pad
+    bottom, pad : readings of the last of `stops` measurement cycles; derived from `z1` before the first one
+    touched, found : depth and wear as measured, and with the doubts about them; None before the first one
+    interrupted : an earlier run made discharges that are in no sum
+    begun : a cut was started; `plan` is the cut under way, `cut_estimate` the lengths at the end of the last one
     """
 
-    site: Place
-    target: HoleTarget
-    z1: SurfaceReading
-    z1_u_um: float
-    face_um: float
-    face_u_um: float
-    estimate: ErosionEstimate
-    bottom: SurfaceReading
-    pad: SurfaceReading
-    sums: CutSums = field(default_factory=CutSums)
-    stops: int = 0
-    found: DepthAndWear | None = None
-    touched: DepthAndWear | None = None
-    doubted: DoubtedSurface | None = None
-    interrupted: bool = False
-    begun: bool = False
-    plan: CutPlan | None = None
-    cut_estimate: Estimate | None = None
-    regime: RegimeBegun = field(default_factory=RegimeBegun)
+    def __init__(
+        self,
+        run: JobRun,
+        site: Place,
+        surface: SurfacePlane,
+        estimate: ErosionEstimate,
+        z1: SurfaceReading,
+        z1_u_um: float = 0.0,
+    ) -> None:
+        self._run = run
+        self.site, self.target = site, run.target_at(site)
+        self.z1, self.z1_u_um = z1, z1_u_um
+        self.locate_surface(surface)
+        self.estimate = estimate if estimate.fits == 0 else estimate.next_hole(self.target.depth_um)
+        self.bottom, self.pad = z1.shifted(self.face_um), z1
+        self.sums, self.regime = CutSums(), RegimeBegun()
+        self.stops = 0
+        self.found: DepthAndWear | None = None
+        self.touched: DepthAndWear | None = None
+        self.interrupted = self.begun = False
+        self.plan: CutPlan | None = None
+        self.cut_estimate: DepthAndWear | None = None
 
     @property
     def drift_um(self) -> float:
-        """What the pad of the last measuring stop was corrected by, from the machine's frame to that of Z1."""
+        """Correction of the last pad reading to the frame of Z1."""
         return self.touched.drift_um if self.touched else 0.0
 
     @property
     def bottom_drift_um(self) -> float:
-        """What the bottom was corrected by, which was touched before that pad."""
+        """The same for the bottom, which was touched before that pad."""
         return self.touched.drift_to_bottom_um if self.touched else 0.0
 
     @property
     def surface_um(self) -> float:
-        """Where the tool would have met the untouched face here."""
+        """Displacement at which the tool would have met the untouched workpiece surface."""
         return self.z1.z_um + self.face_um
 
     @property
-    def in_doubt(self) -> bool:
-        """Whether its bottom, or the face that its depth counts from, may have been touched wrongly."""
+    def is_in_doubt(self) -> bool:
+        """Whether its bottom, or the surface that its depth counts from, may have been misread."""
         return (self.stops > 0 and self.bottom.doubt_u_um > 0.0) or self.face_u_um > FACE_LIMIT_UM
 
-    def energy(self, run: JobRun) -> Energy:
-        """Energy of all its cuts in the regime in use."""
-        total = self.sums.total.since(self.regime.total)
-        return energy_of(run.profile.pulse, total.counts, total.energy_j)
+    def locate_surface(self, surface: SurfacePlane) -> None:
+        """Take the height of the workpiece surface at the hole from the plane."""
+        self.face_um, self.face_u_um = surface.height_um(self.site), surface.height_u_um(self.site)
+
+    def set_surface_u(self, u_um: float) -> None:
+        """Set the standard uncertainty of the surface here, as a check of first sparks found it."""
+        self.face_u_um = u_um
+
+    def resume(self, state: JobState) -> None:
+        """Take the cuts of an earlier run."""
+        self.interrupted = True
+        self.sums.before = CutTotals(state.cuts, state.counts, state.energy_j, state.machining_time_s)
+        self.sums.broken_cuts = state.broken_cuts
+        if self._run.profile.regimes:
+            self.regime = RegimeBegun(state.regime_depth_um, state.regime_wear_um, self.sums.before)
+
+    def begin_regime(self, estimate: ErosionEstimate, found: DepthAndWear) -> None:
+        """Begin the regime that the run now uses, from the depth and wear just found."""
+        self.target, self.estimate = self._run.target_at(self.site), estimate
+        self.regime = RegimeBegun(found.depth_um, found.wear_um, self.sums.total, self.stops)
+
+    def restart_from(self, pad: SurfaceReading, wear: SharedWear) -> None:
+        """Count the hole from a new reading of the pad, which includes its own wear."""
+        z1 = self.z1.shifted(pad.z_um - wear.wear_um - self.z1.z_um)
+        self.z1, self.z1_u_um = replace(z1, time_s=pad.time_s, rest=pad.rest), wear.wear_u_um
+
+    def measured(self, bottom: SurfaceReading, pad: SurfaceReading) -> DepthAndWear:
+        """Return depth and wear by a bottom and a pad, relative to where the hole began."""
+        z1 = self.z1
+        return measure(
+            z1,
+            bottom,
+            pad,
+            self._run.uncertainty,
+            tilt_u_um=self.face_u_um,
+            pad_u_um=pad_u_um(self._run.setup),
+            height_um=self.face_um,
+            z1_u_um=self.z1_u_um,
+            drift=drift_between(self._run, z1, pad),
+        )
+
+    def take_stop(
+        self, bottom: SurfaceReading, pad: SurfaceReading, touched: DepthAndWear | None = None
+    ) -> None:
+        """Take the readings of a measurement cycle, and the lengths if they come from touches of both."""
+        self.stops += 1
+        self.bottom, self.pad = bottom, pad
+        self.touched = touched or self.touched
+
+    def take_tip(self, tip_um: float, pad: SurfaceReading) -> DepthAndWear:
+        """Take a pad reading and the end of a way through, where the tip came to `tip_um`; return the lengths."""
+        self.take_stop(self.z1.shifted(tip_um - self.z1.z_um), pad)
+        return self.measured(self.bottom, pad)
+
+    def learned(self) -> ErosionEstimate:
+        """Return the estimate after the last stop, in the regime in use."""
+        assert self.touched is not None
+        energy = energy_of(self._run.profile.pulse, self.sums.total.since(self.regime.total))
+        return self.estimate.fitted(
+            None if self.interrupted else energy,
+            self.touched.depth_um - self.regime.depth_um,
+            self.touched.depth.u,
+            self.touched.wear_um - self.regime.wear_um,
+            self.touched.wear.u,
+        )
+
+    def next_start(self, gap: Value) -> CutStart:
+        """Return where another cut of a measured hole would begin, with a working gap to expect."""
+        assert self.found is not None
+        return CutStart(
+            bottom_um=self.bottom.z_um,
+            bottom_u_um=math.hypot(TOUCH_U_UM, self.bottom.doubt_u_um),
+            gap_um=gap.value,
+            time_s=self.bottom.time_s,
+            drift_u_um_per_s=self._run.uncertainty.drift_u_um_per_s,
+            depth_um=self.found.depth_um,
+            depth_u_um=self.found.depth.u,
+            wear_um=self.found.wear_um,
+            wear_u_um=self.found.wear.u,
+            gap_u_um=gap.u,
+        )
 
     def report(
         self,
-        run: JobRun,
         found: DepthAndWear,
         gap_um: float,
         *,
@@ -185,24 +222,29 @@ class OpenHole:
     ) -> None:
         """Put its result into the tally: as touched, or `fed_um` and `worn_um` further on.
 
-        Without another basis depth and wear rest on the touches; the wear does not where Z1 was not touched.
+        Without another basis depth and wear are based on the touches; the wear is not if Z1 was not touched.
         """
-        touched, error = run.job.touch_basis, run.watch.feed_error
-        total, z1, z2, z3 = self.sums.total, self.z1, self.bottom, self.pad
+        run, z1, z2, z3 = self._run, self.z1, self.bottom, self.pad
+        touch_basis, error, total = run.job.touch_basis, run.watch.feed_error, self.sums.total
         self.found = found
         run.tally.depth_um = math.nan if through else found.depth_um
         run.tally.unmeasured_site = ""
-        ratio_lin, ratio_vol, mrr = _erosion(run.profile, found, total.time_s, through=through)
+        # A hole through the sheet is as long as that is thick, however far the tip came out of it.
+        thickness_um, profile = run.profile.work.thickness_um, run.profile
+        length_um = thickness_um if through else found.depth_um
+        hole_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
+        ratio = found.wear_um / length_um if length_um > 0.0 else math.nan
+        mrr = mrr_mm3_min(length_um * hole_um2 / total.time_s) if total.time_s > 0.0 else math.nan
         depth_model_u95_um, wear_model_u95_um = model_u95_um(run, found, z2.creep_um - z3.creep_um)
+        bottom_model_um = z2.model_um + fed_um - self.bottom_drift_um
         pad_model_um = z3.model_um + worn_um - self.drift_um
-        beyond_um = found.depth_um - run.profile.work.thickness_um
         run.tally.sites[self.site.name] = SiteResult(
             name=self.site.name,
             x_um=self.site.x_um,
             y_um=self.site.y_um,
             theta_deg=self.site.theta_deg,
             **replace(found, depth=NO_DEPTH if through else found.depth).columns(),
-            beyond_exit_um=beyond_um if through else math.nan,
+            beyond_exit_um=found.depth_um - thickness_um if through else math.nan,
             beyond_exit_u95_um=found.depth.u95 if through else math.nan,
             z1_um=z1.z_um,
             z2_um=z2.z_um + fed_um - self.bottom_drift_um,
@@ -210,9 +252,7 @@ class OpenHole:
             face_um=self.face_um,
             measuring_stops=self.stops,
             estimated_um=estimated_um,
-            depth_model_um=math.nan
-            if through
-            else z2.model_um + fed_um - self.bottom_drift_um - pad_model_um - self.face_um,
+            depth_model_um=math.nan if through else bottom_model_um - pad_model_um - self.face_um,
             depth_model_u95_um=math.nan if through else depth_model_u95_um,
             wear_model_um=pad_model_um - z1.model_um,
             wear_model_u95_um=wear_model_u95_um,
@@ -228,142 +268,137 @@ class OpenHole:
             gap_ratio_mean=self.sums.gap_ratio_mean,
             working_gap_um=gap_um,
             energy_j=total.energy_j,
-            wear_ratio_lin=ratio_lin,
-            wear_ratio_vol=ratio_vol,
+            wear_ratio_lin=ratio,
+            wear_ratio_vol=ratio * tool_area_um2(profile.tool.diameter_um) / hole_um2,
             mrr_mm3_min=mrr,
             through=through,
-            depth_basis=None if through else depth_basis or touched,
-            wear_basis=wear_basis or (Basis.ESTIMATED if self.z1_u_um > 0.0 else touched),
-            in_doubt=self.in_doubt,
+            depth_basis=None if through else depth_basis or touch_basis,
+            wear_basis=wear_basis or (Basis.ESTIMATED if self.z1_u_um > 0.0 else touch_basis),
+            in_doubt=self.is_in_doubt,
             drift_correction_um=self.drift_um,
             drift_left_u_um=found.drift_left_u_um,
             drift_by_rests=found.drift_by_rests,
         )
 
-    def report_left(self, run: JobRun, estimate: Estimate) -> None:
-        """Put what is known of it into the tally where the job ends before it is touched.
+    def correct(self, found: DepthAndWear, shorter_um: float, z3_um: float) -> None:
+        """Replace its result after a later touch: the tool was `shorter_um` shorter when it began."""
+        result = self._run.tally.sites[self.site.name]
+        self._run.tally.sites[self.site.name] = replace(
+            result,
+            **found.columns(),
+            z1_um=result.z1_um + shorter_um,
+            z2_um=z3_um + result.face_um + found.depth_um,
+            z3_um=z3_um,
+        )
+        self.found = found
 
-        Z2 and Z3 are not known then, and the actuator's model has nothing of its own to say of it.
-        """
-        before = self.found
-        self.sums.add_broken_off(run.tally.cut)
-        pad_um = self.z1.z_um + estimate.wear_um
+    def start_cut(self, plan: CutPlan) -> None:
+        """Keep in the journal that sparks come next."""
+        self.plan, self.cut_estimate, self.begun = plan, None, True
+        self._run.tally.cut = RunningCut(displacement_um=plan.start.bottom_um - plan.start.gap_um)
+        self._run.keeper.keep(MACHINING, self)
+
+    def end_cut(self, cut: CutResult) -> None:
+        """Keep in the journal that the cut has ended."""
+        assert self.plan is not None
+        run, energy = self._run, energy_of(self._run.profile.pulse, cut)
+        self.cut_estimate = estimate_in_cut(self.plan, cut.end_displacement_um, energy, run.keeper.time_s)
+        self.sums.cuts.append(cut)
+        run.tally.cut = RunningCut(displacement_um=run.tally.cut.displacement_um)
+        self.plan = None
+        run.keeper.keep(MEASURING, self)
+
+    def keep(self, *, begun: bool = False) -> None:
+        """Keep in the journal a hole whose Z1 is known; `begun` if an earlier run has cut it already."""
+        self.begun = begun
+        self._run.keeper.keep(MEASURING, self, self._run.machine.time_s)
+
+    def add_to(self, state: JobState, now_s: float) -> JobState:
+        """Return the state of the job with that of the hole at a time of the run."""
+        run, sums, estimate = self._run, self.sums, self._estimate_at(now_s)
+        cut, is_cutting = run.tally.cut, self.plan is not None
+        total = sums.total.plus(cut.counts, cut.energy_j, cut.time_s)
+        return replace(
+            self.z1.as_z1(state, run.tally.earlier_time_s, self.z1_u_um),
+            done=tuple(site for site in state.done if site["name"] != self.site.name),
+            site=self.site.name,
+            begun=self.begun,
+            displacement_um=0.0 if math.isnan(cut.displacement_um) else cut.displacement_um,
+            depth_um=estimate.depth_um,
+            depth_u_um=estimate.depth.u,
+            wear_um=estimate.wear_um,
+            wear_u_um=estimate.wear.u,
+            feed_u_um=estimate.feed.u,
+            regime=run.regime.number,
+            regime_depth_um=self.regime.depth_um,
+            regime_wear_um=self.regime.wear_um,
+            cuts=sums.total.number + is_cutting,
+            broken_cuts=sums.broken_cuts + is_cutting,
+            counts=total.counts,
+            energy_j=total.energy_j,
+            machining_time_s=total.time_s,
+        )
+
+    def leave(self) -> None:
+        """Report by estimate a hole that was cut and not measured, when the job ends early."""
+        run, tally = self._run, self._run.tally
+        if tally.unmeasured_site != self.site.name:
+            return
+        known, resumed, unseen_um = self._estimate_at(run.keeper.time_s), run.job.resumed, 0.0
+        if self.plan is not None:
+            unseen_s = run.keeper.samples_late_s + run.setup.controller.watchdog_s
+            machined_s = self.sums.total.time_s + tally.cut.time_s
+            unseen_um = unseen_s * most_um_s(known, machined_s, run.profile)
+        elif self.cut_estimate is None and resumed is not None:
+            unseen_um = expected_of_left(resumed, run.profile).unseen_um
+        is_confirmed = self.estimate.fits > 0 or self.stops > 0
+        left = with_unseen(known, unseen_um, self.estimate.wear_ratio, is_confirmed=is_confirmed)
+        before_um = self.found.depth_um if self.found else 0.0
+        self.sums.add_broken_off(tally.cut)
+        pad_um = self.z1.z_um + left.wear_um
         self.report(
-            run,
-            estimate.as_found(),
+            left,
             math.nan,
-            fed_um=pad_um + self.face_um + estimate.depth_um - self.bottom.z_um + self.bottom_drift_um,
+            fed_um=pad_um + self.face_um + left.depth_um - self.bottom.z_um + self.bottom_drift_um,
             worn_um=pad_um - self.pad.z_um + self.drift_um,
-            estimated_um=estimate.depth_um - (before.depth_um if before else 0.0),
+            estimated_um=left.depth_um - before_um,
             depth_basis=Basis.ESTIMATED,
             wear_basis=Basis.ESTIMATED,
         )
-        tally, name = run.tally, self.site.name
+        # Z2 and Z3 are unknown then, and the actuator model has no values of its own.
         by_model = ("depth_model_um", "depth_model_u95_um", "wear_model_um", "wear_model_u95_um")
         unknown = dict.fromkeys(("z2_um", "z3_um", *by_model), math.nan)
-        tally.sites[name] = replace(tally.sites[name], **unknown)  # type: ignore[arg-type]
-        tally.unmeasured_site = name
+        tally.sites[self.site.name] = replace(tally.sites[self.site.name], **unknown)  # type: ignore[arg-type]
+        tally.unmeasured_site = self.site.name
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Unmeasured:
-    """A cut that no touch followed: its hole, the wear that is expected of it, and what else is unknown.
-
-    `depth_u_um` is of the hole's depth, but for the tool's length; `wear_before_um` is the hole's wear before the
-    cut, known within `wear_before_u_um`.
-    """
-
-    hole: OpenHole
-    share: WearShare
-    depth_u_um: float
-    wear_before_um: float
-    wear_before_u_um: float
-
-
-def touch_pad_first(run: JobRun, name: str, knowledge: JobKnowledge) -> SurfaceReading:
-    """Touch the pad before anything else (Z1); its two spots may show the slope too."""
-    pad = read_pad(run, "Z1", name, knowledge.pad_um, knowledge.pad_u_um)
-    knowledge.pads.append(pad)
-    return fit_pad_slope(run, knowledge.surface, pad)
-
-
-def begin_hole(run: JobRun, site: Place, knowledge: JobKnowledge) -> OpenHole:
-    """Begin a hole: touch the pad where nothing is known of the tool's length, otherwise go by what is known."""
-    if knowledge.tool is None:
-        knowledge.tool = ToolLength(touch_pad_first(run, site.name, knowledge))
-    return hole_at(
-        run, site, knowledge, knowledge.tool.pad.shifted(knowledge.tool.wear_um), knowledge.tool.wear_u_um
-    )
-
-
-def hole_at(
-    run: JobRun, site: Place, knowledge: JobKnowledge, z1: SurfaceReading, z1_u_um: float
-) -> OpenHole:
-    """Return an untouched hole at a site whose tool would have met the pad at `z1`."""
-    face_um = knowledge.surface.height_um(site)
-    return OpenHole(
-        site=site,
-        target=run.target_at(site),
-        z1=z1,
-        z1_u_um=z1_u_um,
-        face_um=face_um,
-        face_u_um=knowledge.surface.height_u_um(site),
-        estimate=knowledge.estimate
-        if knowledge.estimate.fits == 0
-        else knowledge.estimate.next_hole(run.target_at(site).depth_um),
-        bottom=z1.shifted(face_um),
-        pad=z1,
-    )
-
-
-def start_of(run: JobRun, hole: OpenHole, knowledge: JobKnowledge) -> CutStart:
-    """Return what the first cut of an untouched hole starts from: tool, face, and what measures."""
-    assert knowledge.tool is not None
-    sensor_u, tool = run.uncertainty, knowledge.tool
-    length_um = hole.target.feed_um if hole.target.kind == "feed" else hole.target.depth_um
-    return CutStart(
-        bottom_um=hole.surface_um,
-        bottom_u_um=math.hypot(tool.u_um(tool.pad.time_s, 0.0), hole.face_u_um),
-        gap_um=knowledge.gap_um,
-        time_s=tool.pad.time_s,
-        drift_u_um_per_s=sensor_u.drift_u_um_per_s,
-        depth_u_um=sensor_u.length_u_um(length_um),
-        gap_u_um=knowledge.gap_u_um,
-    )
+    def _estimate_at(self, now_s: float) -> DepthAndWear:
+        """Return depth and wear at a time of the run, as far as they are known."""
+        run, cut = self._run, self._run.tally.cut
+        if self.plan is not None and not math.isnan(cut.displacement_um):
+            energy = energy_of(run.profile.pulse, cut)
+            return estimate_in_cut(self.plan, cut.displacement_um, energy, now_s)
+        if self.cut_estimate is not None and run.tally.unmeasured_site == self.site.name:
+            return self.cut_estimate
+        if self.found is not None:
+            return self.found
+        if self.interrupted and run.job.resumed is not None:
+            return estimate_left(run.job.resumed)
+        return lengths()
 
 
 def model_u95_um(run: JobRun, found: DepthAndWear, creep_um: float) -> tuple[float, float]:
     """Return half the 95 % intervals of depth and wear by the actuator model, NaN without a model.
 
-    Its zero is set by the sensor, so everything that is uncertain of a measured value counts as well. `creep_um` is
-    the extrapolated creep in the depth.
+    The sensor sets its zero, so the uncertainty of the measured values is included. `creep_um` is the extrapolated
+    creep in the depth.
     """
     tracker = run.watch.tracker()
     if tracker is None:
         return math.nan, math.nan
     if not run.setup.sensor.fitted:
         return found.depth.u95, found.wear.u95
-    return (
-        found.depth.widened(tracker.length_u_um(creep_um)).u95,
-        found.wear.widened(tracker.length_u_um(0.0)).u95,
-    )
-
-
-def _erosion(
-    profile: Profile, found: DepthAndWear, machining_time_s: float, *, through: bool
-) -> tuple[float, float, float]:
-    """Relative wear, linear and volumetric, and material removal rate; NaN without a depth or a time to refer to.
-
-    Volumes are lengths times the tool's face and the hole's section, a side gap wider all round. A hole `through`
-    the sheet is as long as that is thick, however far the tip came out of it.
-    """
-    length_um = profile.work.thickness_um if through else found.depth_um
-    tool_um2 = tool_area_um2(profile.tool.diameter_um)
-    hole_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
-    ratio = found.wear_um / length_um if length_um > 0.0 else math.nan
-    removed_um3 = length_um * hole_um2
-    mrr = mrr_mm3_min(removed_um3 / machining_time_s) if machining_time_s > 0.0 else math.nan
-    return ratio, ratio * tool_um2 / hole_um2, mrr
+    depth = found.depth.widened(tracker.length_u_um(creep_um))
+    return depth.u95, found.wear.widened(tracker.length_u_um(0.0)).u95
 
 
 def _percent(part: float, whole: float) -> float:

@@ -1,79 +1,39 @@
-"""The result of a hole, for people, scripts and the run file, and its verdict when the job ends.
+"""The verdicts of holes and channels, and when their results go into the run file.
 
-A depth that lies outside the tolerance by its value is missed. One that lies inside, but whose 95 % interval is
-wider than the tolerance, is not shown: it may be right, and nobody knows. Later touches correct earlier holes, so
-that a hole is judged when nothing can correct it any more. A channel is judged alike.
+A depth whose value is outside the tolerance is missed. One inside, whose 95 % interval is wider than the tolerance,
+is not verified. Later touches correct earlier holes, so a hole is judged when nothing can correct it any more.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
-from edmctl.dataclasses import dataclass, field, replace
 from edmctl.labels import NOT_SHOWN_CODE, Basis, Verdict
 from edmctl.procedures.actuator.tracker import FeedError
-from edmctl.procedures.hole.cut import CutResult, Decision, remedy
+from edmctl.procedures.hole.decision import Decision, remedy
 from edmctl.procedures.job import HoleTarget, Job, target_of, verdict_of
-from edmctl.procedures.job_state import CutTotals, RunningCut
 from edmctl.procedures.run import Args, JobRun
 from edmctl.profile.places import Place
-from edmctl.record.rows import EventLevel, RunEvent
+from edmctl.record.rows import RunEvent
 from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.wording import length
 
 MOST_NAMED = 5
-"""So many holes a message names; of the others it says how many they are."""
+"""Holes that a message names; of the others it states the number."""
 REMEDIES = {
     Basis.TOUCHED: "Allow more (target.tolerance_um): touches tell this depth no better.",
     Basis.ESTIMATED: "Let every hole be touched (wear.remeasure = 1).",
     Basis.MODEL: "Fit a displacement sensor: the gain of a calibrated actuator moves by 2.5 % between days.",
 }
-"""What narrows an interval, by what the depth rests on."""
+"""Remedy for a wide interval, by what the depth is based on."""
 IN_DOUBT = "Clean tool and work, and measure the hole again: bottom or face may have been touched wrongly."
-"""What narrows one that is wide because touches were not believed."""
-
-
-@dataclass(slots=True)
-class CutSums:
-    """What the cuts of a hole add up to. `before` are those of an earlier run, and one that was broken off.
-
-    So many as `broken_cuts` came to no end: they do not use up what a hole may still take.
-    """
-
-    cuts: list[CutResult] = field(default_factory=list)
-    before: CutTotals = field(default_factory=CutTotals)
-    broken_cuts: int = 0
-
-    def add_broken_off(self, cut: RunningCut) -> None:
-        """Add a cut that came to no end."""
-        if cut.time_s > 0.0:
-            self.before = self.before.plus(cut.counts, cut.energy_j, cut.time_s)
-            self.broken_cuts += 1
-
-    @property
-    def total(self) -> CutTotals:
-        """All of them together."""
-        opens, normals, arcs, shorts = (
-            sum(column) for column in zip(self.before.counts, *(cut.counts for cut in self.cuts), strict=True)
-        )
-        return CutTotals(
-            self.before.number + len(self.cuts),
-            (opens, normals, arcs, shorts),
-            self.before.energy_j + sum(cut.energy_j for cut in self.cuts),
-            self.before.time_s + sum(cut.time_s for cut in self.cuts),
-        )
-
-    @property
-    def gap_ratio_mean(self) -> float:
-        """Normalised gap voltage while sparking; NaN where no cut sparked."""
-        sparking = [cut for cut in self.cuts if not math.isnan(cut.gap_ratio_mean)]
-        time_s = sum(cut.time_s for cut in sparking)
-        return sum(cut.time_s * cut.gap_ratio_mean for cut in sparking) / time_s if time_s else math.nan
+"""The same for one that is wide because of doubted touches."""
 
 
 def open_site(run: JobRun, site: Place) -> None:
-    """Begin the account of a site; the readings of the one before may teach the actuator's estimator now."""
+    """Begin a site; the actuator's estimator may now learn from the readings of the one before."""
     tally = run.tally
     tally.depth_um, tally.open_site = 0.0, site.name
     tally.depth_target_um = target_of(run.job.profile, site).depth_um
@@ -84,7 +44,7 @@ def open_site(run: JobRun, site: Place) -> None:
 
 
 def close_site(run: JobRun, *, settled: bool) -> None:
-    """End the account of a site; its result goes into the run file once it is settled, or with the next that is."""
+    """End a site; its result goes into the run file when no later touch can correct it (`settled`)."""
     tally = run.tally
     if tally.open_site in tally.sites:
         tally.unwritten.append(tally.open_site)
@@ -103,7 +63,7 @@ def record_results(run: JobRun) -> None:
 
 
 def record_left(run: JobRun) -> None:
-    """Write what is known of all holes where the job ends early; the one under way is not judged: it may go on."""
+    """Write the results when the job ends early; the hole under way is not judged, because it may be resumed."""
     record_results(run)
     tally = run.tally
     if tally.open_site in tally.sites:
@@ -120,10 +80,9 @@ def judged(job: Job, result: SiteResult) -> SiteResult:
 
 
 def judge_holes(run: JobRun, last: Decision | None) -> Decision | None:
-    """Return the end of a job of holes, from their verdicts; None where all are what was wanted.
+    """Return the end of a job of holes, from their verdicts; None if all are within their tolerance.
 
-    `last` is the decision that ended the job short of its last hole or of its objective; it stands, and what else is
-    wrong is told behind it.
+    `last` is the decision that ended the job early; other holes that are not right are appended to its message.
     """
     reported = "" if last is None else last.site
     doubtful = [
@@ -140,7 +99,7 @@ def judge_holes(run: JobRun, last: Decision | None) -> Decision | None:
         args: Args = {"verdict": str(site.verdict), "depth_um": site.depth_um}
         if site is doubtful[-1] and last is None:
             args = {"hint": hint, **args}
-        run.decide(RunEvent.VERDICT, text, args, level=EventLevel.WARNING)
+        run.warn(RunEvent.VERDICT, text, args)
     message = _message(run.job, doubtful)
     if last is not None:
         return replace(last, missed=f"{last.missed} {message}")
@@ -156,7 +115,7 @@ def judged_channel(target: HoleTarget, result: ChannelResult) -> ChannelResult:
 
 
 def not_shown(what: str, target: HoleTarget, result: ChannelResult | SiteResult) -> str:
-    """Say that an interval is wider than the tolerance."""
+    """Return the sentence about an interval that is wider than the tolerance."""
     return (
         f"{what} is not shown to be right: {length(result.depth_um, result.depth_u95_um)} for "
         f"{target.depth_um:g} ± {target.tolerance_um:g} µm, an interval wider than the tolerance"
@@ -168,7 +127,6 @@ def _target(job: Job, name: str) -> HoleTarget:
 
 
 def _remedy(job: Job, site: SiteResult) -> str:
-    """Return what to do about a hole: where it is missed, that goes by the side on which it is."""
     if site.verdict is not Verdict.MISSED:
         in_doubt = site.in_doubt and site.depth_basis is not Basis.MODEL
         return IN_DOUBT if in_doubt else REMEDIES[site.depth_basis or Basis.ESTIMATED]
@@ -192,7 +150,6 @@ def _sentence(job: Job, site: SiteResult) -> str:
 
 
 def _message(job: Job, doubtful: Sequence[SiteResult]) -> str:
-    """Name the holes with their numbers, the missed ones first."""
     if len(job.sites) == 1:
         sentence = _sentence(job, doubtful[0])
         return f"{sentence[0].upper()}{sentence[1:]}."

@@ -1,8 +1,7 @@
-"""What touches and rests show of the setup's beliefs: tilt by the two spots of the pad, drift by the rests.
+"""Check of the setup's uncertainties: tilt by the two spots of the pad, drift by the rests.
 
-A belief is a standard uncertainty. A value contradicts it that is beyond two of what it then is expected to be found
-at, its own uncertainty with it: one in twenty is where the belief is right. A wrong gain of the sensor scales
-everything alike, so that nothing in a job can show it.
+A value contradicts a standard uncertainty if it is beyond two of them, with its own uncertainty: one in twenty does
+so by chance. A wrong gain of the sensor scales everything alike, so that nothing in a job can show it.
 """
 
 from __future__ import annotations
@@ -14,24 +13,24 @@ from edmctl.labels import Seen
 from edmctl.procedures.run import Args, JobRun
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.plane import CONTRADICTION_SDS
-from edmctl.record.rows import EventLevel, RunEvent
+from edmctl.record.rows import RunEvent
 from edmctl.results.job import Belief
 
 LEAST_SPAN_S = 60.0
-"""Over less time rests tell no drift: creep of the first seconds after a cut would look like one."""
+"""Over less time creep of the first seconds after a cut would look like a drift."""
 
 
 def judge_job(run: JobRun, pads: Sequence[SurfaceReading]) -> None:
-    """Judge the setup's beliefs by all readings of the pad in a job, into its tally."""
+    """Check the setup by all readings of the pad in a job, into its tally."""
     run.tally.beliefs = judge(run, pads, *_drift_um_s(run, pads))
 
 
 def judge(
     run: JobRun, pads: Sequence[SurfaceReading], drift_um_s: float, drift_u_um_s: float
 ) -> tuple[Belief, ...]:
-    """Compare the setup's beliefs with readings of the pad and with a drift; warn where they are contradicted.
+    """Compare the setup's uncertainties with readings of the pad and with a drift; warn of contradictions.
 
-    The drift is that of the rests without creep, with its standard uncertainty; NaN where it is not known.
+    The drift is that of the rests without creep, with its standard uncertainty; NaN if unknown.
     """
     setup = run.setup
     beliefs = (
@@ -42,7 +41,7 @@ def judge(
     for belief in beliefs:
         if belief.seen is Seen.CONTRADICTED:
             args: Args = {"belief": belief.name, "believed": belief.believed, "found": belief.found}
-            run.decide(RunEvent.BELIEF_CONTRADICTED, belief.message, args, level=EventLevel.WARNING)
+            run.warn(RunEvent.BELIEF_CONTRADICTED, belief.message, args)
     return beliefs
 
 
@@ -54,7 +53,7 @@ def _judged(name: str, believed: float, found: float, u: float) -> Belief:
 
 
 def _slope_mrad(run: JobRun, pads: Sequence[SurfaceReading]) -> tuple[float, float]:
-    """Slope along the way between the two spots of the pad and its standard uncertainty; NaN where none counts."""
+    """Return the slope between the two spots of the pad and its standard uncertainty; NaN without one."""
     steps = [pad.step for pad in pads if pad.step is not None]
     if not steps:
         return math.nan, math.nan
@@ -65,9 +64,9 @@ def _slope_mrad(run: JobRun, pads: Sequence[SurfaceReading]) -> tuple[float, flo
 
 
 def _drift_um_s(run: JobRun, pads: Sequence[SurfaceReading]) -> tuple[float, float]:
-    """Drift of the rests without creep and its standard uncertainty; NaN over a short time.
+    """Return the drift of the rests without creep and its standard uncertainty; NaN over a short time.
 
-    Where creep was measured it is taken off from the first to the last reading of the pad; else it is bounded.
+    Measured creep is subtracted from the first to the last reading of the pad; otherwise it is bounded.
     """
     drift, rests = run.job.drift, [pad.rest for pad in pads if pad.rest is not None]
     if drift is not None and len(rests) > 1:

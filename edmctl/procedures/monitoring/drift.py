@@ -1,8 +1,8 @@
-"""How far the zero of the displacement may drift: what the setup believes, and what the rests at 0 V have shown.
+"""Drift of the zero of the displacement: as the setup states it, and as the rests at 0 V have shown it.
 
-A rest does not tell drift from creep of the actuator, and a drift between tool and work does not show at rest. So
-what was seen only widens what is believed, and no reading is corrected by it here; `touch/drift.py` does so where
-`edmctl measure-drift` has told what rests and touches have in common.
+A rest does not distinguish drift from creep of the actuator, and does not show a drift between tool and workpiece.
+So an observed drift only widens the uncertainty, and no reading is corrected by it here; `touch/spots.py` does so if
+`edmctl measure-drift` has measured the common drift of rests and touches.
 """
 
 from __future__ import annotations
@@ -16,34 +16,33 @@ from edmctl.procedures.job import Job
 from edmctl.process.touches import Displacement, Drift, share_u
 
 LEAST_SPAN_S = 120.0
-"""Over less time than this the error of the actuator model after a deep cut, a few µm, would look like a drift."""
+"""Over less time the error of the actuator model after a deep cut, a few µm, would look like a drift."""
 RECENT_S = 600.0
-"""A drift that has set in lately is looked for over this much time."""
+"""Time over which a recent drift is detected."""
 HOMES_APART_S = 900.0
-"""Homes of one job and of the next tell of a drift where they lie so far apart."""
+"""Least time between homes of successive jobs that show a drift."""
 HOMES_ALIKE_UM = 3.0
-"""Homes of one job and of the next differ by so much for creep and for the time that no ledger tells."""
+"""Difference between homes of successive jobs by creep and unrecorded time."""
 CREEP_UM = 0.6
-"""What is left of creep in two zeros ten minutes apart, and may hide as much of a drift."""
+"""Residual creep in two zeros ten minutes apart; it may hide as much of a drift."""
 CREEP_SHARE = 0.01
-"""Creep on top that the actuator model leaves in a rest, per way that the tool was driven since the first one: it
-holds the tool lower for minutes, and hides a drift that goes the other way [assumed]."""
+"""Additional residual creep per way that the tool was driven since the first rest: it keeps the tool lower for
+minutes, and hides a drift the other way [assumed]."""
 SEEN_SDS = 2.0
-"""A drift beyond so many standard deviations contradicts the setup: one machine in twenty by chance."""
+"""Standard deviations beyond which a drift contradicts the setup: one machine in twenty by chance."""
 DRIFT_SDS = 4.0
-"""A drift of more than so many standard deviations is none."""
+"""Standard deviations beyond which a change is no drift."""
 UNCERTAINTIES_IN_STROKE = 3.0
-"""A zero that has drifted by the whole stroke could not be touched, so a drift counts for no more than that."""
+"""A drift counts for no more than the whole stroke, beyond which a zero could not be touched."""
 Zero = tuple[float, float]
-"""Time, s, and what the sensor shows of a tool at home, µm."""
+"""Time, s, and sensor reading with the tool at home, µm."""
 
 
 class Rests:
-    """Zeros of the displacement at every rest at 0 V: what the sensor showed beyond the actuator's own creep.
+    """Zeros of the displacement at every rest at 0 V: the sensor reading less the actuator's own creep.
 
-    Zeros count from wherever the actuator model does, so only their differences tell something. `first_um` is the
-    rest before the actuator was conditioned, at `first_s`, NaN before there is one; `hidden_um` is by how much at
-    most it is too far out.
+    Only differences of zeros have a meaning. `first_um` is the rest before the actuator was conditioned, at
+    `first_s`, NaN before there is one; `hidden_um` is by how much at most it is too far out.
     """
 
     def __init__(self) -> None:
@@ -58,12 +57,12 @@ class Rests:
         self._rests.append((time_s, zero_um))
 
     def reach(self, low_um: float, high_um: float) -> None:
-        """The tool has been between these displacements: the longer its way, the more may have crept."""
+        """Take the range of displacements of a block: the longer the way, the more creep."""
         if self._rests:
             self._low_um, self._high_um = min(self._low_um, low_um), max(self._high_um, high_um)
 
     def home_um(self, zero_um: float) -> float:
-        """Return what the sensor shows of a tool at home, by a rest with that zero."""
+        """Return the sensor reading of a tool at home, by a rest with that zero."""
         return self.first_um + (zero_um - self._rests[0][1] if self._rests else 0.0)
 
     def ends(self) -> tuple[tuple[float, float], ...]:
@@ -71,10 +70,10 @@ class Rests:
         return (self._rests[0], self._rests[-1]) if self._rests else ()
 
     def drifted(self) -> tuple[float, Drift]:
-        """Return the time from the first rest to the newest, and the drift of the zero less what creep may be of it.
+        """Return the time from the first rest to the newest, and the drift of the zero less its creep.
 
-        Creep that goes with the way of the tool holds it lower, by any part of its bound as likely; what is left
-        anyway goes either way.
+        Creep by the way of the tool keeps it lower, by any part of its bound as likely; residual creep has either
+        sign.
         """
         if not self._rests:
             return 0.0, Drift(0.0, 0.0)
@@ -87,9 +86,8 @@ class Rests:
         return Drift(shift_um - creep_um, share_u(CREEP_UM + creep_um))
 
     def contradicting_um_s(self, believed_um_s: float) -> float:
-        """Return the drift that contradicts the setup, µm/s, as `_contradicting` does.
-
-        The zeros of the whole run tell it, and those since the newest that is `RECENT_S` old.
+        """Return the drift that contradicts the setup, µm/s, over the whole run or over `RECENT_S`; 0 if none
+        does.
         """
         if len(self._rests) < 2:
             return 0.0
@@ -104,10 +102,9 @@ class Rests:
 
 
 def _contradicting(believed_um_s: float, span_s: float, seen: Drift) -> float:
-    """Return a drift that was seen in a time where the setup's standard uncertainty does not explain it, µm/s.
+    """Return an observed drift that the setup's standard uncertainty does not explain, µm/s; 0 if it does.
 
-    0 within `SEEN_SDS` standard deviations. What lies beyond is the new standard uncertainty: the setup is as
-    uncertain as it was wrong.
+    It is the new standard uncertainty: the setup is as uncertain as it was wrong.
     """
     allowed_um = SEEN_SDS * math.hypot(believed_um_s * span_s, seen.left_u_um)
     return abs(seen.um) / max(LEAST_SPAN_S, span_s) if abs(seen.um) > allowed_um else 0.0
@@ -116,9 +113,9 @@ def _contradicting(believed_um_s: float, span_s: float, seen: Drift) -> float:
 def contradicting_between_jobs_um_s(homes: Sequence[Zero], believed_um_s: float) -> float:
     """Return the drift of the homes of earlier jobs, the oldest first, that contradicts the setup, µm/s.
 
-    `believed_um_s` is what the setup states. What no drift explains is a sensor that was set anew, and a time that
-    goes back a clock that was: the newest homes that go together and lie far enough apart tell. Homes without a
-    time, NaN, go with no others.
+    `believed_um_s` is stated by the setup. A larger step is a sensor that was set anew, and a time that goes back a
+    clock that was: the newest consistent homes that are far enough apart count. Homes without a time (NaN) are
+    consistent with no others.
     """
     together: list[list[Zero]] = []
     for time_s, um in homes:
@@ -139,17 +136,17 @@ def contradicting_between_jobs_um_s(homes: Sequence[Zero], believed_um_s: float)
 def first_home_um(rest_um: float, expected_um: float, drift_um: float) -> float:
     """Return home by a first rest at 0 V, expected at `expected_um` and perhaps drifted by `drift_um` since.
 
-    A rest that reads less is believed: nothing pulls a tool beyond home. One that reads more is, as far as the
-    sensor may have drifted since; what is left is a tool that stands out, by creep or by something that is broken.
+    Nothing pulls a tool beyond home, so a lower rest is home. A higher one is, as far as the sensor may have
+    drifted; the remainder is a tool that is out, by creep or by a defect.
     """
     return min(rest_um, expected_um + drift_um)
 
 
 def displacement_uncertainty(job: Job) -> Displacement:
-    """Return what is known of the displacements that a job goes by: the sensor's, or those of a calibrated actuator.
+    """Return the standard uncertainties of displacements: by the sensor, or by a calibrated actuator.
 
-    A calibration inherits scale and linearity of the sensor that it was made with. Its gain may have moved by
-    2.5 % since then, its zero walks by 1 µm in ten minutes, and a length is the difference of two estimates.
+    A calibration inherits scale and linearity of its sensor. Its gain may have changed by 2.5 % since then, its zero
+    walks by 1 µm in ten minutes, and a length is the difference of two estimates.
     """
     known = displacement(job.setup)
     if job.setup.sensor.fitted or job.calibration is None:
@@ -158,9 +155,9 @@ def displacement_uncertainty(job: Job) -> Displacement:
 
 
 def uncertainty_now(job: Job, rests: Rests) -> Displacement:
-    """Return the same, with the drift that the rests have shown by now where that is more.
+    """Return the same, with the drift that the rests have shown if that is more.
 
-    A drift between tool and work that was measured comes on top: no rest shows it, and touches do.
+    A measured drift between tool and workpiece is added, because no rest shows it.
     """
     sensor_u = displacement_uncertainty(job)
     apart_um_s = job.drift.apart_u_um_per_s if job.drift is not None else 0.0
@@ -171,10 +168,7 @@ def uncertainty_now(job: Job, rests: Rests) -> Displacement:
 
 
 def counted_pause_s(job: Job) -> float:
-    """Return the pause as far as drift goes on in it.
-
-    An unknown pause, and one of days, counts until three standard uncertainties of the drift are the whole stroke.
-    """
+    """Return the pause, at most until three standard uncertainties of the drift are the whole stroke."""
     drift_um_per_s = displacement_uncertainty(job).drift_u_um_per_s
     if not drift_um_per_s:
         return job.pause_s if math.isfinite(job.pause_s) else 0.0

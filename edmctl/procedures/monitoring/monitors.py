@@ -1,4 +1,4 @@
-"""Monitors of a whole run: the line, the sensor against the actuator model, and gap and tool between two cuts."""
+"""Monitors of a whole run: the line, and the sensor against the actuator model."""
 
 from __future__ import annotations
 
@@ -8,25 +8,23 @@ from edmctl.array_types import Array
 from edmctl.machine.faults import host_fault
 from edmctl.machine.interface import TelemetryBlock
 from edmctl.planning.forecast import stroke_um
-from edmctl.procedures.run import JobRun
-from edmctl.record.rows import EventLevel, EventRow, LinkRow, RunEvent
-from edmctl.results.progress import Extremes, Phase
-from edmctl.results.telemetry import LinkReport, pulse_shares
+from edmctl.procedures.run import Args, JobRun
+from edmctl.record.rows import LinkRow, RunEvent
 
 WINDOW_S = 1.0
 WARNED_FRAMES = 3
-"""Damaged frames within the window that are told: a clean line has none in hours."""
+"""Damaged frames within the window that are reported: a clean line has none in hours."""
 MOST_FRAMES = 10
 """Damaged frames within the window that end the job, as the controller does for those that it receives."""
 REPORT_S = 10.0
 LARGEST_SHARE = 0.15
 """Of the stroke that the job uses: the bound of Muralidhara et al. 2009 for a model of hysteresis."""
 PATIENCE_S = 2.0
-"""A difference that lasts so long ends the job; a jolt or a jump is over sooner."""
+"""A difference that lasts this long ends the job; a jolt or a jump is over sooner."""
 
 
 class LinkMonitor:
-    """Looks at the line with every block of telemetry. Raises once, as the retreat must not be disturbed."""
+    """Checks the line with every block of telemetry. Raises only once, not to disturb the retraction."""
 
     def __init__(self, run: JobRun) -> None:
         self._run = run
@@ -36,7 +34,7 @@ class LinkMonitor:
         self._next_report_s = REPORT_S
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
-        """Judge the line at the time of these samples. Raises MachineFault E61003."""
+        """Check the line at the time of these samples. Raises MachineFault E61003."""
         now_s = block.summary.end_s
         self._look_for_noise(now_s)
         if now_s >= self._next_report_s:
@@ -58,12 +56,11 @@ class LinkMonitor:
             self._warned = False
         elif not self._warned:
             self._warned = True
-            self._run.decide(
+            self._run.warn(
                 RunEvent.LINE_NOISE,
                 f"The line is disturbed: {frames} damaged frames arrived within {WINDOW_S:.0f} s; "
                 f"{MOST_FRAMES} end the job.",
                 {"bad_frames": frames},
-                level=EventLevel.WARNING,
             )
         if frames >= MOST_FRAMES and not self._over:
             self._over = True
@@ -78,14 +75,8 @@ def record_link(run: JobRun) -> None:
         f"Link: {report.frames_received} frames in, {report.bad_frames} damaged, {report.lost_frames} lost, "
         f"{report.retries} commands repeated; round trip {report.rtt_p50_ms:.2f} ms."
     )
-    run.recorder.append(
-        EventRow(run.machine.time_s, RunEvent.LINK, EventLevel.INFO, message, _figures(report))
-    )
-
-
-def _figures(report: LinkReport) -> dict[str, float | int]:
-    """Return the report in names so short that they fit an event."""
-    return {
+    # The names are so short that they fit an event.
+    figures: Args = {
         "sent": report.frames_sent,
         "received": report.frames_received,
         "bad": report.bad_frames,
@@ -98,13 +89,11 @@ def _figures(report: LinkReport) -> dict[str, float | int]:
         "clock_ppm": round(report.clock_rate_ppm, 2),
         "residual_us": round(report.clock_residual_us, 1),
     }
+    run.note(RunEvent.LINK, message, figures)
 
 
 class SensorMonitor:
-    """Compares every block of samples with its estimates; warns at once, and raises when it lasts.
-
-    It raises once: what comes after is the retreat, which nothing may disturb.
-    """
+    """Compares the samples with their estimates; warns at once, and raises once if a difference lasts."""
 
     def __init__(self, run: JobRun) -> None:
         self._run = run
@@ -113,7 +102,7 @@ class SensorMonitor:
         self._over = False
 
     def update(self, block: TelemetryBlock, model_um: Array) -> None:
-        """Judge samples and their estimates, shape (n,) in µm. Raises MachineFault E67001."""
+        """Take samples and their estimates, shape (n,) in µm. Raises MachineFault E67001."""
         sensor_um, estimate_um = float(block.displacement_um.mean()), float(model_um.mean())
         now_s = float(block.time_s[-1])
         if self._over or abs(sensor_um - estimate_um) <= self._largest_um:
@@ -125,27 +114,11 @@ class SensorMonitor:
         )
         if self._since_s is None:
             self._since_s = float(block.time_s[0])
-            self._run.decide(
+            self._run.warn(
                 RunEvent.Z_MISMATCH,
                 host_fault("Z_MISMATCH").message + message,
                 {"sensor_um": sensor_um, "model_um": estimate_um, "limit_um": self._largest_um},
-                level=EventLevel.WARNING,
             )
         elif now_s - self._since_s >= PATIENCE_S:
             self._over = True
             raise host_fault("Z_MISMATCH", message)
-
-
-class IdleMonitor:
-    """Hears every block of a run. While machining, whoever follows the cut or pass knows more and reports that."""
-
-    def __init__(self, run: JobRun) -> None:
-        self._run = run
-
-    def on_telemetry(self, block: TelemetryBlock) -> None:
-        """Report the samples of a block."""
-        if self._run.tally.phase is Phase.MACHINING:
-            return
-        seen = block.summary
-        between = Extremes(seen.end_s, seen.gap_low_v, seen.gap_high_v, seen.low_um, seen.high_um)
-        self._run.report_idle(seen.end_s, seen.gap_mean_v, pulse_shares(*seen.counts), seen.mean_um, between)

@@ -1,4 +1,4 @@
-"""Hears the machine for a whole run: estimates, records, and keeps what procedures look back at."""
+"""Listens to the machine for a whole run: estimates, records, and keeps recent values for the procedures."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from edmctl.process.rest_drift import CreepLags, CreepLeft, Rest
 from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent, ServoBlock
 
 _GATHERED_S = 0.45
-"""Blocks are estimated and recorded together until they last so long."""
+"""Blocks are estimated and recorded together up to this duration."""
 
 NEWEST_S = 0.1 - 1e-6
-"""Where the tool is now is the mean over this much of the newest samples, a frame's worth of them. A host that was
-held up gets a block of seconds, and the tool has moved in those."""
+"""The present place of the tool is the mean over this much of the newest samples, one frame. A delayed host gets a
+block of seconds, in which the tool has moved."""
 
 _DIRECTION = np.zeros((256, 256), dtype=np.int8)
 """Direction of the tool by (state, flags): -1 back, 0 hold, 1 forward."""
@@ -40,11 +40,13 @@ _DIRECTION[MachineState.MACHINING] = np.where(np.arange(256) & TelemetryFlag.ADV
 class Watch:
     """A `MachineListener`: each sample goes to the estimator, the recorder, and a follower if any.
 
+    `latest` are the newest samples, None before the first.
+
     Parameters
     ----------
     recorder : takes the rows
     duty_voltage_v : mean gap voltage of an all-open gap; gap ratios refer to it
-    record_every : of so many telemetry samples one is recorded
+    record_every : number of telemetry samples of which one is recorded
     sensor : whether the displacements come from a sensor, and are not estimates already
     """
 
@@ -57,7 +59,7 @@ class Watch:
         self._sensor = sensor
         self._tracker: Tracker | None = None
         self._fresh: list[TelemetryBlock] = []
-        self._latest: TelemetryBlock | None = None
+        self.latest: TelemetryBlock | None = None
         self._trace = Trace()
         self._follower: Callable[[TelemetryBlock], None] | None = None
         self._guards: list[Callable[[TelemetryBlock], None]] = []
@@ -69,20 +71,20 @@ class Watch:
         self.last_rest: Rest | None = None
 
     def follow_creep(self, left: CreepLeft | None) -> None:
-        """From now on keep the lags of the displacement: rests tell of drift by them. Call it at home.
+        """Follow the lags of the displacement from now on, at home: rests show drift by them.
 
-        left : what an earlier use of the actuator has left, None where nothing has used it
+        left : residual creep of an earlier use of the actuator, None if it was not used
         """
         if self._sensor:
             self._lags = CreepLags(left)
 
     def creep_left(self) -> CreepLeft | None:
-        """Return what is left of the creep; None where it was not followed."""
+        """Return the residual creep; None if it was not followed."""
         self.settle()
         return None if self._lags is None else self._lags.left
 
     def estimate_with(self, tracker: Tracker) -> None:
-        """From now on estimate the displacement; the tracker has already seen what came so far."""
+        """Estimate the displacement from now on; the tracker includes the samples so far."""
         self.settle()
         self._tracker = tracker
 
@@ -92,8 +94,8 @@ class Watch:
         return self._tracker
 
     def rest(self) -> None:
-        """Set the zero of the estimate by the sensor: the tool rests at 0 V, and goes to work from here."""
-        zero_um, tracker, block = self.zero_um(), self._tracker, self._latest
+        """Set the zero of the estimate by the sensor: the tool rests at 0 V, and begins to work from here."""
+        zero_um, tracker, block = self.zero_um(), self._tracker, self.latest
         if self._lags is not None and block is not None:
             self.settle()
             self.last_rest = Rest(*_now(block), _now_u_um(block), self._lags.um, self._lags.out_s)
@@ -104,8 +106,8 @@ class Watch:
         tracker.rest(middle_s, self._trace.at(middle_s), measured_um)
 
     def zero_um(self) -> float:
-        """Return what the sensor shows at this rest at 0 V beyond the actuator's own displacement, or NaN."""
-        tracker, block = self.tracker(), self._latest
+        """Return the sensor reading at this rest at 0 V less the actuator's own displacement, or NaN."""
+        tracker, block = self.tracker(), self.latest
         if not self._sensor or tracker is None or block is None:
             return math.nan
         middle_s, measured_um = _now(block)
@@ -117,27 +119,22 @@ class Watch:
         return None if tracker is None else tracker.estimator
 
     def follow(self, follower: Callable[[TelemetryBlock], None] | None) -> None:
-        """Also hand every block to `follower`; None ends that."""
+        """Also pass every block to `follower`; None ends that."""
         self._follower = follower
 
     def set_duty_voltage(self, duty_voltage_v: float) -> None:
-        """From now on gap ratios refer to another mean voltage of the open gap."""
+        """Set the mean voltage of the open gap that gap ratios refer to."""
         if duty_voltage_v != self._duty_voltage_v:
             self.settle()
             self._duty_voltage_v = duty_voltage_v
 
     def guard(self, guard: Callable[[TelemetryBlock], None]) -> None:
-        """Also hand every block of the run to `guard`, which may raise what ends it."""
+        """Also pass every block of the run to `guard`, which may raise to end it."""
         self._guards.append(guard)
 
     def compare(self, comparer: Callable[[TelemetryBlock, Array], None]) -> None:
-        """Also hand samples of the sensor with their estimates to `comparer`, which may raise."""
+        """Also pass samples of the sensor with their estimates to `comparer`, which may raise."""
         self._comparer = comparer
-
-    @property
-    def latest(self) -> TelemetryBlock | None:
-        """The newest samples, None before the first."""
-        return self._latest
 
     @property
     def newest_s(self) -> float:
@@ -164,13 +161,13 @@ class Watch:
         return block is not None and bool(block.flags[-1] & TelemetryFlag.CONTACT)
 
     def model_at(self, time_s: float) -> float:
-        """Estimated displacement at a touch, or at a moment of the last seconds; NaN without an estimator."""
+        """Return the estimated displacement at a touch, or in the last seconds; NaN without an estimator."""
         self.settle()
         return self._trace.at(time_s)
 
     def telemetry(self, block: TelemetryBlock) -> None:
-        """Keep the block for the estimator and the recorder, and hand it on."""
-        self._latest = block
+        """Keep the block for the estimator and the recorder, and pass it on."""
+        self.latest = block
         self._fresh.append(block)
         self.missing_frames += block.missing_frames
         if self._sensor:
@@ -183,7 +180,7 @@ class Watch:
             guard(block)
 
     def settle(self) -> None:
-        """Estimate and record what has come since the last time."""
+        """Estimate and record the blocks since the last time."""
         if not self._fresh:
             return
         block = joined(self._fresh)
@@ -206,7 +203,7 @@ class Watch:
             self._comparer(block, model_um)
 
     def _rows(self, block: TelemetryBlock, model_um: Array) -> ServoBlock:
-        """Return each `record_every`-th sample of the run, however it comes in blocks; a block may have none."""
+        """Return each `record_every`-th sample of the run; a block may have none."""
         pick = slice(self._skip, None, self._every)
         self._skip = (self._skip - len(block.time_s)) % self._every
         sensor_um = block.displacement_um if self._sensor else np.full_like(model_um, math.nan)
@@ -231,7 +228,7 @@ class Watch:
         self._recorder.append(batch)
 
     def event(self, event: MachineEvent) -> None:
-        """Record; what the model said at a touch is kept, because its reading is asked for much later."""
+        """Record; the estimate at a touch is kept, because its reading is requested much later."""
         if event.code is EventCode.TOUCH:
             self.settle()
             self._trace.keep(event.time_s)
@@ -257,9 +254,9 @@ def _now(block: TelemetryBlock) -> tuple[float, float]:
 
 
 def _now_u_um(block: TelemetryBlock) -> float:
-    """Return the standard uncertainty of that displacement by the scatter of the samples; 0 of a single one.
+    """Return the standard uncertainty of that displacement by the differences of neighbouring samples.
 
-    Neighbours in the whole block tell it: a tool that creeps does not scatter.
+    A creeping tool does not scatter. It is 0 for a single sample.
     """
     newest = int(np.count_nonzero(block.time_s > block.time_s[-1] - NEWEST_S))
     steps_um = np.diff(block.displacement_um)

@@ -1,43 +1,130 @@
-"""The law of adaptive machining: when to jump, and what to change where jumps are not enough. Moves nothing itself.
+"""Adaptive control of a cut: when to jump, and what to change if jumps are not enough. It moves nothing itself.
 
-The order of remedies is flush, then a wider gap, then longer pauses between pulses (decision 0021). The gap is
-judged by the shares of arcs and shorts while it sparks, not during a jump and not for half a second after one.
+The order of remedies is flush, then a wider gap, then longer pauses between pulses (decision 0021). Shares of arcs
+and shorts count while it sparks, not during a jump and not for half a second after one.
+
+An adaptive servo reference follows the share of arcs. A lower reference ignites more pulses and fills the gap with
+debris, and debris makes arcs that remove little. The best reference depends on flushing and depth; the share of arcs
+at it does not (decision 0043).
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from edmctl.dataclasses import dataclass
 from edmctl.procedures.run import Args
-from edmctl.procedures.servo.pulse_window import PulseWindow
-from edmctl.procedures.servo.reference_search import ReferenceSearch
+from edmctl.profile.findings import REFERENCE_MARGIN
 from edmctl.profile.model import Profile
 from edmctl.record.rows import RunEvent
 
 EVIDENCE_S = 1.0
-"""Arcs and shorts over their high thresholds for so long ask for a jump: 2300 pulses tell 5 % within 0.5 %."""
+"""Arcs and shorts over their high thresholds for this long cause a jump: 2300 pulses show 5 % within 0.5 %."""
 CLEAN_S = 20.0
-"""Below both low thresholds for so long, one remedy is taken back."""
+"""Below both low thresholds for this long, one remedy is taken back."""
 FREEZE_S = 0.5
-"""After a jump the gap is not judged for so long: the servo is still finding it."""
+"""After a jump nothing counts for this long: the servo is still finding the gap."""
 LONGEST_SHARE = 4.0
 """Of `jump.period_s`: the longest period in a gap that stays clean. Jumps every 40 s cost less than 0.5 % there."""
 SHORTER, LONGER = 0.5, 1.5
 PATIENCE = 5
-"""So many jumps in a row at the shortest period without success: jumps alone do not help."""
+"""Jumps in a row at the shortest period without success, after which jumps alone do not help."""
 FLUSH_ABOVE = 2.0
-"""Times the arcs that an adaptive reference keeps: more ask for a jump."""
+"""Arcs that cause a jump, relative to those that an adaptive reference keeps."""
 SHORT_S = 0.3
-"""A short that lasts so long is answered: healthy ones clear within 70 ms."""
+"""A short that lasts this long causes a jump: healthy ones clear within 70 ms."""
 MOST_JUMPS = 2
 HEALED_S = 10.0
-"""After so long without such a short the next one counts as a new one."""
+"""After this time without such a short the next one counts as a new one."""
+
+
+WINDOW_S = 4.0
+"""Arcs are counted over this time before the reference changes: 9 000 pulses show 8 % within 0.3 %."""
+DEAD_BAND = 0.12
+"""Relative difference from the target without a change: it costs less than 1 % of the removal."""
+GAIN = 0.06
+"""Change of the reference for twice the arcs, as a share of the span between all-sparking and all-open."""
+LARGEST_STEP = 0.06
+
+
+class PulseWindow:
+    """Shares of arcs and shorts over the newest `length_s` of what was added."""
+
+    def __init__(self, length_s: float) -> None:
+        self._length_s = length_s
+        self._parts: deque[tuple[float, int, int, int]] = deque()
+        self._span_s = 0.0
+        self._pulses = self._arcs = self._shorts = 0
+
+    def add(self, duration_s: float, pulses: int, arcs: int, shorts: int) -> None:
+        self._parts.append((duration_s, pulses, arcs, shorts))
+        self._span_s += duration_s
+        self._pulses += pulses
+        self._arcs += arcs
+        self._shorts += shorts
+        while self._span_s - self._parts[0][0] >= self._length_s - 1e-6:
+            old_s, old_pulses, old_arcs, old_shorts = self._parts.popleft()
+            self._span_s -= old_s
+            self._pulses -= old_pulses
+            self._arcs -= old_arcs
+            self._shorts -= old_shorts
+
+    def clear(self) -> None:
+        self._parts.clear()
+        self._span_s = 0.0
+        self._pulses = self._arcs = self._shorts = 0
+
+    @property
+    def is_full(self) -> bool:
+        """Whether it covers its length."""
+        return self._span_s >= self._length_s - 1e-6
+
+    @property
+    def arcs(self) -> float:
+        """Share of arcs; 0 without pulses."""
+        return self._arcs / self._pulses if self._pulses else 0.0
+
+    @property
+    def shorts(self) -> float:
+        """Share of shorts; 0 without pulses."""
+        return self._shorts / self._pulses if self._pulses else 0.0
+
+
+class ReferenceSearch:
+    """The servo reference by the arcs and shorts of the last seconds.
+
+    `target` is the share that is kept, `seen` that of the last window.
+    """
+
+    def __init__(self, profile: Profile, highest: float) -> None:
+        assert profile.adaptive.arc_target is not None, "a loaded profile has it"
+        self.target = profile.adaptive.arc_target
+        self.seen = math.nan
+        self._span = 1.0 - profile.pulse.rho
+        self._lowest, self._highest = profile.pulse.rho + REFERENCE_MARGIN, highest
+        self._window = PulseWindow(WINDOW_S)
+
+    def update(self, duration_s: float, pulses: int, arcs: int, shorts: int, reference: float) -> float:
+        """Take a slice of sparking at `reference`; return the reference to continue with.
+
+        Shorts count as arcs: both show that the gap is too small.
+        """
+        self._window.add(duration_s, pulses, arcs, shorts)
+        if not self._window.is_full:
+            return reference
+        self.seen = self._window.arcs + self._window.shorts
+        self._window.clear()
+        off = math.log(max(self.seen, 0.1 * self.target) / self.target)
+        if abs(off) < DEAD_BAND:
+            return reference
+        step = min(max(GAIN * off / math.log(2.0), -LARGEST_STEP), LARGEST_STEP) * self._span
+        return min(max(reference + step, self._lowest), self._highest)
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Something that the law has changed, and why."""
+    """A changed setting, and why."""
 
     code: RunEvent
     message: str
@@ -47,9 +134,9 @@ class Change:
 class AdaptiveControl:
     """Jump period, servo reference and duty of one cut.
 
-    `period_s` is NaN without jumps; `reference` and `duty` are what machine and generator should have now. `asking`
-    holds the shares of arcs and shorts that ask for the next jump, of those over their limits alone; it is empty
-    when the clock asks. `changes` collects what was changed until somebody takes it.
+    `period_s` is NaN without jumps; `reference` and `duty` are the settings for servo and generator. `asking` has
+    the shares of arcs and shorts that are over their limits and cause the next jump; it is empty if the period does.
+    `changes` collects the changes until they are carried out.
     """
 
     def __init__(self, profile: Profile, start_s: float) -> None:
@@ -99,11 +186,11 @@ class AdaptiveControl:
 
     @property
     def clock_due_s(self) -> float:
-        """When the clock asks for the next jump; infinity without jumps."""
+        """When the next periodic jump is due; infinity without jumps."""
         return math.inf if math.isnan(self.period_s) else self._last_s + self.period_s
 
     def due(self, now_s: float) -> str:
-        """Return why to jump now; empty while there is no reason."""
+        """Return the reason to jump now; empty without one."""
         if self._at_once:
             return self._at_once
         return f"{self.period_s:.3g} s have passed" if now_s >= self.clock_due_s else ""
@@ -119,7 +206,7 @@ class AdaptiveControl:
         return self._since_jump.shorts
 
     def jumped(self, now_s: float) -> None:
-        """Count the time from here; see whether jumps at the shortest period help."""
+        """Restart the period; check whether jumps at the shortest period help."""
         self._last_s = now_s
         self._at_once = ""
         self.asking = {}
@@ -138,7 +225,7 @@ class AdaptiveControl:
             )
 
     def soften(self, reference_step: float, duty_share: float, reason: str) -> None:
-        """Raise the reference and shorten the duty together, as the answer to a burn."""
+        """Raise the reference and reduce the duty, after a burn."""
         self._set_reference(min(self._highest, self.reference + reference_step), reason, {})
         self._set_duty(max(self._lowest_duty, self.duty * duty_share), reason, {})
 
@@ -169,7 +256,7 @@ class AdaptiveControl:
         self._set_period(max(self._jump.period_min_s, SHORTER * self.period_s), seen, arcs, shorts)
 
     def _relax(self, arcs: float, shorts: float) -> None:
-        """Take back the last remedy first."""
+        """Take back the last remedy."""
         seen = f"only {100 * arcs:.1f} % arcs and {100 * shorts:.1f} % shorts in {CLEAN_S:g} s"
         args: Args = {"arcs": arcs, "shorts": shorts}
         self._clean.clear()
@@ -194,8 +281,10 @@ class AdaptiveControl:
         if period_s == self.period_s:
             return
         args = {"from_s": self.period_s, "to_s": period_s, "arcs": arcs, "shorts": shorts}
-        self._note(
-            RunEvent.JUMP_PERIOD, f"Jump period {self.period_s:.3g} → {period_s:.3g} s: {reason}.", args
+        self.changes.append(
+            Change(
+                RunEvent.JUMP_PERIOD, f"Jump period {self.period_s:.3g} → {period_s:.3g} s: {reason}.", args
+            )
         )
         self.period_s = period_s
 
@@ -203,22 +292,21 @@ class AdaptiveControl:
         if reference == self.reference:
             return
         message = f"Servo reference {self.reference:.3g} → {reference:.3g}: {reason}."
-        self._note(RunEvent.REFERENCE_CHANGED, message, {"from": self.reference, "to": reference, **args})
+        self.changes.append(
+            Change(RunEvent.REFERENCE_CHANGED, message, {"from": self.reference, "to": reference, **args})
+        )
         self.reference = reference
 
     def _set_duty(self, duty: float, reason: str, args: Args) -> None:
         if duty == self.duty:
             return
         message = f"Duty {self.duty:.3g} → {duty:.3g}: {reason}."
-        self._note(RunEvent.DUTY_CHANGED, message, {"from": self.duty, "to": duty, **args})
+        self.changes.append(Change(RunEvent.DUTY_CHANGED, message, {"from": self.duty, "to": duty, **args}))
         self.duty = duty
-
-    def _note(self, code: RunEvent, message: str, args: Args) -> None:
-        self.changes.append(Change(code, message, args))
 
 
 class ShortRecovery:
-    """Counts how long every pulse has been a short, and the jumps made for it."""
+    """How long every pulse has been a short, and the number of jumps made for it."""
 
     def __init__(self) -> None:
         self._shorted_s = 0.0
@@ -239,12 +327,12 @@ class ShortRecovery:
             self.jumps = 0
 
     def due(self) -> str:
-        """Return why to jump now; empty while there is no reason, or when it has been tried often enough."""
+        """Return the reason to jump now; empty without one, and after enough jumps."""
         if self._shorted_s < SHORT_S - 1e-6 or self.jumps >= MOST_JUMPS:
             return ""
         return f"a short has lasted {self._shorted_s:.1f} s"
 
     def jumped(self) -> None:
-        """Count the jump that was made."""
+        """Count a jump."""
         self._shorted_s = 0.0
         self.jumps += 1

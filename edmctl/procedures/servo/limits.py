@@ -1,4 +1,4 @@
-"""Limits of a cut and of a job: arcs and shorts, a tool that no longer advances, the time, the stroke."""
+"""Limits of a cut and of a job: arcs and shorts, a stalled tool, time and stroke."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from edmctl.actuator.model import Estimator
 from edmctl.dataclasses import dataclass
 from edmctl.planning.forecast import forecast
 from edmctl.procedures.run import JobRun
-from edmctl.record.rows import EventLevel, RunEvent
+from edmctl.record.rows import RunEvent
 from edmctl.results.telemetry import PulseShares
 
 UNSTABLE_S = 30.0
-"""A cut over its arc or short limit for so long is ended. Badly flushed holes that come out well are over it for up
-to 9 s, until the next jump, so it has to outlast some jump periods (decision 0012)."""
+"""A cut over its arc or short limit for this long is ended. Badly flushed holes that succeed are over it for up to
+9 s, until the next jump, so it has to outlast some jump periods (decision 0012)."""
 
 # Looked up in every slice; an enum member costs a metaclass call each time in Python 3.11.
 _ARCING, _SHORTING = RunEvent.ARCING, RunEvent.SHORTING
 STALL_S = 60.0
-"""A cut that moves less than `STALL_SHARE` of the forecast feed for so long is stalled. Our choice: six jumps."""
+"""A cut that moves less than `STALL_SHARE` of the forecast feed for this long is stalled. Our choice: six jumps."""
 STALL_SHARE = 0.05
 """Of the forecast feed; bad flushing alone leaves more than half of it."""
 JUMP_AFTER_S = 0.5 * STALL_S
-"""Halfway there a jump is tried, whatever the recipe says of jumps."""
+"""After this time a jump is tried, whatever the recipe."""
 LONGEST_SHARE = 3.0
-"""Of the forecast machining time: a job that takes longer is not the one that was planned."""
+"""Longest machining time of a job relative to its forecast."""
 RISE_SAMPLES = 200
 LEAST_S = 120.0
-"""A short job is given this much in any case, twice what it takes to find that the tool has stopped advancing."""
+"""Least limit of a short job, twice the time that detects a stalled tool."""
 
 
 class RatioLimits:
-    """Judges the shares over a window of `window_s`."""
+    """Limits of the shares over a window of `window_s`."""
 
     def __init__(self, run: JobRun, window_s: float) -> None:
         self._run = run
@@ -41,7 +41,7 @@ class RatioLimits:
         self._since_s: dict[RunEvent, float] = {}
 
     def update(self, now_s: float, ratios: PulseShares, *, window_is_full: bool) -> str:
-        """Judge; return which have stayed over their limit for too long, arcs or shorts, empty where none have."""
+        """Return which have stayed over their limit for too long, arcs or shorts; empty if none have."""
         limits = self._run.profile.limits
         arcs = self._look(_ARCING, "arcs", ratios.arc, limits.arc_ratio, now_s, window_is_full)
         shorts = self._look(_SHORTING, "shorts", ratios.short, limits.short_ratio, now_s, window_is_full)
@@ -58,22 +58,18 @@ class RatioLimits:
         since_s = self._since_s.get(code)
         if since_s is None:
             self._since_s[code] = now_s
-            self._run.decide(
+            self._run.warn(
                 code,
                 f"{100 * ratio:.0f} % {name} in the last {self._window_s:.0f} s; "
                 f"the limit is {100 * limit:.0f} %.",
                 {"ratio": ratio, "limit": limit},
-                level=EventLevel.WARNING,
             )
             return False
         return now_s - since_s > UNSTABLE_S
 
 
 class StallDetection:
-    """Follows the tool of one cut.
-
-    forecast_feed_um_s : what it should feed
-    """
+    """Compares the advance of the tool in a cut with the forecast feed."""
 
     def __init__(self, forecast_feed_um_s: float) -> None:
         self._least_um = STALL_SHARE * forecast_feed_um_s * STALL_S
@@ -84,12 +80,12 @@ class StallDetection:
 
     @property
     def due_s(self) -> float:
-        """When a tool that does not advance is to be answered next; infinity before it was seen."""
+        """When a stalled tool causes the next reaction; infinity before the first update."""
         after_s = STALL_S if self._tried else JUMP_AFTER_S
         return math.inf if math.isnan(self._since_s) else self._since_s + after_s
 
     def update(self, now_s: float, displacement_um: float) -> bool:
-        """Judge where the tool is while sparking; True when the cut has stalled, `message` then says by what."""
+        """Take the place of the sparking tool; return whether the cut has stalled, as `message` then states."""
         if math.isnan(self._since_s) or displacement_um - self._since_um > self._least_um:
             self._since_s, self._since_um = now_s, displacement_um
             self._tried = self.jump_wanted = False
@@ -103,14 +99,14 @@ class StallDetection:
 
 @dataclass(frozen=True, slots=True)
 class TimeLeft:
-    """Seconds until a limit, and which one it is, in words."""
+    """Seconds until a limit, and its name."""
 
     seconds: float
     limit: str
 
 
 class TimeLimits:
-    """The limits of one run: of the whole job, and of the time in which it machines."""
+    """The time limits of one run: of the whole job, and of machining."""
 
     def __init__(self, run: JobRun) -> None:
         self._run = run
@@ -119,22 +115,18 @@ class TimeLimits:
         self._before_s = run.tally.machining_time_s
 
     def left(self) -> TimeLeft:
-        """Return the limit that comes first, as it stands now."""
+        """Return the limit that comes first."""
         job_s = self._run.profile.limits.max_time_s
-        whole = TimeLeft(
-            job_s - self._run.machine.time_s,
-            f"limits.max_time_s allows the job {job_s:.0f} s",
-        )
+        whole = TimeLeft(job_s - self._run.machine.time_s, f"limits.max_time_s allows the job {job_s:.0f} s")
         machined_s = self._run.tally.machining_time_s - self._before_s
         machining = TimeLeft(
-            self._machining_s - machined_s,
-            f"the forecast allows {self._machining_s:.0f} s of machining",
+            self._machining_s - machined_s, f"the forecast allows {self._machining_s:.0f} s of machining"
         )
         return min(whole, machining, key=lambda left: left.seconds)
 
 
 def stroke_left_um(estimator: Estimator, limit_v: float) -> float:
-    """Way in µm from where the actuator is now to where it comes at once by `limit_v`."""
+    """Return the way in µm that the actuator moves at once from here to `limit_v`."""
     model, state = estimator.model, estimator.state
     reached_um = model.at_once_um(state, max(state.u_v, limit_v))
     return estimator.gain * (reached_um - model.at_once_um(state, state.u_v))

@@ -1,6 +1,6 @@
-"""Judges a running cut slice by slice: pulse ratios, feed, estimated depth and wear, time left, limits.
+"""Supervision of a running cut, slice by slice: pulse ratios, feed, estimated depth and wear, time left, limits.
 
-The controller keeps the gap; the supervisor only watches, tells, and says when a cut should end.
+The controller keeps the gap; the supervisor only watches, reports, and decides when a cut should end.
 """
 
 from __future__ import annotations
@@ -14,32 +14,32 @@ from edmctl.machine.interface import SLICE_S, MachineState, MachineStatus, Telem
 from edmctl.planning.forecast import forecast
 from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
 from edmctl.procedures.hole.cut_planning import CutPlan, energy_of
-from edmctl.procedures.hole.hole_estimate import estimate_in_cut
+from edmctl.procedures.hole.hole_estimate import estimate_in_cut, with_unseen
 from edmctl.procedures.job import target_of
 from edmctl.procedures.job_state import Counts, RunningCut
 from edmctl.procedures.monitoring.watch import NEWEST_S
-from edmctl.procedures.run import JobRun
+from edmctl.procedures.run import JobRun, extremes_of
 from edmctl.procedures.servo.adaptive import AdaptiveControl, ShortRecovery
 from edmctl.procedures.servo.limits import STALL_SHARE, RatioLimits, StallDetection, stroke_left_um
 from edmctl.procedures.servo.telemetry_sums import RATIO_WINDOW_S, TelemetrySums
 from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v
 from edmctl.process.live_erosion import Energy
 from edmctl.record.rows import RunEvent
-from edmctl.results.progress import Phase, Progress
+from edmctl.results.progress import Phase
 
 FEED_WINDOW_S = 10.0
 """Mean feed is taken over this: one jump period, 3 µm at 0.3 µm/s, twenty times the sensor's noise."""
 OVERRUN_SHARE = 0.05
-"""A cut that is this share of the target deeper than the target, by the estimate, has not ended where it should."""
+"""A cut that is deeper than the target by this share of it has not ended where it should."""
 LEAST_OVERRUN_UM = 3.0
-"""So much is always allowed: the servo's swing and the sensor's noise at a shallow target."""
+"""Least allowance, for the servo's swing and the sensor's noise at a shallow target."""
 STROKE_RESERVE_UM = 5.0
-"""The stroke counts as used up here: the bottom must still be touched after the cut, a working gap further on."""
+"""Stroke that a cut leaves: the bottom must be touched after the cut, a working gap further."""
 NEAR_THE_END_UM = 60.0
-"""The model is asked for the stroke that is left from here on, by the mean gain."""
+"""Stroke by the mean gain below which the model computes the rest."""
 
 SWING_UM = 0.5
-"""A tool that is no further above its deepest place than this is at the bottom: the servo's swing."""
+"""Largest distance of a tool at the bottom from its deepest place: the servo's swing."""
 
 # Looked up in every slice; an enum member costs a metaclass call each time in Python 3.11.
 _MACHINING = int(MachineState.MACHINING)
@@ -47,7 +47,7 @@ _PHASE = {True: Phase.MACHINING, False: Phase.JUMPING}
 
 
 class StopReason(StrEnum):
-    """Why a cut should not go on."""
+    """Why a cut should end."""
 
     STALLED = "the tool has stopped advancing"
     UNSTABLE = "arcs or shorts have stayed over their limit"
@@ -57,9 +57,9 @@ class StopReason(StrEnum):
 class Supervisor(TelemetrySums):
     """Follows the telemetry of one cut that begins at `start_s`; keeps its sums and the tally of the job.
 
-    `stop_reason` is set when the cut should end, and `message` says then what was seen. `adaptive` holds what the
-    machine and the generator should be set to. Whoever jumps sets `jumps` and `last_jump_s`; `reference_v` is the
-    mean gap voltage that the servo keeps, `status` has the dielectric.
+    `stop_reason` is set when the cut should end, with the figures in `message`. `adaptive` has the settings for
+    servo and generator. The cut sets `jumps`, `last_jump_s`, `reference_v` (the mean gap voltage that the servo
+    keeps) and `status` (with the dielectric).
     """
 
     def __init__(self, run: JobRun, plan: CutPlan, start_s: float) -> None:
@@ -102,19 +102,20 @@ class Supervisor(TelemetrySums):
 
     @property
     def sparked_at_um(self) -> float:
-        """Where the tool stood at the bottom when it last sparked: not in a retreat, nor below a sheet.
-
-        A tool that feeds without discharges has nothing under it, and makes no hole.
-        """
+        """Where the tool was at the bottom when it last sparked: not in a retreat, nor below a sheet."""
         if self.is_through:
             return self.breakthrough.at_um
         return max(self._spark_um, self._deepest_um - SWING_UM)
 
-    def slice_s(self, now_s: float) -> float:
-        """Return how long the cut may be left alone from now on.
+    @property
+    def is_complete(self) -> bool:
+        """Whether the sheet has broken through, and the tip has followed."""
+        return self.displacement_um >= self.breakthrough.at_um + self._completion_um
 
-        It is watched closely near the end of the stroke and in a sheet. What is due by the clock is done on time: a
-        jump, and what follows where the tool does not advance.
+    def slice_s(self, now_s: float) -> float:
+        """Return for how long the cut needs no attention.
+
+        It is watched closely near the end of the stroke and in a sheet; jumps and reactions to a stall are on time.
         """
         longest_s = self._run.machine.slice_s
         due_s = min(self.adaptive.clock_due_s, self._stall.due_s) - now_s
@@ -123,7 +124,7 @@ class Supervisor(TelemetrySums):
         return SLICE_S * max(1, math.ceil(due_s / SLICE_S - 1e-6)) if due_s < longest_s else longest_s
 
     def jump_due(self, now_s: float) -> tuple[RunEvent, str] | None:
-        """Return which kind of jump is due, and why; None while there is no reason."""
+        """Return which kind of jump is due, and why; None without a reason."""
         if reason := self.shorts.due():
             return RunEvent.SHORT_RECOVERY, reason
         if self._stall.jump_wanted:
@@ -133,14 +134,14 @@ class Supervisor(TelemetrySums):
         return None
 
     def jumped(self, code: RunEvent, now_s: float) -> None:
-        """Take note that a jump was made."""
+        """Take a jump that was made."""
         self._stall.jump_wanted = False
         if code is RunEvent.SHORT_RECOVERY:
             self.shorts.jumped()
         self.adaptive.jumped(now_s)
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
-        """Judge the samples of one slice."""
+        """Take the samples of one slice."""
         seen, heights_um = block.summary, block.displacement_um.tolist()
         now_s, machining = seen.end_s, seen.state == _MACHINING
         fresh, duration_s = self.add(seen), self.duration_s(seen)
@@ -151,7 +152,7 @@ class Supervisor(TelemetrySums):
         if self._ratio_limits.update(now_s, ratios, window_is_full=self.window_is_full):
             self.stop_reason = StopReason.UNSTABLE
         feed_um_s = self._feed_um_s(now_s)
-        energy = energy_of(self._run.profile.pulse, self.counts, self.energy_j)
+        energy = energy_of(self._run.profile.pulse, self)
         erosion = self._plan.at(self.sparked_at_um, energy, now_s)
         depth_um = erosion.depth_um
         self._judge(duration_s, fresh, sparking=machining)
@@ -164,7 +165,7 @@ class Supervisor(TelemetrySums):
         tally.machining_time_s = self._machined_before_s + cut_s
         tally.cut = RunningCut(self.total, self.energy_j, cut_s, self.sparked_at_um)
         depth, wear = self._plan.stated(erosion)
-        progress = Progress(
+        progress = self._run.progress(
             phase=_PHASE[machining],
             time_s=now_s,
             gap_v=seen.gap_mean_v,
@@ -175,24 +176,16 @@ class Supervisor(TelemetrySums):
             displacement_um=self.displacement_um,
             time_left_s=self._time_left_s(now_s, depth_um),
             depth_u95_um=depth.u95,
-            site=self._run.site_among_many,
             step=f"cut {self._plan.number}",
             feed_um=depth_um + erosion.wear_um,
             feed_target_um=self._feed_target_um,
             feed_um_s=feed_um_s,
             wear_um=erosion.wear_um,
             wear_u95_um=wear.u95,
-            gap_low_v=seen.gap_low_v,
-            gap_high_v=seen.gap_high_v,
-            displacement_low_um=seen.low_um,
-            displacement_high_um=seen.high_um,
+            **extremes_of(seen),
             jumps=self.jumps,
             jump_period_s=self.adaptive.period_s,
             last_jump_s=self.last_jump_s,
-            sites_done=tally.sites_done,
-            sites_total=len(self._run.job.sites),
-            warning=tally.warning,
-            warned_s=tally.warned_s,
         )
         self.record(progress, self.status)
         if machining:
@@ -200,7 +193,7 @@ class Supervisor(TelemetrySums):
         self._run.observer.progress(progress)
 
     def _note_sparks(self, block: TelemetryBlock, heights_um: list[float]) -> None:
-        """Where the tool sparked last; a host that was held up finds the end of the cut within its block."""
+        """Find where the tool sparked last; if the host was delayed, the cut may have ended within the block."""
         states, normals = block.state.tolist(), block.n_normal.tolist()
         sparked: Sequence[int] = range(len(states))
         if 0 in normals or states.count(_MACHINING) < len(states):
@@ -225,7 +218,6 @@ class Supervisor(TelemetrySums):
             self.stop_reason, self.message = StopReason.STALLED, self._stall.message
 
     def _judge(self, duration_s: float, fresh: Counts, *, sparking: bool) -> None:
-        """Hand a slice to everybody who may want a jump or another reference."""
         _, _, arcs, shorts = fresh
         self.sparking_s += duration_s if sparking else 0.0
         self.adaptive.update(duration_s, sum(fresh), arcs, shorts, sparking=sparking)
@@ -234,15 +226,15 @@ class Supervisor(TelemetrySums):
     def _look_for_the_back(
         self, duration_s: float, fresh: Counts, energy: Energy, now_s: float, *, sparking: bool
     ) -> None:
-        """Whether the sheet has broken through; sparks that are lost where it cannot have are a fault."""
+        """Check whether the sheet has broken through; sparks that are lost elsewhere are a fault."""
         opens, pulses = fresh[0], sum(fresh)
         if pulses == 0:
             return
         plan, seen = self._plan, self.breakthrough
-        # Nothing but the recipe says how the feed divides before the first hole was touched.
+        # Before the first hole was measured the recipe alone divides the feed.
         estimate = estimate_in_cut(plan, self.sparked_at_um, energy, now_s)
-        estimate = estimate.left(0.0, plan.wear_ratio, touched=plan.estimate.fits > 0)
-        depth_um, depth_u_um, share = estimate.depth_um, estimate.depth_u_um, opens / pulses
+        estimate = with_unseen(estimate, 0.0, plan.wear_ratio, is_confirmed=plan.estimate.fits > 0)
+        depth_um, depth_u_um, share = estimate.depth_um, estimate.depth.u, opens / pulses
         found = seen.update(duration_s, self.displacement_um, depth_um, depth_u_um, share, sparking=sparking)
         if sparking and not self.is_through:
             lost = self._spark_loss.update(duration_s, self.displacement_um, pulses, opens)
@@ -263,7 +255,7 @@ class Supervisor(TelemetrySums):
         return (last_um - first_um) / (last_s - first_s)
 
     def _time_left_s(self, now_s: float, depth_um: float) -> float:
-        """Machining time to the target at the mean feed of this cut, at the forecast feed while it is young."""
+        """Return the machining time to the target at the mean feed of this cut, first at the forecast feed."""
         feed_um_s = self._forecast_feed_um_s
         if self._begin is not None and now_s - self._begin[0] > FEED_WINDOW_S:
             feed_um_s = (self.displacement_um - self._begin[1]) / (now_s - self._begin[0])
@@ -277,7 +269,7 @@ class Supervisor(TelemetrySums):
         return max(0.0, left_um) / feed_um_s
 
     def _look_for_the_end(self, actuator_v: float, depth_um: float) -> None:
-        """Whether the cut went past its target, or the actuator has no way left."""
+        """Check whether the cut is past its target, or the actuator at the end of its stroke."""
         what, done_um, wanted_um = "depth", depth_um, self._plan.target_um
         if self._through or math.isnan(wanted_um):
             what, done_um = "feed", self._plan.fed_um(self.displacement_um)

@@ -1,4 +1,4 @@
-"""Sums of the telemetry of one cut or pass: pulses by class, their energy, the gap voltage; a row of them."""
+"""Sums of the telemetry of one cut or pass: pulses by class, their energy, the gap voltage."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from edmctl.results.progress import Progress
 from edmctl.results.telemetry import BlockSummary, PulseShares, pulse_shares
 
 RATIO_WINDOW_S = 2.0
-"""Arcs and shorts are judged over this: a limit that is exceeded so long is told at once (decision 0012)."""
+"""Window of arcs and shorts; a limit that is exceeded over it is reported at once (decision 0012)."""
 
 
 class TelemetrySums:
@@ -62,7 +62,7 @@ class TelemetrySums:
 
     @property
     def window_is_full(self) -> bool:
-        """Whether there are samples of so long."""
+        """Whether the samples cover the window."""
         end_s, duration_s, _ = self._window[0]
         return self._newest_s - end_s + duration_s >= 0.9 * RATIO_WINDOW_S
 
@@ -104,7 +104,7 @@ class TelemetrySums:
         return pulse.model_copy(update={"duty": self.duty_v / pulse.open_voltage_v})
 
     def record(self, progress: Progress, status: MachineStatus | None = None) -> None:
-        """Record what is shown, with the power and the state of the dielectric."""
+        """Record the progress, with the power and the state of the dielectric."""
         run, ratios, duty_v = self._run, progress.ratios, self.duty_v
         run.recorder.append(
             SlowRow(

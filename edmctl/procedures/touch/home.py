@@ -1,8 +1,8 @@
-"""Where the tool's home is by the sensor, and how much further out the tool may be than that says.
+"""Home of the tool by the sensor, and how much further out the tool may be.
 
-A reading at 0 V does not tell a drift of the sensor from a tool that something holds out: only the time in which
-the zero may have drifted bounds it, and after hours that is more than the tool is clear of the work. Then a touch
-decides, where what is under the tool is known: the way to contact holds no drift.
+A reading at 0 V does not distinguish a drift of the sensor from a tool that is held out: only the time in which the
+zero may have drifted bounds it, and after hours that is more than the clearance of the tool. Then a touch decides,
+if the surface under the tool is known: the way to contact includes no drift.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ import math
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError
+from edmctl.procedures.channel.way import is_on_way, way_of_path
 from edmctl.procedures.hole.hole_estimate import (
     STANDARD_UNCERTAINTIES,
-    Estimate,
     ExpectedHole,
     expected_of_left,
+    lengths,
 )
 from edmctl.procedures.monitoring.drift import DRIFT_SDS, displacement_uncertainty, first_home_um
 from edmctl.procedures.run import JobRun, rest_and_look
@@ -24,32 +25,32 @@ from edmctl.procedures.touch.reading import BEYOND_PREDICTION_UM, Search, take_r
 from edmctl.results.progress import Phase
 
 CLEAR_UM = 10.0
-"""A stage moves only if the tool is certainly this far above the untouched surface: half of what it normally is
-clear by (`settings.SAFE_CLEARANCE_UM`), several times what tilt takes of it."""
+"""A stage moves only if the tool is certainly this far above the untouched surface: half of the usual clearance
+(`settings.SAFE_CLEARANCE_UM`), several times the effect of tilt."""
 SOON_S = 600.0
-"""A job asks at its begin whether the stages may move so much later too: it is not to be refused on its way."""
+"""A job checks at its start that the stages may move this much later too, so that it is not refused on its way."""
 CREEP_WAIT_S = 60.0
 """Longest wait for the actuator to creep back below the height at which the stages may move."""
 CREEP_LOOK_S = 1.0
 _SETTLED_UM = 0.2
 """A rest that falls by less than this in a second has settled."""
 MODEL_ERROR_UM = 12.0
-"""The actuator model is wrong by up to 6 µm in the first second at 0 V after a deep cut; twice that."""
+"""Twice the error of the actuator model in the first second at 0 V after a deep cut."""
 READING_MARGIN_UM = 1.0
-"""The controller judges by a reading of its own, so the height must be clear by more than noise."""
+"""The controller decides by its own reading, so the height must be clear by more than noise."""
 _CHECK_TOUCHES = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """What the sensor shows of a tool at home, and by how much at most that is too far out, µm."""
+    """The sensor reading with the tool at home, and by how much at most that is too far out, µm."""
 
     um: float
     hidden_um: float = 0.0
 
 
 def most_over_um(run: JobRun, home: Home) -> float:
-    """Return how far over home the tool may read while a stage moves, clear of the work in any case."""
+    """Return how far from home the tool may read while a stage moves, clear of the workpiece in any case."""
     safe_z_um = controller_settings(run.profile, run.setup).safe_z_um
     return min(
         safe_z_um - READING_MARGIN_UM, run.profile.approach.offset_um - CLEAR_UM - max(0.0, home.hidden_um)
@@ -57,11 +58,11 @@ def most_over_um(run: JobRun, home: Home) -> float:
 
 
 def home_now(run: JobRun) -> Home:
-    """Return what the sensor shows of a tool at home: the rest at 0 V less what the actuator model says of creep.
+    """Return home by the sensor: the rest at 0 V less the creep by the actuator model.
 
-    Before there is a model it is the rest itself, once that has stopped falling, as far as drift can explain it; a
-    touch tells where drift could hide too much. Raises PreconditionError E8020 where a rest lies further from the
-    first or the newest than creep and drift go: then the tool is held by something else.
+    Before there is a model it is the rest itself, once that has stopped falling, as far as drift can explain it; if
+    drift could hide too much, a touch measures it. Raises PreconditionError E8020 if a rest is further from the
+    first or the newest than creep and drift allow: then something else holds the tool.
     """
     if not run.setup.sensor.fitted:
         return Home(0.0)
@@ -84,7 +85,7 @@ def home_now(run: JobRun) -> Home:
 
 
 def _first_home(run: JobRun) -> Home:
-    """Home by a rest without a model, or by a touch."""
+    """Return home by a rest without a model, or by a touch."""
     job, rests = run.job, run.watch.rests
     rest_um = _settled_um(run)
     fastest_um_s = DRIFT_SDS * displacement_uncertainty(job).drift_u_um_per_s
@@ -106,7 +107,7 @@ def _first_home(run: JobRun) -> Home:
 
 
 def pad_from_home_um(run: JobRun) -> float:
-    """Return how far from home the pad is, µm: by the recipe, or with the tool as an earlier run left it."""
+    """Return the distance of the pad from home, µm: by the recipe, or with the tool as an earlier run left it."""
     resumed, done = run.job.resumed, list(run.tally.sites.values())
     if resumed is not None and resumed.site:
         return resumed.z1_um + resumed.wear_um - resumed.home_um
@@ -117,9 +118,9 @@ def pad_from_home_um(run: JobRun) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _WorkBelow:
-    """What is under the tool: how far from home contact is, and how much further it may be, µm.
+    """Expected contact under the tool, from home, and how much further it may be, µm.
 
-    `hidden_um` is how much of that may bring the tool nearer to the face than home by the touch says.
+    `hidden_um` is the part of that which may bring the tool nearer to the surface than home by the touch.
     """
 
     um: float
@@ -128,43 +129,43 @@ class _WorkBelow:
 
 
 def _work_below(run: JobRun) -> _WorkBelow | None:
-    """Return what is known of what the tool stands over: the pad, what was left, a place that is not cut yet.
+    """Return the known surface under the tool: the pad, a hole that was left, or a place that is not cut yet.
 
-    How far the tool is clear of the pad a touch there tells whatever the tool has lost. The bottom of a hole is an
-    estimate: the pad is as far as the touch, less a feed that nobody has measured.
+    A touch of the pad shows the clearance whatever the wear. The bottom of a hole is an estimate: the pad is as far
+    as the touch, less a feed that was not measured.
     """
     status, pad, resumed = run.machine.status(), run.job.pad, run.job.resumed
     here, known_um = (status.x_um, status.y_um), run.setup.stage.repeatability_um
     away_um = math.dist(here, (pad.x_um, pad.y_um))
     left = (
-        ExpectedHole(Estimate())
+        ExpectedHole(lengths())
         if resumed is None or not resumed.begun
         else expected_of_left(resumed, run.profile)
     )
     if away_um <= run.job.spot_distance_um + known_um:
-        return _WorkBelow(pad_from_home_um(run), left.wear_reach_um, 0.0)
+        return _WorkBelow(pad_from_home_um(run), left.reach_um(left.estimate.wear), 0.0)
     slope_um = STANDARD_UNCERTAINTIES * 1e-3 * run.setup.surface.tilt_u_mrad * away_um
     path = run.profile.path
     if path is not None:
-        from edmctl.procedures.channel.way import is_on_way, way_of_path
-
         if resumed is None or not is_on_way(way_of_path(path), here, known_um):
             return None
-        depth_um, reach_um = (resumed.depth_um, left.feed_reach_um) if resumed.begun else (0.0, 0.0)
+        depth_um, reach_um = (
+            (resumed.depth_um, left.reach_um(left.estimate.feed)) if resumed.begun else (0.0, 0.0)
+        )
         return _WorkBelow(pad_from_home_um(run) + depth_um, reach_um + slope_um, reach_um + slope_um)
     site = next((s for s in run.job.sites if math.dist(here, (s.x_um, s.y_um)) <= known_um), None)
     if resumed is not None and site is None and _is_on_a_spot(run, here):
-        return _WorkBelow(pad_from_home_um(run), left.wear_reach_um + slope_um, slope_um)
+        return _WorkBelow(pad_from_home_um(run), left.reach_um(left.estimate.wear) + slope_um, slope_um)
     if resumed is None or site is None or site.name in run.tally.sites:
         return None
     depth_um, feed_reach_um = (
-        (resumed.depth_um, left.feed_reach_um) if site.name == resumed.site else (0.0, 0.0)
+        (resumed.depth_um, left.reach_um(left.estimate.feed)) if site.name == resumed.site else (0.0, 0.0)
     )
     return _WorkBelow(pad_from_home_um(run) + depth_um, feed_reach_um + slope_um, feed_reach_um + slope_um)
 
 
 def _is_on_a_spot(run: JobRun, here: tuple[float, float]) -> bool:
-    """Return whether the tool stands where the face is touched a second time, beside a place and over no hole."""
+    """Return whether the tool is at a second spot of the surface, beside a place and over no hole."""
     known_um = run.setup.stage.repeatability_um
     away_um = [math.dist(here, (site.x_um, site.y_um)) for site in run.job.sites]
     least_um = run.job.spot_distance_um
@@ -172,7 +173,7 @@ def _is_on_a_spot(run: JobRun, here: tuple[float, float]) -> bool:
 
 
 def _home_by_touch(run: JobRun, rest_um: float, below: _WorkBelow) -> Home:
-    """Home by a touch of what is under the tool, slow all the way: the way to contact holds no drift."""
+    """Return home by a touch, slow all the way: the way to contact includes no drift."""
     z_max_um = rest_um + below.um + below.reach_um + BEYOND_PREDICTION_UM
     z_um = take_reading_in(
         run, "Zr", "the place where it stands", Search(rest_um, z_max_um, _CHECK_TOUCHES, 0.0)
@@ -184,7 +185,7 @@ def _home_by_touch(run: JobRun, rest_um: float, below: _WorkBelow) -> Home:
 
 
 def _settled_um(run: JobRun) -> float:
-    """Return the rest at 0 V, after a wait for what creeps there."""
+    """Return the rest at 0 V, after a wait for creep."""
     end_s, before_um = run.machine.time_s + CREEP_WAIT_S, math.inf
     while before_um - run.watch.displacement_um > _SETTLED_UM and run.machine.time_s < end_s:
         before_um = run.watch.displacement_um

@@ -1,7 +1,7 @@
 """A Z reading: several contacts at one place, reduced to their mean.
 
 The tool hunts at contact, so that creep cannot push it into the work, and the sensor is averaged meanwhile
-(Muralidhara et al. 2009, §4). What a touch says must be what the samples of the same moment say.
+(Muralidhara et al. 2009, §4).
 """
 
 from __future__ import annotations
@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import ObjectiveNotReached, PreconditionError
+from edmctl.errors import ObjectiveNotReached
 from edmctl.machine.interface import Touch, TouchRequest
+from edmctl.procedures.job_state import JobState
 from edmctl.procedures.run import JobRun
 from edmctl.process.plane import Step
 from edmctl.process.rest_drift import Rest
@@ -22,29 +23,26 @@ from edmctl.wording import decimal
 FAST_LEG_MARGIN_UM = 3.0
 """The fast leg ends this far above the predicted contact."""
 FAST_SIGMAS = 2.0
-"""And by so many standard uncertainties of it: a tool that meets the work on that leg comes back slowly."""
+"""And by this many standard uncertainties of it: a tool that meets the work on that leg returns slowly."""
 BEYOND_PREDICTION_UM = 15.0
 """No contact this far beyond the predicted one is a fault."""
 BEYOND_SIGMAS = 3.0
-"""And so many of them."""
+"""And this many standard uncertainties."""
 NO_CONTACT = "E62005"
 """No contact up to the end of a search."""
 ATTEMPTS = 2
 _TELEMETRY_LAG_S = 0.2
-"""After this, the samples around the last event have come."""
-_DISTRUST = "Look at sensor and line with `edmctl doctor`; the controller's touches are not to be believed."
+"""After this, the samples around the last event have arrived."""
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceReading:
-    """Where the tool met a surface: by the sensor (`reading`), and by the model (`model_um`).
+    """Where the tool met a surface: by the sensor (`reading`), and by the actuator model (`model_um`).
 
-    Without a sensor both are the model's. `zero_um` is the zero that the model had from the rest before,
-    and `creep_um` the creep since then that the model extrapolates.
-    `doubt_u_um` is a standard uncertainty that comes on top where the touches could not be believed outright;
-    `debris_um` is how high something lies where the surface was touched first, found by touching beside it; `step`
-    tells how much further the second of two spots lies than the first, where both count; `rest` is the rest before,
-    where the run keeps those for their drift.
+    Without a sensor both are the model's. `zero_um` is the zero of the model since the rest before, `creep_um` the
+    creep since then that the model extrapolates. `doubt_u_um` is an additional standard uncertainty of doubted
+    touches, `debris_um` the height of debris where the surface was touched first. `step` is how much further the
+    second of two spots is than the first, if both count; `rest` the rest before, if drift is followed.
     """
 
     kind: str
@@ -65,16 +63,29 @@ class SurfaceReading:
         return self.reading.mean_um
 
     def shifted(self, way_um: float) -> SurfaceReading:
-        """Return what it would be `way_um` further on."""
+        """Return the reading as if it were `way_um` further."""
         if way_um == 0.0:
             return self
         reading = replace(self.reading, mean_um=self.reading.mean_um + way_um)
         return replace(self, reading=reading, model_um=self.model_um + way_um)
 
+    def as_z1(self, state: JobState, earlier_time_s: float, u_um: float = 0.0) -> JobState:
+        """Return the state of a job with this reading of the pad; the run began at `earlier_time_s` of the job."""
+        return replace(
+            state,
+            z1_um=self.z_um,
+            z1_sd_um=self.reading.sd_um,
+            z1_touches=self.reading.touches,
+            z1_u_um=u_um,
+            z1_doubt_u_um=self.doubt_u_um,
+            z1_time_s=earlier_time_s + self.time_s,
+            z1_model_um=self.model_um,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """How a surface is looked for: fast to `fast_to_um`, slowly on to `z_max_um`, `touches` times after a rest."""
+    """A search of a surface: fast to `fast_to_um`, then slowly to `z_max_um`, `touches` times after a rest."""
 
     fast_to_um: float
     z_max_um: float
@@ -85,7 +96,7 @@ class Search:
 def search_near(run: JobRun, predicted_um: float, u_um: float, deepest_um: float = -math.inf) -> Search:
     """Return the search by the recipe for a contact at `predicted_um`, with a standard uncertainty of `u_um`.
 
-    It goes on to `deepest_um` where that is further than the uncertainty says.
+    It ends beyond `deepest_um` if that is further than the uncertainty.
     """
     return Search(
         fast_to_um=predicted_um - FAST_LEG_MARGIN_UM - FAST_SIGMAS * u_um,
@@ -98,26 +109,33 @@ def search_near(run: JobRun, predicted_um: float, u_um: float, deepest_um: float
 def take_reading(
     run: JobRun, kind: str, place: str, predicted_um: float, u_um: float = 0.0
 ) -> SurfaceReading:
-    """Touch off `measure.touches` times and average; once more when they scatter too much.
+    """Touch off `measure.touches` times and average; once more if they scatter too much.
 
-    `predicted_um` is where contact is expected, with a standard uncertainty of `u_um`. The tool stands at least
-    20 µm above it, and ends a back-off above it. Raises PreconditionError when the sensor reads contact before.
+    Contact is expected at `predicted_um`, with a standard uncertainty of `u_um`. The tool begins at least 20 µm
+    above it, and ends a back-off above it. Raises PreconditionError if the sensor reads contact before.
     """
     return take_reading_in(run, kind, place, search_near(run, predicted_um, u_um))
 
 
 def take_reading_in(run: JobRun, kind: str, place: str, search: Search) -> SurfaceReading:
-    """Return the same, where the search is given."""
+    """Return the same with a given search."""
     run.begin(Phase.MEASURING)
     run.machine.rest(search.settle_s)
-    if run.watch.in_contact:
-        raise PreconditionError(
-            f"The contact sensor reads closed at {run.watch.displacement_um:.1f} µm, clear of the surface.",
-            hint="Look for a chip between tool and work, or a shorted continuity wire.",
-            code="E8021",
-        )
+    run.refuse_contact(
+        ", clear of the surface", "Look for a chip between tool and work, or a shorted continuity wire."
+    )
+    measure = run.profile.measure
+    request = TouchRequest(
+        fast_um_s=measure.fast_um_s,
+        fast_to_um=search.fast_to_um,
+        speed_um_s=measure.speed_um_s,
+        z_max_um=search.z_max_um,
+        back_off_um=measure.back_off_um,
+        dwell_s=measure.dwell_s,
+        touches=search.touches,
+    )
     for _ in range(ATTEMPTS):
-        touches = run.machine.touch(_request(run, search))
+        touches = run.machine.touch(request)
         run.machine.rest(_TELEMETRY_LAG_S)
         found = _reduced(run, kind, touches)
         refused = _refusal(run, found)
@@ -133,7 +151,6 @@ def take_reading_in(run: JobRun, kind: str, place: str, search: Search) -> Surfa
 
 
 def _refusal(run: JobRun, found: SurfaceReading) -> ObjectiveNotReached | None:
-    """Return why a reading is not one, None where it is."""
     if is_constant((found.reading,)):
         return constant(found)
     most_um = run.profile.measure.max_sd_um
@@ -147,24 +164,11 @@ def _refusal(run: JobRun, found: SurfaceReading) -> ObjectiveNotReached | None:
 
 
 def constant(found: SurfaceReading) -> ObjectiveNotReached:
-    """Return what is wrong with touches that repeat to the last digit."""
+    """Return the error of touches that repeat to the last digit."""
     return ObjectiveNotReached(
         f"{found.kind}: every touch says {found.z_um:.3f} µm to the last digit, which no sensor does.",
-        hint=_DISTRUST,
+        hint="Look at sensor and line with `edmctl doctor`; the controller's touches are not to be believed.",
         code="E7021",
-    )
-
-
-def _request(run: JobRun, search: Search) -> TouchRequest:
-    measure = run.profile.measure
-    return TouchRequest(
-        fast_um_s=measure.fast_um_s,
-        fast_to_um=search.fast_to_um,
-        speed_um_s=measure.speed_um_s,
-        z_max_um=search.z_max_um,
-        back_off_um=measure.back_off_um,
-        dwell_s=measure.dwell_s,
-        touches=search.touches,
     )
 
 

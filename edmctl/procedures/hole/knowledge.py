@@ -1,0 +1,178 @@
+"""What a job learns from hole to hole, and the wear of cuts that no touch followed.
+
+The next touch of the pad measures all cuts since the last one at once. The results of their holes are corrected by
+it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from edmctl.dataclasses import dataclass, replace
+from edmctl.planning.measuring import estimate_of
+from edmctl.procedures.hole.cut import CutResult
+from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
+from edmctl.procedures.hole.hole import Hole
+from edmctl.procedures.monitoring.drift import pause_drift_u_um
+from edmctl.procedures.run import JobRun
+from edmctl.procedures.touch.home import pad_from_home_um
+from edmctl.procedures.touch.reading import SurfaceReading
+from edmctl.procedures.touch.spots import OFFSET_U_UM, ToolLength, drift_between, read_pad
+from edmctl.procedures.touch.surface_plane import SurfacePlane
+from edmctl.process.discharge import first_gap_u_um
+from edmctl.process.live_erosion import SCATTER_BETWEEN_HOLES, LiveErosion
+from edmctl.process.shared_wear import SharedWear, WearShare, share_wear
+from edmctl.process.touches import TOUCH_U_UM, share_u
+from edmctl.profile.model import Profile
+from edmctl.profile.places import Place
+from edmctl.quantity import Value
+
+LEFT_U_UM = 4.0
+"""Standard uncertainty of the distance to the pad where an earlier run of the job has left the tool, with wear that
+it only estimated; without drift."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unmeasured:
+    """A cut that no touch followed: its hole, its expected share of the wear, and the state of the hole before it.
+
+    `depth_u_um` is the standard uncertainty of the depth of the hole without that of the tool's length.
+    """
+
+    hole: Hole
+    share: WearShare
+    depth_u_um: float
+    wear_before: Value
+
+    def correct(self, run: JobRun, shorter_um: float, now: SharedWear) -> float:
+        """Correct the result of the hole, which began with a tool `shorter_um` shorter; return its own error."""
+        result, found = run.tally.sites[self.hole.site.name], self.hole.found
+        assert found is not None
+        own_um = now.wear_um - self.share.wear_um
+        feed_um = result.feed_um - now.tip_um + own_um
+        gain_u_um = run.uncertainty.gain_u_rel * feed_um
+        before = self.wear_before
+        wear_u_um = math.hypot(before.u, now.wear_u_um, run.uncertainty.length_u_um(now.wear_um))
+        corrected = replace(
+            found,
+            depth=Value(result.depth_um - now.tip_um, math.hypot(self.depth_u_um, now.tip_u_um)),
+            wear=Value(before.value + now.wear_um, wear_u_um),
+            feed=Value(feed_um, math.hypot(self.depth_u_um, before.u, now.feed_u_um, gain_u_um)),
+        )
+        self.hole.correct(corrected, shorter_um, result.z3_um + shorter_um + own_um)
+        return own_um
+
+
+class JobKnowledge:
+    """Tool length, workpiece surface, removal and wear, and working gap, as a job knows them so far.
+
+    Attributes
+    ----------
+    estimate, surface, gap : removal and wear; plane of the workpiece surface; working gap to expect, µm
+    tool : length of the tool, None before it has touched the pad
+    pads : all readings of the pad in this run
+    unmeasured : cuts since the pad was last touched
+    """
+
+    def __init__(self, run: JobRun) -> None:
+        self._run = run
+        profile = run.profile
+        self.estimate, self.gap = estimate_of(profile), first_gap(profile)
+        self.surface = SurfacePlane(run)
+        self.tool: ToolLength | None = None
+        self.pads: list[SurfaceReading] = []
+        self.unmeasured: list[Unmeasured] = []
+
+    def touch_pad_first(self, name: str) -> SurfaceReading:
+        """Touch the pad before anything else (Z1); its two spots may show the slope too."""
+        run, resumed, home_um = self._run, self._run.job.resumed, self._run.tally.home_um
+        u_um = OFFSET_U_UM
+        if resumed is not None and (resumed.site or run.tally.sites):
+            u_um = math.hypot(LEFT_U_UM, pause_drift_u_um(run.job), share_u(home_um - resumed.home_um))
+        pad = read_pad(run, "Z1", name, home_um + pad_from_home_um(run), u_um)
+        self.pads.append(pad)
+        self.surface.fit_pad_slope(pad)
+        self.tool = ToolLength(pad)
+        return pad
+
+    def next_hole(self, site: Place) -> Hole:
+        """Return an untouched hole, after a touch of the pad if the tool length is unknown."""
+        if self.tool is None:
+            self.touch_pad_first(site.name)
+        assert self.tool is not None
+        z1 = self.tool.pad.shifted(self.tool.wear_um)
+        return Hole(self._run, site, self.surface, self.estimate, z1, self.tool.wear_u_um)
+
+    def first_start(self, hole: Hole) -> CutStart:
+        """Return where the first cut of an untouched hole begins."""
+        assert self.tool is not None
+        sensor_u, tool = self._run.uncertainty, self.tool
+        length_um = hole.target.feed_um if hole.target.kind == "feed" else hole.target.depth_um
+        return CutStart(
+            bottom_um=hole.surface_um,
+            bottom_u_um=math.hypot(tool.u_um(tool.pad.time_s, 0.0), hole.face_u_um),
+            gap_um=self.gap.value,
+            time_s=tool.pad.time_s,
+            drift_u_um_per_s=sensor_u.drift_u_um_per_s,
+            depth_u_um=sensor_u.length_u_um(length_um),
+            gap_u_um=self.gap.u,
+        )
+
+    def add_unmeasured(self, hole: Hole, plan: CutPlan, cut: CutResult, live: LiveErosion) -> None:
+        """Take the expected wear of a cut that is not measured."""
+        assert self.tool is not None
+        self.unmeasured.append(self._unmeasured(hole, plan, cut, live))
+        self.tool = self.tool.worn(live.wear_um - plan.start.wear_um, live.wear_u_um)
+
+    def share_wear(
+        self, hole: Hole, pad: SurfaceReading, plan: CutPlan, cut: CutResult, live: LiveErosion
+    ) -> SharedWear:
+        """Correct all cuts since the last touch of the pad by a new one after `cut`; return the wear of `hole`.
+
+        `live` is what was expected of `hole` after `cut`; from here on the hole counts from the new reading. The
+        results of the other holes stay estimates.
+        """
+        assert self.tool is not None
+        run, before, sensor_u = self._run, self.tool.pad, self._run.uncertainty
+        cuts = [*self.unmeasured, self._unmeasured(hole, plan, cut, live)]
+        seconds, drift = pad.time_s - before.time_s, drift_between(run, before, pad)
+        found = share_wear(
+            [one.share for one in cuts],
+            pad.z_um - before.z_um - (drift.um if drift else 0.0),
+            seconds,
+            # The sensor's gain is left out: its error in a depth or wear is counted with that length.
+            touch_u_um=math.hypot(
+                TOUCH_U_UM * math.sqrt(2.0), sensor_u.walk_um_per_sqrt_s * math.sqrt(seconds)
+            ),
+            drift_u_um_per_s=drift.left_u_um / seconds if drift else sensor_u.drift_u_um_per_s,
+        )
+        shorter_um = 0.0
+        for earlier, now in zip(self.unmeasured, found, strict=False):
+            shorter_um += earlier.correct(run, shorter_um, now)
+        hole.restart_from(pad, found[-1])
+        self.unmeasured.clear()
+        return found[-1]
+
+    def _unmeasured(self, hole: Hole, plan: CutPlan, cut: CutResult, live: LiveErosion) -> Unmeasured:
+        """The ratio of wear to depth errs alike in all cuts of a job.
+
+        Working gap and scatter do not, nor does wear that the energy of this cut contradicts.
+        """
+        assert self.tool is not None
+        run, start = self._run, plan.start
+        added_um = live.wear_um - start.wear_um
+        off_um = plan.off_by_energy_um(cut.end_displacement_um, energy_of(run.profile.pulse, cut))
+        own_u_um = math.hypot(SCATTER_BETWEEN_HOLES * added_um, live.wear_own_u_um, off_um)
+        after_s = run.machine.time_s - self.tool.pad.time_s
+        face_u_um = hole.face_u_um if hole.stops == 0 else 0.0
+        return Unmeasured(
+            hole,
+            WearShare(added_um, live.wear_ratio_u_um, own_u_um, after_s),
+            math.hypot(start.gap_u_um, start.depth_u_um, TOUCH_U_UM, face_u_um),
+            Value(start.wear_um, start.wear_u_um),
+        )
+
+
+def first_gap(profile: Profile) -> Value:
+    """Return the working gap to expect before one was measured."""
+    return Value(profile.measure.expected_gap_um, first_gap_u_um(profile.pulse.open_voltage_v))

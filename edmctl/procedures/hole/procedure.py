@@ -1,0 +1,402 @@
+"""One hole: approach, cut, and measure as often as its target requires; the end of a hole through the sheet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from edmctl.errors import MachineFault
+from edmctl.labels import Basis, marked
+from edmctl.planning.measuring import estimate_of
+from edmctl.planning.regimes import Recipe, recipes_of
+from edmctl.procedures.hole.cut import Cut, CutEnd, CutResult
+from edmctl.procedures.hole.cut_planning import CutPlan, energy_of, first_plan, following_plan
+from edmctl.procedures.hole.decision import (
+    Decision,
+    decide,
+    out_of_time,
+    refuse_wrong_setup,
+    report_end,
+    unfinished,
+)
+from edmctl.procedures.hole.first_sparks import FirstSparkCheck
+from edmctl.procedures.hole.hole import Hole
+from edmctl.procedures.hole.knowledge import JobKnowledge, first_gap
+from edmctl.procedures.hole.site_result import close_site
+from edmctl.procedures.run import JobRun
+from edmctl.procedures.servo.limits import TimeLimits
+from edmctl.procedures.settings import pulse_settings
+from edmctl.procedures.stages import move_to
+from edmctl.procedures.touch.approach import (
+    CLEAR_OF_BOTTOM_UM,
+    ExpectedBottom,
+    approach_bottom,
+    raise_by,
+    read_expected,
+)
+from edmctl.procedures.touch.reading import NO_CONTACT, SurfaceReading, search_near, take_reading_in
+from edmctl.procedures.touch.spots import ToolLength, read_pad, refuse_grown_tool, rest_before_pad
+from edmctl.process.live_erosion import CONTRADICTION_SDS, LEAST_RATIO, Energy, ErosionEstimate
+from edmctl.process.next_cut import GAP_U_UM
+from edmctl.process.shared_wear import SharedWear
+from edmctl.process.touches import DepthAndWear, Deviation, share_u
+from edmctl.profile.model import Profile
+from edmctl.quantity import Value
+from edmctl.record.rows import RunEvent
+from edmctl.wording import decimal, length, signed
+
+PAD_U_UM = 0.5
+"""Standard uncertainty of the pad's place besides the wear: drift and touch scatter."""
+GAP_SETTLES_S = 1.0
+"""A shorter cut teaches no working gap: its first sparks come 1 µm earlier, and the servo follows."""
+UNFINISHED_GAP_U_UM = 3.0
+"""Standard uncertainty of the gap if a cut did not end at its limit: the servo swings, and shorts draw back
+[assumed]."""
+
+
+class HoleProcedure:
+    """Machines one hole: cuts it, measures it, and decides what follows.
+
+    The tally of the run has the result of the hole after every cut. `knowledge` is shared by the holes of a job.
+    """
+
+    def __init__(self, run: JobRun, hole: Hole, knowledge: JobKnowledge, limits: TimeLimits) -> None:
+        self._run, self._hole, self._knowledge, self._limits = run, hole, knowledge, limits
+        self._sparks = FirstSparkCheck(run, hole, knowledge)
+
+    def machine(self, *, is_last: bool = True) -> Decision:
+        """Machine the hole from its untouched surface, and return the last decision.
+
+        The last hole of a job is measured even if others before it were not, because it also measures them.
+        """
+        run, hole = self._run, self._hole
+        start = self._knowledge.first_start(hole)
+        plan = first_plan(run.profile, start, hole.target, hole.estimate, run.machine.time_s)
+        return self.cut_to_the_end(replace(plan, measured=True) if is_last else plan)
+
+    def cut_to_the_end(self, plan: CutPlan) -> Decision:
+        """Cut and measure until a decision plans nothing more."""
+        decision = self._cut(plan)
+        while decision.plan is not None:
+            decision = self._cut(decision.plan)
+        close_site(self._run, settled=not self._knowledge.unmeasured)
+        return decision
+
+    def _cut(self, plan: CutPlan) -> Decision:
+        """Make one planned cut, unless the time is up before the approach, which sparks, or after it."""
+        run, hole = self._run, self._hole
+        if self._limits.left().seconds <= 0.0:
+            return self._no_time(plan)
+        move_to(run, hole.site)
+        bottom_u_um = plan.start.bottom_u_at(run.machine.time_s)
+        reach_u_um = math.hypot(bottom_u_um, 0.5 * self._sparks.debris_um)
+        sparks = approach_bottom(run, plan.start.bottom_um, reach_u_um)
+        plan = self._sparks.checked(plan, sparks.displacement_um, bottom_u_um)
+        left = self._limits.left()
+        if left.seconds <= 0.0:
+            return self._no_time(plan)
+        machined_before_s = run.tally.machining_time_s
+        run.tally.unmeasured_site = hole.site.name
+        hole.start_cut(plan)
+        cut = Cut(run, plan, left).run()
+        hole.end_cut(cut)
+        run.tally.machining_time_s = machined_before_s + cut.time_s
+        run.tally.depth_um = math.nan if cut.through else plan.depth_at(cut.end_displacement_um)
+        if hole.target.kind == "through":
+            return self._end_through(plan, cut)
+        if plan.measured or run.regime_follows or self._is_surprising(plan, cut):
+            return self._measure(plan, cut)
+        return self._estimate(plan, cut)
+
+    def _is_surprising(self, plan: CutPlan, cut: CutResult) -> bool:
+        """Return whether a cut ended early, lost its sparks, or took an energy that its feed does not explain."""
+        if cut.end is not CutEnd.REACHED or cut.end_displacement_um < plan.z_limit_um:
+            return True
+        return plan.contradicts(cut.end_displacement_um, self._energy(cut))
+
+    def _no_time(self, plan: CutPlan) -> Decision:
+        decision = out_of_time(self._hole.target, plan, self._limits.left().limit)
+        self._run.warn(
+            RunEvent.TARGET_MISSED,
+            decision.message,
+            {"cut": plan.number, "depth_um": plan.start.depth_um, "hint": decision.hint},
+        )
+        return decision
+
+    def _energy(self, cut: CutResult) -> Energy:
+        return energy_of(self._run.profile.pulse, cut)
+
+    def _measure(self, plan: CutPlan, cut: CutResult) -> Decision:
+        """Touch bottom and pad after a cut, learn from them, and decide what follows."""
+        knowledge, hole = self._knowledge, self._hole
+        z2 = self._read_bottom(plan, cut)
+        z3 = self._read_pad(plan, cut)
+        gap = Value(plan.start.gap_um, plan.start.gap_u_um)
+        if cut.time_s >= GAP_SETTLES_S:
+            u_um = math.hypot(GAP_U_UM, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
+            gap = Value(z2.z_um - cut.end_displacement_um, u_um)
+            if cut.is_at_limit and z2.doubt_u_um == 0.0:
+                self._sparks.judge_again(gap.value)
+        shared = None
+        if knowledge.unmeasured:
+            live = plan.at(cut.end_displacement_um, self._energy(cut))
+            shared = knowledge.share_wear(hole, z3, plan, cut, live)
+        found = self._learn(z2, z3, gap, shared)
+        if plan.number == 1:
+            refuse_wrong_setup(self._run, hole.touched or found)
+        return self._decide(plan.number, cut, found)
+
+    def _read_bottom(self, plan: CutPlan, cut: CutResult) -> SurfaceReading:
+        """Touch the bottom, more often if it is not where the last sparks put it."""
+        raise_by(self._run, CLEAR_OF_BOTTOM_UM)
+        gap_u_um = math.hypot(plan.start.gap_u_um, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
+        expected = ExpectedBottom(cut.end_displacement_um, plan.start.gap_um, gap_u_um, "the last sparks")
+        return read_expected(self._run, self._hole.site.name, expected)
+
+    def _read_pad(self, plan: CutPlan, cut: CutResult, more_u_um: float = 0.0) -> SurfaceReading:
+        """Touch the pad with the worn tool (Z3). `more_u_um` is an additional standard uncertainty."""
+        run, hole = self._run, self._hole
+        live = plan.at(cut.end_displacement_um, self._energy(cut))
+        u_um = math.hypot(PAD_U_UM, live.wear_u_um, hole.z1_u_um, more_u_um)
+        expected_um = hole.z1.z_um + live.wear_um + hole.drift_um
+        # A recipe that no touch has confirmed may be wrong by more than it states.
+        deepest_um = expected_um + plan.stated(live)[1].u95
+        rest_before_pad(run, hole.z1)
+        z3 = read_pad(run, "Z3", hole.site.name, expected_um, u_um, deepest_um)
+        before_u_um = math.hypot(hole.z1_u_um, hole.z1.doubt_u_um)
+        refuse_grown_tool(run, hole.z1.z_um, z3, z3.time_s - hole.z1.time_s, before_u_um)
+        return z3
+
+    def _learn(
+        self, z2: SurfaceReading, z3: SurfaceReading, gap: Value, shared: SharedWear | None = None
+    ) -> DepthAndWear:
+        """Take the readings of a measurement cycle; return depth and wear with the doubts about them.
+
+        `gap` is the working gap to expect from now on, `shared` the wear if the touch measured several holes.
+        """
+        hole, knowledge = self._hole, self._knowledge
+        touched = hole.measured(z2, z3)
+        if shared is None:
+            stated = self._with_doubt_of_wear(touched)
+        else:
+            # The part of the drift in the uncertainty is unknown for one of several holes.
+            wear = Value(shared.wear_um, shared.wear_u_um)
+            stated = touched = replace(touched, wear=wear, drift_left_u_um=math.nan)
+        hole.take_stop(z2, z3, touched)
+        is_doubted = z2.doubt_u_um > 0.0
+        hole.report(stated, gap.value, depth_basis=Basis.ESTIMATED if is_doubted else None)
+        knowledge.pads.append(z3)
+        knowledge.tool = ToolLength(z3)
+        knowledge.gap = Value(gap.value, math.hypot(gap.u, z2.doubt_u_um))
+        if is_doubted:
+            return stated
+        learned = hole.learned()
+        # A first stop that contradicts the recipe may be confirmed by the next one.
+        is_confirmed = shared is None and hole.stops - hole.regime.stops > 1 and stated is touched
+        knowledge.estimate = learned.confirmed() if is_confirmed else learned
+        return stated
+
+    def _with_doubt_of_wear(self, found: DepthAndWear) -> DepthAndWear:
+        """Widen a result whose wear is unexpected, until another measurement cycle agrees with it.
+
+        A tool that wears differently and debris on the tool look alike. The truth may be anywhere between
+        expectation and touch; a tool that seems too long also makes the hole seem too deep. Debris that stays on the
+        tool, and a surface that was misread before, shift the feed by as much.
+        """
+        estimate, before = self._knowledge.estimate, self._hole.touched
+        before_depth_um, before_wear = (before.depth_um, before.wear) if before else (0.0, Value(0.0, 0.0))
+        added_um = estimate.wear_ratio * max(0.0, found.depth_um - before_depth_um)
+        off = Deviation(
+            found.wear_um - before_wear.value - added_um,
+            math.hypot(estimate.wear_ratio_u_rel * added_um, before_wear.u, found.wear.u),
+        )
+        if abs(off.sigmas) <= CONTRADICTION_SDS:
+            return found
+        doubt_u_um = share_u(off.um)
+        self._run.warn(
+            RunEvent.TOUCH_DOUBTED,
+            f"The wear is {decimal(found.wear_um)} µm, {signed(off.um)} µm from what was believed: the belief is "
+            "wrong, or something sticks to the tool. It takes another stop to tell.",
+            {"kind": "wear", "off_um": off.um, "u_um": off.u_um},
+        )
+        return replace(
+            found,
+            wear=found.wear.widened(doubt_u_um),
+            depth=found.depth.widened(doubt_u_um if off.um < 0.0 else 0.0),
+            feed=found.feed.widened(doubt_u_um),
+        )
+
+    def _decide(self, number: int, cut: CutResult | None, found: DepthAndWear) -> Decision:
+        """Decide what follows a measurement cycle after `number` cuts; an earlier run made those without `cut`."""
+        run, hole, knowledge = self._run, self._hole, self._knowledge
+        decision = decide(
+            run.profile,
+            hole.target,
+            number,
+            cut,
+            found,
+            hole.next_start(knowledge.gap),
+            knowledge.estimate,
+            touch_final=run.job.touches_final,
+            broken_cuts=hole.sums.broken_cuts + hole.regime.total.number,
+        )
+        gap_um = knowledge.gap.value
+        if decision.plan is None and (cut is None or cut.end is CutEnd.REACHED):
+            decision = self._next_regime(number, found) or decision
+        self._report(found, gap_um, decision)
+        return decision
+
+    def _next_regime(self, number: int, found: DepthAndWear) -> Decision | None:
+        """Begin the regime that the depth requires after this one; None if this was the last."""
+        run, hole, knowledge = self._run, self._hole, self._knowledge
+        recipes, following = recipes_of(run.job.profile), run.regime.number + 1
+        if following >= len(recipes):
+            return None
+        while following + 1 < len(recipes) and found.depth_um >= recipes[following].to_um:
+            following += 1
+        before, recipe = run.profile, recipes[following]
+        run.use_regime(following)
+        run.machine.set_pulses(pulse_settings(recipe.profile))
+        knowledge.estimate = _estimate_in_next(before, knowledge.estimate, recipe.profile)
+        knowledge.gap = first_gap(recipe.profile)
+        hole.begin_regime(knowledge.estimate, found)
+        start, touch_final = hole.next_start(knowledge.gap), run.job.touches_final
+        plan = following_plan(
+            run.profile, hole.target, number + 1, start, hole.estimate, touch_final=touch_final
+        )
+        return Decision(plan, f"{_regime_text(recipe)} The next cut feeds {plan.feed_um:.2f} µm.")
+
+    def _report(self, found: DepthAndWear, gap_um: float, decision: Decision) -> None:
+        run, site = self._run, self._run.tally.sites[self._hole.site.name]
+        run.decide(
+            RunEvent.SITE_MEASURED,
+            f"Depth {marked(length(found.depth_um, found.depth.u95), site.depth_basis)}, wear "
+            f"{marked(length(found.wear_um, found.wear.u95), site.wear_basis)}, working gap {gap_um:.2f} µm.",
+            {**_figures(found), "wear_ratio": found.wear_ratio, "gap_um": gap_um},
+        )
+        if decision.plan is None:
+            report_end(run, decision, found.depth_um)
+        else:
+            run.decide(RunEvent.CUT_DECIDED, decision.message, {"feed_um": decision.plan.feed_um})
+
+    def _estimate(self, plan: CutPlan, cut: CutResult) -> Decision:
+        """End a hole whose last cut need not be measured: feed and energy show what it added."""
+        run, hole = self._run, self._hole
+        now_s = run.machine.time_s
+        live = plan.at(cut.end_displacement_um, self._energy(cut), now_s)
+        feed_um = live.depth_um + live.wear_um
+        feed_u_um = math.hypot(
+            plan.start.u_at(now_s), plan.start.gap_u_um, run.uncertainty.length_u_um(feed_um)
+        )
+        depth, wear = plan.stated(live)
+        found = DepthAndWear(depth, wear, Value(feed_um, feed_u_um), depth_noise_um=live.depth_u_um)
+        self._knowledge.add_unmeasured(hole, plan, cut, live)
+        hole.report(
+            found,
+            plan.start.gap_um,
+            fed_um=plan.fed_um(cut.end_displacement_um),
+            worn_um=live.wear_um - plan.start.wear_um,
+            estimated_um=live.depth_um - plan.start.depth_um,
+            depth_basis=Basis.ESTIMATED,
+            wear_basis=Basis.ESTIMATED,
+        )
+        run.decide(
+            RunEvent.SITE_ESTIMATED,
+            f"Depth ~{length(found.depth_um, found.depth.u95)}, wear ~{length(found.wear_um, found.wear.u95)} by "
+            "feed and energy: known well enough without another touch.",
+            _figures(found),
+        )
+        off_um = found.depth_um - hole.target.depth_um
+        message = f"Depth ~{decimal(found.depth_um)} µm, {signed(off_um)} µm from the target."
+        run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": found.depth_um})
+        return Decision(None, message)
+
+    def _end_through(self, plan: CutPlan, cut: CutResult) -> Decision:
+        """Measure the wear; the depth is how far the tip went below the surface, at least the sheet's thickness."""
+        run, hole = self._run, self._hole
+        # The tool stopped wearing anywhere in the last feed.
+        pad = self._read_pad(plan, cut, more_u_um=hole.target.completion_um / math.sqrt(12.0))
+        through = cut.through
+        if hole.interrupted and not through and cut.end is CutEnd.REACHED:
+            # It began too near to the back for the feed to show the breakthrough.
+            through = self.touch_bottom_or_none(pad, hole.bottom.z_um) is None
+        # A bottom is a working gap below the tip; behind the sheet there is none.
+        tip_um = max(cut.end_displacement_um + (0.0 if through else plan.start.gap_um), hole.surface_um)
+        found = hole.take_tip(tip_um, pad)
+        self._knowledge.tool = ToolLength(pad)
+        hole.report(found, plan.start.gap_um, through=through, depth_basis=Basis.ESTIMATED)
+        if through:
+            decision = self.through(found)
+        elif cut.end is not CutEnd.REACHED:
+            decision = unfinished(hole.target, cut, found.depth_um, found.feed_um)
+        else:
+            sheet = f"The sheet of {hole.target.depth_um:g} µm"
+            missed = f"{sheet} did not break through within {found.depth_um:.1f} µm."
+            decision = Decision(
+                None, missed, missed, "Check work.thickness_um; a thicker sheet needs more stroke."
+            )
+        report_end(run, decision, found.depth_um)
+        return decision
+
+    def through(self, found: DepthAndWear) -> Decision:
+        """Return the end of an open hole."""
+        sheet = f"Through the sheet of {self._hole.target.depth_um:g} µm"
+        return Decision(None, f"{sheet}; the tip went {found.depth_um:.1f} µm below its face.")
+
+    def touch_bottom_or_none(self, pad: SurfaceReading, least_um: float) -> SurfaceReading | None:
+        """Touch the bottom of a hole that may be open, from `least_um` on; None if the tool goes through it.
+
+        The search ends as far behind the back as the hole is fed there.
+        """
+        run, hole = self._run, self._hole
+        z_max_um = pad.z_um + hole.face_um + hole.target.depth_um + hole.target.completion_um
+        search = replace(search_near(run, least_um, 0.0), z_max_um=z_max_um)
+        move_to(run, hole.site)
+        try:
+            return take_reading_in(run, "Z2", hole.site.name, search)
+        except MachineFault as fault:
+            if fault.code != NO_CONTACT:
+                raise
+            run.machine.clear_fault(fault.fault)
+            run.machine.arm()
+        run.decide(
+            RunEvent.BREAKTHROUGH,
+            f"The tool goes through {hole.site.name} to {z_max_um:.1f} µm and meets nothing: the hole is open.",
+            {"displacement_um": z_max_um},
+        )
+        return None
+
+
+def _figures(found: DepthAndWear) -> dict[str, float]:
+    return {
+        "depth_um": found.depth_um,
+        "wear_um": found.wear_um,
+        "depth_u95_um": found.depth.u95,
+        "wear_u95_um": found.wear.u95,
+    }
+
+
+def _estimate_in_next(before: Profile, learned: ErosionEstimate, after: Profile) -> ErosionEstimate:
+    """Return the estimate of a recipe, corrected by as much as the pulses before differed from theirs.
+
+    The materials are the same, so removal and wear differ from their recipe alike.
+    """
+    removal = ratio = 1.0
+    if learned.fits > 0 and not learned.contradicted:
+        expected = estimate_of(before)
+        removal = learned.removal_um3_per_uj / expected.removal_um3_per_uj
+        ratio = learned.wear_ratio / max(expected.wear_ratio, LEAST_RATIO)
+    work, wear = after.work, after.wear
+    changed = {
+        "work": work.model_copy(update={"removal_um3_per_uj": removal * work.removal_um3_per_uj}),
+        "wear": wear.model_copy(update={"expected_ratio": ratio * wear.expected_ratio}),
+    }
+    return estimate_of(after.model_copy(update=changed))
+
+
+def _regime_text(recipe: Recipe) -> str:
+    pulse = recipe.profile.pulse
+    return (
+        f"Regime {recipe.name}: to {recipe.to_um:.1f} µm with {pulse.current_a:g} A for {pulse.on_time_us:.3g} µs, "
+        f"{pulse.off_time_us:.3g} µs off, servo reference {recipe.profile.servo.reference:g}."
+    )
