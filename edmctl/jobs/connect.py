@@ -79,7 +79,7 @@ def connected(
 
     Raises LinkLost and ProtocolMismatch.
     """
-    from edmctl.link.session import Session
+    from edmctl.link.session import LATE_BEAT_S, Session
     from edmctl.machine.controller import LinkMachine
 
     line: Transport
@@ -89,7 +89,7 @@ def connected(
             line, on = held.enter_context(_virtual(loaded, setup, seed, say, where))
         else:
             line = line_to(where, setup, say, surroundings.environ)
-        session = Session(line)
+        session = Session(line, first_beat_s=LATE_BEAT_S)
         held.callback(session.close)
         stop = surroundings.stop(say)
         session.open(setup.link.hello_s)

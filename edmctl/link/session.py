@@ -54,7 +54,7 @@ HEARTBEAT_S = 0.05
 VIRTUAL_BEAT_S = 0.1
 """On a `VirtualLine` a heartbeat goes before a read where the last one is so old."""
 LATE_BEAT_S = 0.2
-"""Time between the first two heartbeats on a `VirtualLine`. A later heartbeat means that the host was away."""
+"""A heartbeat that is later by this means that the host was away."""
 DEADLINE_S = 0.75
 """Longest wait for the reply to a command, all its repetitions included."""
 SILENCE_S = 0.5
@@ -77,11 +77,14 @@ MessageT = TypeVar("MessageT")
 class Session:
     """Commands to and reports from one controller.
 
-    `random_source` chooses session byte and nonce.
+    `random_source` chooses session byte and nonce. In virtual time the first two heartbeats are `first_beat_s` apart.
     """
 
-    def __init__(self, transport: Transport, random_source: Random | None = None) -> None:
+    def __init__(
+        self, transport: Transport, random_source: Random | None = None, first_beat_s: float = HEARTBEAT_S
+    ) -> None:
         self.transport = self._line = transport
+        self._first_beat_s = first_beat_s
         self._virtual = transport if isinstance(transport, VirtualLine) else None
         self._random = random_source or SystemRandom()
         self._subscriptions = Subscriptions()
@@ -307,8 +310,7 @@ class Session:
                 self.pump_until(lambda: False, FIRST_BEATS_APART_S)
         else:
             self._beat(self.transport.now_s())
-            if self._virtual is not None:
-                self._next_beat_s = self.transport.now_s() + LATE_BEAT_S
+            self._next_beat_s = self.transport.now_s() + self._first_beat_s
         if not self.pump_until(lambda: self.last_heartbeat is not None, DEADLINE_S):
             raise self._lose(no_answer(self.transport.name, "HEARTBEAT", DEADLINE_S))
         self._start_heartbeats()

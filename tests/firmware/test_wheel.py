@@ -50,7 +50,7 @@ def test_a_wheel_has_every_source_and_no_emulator(tmp_path: Path) -> None:
     assert sorted(set(_sources()) - set(names)) == []
     assert [name for name in names if EMULATOR in Path(name).parts] == []
     assert [name for name in names if "unicorn" in zipfile.ZipFile(wheel).read(name).decode("latin-1")] == [
-        name for name in names if name.endswith(("simulator/emulated.py", ".dist-info/METADATA"))
+        name for name in names if name.endswith(("board/emulated.py", ".dist-info/METADATA"))
     ]
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from edmctl.errors import EdmError, LinkLost
 from edmctl.link.messages import PulseLog, Tlm, TlmStart
-from edmctl.link.session import HEARTBEAT_S, LATE_BEAT_S, Session
+from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.results.telemetry import TelemetryBlock, joined
 from edmctl.simulator.injection import parse_injection
@@ -21,8 +21,6 @@ COLUMNS = [name for name in TelemetryBlock.__slots__ if name != "missing_frames"
 def samples_of(*, direct: bool) -> TelemetryBlock:
     """Samples of an approach, a cut and a jump."""
     r = Rig(direct=direct)
-    if not direct:  # a direct line has waited longer for its first heartbeat
-        r.session.pump(LATE_BEAT_S - HEARTBEAT_S)
     r.ready()
     r.sparking()
     for _ in range(4):
