@@ -77,7 +77,8 @@ MessageT = TypeVar("MessageT")
 class Session:
     """Commands to and reports from one controller.
 
-    `random_source` chooses session byte and nonce. In virtual time the first two heartbeats are `first_beat_s` apart.
+    `random_source` chooses session byte and nonce. In virtual time the first two heartbeats are `first_beat_s`
+    apart.
     """
 
     def __init__(
