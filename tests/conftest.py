@@ -6,9 +6,7 @@ import os
 import signal
 import sys
 import zlib
-from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -61,13 +59,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Leave out what is not in the sample."""
     if (sample := config.getoption("--sample")) > 1:
         items[:] = [item for item in items if zlib.crc32(item.nodeid.encode()) % sample == 0]
-
-
-def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Write the tests that were skipped into the file that a variable names, for a run that can make them."""
-    if (place := os.environ.get("EDMCTL_SKIPPED")) is not None:
-        skipped = dict.fromkeys(report.nodeid for report in terminalreporter.stats.get("skipped", ()))
-        Path(place).write_text("".join(f"{nodeid}\n" for nodeid in skipped), encoding="utf-8")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
