@@ -17,25 +17,16 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "edmctl"
-COPIED = (
-    PACKAGE,
-    "firmware",
-    "tests",
-    "tools",
-    "profiles",
-    "docs",
-    "benchmarks",
-    "pyproject.toml",
-    "README.md",
-    ".ci",
-)
 TARGETED_S, ALL_S = 400.0, 900.0
 """A program that hangs is noticed, too: so long its tests may take, those of one file and all."""
 
@@ -421,38 +412,51 @@ def _span(path: Path, text: bytes, node: ast.expr | ast.stmt) -> Place:
 
 
 class Copies:
-    """Copies of the project, each for one mutation at a time, with what was compiled for it."""
+    """Copies of the tracked files of a tree, each for one mutation at a time."""
 
-    def __init__(self, folder: Path, count: int, *, whole_tier: bool) -> None:
-        self._whole_tier = whole_tier
+    def __init__(self, root: Path, folder: Path, count: int) -> None:
         self._free: SimpleQueue[Path] = SimpleQueue()
+        listed = subprocess.run(["git", "ls-files", "-z"], cwd=root, check=True, stdout=subprocess.PIPE)
+        names = [name for name in listed.stdout.decode().split("\0") if (root / name).is_file()]
         for number in range(count):
             copy = folder / f"copy-{number}"
-            for name in COPIED:
-                source = ROOT / name
-                if source.is_dir():
-                    shutil.copytree(source, copy / name)  # compiled code is kept by the time of its source
-                elif source.exists():
-                    copy.mkdir(exist_ok=True)
-                    shutil.copy2(source, copy / name)
+            for name in names:
+                (copy / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(root / name, copy / name)
             self._free.put(copy)
 
-    def try_out(self, mutation: Mutation) -> tuple[Mutation, str, float]:
-        """Apply a mutation, run the tests, and put everything back; how it ended, and how long it took."""
-        copy, start_s = self._free.get(), time.monotonic()
+    @contextmanager
+    def one(self) -> Iterator[Path]:
+        """Give a copy that nothing else uses."""
+        copy = self._free.get()
         try:
-            place = place_of(mutation, copy)
-            before, times = place.path.read_bytes(), place.path.stat()
-            new = f"({mutation.new})" if _is_expression(mutation) else mutation.new
-            place.path.write_bytes(before[: place.begin] + new.encode() + before[place.end :])
-            try:
-                fate = _fate(copy, mutation, whole_tier=self._whole_tier)
-            finally:
-                place.path.write_bytes(before)
-                os.utime(place.path, ns=(times.st_atime_ns, times.st_mtime_ns))
+            yield copy
         finally:
             self._free.put(copy)
-        return mutation, fate, time.monotonic() - start_s
+
+
+@contextmanager
+def changed(path: Path, content: bytes) -> Iterator[None]:
+    """Replace a file within the block."""
+    before, times = path.read_bytes(), path.stat()
+    path.write_bytes(content)
+    try:
+        yield
+    finally:
+        path.write_bytes(before)
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+
+
+def try_out(mutation: Mutation, copies: Copies, *, whole_tier: bool) -> tuple[Mutation, str, float]:
+    """Apply a mutation and run the tests; return how it ended, and how long it took."""
+    start_s = time.monotonic()
+    with copies.one() as copy:
+        place = place_of(mutation, copy)
+        before = place.path.read_bytes()
+        new = f"({mutation.new})" if _is_expression(mutation) else mutation.new
+        with changed(place.path, before[: place.begin] + new.encode() + before[place.end :]):
+            fate = _fate(copy, mutation, whole_tier=whole_tier)
+    return mutation, fate, time.monotonic() - start_s
 
 
 def _is_expression(mutation: Mutation) -> bool:
@@ -464,15 +468,15 @@ def _is_expression(mutation: Mutation) -> bool:
 
 def _fate(copy: Path, mutation: Mutation, *, whole_tier: bool) -> str:
     targeted = [f"tests/{name}" for name in mutation.tests.split()]
-    if seen := _failing(copy, targeted, TARGETED_S):
+    if seen := failing_test(copy, targeted, TARGETED_S):
         return f"caught by {seen}"
-    if whole_tier and (seen := _failing(copy, ["-n", "auto", "--dist", "worksteal"], ALL_S)):
+    if whole_tier and (seen := failing_test(copy, ["-n", "auto", "--dist", "worksteal"], ALL_S)):
         return f"caught, but not by its files: {seen}"
     return "SURVIVED"
 
 
-def _failing(copy: Path, arguments: list[str], most_s: float) -> str:
-    """The first test that fails, empty where all pass. Raises RuntimeError where they cannot run."""
+def failing_test(copy: Path, arguments: list[str], most_s: float) -> str:
+    """Return the first test that fails; empty if all pass. Raises RuntimeError if they cannot run."""
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, "-m", "pytest", "-x", "-q", "--tb=no", "-rfE", *arguments]
     with subprocess.Popen(
@@ -531,9 +535,10 @@ def main(arguments: list[str] | None = None) -> int:
         tempfile.TemporaryDirectory(prefix="edmctl-mutations.") as folder,
         ThreadPoolExecutor(chosen.jobs) as pool,
     ):
-        copies = Copies(Path(folder), chosen.jobs, whole_tier=not chosen.targeted)
+        copies = Copies(ROOT, Path(folder), chosen.jobs)
+        attempt = partial(try_out, copies=copies, whole_tier=not chosen.targeted)
         survived = 0
-        for mutation, fate, took_s in pool.map(copies.try_out, mutations):
+        for mutation, fate, took_s in pool.map(attempt, mutations):
             survived += fate == "SURVIVED"
             print(f"{took_s:5.0f} s  {mutation.name}: {fate}", flush=True)
     print(f"{len(mutations)} mutations, {survived} survived")

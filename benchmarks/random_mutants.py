@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import ast
 import os
-import shutil
 import sqlite3
 import subprocess
 import sys
@@ -23,10 +22,11 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from queue import SimpleQueue
 from random import Random
 
 from statsmodels.stats.proportion import proportion_confint
+
+from benchmarks.mutation_check import Copies, changed, failing_test
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("procedures", "process", "actuator", "link")
@@ -85,46 +85,25 @@ def change(node: ast.expr | ast.If) -> str:
     return f"{before} -> {after}"
 
 
-def copy_of(root: Path, folder: Path) -> Path:
-    """Copy the tracked files of a tree."""
-    names = subprocess.run(
-        ["git", "ls-files", "-z"], cwd=root, check=True, capture_output=True, text=True
-    ).stdout.split("\0")
-    for name in filter(None, names):
-        if (root / name).is_file():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(root / name, folder / name)
-    return folder
-
-
-def run(tree: Path, *arguments: str, timeout_s: float | None = None) -> int:
-    """Run Python in a tree; return its exit code, -1 where it took too long."""
-    environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
-    try:
-        done = subprocess.run(
-            [sys.executable, *arguments],
-            cwd=tree,
-            env=environment,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            timeout=timeout_s,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return -1
-    return done.returncode
-
-
 def covering(tree: Path, files: Sequence[Path], jobs: int) -> dict[tuple[str, int], list[str]]:
     """Return the tests that execute each line, by file and line, the most specific tests first."""
     settings = tree / ".mutants-coverage"
     settings.write_text(
         "[run]\nsource = edmctl\nparallel = true\ndynamic_context = test_function\n", encoding="utf-8"
     )
-    command = ("-m", "coverage", "run", f"--rcfile={settings}", "-m", "pytest", "-q")
-    with ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(lambda part: run(tree, *command, *map(str, files[part::jobs])), range(jobs)))
-    run(tree, "-m", "coverage", "combine", f"--rcfile={settings}")
+    coverage = [sys.executable, "-m", "coverage"]
+    environment = {**os.environ, "PYTHONPATH": str(tree)}
+    parts = [
+        subprocess.Popen(
+            [*coverage, "run", f"--rcfile={settings}", "-m", "pytest", "-q", *map(str, files[part::jobs])],
+            cwd=tree,
+            env=environment,
+        )
+        for part in range(jobs)
+    ]
+    if failed := [part.returncode for part in parts if part.wait()]:
+        raise RuntimeError(f"The tests fail without a mutant: pytest ended with {failed}.")
+    subprocess.run([*coverage, "combine", f"--rcfile={settings}"], cwd=tree, check=True)
     tests: dict[tuple[str, int], list[str]] = defaultdict(list)
     sizes: dict[str, int] = defaultdict(int)
     with sqlite3.connect(tree / ".coverage") as data:
@@ -133,7 +112,7 @@ def covering(tree: Path, files: Sequence[Path], jobs: int) -> dict[tuple[str, in
             "JOIN file ON file.id = line_bits.file_id JOIN context ON context.id = line_bits.context_id"
         ).fetchall()
     for path, context, bits in rows:
-        if context:
+        if context.startswith("tests."):  # a library may name functions like tests
             name = str(Path(path).relative_to(tree))
             for line in (8 * at + bit for at, byte in enumerate(bits) for bit in range(8) if byte >> bit & 1):
                 tests[name, line].append(context)
@@ -158,22 +137,20 @@ def chosen(
 def is_killed(
     tree: Path, name: str, number: int, tests: dict[tuple[str, int], list[str]]
 ) -> tuple[bool, str]:
-    """Change one place, run its tests, restore; return whether one failed, and what was changed."""
+    """Change one place and run its tests; return whether one failed, and what was changed."""
     file = tree / name
-    source = file.read_text(encoding="utf-8")
-    module = ast.parse(source)
+    module = ast.parse(file.read_text(encoding="utf-8"))
     node = list(places(module))[number]
     done = f"{name}:{node.lineno}: {change(node)}"
-    file.write_text(ast.unparse(ast.fix_missing_locations(module)), encoding="utf-8")
-    try:
-        for context in tests[name, node.lineno][:TESTS]:
-            module_name, _, function = context.rpartition(".")
-            test = f"{module_name.replace('.', '/')}.py::{function}"
-            if run(tree, "-m", "pytest", "-q", "-x", test, timeout_s=TIMEOUT_S) not in (0, 5):
-                return True, done
-        return False, done
-    finally:
-        file.write_text(source, encoding="utf-8")
+    covering_tests = [test_id(context) for context in tests[name, node.lineno][:TESTS]]
+    with changed(file, ast.unparse(ast.fix_missing_locations(module)).encode()):
+        return bool(failing_test(tree, covering_tests, TIMEOUT_S)), done
+
+
+def test_id(context: str) -> str:
+    """Return the name under which pytest knows the function of a context of coverage.py."""
+    module, _, function = context.rpartition(".")
+    return f"{module.replace('.', '/')}.py::{function}"
 
 
 def main() -> int:
@@ -189,22 +166,18 @@ def main() -> int:
     parser.add_argument("--show", action="store_true", help="print the mutants that survive")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="edmctl-mutants-") as folder:
-        trees = [copy_of(options.root.resolve(), Path(folder, str(n))) for n in range(options.jobs)]
-        files = [file for part in options.tests for file in sorted((trees[0] / part).rglob("test_*.py"))]
-        tests = covering(trees[0], files, options.jobs)
-        free: SimpleQueue[Path] = SimpleQueue()
-        for tree in trees:
-            free.put(tree)
+        copies = Copies(options.root.resolve(), Path(folder), options.jobs)
+        with copies.one() as tree:
+            files = [file for part in options.tests for file in sorted((tree / part).rglob("test_*.py"))]
+            tests = covering(tree, files, options.jobs)
+            mutants = chosen(tree, tests, options.seed, options.count)
 
-        def tried(place: tuple[str, int]) -> tuple[str, bool, str]:
-            tree = free.get()
-            try:
-                return place[0].split("/")[1], *is_killed(tree, *place, tests)
-            finally:
-                free.put(tree)
+        def tried(mutant: tuple[str, int]) -> tuple[str, bool, str]:
+            with copies.one() as tree:
+                return mutant[0].split("/")[1], *is_killed(tree, *mutant, tests)
 
         with ThreadPoolExecutor(options.jobs) as pool:
-            outcomes = list(pool.map(tried, chosen(trees[0], tests, options.seed, options.count)))
+            outcomes = list(pool.map(tried, mutants))
     for name in (*FOLDERS, "all"):
         killed = [was_killed for folder, was_killed, _ in outcomes if name in (folder, "all")]
         low, high = proportion_confint(sum(killed), max(len(killed), 1), method="wilson")

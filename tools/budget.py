@@ -11,7 +11,8 @@ from __future__ import annotations
 import re
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -19,59 +20,53 @@ TABLE = Path(__file__).with_name("budget.toml")
 SUFFIXES = (".py", ".toml", ".css", ".html")
 
 
-def files(folder: Path) -> Iterator[Path]:
-    """Yield the hand-written files of a folder."""
-    for path in sorted(folder.rglob("*")):
-        if path.suffix in SUFFIXES and "__pycache__" not in path.parts and "source" not in path.parts:
-            with path.open(encoding="utf-8") as text:
-                if "tools.generate" not in "".join(next(text, "") for _ in range(5)):
-                    yield path
+def sizes(folder: Path) -> dict[Path, int]:
+    """Return the lines of each hand-written file of a folder."""
+    found = {}
+    for path in folder.rglob("*"):
+        if path.suffix in SUFFIXES:
+            lines = path.read_text(encoding="utf-8").splitlines()
+            if "tools.generate" not in "".join(lines[:5]):
+                found[path] = len(lines)
+    return found
 
 
-def lines(folder: Path) -> int:
-    """Return the lines of the hand-written files of a folder."""
-    return sum(path.read_text(encoding="utf-8").count("\n") for path in files(folder))
-
-
-def measured(groups: dict[str, dict[str, int]]) -> dict[str, int]:
+def measured(groups: Iterable[str]) -> dict[str, int]:
     """Return the size of each group in lines, of the group `files` in files.
 
     The group `rest` is everything in edmctl/ that no other group contains.
     """
     package = ROOT / "edmctl"
-    found = {
-        name: sum(lines(package / part) for part in name.split("+"))
-        for name in groups
-        if all((package / part).is_dir() for part in name.split("+"))
-    }
-    return found | {
-        "rest": lines(package) - sum(found.values()),
-        "sum": lines(package),
-        "files": sum(path.suffix == ".py" for path in files(package)),
-        "tests": lines(ROOT / "tests"),
-        "benchmarks": lines(ROOT / "benchmarks"),
-    }
+    in_package = sizes(package)
+    group_of = {part: group for group in groups for part in group.split("+")}
+    size: Counter[str] = Counter()
+    for path, lines in in_package.items():
+        folder = path.relative_to(package).parts[0]
+        size[group_of.get(folder, "rest")] += lines
+    size["sum"] = size.total()
+    size["files"] = sum(path.suffix == ".py" for path in in_package)
+    for name in ("tests", "benchmarks"):
+        size[name] = sum(sizes(ROOT / name).values())
+    return size
 
 
 def main(arguments: list[str]) -> int:
     """Compare and print; return the exit code."""
     text = TABLE.read_text(encoding="utf-8")
     groups = tomllib.loads(text)["lines"]
+    size = measured(groups)
     exceeded = False
-    for name, size in measured(groups).items():
-        budget, limit = groups[name]["budget"], groups[name]["limit"]
-        exceeded |= size > limit
-        note = (
-            f"  exceeds its limit of {limit}"
-            if size > limit
-            else ""
-            if size <= budget
-            else "  above its budget"
-        )
-        sys.stdout.write(f"{name:18} {size:6} of {budget:6}{note}\n")
-        if arguments == ["--lower"] and size < limit:
-            entry = re.compile(rf'(?m)^("?{re.escape(name)}"? = \{{ budget = \d+, limit = )\d+')
-            text = entry.sub(rf"\g<1>{max(size, budget)}", text)
+    for name, group in groups.items():
+        budget, limit = group["budget"], group["limit"]
+        note = ""
+        if size[name] > limit:
+            exceeded, note = True, f"  exceeds its limit of {limit}"
+        elif size[name] > budget:
+            note = "  above its budget"
+        sys.stdout.write(f"{name:18} {size[name]:6} of {budget:6}{note}\n")
+        if arguments == ["--lower"] and size[name] < limit:
+            entry = re.compile(rf'(?m)^("{re.escape(name)}" = \{{ budget = \d+, limit = )\d+')
+            text = entry.sub(rf"\g<1>{max(size[name], budget)}", text)
     if arguments == ["--lower"]:
         TABLE.write_text(text, encoding="utf-8")
     return 1 if exceeded else 0

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from edmctl.dataclasses import dataclass, field, fields
 from edmctl.process.touches import TouchScatter
+from edmctl.record.plain_values import record_of
 from edmctl.results.job import Belief, ChannelResult, JobResult, Reached, SiteResult
 from edmctl.results.progress import Phase
 from edmctl.results.telemetry import LinkReport
@@ -85,26 +86,11 @@ class JobState:
 
 
 def job_state(mapping: Mapping[str, object]) -> JobState:
-    """Return the state that `as_mapping` made. Raises TypeError or ValueError if it is none."""
-    values = dict(mapping)
-    missing = [one.name for one in fields(JobState) if one.name not in values]
+    """Return the state that `as_mapping` made. Raises TypeError or ValueError for another mapping."""
+    missing = [one.name for one in fields(JobState) if one.name not in mapping]
     if missing:
         raise ValueError(f"it has no {', '.join(missing)}")
-    done, counts, face = values.pop("done"), values.pop("counts"), values.pop("face")
-    channel = values.pop("channel")
-    if not isinstance(channel, dict):
-        raise TypeError("channel has to be a mapping")
-    if not isinstance(done, list | tuple) or not isinstance(counts, list | tuple) or len(counts) != 4:
-        raise TypeError("done and counts have to be lists")
-    if not isinstance(face, list | tuple) or any(len(touch) != 4 for touch in face):
-        raise TypeError("face has to be a list of touches")
-    return JobState(
-        **values,  # type: ignore[arg-type]
-        done=tuple(dict(site) for site in done),
-        face=tuple((float(x), float(y), float(height), float(u)) for x, y, height, u in face),
-        counts=(int(counts[0]), int(counts[1]), int(counts[2]), int(counts[3])),
-        channel={name: float(value) for name, value in channel.items()},
-    )
+    return record_of(JobState, mapping)
 
 
 class StateStore(Protocol):

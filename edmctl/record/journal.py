@@ -293,7 +293,7 @@ def _journal(data: bytes) -> Journal:
         raise ValueError("its content does not fit its check sum")
     return Journal(
         job=record_of(JournalledJob, content["job"]),
-        state={name: _not_null(value) for name, value in content["state"].items()},
+        state=dict(content["state"]),
         written_utc_s=float(content["written_utc_s"]),
         x_um=_number(content["x_um"]),
         y_um=_number(content["y_um"]),
@@ -317,15 +317,6 @@ def _plain(value: object) -> object:
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
-
-
-def _not_null(value: object) -> object:
-    """Return a value of the file with NaN in the place of null."""
-    if isinstance(value, dict):
-        return {name: _not_null(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_not_null(item) for item in value]
-    return math.nan if value is None else value
 
 
 def _unwritable(path: Path, refused: OSError) -> RunFileError:

@@ -38,13 +38,14 @@ def _typed(kind: Any, value: Any, name: str) -> Any:
     origin, parts = get_origin(kind), get_args(kind)
     if origin is UnionType:
         one = next(one for one in parts if one is not NoneType)
-        is_absent = value is None or (one is not float and value != value)  # a journal reads null as NaN
-        return None if is_absent else _typed(one, value, name)
+        return None if value is None else _typed(one, value, name)
     if origin is tuple and isinstance(value, list | tuple):
         kinds = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
         return tuple(_typed(one, part, name) for one, part in zip(kinds, value, strict=True))
     if origin is Mapping and isinstance(value, Mapping):
         return {str(key): _typed(parts[1], part, name) for key, part in value.items()}
+    if kind is object:
+        return value
     if kind is float and value is None:
         return math.nan
     if kind is float and type(value) is int and abs(value) < _LARGEST_INT:

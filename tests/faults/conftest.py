@@ -11,24 +11,9 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.profile.calibration import Made, calibration_of, save_calibration
 from edmctl.simulator.actuator import VirtualActuator
-from tests.cli.commands import Here
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-
-@pytest.fixture
-def here(
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Here:
-    """Run command lines in this process and in an empty folder."""
-    for name in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("EDMCTL_HOME", str(tmp_path_factory.mktemp("home")))
-    monkeypatch.chdir(tmp_path_factory.mktemp("work"))
-    return Here(capsys)
 
 
 @pytest.fixture(scope="session")

@@ -138,6 +138,9 @@ def test_a_state_of_an_older_version_is_told_from_one_that_knows_its_uncertainty
     with pytest.raises(ValueError, match="it has no depth_u_um, pause_s"):
         job_state(older)
     assert job_state(LEFT.as_mapping()) == LEFT
+    nulls = job_state({**LEFT.as_mapping(), "home_um": None, "channel": {"depth_um": None}})
+    assert math.isnan(nulls.home_um)
+    assert math.isnan(nulls.channel["depth_um"])
 
 
 def test_a_hole_that_was_left_before_it_shows_any_wear_may_have_some() -> None:

@@ -75,11 +75,11 @@ def test_what_was_kept_is_what_is_read(tmp_path: Path) -> None:
     assert replace(found.job, places=JOB.places) == JOB
     assert (found.x_um, found.y_um) == (500.0, 1.5)
     assert found.state["time_s"] == 12.5
-    assert math.isnan(found.state["depth_um"])  # type: ignore[arg-type]
+    assert found.state["depth_um"] is None
     assert found.state["face"] == []
     (site,) = found.state["done"]  # type: ignore[misc]
-    assert math.isnan(site["wear"])  # type: ignore[has-type]
-    assert math.isnan(site["ratios"]["open"])  # type: ignore[has-type]
+    assert site["wear"] is None  # type: ignore[has-type]
+    assert site["ratios"]["open"] is None  # type: ignore[has-type]
 
 
 def test_a_cut_is_written_every_five_seconds_of_the_machine_and_a_step_at_once(tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ def render_columns(
     from rich.text import Text
 
     texts = [header, *([cell if isinstance(cell, str) else cell[0] for cell in row] for row in rows)]
-    width = sum(max(map(len, column)) + GAP for column in zip_longest(*texts, fillvalue="")) - GAP
+    width = _width(zip_longest(*texts, fillvalue=""))
     is_narrow = style.columns is not None and width > style.columns
     table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, header_style=Ink.STRONG)
     for name, side in zip(header, align.ljust(len(header), align[-1]), strict=False):
@@ -92,7 +92,11 @@ def render_table(
 
 def width_of(table: Mapping[str, Sequence[str]]) -> int:
     """Return how wide a table of columns under their names is."""
-    return sum(max(map(len, (name, *cells))) + GAP for name, cells in table.items()) - GAP
+    return _width((name, *cells) for name, cells in table.items())
+
+
+def _width(columns: Iterable[Iterable[str]]) -> int:
+    return sum(max(map(len, column)) + GAP for column in columns) - GAP
 
 
 def wrapped(text: str, columns: int | None, indent: str = "") -> list[str]:
