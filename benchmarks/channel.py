@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.jobs.connect import connected
+from edmctl.planning.channel import way_of_path
 from edmctl.planning.forecast import forecast
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.channel.way import way_of_path
 from edmctl.procedures.job import job_of
 from edmctl.procedures.machining import run_job
 from edmctl.profile.setup import Setup

@@ -31,8 +31,7 @@ from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.planning.erosion import of_tool
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.job import job_of
-from edmctl.procedures.job_state import JobTally, NoStateStore
+from edmctl.procedures.job import JobTally, NoStateStore, job_of
 from edmctl.procedures.machining import run_job
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import EventRow, NullRecorder, RunEvent, TouchRow

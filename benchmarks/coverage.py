@@ -43,8 +43,7 @@ from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.job import CalibratedActuator, job_of
-from edmctl.procedures.job_state import JobTally, job_state
+from edmctl.procedures.job import CalibratedActuator, JobTally, job_of, job_state
 from edmctl.procedures.machining import run_job
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Sensor, Setup
@@ -59,8 +58,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from edmctl.planning.rules.load import LoadedProfile
-    from edmctl.procedures.job import Job
-    from edmctl.procedures.job_state import JobState
+    from edmctl.procedures.job import Job, JobState
     from edmctl.profile.model import Profile
     from edmctl.results.job import ChannelResult, SiteResult
     from edmctl.results.progress import Progress

@@ -35,8 +35,7 @@ from edmctl.jobs.truth import TrueWear
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.job import job_of
-from edmctl.procedures.job_state import JobTally, NoStateStore
+from edmctl.procedures.job import JobTally, NoStateStore, job_of
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.measure_drift import drift_result, measure_drift, plan_drift
 from edmctl.procedures.session import running

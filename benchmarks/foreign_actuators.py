@@ -533,7 +533,7 @@ def calibration_drive() -> Driven:
     from edmctl.link.session import Session
     from edmctl.machine.controller import LinkMachine
     from edmctl.machine.stop import StopRequest
-    from edmctl.procedures.actuator.calibration import measure_actuator, plan_calibration
+    from edmctl.procedures.calibration import measure_actuator, plan_calibration
     from edmctl.profile.setup import Setup
     from edmctl.simulator import BenchConfig, open_bench
 

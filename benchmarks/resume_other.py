@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.resume import run_until
 from benchmarks.serving import result, start
-from edmctl.procedures.job_state import job_state
+from edmctl.procedures.job import job_state
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal
 from edmctl.simulator.saving import bench_state, restored_bench

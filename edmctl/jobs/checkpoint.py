@@ -11,8 +11,7 @@ from edmctl.jobs.resume import find_run, refuse_elsewhere, refuse_untouchable, t
 from edmctl.jobs.run_context import RunContext
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.runs.opening import resume_command
-from edmctl.procedures.job import Job
-from edmctl.procedures.job_state import JobState
+from edmctl.procedures.job import Job, JobState
 from edmctl.procedures.run import after_pause
 from edmctl.record.journal import JournalFile, JournalledJob, remove_journal
 

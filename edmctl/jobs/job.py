@@ -20,7 +20,7 @@ from edmctl.jobs.surroundings import Warn
 from edmctl.jobs.truth import TrueWear, channel_truth, keep_truth_map, truths_of
 from edmctl.jsonout import JsonValue
 from edmctl.labels import marked
-from edmctl.procedures.job_state import StateStore
+from edmctl.procedures.job import StateStore
 from edmctl.procedures.machining import run_job
 from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
 from edmctl.results.progress import Observer

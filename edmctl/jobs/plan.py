@@ -13,7 +13,7 @@ from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.labels import PAD, PARKING
 from edmctl.planning.forecast import Reached, forecast
 from edmctl.planning.rules.load import LoadedProfile, load_profile
-from edmctl.procedures.job_state import JobState
+from edmctl.procedures.job import JobState
 from edmctl.profile.findings import Code
 from edmctl.profile.places import Place
 from edmctl.profile.read import read_source

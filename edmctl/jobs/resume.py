@@ -17,8 +17,7 @@ from edmctl.jobs.connected_machine import ConnectedMachine, Now, with_home_left
 from edmctl.jobs.plan import Plan, Resumption, check, with_resumed
 from edmctl.jobs.run_header import RunName, run_path
 from edmctl.jobs.surroundings import NONE, Surroundings
-from edmctl.procedures.job import Job
-from edmctl.procedures.job_state import job_state
+from edmctl.procedures.job import Job, job_state
 from edmctl.profile.places import Place
 from edmctl.record.journal import SUFFIX, Journal, JournalledJob, journal_path, read_journal
 from edmctl.record.ledger import JobBegun, Ledger, Line, RunEnded, SiteMachined, ToolChanged

@@ -34,8 +34,7 @@ from edmctl.jobs.runs.opening import on_machine
 from edmctl.jobs.surroundings import Warn
 from edmctl.jsonout import render_json
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
-from edmctl.procedures.job import CalibratedActuator
-from edmctl.procedures.job_state import JobTally
+from edmctl.procedures.job import CalibratedActuator, JobTally
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.record.background import BackgroundWriter
 from edmctl.record.disk import refuse_place

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import RunFileError
 from edmctl.jobs.plan import Resumption
-from edmctl.procedures.job_state import JobState, StateStore
+from edmctl.procedures.job import JobState, StateStore
 from edmctl.process.erosion import corner_radius_um, roughness_rz_um
 from edmctl.profile.model import Profile
 from edmctl.record.rows import Recorder, TruthMap
@@ -31,7 +31,7 @@ def channel_truth(profile: Profile, bench: VirtualBench, wear_um: float) -> Chan
     """Return the floor of the channel in the height map; None if the recipe has no path or nothing was cut."""
     import numpy as np
 
-    from edmctl.procedures.channel.way import way_of_path
+    from edmctl.planning.channel import way_of_path
 
     path, target = profile.path, profile.target
     x_um, y_um, depth_um = bench.truth_map()

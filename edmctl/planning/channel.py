@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass
 from edmctl.planning.measuring import (
@@ -22,6 +23,9 @@ from edmctl.process.discharge import hole_area_um2
 from edmctl.process.touches import TOUCH_U_UM
 from edmctl.profile.model import PathTable, Profile
 from edmctl.profile.setup import Setup
+
+if TYPE_CHECKING:
+    from edmctl.process.path import Way  # a dry run loads no NumPy
 
 EVEN_OUT_PASSES = 2  # before a measuring stop the floor is evened out by so many passes that do not go deeper
 LAST_PASS_SHARE = 1.05  # passes over those that the sparks need, because a layer ends with a whole pass
@@ -163,3 +167,27 @@ def _archimedes(radius_um: float, growth_um: float) -> float:
 def _given(value_um: float | None) -> float:
     """Return a value that the kind of a path needs; the rules refuse a path without it."""
     return math.nan if value_um is None else value_um
+
+
+PIECE_UM = 25.0
+"""Longest line sent to the stages: the height of its end is planned anew for each."""
+
+
+def way_of_path(path: PathTable) -> Way:
+    """Way of the tool's axis of a `[path]` table, whose sizes the rules have found complete."""
+    from edmctl.process import path as ways
+
+    if path.kind == "rectangle":
+        points = ways.rectangle(path.x_um, path.y_um, path.width_um or 0.0, path.height_um or 0.0)
+    elif path.kind == "circle":
+        points = ways.circle(path.x_um, path.y_um, path.radius_um or 0.0)
+    else:
+        inner_um, pitch_um = path.radius_um or 0.0, path.pitch_um or 0.0
+        points = ways.spiral(path.x_um, path.y_um, inner_um, pitch_um, path.turns or 0.0)
+    return ways.way_of(points, PIECE_UM)
+
+
+def is_on_way(way: Way, here: tuple[float, float], within_um: float) -> bool:
+    """Return whether a place of the stages is on the way, as exactly as its pieces tell."""
+    nearest_um = min(math.dist(here, (float(x_um), float(y_um))) for x_um, y_um in way.points)
+    return nearest_um <= 0.5 * PIECE_UM + within_um

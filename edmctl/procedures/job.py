@@ -1,22 +1,27 @@
-"""A job: recipe, setup, places of the holes, what is known already; and the target of one hole."""
+"""A job: recipe, setup, places of the holes, what is known already; and how far it has come."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol
 
-from edmctl.dataclasses import dataclass
+from edmctl.dataclasses import dataclass, field, fields
 from edmctl.labels import PAD, PARKING, Basis, Verdict
 from edmctl.planning.removal import completion
+from edmctl.process.touches import TouchScatter
 from edmctl.profile.places import Place
+from edmctl.record.plain_values import record_of
+from edmctl.results.job import Belief, ChannelResult, JobResult, Reached, SiteResult
+from edmctl.results.progress import Phase
+from edmctl.results.telemetry import LinkReport
 
 if TYPE_CHECKING:
     from edmctl.actuator.model import ActuatorModel
-    from edmctl.procedures.job_state import JobState
     from edmctl.process.rest_drift import CreepLeft, DriftModel
     from edmctl.profile.model import Profile
     from edmctl.profile.setup import Setup
+
 
 REPORT_DELAY_S = 600.0
 """Added to the age of a home in ledger and journal, which record it a while after it was seen."""
@@ -159,3 +164,223 @@ def verdict_of(target: HoleTarget, depth_um: float, depth_u95_um: float, *, thro
     if not abs(depth_um - target.depth_um) <= target.tolerance_um:
         return Verdict.MISSED
     return Verdict.SHOWN if depth_u95_um <= target.tolerance_um else Verdict.NOT_SHOWN
+
+
+PERIOD_S = 5.0
+"""Period of the states of a cut: 1.5 µm of feed at 0.3 µm/s, far less than the search of the bottom covers."""
+
+Counts = tuple[int, int, int, int]
+SurfaceTouch = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class JobState:
+    """How far a job has come, in values that JSON can represent.
+
+    `done` are the results of the finished sites, each a mapping of `SiteResult`'s fields. `site` is the hole under
+    way, empty between two, and `begun` whether it was cut. The following fields are about it: `z1_*` is the reading
+    of the pad before its first cut (`z1_u_um` its standard uncertainty if it was not touched right before the hole,
+    `z1_doubt_u_um` that of doubted touches), then the last displacement, depth and wear with the standard
+    uncertainties of depth, wear and feed; `counts` are pulses by class (open, normal, arc, short). `broken_cuts` of
+    the `cuts` came to no end.
+
+    `home_um` is the sensor reading with the tool at home, `home_age_s` before `time_s`, NaN if unknown. `time_s`
+    counts from the start of the first run without pauses; those were `pause_s`, NaN if unknown. `face` are the
+    touches of the untouched surface: x, y, height over the pad and its standard uncertainty, µm; `face_doubt_u_um`
+    is added to it. `channel` has the state of a channel; it is empty before that was begun and for holes.
+    """
+
+    phase: str
+    time_s: float
+    tool: str
+    face: tuple[SurfaceTouch, ...] = ()
+    done: tuple[Mapping[str, object], ...] = ()
+    site: str = ""
+    begun: bool = False
+    z1_um: float = 0.0
+    z1_sd_um: float = 0.0
+    z1_touches: int = 0
+    z1_u_um: float = 0.0
+    z1_doubt_u_um: float = 0.0
+    z1_time_s: float = 0.0
+    z1_model_um: float = 0.0
+    home_um: float = 0.0
+    displacement_um: float = 0.0
+    depth_um: float = 0.0
+    depth_u_um: float = 0.0
+    wear_um: float = 0.0
+    wear_u_um: float = 0.0
+    feed_u_um: float = 0.0
+    cuts: int = 0
+    broken_cuts: int = 0
+    counts: Counts = (0, 0, 0, 0)
+    energy_j: float = 0.0
+    machining_time_s: float = 0.0
+    job_machining_time_s: float = 0.0
+    pause_s: float = 0.0
+    home_age_s: float = math.nan
+    face_doubt_u_um: float = 0.0
+    regime: int = 0
+    regime_depth_um: float = 0.0
+    regime_wear_um: float = 0.0
+    channel: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def has_cut(self) -> bool:
+        """Whether a hole or channel was begun or finished."""
+        return self.begun or bool(self.done)
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the fields by name, as values that JSON can represent. Nested values are shared, not copied."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
+
+def job_state(mapping: Mapping[str, object]) -> JobState:
+    """Return the state that `as_mapping` made. Raises TypeError or ValueError for another mapping."""
+    missing = [one.name for one in fields(JobState) if one.name not in mapping]
+    if missing:
+        raise ValueError(f"it has no {', '.join(missing)}")
+    return record_of(JobState, mapping)
+
+
+class StateStore(Protocol):
+    """Keeps the newest state of a job where it outlives the process."""
+
+    def keep(self, state: JobState, *, urgent: bool = False) -> None:
+        """Take a state; an urgent one is safe when the call returns, another one within some seconds."""
+
+
+class NoStateStore:
+    """Keeps nothing: for jobs that are never resumed."""
+
+    def keep(self, state: JobState, *, urgent: bool = False) -> None:
+        """Do nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class CutTotals:
+    """Sums of cuts or passes: their number, pulses by class (open, normal, arc, short), J and s."""
+
+    number: int = 0
+    counts: Counts = (0, 0, 0, 0)
+    energy_j: float = 0.0
+    time_s: float = 0.0
+
+    def since(self, before: CutTotals) -> CutTotals:
+        """Return the difference to earlier sums."""
+        opens, normals, arcs, shorts = (a - b for a, b in zip(self.counts, before.counts, strict=True))
+        return CutTotals(
+            self.number - before.number,
+            (opens, normals, arcs, shorts),
+            self.energy_j - before.energy_j,
+            self.time_s - before.time_s,
+        )
+
+    def plus(self, counts: Counts, energy_j: float, time_s: float) -> CutTotals:
+        """Return them with one more."""
+        opens, normals, arcs, shorts = (a + b for a, b in zip(self.counts, counts, strict=True))
+        return CutTotals(
+            self.number + 1, (opens, normals, arcs, shorts), self.energy_j + energy_j, self.time_s + time_s
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RegimeBegun:
+    """Depth, wear, cuts and measurement cycles of a hole when its regime began."""
+
+    depth_um: float = 0.0
+    wear_um: float = 0.0
+    total: CutTotals = field(default_factory=CutTotals)
+    stops: int = 0
+
+
+@dataclass(slots=True)
+class RunningCut:
+    """Sums of the cut under way, pulses by class; `displacement_um` is where it last sparked."""
+
+    counts: Counts = (0, 0, 0, 0)
+    energy_j: float = 0.0
+    time_s: float = 0.0
+    displacement_um: float = math.nan
+
+
+@dataclass(slots=True)
+class JobTally:
+    """What a job has reached so far, also when it ends with an error.
+
+    `depth_um` is the depth of the hole under way: estimated while cutting, then measured. `open_site` names that
+    hole until it is finished, `here` the hole where the tool is, `unmeasured_site` the hole from the begin of a cut
+    until it is measured. `unwritten` are finished holes whose results later touches may still correct, `ordered` all
+    holes that no earlier run has begun, in working order. `home_um` is the sensor reading with the tool at home, at
+    the last rest at 0 V, which was at `home_s`. `time_s` and `machining_time_s` include earlier runs. `creep_left`
+    is the residual creep after a run that came to its end, `scatter` that of the touches of this run.
+    """
+
+    sites: dict[str, SiteResult] = field(default_factory=dict)
+    depth_um: float = 0.0
+    depth_target_um: float = math.nan
+    open_site: str = ""
+    here: str = ""
+    unmeasured_site: str = ""
+    unwritten: list[str] = field(default_factory=list)
+    ordered: tuple[str, ...] = ()
+    cut: RunningCut = field(default_factory=RunningCut)
+    phase: Phase = Phase.MOVING
+    warning: str = ""
+    warned_s: float = math.nan
+    time_s: float = 0.0
+    machining_time_s: float = 0.0
+    earlier_time_s: float = 0.0
+    pause_s: float = 0.0
+    link: LinkReport | None = None
+    channel: ChannelResult | None = None
+    home_um: float = 0.0
+    home_s: float = math.nan
+    scatter: TouchScatter = field(default_factory=TouchScatter)
+    beliefs: tuple[Belief, ...] = ()
+    creep_left: CreepLeft | None = None
+
+    @property
+    def sites_done(self) -> int:
+        """Number of finished places; the one under way may have a first result."""
+        return len(self.sites) - (self.open_site in self.sites)
+
+    @property
+    def not_begun(self) -> tuple[str, ...]:
+        """Names of the holes that were not cut."""
+        return tuple(name for name in self.ordered if name not in (*self.sites, self.unmeasured_site))
+
+    @property
+    def wear_um(self) -> float:
+        """Wear of the tool at all sites so far."""
+        return math.fsum(site.wear_um for site in self.sites.values())
+
+    @property
+    def reached(self) -> Reached | None:
+        """The hole or channel whose last cut is not measured."""
+        if not self.unmeasured_site:
+            return None
+        left = self.sites.get(self.unmeasured_site, self.channel)
+        u95_um = math.nan if left is None else left.depth_u95_um
+        return Reached(self.unmeasured_site, self.depth_um, self.depth_target_um, u95_um)
+
+    def result(self) -> JobResult:
+        """Return the measured sites and the times up to now."""
+        wears_um = [site.wear_um for site in self.sites.values()]
+        if self.channel is not None:
+            wears_um.append(self.channel.wear_um)
+        return JobResult(
+            sites=tuple(self.sites.values()),
+            time_s=self.time_s,
+            machining_time_s=self.machining_time_s,
+            measuring_time_s=self.time_s - self.machining_time_s,
+            tool_wear_total_um=sum(wears_um) if wears_um else math.nan,
+            reached=self.reached,
+            not_begun=self.not_begun,
+            beliefs=self.beliefs,
+            link=self.link,
+            channel=self.channel,
+            home_um=self.home_um if math.isfinite(self.home_s) else math.nan,
+            earlier_time_s=self.earlier_time_s,
+            pause_s=self.pause_s,
+        )

@@ -9,13 +9,11 @@ from edmctl.machine.interface import Machine
 from edmctl.planning.forecast import hole_time_s, working_order
 from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.planning.removal import hole
-from edmctl.procedures.hole.decision import Decision
+from edmctl.procedures.hole.decision import Decision, judge_holes, open_site, record_left, record_results
 from edmctl.procedures.hole.knowledge import JobKnowledge
 from edmctl.procedures.hole.procedure import HoleProcedure
-from edmctl.procedures.hole.site_result import judge_holes, open_site, record_left, record_results
-from edmctl.procedures.job import Job, target_of
-from edmctl.procedures.job_state import JobTally, StateStore
-from edmctl.procedures.monitoring.beliefs import judge_job
+from edmctl.procedures.job import Job, JobTally, StateStore, target_of
+from edmctl.procedures.monitoring.monitors import judge_job
 from edmctl.procedures.run import MOVING, JobRun
 from edmctl.procedures.servo.limits import TimeLimits, rise_um
 from edmctl.procedures.servo.supervisor import STROKE_RESERVE_UM

@@ -11,7 +11,7 @@ import math
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import ObjectiveNotReached, PreconditionError, UsageError
 from edmctl.planning.measuring import again_s, move_time_s, park_to_pad_um, touch_time_s
-from edmctl.procedures.monitoring.beliefs import judge
+from edmctl.procedures.monitoring.monitors import judge
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to, retract
 from edmctl.procedures.touch.approach import lower_to

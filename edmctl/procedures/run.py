@@ -10,8 +10,17 @@ from edmctl.dataclasses import asdict, dataclass, field, replace
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import Machine, TelemetryBlock
 from edmctl.planning.regimes import recipes_of
-from edmctl.procedures.job import HoleTarget, Job, target_of
-from edmctl.procedures.job_state import PERIOD_S, JobState, JobTally, NoStateStore, StateStore, SurfaceTouch
+from edmctl.procedures.job import (
+    PERIOD_S,
+    HoleTarget,
+    Job,
+    JobState,
+    JobTally,
+    NoStateStore,
+    StateStore,
+    SurfaceTouch,
+    target_of,
+)
 from edmctl.procedures.monitoring.drift import counted_pause_s, uncertainty_now
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.settings import gap_reference_v

@@ -24,10 +24,8 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.errors import EdmError, LinkLost, MachineFault, PreconditionError, ProtocolMismatch, RunFileError
 from edmctl.machine.interface import SLICE_S, Machine, TelemetryBlock, joined
-from edmctl.procedures.actuator.sensorless import SensorlessMachine
-from edmctl.procedures.actuator.tracker import Tracker, home
-from edmctl.procedures.job import CalibratedActuator, Job
-from edmctl.procedures.job_state import JobTally, NoStateStore, StateStore
+from edmctl.procedures.estimation import SensorlessMachine, Tracker, home
+from edmctl.procedures.job import CalibratedActuator, Job, JobTally, NoStateStore, StateStore
 from edmctl.procedures.monitoring.monitors import LinkMonitor, SensorMonitor, record_link
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import Args, JobRun, JobStateKeeper, rest_and_look, total_pause_s

@@ -1,29 +1,204 @@
-"""Stage moves: only with the tool retracted, and always arriving from the same side."""
+"""Home of the tool by the sensor, and stage moves: only with the tool retracted, arriving from the same side.
+
+A reading at 0 V does not distinguish a drift of the sensor from a tool that is held out: only the time in which the
+zero may have drifted bounds it, and after hours that is more than the clearance of the tool. Then a touch decides,
+if the surface under the tool is known: the way to contact includes no drift.
+"""
 
 from __future__ import annotations
 
 import math
 
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.labels import PAD, PARKING
 from edmctl.machine.interface import Axis
+from edmctl.planning.channel import is_on_way, way_of_path
+from edmctl.procedures.hole.cut_planning import (
+    STANDARD_UNCERTAINTIES,
+    ExpectedHole,
+    expected_of_left,
+    lengths,
+)
 from edmctl.procedures.job import REPORT_DELAY_S
+from edmctl.procedures.monitoring.drift import DRIFT_SDS, displacement_uncertainty, first_home_um
 from edmctl.procedures.run import JobRun, rest_and_look
 from edmctl.procedures.settings import controller_settings, retract_v_s
-from edmctl.procedures.touch.home import (
-    CLEAR_UM,
-    CREEP_LOOK_S,
-    CREEP_WAIT_S,
-    READING_MARGIN_UM,
-    Home,
-    home_now,
-    most_over_um,
-)
+from edmctl.procedures.touch.reading import BEYOND_PREDICTION_UM, Search, take_reading_in
 from edmctl.profile.places import Place
 from edmctl.profile.setup import ARRIVAL_RUN_UM
 from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase
 from edmctl.wording import coordinates, duration
+
+CLEAR_UM = 10.0
+"""A stage moves only if the tool is certainly this far above the untouched surface: half of the usual clearance
+(`settings.SAFE_CLEARANCE_UM`), several times the effect of tilt."""
+SOON_S = 600.0
+"""A job checks at its start that the stages may move this much later too, so that it is not refused on its way."""
+CREEP_WAIT_S = 60.0
+"""Longest wait for the actuator to creep back below the height at which the stages may move."""
+CREEP_LOOK_S = 1.0
+_SETTLED_UM = 0.2
+"""A rest that falls by less than this in a second has settled."""
+MODEL_ERROR_UM = 12.0
+"""Twice the error of the actuator model in the first second at 0 V after a deep cut."""
+READING_MARGIN_UM = 1.0
+"""The controller decides by its own reading, so the height must be clear by more than noise."""
+_CHECK_TOUCHES = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """The sensor reading with the tool at home, and by how much at most that is too far out, µm."""
+
+    um: float
+    hidden_um: float = 0.0
+
+
+def most_over_um(run: JobRun, home: Home) -> float:
+    """Return how far from home the tool may read while a stage moves, clear of the workpiece in any case."""
+    safe_z_um = controller_settings(run.profile, run.setup).safe_z_um
+    return min(
+        safe_z_um - READING_MARGIN_UM, run.profile.approach.offset_um - CLEAR_UM - max(0.0, home.hidden_um)
+    )
+
+
+def home_now(run: JobRun) -> Home:
+    """Return home by the sensor: the rest at 0 V less the creep by the actuator model.
+
+    Before there is a model it is the rest itself, once that has stopped falling, as far as drift can explain it; if
+    drift could hide too much, a touch measures it. Raises PreconditionError E8020 if a rest is further from the
+    first or the newest than creep and drift allow: then something else holds the tool.
+    """
+    if not run.setup.sensor.fitted:
+        return Home(0.0)
+    zero_um, rests = run.watch.zero_um(), run.watch.rests
+    if math.isnan(zero_um):
+        home = _first_home(run)
+        rests.first_um, rests.hidden_um, rests.first_s = home.um, home.hidden_um, run.machine.time_s
+        return home
+    drift_u_um_per_s = displacement_uncertainty(run.job).drift_u_um_per_s
+    for before_s, before_um in rests.ends():
+        most_um = MODEL_ERROR_UM + DRIFT_SDS * drift_u_um_per_s * (run.machine.time_s - before_s)
+        if abs(zero_um - before_um) > most_um:
+            raise PreconditionError(
+                f"The rest at 0 V has moved by {abs(zero_um - before_um):.1f} µm in "
+                f"{run.machine.time_s - before_s:.0f} s; creep and drift account for {most_um:.1f} µm.",
+                hint="Check the displacement sensor, the actuator's supply, and whether something holds the tool.",
+                code="E8020",
+            )
+    return Home(rests.home_um(zero_um), rests.hidden_um)
+
+
+def _first_home(run: JobRun) -> Home:
+    """Return home by a rest without a model, or by a touch."""
+    job, rests = run.job, run.watch.rests
+    rest_um = _settled_um(run)
+    fastest_um_s = DRIFT_SDS * displacement_uncertainty(job).drift_u_um_per_s
+    if math.isnan(rests.first_um):
+        expected, soon_um = Home(job.home_um), fastest_um_s * SOON_S
+        age_s = run.machine.uptime_s if math.isnan(job.home_age_s) else job.home_age_s
+    else:
+        expected, soon_um = Home(rests.first_um, rests.hidden_um), 0.0
+        age_s = run.machine.time_s - rests.first_s
+    drift_um = fastest_um_s * age_s
+    home_um = first_home_um(rest_um, expected.um, drift_um)
+    home = Home(home_um, home_um - (expected.um - expected.hidden_um - drift_um))
+    if rest_um - home.um <= most_over_um(run, replace(home, hidden_um=home.hidden_um + soon_um)):
+        return home
+    below = _work_below(run)
+    if below is None:
+        return home
+    return _home_by_touch(run, rest_um, below)
+
+
+def pad_from_home_um(run: JobRun) -> float:
+    """Return the distance of the pad from home, µm: by the recipe, or with the tool as an earlier run left it."""
+    resumed, done = run.job.resumed, list(run.tally.sites.values())
+    if resumed is not None and resumed.site:
+        return resumed.z1_um + resumed.wear_um - resumed.home_um
+    if resumed is not None and done:
+        return done[-1].z3_um + done[-1].drift_correction_um - resumed.home_um
+    return run.profile.approach.offset_um
+
+
+@dataclass(frozen=True, slots=True)
+class _WorkBelow:
+    """Expected contact under the tool, from home, and how much further it may be, µm.
+
+    `hidden_um` is the part of that which may bring the tool nearer to the surface than home by the touch.
+    """
+
+    um: float
+    reach_um: float
+    hidden_um: float
+
+
+def _work_below(run: JobRun) -> _WorkBelow | None:
+    """Return the known surface under the tool: the pad, a hole that was left, or a place that is not cut yet.
+
+    A touch of the pad shows the clearance whatever the wear. The bottom of a hole is an estimate: the pad is as far
+    as the touch, less a feed that was not measured.
+    """
+    status, pad, resumed = run.machine.status(), run.job.pad, run.job.resumed
+    here, known_um = (status.x_um, status.y_um), run.setup.stage.repeatability_um
+    away_um = math.dist(here, (pad.x_um, pad.y_um))
+    left = (
+        ExpectedHole(lengths())
+        if resumed is None or not resumed.begun
+        else expected_of_left(resumed, run.profile)
+    )
+    if away_um <= run.job.spot_distance_um + known_um:
+        return _WorkBelow(pad_from_home_um(run), left.reach_um(left.estimate.wear), 0.0)
+    slope_um = STANDARD_UNCERTAINTIES * 1e-3 * run.setup.surface.tilt_u_mrad * away_um
+    path = run.profile.path
+    if path is not None:
+        if resumed is None or not is_on_way(way_of_path(path), here, known_um):
+            return None
+        depth_um, reach_um = (
+            (resumed.depth_um, left.reach_um(left.estimate.feed)) if resumed.begun else (0.0, 0.0)
+        )
+        return _WorkBelow(pad_from_home_um(run) + depth_um, reach_um + slope_um, reach_um + slope_um)
+    site = next((s for s in run.job.sites if math.dist(here, (s.x_um, s.y_um)) <= known_um), None)
+    if resumed is not None and site is None and _is_on_a_spot(run, here):
+        return _WorkBelow(pad_from_home_um(run), left.reach_um(left.estimate.wear) + slope_um, slope_um)
+    if resumed is None or site is None or site.name in run.tally.sites:
+        return None
+    depth_um, feed_reach_um = (
+        (resumed.depth_um, left.reach_um(left.estimate.feed)) if site.name == resumed.site else (0.0, 0.0)
+    )
+    return _WorkBelow(pad_from_home_um(run) + depth_um, feed_reach_um + slope_um, feed_reach_um + slope_um)
+
+
+def _is_on_a_spot(run: JobRun, here: tuple[float, float]) -> bool:
+    """Return whether the tool is at a second spot of the surface, beside a place and over no hole."""
+    known_um = run.setup.stage.repeatability_um
+    away_um = [math.dist(here, (site.x_um, site.y_um)) for site in run.job.sites]
+    least_um = run.job.spot_distance_um
+    return any(abs(um - least_um) <= known_um for um in away_um) and min(away_um) >= least_um - known_um
+
+
+def _home_by_touch(run: JobRun, rest_um: float, below: _WorkBelow) -> Home:
+    """Return home by a touch, slow all the way: the way to contact includes no drift."""
+    z_max_um = rest_um + below.um + below.reach_um + BEYOND_PREDICTION_UM
+    z_um = take_reading_in(
+        run, "Zr", "the place where it stands", Search(rest_um, z_max_um, _CHECK_TOUCHES, 0.0)
+    ).z_um
+    run.begin(Phase.RETRACTING)
+    run.machine.ramp(0.0, retract_v_s(run.setup))
+    rest_and_look(run, CREEP_LOOK_S)
+    return Home(min(_settled_um(run), z_um - below.um), below.hidden_um)
+
+
+def _settled_um(run: JobRun) -> float:
+    """Return the rest at 0 V, after a wait for creep."""
+    end_s, before_um = run.machine.time_s + CREEP_WAIT_S, math.inf
+    while before_um - run.watch.displacement_um > _SETTLED_UM and run.machine.time_s < end_s:
+        before_um = run.watch.displacement_um
+        rest_and_look(run, CREEP_LOOK_S)
+    return run.watch.displacement_um
+
 
 ROTARY_REPEATABILITY_DEG = 0.1
 """Repeatability of the rotary table (Muralidhara et al. 2009, §3.1): a smaller turn is not made."""

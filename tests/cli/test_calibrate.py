@@ -25,7 +25,7 @@ from edmctl.errors import Interrupted
 from edmctl.jobs.calibration import calibrate as calibration_run
 from edmctl.jobs.calibration import selection as calibrated
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.actuator.calibration import MeasuredActuator
+from edmctl.procedures.calibration import MeasuredActuator
 from edmctl.profile.calibration import load_calibration
 from edmctl.profile.setup import Setup
 from edmctl.record.columns import read_record, write_columns

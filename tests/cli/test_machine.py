@@ -14,7 +14,7 @@ import pytest
 from edmctl.jobs import run_context
 from edmctl.jobs.truth import TrueWear, truths_of
 from edmctl.jsonout import to_json_value
-from edmctl.procedures.job_state import JobState, NoStateStore
+from edmctl.procedures.job import JobState, NoStateStore
 from edmctl.record.reader import open_run
 from edmctl.simulator.bench import HoleTruth, VirtualBench
 from tests.cli.commands import CU270, SHALLOW, Here, Said, in_process_of_its_own

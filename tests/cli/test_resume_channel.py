@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from edmctl.errors import RunFileError
+from edmctl.planning.channel import way_of_path
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.channel.way import way_of_path
 from edmctl.record.bench_file import read_bench
 from edmctl.record.journal import read_journal, write_journal
 from edmctl.record.ledger import Ledger, SiteMachined

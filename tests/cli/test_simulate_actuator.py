@@ -17,7 +17,7 @@ from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.errors import UsageError, installing
 from edmctl.jobs.actuator_trial import run_trial
 from edmctl.jobs.actuator_waveforms import Wanted, Waveform, command_from, waveforms
-from edmctl.procedures.actuator.calibration import REST_S, plan_calibration
+from edmctl.procedures.calibration import REST_S, plan_calibration
 from edmctl.profile.calibration import Made, calibration_of, save_calibration
 from edmctl.profile.setup import Setup
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator

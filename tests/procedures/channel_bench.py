@@ -22,8 +22,7 @@ from edmctl.machine.interface import (
     TelemetryFlag,
 )
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.job import Job
-from edmctl.procedures.job_state import JobTally
+from edmctl.procedures.job import Job, JobTally
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import JobRun, JobStateKeeper
 from edmctl.profile.places import Place

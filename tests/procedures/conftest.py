@@ -17,8 +17,7 @@ from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.job import CalibratedActuator, Job, job_of
-from edmctl.procedures.job_state import JobTally
+from edmctl.procedures.job import CalibratedActuator, Job, JobTally, job_of
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import JobRun, JobStateKeeper
@@ -42,7 +41,7 @@ from edmctl.simulator.config import SensorConstants
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from edmctl.procedures.job_state import StateStore
+    from edmctl.procedures.job import StateStore
     from edmctl.record.rows import EventLevel, Recorder, Row
     from edmctl.results.job import JobResult
     from edmctl.results.progress import Phase, Progress

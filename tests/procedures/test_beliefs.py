@@ -11,7 +11,7 @@ import pytest
 
 import edmctl
 from edmctl.jobs.truth import TrueWear
-from edmctl.procedures.job_state import NoStateStore
+from edmctl.procedures.job import NoStateStore
 from edmctl.profile.places import Place
 from edmctl.results.job import ObjectiveMissed
 from tests.tiers import tiers

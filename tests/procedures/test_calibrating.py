@@ -17,8 +17,8 @@ from edmctl.machine.controller import LinkMachine
 from edmctl.machine.interface import Axis, CutRequest, MachineState
 from edmctl.machine.stop import StopRequest
 from edmctl.machine.waits import VIRTUAL_SLICE_S
-from edmctl.procedures.actuator import calibration as calibrating
-from edmctl.procedures.actuator.calibration import CalibrationPlan, measure_actuator, plan_calibration
+from edmctl.procedures import calibration as calibrating
+from edmctl.procedures.calibration import CalibrationPlan, measure_actuator, plan_calibration
 from edmctl.procedures.settings import motion_settings
 from edmctl.profile.setup import Actuator, Controller, Sensor, Setup, Stage
 from edmctl.results.progress import Phase
@@ -29,7 +29,7 @@ from tests.procedures.conftest import Told
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.actuator.calibration import MeasuredActuator
+    from edmctl.procedures.calibration import MeasuredActuator
     from edmctl.results.progress import Progress
 
 SHORT = CalibrationPlan(

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from edmctl.labels import Basis, Verdict
+from edmctl.planning.channel import way_of_path
 from edmctl.procedures.channel import layers as channel_layers
 from edmctl.procedures.channel import procedure as channel
 from edmctl.procedures.channel.layers import wear_of
 from edmctl.procedures.channel.procedure import ChannelProcedure
 from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
-from edmctl.procedures.channel.way import way_of_path
-from edmctl.procedures.hole.site_result import judged_channel
+from edmctl.procedures.hole.decision import judged_channel
 from edmctl.procedures.job import HoleTarget
 from edmctl.procedures.servo.limits import TimeLeft, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading

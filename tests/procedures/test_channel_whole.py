@@ -18,10 +18,9 @@ from edmctl.labels import Basis
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
+from edmctl.planning.channel import way_of_path
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.channel.way import way_of_path
-from edmctl.procedures.job import job_of
-from edmctl.procedures.job_state import JobTally
+from edmctl.procedures.job import JobTally, job_of
 from edmctl.procedures.machining import run_job
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import RunEvent

@@ -19,8 +19,7 @@ from edmctl.link import messages as m
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.interface import Axis
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.job import REPORT_DELAY_S
-from edmctl.procedures.job_state import JobState, JobTally
+from edmctl.procedures.job import REPORT_DELAY_S, JobState, JobTally
 from edmctl.procedures.monitoring.drift import (
     CREEP_SHARE,
     CREEP_UM,
@@ -28,8 +27,7 @@ from edmctl.procedures.monitoring.drift import (
     contradicting_between_jobs_um_s,
     first_home_um,
 )
-from edmctl.procedures.stages import _is_home_set, move_to, retract
-from edmctl.procedures.touch.home import Home, _is_on_a_spot
+from edmctl.procedures.stages import Home, _is_home_set, _is_on_a_spot, move_to, retract
 from edmctl.procedures.touch.spots import drift_between
 from edmctl.process.rest_drift import TIME_CONSTANTS_S, DriftModel, Rest
 from edmctl.profile.places import Place

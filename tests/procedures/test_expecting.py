@@ -9,17 +9,18 @@ import pytest
 
 from edmctl.planning.measuring import estimate_of
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
-from edmctl.procedures.hole.hole_estimate import (
+from edmctl.procedures.hole.cut_planning import (
+    CutPlan,
+    CutStart,
     ExpectedHole,
+    energy_of,
     estimate_in_cut,
     expected_of_left,
     is_untouched,
     lengths,
     with_unseen,
 )
-from edmctl.procedures.job import job_of
-from edmctl.procedures.job_state import CutTotals, JobState, job_state
+from edmctl.procedures.job import CutTotals, JobState, job_of, job_state
 from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
 from edmctl.procedures.run import total_pause_s
 from edmctl.process.touches import DepthAndWear

@@ -14,7 +14,7 @@ from edmctl.cli.render.result_table import render_job
 from edmctl.errors import ObjectiveNotReached, PreconditionError, UsageError
 from edmctl.jobs.truth import TrueWear
 from edmctl.labels import Seen
-from edmctl.procedures.job_state import JobTally, NoStateStore
+from edmctl.procedures.job import JobTally, NoStateStore
 from edmctl.procedures.measure_drift import (
     DriftPlan,
     DriftRecord,

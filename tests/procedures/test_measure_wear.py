@@ -11,7 +11,7 @@ import pytest
 
 from edmctl.errors import Interrupted, MachineFault, ObjectiveNotReached, PreconditionError
 from edmctl.labels import Basis
-from edmctl.procedures.job_state import JobTally
+from edmctl.procedures.job import JobTally
 from edmctl.procedures.jump_series import run_jumps
 from edmctl.procedures.measure_wear import (
     MOST_DRIFT_UM,

@@ -19,8 +19,7 @@ from edmctl.procedures.hole.cut_planning import (
     first_plan,
 )
 from edmctl.procedures.hole.decision import Decision, decide
-from edmctl.procedures.job import HoleTarget, target_of
-from edmctl.procedures.job_state import CutTotals
+from edmctl.procedures.job import CutTotals, HoleTarget, target_of
 from edmctl.process.discharge import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.touches import DepthAndWear

@@ -11,11 +11,10 @@ import pytest
 
 from edmctl.errors import MachineFault
 from edmctl.procedures.hole import cut as cutting
-from edmctl.procedures.hole.breakthrough import Breakthrough, SparkLoss
 from edmctl.procedures.hole.cut import AGAIN_S, ARC_BURN, MOST_BURNS, ArcRecovery
 from edmctl.procedures.hole.cut_planning import CutStart, first_plan
 from edmctl.procedures.servo.adaptive import MOST_JUMPS, ShortRecovery
-from edmctl.procedures.servo.limits import JUMP_AFTER_S, STALL_S, StallDetection
+from edmctl.procedures.servo.limits import JUMP_AFTER_S, STALL_S, Breakthrough, SparkLoss, StallDetection
 from edmctl.procedures.settings import OPEN_LOST_S, controller_settings
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS
 from edmctl.record.rows import RunEvent
@@ -27,7 +26,7 @@ from .conftest import eroding
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.procedures.job_state import JobState
+    from edmctl.procedures.job import JobState
     from edmctl.simulator import BenchConfig
 
     from .conftest import Shop

@@ -12,7 +12,7 @@ import pytest
 from edmctl.errors import Interrupted
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
-from edmctl.procedures.job_state import JobState, JobTally, job_state
+from edmctl.procedures.job import JobState, JobTally, job_state
 from edmctl.record.rows import RunEvent
 from edmctl.results.progress import Phase
 from edmctl.simulator.injection import parse_injection

@@ -10,7 +10,7 @@ import pytest
 
 from edmctl.errors import LinkLost, MachineFault, PreconditionError
 from edmctl.machine.interface import CutRequest, EventCode, MachineState, ScanLine
-from edmctl.procedures.actuator.sensorless import SensorlessMachine
+from edmctl.procedures.estimation import SensorlessMachine
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.record.rows import RunEvent

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from edmctl.labels import Seen
-from edmctl.procedures.monitoring.beliefs import judge_job
+from edmctl.procedures.monitoring.monitors import judge_job
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.plane import Step
 from edmctl.process.touches import (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import Interrupted
-from edmctl.procedures.job_state import PERIOD_S, JobState, JobTally, job_state
+from edmctl.procedures.job import PERIOD_S, JobState, JobTally, job_state
 from edmctl.procedures.run import JobStateKeeper
 from edmctl.procedures.servo.limits import rise_um, stroke_left_um
 from edmctl.procedures.session import condition

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from edmctl.machine.interface import MachineState, TelemetryBlock
-from edmctl.procedures.actuator.tracker import SPAN_S, FeedError, Trace
+from edmctl.procedures.estimation import SPAN_S, FeedError, Trace
 
 
 def block(

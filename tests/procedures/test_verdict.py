@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.labels import Basis, Verdict
+from edmctl.procedures.hole.decision import judge_holes, judged, record_results
 from edmctl.procedures.hole.decision import remedy as remedy_of
-from edmctl.procedures.hole.site_result import judge_holes, judged, record_results
 from edmctl.procedures.job import HoleTarget, verdict_of
 from edmctl.profile.setup import Sensor
 from edmctl.record.plain_values import site_result_of

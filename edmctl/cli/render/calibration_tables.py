@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from edmctl.jobs.actuator_trial import WaveformResult
     from edmctl.jobs.calibration.calibrate import LeverFound
     from edmctl.jobs.calibration.fit import FileFigures, Findings
-    from edmctl.procedures.actuator.calibration import CalibrationPlan
+    from edmctl.procedures.calibration import CalibrationPlan
 
     Errors = ErrorFigures | FileFigures
     from edmctl.jobs.paper_trial import PaperTrial

@@ -24,7 +24,7 @@ from edmctl.jobs.drift_choice import CreepNote
 from edmctl.jobs.plan import MachineAddress, where_is
 from edmctl.jobs.surroundings import NONE, Surroundings, Warn
 from edmctl.jsonout import JsonValue, to_json_value
-from edmctl.procedures.actuator.calibration import (
+from edmctl.procedures.calibration import (
     CalibrationPlan,
     MeasuredActuator,
     measure_actuator,

@@ -11,8 +11,7 @@ from edmctl.jobs.drift_choice import choose_drift, doubts_of_use
 from edmctl.jobs.ledger.prepared_job import Place, hole_radius_um, prepared_job
 from edmctl.jobs.ledger.tool import reference_setup, tool_identity
 from edmctl.jobs.run_context import RunContext
-from edmctl.procedures.job import Job
-from edmctl.procedures.job_state import JobState, StateStore
+from edmctl.procedures.job import Job, JobState, StateStore
 from edmctl.quantity import half_width
 from edmctl.record.ledger import (
     UNFINISHED,

@@ -222,7 +222,7 @@ def _places(job: Job, radius_um: float) -> tuple[Place, ...]:
     """Return the axes of all holes, or points on the path of a channel so close that nothing fits between them."""
     if job.profile.path is None:
         return tuple((site.name, site.x_um, site.y_um) for site in job.sites)
-    from edmctl.procedures.channel.way import PIECE_UM, way_of_path
+    from edmctl.planning.channel import PIECE_UM, way_of_path
 
     stride = max(1, int(radius_um // PIECE_UM))
     way = way_of_path(job.profile.path)

@@ -10,7 +10,7 @@ import numpy as np
 from edmctl.planning.removal import SIDE_DISCHARGE_SHARE, removal_um3_s
 from edmctl.procedures.channel.scan import PassPlan, PassResult, run_pass
 from edmctl.procedures.channel.touching import ChannelSurface, FloorReading, learned_gap_um
-from edmctl.procedures.job_state import CutTotals, RunningCut
+from edmctl.procedures.job import CutTotals, RunningCut
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.stages import move_to

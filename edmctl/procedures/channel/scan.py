@@ -15,10 +15,10 @@ from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import SLICE_S, CutRequest, EventCode, MachineEvent, MachineState, ScanLine
 from edmctl.procedures.hole.cut_planning import energy_of
-from edmctl.procedures.job_state import Counts, RunningCut
+from edmctl.procedures.job import Counts, RunningCut
 from edmctl.procedures.run import JobRun, extremes_of
 from edmctl.procedures.servo.limits import RatioLimits
-from edmctl.procedures.servo.telemetry_sums import RATIO_WINDOW_S, TelemetrySums
+from edmctl.procedures.servo.supervisor import RATIO_WINDOW_S, TelemetrySums
 from edmctl.procedures.settings import gap_reference_v
 from edmctl.process.channel import HeldTool, ToolWear, wearing_uj
 from edmctl.process.path import Way

@@ -16,7 +16,7 @@ from edmctl.errors import MachineFault
 from edmctl.machine.interface import CutRequest, EventCode, JumpRequest, MachineEvent
 from edmctl.planning.removal import approach_speed_um_s, least_jump_um
 from edmctl.procedures.hole.cut_planning import CutPlan
-from edmctl.procedures.job_state import Counts
+from edmctl.procedures.job import Counts
 from edmctl.procedures.run import Args, JobRun
 from edmctl.procedures.servo.limits import TimeLeft
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor

@@ -8,8 +8,10 @@ from edmctl.dataclasses import dataclass, field, replace
 from edmctl.labels import Basis
 from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.procedures.hole.cut import CutResult
-from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of
-from edmctl.procedures.hole.hole_estimate import (
+from edmctl.procedures.hole.cut_planning import (
+    CutPlan,
+    CutStart,
+    energy_of,
     estimate_in_cut,
     estimate_left,
     expected_of_left,
@@ -17,7 +19,7 @@ from edmctl.procedures.hole.hole_estimate import (
     most_um_s,
     with_unseen,
 )
-from edmctl.procedures.job_state import CutTotals, JobState, RegimeBegun, RunningCut
+from edmctl.procedures.job import CutTotals, JobState, RegimeBegun, RunningCut
 from edmctl.procedures.run import MACHINING, MEASURING, JobRun
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.procedures.touch.spots import drift_between, pad_u_um

@@ -13,16 +13,15 @@ from edmctl.procedures.hole.cut import Cut, CutEnd, CutResult
 from edmctl.procedures.hole.cut_planning import CutPlan, energy_of, first_plan, following_plan
 from edmctl.procedures.hole.decision import (
     Decision,
+    close_site,
     decide,
     out_of_time,
     refuse_wrong_setup,
     report_end,
     unfinished,
 )
-from edmctl.procedures.hole.first_sparks import FirstSparkCheck
 from edmctl.procedures.hole.hole import Hole
-from edmctl.procedures.hole.knowledge import JobKnowledge, first_gap
-from edmctl.procedures.hole.site_result import close_site
+from edmctl.procedures.hole.knowledge import FirstSparkCheck, JobKnowledge, first_gap
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.settings import pulse_settings

@@ -10,12 +10,8 @@ from __future__ import annotations
 import math
 
 from edmctl.errors import MachineFault, PreconditionError
-from edmctl.procedures.hole.breakthrough import is_near_back
 from edmctl.procedures.hole.cut import NO_SPARK
-from edmctl.procedures.hole.cut_planning import through_plan
-from edmctl.procedures.hole.decision import Decision
-from edmctl.procedures.hole.hole import Hole
-from edmctl.procedures.hole.hole_estimate import (
+from edmctl.procedures.hole.cut_planning import (
     STANDARD_UNCERTAINTIES,
     ExpectedHole,
     expected_of_finished,
@@ -23,14 +19,16 @@ from edmctl.procedures.hole.hole_estimate import (
     is_untouched,
     other_tool,
     other_work,
+    through_plan,
 )
+from edmctl.procedures.hole.decision import Decision, close_site
+from edmctl.procedures.hole.hole import Hole
 from edmctl.procedures.hole.knowledge import JobKnowledge
 from edmctl.procedures.hole.procedure import HoleProcedure
-from edmctl.procedures.hole.site_result import close_site
-from edmctl.procedures.job_state import JobState
+from edmctl.procedures.job import JobState
 from edmctl.procedures.monitoring.drift import counted_pause_s, pause_drift_u_um
 from edmctl.procedures.run import JobRun
-from edmctl.procedures.servo.limits import TimeLimits
+from edmctl.procedures.servo.limits import TimeLimits, is_near_back
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import MORE_LOOKS, wash
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT, SurfaceReading, take_reading

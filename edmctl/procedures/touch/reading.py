@@ -11,7 +11,7 @@ import math
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import ObjectiveNotReached
 from edmctl.machine.interface import Touch, TouchRequest
-from edmctl.procedures.job_state import JobState
+from edmctl.procedures.job import JobState
 from edmctl.procedures.run import JobRun
 from edmctl.process.plane import Step
 from edmctl.process.rest_drift import Rest

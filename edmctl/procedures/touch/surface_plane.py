@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from edmctl.dataclasses import replace
-from edmctl.procedures.job_state import SurfaceTouch
+from edmctl.procedures.job import SurfaceTouch
 from edmctl.procedures.run import Args, JobRun
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.procedures.touch.spots import Spots, ToolLength, beside, pad_spots, read_at_spots

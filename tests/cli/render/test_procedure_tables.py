@@ -15,7 +15,7 @@ from edmctl.cli.render.calibration_tables import (
 from edmctl.cli.render.procedure_tables import render_drift, render_wear
 from edmctl.jobs.actuator_trial import ModelErrors, Truth, WaveformResult
 from edmctl.labels import Basis
-from edmctl.procedures.actuator.calibration import CalibrationPlan
+from edmctl.procedures.calibration import CalibrationPlan
 from edmctl.results.measurements import DriftResult, UncertaintyPart, WearResult
 from edmctl.wording import count, duration
 from tests.cli.render.views import BASELINES, LEVER, Found, made_figures, made_file, made_findings

@@ -30,7 +30,7 @@ from edmctl.procedures.monitoring.drift import DRIFT_SDS, first_home_um
 from edmctl.procedures.run import NO_PULSES
 from edmctl.procedures.session import safe_state_on_error
 from edmctl.procedures.settings import motion_settings, retract_v_s
-from edmctl.procedures.touch.home import CREEP_LOOK_S, CREEP_WAIT_S, READING_MARGIN_UM
+from edmctl.procedures.stages import CREEP_LOOK_S, CREEP_WAIT_S, READING_MARGIN_UM
 from edmctl.profile.setup import Setup
 from edmctl.results.progress import Observer, Phase, Progress
 

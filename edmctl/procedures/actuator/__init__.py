@@ -1,1 +1,0 @@
-"""The actuator during a run: its estimator, a run without a sensor, the calibration record."""
