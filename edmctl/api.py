@@ -21,7 +21,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, SupportsIndex
 
-from edmctl.errors import UsageError, refuse_wrong_clock
+from edmctl import failures
 from edmctl.files import user_path
 from edmctl.jobs.connect import controller_warning, seed_warning
 from edmctl.jobs.plan import SIMULATOR, JobRequest, Plan, check, where_is
@@ -32,6 +32,7 @@ from edmctl.machine.stop import StopRequest
 from edmctl.profile.folders import HOME_VARIABLE, as_value
 from edmctl.results.forecast import Forecast
 from edmctl.results.progress import Observer
+from edmctl.start_up import refuse_wrong_clock
 from edmctl.toml_text import toml_value
 
 __all__ = [
@@ -138,10 +139,7 @@ class Machine:
         if out is None and plan.where.lasting:
             out = RUNS
         if out is None and run_id is not None:
-            raise UsageError(
-                f"run_id {run_id!r} names a run file, and without `out` there is none.",
-                hint="Give out=, the folder of run files, as well.",
-            )
+            raise failures.run_id_without_folder(run_id=run_id)
         name = (
             name_run(_file("out", out), run_id, plan.loaded, datetime.now(UTC)) if out is not None else None
         )
@@ -224,9 +222,7 @@ class Machine:
         refuse_hurry(plan)
         count = index(count)
         if count < 1:
-            raise UsageError(
-                f"count is {count}: at least one jump has to be made.", hint="Ask for 1 or more."
-            )
+            raise failures.jump_count_too_small(count=count)
         return self._perform(Jumps(plan, count), out, run_id, observer, doubts)
 
     def measure_wear(

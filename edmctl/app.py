@@ -16,6 +16,7 @@ from typing import Annotated, Any, NoReturn, cast
 
 import typer
 
+from edmctl import failures
 from edmctl.cli.outcome import Outcome, Output, finish, interrupted, mutter, stream_style, unwritable
 from edmctl.cli.signals import SignalArrived, leave, raising_signals
 from edmctl.errors import EdmError, UsageError
@@ -107,8 +108,7 @@ def _refuse_dashes(arguments: Sequence[str]) -> None:
         written = "=".join(map(_typed, argument.split("=", 1)))
         if written != argument:
             dash = next(one for one in argument if one != with_hyphens(one))
-            message = f"{argument} has the character {code_point(dash)}."
-            raise UsageError(message, hint=f"Write {written}, with plain hyphens (-).")
+            raise failures.odd_hyphen(argument=argument, dash=code_point(dash), written=written)
 
 
 def _typed(part: str) -> str:
@@ -182,7 +182,7 @@ def _usage_error(mistake: Exception, arguments: Sequence[str]) -> UsageError:
     message = mistake.format_message()  # type: ignore[attr-defined]
     end = "" if message.endswith((".", "?")) else "."
     hint = _meant(message, path, arguments) or f"`{path} --help` lists what there is."
-    return UsageError(f"{message}{end}", hint=hint)
+    return failures.command_line_wrong(message=message, end=end, remedy=hint)
 
 
 def _meant(message: str, path: str, arguments: Sequence[str]) -> str:

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import shlex
 import sys
-import time
 from typing import ClassVar
 
 from edmctl.dataclasses import dataclass
@@ -159,18 +158,6 @@ class Interrupted(EdmError):
     def __init__(self, message: str, *, signal_number: int) -> None:
         super().__init__(message)
         self.signal_number = signal_number
-
-
-def refuse_wrong_clock() -> None:
-    """Raise PreconditionError E8096 if the clock of this computer is beyond what Python can represent (2262)."""
-    try:
-        time.time()
-    except OverflowError:
-        raise PreconditionError(
-            "The clock of this computer is wrong: it is later than the year 2262.",
-            hint="Set it (`timedatectl` shows it), then run the command again.",
-            code="E8096",
-        ) from None
 
 
 def installing(*packages: str) -> str:

@@ -15,7 +15,7 @@ from io import BufferedReader, FileIO
 from pathlib import Path
 from typing import Any
 
-from edmctl.errors import UsageError
+from edmctl import failures
 
 TEXT_BYTES = 2_000_000
 """Longer than any profile, setup, list of places, calibration or journal; reading it takes a second and 100 MB."""
@@ -34,11 +34,7 @@ def user_path(text: str | os.PathLike[str], folder: Path = Path()) -> Path:
     written = os.fspath(text)
     expanded = os.path.expanduser(written)  # noqa: PTH111 - Path.expanduser() raises for an unknown user
     if expanded.startswith("~"):
-        raise UsageError(
-            f"The home folder in {written!r} is unknown.",
-            hint=f"Write the whole path, or ./{written} for a file of that name.",
-            code="E2007",
-        )
+        raise failures.home_folder_unknown(written=written)
     path, fault = folder / expanded, "" if written else "it is empty"
     try:
         path.stat()
@@ -47,7 +43,7 @@ def user_path(text: str | os.PathLike[str], folder: Path = Path()) -> Path:
     except ValueError:
         fault = "it contains U+0000"
     if fault:
-        raise UsageError(f"{written!r} is no path: {fault}.", hint="Correct the name.", code="E2007")
+        raise failures.path_impossible(written=written, fault=fault)
     return path
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gc
 import os
+import time
 
+from edmctl import failures
 from edmctl.blas import VARIABLES
 
 FEW_CYCLES = 200_000
@@ -38,3 +40,11 @@ def collect_garbage() -> None:
     gc.collect()
     if is_spared():
         gc.freeze()
+
+
+def refuse_wrong_clock() -> None:
+    """Raise PreconditionError E8096 if the clock of this computer is beyond what Python can represent (2262)."""
+    try:
+        time.time()
+    except OverflowError:
+        raise failures.clock_wrong() from None

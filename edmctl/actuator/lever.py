@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from edmctl import failures
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
-from edmctl.errors import RecordError
 
 LEAST_SAMPLES = 10
 LEAST_FACTOR, LARGEST_FACTOR = 1.0, 200.0
@@ -61,25 +61,17 @@ def autocorrelation_time(residual: Array) -> float:
 
 def _refuse(stack: Array, tool: Array) -> None:
     if stack.shape != tool.shape or stack.ndim != 1:
-        what = f"{stack.size} samples of the stacks' displacement, but {tool.size} of the tool's"
-        raise RecordError(what, hint="Record both at the same instants.", code="E3620")
+        raise failures.lever_lengths_differ(size=stack.size, size_2=tool.size)
     if len(stack) < LEAST_SAMPLES:
-        what = f"{len(stack)} samples are too few for a lever factor, at least {LEAST_SAMPLES} are needed"
-        raise RecordError(what, hint="Record a slow swing over the whole range.", code="E3621")
+        raise failures.lever_samples_too_few(stack_count=len(stack), least_samples=LEAST_SAMPLES)
     if len(wrong := np.flatnonzero(~(np.isfinite(stack) & np.isfinite(tool)))):
-        what = f"sample {wrong[0] + 1} of the displacements is not a finite number"
-        raise RecordError(what, hint="Remove the samples that the sensor could not measure.", code="E3622")
+        raise failures.lever_sample_not_finite(wrong=wrong[0] + 1)
     if not np.ptp(stack) > 0.0:
-        what = f"the stacks' displacement stays at {stack[0]:g} µm"
-        hint = "Drive the actuator over its range while both sensors are read."
-        raise RecordError(what, hint=hint, code="E3623")
+        raise failures.lever_at_rest(stack=stack[0])
 
 
 def _refuse_factor(factor: float) -> None:
     if factor < 0.0:
-        what = f"the tool moves back while the stacks extend (factor {factor:.3g})"
-        raise RecordError(what, hint="Reverse the sign of one of the two sensors.", code="E3624")
+        raise failures.lever_reversed(factor=factor)
     if not LEAST_FACTOR < factor < LARGEST_FACTOR:
-        what = f"a lever factor of {factor:.3g} is not that of a flexure (paper: 18)"
-        hint = "Give both displacements in µm, and the stacks' and the tool's in the right columns."
-        raise RecordError(what, hint=hint, code="E3625")
+        raise failures.lever_factor_impossible(factor=factor)

@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.board.image import Image, read_image, seal
 from edmctl.board.image_formats import hex_of
 from edmctl.board.settings import flags_of, parse_settings, settings_of
@@ -135,10 +136,9 @@ def toolchain(board: Board, named: str | None) -> Toolchain:
     if gcc is not None:
         return Toolchain((gcc,), (*board.gcc, *_FLAGS), ("-lgcc",))
     missing = {"zig": "The package ziglang is not installed", "gcc": f"{_GCC} is not installed"}
-    raise PreconditionError(
-        f"{missing[named] if named else f'Neither the package ziglang nor {_GCC} is installed'}.",
-        hint=_REMEDIES[named],
-        code="E8093",
+    raise failures.board_compiler_missing(
+        missing=missing[named] if named else f"Neither the package ziglang nor {_GCC} is installed",
+        remedy=_REMEDIES[named],
     )
 
 
@@ -165,16 +165,8 @@ def _not_written(elf: Path, error: OSError) -> RunFileError:
     for file in (elf.with_suffix(suffix) for suffix in SUFFIXES):
         if file.is_dir():
             why = f"{file} is a folder"
-    return RunFileError(
-        f"Cannot write {elf}: {why}.",
-        hint="Name a file in a folder that can be written with --output.",
-        code="E9012",
-    )
+    return failures.output_not_written(elf=elf, why=why)
 
 
 def _not_built(reason: str) -> PreconditionError:
-    return PreconditionError(
-        f"The image could not be built: {reason}",
-        hint="Name another compiler with --compiler.",
-        code="E8094",
-    )
+    return failures.image_not_built(reason=reason)

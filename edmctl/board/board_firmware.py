@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.board.flash_tools import Flashed, Tool, find_tool, flash, no_board, several_boards, wrong_chip
 from edmctl.board.image import Image
 from edmctl.board.results import BoardFacts, ImageFacts, hexadecimal, settings_text
 from edmctl.core.boards import Board, board_name, board_of
 from edmctl.dataclasses import dataclass
-from edmctl.errors import Diagnostic, LinkLost, PreconditionError, ProtocolMismatch, UsageError
+from edmctl.errors import Diagnostic, LinkLost, ProtocolMismatch
 from edmctl.files import lock_holder
 from edmctl.jobs.connect import line_to
 from edmctl.jobs.doctor import fail, ok, warn
@@ -55,11 +56,7 @@ def board_at(
     """
     where = where_is(port, setup, wait_s)
     if where.in_process:
-        raise UsageError(
-            f"{where.selector} is a virtual machine in this process, and no board.",
-            hint="Name the port of a board; `edmctl ports` lists them.",
-            code="E2091",
-        )
+        raise failures.virtual_machine_has_no_board(selector=where.selector)
     session = Session(line_to(where, setup, say, environ))
     try:
         yield Asked(session, _asked(session, setup.link.hello_s, may_be_silent=may_be_silent))
@@ -222,10 +219,8 @@ def flash_board(
     """
     board = board_of(request.image.facts.board)
     if board is None:
-        raise PreconditionError(
-            f"{request.image.facts.path} is for board {request.image.facts.board}, which this edmctl does not know.",
-            hint="Flash it with the edmctl that it was made by.",
-            code="E8122",
+        raise failures.image_for_unknown_board(
+            facts=request.image.facts.path, board=request.image.facts.board
         )
     tool = find_tool(request.tool, request.probe)
     if request.port is None:
@@ -235,11 +230,7 @@ def flash_board(
         report.flashed = flash(tool, board, request.image.data, say)
         return
     if request.port == "auto" or request.port.startswith("serial:"):
-        raise UsageError(
-            f"--port {request.port} would say hello to every controller, and stop what runs there.",
-            hint="Name the port itself; `edmctl ports` lists them.",
-            code="E2091",
-        )
+        raise failures.port_not_exact(port=request.port)
     with board_at(request.port, setup, request.wait_s, say, environ, may_be_silent=True) as asked:
         report.before = asked.board
         if asked.board is None:
@@ -261,17 +252,9 @@ def flash_board(
 def _refuse(found: BoardFacts, board: Board) -> None:
     """Refuse a running job, and a board that the image is not for."""
     if found.state is None:
-        raise PreconditionError(
-            f"The controller at {found.port} does not tell its state: a job may run.",
-            hint="End the job, see that the machine rests, and flash without --port.",
-            code="E8123",
-        )
+        raise failures.state_of_controller_unknown(port=found.port)
     if found.state not in AT_REST:
-        raise PreconditionError(
-            f"The controller at {found.port} is in state {found.state}: a job runs.",
-            hint="Let it end, or stop it with Ctrl-C where it runs; then flash.",
-            code="E8123",
-        )
+        raise failures.controller_busy(port=found.port, state=found.state)
     if found.board is not None and found.board != board.number:
         raise wrong_chip(board, f"that of {found.board_name} at {found.port}")
 
@@ -280,11 +263,7 @@ def _refuse_held_ports() -> None:
     """Refuse if another program holds the port of an ST-LINK: a job may run there."""
     for port in st_links():
         if owner := lock_holder(Path(port.device)):
-            raise LinkLost(
-                f"{port.device} is held by {owner}: a job may run on the board behind it.",
-                hint="End the other program, or name the port of the board that is meant with --port.",
-                code="E4006",
-            )
+            raise failures.port_in_use(device=port.device, owner=owner)
 
 
 def _take_st_link_of(port: str, tool: Tool) -> None:
@@ -309,10 +288,10 @@ def image_doubts(image: ImageFacts) -> list[Diagnostic]:
     if image.has_same_schema:
         return []
     return [
-        Diagnostic(
-            "W5001",
-            f"{image.path} speaks schema {hexadecimal(image.schema_hash)}, this edmctl {hexadecimal(SCHEMA_HASH)}.",
-            f"Build the image of this edmctl: {_BUILD}.",
-            is_warning=True,
+        failures.image_of_another_version(
+            image=image.path,
+            schema_hash=hexadecimal(image.schema_hash),
+            schema_hash_2=hexadecimal(SCHEMA_HASH),
+            build=_BUILD,
         )
     ]

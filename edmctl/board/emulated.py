@@ -12,11 +12,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from edmctl import failures
 from edmctl.board.board_build import build_board, toolchain
 from edmctl.board.image_formats import Elf
 from edmctl.core.boards import BOARDS
 from edmctl.core.build import cache_folder, files_in, source_folder
-from edmctl.errors import PreconditionError
 from edmctl.link.messages import SCHEMA_HASH
 from edmctl.simulator.plant import Plant
 
@@ -62,11 +62,7 @@ def _emulator() -> ModuleType:
     folder = source_folder() / "sim"
     start = folder / "__init__.py"
     if not start.is_file() or not _has_unicorn():
-        raise PreconditionError(
-            "There is no emulator of the board here.",
-            hint='It runs from a source tree with `pip install -e ".[emulator]"`.',
-            code="E8095",
-        )
+        raise failures.emulator_missing()
     spec = importlib.util.spec_from_file_location(PACKAGE, start, submodule_search_locations=[str(folder)])
     assert spec is not None
     assert spec.loader is not None

@@ -21,9 +21,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.core.boards import CHIPS, Board
 from edmctl.dataclasses import dataclass
-from edmctl.errors import PreconditionError, UsageError, installing
+from edmctl.errors import PreconditionError, installing
 from edmctl.files import open_regular
 
 _IDCODE = 0xE004_2000
@@ -116,7 +117,7 @@ class Tool:
         return text
 
     def _unfit(self, what: str) -> PreconditionError:
-        return PreconditionError(f"{self.name} {what}.", hint="Name another one with --tool.", code="E8125")
+        return failures.flash_tool_unusable(name=self.name, what=what)
 
     def _check(self, command: Sequence[str], status: int, said: str) -> None:
         if _SEVERAL.search(said):
@@ -138,10 +139,8 @@ class Tool:
             )
         if status:
             told = "\n".join(f"  {line}" for line in said.strip().splitlines()[-_TOLD_LINES:])
-            raise PreconditionError(
-                f"{self.name} ended with {status}: `{shlex.join(command)}`\n{told}",
-                hint="The flash may be half written: flash it again, or name another tool with --tool.",
-                code="E8125",
+            raise failures.flash_tool_failed(
+                name=self.name, status=status, command=shlex.join(command), told=told
             )
 
 
@@ -224,7 +223,7 @@ def find_tool(named: str | None, probe: str | None = None) -> Tool:
     Raises UsageError E2092 for a name that is none, PreconditionError E8120 where it is not installed.
     """
     if named is not None and named not in TOOLS:
-        raise UsageError(f"There is no tool {named}.", hint=f"Say {', '.join(TOOLS)}.", code="E2092")
+        raise failures.flash_tool_unknown(named=named, tools=", ".join(TOOLS))
     for kind in TOOLS.values():
         if named in (None, kind.name) and (command := kind.found()):
             return kind(command, probe)
@@ -234,7 +233,7 @@ def find_tool(named: str | None, probe: str | None = None) -> Tool:
     else:
         message = f"{named} is not installed."
         hint = f"Install it: {TOOLS[named].install}; without --tool any other one is taken."
-    raise PreconditionError(message, hint=hint, code="E8120")
+    raise failures.flash_tool_missing(problem=message, remedy=hint)
 
 
 def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> Flashed:
@@ -264,12 +263,7 @@ def flash(tool: Tool, board: Board, data: bytes, say: Callable[[str], None]) -> 
         if read != data:
             differences = (at for at, (a, b) in enumerate(zip(read, data, strict=False)) if a != b)
             first = next(differences, min(len(read), len(data)))
-            raise PreconditionError(
-                f"{len(read)} bytes were read back, and they differ from the image at "
-                f"0x{board.flash.address + first:08X}. The board was not reset.",
-                hint="Flash it again, with another tool or cable; a flash that stays wrong is worn.",
-                code="E8126",
-            )
+            raise failures.flash_differs(read_count=len(read), address=board.flash.address + first)
         tool.start(board)
     return Flashed(tool.name, tool.command, chip, len(data))
 
@@ -290,16 +284,12 @@ def _id_in(said: str, pattern: str, tool: str) -> int:
             f"{tool} finds a probe, and no chip behind it.", "Check supply and jumpers of the board."
         )
     told = "\n".join(f"  {line}" for line in said.strip().splitlines()[-_TOLD_LINES:])
-    raise PreconditionError(
-        f"{tool} does not say which chip is there:\n{told}",
-        hint="Name another tool with --tool.",
-        code="E8125",
-    )
+    raise failures.chip_unknown(tool=tool, told=told)
 
 
 def no_board(message: str, remedy: str) -> PreconditionError:
     """The error of a tool that reaches no board."""
-    return PreconditionError(message.replace(" .", "."), hint=remedy, code="E8121")
+    return failures.probe_not_found(problem=message.replace(" .", "."), remedy=remedy)
 
 
 def several_boards(tool: str) -> PreconditionError:
@@ -309,8 +299,4 @@ def several_boards(tool: str) -> PreconditionError:
 
 def wrong_chip(board: Board, found: str) -> PreconditionError:
     """The error of another chip than the image is for. Nothing was written."""
-    return PreconditionError(
-        f"The image is for {board.title} ({board.chip}), and the chip there is {found}. Nothing was written.",
-        hint="Plug in the right board, or say which one with --probe ID.",
-        code="E8122",
-    )
+    return failures.image_for_another_board(title=board.title, chip=board.chip, found=found)

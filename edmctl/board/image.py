@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.board.image_formats import Elf, ForeignElf, parse_hex
 from edmctl.board.results import ImageFacts, Section
 from edmctl.board.settings import told_settings
@@ -69,11 +70,7 @@ def read_image(path: Path, schema_hash: int) -> Image:
     try:
         content = read_bytes(path, MOST_BYTES)
     except OSError as error:
-        raise RecordError(
-            f"Cannot read {path}: {error.strerror}.",
-            hint="Name an image that `edmctl firmware build --board stm32f4` has made.",
-            code="E3680",
-        ) from error
+        raise failures.image_unreadable(path=path, reason=error.strerror) from error
     elf: Elf | None = None
     try:
         if content.startswith(b"\x7fELF"):
@@ -144,11 +141,7 @@ def _record(path: Path, data: bytes) -> Record:
 
 
 def _no_image(path: Path, reason: str) -> RecordError:
-    return RecordError(
-        f"{path} is no image of this firmware: {reason}.",
-        hint="Name an image that `edmctl firmware build --board stm32f4` has made.",
-        code="E3681",
-    )
+    return failures.not_an_image(path=path, reason=reason)
 
 
 def _records(data: bytes) -> Iterator[tuple[int, Record]]:
@@ -175,11 +168,7 @@ def _check_place(path: Path, board: Board, kind: str, address: int, data: bytes)
 
 
 def _damaged(path: Path, reason: str) -> RecordError:
-    return RecordError(
-        f"{path} is damaged: {reason}.",
-        hint="Build it anew with `edmctl firmware build --board stm32f4`, or copy it again.",
-        code="E3682",
-    )
+    return failures.image_damaged(path=path, reason=reason)
 
 
 def _sections(elf: Elf, board: Board) -> tuple[Section, ...]:

@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import UsageError
 
@@ -146,4 +147,4 @@ def told_settings(image: bytes) -> dict[str, float]:
 
 
 def _refused(message: str, hint: str) -> UsageError:
-    return UsageError(message, hint=hint, code="E2094")
+    return failures.image_setting_wrong(problem=message, remedy=hint)

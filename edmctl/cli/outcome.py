@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
 
+from edmctl import failures
 from edmctl.cli.render.diagnostics import render_diagnostics, summary_line
 from edmctl.cli.render.progress import EventReporter, LineReporter, Reporter
 from edmctl.cli.render.style import Style, style_of
@@ -22,10 +23,10 @@ from edmctl.errors import (
     MachineFault,
     ProfileError,
     RunFileError,
-    refuse_wrong_clock,
 )
 from edmctl.exitcodes import ExitCode, error_exit_code
 from edmctl.jsonout import SCHEMA, render_json, render_json_line
+from edmctl.start_up import refuse_wrong_clock
 
 _watching: list[Reporter] = []
 """Who is writing to stderr at present."""
@@ -136,7 +137,7 @@ def interrupted(signal_number: int) -> Interrupted:
 
 def unwritable(refused: OSError) -> RunFileError:
     """Return the error of a stdout that takes no result."""
-    return RunFileError(f"Cannot write the result: {refused.strerror}.", code="E9010")
+    return failures.result_not_written(reason=refused.strerror)
 
 
 def internal_error(bug: Exception) -> EdmError:

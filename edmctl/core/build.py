@@ -26,6 +26,7 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError, installing
 from edmctl.files import RECORD_BYTES, path_variable, read_bytes, sync
@@ -105,10 +106,8 @@ def digest_of(real: str) -> str:
         for path in (*sources, *files_in(folder, "*.h")):
             content.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
     except OSError as error:
-        raise PreconditionError(
-            f"The C sources of edmctl are absent or cannot be read: {error.filename}: {error.strerror}.",
-            hint=f"Install edmctl again: {installing('--force-reinstall', 'edmctl')}.",
-            code="E8094",
+        raise failures.sources_missing(
+            filename=error.filename, reason=error.strerror, install=installing("--force-reinstall", "edmctl")
         ) from error
     return content.hexdigest()[:16]
 
@@ -212,18 +211,12 @@ def compiler(named: str = "") -> tuple[str, ...]:
         try:
             return tuple(shlex.split(named))
         except ValueError as error:
-            raise PreconditionError(
-                f"CC names no C compiler: {error} in {named!r}.", hint=_ANOTHER, code="E8093"
-            ) from error
+            raise failures.cc_unusable(error=error, named=named, another=_ANOTHER) from error
     if found := system_compiler():
         return (found,)
     if importlib.util.find_spec("ziglang") is not None:
         return ZIG
-    raise PreconditionError(
-        "There is no C compiler to build the controller and the virtual machine with.",
-        hint=f"{installing('ziglang')} brings one; CC names another.",
-        code="E8093",
-    )
+    raise failures.no_compiler(install=installing("ziglang"))
 
 
 @cache
@@ -232,10 +225,8 @@ def version_of(command: tuple[str, ...]) -> str:
         done = run_compiler([*command, "--version"])
         done.check_returncode()
     except (OSError, subprocess.SubprocessError) as error:
-        raise PreconditionError(
-            f"The C compiler {shlex.join(command)} does not run: {_reason(error)}.",
-            hint=_ANOTHER,
-            code="E8093",
+        raise failures.compiler_does_not_run(
+            command=shlex.join(command), error=_reason(error), another=_ANOTHER
         ) from error
     return next(iter(done.stdout.splitlines()), "").strip()
 
@@ -264,10 +255,8 @@ def _compile(command: list[str], library: Path) -> None:
                     shutil.rmtree(left, ignore_errors=True)
         folder_made = tempfile.TemporaryDirectory(dir=library.parent, prefix="building-")
     except OSError as error:
-        raise PreconditionError(
-            f"The compiled library cannot be kept in {library.parent}: {error.strerror}.",
-            hint=f"Name a folder that can be written in {CACHE_VARIABLE}.",
-            code="E8094",
+        raise failures.library_not_kept(
+            parent=library.parent, reason=error.strerror, cache_variable=CACHE_VARIABLE
         ) from error
     try:
         with folder_made as folder:
@@ -310,8 +299,4 @@ def _ending(code: int) -> str:
 
 def failed(reason: str) -> PreconditionError:
     """The error E8094 of a library that cannot be built or loaded."""
-    return PreconditionError(
-        f"The library of the controller and the virtual machine could not be built: {reason}",
-        hint=f"Name another C compiler in CC, or a folder that can be written in {CACHE_VARIABLE}.",
-        code="E8094",
-    )
+    return failures.library_not_built(reason=reason, cache_variable=CACHE_VARIABLE)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from edmctl import failures
 from edmctl.actuator.identification import fit_line, fit_maxwell, identify
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record
@@ -18,7 +19,7 @@ from edmctl.actuator.validation import judge
 from edmctl.actuator.waveforms import calibration_waveform, sine
 from edmctl.array_types import Array
 from edmctl.dataclasses import asdict, dataclass
-from edmctl.errors import Diagnostic, UsageError
+from edmctl.errors import Diagnostic
 from edmctl.jobs import output_files
 from edmctl.jobs.actuator_waveforms import Waveform
 from edmctl.jobs.calibration import selection
@@ -156,12 +157,7 @@ def slowed(waveform: Waveform, driven: DrivenTicks) -> list[Diagnostic]:
     worst_v = float(abs(driven.applied_v - waveform.command_v).max())
     if worst_v <= NOTICED_V:
         return []
-    message = (
-        f"{waveform.name} is steeper than the machine's {SLEW_V_S:g} V/s; the voltage applied is up to "
-        f"{worst_v:.1f} V away from it."
-    )
-    hint = "All figures are for the voltage that was applied."
-    return [Diagnostic("W8103", message, hint, is_warning=True)]
+    return [failures.waveform_too_steep(waveform=waveform.name, slew_v_s=SLEW_V_S, worst_v=worst_v)]
 
 
 def _beyond(waveform: Waveform, driven: DrivenTicks, ours: ActuatorModel) -> list[Diagnostic]:
@@ -205,11 +201,7 @@ def check_outputs(plot: Path | None, data: Path | None) -> None:
     (E9011 exists, E9012 no folder).
     """
     if data and data.suffix.lower() not in DATA_SUFFIXES:
-        raise UsageError(
-            f"Data cannot be written into {data.name!r}: its name ends in none of {', '.join(DATA_SUFFIXES)}.",
-            hint="Take .csv for spreadsheets and .h5 for long records.",
-            code="E2012",
-        )
+        raise failures.data_suffix_unknown(data=data.name, data_suffixes=", ".join(DATA_SUFFIXES))
     if plot:
         check_figure(plot.name)
     for path in (plot, data):

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
+from edmctl import failures
 from edmctl.actuator import paper_figures
 from edmctl.actuator.waveforms import Leg, jump_train, sampled, servo_dither, sine, square, triangle
 from edmctl.array_types import Array
@@ -148,7 +149,7 @@ def _refuse_misplaced(wanted: Wanted) -> None:
 
 
 def _refusal(message: str, hint: str) -> UsageError:
-    return UsageError(message, hint=hint, code="E2010")
+    return failures.waveform_options_conflict(problem=message, remedy=hint)
 
 
 def command_from(path: Path, longest_s: float) -> Array:
@@ -176,10 +177,6 @@ def command_from(path: Path, longest_s: float) -> Array:
             raise RecordError(f"{path}: {told}.", hint=hint, code=code)
     length_s = float(t_s[-1] - t_s[0])
     if length_s > longest_s:
-        raise RecordError(
-            f"{path} lasts {length_s:.0f} s; {longest_s:g} s is the longest.",
-            hint="Cut it into several; t_s is in seconds.",
-            code="E3631",
-        )
+        raise failures.waveform_too_long(path=path, length_s=length_s, longest_s=longest_s)
     ticks_s = t_s[0] + np.arange(math.floor(length_s * RATE_HZ + 1e-6) + 1) / RATE_HZ
     return np.asarray(np.interp(ticks_s, t_s, u_v), dtype=np.float64)

@@ -11,10 +11,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from edmctl import failures
 from edmctl.core.library import library
 from edmctl.csv_text import table_text
 from edmctl.dataclasses import asdict, dataclass, replace
-from edmctl.errors import Interrupted, PreconditionError, ProfileError, RunFileError, UsageError
+from edmctl.errors import Interrupted, ProfileError, RunFileError
 from edmctl.exitcodes import error_exit_code
 from edmctl.files import user_path
 from edmctl.jobs.job import Report, carry_out
@@ -214,11 +215,7 @@ def check_names(tasks: Sequence[Task]) -> None:
     """
     names = [task.run_id for task in tasks if task.out is not None]
     if again := [name for name in names if names.count(name) > 1]:
-        raise UsageError(
-            f"The run {again[0]} would be made twice, into one file.",
-            hint="Give each seed and each value once.",
-            code="E2005",
-        )
+        raise failures.run_twice(again=again[0])
     for task in tasks:
         if task.out is None:
             continue
@@ -325,11 +322,7 @@ class SeriesRows:
             if line.get("row") != DONE or line.get("run_id") not in recipes:
                 continue
             if line.get("recipe") not in recipes[line["run_id"]]:
-                raise PreconditionError(
-                    f"The recipe of {line['run_id']} is not the one that its series was begun with.",
-                    hint="Put profile and setup back as they were, or begin another series in another folder.",
-                    code="E8213",
-                )
+                raise failures.recipe_of_series_differs(line=line["run_id"])
             try:
                 found[str(line["run_id"])] = record_of(SimulatedRun, line["run"])
             except (KeyError, TypeError, ValueError):
@@ -339,12 +332,7 @@ class SeriesRows:
     def refuse_begun(self, folder: Path) -> None:
         """Raise UsageError E2112 if the folder contains a series already."""
         if any(line.get("row") == BEGUN for line in self._lines):
-            raise UsageError(
-                f"{folder} has a series of runs already.",
-                hint=f"Go on with it: `edmctl simulate --resume {shlex.quote(str(folder))}`; or choose another "
-                "folder with --out.",
-                code="E2112",
-            )
+            raise failures.folder_has_series(folder=folder, folder_2=shlex.quote(str(folder)))
 
     def series(self, folder: Path) -> Series:
         """Return the request. Raises UsageError E2111 if the folder contains no series."""
@@ -353,11 +341,7 @@ class SeriesRows:
             last: dict[str, Any] = begun[-1]
             request = JobRequest(**last["request"])
         except (IndexError, KeyError, TypeError):
-            raise UsageError(
-                f"{folder} has no series of simulated runs.",
-                hint="Name the folder that `edmctl simulate … --out DIR` has made.",
-                code="E2111",
-            ) from None
+            raise failures.folder_without_series(folder=folder) from None
         setup, calibration = (
             Path(given) if (given := last["request"].get(name)) else None for name in ("setup", "calibration")
         )

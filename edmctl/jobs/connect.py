@@ -16,6 +16,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from edmctl import failures
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.files import json_of, path_variable, read_bytes
 from edmctl.jobs.connected_machine import ConnectedMachine
@@ -48,16 +49,14 @@ def seed_warning(where: MachineAddress, asked: int | None) -> list[Diagnostic]:
     else:
         message = f"Seed {asked} has no effect on the controller at {where.selector}."
         hint = "Give the seed to `edmctl simulate serve` where the controller is a virtual one."
-    return [Diagnostic("W4101", message, hint, is_warning=True)]
+    return [failures.setup_in_use(problem=message, remedy=hint)]
 
 
 def controller_warning(where: MachineAddress, asked: str | None) -> list[Diagnostic]:
     """Return a warning (W4102) if `--controller` has no effect."""
     if not asked or where.in_process:
         return []
-    message = f"--controller {asked} has no effect on the controller at {where.selector}."
-    hint = "Give it to `edmctl simulate serve` where the controller is a virtual one."
-    return [Diagnostic("W4102", message, hint, is_warning=True)]
+    return [failures.controller_option_without_effect(asked=asked, selector=where.selector)]
 
 
 @contextmanager
@@ -170,11 +169,7 @@ def known_controller(name: str) -> str:
 
     name = CONTROLLER_SYNONYMS.get(name, name)
     if name not in CONTROLLERS:
-        raise UsageError(
-            f"There is no controller {name}: it is one of {', '.join(CONTROLLERS)}.",
-            hint="Name one of them, or leave it out.",
-            code="E2049",
-        )
+        raise failures.controller_unknown(name=name, controllers=", ".join(CONTROLLERS))
     return name
 
 
@@ -300,7 +295,7 @@ def read_secret(path: Path) -> bytes:
 
 def _unfit(message: str, remedy: str = "") -> UsageError:
     made = "`(umask 077; openssl rand -hex 32 > FILE)` makes one; the computers at both ends need the same."
-    return UsageError(message, hint=remedy or made, code="E2047")
+    return failures.secret_file_unusable(problem=message, remedy=remedy or made)
 
 
 @contextmanager

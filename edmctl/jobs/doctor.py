@@ -12,6 +12,7 @@ from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.core.boards import board_of
 from edmctl.core.build import source_version
 from edmctl.dataclasses import dataclass, field
@@ -80,10 +81,8 @@ class Checks:
         failed = [check.name for check in self.done if check.status is CheckStatus.FAIL]
         if not failed:
             return None
-        return PreconditionError(
-            f"{len(failed)} of {len(self.done)} checks failed: {', '.join(failed)}.",
-            hint="The fix stands beside each of them.",
-            code="E8040",
+        return failures.doctor_checks_failed(
+            failed_count=len(failed), done_count=len(self.done), failed=", ".join(failed)
         )
 
 

@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import Diagnostic, RunFileError
+from edmctl.errors import Diagnostic
 from edmctl.files import json_of, read_bytes
 from edmctl.jobs.connected_machine import ConnectedMachine
 from edmctl.jobs.plan import MachineAddress
@@ -83,12 +84,7 @@ def doubts_of_use(choice: DriftChoice, unknown_use_s: float) -> list[Diagnostic]
     """Return a warning if creep of an unknown use of the actuator may affect the zero-voltage holds."""
     if choice.model is None or unknown_use_s >= FADED_S:
         return []
-    message = (
-        f"How the actuator was used until {duration(unknown_use_s)} ago is unknown: a command was killed, stopped, "
-        "or followed no creep. Where the rests tell less of the drift than the setup does, nothing is corrected."
-    )
-    hint = "Half an hour of rest mends it; the next run knows what this one leaves."
-    return [Diagnostic("W8108", message, hint, is_warning=True)]
+    return [failures.actuator_use_unknown(unknown_use_s=duration(unknown_use_s))]
 
 
 def _ignored(code: str, message: str) -> DriftChoice:
@@ -140,10 +136,8 @@ class CreepNote:
         try:
             self._path.unlink(missing_ok=True)
         except OSError as refused:
-            raise RunFileError(
-                f"Cannot remove {self._path}, which says how the actuator was used: {refused.strerror or refused}.",
-                hint="Check its permissions, or remove it by hand.",
-                code="E9012",
+            raise failures.use_record_not_removed(
+                path=self._path, reason=refused.strerror or refused
             ) from refused
 
     def leave(self, left: CreepLeft) -> None:

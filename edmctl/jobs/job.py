@@ -8,8 +8,9 @@ from contextlib import contextmanager, suppress
 from itertools import zip_longest
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import EdmError, PreconditionError, RunFileError
+from edmctl.errors import EdmError, RunFileError
 from edmctl.jobs.calibration.selection import ModelUsed
 from edmctl.jobs.checkpoint import JobCheckpoint, tell_way_on
 from edmctl.jobs.ledger.job_ledger import DONE, JobLedger
@@ -155,11 +156,7 @@ def carry_out(
 
 def _refuse_other_machine(found: str, wanted: str) -> None:
     if wanted and found != wanted:
-        raise PreconditionError(
-            f"The machine that answers is {found}, and the runs before were made on {wanted}.",
-            hint="Connect that one again: places and tool are known of it alone.",
-            code="E8214",
-        )
+        raise failures.another_machine_answers(found=found, wanted=wanted)
 
 
 @contextmanager

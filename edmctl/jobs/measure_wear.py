@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass, replace
-from edmctl.errors import Diagnostic, PreconditionError, UsageError
+from edmctl.errors import Diagnostic
 from edmctl.jobs.connected_machine import Now, with_home
 from edmctl.jobs.drift_choice import choose_drift
 from edmctl.jobs.ledger.prepared_job import coordinates_in
@@ -80,33 +81,22 @@ def bottom_of(
             f"{known.name} at {known.x_um:.0f},{known.y_um:.0f} of {known.run_file.removesuffix('.h5')}"
             for known in history.holes[-MOST_NAMES:]
         )
-        raise PreconditionError(
-            f"The ledger knows no hole {asked!r}; it knows: {names or 'none'}.",
-            hint="Name one of them, its run id, or say --site X,Y within its rim.",
-            code="E8045",
-        )
+        raise failures.hole_unknown(asked=asked, names=names or "none")
     if hole.through:
-        raise PreconditionError(
-            f"{hole.name} goes through the sheet and has no bottom to touch.",
-            hint="Leave --site out to measure the wear alone.",
-            code="E8045",
-        )
+        raise failures.hole_without_bottom(hole=hole.name)
     if math.isnan(hole.depth_um):
         run_file = folder / hole.run_file
         command = command_to_go_on(run_file)
-        raise PreconditionError(
-            f"Nobody knows how deep {hole.name} is: {run_file} ended before it was measured.",
-            hint=f"Finish it with `{command}`, or name another hole with --site."
+        raise failures.hole_depth_unknown(
+            hole=hole.name,
+            run_file=run_file,
+            remedy=f"Finish it with `{command}`, or name another hole with --site."
             if command
             else "Name another hole with --site.",
-            code="E8045",
         )
     if diameter_um >= 2.0 * hole.radius_um:
-        raise PreconditionError(
-            f"A tool of {length(diameter_um)} does not go into {hole.name}, which is {length(2.0 * hole.radius_um)} "
-            "wide.",
-            hint="Name a hole that this tool made, or leave --site out.",
-            code="E8046",
+        raise failures.tool_wider_than_hole(
+            diameter_um=length(diameter_um), hole=hole.name, radius_um=length(2.0 * hole.radius_um)
         )
     return _bottom(hole)
 
@@ -177,11 +167,7 @@ class WearRun:
     def __post_init__(self) -> None:
         """Raise UsageError E2062 for a new tool that is to be measured against its reference."""
         if self.plan.new_tool and not self.is_reference:
-            raise UsageError(
-                "--new-tool goes with --reference: a tool that was changed has lost nothing yet.",
-                hint="Say `edmctl measure-wear --reference --new-tool`.",
-                code="E2062",
-            )
+            raise failures.new_tool_without_reference()
 
     @property
     def kind(self) -> str:
@@ -391,12 +377,13 @@ class WearStage:
         off_um, u95_um = found.wear_um - account.worn_um, math.hypot(found.wear_u95_um, account.worn_u95_um)
         if abs(off_um) <= u95_um:
             return
-        message = (
-            f"The tool is {length(found.wear_um)} shorter than at its reference; its jobs account for "
-            f"{length(account.worn_um)}. They differ by more than {length(u95_um)}."
+        self.run.warn(
+            [
+                failures.tool_shorter_than_expected(
+                    wear_um=length(found.wear_um), worn_um=length(account.worn_um), u95_um=length(u95_um)
+                )
+            ]
         )
-        hint = "If the tool was changed or moved, say --reference; a hole that was left unmeasured explains less."
-        self.run.warn([Diagnostic("W8112", message, hint, is_warning=True)])
 
 
 def _expected_um(run: JobRun, account: ToolAccount) -> float:
@@ -411,12 +398,13 @@ def _at_speed_of(reference: ReferenceTouched, plan: Plan, warn: Warn) -> Profile
     if not plan.names_tool:
         return measuring_profile(profile, reference.speed_um_s)
     if profile.measure.speed_um_s != reference.speed_um_s:
-        message = (
-            f"The reference was touched at {reference.speed_um_s:g} µm/s, measure.speed_um_s is "
-            f"{profile.measure.speed_um_s:g} µm/s: creep enters the two differently."
+        warn(
+            [
+                failures.reference_at_another_speed(
+                    speed_um_s=reference.speed_um_s, speed_um_s_2=profile.measure.speed_um_s
+                )
+            ]
         )
-        hint = f"Say --set measure.speed_um_s={reference.speed_um_s:g}."
-        warn([Diagnostic("W8111", message, hint, is_warning=True)])
     return measuring_profile(profile)
 
 
@@ -425,20 +413,18 @@ def _replaced(account: ToolAccount, z_um: float) -> list[Diagnostic]:
     before = account.reference
     if before is None or not account.since:
         return []
-    message = (
-        f"Z1 of {account.label} is {length(z_um)} now and replaces {length(before.z_um)} of {before.run_file}: "
-        f"the {length(account.worn_um)} that its jobs have worn since can no longer be measured."
-    )
-    hint = "If the touch was meant for another tool, name that with --profile and touch again."
-    return [Diagnostic("W8117", message, hint, is_warning=True)]
+    return [
+        failures.reference_replaced(
+            label=account.label,
+            z_um=length(z_um),
+            z_um_2=length(before.z_um),
+            run_file=before.run_file,
+            worn_um=length(account.worn_um),
+        )
+    ]
 
 
-_NOT_KEPT = Diagnostic(
-    "W8113",
-    "The reference is not kept: a fresh virtual machine is gone with this command.",
-    "Say --port sim:FILE for one that stays.",
-    is_warning=True,
-)
+_NOT_KEPT = failures.reference_not_kept()
 
 
 def _reference_of(
@@ -448,29 +434,16 @@ def _reference_of(
     if account.reference is not None:
         return account.reference
     if account.replaced_by:
-        raise PreconditionError(
-            f"{account.label} was replaced by {account.replaced_by} after its reference; a tool that is clamped "
-            "again has another length.",
-            hint=f"Run `{reference_command(plan)}` before its next job, or start that job: its first touch is the "
-            "new reference.",
-            code="E8056",
+        raise failures.tool_was_replaced(
+            label=account.label, replaced_by=account.replaced_by, reference_command=reference_command(plan)
         )
     if ledger is None:
-        raise PreconditionError(
-            "There is no reference: a fresh virtual machine has touched nothing before.",
-            hint="Say --port sim:FILE for one that stays, and `edmctl measure-wear --reference` before the job.",
-            code="E8041",
-        )
+        raise failures.reference_on_fresh_machine()
     touch, where = f"`{reference_command(plan)}`", plan.where
     elsewhere = sorted({line.serial for line in ledger.lines} - {identity.serial})
     if identity.is_new:
         others = f" The job ledger {ledger.path} tells of {', '.join(elsewhere)}." if elsewhere else ""
-        raise PreconditionError(
-            f"There is no reference: {where.bench_file} does not exist, and a new bench has touched nothing before."
-            f"{others}",
-            hint=f"Name the file of the bench that the job ran on (--port sim:FILE), or run {touch} before a job.",
-            code="E8041",
-        )
+        raise failures.reference_on_new_bench(bench_file=where.bench_file, others=others, touch=touch)
     tool = "the tool" if account.label == NAMELESS else account.label
     machine = (
         identity.serial
@@ -478,10 +451,8 @@ def _reference_of(
         else f"{identity.serial}, the bench of {where.bench_file},"
     )
     others = f"; it tells of {', '.join(elsewhere)}" if elsewhere else ""
-    raise PreconditionError(
-        f"There is no reference of {tool} on {machine} in {ledger.path}{others}.",
-        hint=f"Run {touch} before the job, or name the folder of its run files with --out.",
-        code="E8041",
+    raise failures.reference_missing(
+        tool=tool, machine=machine, ledger=ledger.path, others=others, touch=touch
     )
 
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+from edmctl import failures
 from edmctl.errors import EdmError, RunFileError
 from edmctl.record.disk import make_folder as make
 from edmctl.record.disk import write_new
@@ -62,10 +63,8 @@ def check_writable(path: Path) -> None:
 
 def _check_name(path: Path) -> None:
     if len(os.fsencode(path.name)) > LONGEST_NAME:
-        raise RunFileError(
-            f"The name of the calibration file has {len(os.fsencode(path.name))} bytes; at most {LONGEST_NAME} fit.",
-            hint="Give --output a shorter name.",
-            code="E9012",
+        raise failures.calibration_name_too_long(
+            path_count=len(os.fsencode(path.name)), longest_name=LONGEST_NAME
         )
 
 
@@ -86,11 +85,11 @@ def make_folder(folder: Path) -> None:
 
 def unwritable(what: str, why: str, hint: str) -> RunFileError:
     """Return the error E9012 for a file that cannot be written."""
-    return RunFileError(f"Cannot write {what}: {why}.", hint=hint, code="E9012")
+    return failures.output_not_written_2(what=what, why=why, remedy=hint)
 
 
 def _taken(path: Path, hint: str) -> RunFileError:
-    return RunFileError(f"{path} exists already and is not overwritten.", hint=hint, code="E9011")
+    return failures.output_exists(path=path, remedy=hint)
 
 
 class Sink:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from edmctl import failures
 from edmctl.actuator.identification import fit_maxwell
 from edmctl.actuator.maxwell import TABLE_1, ElectromechanicalModel, MaxwellModel, Transducer
 from edmctl.actuator.model import ActuatorState, Estimator
@@ -18,7 +19,7 @@ from edmctl.actuator.paper_figures import Reading, readings
 from edmctl.actuator.validation import ErrorFigures
 from edmctl.array_types import Array
 from edmctl.dataclasses import asdict, dataclass
-from edmctl.errors import Diagnostic, PreconditionError
+from edmctl.errors import Diagnostic
 from edmctl.jobs import output_files
 from edmctl.jobs.actuator_trial import ModelErrors, Trace, Truth, slow_cycle, slowed
 from edmctl.jobs.actuator_waveforms import Waveform
@@ -118,11 +119,7 @@ def fit_model(seed: int, transducer: Transducer = TABLE_1) -> FittedModel:
         maxwell = MaxwellModel.from_plays(plays.thresholds_v, plays.slopes_um_per_v[:, 0])
         model = ElectromechanicalModel.from_maxwell(maxwell, transducer)
     except ValueError as error:
-        raise PreconditionError(
-            f"Table 1 of the paper cannot drive this actuator: {error}.",
-            hint="Take the actuator of another --seed.",
-            code="E8037",
-        ) from error
+        raise failures.paper_table_out_of_range(error=error) from error
     # Where the fitted plays are when every one of them rests at 0: there the model has no displacement.
     zero_um = float(Estimator(plays, ActuatorState.virgin(plays, 0.0)).tick(0.0, 0.0))
     return FittedModel(model, zero_um, found.train)

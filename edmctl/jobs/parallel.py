@@ -21,6 +21,7 @@ from multiprocessing import util
 from multiprocessing.synchronize import Event
 from typing import Any, Generic, TypeVar
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError, installing
 from edmctl.exitcodes import ExitCode
@@ -104,11 +105,7 @@ def process_pool(workers: int, program: Program) -> Pool:
 
 
 def _unguarded() -> PreconditionError:
-    return PreconditionError(
-        "Worker processes end before they begin: each imports the main module of this program.",
-        hint='Put its calls under `if __name__ == "__main__":` in a file, or use one worker.',
-        code="E8218",
-    )
+    return failures.workers_end_early()
 
 
 def pool_of(make: Callable[[], Executor], workers: int) -> Pool:
@@ -122,26 +119,16 @@ def dask_pool(address: str) -> Iterator[Pool]:
     try:
         import distributed
     except ImportError:
-        raise PreconditionError(
-            "dask is not installed.", hint=f"Install it with {installing('edmctl[cluster]')}.", code="E8212"
-        ) from None
+        raise failures.dask_missing(install=installing("edmctl[cluster]")) from None
     try:
         make: Any = distributed.Client
         client = make(address, timeout=10, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as refused:
-        raise PreconditionError(
-            f"No dask scheduler answers at {address}: {type(refused).__name__}.",
-            hint="Start one with `dask scheduler`, and workers with `dask worker ADDRESS`.",
-            code="E8212",
-        ) from refused
+        raise failures.dask_scheduler_silent(address=address, name__=type(refused).__name__) from refused
     with _scheduler_there(address), client:
         workers = sum(client.nthreads().values())
         if not workers:
-            raise PreconditionError(
-                f"The scheduler at {address} has no workers.",
-                hint="Start one: `dask worker ADDRESS`.",
-                code="E8212",
-            )
+            raise failures.dask_without_workers(address=address)
         killers: tuple[type[BaseException], ...] = (distributed.KilledWorker,)
         yield replace(pool_of(lambda: client.get_executor(pure=False), workers), killers=killers)
 
@@ -152,11 +139,7 @@ def _scheduler_there(address: str) -> Iterator[None]:
     try:
         yield
     except (CancelledError, ConnectionError) as lost:
-        raise PreconditionError(
-            f"The dask scheduler at {address} is gone.",
-            hint="What is finished is kept. Start a scheduler, and go on with `edmctl study resume`.",
-            code="E8212",
-        ) from lost
+        raise failures.dask_scheduler_gone(address=address) from lost
 
 
 def perform(

@@ -8,7 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from edmctl.errors import UsageError
+from edmctl import failures
 from edmctl.jobs.ledger.tool import NAMELESS, is_unnamed
 from edmctl.planning.rules.load import LoadedProfile
 from edmctl.record.bench_file import bench_lock, read_bench, write_bench
@@ -66,11 +66,7 @@ def _opened(
     path: Path, config: BenchConfig, seed: int, wait_s: float = 0.0
 ) -> Iterator[tuple[VirtualBench, Callable[[], None]]]:
     if config.controller == STM32:
-        raise UsageError(
-            f"A bench under the controller {STM32} cannot be kept in {path}: an emulated chip has no file.",
-            hint=f"Name no file for the bench, or say --controller {FIRMWARE}: the same core, and it is kept.",
-            code="E2049",
-        )
+        raise failures.emulated_bench_not_kept(stm32=STM32, path=path, firmware=FIRMWARE)
     with bench_lock(path, wait_s):
         bench = restored_bench(read_bench(path)) if path.exists() else open_bench(config, seed)
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import Diagnostic, ProfileError, UsageError
+from edmctl.errors import Diagnostic, ProfileError
+from edmctl.failures import Code
 from edmctl.files import user_path
 from edmctl.jobs.calibration.selection import look_at_named, refuse_unasked
 from edmctl.jobs.surroundings import NONE, Surroundings
@@ -14,7 +16,6 @@ from edmctl.labels import PAD, PARKING
 from edmctl.planning.forecast import Reached, forecast
 from edmctl.planning.rules.load import LoadedProfile, load_profile
 from edmctl.procedures.job import JobState
-from edmctl.profile.findings import Code
 from edmctl.profile.places import Place
 from edmctl.profile.read import read_source
 from edmctl.profile.setup import Setup, load_setup
@@ -69,13 +70,9 @@ def where_is(option: str | None, setup: Setup, wait_s: float = 0.0) -> MachineAd
     Raises UsageError: E2006 the name is empty, E2045 `wait_s` is not a duration.
     """
     if not wait_s >= 0.0:
-        raise UsageError(f"--wait {wait_s} is no length of time.", hint="Give seconds.", code="E2045")
+        raise failures.wait_impossible(wait_s=wait_s)
     if option is not None and not option.strip():
-        raise UsageError(
-            "--port names no machine.",
-            hint="Say sim:, sim:FILE, a serial port, socket://HOST:PORT, serial:ID or auto; or leave it out.",
-            code="E2006",
-        )
+        raise failures.port_empty()
     selector = option or setup.port or SIMULATOR
     if selector == SIMULATOR.rstrip(":"):
         selector = SIMULATOR
@@ -257,11 +254,7 @@ def check(request: JobRequest, surroundings: Surroundings = NONE) -> Plan:
     Raises ProfileError, RecordError, UsageError, LinkLost, PreconditionError.
     """
     if request.profile is None:
-        raise UsageError(
-            "No profile was named.",
-            hint="Say --profile NAME|FILE or set EDMCTL_PROFILE; `--profile cu270` takes a shipped one.",
-            code="E2002",
-        )
+        raise failures.no_profile_named()
     setup = load_setup(request.setup)
     where = where_is(request.port, setup, request.wait_s)
     loaded = load_profile(request.profile, request.overrides, setup=setup)

@@ -8,8 +8,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
+from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass, replace
-from edmctl.errors import EdmError, UsageError
+from edmctl.errors import EdmError
 from edmctl.jobs.calibration.selection import ModelUsed
 from edmctl.jobs.connected_machine import with_home
 from edmctl.jobs.ledger.prepared_job import (
@@ -204,9 +205,7 @@ def stage_place_um(place: Sequence[float]) -> tuple[float, float]:
     except (TypeError, ValueError):
         x_um = y_um = math.nan
     if not max(abs(x_um), abs(y_um)) <= MOST_UM:
-        raise UsageError(
-            f"{place!r} is no place of the stages.", hint=f"Give x and y in µm, within ± {MOST_UM:.0f}."
-        )
+        raise failures.place_not_finite(place=place, most_um=MOST_UM)
     return x_um, y_um
 
 
@@ -327,11 +326,7 @@ def refuse_hurry(plan: Plan) -> None:
     jump = plan.loaded.profile.jump
     least_s = least_period_s(jump.height_um, jump.speed_um_s, jump.dwell_s)
     if jump.period_s < least_s:
-        raise UsageError(
-            f"A jump every {jump.period_s:g} s leaves no time to see the tool come to rest.",
-            hint=f"Take --period-s {least_s:.1f} or more.",
-            code="E2060",
-        )
+        raise failures.jump_period_too_short(period_s=jump.period_s, least_s=least_s)
 
 
 def end_um(plan: Plan) -> float:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.errors import PreconditionError, RunFileError, UsageError, stages_by_hand
 from edmctl.files import user_path
 from edmctl.jobs.connected_machine import ConnectedMachine, Now, with_home_left
@@ -32,17 +33,9 @@ def refuse_untouchable(resumption: Resumption, plan: Plan) -> None:
     run_id = resumption.job.run_id
     is_channel = plan.loaded.profile.path is not None
     if is_channel and resumption.restart_hole:
-        raise PreconditionError(
-            f"{run_id} machines a channel, and --restart-hole makes holes anew.",
-            hint="Leave --restart-hole out; on fresh work, order the channel as a job of its own.",
-            code="E8062",
-        )
+        raise failures.restart_hole_in_channel(run_id=run_id)
     if resumption.restart_hole and not resumption.state.begun:
-        raise PreconditionError(
-            f"{run_id} has begun no hole that could be made anew; the next one is machined from its face anyway.",
-            hint="Leave --restart-hole out.",
-            code="E8062",
-        )
+        raise failures.no_hole_to_restart(run_id=run_id)
 
 
 def refuse_elsewhere(resumption: Resumption, bench: ConnectedMachine, lines: Sequence[Line]) -> None:
@@ -54,11 +47,7 @@ def refuse_elsewhere(resumption: Resumption, bench: ConnectedMachine, lines: Seq
     job, machine, virtual = resumption.job, bench.machine, bench.virtual
     serial = machine.identity.serial
     if serial != job.serial:
-        raise PreconditionError(
-            f"This is {serial}; {job.run_id} ran on {job.serial}, where its work is.",
-            hint=f"Name that machine with --port (it was {job.port}).",
-            code="E8055",
-        )
+        raise failures.machine_differs(serial=serial, run_id=job.run_id, serial_2=job.serial, port=job.port)
     latched = machine.latched_fault()
     if latched is not None:
         raise latched
@@ -67,11 +56,7 @@ def refuse_elsewhere(resumption: Resumption, bench: ConnectedMachine, lines: Seq
     except FileNotFoundError:
         same = False
     if not same:
-        raise PreconditionError(
-            f"{job.run_id} went on while this command waited for the machine.",
-            hint="Look at its result; if it was interrupted again, say the same command again.",
-            code="E8051",
-        )
+        raise failures.run_went_on(run_id=job.run_id)
     if virtual is not None and virtual.tool_label != resumption.state.tool:
         raise _other_tool(
             f"{virtual.tool_label} is in the machine; {job.run_id} had {resumption.state.tool}."
@@ -82,12 +67,7 @@ def refuse_elsewhere(resumption: Resumption, bench: ConnectedMachine, lines: Seq
 
 
 def _other_tool(message: str) -> PreconditionError:
-    return PreconditionError(
-        message,
-        hint="Only the tool that began a hole can tell its own wear by touching. "
-        "Machine it at another place or on new work.",
-        code="E8056",
-    )
+    return failures.tool_differs(problem=message)
 
 
 def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
@@ -126,11 +106,10 @@ def _was_idle(run_file: str, later: Sequence[Line]) -> bool:
 def _not_homed(resumption: Resumption, bench: ConnectedMachine) -> PreconditionError:
     status, journal = bench.machine.status(), resumption.journal
     here = f"{coordinates(status.x_um, status.y_um, 1)}, {status.theta_deg:g}°, within {HOMED_WITHIN_UM:g} µm"
-    return PreconditionError(
-        f"The controller was restarted since {journal.job.run_id}; the run was last seen at "
-        f"{coordinates(journal.x_um, journal.y_um, 1)}.",
-        hint=f"{stages_by_hand(here)} Then confirm that with --homed.",
-        code="E8057",
+    return failures.controller_restarted_since_run(
+        run_id=journal.job.run_id,
+        x_um=coordinates(journal.x_um, journal.y_um, 1),
+        stages_by_hand=stages_by_hand(here),
     )
 
 
@@ -182,11 +161,7 @@ def find_run(named: str, folder: Path, *, homed: bool = False, restart_hole: boo
     try:
         state = job_state(journal.state)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise PreconditionError(
-            f"The journal {path} does not fit this version: {error}.",
-            hint="Take the run up again with the version of edmctl that wrote it.",
-            code="E8052",
-        ) from error
+        raise failures.journal_of_another_version(path=path, error=error) from error
     return Resumption(path, journal, state, homed, restart_hole)
 
 
@@ -234,11 +209,7 @@ def _journal_named(named: str, folder: Path) -> Path:
         if len(given.parts) > 1 and given.with_name(given.name + ending).is_file():
             return given.with_name(given.name + SUFFIX)
     if len(given.parts) > 1 or given.is_file():
-        raise UsageError(
-            f"--resume {named} is no run file.",
-            hint="Name FILE.h5, its .h5.partial or its .journal, or the run's id, with its folder as --out.",
-            code="E2004",
-        )
+        raise failures.resume_not_a_run(named=named)
     return journal_path(run_path(folder, named))
 
 
@@ -260,25 +231,15 @@ def _without_journal(path: Path) -> PreconditionError:
     run_id, folder = path.name.removesuffix(SUFFIX), path.parent
     finished = [file for file in _run_files(run_id, folder) if _status(file) == _DONE]
     if finished:
-        return PreconditionError(
-            f"{run_id} is finished; its result is in {finished[-1]}.",
-            hint="There is nothing to take up again.",
-            code="E8051",
-        )
+        return failures.run_finished(run_id=run_id, finished=finished[-1])
     others = sorted(file.name.removesuffix(SUFFIX) for file in folder.glob(f"*{SUFFIX}"))
     which = f"Runs with a journal there: {', '.join(others)}." if others else "No run there has a journal."
     where = "this folder" if folder == Path() else f"{folder}"
     if not _run_files(run_id, folder):
-        hint = f"{which} --out names another folder."
-        return PreconditionError(f"There is no run {run_id} in {where}.", hint=hint, code="E8050")
+        return failures.run_unknown(run_id=run_id, where=where, which=which)
     left = [file for file in _run_files(run_id, folder) if file.suffix == ".partial"]
     recover = f" `edmctl run recover {left[-1]}` tells whether it had come to its end." if left else ""
-    return PreconditionError(
-        f"{run_id} has no journal, so nobody knows how far it came.",
-        hint="A fresh virtual machine (sim:) is gone with its command and keeps none; jobs on sim:FILE, on a served "
-        f"bench and on hardware do. {which}{recover}",
-        code="E8050",
-    )
+    return failures.run_without_journal(run_id=run_id, which=which, recover=recover)
 
 
 def _run_files(run_id: str, folder: Path) -> list[Path]:
@@ -306,11 +267,7 @@ def _changed(what: str, which: str, how: str, resumption: Resumption) -> Precond
     job, hint = resumption.job, "It has cut nothing: start a new job, without --resume."
     if resumption.state.has_cut:
         hint = f"Put back the {what} as it was on {job.start[:10]}; the run file holds it. {_ANOTHER_PLACE}"
-    return PreconditionError(
-        f"The {what} {which} {how}; {job.run_id} was another job.",
-        hint=hint,
-        code="E8053",
-    )
+    return failures.job_differs(what=what, which=which, how=how, run_id=job.run_id, remedy=hint)
 
 
 def _bench_gone(job: JournalledJob, bench_file: str) -> PreconditionError:
@@ -318,8 +275,12 @@ def _bench_gone(job: JournalledJob, bench_file: str) -> PreconditionError:
         what = f"There is no bench {bench_file}"
     else:
         what = "No machine was named, and a fresh virtual one has no work that was begun"
-    return PreconditionError(
-        f"{what}: {job.run_id} ran on {job.serial} at {job.port}.",
-        hint="Name the file of that bench with --port sim:FILE." if bench_file else f"Say --port {job.port}.",
-        code="E8058",
+    return failures.run_on_another_machine(
+        what=what,
+        run_id=job.run_id,
+        serial=job.serial,
+        port=job.port,
+        remedy="Name the file of that bench with --port sim:FILE."
+        if bench_file
+        else f"Say --port {job.port}.",
     )

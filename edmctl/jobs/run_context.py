@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import Diagnostic, EdmError, RunFileError
 from edmctl.exitcodes import MEANING, ExitCode, error_exit_code
@@ -233,12 +234,7 @@ def connected_run(
 
 
 def _no_locks(folder: Path) -> Diagnostic:
-    return Diagnostic(
-        "W9002",
-        f"The file system of {folder} has no file locks: nothing prevents two commands from writing there at once.",
-        "Run one command at a time, or name a folder on another disk with --out.",
-        is_warning=True,
-    )
+    return failures.no_file_locks(folder=folder)
 
 
 def ending(error: BaseException) -> tuple[str, int]:

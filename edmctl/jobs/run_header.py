@@ -10,8 +10,8 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import UsageError
 from edmctl.jobs.calibration.selection import Choice
 from edmctl.jobs.plan import Plan
 from edmctl.planning.rules.load import LoadedProfile
@@ -94,11 +94,7 @@ def run_path(folder: Path, run_id: str) -> Path:
     if not isinstance(run_id, str):
         raise TypeError(f"a run id has to be text, not {type(run_id).__name__}")
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,119}", run_id):
-        raise UsageError(
-            f"Run id {run_id!r} is no plain file name.",
-            hint="Take up to 120 letters, digits and . _ + - and begin with a letter or digit.",
-            code="E2004",
-        )
+        raise failures.run_id_not_a_file_name(run_id=run_id)
     return folder / f"{run_id}.h5"
 
 

@@ -11,6 +11,7 @@ import secrets
 from collections.abc import Sequence
 from typing import SupportsIndex
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.wording import plural
@@ -38,11 +39,7 @@ def seed_to_use(asked: SupportsIndex | None, runs: int = 1) -> int:
     largest = _LARGEST - (runs - 1)
     if not 0 <= asked <= largest:
         of_runs = f" (of the first of {runs} runs)" if runs > 1 else ""
-        raise UsageError(
-            f"Seed {asked} does not lie between 0 and {largest}{of_runs}.",
-            hint="Leave --seed out for a random one.",
-            code="E2005",
-        )
+        raise failures.seed_out_of_range(asked=asked, largest=largest, of_runs=of_runs)
     return asked
 
 
@@ -119,15 +116,16 @@ def grid_of(sweeps: Sequence[str], runs: int) -> tuple[tuple[str, ...], ...]:
     found = [parse_sweep(text) for text in sweeps]
     keys = [sweep.key for sweep in found]
     if twice := [key for key in keys if keys.count(key) > 1]:
-        raise UsageError(f"Two sweeps go over {twice[0]}.", hint="Give each key one --sweep.", code="E2003")
+        raise failures.sweep_key_twice(twice=twice[0])
     size = math.prod(len(sweep.values) for sweep in found)
     if size * runs > MOST_RUNS:
         fewer = f"--runs {MOST_RUNS // size} or fewer, or " if size <= MOST_RUNS else ""
-        raise UsageError(
-            f"{plural(size, 'value')} with {plural(runs, 'run')} each are {size * runs} runs; "
-            f"at most {MOST_RUNS} go at a time.",
-            hint=f"Take {fewer}fewer values.",
-            code="E2003",
+        raise failures.sweep_too_large(
+            values=plural(size, "value"),
+            runs=plural(runs, "run"),
+            size=size * runs,
+            most_runs=MOST_RUNS,
+            fewer=fewer,
         )
     return tuple(itertools.product(*(sweep.overrides() for sweep in found)))
 
@@ -146,8 +144,4 @@ def of_sweep(diagnostic: Diagnostic, sweeps: Sequence[str]) -> Diagnostic:
 
 
 def _refused(text: str, reason: str) -> UsageError:
-    return UsageError(
-        f"--sweep {text!r}: {reason}.",
-        hint="Examples: --sweep servo.reference=0.7:0.9:5, --sweep tool.material=Cu,W",
-        code="E2003",
-    )
+    return failures.sweep_unreadable(text=text, reason=reason)

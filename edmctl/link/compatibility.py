@@ -8,8 +8,9 @@ import zlib
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import EdmError, ProtocolMismatch
+from edmctl.errors import EdmError
 from edmctl.link.messages import PROTO_MAJOR, PROTO_MINOR, SCHEMA_HASH, GetSchema, Hello
 from edmctl.link.wire import Request
 
@@ -46,19 +47,23 @@ def check_hello(payload: bytes, name: str, ask: Ask) -> None:
     if major == PROTO_MAJOR and schema_hash == SCHEMA_HASH:
         return
     verdict, hint = _verdict((major, minor))
-    raise ProtocolMismatch(
-        f"The controller at {name} speaks EDM Link {major}.{minor} (schema {schema_hash:08X}), "
-        f"this program {PROTO_MAJOR}.{PROTO_MINOR} (schema {SCHEMA_HASH:08X}): {verdict}.{_difference(ask)}",
-        hint=hint,
+    raise failures.protocol_differs(
+        name=name,
+        major=major,
+        minor=minor,
+        schema_hash=schema_hash,
+        proto_major=PROTO_MAJOR,
+        proto_minor=PROTO_MINOR,
+        schema_hash_2=SCHEMA_HASH,
+        verdict=verdict,
+        ask=_difference(ask),
+        remedy=hint,
     )
 
 
 def _fixed_part(payload: bytes, name: str) -> tuple[int, int, int]:
     if len(payload) < _FIXED_PART.size:
-        raise ProtocolMismatch(
-            f"What answers at {name} does not speak EDM Link.",
-            hint="Check that this is the controller's port.",
-        )
+        raise failures.not_edm_link(name=name)
     major, minor, _, schema_hash = _FIXED_PART.unpack_from(payload)
     return major, minor, schema_hash
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from dataclasses import fields
 
+from edmctl import failures
 from edmctl.errors import LinkLost, PreconditionError
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.frame import Frame
@@ -23,11 +24,7 @@ _CAUSES: dict[int, str] = {
 
 def no_answer(name: str, command: str, waited_s: float) -> LinkLost:
     """Return the error of a command that was repeated in vain."""
-    return LinkLost(
-        f"The controller at {name} did not answer {command} within {1000 * waited_s:.0f} ms.",
-        hint="Check that the controller is on and that the cable and the port are the right ones.",
-        code="E4010",
-    )
+    return failures.no_reply(name=name, command=command, waited_s=1000 * waited_s)
 
 
 def unanswered(name: str, message: Request[object], waited_s: float, counts: Statistics) -> LinkLost:
@@ -39,43 +36,23 @@ def unanswered(name: str, message: Request[object], waited_s: float, counts: Sta
 
 def _no_controller(name: str, waited_s: float, bytes_received: int) -> LinkLost:
     if bytes_received:
-        return LinkLost(
-            f"What is at {name} is no controller of this kind: {bytes_received} bytes came, and no answer to HELLO.",
-            hint="Name the controller's port (`edmctl ports` lists them), and check link.baud in the setup.",
-            code="E4011",
-        )
-    return LinkLost(
-        f"No controller answered at {name} within {waited_s:.1f} s.",
-        hint="Check that the controller is on and that this is its port (`edmctl ports` lists them).",
-        code="E4011",
-    )
+        return failures.not_a_controller(name=name, bytes_received=bytes_received)
+    return failures.no_answer_to_hello(name=name, waited_s=waited_s)
 
 
 def fell_silent(name: str, silence_s: float) -> LinkLost:
     """Return the error of a controller that stopped answering in mid-session."""
-    return LinkLost(
-        f"The controller at {name} fell silent for {1000 * silence_s:.0f} ms.",
-        hint="Check cable and supply; the controller switches the pulses off by itself when it hears nothing.",
-        code="E4012",
-    )
+    return failures.controller_silent(name=name, silence_s=1000 * silence_s)
 
 
 def other_host(name: str) -> LinkLost:
     """Return the error of an answer to somebody else's HELLO."""
-    return LinkLost(
-        f"The answer to HELLO from {name} was meant for another host.",
-        hint="Close the other program.",
-        code="E4013",
-    )
+    return failures.answer_for_another_host(name=name)
 
 
 def taken_over(name: str) -> LinkLost:
     """Return the error of a controller that has become another host's in mid-session."""
-    return LinkLost(
-        f"Another host has opened a session with the controller at {name}.",
-        hint="Close the other program; the controller has made the machine safe by itself.",
-        code="E4013",
-    )
+    return failures.session_taken_over(name=name)
 
 
 def restarted(name: str, boot: Boot) -> LinkLost:
@@ -86,11 +63,7 @@ def restarted(name: str, boot: Boot) -> LinkLost:
         # After these the controller stays latched.
         row = FAULTS[FaultCode.RESET]
         hint = f"{row.hint} Then `edmctl reset --ack {row.code} --port {name}`."
-    return LinkLost(
-        f"The controller at {name} restarted: {cause} (boot {boot.boot_count}).",
-        hint=f"{hint} Pulses are off and the tool is retracted.",
-        code="E4005",
-    )
+    return failures.controller_restarted(name=name, cause=cause, boot_count=boot.boot_count, hint=hint)
 
 
 _RANGE = struct.Struct("<Bqq")

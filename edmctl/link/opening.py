@@ -12,6 +12,7 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import TypeVar
 
+from edmctl import failures
 from edmctl.errors import LinkLost, installing
 from edmctl.files import lock_holder
 from edmctl.link.gate import GateBusy, pass_gate
@@ -116,7 +117,7 @@ def _check(url: str) -> None:
                 if stat.S_ISREG(mode)
                 else "no serial port"
             )
-            raise LinkLost(f"{url} is {kind}.", hint=f"Name a serial port. {known_ports()}", code="E4002")
+            raise failures.port_is_another_thing(url=url, kind=kind, known_ports=known_ports())
 
 
 def _explain(url: str, failure: Exception) -> LinkLost:
@@ -125,8 +126,7 @@ def _explain(url: str, failure: Exception) -> LinkLost:
     device = url.partition("://")[2].partition("?")[0] or url
     other = next((cause for cause in causes if getattr(cause, "filename", None) not in (None, device)), None)
     if isinstance(other, OSError):
-        message = f"Cannot open {other.filename}, which {url} names: {other.strerror}."
-        return LinkLost(message, hint="Correct the path, or leave that option out.", code="E4002")
+        return failures.port_option_unusable(filename=other.filename, url=url, reason=other.strerror)
     if number in _BUSY:
         owner = lock_holder(Path(device))
         by = f" by {owner}" if owner else " by another program"
@@ -136,18 +136,18 @@ def _explain(url: str, failure: Exception) -> LinkLost:
     if number in _ABSENT:
         return PortAbsent(f"There is no port {url}.", hint=f"{known_ports()} Check the cable and the name.")
     if number in (errno.EACCES, errno.EPERM):
-        return LinkLost(f"No permission to open {url}.", hint=_permission_hint(url), code="E4004")
+        return failures.port_permission_denied(url=url, remedy=_permission_hint(url))
     is_invalid = any(isinstance(cause, _INVALID) for cause in causes)
     if scheme_of(url) != DEVICE and is_invalid:
-        return LinkLost(f"{url} is no valid address.", hint=_form_hint(url), code="E4002")
+        return failures.address_invalid(url=url, remedy=_form_hint(url))
     if number in (errno.ENOTTY, errno.EINVAL) or is_invalid:
-        return LinkLost(f"{url} is no serial port.", hint=f"Name one. {known_ports()}", code="E4002")
+        return failures.not_a_serial_port(url=url, known_ports=known_ports())
     reason = reason_of(failure).rstrip(".")
     if scheme_of(url) != DEVICE:
         return PortAbsent(
             f"Nothing answers at {url}: {reason}.", hint="Check the address, and whether it is served."
         )
-    return LinkLost(f"Cannot open {url}: {reason}.", hint=f"{known_ports()} Check the cable.", code="E4001")
+    return failures.port_cannot_be_opened(url=url, reason=reason, known_ports=known_ports())
 
 
 def _form_hint(url: str) -> str:

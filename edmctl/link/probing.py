@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from time import monotonic
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import EdmError, LinkLost
+from edmctl.errors import EdmError
 from edmctl.link import ports as known
 from edmctl.link.messages import HelloReply
 from edmctl.link.opening import BOARD_BAUD, PortAbsent, open_line, waited_for
@@ -53,11 +54,7 @@ def find(
         wanted = selector.removeprefix("serial:")
         # A port that tells no serial number must not match an empty one.
         if not wanted:
-            raise LinkLost(
-                "serial: names no serial number.",
-                hint="Say serial:ID; `edmctl ports --probe` lists them.",
-                code="E4002",
-            )
+            raise failures.serial_number_missing()
         on_usb = [port.device for port in known.listed_ports() if port.usb_serial == wanted]
         if len(on_usb) == 1:
             return on_usb[0]
@@ -68,8 +65,8 @@ def find(
         return there[0].port.device
     if there:
         named = "; ".join(f"--port serial:{a.hello.serial} ({a.port.device})" for a in there if a.hello)
-        raise LinkLost(f"{len(there)} controllers answer.", hint=f"Say which: {named}.", code="E4007")
-    raise LinkLost(f"No controller answers. {_seen(answers)}", hint=_where(answers), code="E4001")
+        raise failures.several_controllers(there_count=len(there), named=named)
+    raise failures.no_controller_answers(answers=_seen(answers), remedy=_where(answers))
 
 
 _WHERE = "Name the port with --port, or add it to link.candidates or its USB id to link.usb_ids in the setup."
@@ -91,12 +88,8 @@ def _by_controller(wanted: str, answers: Sequence[ProbedPort]) -> str:
         return devices[0]
     if devices:
         named = "; ".join(f"--port {device}" for device in devices)
-        raise LinkLost(
-            f"{len(devices)} controllers say that they are {wanted}.",
-            hint=f"Say which: {named}.",
-            code="E4007",
-        )
-    raise LinkLost(f"No controller {wanted} answers. {_seen(answers)}", hint=_where(answers), code="E4001")
+        raise failures.same_serial_number_twice(devices_count=len(devices), wanted=wanted, named=named)
+    raise failures.controller_not_found(wanted=wanted, answers=_seen(answers), remedy=_where(answers))
 
 
 def _seen(answers: Sequence[ProbedPort]) -> str:

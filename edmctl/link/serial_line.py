@@ -15,6 +15,7 @@ from time import monotonic
 
 import serial
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import LinkLost
 from edmctl.link import gate
@@ -227,7 +228,7 @@ class SerialLine:
         )
 
     def _fail(self, message: str, hint: str) -> LinkLost:
-        return self._fail_with(LinkLost(message, hint=hint, code="E4003"))
+        return self._fail_with(failures.line_broken(problem=message, remedy=hint))
 
     def _fail_with(self, error: LinkLost) -> LinkLost:
         with self._news:

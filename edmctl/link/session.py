@@ -14,7 +14,8 @@ from random import Random, SystemRandom
 from threading import RLock
 from typing import TypeVar
 
-from edmctl.errors import LinkLost, ProtocolMismatch
+from edmctl import failures
+from edmctl.errors import LinkLost
 from edmctl.link.clock import ClockFit, ControllerClock
 from edmctl.link.compatibility import UPDATE, Introduction, check_hello, introduction
 from edmctl.link.frame import ABORT, Frame, encode_frame
@@ -161,7 +162,7 @@ class Session:
     def hello(self) -> HelloReply:
         """What the controller said of itself when the session opened; LinkLost before that."""
         if self._hello is None:
-            raise LinkLost("The session is not open.", hint="Open it first.")
+            raise failures.session_not_open()
         return self._hello
 
     def request(self, message: Request[ReplyT]) -> ReplyT:
@@ -454,7 +455,4 @@ def _unpack_reply(message: Request[ReplyT], frame: Frame) -> ReplyT:
     try:
         return message.unpack_reply(frame.payload)
     except ValueError as error:
-        raise ProtocolMismatch(
-            f"The controller's reply to {message.NAME} cannot be read: {error}.",
-            hint=UPDATE,
-        ) from error
+        raise failures.reply_unreadable(name=message.NAME, error=error, update=UPDATE) from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import LinkLost
 from edmctl.link.frame import Frame, FrameDecoder, encode_frame
@@ -140,19 +141,11 @@ class SteppedLine:
             raise self._fail(f"lets no time pass in {MOST_STILL} waits")
 
     def _fail(self, message: str) -> LinkLost:
-        self._failure = LinkLost(
-            f"The simulated controller at {self.name} {message}.",
-            hint="See whether `edmctl simulate serve` still runs, and start it again.",
-            code="E4008",
-        )
+        self._failure = failures.simulated_controller_fails(name=self.name, message=message)
         return self._failure
 
 
 def _time_s(reply: Frame, name: str) -> float:
     if reply.flags != Status.OK:
-        raise LinkLost(
-            f"The controller at {name} says that its clock is driven, but refuses ADVANCE.",
-            hint="Serve it again with the `edmctl` of this version.",
-            code="E4008",
-        )
+        raise failures.clock_refuses_to_advance(name=name)
     return AdvanceReply.unpack(reply.payload).t_dev_us * 1e-6

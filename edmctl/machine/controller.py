@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 
-from edmctl.errors import EdmError, LinkLost, PreconditionError
+from edmctl import failures
+from edmctl.errors import EdmError, LinkLost
 from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import (
     PARAMS,
@@ -391,8 +392,4 @@ def _on_the_wire(name: str, value: float) -> int:
     try:
         return PARAMS[name].to_wire(value)
     except ValueError as error:
-        raise PreconditionError(
-            f"The controller cannot be set so: {error}.",
-            hint="Change the value in the setup or in the profile.",
-            code="E8011",
-        ) from error
+        raise failures.controller_refuses_settings(error=error) from error

@@ -8,7 +8,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from edmctl.errors import MachineFault
+from edmctl import failures
 from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import (
     BlackboxRead,
@@ -179,11 +179,7 @@ def wait_for_rest(session: Session) -> None:
     The controller ended what that host left running when this session opened. A latched fault stays.
     """
     if not _is_back(session):
-        raise MachineFault(
-            f"The controller did not bring the tool back within {PATIENCE_S:.0f} s.",
-            hint="Switch the amplifier off, and look at the controller before the next run.",
-            code="E6002",
-        )
+        raise failures.tool_not_back(patience_s=PATIENCE_S)
 
 
 def clear_fault(session: Session, code: int, settings: Mapping[str, float]) -> None:

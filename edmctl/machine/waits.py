@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
+from edmctl import failures
 from edmctl.errors import EdmError, LinkLost, MachineFault
 from edmctl.link.link_errors import CommandRefused
 from edmctl.link.messages import Fault, Status
@@ -198,11 +199,7 @@ class Waits:
 
 def _not_reported(codes: tuple[EventCode, ...], when: str) -> MachineFault:
     wanted = " or ".join(code.name for code in codes)
-    return MachineFault(
-        f"The controller did not report {wanted} {when}.",
-        hint="The tool was told to retract. Look at the controller's log before the next run.",
-        code="E6001",
-    )
+    return failures.state_not_reached(wanted=wanted, when=when)
 
 
 def touch_time_s(request: TouchRequest) -> float:

@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from edmctl import failures
 from edmctl.actuator.checks import check_record
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import SLEW_V_S, Leg, calibration_legs
 from edmctl.dataclasses import dataclass, field
-from edmctl.errors import LinkLost, PreconditionError, stages_by_hand
+from edmctl.errors import stages_by_hand
 from edmctl.machine.interface import (
     Axis,
     Machine,
@@ -107,11 +108,7 @@ class MeasuredActuator:
 def plan_calibration(setup: Setup) -> CalibrationPlan:
     """Plan over the whole stroke. Raises PreconditionError E8034 without a sensor."""
     if not setup.sensor.fitted:
-        raise PreconditionError(
-            "No displacement sensor is fitted (setup: sensor.fitted = false), and a calibration is made with one.",
-            hint="Borrow one and calibrate with sensor.fitted = true, or give measured data with --from FILE.",
-            code="E8034",
-        )
+        raise failures.calibrating_without_sensor()
     tick_us = setup.controller.servo_period_us
     high_v, slew_v_s = setup.actuator.stroke_v, min(SLEW_V_S, setup.actuator.slew_v_s)
     slow_us, fast_us = (
@@ -200,12 +197,8 @@ def _wait_for_creep(machine: Machine, setup: Setup) -> None:
             machine.set_zero(home_um)
             return
         if machine.time_s > end_s:
-            raise PreconditionError(
-                f"The sensor reads {here_um:.1f} µm at 0 V and may have drifted by {drift_um:.1f} µm since the "
-                f"controller came up; the stages may move within {SAFE_Z_UM:.1f} µm of home only.",
-                hint="Check that the tool is retracted and free, set the displacement sensor to zero, and restart "
-                f"the controller. {stages_by_hand()}",
-                code="E8020",
+            raise failures.sensor_reading_at_rest(
+                here_um=here_um, drift_um=drift_um, safe_z_um=SAFE_Z_UM, stages_by_hand=stages_by_hand()
             )
         machine.rest(CREEP_LOOK_S)
 
@@ -243,9 +236,7 @@ class _Listener:
     def record(self, machine: Machine) -> Record:
         """Return the record. Raises LinkLost E4020 without any samples."""
         if not self.blocks:
-            raise LinkLost(
-                "The controller sent no telemetry.", hint="Check the line, and try again.", code="E4020"
-            )
+            raise failures.no_telemetry()
         block = joined(self.blocks)
         t_s = block.time_s - block.time_s[0]
         return Record(t_s, block.actuator_v, block.displacement_um, None, machine.identity.serial)

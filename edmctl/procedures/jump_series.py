@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl import failures
 from edmctl.array_types import Array
-from edmctl.errors import LinkLost, PreconditionError
 from edmctl.machine.interface import MachineState, TelemetryBlock
 from edmctl.planning.removal import jump_time_s
 from edmctl.procedures.hole.cut import jump_request
@@ -53,11 +53,7 @@ def run_jumps(run: JobRun, depth_um: float, count: int) -> JumpSeries:
     run.machine.rest(SETTLE_AT_DEPTH_S)
     start_um, start_v = run.watch.displacement_um, run.watch.actuator_v
     if start_um < jump.height_um:
-        raise PreconditionError(
-            f"The tool hangs at {start_um:.1f} µm and cannot jump up by {jump.height_um:g} µm.",
-            hint="Take a lower jump with --height-um, or a deeper target.",
-            code="E8047",
-        )
+        raise failures.jump_too_high(start_um=start_um, height_um=jump.height_um)
     run.begin(Phase.JUMPING)
     jumps = tuple(_jump(run, number) for number in range(1, count + 1))
     return JumpSeries(
@@ -102,11 +98,7 @@ def _measured(run: JobRun, number: int, block: TelemetryBlock) -> JumpMeasured:
     time_s, sensor_um = block.time_s, block.displacement_um
     jumping = np.flatnonzero(block.state == MachineState.JUMP)
     if not len(jumping):
-        raise LinkLost(
-            f"The telemetry shows nothing of jump {number}.",
-            hint="Look at the line with `edmctl doctor`, and try again.",
-            code="E4020",
-        )
+        raise failures.no_telemetry_of_jump(number=number)
     first, last = int(jumping[0]), int(jumping[-1])
     top = first + int(np.argmin(sensor_um[first : last + 1]))
     about_top = np.abs(time_s - time_s[top]) <= TOP_S / 2.0

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, field
-from edmctl.errors import ObjectiveNotReached, PreconditionError, UsageError
+from edmctl.errors import ObjectiveNotReached
 from edmctl.planning.measuring import again_s, move_time_s, park_to_pad_um, touch_time_s
 from edmctl.procedures.monitoring.monitors import judge
 from edmctl.procedures.run import JobRun
@@ -86,17 +87,9 @@ def plan_drift(profile: Profile, setup: Setup, duration_s: float | None = None) 
     """
     drift, key = setup.drift, ("drift", "duration_s")
     if duration_s is not None and not accepts(Setup, key, duration_s):
-        raise UsageError(
-            f"{duration_s:g} s is no time for measuring drift.",
-            hint=f"Give {permitted_at(Setup, key)}.",
-            code="E2064",
-        )
+        raise failures.drift_duration_out_of_range(duration_s=duration_s, setup=permitted_at(Setup, key))
     if not setup.sensor.fitted:
-        raise PreconditionError(
-            "No displacement sensor is fitted (setup: sensor.fitted = false): there are no rests that could drift.",
-            hint="Wear without a sensor rests on the actuator's model; `edmctl calibrate` makes that.",
-            code="E8034",
-        )
+        raise failures.drift_without_sensor()
     stroke_um = STROKE_SHARE * setup.actuator.gain_um_per_v * profile.limits.stroke_v_max
     plan = DriftPlan(
         duration_s=drift.duration_s if duration_s is None else duration_s,
@@ -106,11 +99,12 @@ def plan_drift(profile: Profile, setup: Setup, duration_s: float | None = None) 
     )
     least = LEAST_TOUCHES + 1
     if plan.touches < least:
-        raise UsageError(
-            f"{plan.duration_s:.0f} s with a hold of {plan.hold_s:.0f} s and a touch every {plan.interval_s:.0f} s "
-            f"make {max(0, plan.touches)} touches; it takes {least}.",
-            hint="Give it more time (--duration, drift.duration_s), or shorten drift.hold_s or drift.interval_s.",
-            code="E2064",
+        raise failures.too_few_drift_touches(
+            duration_s=plan.duration_s,
+            hold_s=plan.hold_s,
+            interval_s=plan.interval_s,
+            value=max(0, plan.touches),
+            least=least,
         )
     return plan
 
@@ -224,8 +218,4 @@ def _note_rest(run: JobRun, record: DriftRecord) -> None:
 
 
 def _unexplained(what: str) -> ObjectiveNotReached:
-    return ObjectiveNotReached(
-        f"Rests and touches do not go together: {what}. Nothing is kept.",
-        hint="Let machine and dielectric warm up, clean tool and pad, and measure again.",
-        code="E7041",
-    )
+    return failures.drift_not_conclusive(what=what)

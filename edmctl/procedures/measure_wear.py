@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import ObjectiveNotReached
 from edmctl.labels import Basis
 from edmctl.procedures.hole.hole import model_u95_um
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
@@ -113,11 +113,7 @@ def refuse_drift(run: JobRun, found: WearResult) -> None:
         "allowed."
     )
     run.warn(RunEvent.WEAR_MEASURED, message, {"drift_um": found.drift_um})
-    raise ObjectiveNotReached(
-        message,
-        hint="Let machine and dielectric warm up, look for chips on the pad, and measure again.",
-        code="E7040",
-    )
+    raise failures.reference_not_steady(problem=message)
 
 
 class _Measurement:

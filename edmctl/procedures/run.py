@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, Protocol
 
+from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass, field, replace
-from edmctl.errors import PreconditionError
 from edmctl.machine.interface import Machine, TelemetryBlock
 from edmctl.planning.regimes import recipes_of
 from edmctl.procedures.job import (
@@ -238,8 +238,7 @@ class JobRun:
         """Raise PreconditionError E8021 if the contact sensor reads closed where nothing is to be touched."""
         if self.watch.in_contact:
             here_um = self.watch.displacement_um
-            message = f"The contact sensor reads closed at {here_um:.1f} µm{where}."
-            raise PreconditionError(message, hint=hint, code="E8021")
+            raise failures.contact_closed(here_um=here_um, where=where, remedy=hint)
 
     def begin(self, phase: Phase) -> None:
         """Report the phase that begins."""

@@ -19,6 +19,7 @@ from typing import cast
 
 import numpy as np
 
+from edmctl import failures
 from edmctl.actuator.inverse import jump_volts
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures
@@ -132,11 +133,7 @@ def _with_displacements(machine: Machine, job: Job, watch: Watch) -> Machine:
     if job.setup.sensor.fitted:
         return machine
     if job.calibration is None:
-        raise PreconditionError(
-            f"No displacement sensor is fitted and no calibration of {machine.identity.serial} was found.",
-            hint="Borrow a sensor, run `edmctl calibrate` once with it, and say --calibration FILE.",
-            code="E8031",
-        )
+        raise failures.no_calibration_for_machine(serial=machine.identity.serial)
     estimated = SensorlessMachine(machine, job.calibration, job.setup.actuator.gain_um_per_v)
     watch.estimate_with(estimated.tracker)
     return cast("Machine", estimated)
@@ -260,12 +257,7 @@ def _start_estimator(run: JobRun, block: TelemetryBlock) -> None:
         try:
             model, quick = identify_quick(record)
         except ValueError as error:
-            raise PreconditionError(
-                f"The conditioning swings tell too little of the actuator: {error}.",
-                hint="Lower actuator.conditioning_slew_v_s, or raise actuator.conditioning_cycles or "
-                "controller.telemetry_hz in the setup.",
-                code="E8036",
-            ) from error
+            raise failures.conditioning_tells_too_little(error=error) from error
         tracker, errors = home(model, record, quick.rms_um, float(np.ptp(record.t_s)))
     else:
         return
@@ -295,12 +287,7 @@ def _homed(calibration: CalibratedActuator, record: Record) -> tuple[Tracker, Er
     if low <= gain <= high:
         return tracker, errors
     found = "no positive gain" if math.isnan(gain) else f"a gain of {gain:.3g}"
-    raise PreconditionError(
-        f"The calibration is not this actuator's: its displacements need {found} to be those of the sensor during "
-        "the conditioning swings.",
-        hint="Run `edmctl calibrate` here, or leave the calibration out.",
-        code="E8038",
-    )
+    raise failures.calibration_contradicted_by_swings(found=found)
 
 
 def _refuse_dead_sensor(record: Record) -> None:
@@ -308,9 +295,4 @@ def _refuse_dead_sensor(record: Record) -> None:
     slope_um_per_v = float(np.cov(record.u_v, record.y_um)[0, 1]) / max(float(record.u_v.var()), 1e-12)
     if slope_um_per_v > LEAST_GAIN_UM_PER_V:
         return
-    raise PreconditionError(
-        f"The displacement sensor shows {signed(slope_um_per_v)} µm per volt while the actuator swings over "
-        f"{np.ptp(record.u_v):.0f} V.",
-        hint="Check the sensor, its cable and its sign; without one say sensor.fitted = false in the setup.",
-        code="E8033",
-    )
+    raise failures.sensor_contradicts_voltage(slope_um_per_v=signed(slope_um_per_v), u_v=np.ptp(record.u_v))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.labels import PAD, PARKING
@@ -82,11 +83,8 @@ def home_now(run: JobRun) -> Home:
     for before_s, before_um in rests.ends():
         most_um = MODEL_ERROR_UM + DRIFT_SDS * drift_u_um_per_s * (run.machine.time_s - before_s)
         if abs(zero_um - before_um) > most_um:
-            raise PreconditionError(
-                f"The rest at 0 V has moved by {abs(zero_um - before_um):.1f} µm in "
-                f"{run.machine.time_s - before_s:.0f} s; creep and drift account for {most_um:.1f} µm.",
-                hint="Check the displacement sensor, the actuator's supply, and whether something holds the tool.",
-                code="E8020",
+            raise failures.rest_moved(
+                zero_um=abs(zero_um - before_um), time_s=run.machine.time_s - before_s, most_um=most_um
             )
     return Home(rests.home_um(zero_um), rests.hidden_um)
 
@@ -249,12 +247,7 @@ def _is_home_set(run: JobRun, home: Home, over_um: float) -> bool:
 
 
 def _of_another_actuator(over_um: float) -> PreconditionError:
-    return PreconditionError(
-        f"The calibration is not this actuator's: at 0 V the sensor shows the tool {-over_um:.0f} µm "
-        "nearer than it has home.",
-        hint="Run `edmctl calibrate` here, or leave the calibration out.",
-        code="E8038",
-    )
+    return failures.calibration_contradicted_at_rest(over_um=-over_um)
 
 
 def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> PreconditionError:
@@ -278,7 +271,7 @@ def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> Prec
             f" The controller was started {duration(run.machine.uptime_s)} ago; home was known before that."
         )
         hint = _OF_ANOTHER_BENCH if run.machine.identity.simulated else _zero_the_sensor(run)
-    return PreconditionError(message, hint=hint, code="E8020")
+    return failures.tool_not_home(problem=message, remedy=hint)
 
 
 def _zero_the_sensor(run: JobRun) -> str:

@@ -7,7 +7,8 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from edmctl.errors import Diagnostic, Location
-from edmctl.profile.findings import Code, Finding
+from edmctl.failures import Code
+from edmctl.profile.findings import Finding
 from edmctl.profile.positions import KeyPath, Sources, TomlTable
 from edmctl.profile.read import dotted
 from edmctl.profile.tables import (

@@ -10,8 +10,8 @@ from pathlib import Path
 from edmctl.csv_text import cells_of, span_of
 from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import Diagnostic, Location, ProfileError
+from edmctl.failures import Code
 from edmctl.files import read_bytes, user_path
-from edmctl.profile.findings import Code
 from edmctl.profile.folders import is_file
 from edmctl.profile.model import CircleSites, GridSites, PointSite, Profile
 

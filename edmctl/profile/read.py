@@ -13,8 +13,8 @@ from pathlib import Path
 
 from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, Location, ProfileError, UsageError
+from edmctl.failures import Code
 from edmctl.files import read_bytes
-from edmctl.profile.findings import Code
 from edmctl.profile.folders import find_profile
 from edmctl.profile.positions import SET_OPTION, KeyPath, Source, TomlTable
 from edmctl.profile.units import NO_UNIT, in_unit_of_key, quantity

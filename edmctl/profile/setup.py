@@ -10,9 +10,9 @@ from typing import NamedTuple
 from pydantic import Field, PrivateAttr, ValidationError
 
 from edmctl.errors import Diagnostic, ProfileError
+from edmctl.failures import Code
 from edmctl.files import user_path
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
-from edmctl.profile.findings import Code
 from edmctl.profile.positions import Sources
 from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import Coordinate, FileName, Table, entry

@@ -16,7 +16,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Self
 
-from edmctl.errors import RunFileError
+from edmctl import failures
 from edmctl.files import json_of, open_descriptor, read_bytes
 
 SUFFIX = ".jsonl"
@@ -48,11 +48,7 @@ class RowWriter:
                 data = data[os.write(self._descriptor, data) :]
             os.fsync(self._descriptor)
         except OSError as refused:
-            raise RunFileError(
-                f"Cannot write a row into {self._folder}: {refused.strerror}.",
-                hint="Check folder and space, and go on: rows that are there are kept.",
-                code="E9110",
-            ) from refused
+            raise failures.row_not_written(folder=self._folder, reason=refused.strerror) from refused
 
     def close(self) -> None:
         """Close the file, if anything was written."""
@@ -111,11 +107,7 @@ def _dated(folder: Path) -> tuple[list[tuple[str, str, int, dict[str, Any]]], in
                 else:
                     lines.append((str(found.pop("when", "")), file.name, number, found))
     except OSError as refused:
-        raise RunFileError(
-            f"Cannot read the rows in {file}: {refused.strerror}.",
-            hint="Check its permissions; a file that no study has written does not belong there.",
-            code="E9111",
-        ) from refused
+        raise failures.rows_unreadable(file=file, reason=refused.strerror) from refused
     return lines, torn
 
 

@@ -12,6 +12,7 @@ import time
 from collections import deque
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.errors import RunFileError
 from edmctl.record import layout
 from edmctl.record.disk import make_lasting
@@ -127,11 +128,7 @@ class BackgroundWriter:
     def _hung(self) -> RunFileError:
         still_s = time.monotonic() - self._taken_at_s
         waiting_mb = (self._handed_bytes - self._taken_bytes) / 2**20
-        return RunFileError(
-            f"The disk has not taken rows of {self.path} for {still_s:.0f} s: {waiting_mb:.0f} MB wait.",
-            code="E9009",
-            hint=f"Record on a disk that keeps up, with --out; what was recorded before is in {self.path}.",
-        )
+        return failures.disk_too_slow(path=self.path, still_s=still_s, waiting_mb=waiting_mb)
 
     def _leave(self, status: str, exit_code: int) -> None:
         """Tell the thread to end, and wait for it; not for ever where its disk hangs."""

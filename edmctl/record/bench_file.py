@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from edmctl import failures
 from edmctl.errors import RunFileError
 from edmctl.files import lock_holder, open_descriptor, open_regular, refuse_locked
 from edmctl.record import locks
@@ -96,7 +97,7 @@ def read_bench(path: Path) -> State:
         raise _unreadable(path, "its parts are not those of a bench") from error
     except HDF5_ERRORS as error:
         raise _unreadable(path, reason(error)) from error
-    raise RunFileError(f"{path} is HDF5, but not the file of a bench.", hint=_NEW_ONE, code="E9020")
+    raise failures.not_a_bench(path=path, new_one=_NEW_ONE)
 
 
 def write_bench(path: Path, state: State, *, is_own: bool = False) -> None:
@@ -213,36 +214,20 @@ def _hash_of(text: bytes, arrays: bytes) -> str:
 
 
 def _too_old(path: Path) -> RunFileError:
-    return RunFileError(
-        f"{path} is of an earlier version, whose work and tool eroded by other laws.",
-        hint="Use the version of edmctl that wrote it, or give a name that is free for a new bench.",
-        code="E9021",
-    )
+    return failures.bench_of_earlier_version(path=path)
 
 
 def _in_use(path: Path, holder: str) -> RunFileError:
-    return RunFileError(
-        f"The bench {path} is in use: {holder}.",
-        hint="Let the other program end (--wait SECONDS waits for it), or take another file.",
-        code="E9023",
-    )
+    return failures.bench_in_use(path=path, holder=holder)
 
 
 def _unreadable(path: Path, why: str) -> RunFileError:
-    return RunFileError(f"The bench {path} cannot be read: {why}.", hint=_NEW_ONE, code="E9020")
+    return failures.bench_unreadable(path=path, why=why, new_one=_NEW_ONE)
 
 
 def _too_new(path: Path, schema: int) -> RunFileError:
-    return RunFileError(
-        f"The bench {path} was written by a later edmctl: schema {schema}, this one knows {SCHEMA}.",
-        hint="Use that version of edmctl, or begin a new bench under another name.",
-        code="E9022",
-    )
+    return failures.bench_of_later_version(path=path, schema=schema, schema_2=SCHEMA)
 
 
 def _unwritable(path: Path, refused: OSError) -> RunFileError:
-    return RunFileError(
-        f"Cannot keep the bench {path}: {refused.strerror or refused}.",
-        hint="Check that the folder exists, can be written and has space.",
-        code="E9024",
-    )
+    return failures.bench_not_kept(path=path, reason=refused.strerror or refused)

@@ -9,10 +9,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl import failures
 from edmctl.actuator.record import Record
 from edmctl.array_types import Array
 from edmctl.csv_text import header_line, row_lines
-from edmctl.errors import RecordError, RunFileError
+from edmctl.errors import RunFileError
 from edmctl.files import RECORD_BYTES, open_regular, read_bytes, refuse_locked
 from edmctl.record import disk, layout
 from edmctl.record.bench_file import KIND
@@ -88,15 +89,9 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> Non
     try:
         disk.write_new(path, _hdf5(columns) if as_hdf5 else _csv(columns))
     except FileExistsError:
-        raise RunFileError(
-            f"{path} exists already and is not overwritten.", hint="Choose another name.", code="E9011"
-        ) from None
+        raise failures.output_exists_2(path=path) from None
     except OSError as error:
-        raise RunFileError(
-            f"Cannot write {path}: {disk.reason(error)}.",
-            hint="Check that its folder exists, can be written and has space.",
-            code="E9012",
-        ) from error
+        raise failures.output_not_written_3(path=path, error=disk.reason(error)) from error
 
 
 def _read(path: Path, needed: Sequence[str]) -> dict[str, Array]:
@@ -104,13 +99,12 @@ def _read(path: Path, needed: Sequence[str]) -> dict[str, Array]:
     if content.startswith(MAGIC):
         columns = _read_hdf5(path, needed)
     elif content and path.suffix.lower() in HDF5_SUFFIXES:
-        hint = "Give an HDF5 file, or a CSV file under the name .csv."
-        raise RecordError(f"{path} is not HDF5.", hint=hint, code="E3606")
+        raise failures.not_hdf5(path=path)
     else:
         columns = read_text(content, str(path), needed)
     if (rows := len(columns[needed[0]])) < 2:
         message, hint = f"{path} holds {plural(rows, 'row')} of numbers.", "Give a row per sample."
-        raise RecordError(message, hint=hint, code="E3605")
+        raise failures.record_without_rows(problem=message, remedy=hint)
     return columns
 
 
@@ -139,7 +133,7 @@ def _content(path: Path) -> bytes:
         why = "there is no such file" if isinstance(error, FileNotFoundError) else disk.reason(error)
         is_held = isinstance(error, BlockingIOError)
         hint = "Close it there, or give a copy." if is_held else "Check the path and its permissions."
-        raise RecordError(f"Cannot read the record {path}: {why}.", hint=hint, code="E3601") from error
+        raise failures.record_file_unreadable(path=path, why=why, remedy=hint) from error
 
 
 def _read_hdf5(path: Path, needed: Sequence[str]) -> dict[str, Array]:
@@ -151,11 +145,7 @@ def _read_hdf5(path: Path, needed: Sequence[str]) -> dict[str, Array]:
         _refuse_own(path, refused)
         return _read_foreign(path, needed)
     if DISPLACEMENT in columns and not np.isfinite(columns[DISPLACEMENT]).any():
-        raise RecordError(
-            f"{path} is the run of a machine without a displacement sensor: nothing tells where the tool was.",
-            hint="Give a run that was made with a sensor.",
-            code="E3606",
-        )
+        raise failures.run_without_sensor(path=path)
     return columns
 
 
@@ -172,7 +162,7 @@ def _refuse_own(path: Path, refused: Exception) -> None:
     else:
         message = f"{path} is a run file whose servo signals cannot be read: {disk.reason(refused)}."
         hint = f"`edmctl run recover {path}` writes what can still be read into a new file."
-    raise RecordError(message, hint=hint, code="E3606") from refused
+    raise failures.hdf5_record_wrong(problem=message, remedy=hint) from refused
 
 
 def _read_foreign(path: Path, needed: Sequence[str]) -> dict[str, Array]:
@@ -188,11 +178,7 @@ def _read_foreign(path: Path, needed: Sequence[str]) -> dict[str, Array]:
                     refuse_endless(dataset.id)
             return _arrays(path, datasets)
     except (*disk.HDF5_ERRORS, KeyError, MemoryError) as error:
-        raise RecordError(
-            f"{path} cannot be read as HDF5: {disk.reason(error)}.",
-            hint="It may be cut off or damaged: copy or record it again.",
-            code="E3606",
-        ) from error
+        raise failures.hdf5_unreadable(path=path, error=disk.reason(error)) from error
 
 
 def _only_group(path: Path, file: h5py.File, needed: Sequence[str]) -> h5py.Group:
@@ -212,7 +198,7 @@ def _only_group(path: Path, file: h5py.File, needed: Sequence[str]) -> h5py.Grou
         missing = [name for name in needed if name not in find_columns(names, needed)]
         message = f"{path} has no dataset {' and no '.join(missing)}; {nearest.name} holds {held}."
         hint = _hint(missing)
-    raise RecordError(message, hint=hint, code="E3606")
+    raise failures.hdf5_record_wrong(problem=message, remedy=hint)
 
 
 def _datasets(group: h5py.Group) -> int:
@@ -227,15 +213,11 @@ def _arrays(path: Path, found: Mapping[str, h5py.Dataset | NDArray[np.generic]])
             message, hint = f"{path}: {name} has the shape {data.shape}.", "Write it as one column."
         else:
             continue
-        raise RecordError(message, hint=hint, code="E3606")
+        raise failures.hdf5_record_wrong(problem=message, remedy=hint)
     lengths = {name: data.shape[0] for name, data in found.items()}
     if len(set(lengths.values())) > 1:
         each = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise RecordError(
-            f"{path}: its columns differ in length: {each}.",
-            hint="Every sample has a time, a voltage and a displacement.",
-            code="E3606",
-        )
+        raise failures.columns_differ_in_length(path=path, each=each)
     return {name: np.asarray(data[:], dtype=np.float64) for name, data in found.items()}
 
 

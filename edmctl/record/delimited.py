@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from edmctl import failures
 from edmctl.array_types import Array
 from edmctl.csv_text import cells_of, number_of, plain_text, span_of
 from edmctl.errors import Location, RecordError
@@ -53,7 +54,7 @@ def read_table(path: Path, wanted: Sequence[str]) -> Table:
         return Table(text_of(read_bytes(path), str(path)), str(path), wanted)
     except OSError as error:
         message, hint = f"Cannot read {path}: {error.strerror}.", "Check the path and its permissions."
-        raise RecordError(message, hint=hint, code="E3602") from None
+        raise failures.table_not_text(problem=message, remedy=hint) from None
 
 
 def text_of(content: bytes, name: str) -> str:
@@ -63,7 +64,7 @@ def text_of(content: bytes, name: str) -> str:
     if not what and b"\0" in begin:
         what, hint = "is neither text nor HDF5", "Export a spreadsheet as CSV."
     if what:
-        raise RecordError(f"{name} {what}.", hint=hint, code="E3602")
+        raise failures.table_malformed(name=name, what=what, remedy=hint)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -118,8 +119,7 @@ class Table:
         if (longest := max(map(len, lines))) > LONGEST_LINE:
             problem = f"has a line of {longest} characters"
         if problem:
-            hint = "Name the columns in a line, and write a line per row below it."
-            raise RecordError(f"{name} {problem}.", hint=hint, code="E3602")
+            raise failures.table_malformed_2(name=name, problem=problem)
         has_units = all(map(_UNIT.fullmatch, _words(lines[above[-1]])))
         nearest = plain[0] if above == filled else above[-2:][0] if has_units else above[-1]
         self.header = max((nearest, *above), key=lambda k: len(_names(lines[k], wanted)[2]))

@@ -15,6 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl import failures
 from edmctl.errors import RunFileError
 from edmctl.files import sync
 from edmctl.record.integrity import read_superblock
@@ -98,7 +99,7 @@ def cannot_name(source: Path, target: Path, error: BaseException) -> RunFileErro
     else:
         hint = f"{source} was moved or deleted while the run was going on; look for it where it was moved to."
     why = reason(error) if isinstance(error, Exception) else str(error)
-    return RunFileError(f"Cannot name the run file {target}: {why}.", code="E9004", hint=hint)
+    return failures.run_file_not_named(target=target, why=why, remedy=hint)
 
 
 def _take_name_then_replace(source: Path, target: Path) -> None:
@@ -127,20 +128,12 @@ def refuse_place(path: Path) -> None:
 
 def already_there(existing: Path) -> RunFileError:
     """Return the error for a run that exists."""
-    return RunFileError(
-        f"Run file {existing} exists already and is not overwritten.",
-        code="E9001",
-        hint="Choose another name with --run-id, or another folder with --out.",
-    )
+    return failures.run_file_exists(existing=existing)
 
 
 def cannot_create(path: Path, why: str) -> RunFileError:
     """Return the error for a file that cannot be made."""
-    return RunFileError(
-        f"Cannot create the run file {path}: {why}.",
-        code="E9002",
-        hint="Check that the folder given with --out exists, can be written and has space.",
-    )
+    return failures.run_file_not_created(path=path, why=why)
 
 
 def reason(error: Exception) -> str:

@@ -11,7 +11,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from edmctl.errors import EdmError, LinkLost, RunFileError
+from edmctl import failures
+from edmctl.errors import EdmError, LinkLost
 
 GIVE_UP_S = 10.0
 """A disk that has not answered for so long hangs, and the job ends safely."""
@@ -83,11 +84,7 @@ class DiskThread:
         while not writing.is_over():
             if self._hangs or time.monotonic() - begun_s > GIVE_UP_S:
                 self._hangs = True
-                raise RunFileError(
-                    f"The disk has not answered for {GIVE_UP_S:.0f} s: {path} is not written.",
-                    code="E9009",
-                    hint="Keep run files on a disk that keeps up, with --out.",
-                )
+                raise failures.disk_does_not_answer(give_up_s=GIVE_UP_S, path=path)
             self._attend_to(writing)
         self._hangs = False
         # While the line was read, a further write may have begun.

@@ -17,8 +17,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import PreconditionError, RunFileError
+from edmctl.errors import RunFileError
 from edmctl.files import json_of, read_bytes, sync
 from edmctl.record.disk_thread import DiskThread
 from edmctl.record.plain_values import record_of
@@ -208,23 +209,13 @@ def read_journal(path: Path) -> Journal:
     except FileNotFoundError:
         raise
     except OSError as refused:
-        raise RunFileError(
-            f"The journal {path} cannot be read: {refused.strerror or refused}.",
-            hint="Check its permissions.",
-            code="E9041",
-        ) from refused
+        raise failures.journal_unreadable(path=path, reason=refused.strerror or refused) from refused
     try:
         return _journal(data)
     except _LaterVersion as later:
-        raise PreconditionError(
-            f"The journal {path} was written by a later edmctl: version {later}, this one knows {VERSION}.",
-            hint="Take the run up again with that version of edmctl.",
-            code="E8052",
-        ) from None
+        raise failures.journal_of_later_version(path=path, later=later, version=VERSION) from None
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
-        raise PreconditionError(
-            f"The journal {path} is damaged: {error}.", hint=_START_ANEW, code="E8052"
-        ) from error
+        raise failures.journal_damaged(path=path, error=error, start_anew=_START_ANEW) from error
 
 
 class _LaterVersion(Exception):
@@ -320,8 +311,4 @@ def _number(value: float | None) -> float:
 
 
 def _unwritable(path: Path, refused: OSError) -> RunFileError:
-    return RunFileError(
-        f"Cannot keep the journal {path}: {refused.strerror or refused}.",
-        hint="Check that the folder given with --out can be written and has space.",
-        code="E9040",
-    )
+    return failures.journal_not_kept(path=path, reason=refused.strerror or refused)

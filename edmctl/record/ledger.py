@@ -16,8 +16,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TypeAlias
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import RunFileError
 from edmctl.files import json_of, lock_holder, open_descriptor, read_bytes, refuse_locked
 from edmctl.record.locks import exclusive, retried
 from edmctl.record.plain_values import record_of
@@ -263,11 +263,7 @@ class Ledger:
         except FileNotFoundError:
             return cls(path, ())
         except OSError as refused:
-            raise RunFileError(
-                f"The job ledger {path} cannot be read: {refused.strerror}.",
-                hint="Close the program that has locked it, check its permissions, or give another --out.",
-                code="E9030",
-            ) from refused
+            raise failures.ledger_unreadable(path=path, reason=refused.strerror) from refused
         return cls(path, tuple(_lines(path, data)))
 
     def append(self, serial: str, *entries: Entry, bench_s: float = math.nan) -> None:
@@ -287,11 +283,7 @@ class Ledger:
         except OSError as refused:
             holder = lock_holder(self.path) if isinstance(refused, BlockingIOError) else ""
             why = f"{holder} has locked it" if holder else refused.strerror or refused
-            raise RunFileError(
-                f"Cannot write the job ledger {self.path}: {why}.",
-                hint="Check that the folder can be written and has space.",
-                code="E9033",
-            ) from refused
+            raise failures.ledger_not_written(path=self.path, why=why) from refused
         self.lines += new
 
 
@@ -305,20 +297,13 @@ def _lines(path: Path, data: bytes) -> Iterator[Line]:
         try:
             yield line_of(row)
         except LaterVersion as later:
-            raise RunFileError(
-                f"{path}:{number}: a later edmctl wrote this line (version {later}; this one knows {VERSION}).",
-                hint="Use that version of edmctl, or keep run files elsewhere with --out.",
-                code="E9032",
+            raise failures.ledger_line_of_later_version(
+                path=path, number=number, later=later, version=VERSION
             ) from None
         except (ValueError, TypeError, KeyError) as error:
             if is_last:
                 return
-            raise RunFileError(
-                f"{path}:{number}: this line of the job ledger is damaged: {error}.",
-                hint="Take the line out with an editor if you know what it said, or keep run files elsewhere with "
-                "--out.",
-                code="E9031",
-            ) from error
+            raise failures.ledger_line_damaged(path=path, number=number, error=error) from error
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.errors import RunFileError
 from edmctl.files import open_descriptor
 from edmctl.record.disk import PARTIAL
@@ -150,11 +151,7 @@ def is_live(path: Path) -> bool:
 
 def interrupted(path: Path) -> RunFileError:
     """Return the error for a run whose writer died."""
-    return RunFileError(
-        f"The run in {path} was interrupted: its file has no end.",
-        code="E9008",
-        hint=f"`edmctl run recover {path}` makes a complete file of what was recorded.",
-    )
+    return failures.run_file_without_end(path=path)
 
 
 def _lock_record(descriptor: int, *, exclusive: bool) -> None:

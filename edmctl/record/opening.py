@@ -15,6 +15,7 @@ from threading import get_ident
 import h5py
 from h5py import h5d, h5f, h5i, h5l, h5p
 
+from edmctl import failures
 from edmctl.errors import RunFileError
 from edmctl.files import open_regular, refuse_locked
 from edmctl.record import layout, locks
@@ -133,33 +134,28 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
 
 def damaged(path: Path, why: str) -> RunFileError:
     """Return the error for a file that began as a run file and cannot be read as one any more."""
-    return RunFileError(
-        f"{path} is damaged: {why}.",
-        code="E9007",
-        hint=f"`edmctl run recover {path}` writes what can still be read into a new file; this one stays as it is.",
-    )
+    return failures.run_file_damaged(path=path, why=why)
 
 
 def refuse_unreadable(path: Path) -> None:
     """Raise RunFileError: E9005 there is no file, or it is not HDF5, E9016 another program has locked it."""
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
-            raise RunFileError(f"{path} is no file.", code="E9005", hint=_ANOTHER)
+            raise failures.not_a_file(path=path, another=_ANOTHER)
         if path.is_dir():
-            raise RunFileError(f"{path} is a folder.", code="E9005", hint=f"Try `edmctl run list {path}`.")
+            raise failures.run_file_is_folder(path=path)
         with open_regular(path) as file:
             begin = file.read(len(MAGIC))
         if not begin:
-            raise RunFileError(f"{path} is empty.", code="E9005", hint=_ANOTHER)
+            raise failures.run_file_empty(path=path, another=_ANOTHER)
         if begin != MAGIC:
-            raise RunFileError(f"{path} is not an HDF5 file.", code="E9005", hint=_ANOTHER)
+            raise failures.run_file_not_hdf5(path=path, another=_ANOTHER)
         refuse_locked(path)
         _refuse_holes(path)
     except BlockingIOError as error:
-        hint = "Close it in that program, or read a copy."
-        raise RunFileError(f"{path} is in use: {error.strerror}.", code="E9016", hint=hint) from None
+        raise failures.run_file_in_use(path=path, reason=error.strerror) from None
     except FileNotFoundError as error:
-        raise RunFileError(f"There is no run file {path}.", code="E9005", hint=_nearest(path)) from error
+        raise failures.run_file_missing(path=path, remedy=_nearest(path)) from error
     except OSError as error:
         raise _unreadable(path, error) from error
 
@@ -184,9 +180,7 @@ def _seal_of(path: Path) -> Checksum:
 
 
 def _unreadable(path: Path, error: OSError) -> RunFileError:
-    return RunFileError(
-        f"{path} cannot be read: {error.strerror}.", code="E9005", hint="Check the path and its permissions."
-    )
+    return failures.run_file_unreadable(path=path, reason=error.strerror)
 
 
 def open_unjudged(path: Path) -> h5py.File:
@@ -221,20 +215,12 @@ def refuse_foreign(path: Path, file: h5py.File) -> None:
     name, _, version = schema.partition("/")
     present_name, _, present = layout.SCHEMA.partition("/")
     if name != present_name or not version.isdigit():
-        raise RunFileError(
-            f"{path} is an HDF5 file, but not a run file of edmctl.", code="E9005", hint=_ANOTHER
-        )
+        raise failures.not_a_run_file(path=path, another=_ANOTHER)
     if int(version) > int(present):
-        raise RunFileError(
-            f"{path} was written by a later version of edmctl ({schema}; this one reads {layout.SCHEMA}).",
-            code="E9006",
-            hint="Update edmctl.",
-        )
+        raise failures.run_file_of_later_version(path=path, schema=schema, schema_2=layout.SCHEMA)
     if int(version) < int(present):
-        raise RunFileError(
-            f"{path} was written by edmctl {maker}, an earlier version ({schema}; not {layout.SCHEMA}).",
-            code="E9006",
-            hint="Read it with that version; its `edmctl run export` writes tables for other programs.",
+        raise failures.run_file_of_earlier_version(
+            path=path, maker=maker, schema=schema, schema_2=layout.SCHEMA
         )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from h5py import h5d, h5s
 from numpy.typing import NDArray
 
+from edmctl import failures
 from edmctl.errors import EdmError, RunFileError
 from edmctl.record import layout
 from edmctl.record.compaction import CLOSING
@@ -66,9 +67,7 @@ class RunFile:
 
     def _refuse_closed(self) -> None:
         if not self._file:
-            raise RunFileError(
-                f"{self.path} has been closed.", hint="Read it inside the `with` block.", code="E9015"
-            )
+            raise failures.run_file_closed(path=self.path)
 
     @property
     def is_finished(self) -> bool:
@@ -135,8 +134,7 @@ class RunFile:
         self._refuse_closed()
         if path not in self._file or not isinstance(self._file[path], h5py.Dataset):
             if path in TABLES and TABLES[path].nx_class:
-                hint = f"Its columns are arrays of their own: columns({path!r})."
-                raise RunFileError(f"{path} is no table of rows.", hint=hint, code="E9015")
+                raise failures.not_a_table_of_rows(path=path)
             tables = [known for known in TABLES if isinstance(self._file.get(known), h5py.Dataset)]
             raise _unknown(f"There is no table {path!r}", path, tables)
         rows: NDArray[np.void] = self._dataset(path)[start:]
@@ -379,4 +377,4 @@ def _column(path: str, name: str) -> Column:
 def _unknown(message: str, name: str, known: Sequence[str]) -> RunFileError:
     close = difflib.get_close_matches(name, known, n=1)
     meant = f"Did you mean {close[0]}? " if close else ""
-    return RunFileError(f"{message}.", hint=f"{meant}There are: {', '.join(known)}.", code="E9015")
+    return failures.nothing_of_that_name(message=message, meant=meant, known=", ".join(known))

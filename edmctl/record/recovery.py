@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass, field
 from edmctl.errors import RunFileError
 from edmctl.record import layout
@@ -102,20 +103,12 @@ def refuse(path: Path, target: Path) -> None:
     if os.path.lexists(target):
         raise name_taken(target)
     if path.is_file() and is_live(path):
-        raise RunFileError(
-            f"{path} is still being written by a run that goes on.",
-            code="E9014",
-            hint="Wait for its end; `edmctl run show --follow` shows how it does.",
-        )
+        raise failures.run_still_written(path=path)
 
 
 def name_taken(target: Path) -> RunFileError:
     """Return the error for a new file whose name is taken."""
-    return RunFileError(
-        f"{target} exists already and is not overwritten.",
-        code="E9001",
-        hint="Name another file with --out FILE.",
-    )
+    return failures.recovery_target_exists(target=target)
 
 
 def temporary(target: Path) -> Path:
@@ -138,11 +131,7 @@ def _blamed(path: Path, target: Path, error: Exception) -> RunFileError:
     """The old file's damage, or the new one's disk: refusals of the operating system have a number."""
     if error_number(error) is None:
         return damaged(path, reason(error))
-    return RunFileError(
-        f"Cannot recover {path} into {target}: {reason(error)}.",
-        code="E9002",
-        hint="Check that its folder can be written and has space, or name another file with --out.",
-    )
+    return failures.run_not_recovered(path=path, target=target, error=reason(error))
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,9 +196,7 @@ def recover_damaged(path: Path, target: Path | None = None) -> Recovered:
 
 
 def _beyond(path: Path, why: str) -> RunFileError:
-    return RunFileError(
-        f"{path} is damaged beyond recovery: {why}.", code="E9007", hint="Take the file from a backup."
-    )
+    return failures.run_file_beyond_recovery(path=path, why=why)
 
 
 def _recovered(path: Path, target: Path) -> Recovered:

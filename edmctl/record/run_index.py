@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import RunFileError
 from edmctl.labels import Basis, weakest, worst
@@ -173,11 +174,7 @@ def run_files(folder: Path) -> list[Path]:
     try:
         return sorted(path for path in folder.iterdir() if path.name.endswith(ENDINGS))
     except OSError as error:
-        raise RunFileError(
-            f"The folder {folder} cannot be read: {error.strerror}.",
-            code="E9005",
-            hint="Give the folder that the runs were written to (--out).",
-        ) from error
+        raise failures.folder_unreadable(folder=folder, reason=error.strerror) from error
 
 
 def read_head(path: Path) -> RunHead:

@@ -23,6 +23,7 @@ import numpy as np
 from h5py import h5s, h5t
 from numpy.typing import NDArray
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import RunFileError
 from edmctl.record import layout
@@ -318,12 +319,7 @@ class RunWriter:
             self._accepts = False
             close_without_writing(self._file)
             release(self._lock)
-            self._failure = RunFileError(
-                f"Cannot write {self._partial}: {reason(error)}.",
-                code="E9003",
-                hint=f"Free some space or choose another folder with --out; "
-                f"`edmctl run recover {self._partial}` then saves what was recorded before.",
-            )
+            self._failure = failures.run_file_not_written(partial=self._partial, error=reason(error))
             raise self._failure from error
 
     def _flush(self) -> None:

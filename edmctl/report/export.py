@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl import failures
 from edmctl.csv_text import header_line, row_lines, text_cell
 from edmctl.dataclasses import dataclass
-from edmctl.errors import PreconditionError, installing
+from edmctl.errors import installing
 from edmctl.record import layout
 from edmctl.record.layout import Column, Table
 from edmctl.record.reader import RunFile
@@ -256,11 +257,7 @@ def need_pyarrow() -> None:
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError:
-        raise PreconditionError(
-            "Parquet needs pyarrow, which is not installed.",
-            hint=f"Install it: {installing('pyarrow')}; --format csv needs nothing.",
-            code="E8092",
-        ) from None
+        raise failures.pyarrow_missing(install=installing("pyarrow")) from None
 
 
 def formatted(values: NDArray[np.generic], unknown: str, infinite: str | None = None) -> list[str]:

@@ -10,8 +10,9 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, cast
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import PreconditionError, UsageError, installing
+from edmctl.errors import installing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -188,19 +189,11 @@ def check_figure(name: str) -> None:
     Raises UsageError (E2011) for another type of file, PreconditionError (E8090) without matplotlib.
     """
     if suffix_of(name) not in SUFFIXES:
-        raise UsageError(
-            f"A figure cannot be written into {name!r}: its name ends in none of {', '.join(SUFFIXES)}.",
-            hint="Take .pdf or .svg for print and .png for the screen.",
-            code="E2011",
-        )
+        raise failures.figure_suffix_unknown(name=name, suffixes=", ".join(SUFFIXES))
     need_matplotlib()
 
 
 def need_matplotlib() -> None:
     """Raise PreconditionError (E8090) where matplotlib is not installed."""
     if importlib.util.find_spec("matplotlib") is None:
-        raise PreconditionError(
-            "Figures need matplotlib, which is not installed.",
-            hint=f"Install it: {installing('matplotlib')}.",
-            code="E8090",
-        )
+        raise failures.matplotlib_missing(install=installing("matplotlib"))

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 
+from edmctl import failures
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
-from edmctl.errors import LinkLost
 from edmctl.link.transport import MergedTlm
 from edmctl.simulator.config import FIRMWARE_FLOAT, STM32, BenchConfig
 from edmctl.simulator.controller import Controller
@@ -72,9 +72,9 @@ class MemoryTransport:
 
     def _check(self) -> None:
         if not self._open:
-            raise LinkLost("The line to the virtual machine is closed.", hint="Open the machine again.")
+            raise failures.simulated_line_closed()
         if self._controller.injector.line.unplugged:
-            raise LinkLost("The line to sim: broke: it was unplugged.", hint="Check the cable.", code="E4003")
+            raise failures.simulated_line_broken()
 
 
 class DirectLine(MemoryTransport):

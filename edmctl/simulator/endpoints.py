@@ -15,8 +15,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Protocol
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import LinkLost
 from edmctl.link import gate
 
 SILENT_S = 5.0
@@ -134,11 +134,7 @@ def _publish(link: Path, device: str) -> None:
             link.unlink()
         link.symlink_to(device)
     except OSError as error:
-        raise LinkLost(
-            f"Cannot make the link {link}: {error.strerror}.",
-            hint="Take another path for --link.",
-            code="E4021",
-        ) from error
+        raise failures.link_cannot_be_made(link=link, reason=error.strerror) from error
 
 
 @dataclass(slots=True)
@@ -174,9 +170,7 @@ class SocketEndpoint:
             self._listener = socket.create_server((host, port), family=family)
         except (OSError, UnicodeError, TypeError) as error:
             reason = getattr(error, "strerror", None) or "no such host"
-            raise LinkLost(
-                f"Cannot serve on {host}:{port}: {reason}.", hint="Take another host or port.", code="E4021"
-            ) from error
+            raise failures.socket_cannot_be_served(host=host, port=port, reason=reason) from error
         self._listener.setblocking(False)
         address = self._listener.getsockname()
         shown = f"[{address[0]}]" if ":" in address[0] else address[0]
@@ -301,9 +295,7 @@ def address_of(host: str) -> str:
         found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
         return str(found[0][4][0])
     except (OSError, UnicodeError, ValueError) as error:
-        raise LinkLost(
-            f"Cannot serve on {host}: no such host.", hint="Take another host.", code="E4021"
-        ) from error
+        raise failures.host_unknown(host=host) from error
 
 
 def is_loopback(address: str) -> bool:

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmctl import failures
 from edmctl.core.library import Kept
 from edmctl.core.records import Record
-from edmctl.errors import RunFileError
 from edmctl.link.faults import FAULTS
 from edmctl.link.messages import ResetCause
 from edmctl.process.erosion import ErosionLaw
@@ -107,11 +107,7 @@ def restored_bench(state: State) -> VirtualBench:
         _restore_plant(bench.plant, plant)
         _restore_controller(bench.controller, controller)
     except (KeyError, IndexError, TypeError, ValueError, ArithmeticError, MemoryError) as error:
-        raise RunFileError(
-            f"The saved bench does not fit this version: {type(error).__name__} {error}.",
-            hint="Use the version of edmctl that wrote the file, or begin a new bench under another name.",
-            code="E9021",
-        ) from error
+        raise failures.saved_bench_does_not_fit(name__=type(error).__name__, error=error) from error
     bench.controller.reset(ResetCause.POWER_ON)
     bench.controller.link.take_output()  # nobody was there to hear it
     return bench

@@ -7,8 +7,8 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import PreconditionError
 from edmctl.quantity import half_width
 from edmctl.study.design import (
     AS_LEVELS,
@@ -190,11 +190,7 @@ def analysis_of(state: StudyState) -> StudyAnalysis:
     plan = state.folder.plan
     done = tuple(run for run in state.runs if run.state is RunState.DONE)
     if not done:
-        raise PreconditionError(
-            "No run of the study is done yet.",
-            hint=f"Make them with `edmctl study resume {state.folder.path}`.",
-            code="E8206",
-        )
+        raise failures.study_without_runs(folder=state.folder.path)
     designed = tuple(run for run in done if plan.is_of_design(run.planned))
     added = tuple(
         run

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, ProfileError
+from edmctl.failures import Code
 from edmctl.files import user_path
 from edmctl.jobs.plan import JobRequest, Plan, check
 from edmctl.jobs.surroundings import NONE, Surroundings
-from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Code
+from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM
 from edmctl.profile.folders import as_value, is_path
 from edmctl.profile.model import Profile
 from edmctl.profile.positions import SET_OPTION, KeyPath

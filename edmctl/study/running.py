@@ -10,9 +10,10 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.core.library import library
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import EdmError, Interrupted, PreconditionError, RunFileError, UsageError
+from edmctl.errors import EdmError, Interrupted, RunFileError
 from edmctl.exitcodes import error_exit_code
 from edmctl.files import open_regular
 from edmctl.jobs.parallel import Lost, Pool, Program, perform
@@ -81,12 +82,7 @@ def run_name(folder: Path, run: PlannedRun, attempt: int, start: datetime) -> Ru
 def refuse_other_recipe(plan: Plan, recipe: tuple[str, str] | None, run: PlannedRun) -> None:
     """Raise PreconditionError E8203 where a run's recipe in effect is not the one that was planned."""
     if recipe is not None and recipe not in plan.loaded.recipes:
-        raise PreconditionError(
-            f"The recipe of run {run.number} is not the one that was planned.",
-            hint="Another version of edmctl reads the profile in another way: go on with the version that began the "
-            "study, or plan it anew in another folder.",
-            code="E8203",
-        )
+        raise failures.recipe_of_run_differs(number=run.number)
 
 
 def row_of(
@@ -167,23 +163,11 @@ def refuse_mixture(state: StudyState, where: MachineAddress, command: str = "res
     bench = bench_of(port) if port else ""
     is_made = any(run.row is not None for run in state.runs)
     if port and (not lasting or (bench and bench_of(where.selector) != bench)):
-        raise UsageError(
-            f"The study is made on the machine at {port}.",
-            hint=f"Go on there: `{state.making_command(command)}`.",
-            code="E2108",
-        )
+        raise failures.study_of_another_machine(port=port, making_command=state.making_command(command))
     if bench and is_made and not Path(bench).exists():
-        raise PreconditionError(
-            f"The bench that has made runs of the study, {bench}, is gone; a new one is another machine.",
-            hint="Put the file back where it was; a study on another machine is another one, in another folder.",
-            code="E8214",
-        )
+        raise failures.study_bench_gone(bench=bench)
     if lasting and not port and is_made:
-        raise UsageError(
-            "The study has runs on virtual machines already.",
-            hint="Make another study on the machine, in another folder; or leave --port out.",
-            code="E2108",
-        )
+        raise failures.study_has_virtual_runs()
 
 
 def task_of(folder: StudyFolder, run: StudyRun) -> RunTask:

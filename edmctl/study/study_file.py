@@ -8,10 +8,11 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import Diagnostic, ProfileError, UsageError
+from edmctl.errors import Diagnostic, ProfileError
+from edmctl.failures import Code
 from edmctl.profile.diagnose import schema_diagnostics, schema_problems
-from edmctl.profile.findings import Code
 from edmctl.profile.positions import KeyPath, Source, Sources, TomlTable
 from edmctl.profile.read import parse, read_source
 from edmctl.profile.tables import ONE_LINE, FileName, Table, field_at
@@ -199,11 +200,7 @@ def read_study(path: Path) -> StudySource:
     Raises ProfileError where a table is missing, UsageError E2100 where there is no file.
     """
     if path.is_dir() and (path / "plan.json").is_file():
-        raise UsageError(
-            f"{path} is the folder of a study, and a study file is wanted.",
-            hint=f"Go on with it: `edmctl study resume {shlex.quote(str(path))}`.",
-            code="E2100",
-        )
+        raise failures.folder_instead_of_study_file(path=path, path_2=shlex.quote(str(path)))
     source = read_source(path)
     sources, table = Sources((source,), source), parse(source)
     if "study" not in table and {"servo", "target", "extends"} & set(table):

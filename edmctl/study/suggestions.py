@@ -11,7 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl.errors import PreconditionError, ProfileError, UsageError
+from edmctl import failures
+from edmctl.errors import PreconditionError, ProfileError
 from edmctl.jobs.plan import check
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.study.analysis import (
@@ -101,12 +102,7 @@ def refuse_without_room(state: StudyState, count: int) -> None:
     left = sum(run.state is RunState.OPEN for run in state.runs)
     free = len(grid_of(machine)) - taken - left
     if free < count:
-        raise PreconditionError(
-            f"The study's grid has {plural(max(0, free), 'place')} left beside those of the runs to make, and "
-            f"{plural(count, 'more run')} need one each.",
-            hint="Add fewer runs; a study on new work is another one, in another folder.",
-            code="E8207",
-        )
+        raise failures.grid_too_small(places=plural(max(0, free), "place"), runs=plural(count, "more run"))
 
 
 def suggested_runs(state: StudyState, settings: Sequence[Mapping[str, Value]]) -> list[PlannedRun]:
@@ -176,11 +172,7 @@ def _renumbered(numbers: Iterable[int], first: int) -> dict[int, int]:
 def _other_level(factor: FactorInfo, value: Value, design: Iterable[PlannedRun]) -> Value:
     levels = {run.settings[factor.key] for run in design}
     if len(levels) != 2:
-        raise UsageError(
-            f"A fold-over exchanges two levels of every factor; the design has {len(levels)} of {factor.name}.",
-            hint="Add a replicate instead: leave out --fold-over.",
-            code="E2114",
-        )
+        raise failures.fold_over_needs_two_levels(levels_count=len(levels), factor=factor.name)
     return next(level for level in levels if level != value)
 
 
@@ -252,11 +244,7 @@ def best_of_points(state: StudyState) -> Recommendation:
     names = [name for name, _ in plan.objectives] or ranked_by(plan)[:1]
     candidates = [one for one in analysis.choices if all(one.means.get(name) is not None for name in names)]
     if not candidates or not names:
-        raise PreconditionError(
-            f"No point has a value of {', '.join(names)}.",
-            hint="Tell manual responses with `edmctl study tell`, or make the runs.",
-            code="E8208",
-        )
+        raise failures.no_point_with_values(names=", ".join(names))
     candidates = [one for one in candidates if settings_key(one.settings) not in refuted]
     if not candidates:
         raise nothing_left(state, "recommend")
@@ -265,11 +253,7 @@ def best_of_points(state: StudyState) -> Recommendation:
     if not feasible:
         best = min(candidates, key=lambda one: violation(plan, one))
         if not math.isfinite(violation(plan, best)):
-            raise PreconditionError(
-                f"No point is known to keep {', '.join(map(str, plan.constraints))}, or by how much it does not.",
-                hint="Tell manual responses with `edmctl study tell`, or make the runs.",
-                code="E8208",
-            )
+            raise failures.no_point_known_to_keep(str=", ".join(map(str, plan.constraints)))
         basis = "No point that was run is known to keep every constraint; this one comes nearest."
     elif len(names) == 1:
         info = next(one for one in plan.responses if one.name == names[0])
@@ -321,7 +305,7 @@ def nothing_left(state: StudyState, what: str) -> PreconditionError:
             f"`{state.folder.command('suggest')}` looks for settings that were not run; without any, "
             f"{hint[0].lower()}{hint[1:]}"
         )
-    return PreconditionError(f"Nothing is left to {what}.{refuted_words(state)}", hint=hint, code="E8217")
+    return failures.nothing_left_to_suggest(what=what, state=refuted_words(state), remedy=hint)
 
 
 def recommendation(
@@ -367,11 +351,11 @@ def next_batch(state: StudyState, surroundings: Surroundings = NONE) -> list[Pla
     if waiting := [run for run in _untold(state) if run.planned.kind is RunKind.SUGGESTED]:
         number = waiting[0].planned.number
         names = [name for name in _by_hand(state) if waiting[0].value(name) is None]
-        raise PreconditionError(
-            f"Run {number} was suggested and waits for {', '.join(names)}: nothing follows from it before.",
-            hint=f"Measure it: `{state.folder.command('tell', str(number), f'{names[0]}=VALUE')}`, then go on with "
-            f"`{state.making_command('optimize')}`.",
-            code="E8216",
+        raise failures.suggested_run_not_measured(
+            number=number,
+            names=", ".join(names),
+            command=state.folder.command("tell", str(number), f"{names[0]}=VALUE"),
+            making_command=state.making_command("optimize"),
         )
     left = min(optimize.batch, optimize.runs - counted(state))
     return suggestions(state, left, surroundings) if left > 0 else []
@@ -416,11 +400,7 @@ def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE
         settings = [one for one in settings if one not in refused]
         if not settings:
             break
-    raise PreconditionError(
-        "The rules of recipes refuse whatever is suggested.",
-        hint="Narrow the factors: `edmctl study plan` tells which settings are refused.",
-        code="E8211",
-    )
+    raise failures.suggestions_all_refused()
 
 
 def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recommendation:
@@ -466,11 +446,7 @@ def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[li
     """The runs, the objective to be minimised, and each constraint's values with the limit they shall not exceed."""
     plan = state.folder.plan
     if not plan.objectives:
-        raise PreconditionError(
-            "The study has no objective.",
-            hint="Add [[objectives]] with a response to the study file, and plan it anew.",
-            code="E8209",
-        )
+        raise failures.study_without_objective()
     wanted = _wanted(plan)
     # A value that nobody has told yet is not known; only a run that failed tells where runs fail.
     runs = [
@@ -482,12 +458,12 @@ def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[li
     objective = _objective(plan.objectives, infos, runs)
     known = sum(math.isfinite(value) for value in objective)
     if known < LEAST_RUNS:
-        raise PreconditionError(
-            f"{plural(known, 'run')} of {LEAST_RUNS} that a suggestion needs have a value of every objective.",
-            hint=f"Make the design's runs first: `{state.making_command('resume')}`."
+        raise failures.too_few_runs_to_suggest(
+            runs=plural(known, "run"),
+            least_runs=LEAST_RUNS,
+            remedy=f"Make the design's runs first: `{state.making_command('resume')}`."
             if any(run.state is RunState.OPEN for run in state.runs)
             else f"Tell responses that are measured by hand: `{state.folder.command('tell')} RUN NAME=VALUE`.",
-            code="E8210",
         )
     return runs, objective, [_constraint(bound, infos[bound.response], runs) for bound in plan.constraints]
 

@@ -17,12 +17,12 @@ from edmctl.app import command_tree
 from edmctl.core.build import cache_folder
 from edmctl.errors import ProfileError, UsageError
 from edmctl.exitcodes import ExitCode
+from edmctl.failures import Code
 from edmctl.files import read_bytes, user_path
 from edmctl.jobs.connect import secret_of
 from edmctl.jobs.plan import MachineAddress, where_is
 from edmctl.jobs.runs.opening import find_run
 from edmctl.planning.rules.load import load_profile
-from edmctl.profile.findings import Code
 from edmctl.profile.folders import data_folder, find_calibration, find_drift, shipped_folder
 from edmctl.profile.model import ProfileFile
 from edmctl.profile.setup import Setup, load_setup

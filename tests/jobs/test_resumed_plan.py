@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from edmctl.errors import ProfileError
+from edmctl.failures import Code
 from edmctl.jobs.plan import JobRequest, Plan, Resumption, check, with_resumed
 from edmctl.procedures.job import JobState, job_of
-from edmctl.profile.findings import Code
 from edmctl.profile.setup import Setup
 from edmctl.simulator.work_under_tool import EDGE_X_UM
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from edmctl.errors import ProfileError
+from edmctl.failures import Code
 from edmctl.planning.rules.load import load_profile
-from edmctl.profile.findings import Code
 from edmctl.profile.places import MOST_PLACES, Place, places
 from tests.planning.rules.documents import problems
 

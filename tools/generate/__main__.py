@@ -1,7 +1,7 @@
 """Writes what is made from data files and models: `python -m tools.generate [--check]`, from the project's folder.
 
-Made are messages.py and edmlink1.json in edmctl/link/, headers and tables in firmware/, the marked parts of pages in
-docs/ and the block diagram of one.
+Made are edmctl/failures.py, messages.py and edmlink1.json in edmctl/link/, headers and tables in firmware/, the
+marked parts of pages in docs/ and the block diagram of one.
 With --check nothing is written; the exit code is 1 where a file is out of date.
 """
 
@@ -13,6 +13,7 @@ from pathlib import Path
 from edmctl.link.faults import FAULTS, FaultRow
 from tools.generate import (
     actuator_page,
+    failures,
     faults_page,
     firmware,
     machine_diagram,
@@ -40,6 +41,7 @@ def _sources() -> dict[Path, str]:
     firmware_folder = _ROOT / "firmware"
     schema, faults = _schema_and_faults()
     return {
+        _ROOT / "edmctl" / "failures.py": formatted(failures.failures_source()),
         _ROOT / "edmctl" / "link" / "messages.py": formatted(messages_source(schema, faults)),
         _ROOT / "edmctl" / "link" / "edmlink1.json": schema.canonical_json() + "\n",
         firmware_folder / "gen" / "edmlink.h": firmware.header(schema, faults),
@@ -55,6 +57,7 @@ def _pages() -> dict[Path, str]:
     schema, faults = _schema_and_faults()
     parts = {
         "protocol.md": protocol_page.tables(schema, faults),
+        "exit-codes.md": failures.page_tables(),
         "faults.md": {"faults": faults_page.sections(schema, faults)},
         "profile.md": profile_page.tables(),
         "run-file.md": {"layout": run_file_page.layout_tables()},

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.cli.options import RESULT, command
 from edmctl.cli.outcome import Outcome
-from edmctl.errors import UsageError
 
 BoardOption = Annotated[
     str | None,
@@ -76,45 +76,25 @@ def build(
     from edmctl.core.build import REALS
 
     if board not in (None, HOST, *BOARDS):
-        raise UsageError(
-            f"There is no board {board}.", hint=f"Say {', '.join((HOST, *BOARDS))}.", code="E2090"
-        )
+        raise failures.board_unknown(board=board, boards=", ".join((HOST, *BOARDS)))
     if compiler not in (None, *COMPILERS):
-        raise UsageError(
-            f"--compiler {compiler} is none that is known.",
-            hint=f"Say {' or '.join(COMPILERS)}.",
-            code="E2090",
-        )
+        raise failures.compiler_unknown(compiler=compiler, compilers=" or ".join(COMPILERS))
     if real is not None and real not in REALS:
-        raise UsageError(f"--real {real} is no arithmetic.", hint=f"Say {' or '.join(REALS)}.", code="E2048")
+        raise failures.arithmetic_unknown(real=real, reals=" or ".join(REALS))
     if board in (None, HOST):
         if output is not None:
-            raise UsageError(
-                "--output is for the image of a board; libraries are kept in the user's cache folder.",
-                hint="Say --board stm32f4, or name a cache folder in EDMCTL_FIRMWARE_CACHE.",
-                code="E2090",
-            )
+            raise failures.output_without_board()
         if settings:
-            raise UsageError(
-                "--set is for the image of a board; virtual machines have a setup file.",
-                hint="Say --board stm32f4.",
-                code="E2090",
-            )
+            raise failures.setting_without_board()
         _library(outcome, real, compiler)
         return
     if real is not None:
-        raise UsageError(
-            "--real is for libraries; a board calculates in float.", hint="Leave it out.", code="E2090"
-        )
+        raise failures.real_with_board()
     place = output or Path(f"edmctl-{board}.elf")
     if place.is_dir():
         place /= f"edmctl-{board}.elf"
     if place.suffix not in ("", *SUFFIXES):
-        raise UsageError(
-            f"--output {place} is no name of an image.",
-            hint=f"End it with {', '.join(SUFFIXES)}.",
-            code="E2090",
-        )
+        raise failures.image_ending_unknown(place=place, suffixes=", ".join(SUFFIXES))
     _image(outcome, str(board), place, compiler, settings or [])
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.cli.options import (
     NOTES,
     ControllerOption,
@@ -22,7 +23,6 @@ from edmctl.cli.options import (
 )
 from edmctl.cli.outcome import Outcome, mutter, tell
 from edmctl.cli.signals import shell
-from edmctl.errors import UsageError
 from edmctl.jsonout import render_json
 
 if TYPE_CHECKING:
@@ -90,29 +90,13 @@ def first_start(
         where = replace(where, controller=known_controller(controller))
     given = read_answers(answers) if answers is not None else None
     if yes and not where.in_process:
-        raise UsageError(
-            f"--yes allows dangerous steps unseen, and {where.selector} is not a virtual machine in this process.",
-            hint="Answer in a terminal, or name every step with --answers FILE.",
-            code="E2067",
-        )
+        raise failures.yes_with_real_machine(selector=where.selector)
     if yes and given is not None:
-        raise UsageError(
-            "--yes allows every step, and --answers names those that are allowed: one of the two.",
-            hint="Leave --yes out.",
-            code="E2067",
-        )
+        raise failures.yes_beside_answers()
     if acts is not None and where.in_process:
-        raise UsageError(
-            f"--acts is about a served virtual machine, and {where.selector} is one in this process.",
-            hint="Leave it out: hands and eyes are this program's there.",
-            code="E2066",
-        )
+        raise failures.acts_without_served_machine(selector=where.selector)
     if given is None and not yes and not sys.stdin.isatty():
-        raise UsageError(
-            "first-start asks, and nobody is at a terminal.",
-            hint="Run it in a terminal, or give the answers with --answers FILE.",
-            code="E2068",
-        )
+        raise failures.no_terminal()
     check_folder(out)
 
     def person(machine: "LinkMachine") -> "Asked":
@@ -211,7 +195,7 @@ class Terminal:
         said: list[str] = []
         self._machine.wait_for(lambda: self._has_come(said))
         if not said[0]:
-            raise UsageError("The terminal was closed.", hint="Run first-start again.", code="E2068")
+            raise failures.terminal_closed()
         return said[0].strip().lower()
 
     def _has_come(self, said: list[str]) -> bool:

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.board.commands.info import ImageArgument
 from edmctl.cli import completion
 from edmctl.cli.options import NOTES, SetupOption, WaitOption, command
 from edmctl.cli.outcome import Outcome, Output, mutter, tell
 from edmctl.cli.signals import shell
-from edmctl.errors import PreconditionError
 
 if TYPE_CHECKING:
     from edmctl.board.board_firmware import FlashReport
@@ -90,14 +90,14 @@ def _confirm(output: Output, settings: str, board: "Board", *, is_said: bool) ->
         "Switch it off, see that its meter shows nothing, and flash again with --yes-high-voltage-is-off."
     )
     if output.json or not (sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()):
-        raise PreconditionError("Nobody has said that the high voltage is off.", hint=remedy, code="E8124")
+        raise failures.high_voltage_unconfirmed(remedy=remedy)
     mutter(
         f"While {board.title} is flashed nothing guards the machine, and its outputs float.\n"
         f"Settings of the image: {settings}.\n"
         f"Is the high voltage off, by its switch and by its meter? Type `{_ANSWER}` to flash: "
     )
     if sys.stdin.readline().strip() != _ANSWER:
-        raise PreconditionError("The high voltage may be on; nothing was written.", hint=remedy, code="E8124")
+        raise failures.high_voltage_on(remedy=remedy)
 
 
 def _told(report: "FlashReport") -> str:

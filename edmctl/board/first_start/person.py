@@ -8,6 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Protocol
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import UsageError
 from edmctl.files import read_bytes
@@ -225,9 +226,4 @@ def is_number(text: str) -> bool:
 
 
 def _unfit(message: str) -> UsageError:
-    return UsageError(
-        message,
-        hint='Lines as `estop-press = "done"`, `high-voltage = "yes"`, `battery-volts = 9.1`; docs/first-start.md '
-        "lists all.",
-        code="E2065",
-    )
+    return failures.answer_unusable(problem=message)

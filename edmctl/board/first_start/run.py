@@ -7,13 +7,14 @@ from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.board.first_start import actuator, cold, generator, nets, stages
 from edmctl.board.first_start.checklist import Checklist
 from edmctl.board.first_start.hands import VirtualHands, written_hands
 from edmctl.board.first_start.nets import cause
 from edmctl.board.first_start.person import Asked, Person
 from edmctl.board.results import Cause, FirstStartReport, Item, ItemStatus
-from edmctl.errors import EdmError, LinkLost, MachineFault, ObjectiveNotReached, PreconditionError, UsageError
+from edmctl.errors import EdmError, LinkLost, MachineFault
 from edmctl.jobs.connect import connected
 from edmctl.jobs.plan import MachineAddress
 from edmctl.jobs.surroundings import Surroundings
@@ -57,11 +58,7 @@ def first_start(
             stands = VirtualHands(bench.virtual, asked)
         elif acts is not None:
             if not machine.identity.simulated and machine.hello.clock != Clock.DRIVEN:
-                raise UsageError(
-                    "--acts is about a virtual machine, and a real one answers.",
-                    hint="Leave it out: people act at a real machine.",
-                    code="E2066",
-                )
+                raise failures.acts_with_real_machine()
             stands = written_hands(acts, asked)
         checklist = Checklist(machine, setup, stands, tell, say, cause_of)
         try:
@@ -89,17 +86,13 @@ def verdict(report: FirstStartReport) -> EdmError | None:
     """Return the error of a checklist that came to its end: what failed, else what was skipped, else none."""
     failed = [item.title for item in report.items if item.status is ItemStatus.FAIL]
     if failed:
-        return PreconditionError(
-            f"{len(failed)} of {len(report.items)} items failed: {', '.join(failed)}.",
-            hint="The likely mistakes stand beside each; the machine is not to be used before all pass.",
-            code="E8049",
+        return failures.items_failed(
+            failed_count=len(failed), items_count=len(report.items), failed=", ".join(failed)
         )
     skipped = [item.title for item in report.items if item.status is ItemStatus.SKIPPED]
     if skipped:
-        return ObjectiveNotReached(
-            f"{len(skipped)} of {len(report.items)} items were skipped: {', '.join(skipped)}.",
-            hint="Do the checklist again, with all of them, before the machine is used.",
-            code="E7050",
+        return failures.items_skipped(
+            skipped_count=len(skipped), items_count=len(report.items), skipped=", ".join(skipped)
         )
     return None
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.cli.options import NOTES, PortOption, SetupOption, WaitOption, command
 from edmctl.cli.outcome import Outcome, tell
 from edmctl.cli.signals import shell
@@ -123,11 +124,7 @@ def reset(
     where = where_is(port, settings)
     lasting = where.lasting
     if (file := where.bench_file) is not None and not file.exists():
-        raise PreconditionError(
-            f"There is no bench {file}, and a new one holds no fault.",
-            hint="Name the machine that holds the fault with --port or EDMCTL_PORT.",
-            code="E8013",
-        )
+        raise failures.bench_absent(file=file)
     with machine_at(settings, port, wait, partial(tell, outcome.output), shell()) as bench:
         machine = bench.machine
         outcome.simulated = machine.identity.simulated

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.cli import completion
 from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, command
 from edmctl.cli.outcome import Outcome
 from edmctl.cli.render.result_table import render_job
 from edmctl.cli.running import identity_before, run_and_tell
 from edmctl.cli.signals import shell
-from edmctl.errors import UsageError
 
 if TYPE_CHECKING:
     from edmctl.jobs.plan import Plan
@@ -86,7 +86,7 @@ def machine(
         outcome.warn(plan.loaded.warnings)
     elif homed or restart_hole:
         lone = "--homed" if homed else "--restart-hole"
-        raise UsageError(f"{lone} goes with --resume only.", hint="Leave it out.", code="E2050")
+        raise failures.option_without_resume(lone=lone)
     else:
         plan = job.plan(outcome, new_tool=new_tool)
         name = name_run(run.out, run.run_id, plan.loaded, datetime.now(UTC))
@@ -135,8 +135,4 @@ def _refuse_other_options(context: typer.Context) -> None:
         if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
     ]
     if named:
-        raise UsageError(
-            f"--resume goes on with the job as it was; {', '.join(named)} would change it.",
-            hint="Leave that out. --port, --wait, --out, --run-id, --homed and --restart-hole go with --resume.",
-            code="E2050",
-        )
+        raise failures.resume_with_other_options(named=", ".join(named))

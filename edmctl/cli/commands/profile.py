@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from edmctl import failures
 from edmctl.cli import completion
 from edmctl.cli.options import SetOption, SetupOption, command, command_group
 from edmctl.cli.outcome import Outcome, diagnostics_of
 from edmctl.cli.render.style import Style
-from edmctl.errors import Diagnostic, EdmError, ProfileError, UsageError
+from edmctl.errors import Diagnostic, EdmError, ProfileError
 from edmctl.files import read_bytes
 from edmctl.jsonout import to_json_value
 from edmctl.profile.folders import as_value, find_profile, is_path
@@ -100,11 +101,7 @@ def new(outcome: Outcome, file: NewFileArgument, shipped: FromOption) -> None:
     from edmctl.jobs.output_files import write
 
     if is_path(shipped):
-        raise UsageError(
-            f"--from takes the name of a shipped profile, and {shipped} is a file.",
-            hint='Copy the file, or write extends = "FILE" in a new one.',
-            code="E2008",
-        )
+        raise failures.template_is_a_file(shipped=shipped)
     write(file, read_bytes(find_profile(shipped)))
     outcome.result = {"file": str(file), "from": shipped}
     value = shlex.quote(as_value(file))

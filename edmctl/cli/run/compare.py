@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.cli import completion
 from edmctl.cli.options import command
 from edmctl.cli.outcome import Outcome
-from edmctl.errors import UsageError
 from edmctl.jobs.runs.opening import find_run, reading_unless_killed
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def compare(outcome: Outcome, files: FilesArgument, out: OutOption = None) -> No
     from edmctl.report.comparison import compare as compared
 
     if len(files) < 2:
-        raise UsageError("Only one run is named.", hint="Name at least two run files.", code="E2073")
+        raise failures.one_run_to_compare()
     if out is not None:
         from edmctl.report.kinds import check_figure
 

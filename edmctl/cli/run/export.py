@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.cli.options import RunArgument, command
 from edmctl.cli.outcome import Outcome, mutter, unwritable
 from edmctl.cli.render.layout import render_columns
 from edmctl.cli.render.style import Style
-from edmctl.errors import EdmError, UsageError
+from edmctl.errors import EdmError
 from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
 from edmctl.results.run_file import Exported
 from edmctl.wording import count, file_size
@@ -86,9 +87,7 @@ def export(
     if request.form is Format.PARQUET:
         need_pyarrow()
         if request.to_stdout and sys.stdout.isatty():
-            raise UsageError(
-                "Parquet cannot be shown on a terminal.", hint="Give a file with -o.", code="E2085"
-            )
+            raise failures.parquet_on_terminal()
     with reading_unless_killed(path) as opened:
         outcome.run_file = path
         outcome.simulated = opened.is_simulated

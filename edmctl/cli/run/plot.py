@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.cli import completion
 from edmctl.cli.options import RunArgument, command
 from edmctl.cli.outcome import Outcome, mutter
-from edmctl.errors import PreconditionError
 from edmctl.jobs.runs.opening import find_run, plain_stem, reading_unless_killed
 from edmctl.report.kinds import draw
 from edmctl.wording import plural
@@ -95,12 +95,11 @@ def _draw(outcome: Outcome, opened: "RunFile", request: "PlotRequest", overwrite
         written.append({"kind": target.name, "file": str(target.path), "bytes": len(content)})
         outcome.text = "\n".join(f"{entry['kind']:<13} {entry['file']}" for entry in written)
     if nothing and (request.by_name or not written):
-        raise PreconditionError(
-            " ".join(f"Nothing to draw for {entry['kind']}: {entry['why']}" for entry in nothing),
-            hint="Without --kind, what there is something for is drawn."
+        raise failures.nothing_to_draw(
+            problem=" ".join(f"Nothing to draw for {entry['kind']}: {entry['why']}" for entry in nothing),
+            remedy="Without --kind, what there is something for is drawn."
             if written or request.by_name
             else "",
-            code="E8091",
         )
     for entry in nothing:
         mutter(f"no {entry['kind']}: {entry['why']}\n")

@@ -6,9 +6,10 @@ from typing import Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.cli.options import PROGRESS, RunArgument, command
 from edmctl.cli.outcome import Outcome, watching
-from edmctl.errors import RunFileError, UsageError
+from edmctl.errors import RunFileError
 from edmctl.jobs.runs.opening import RUNS, command_to_go_on, find_run, unless_killed
 from edmctl.results.run_file import RunHead, Unreadable
 from edmctl.wording import iso_of, utc_of
@@ -90,9 +91,7 @@ def list_runs(outcome: Outcome, folder: FolderArgument = None, out: OutOption = 
 def _only(folder: Path | None, out: Path | None) -> Path:
     """Return the folder. Raises UsageError E2063 if two are named."""
     if folder is not None and out is not None:
-        raise UsageError(
-            f"Two folders are named: {folder}, and {out} with --out.", hint="Leave one out.", code="E2063"
-        )
+        raise failures.two_folders_named(folder=folder, out=out)
     return folder or out or RUNS
 
 
@@ -106,11 +105,7 @@ def _list(outcome: Outcome, folder: Path) -> None:
         return
     named = folder if folder.is_dir() else find_run(folder)
     if not named.exists():
-        raise RunFileError(
-            f"There is neither a folder nor a run {folder}.",
-            hint="Give the folder that the runs were written to (--out), or the id of a run in runs/.",
-            code="E9005",
-        )
+        raise failures.folder_or_run_missing(folder=folder)
     found: list[RunHead | Unreadable] = list(heads_of(named)) if folder.is_dir() else [read_head(named)]
     found.sort(key=_since)
     outcome.result = {

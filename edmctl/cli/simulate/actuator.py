@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.cli.options import NOTES, SeedOption, command
 from edmctl.cli.outcome import Outcome, watching
-from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
 
 if TYPE_CHECKING:
@@ -152,18 +152,11 @@ def _refuse_contradictions(
 ) -> None:
     """Raise UsageError for a missing waveform (E2000), and options that do not go with the models (E2010)."""
     if shape is None and not of_paper:
-        hint = "--model paper alone needs none; `edmctl simulate actuator --help` lists what there is."
-        raise UsageError("Missing argument 'WAVEFORM'.", hint=hint, code="E2000")
+        raise failures.waveform_missing()
     if start is not None and not of_paper:
-        message = (
-            "--start goes with --model paper alone: the other models begin as the actuator does, conditioned."
-        )
-        raise UsageError(message, hint="Leave --start out, or say --model paper.", code="E2010")
+        raise failures.start_without_paper_model()
     if calibration is not None and of_paper:
-        message = (
-            "--calibration does not go with --model paper, which is fitted to one slow cycle of the actuator."
-        )
-        raise UsageError(message, hint="Leave --calibration out.", code="E2010")
+        raise failures.calibration_with_paper_model()
 
 
 def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, seed: int) -> "Trial":

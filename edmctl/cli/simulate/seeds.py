@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from edmctl import failures
 from edmctl.cli import completion
 from edmctl.cli.options import (
     PROGRESS,
@@ -25,7 +26,7 @@ from edmctl.cli.outcome import Outcome, watching
 from edmctl.cli.signals import begin_worker, shell
 from edmctl.cli.simulate.actuator import actuator
 from edmctl.cli.simulate.serve import serve
-from edmctl.errors import Diagnostic, ObjectiveNotReached, UsageError
+from edmctl.errors import Diagnostic
 from edmctl.jobs.sweep import MOST_RUNS, seed_to_use
 from edmctl.wording import plural
 
@@ -112,11 +113,7 @@ def simulate(
     if resume is not None:
         asked = (profile, overrides, setup, runs, sweep, seed, controller, calibration, out)
         if any(value is not None for value in asked) or allow_model or dry_run:
-            raise UsageError(
-                "--resume goes on with the series as it was asked for.",
-                hint="Leave other options out; --table and --figure go with it.",
-                code="E2112",
-            )
+            raise failures.resume_series_with_options()
         with SeriesRows(resume) as rows:
             series = rows.series(resume)
         out = resume
@@ -159,7 +156,7 @@ def _check_files(table: Path | None, figure: Path | None) -> None:
 
     if table is not None:
         if table.suffix.lower() != ".csv":
-            raise UsageError(f"--table {table} is no .csv file.", hint="Call it FILE.csv.", code="E2113")
+            raise failures.series_table_not_csv(table=table)
         check_free(table)
     if figure is not None:
         from edmctl.report.kinds import check_figure
@@ -190,12 +187,7 @@ def _refuse_options_before(context: typer.Context) -> None:
 
 
 def _one_machine(seed: int) -> Diagnostic:
-    return Diagnostic(
-        "W2003",
-        f"Every value of the sweep runs on the one machine of seed {seed}: its sensor errs alike in all.",
-        "What the runs have in common does not show as a difference; --runs 4 or more shows how machines differ.",
-        is_warning=True,
-    )
+    return failures.sweep_on_one_machine(seed=seed)
 
 
 def _simulate(
@@ -235,10 +227,12 @@ def _simulate(
     failed = [(cases[number // runs], done[number]) for number in sorted(done) if not done[number].ok]
     if failed:
         case, first = failed[0]
-        raise ObjectiveNotReached(
-            f"{len(failed)} of {plural(len(done), 'run')} failed; the first, with seed {first.seed}: {first.error}",
-            hint=f"Repeat it with `{command_of(case.request, first.seed)}`.",
-            code="E7900",
+        raise failures.simulated_runs_failed(
+            failed_count=len(failed),
+            runs=plural(len(done), "run"),
+            seed=first.seed,
+            error=first.error,
+            request=command_of(case.request, first.seed),
         )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.cli.options import (
     NOTES,
     ControllerOption,
@@ -22,7 +23,6 @@ from edmctl.cli.options import (
 from edmctl.cli.outcome import Outcome, Output, tell
 from edmctl.cli.signals import requests_by_signal, shell, stopping_signals
 from edmctl.dataclasses import asdict, dataclass, replace
-from edmctl.errors import UsageError
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.machine.stop import StopRequest
 
@@ -143,13 +143,11 @@ def serve(
 
     outcome.simulated = True
     if link is not None and socket is not None:
-        raise UsageError("--link and --socket exclude each other.", hint="Leave one out.", code="E2040")
+        raise failures.link_and_socket()
     injections, factor = _injections(fault), _speed(speed)
     place = _place(socket, secret_file, allow_remote=allow_remote)
     if seconds is not None and not math.isfinite(seconds):
-        raise UsageError(
-            f"--for {seconds} is no length of time.", hint="Leave it out for no end.", code="E2045"
-        )
+        raise failures.serving_time_impossible(seconds=seconds)
     settings = load_setup(setup)
     changes = (*(overrides or ()), *controlled_by(controller))
     loaded = load_profile(profile, changes, setup=settings) if profile else None
@@ -176,10 +174,8 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
     stop = StopRequest()
     with kept_bench(request.bench_file, request.config, request.seed) as (bench, keep):
         if outcome.seed is not None and bench.plant.serial != serial_number(outcome.seed):
-            raise UsageError(
-                f"{request.bench_file} keeps {bench.plant.serial}, not the machine of --seed {outcome.seed}.",
-                hint="Leave --seed out, or take another file for another machine.",
-                code="E2044",
+            raise failures.bench_of_another_seed(
+                bench_file=request.bench_file, serial=bench.plant.serial, seed=outcome.seed
             )
         for injection in request.injections:
             bench.inject(injection)
@@ -222,11 +218,7 @@ def _acts(request: ServeRequest, bench: "VirtualBench", say: "Callable[[str], No
     try:
         return ActsFile(request.acts, bench, say)
     except OSError as refused:
-        raise UsageError(
-            f"--acts {request.acts} cannot be used: {refused.strerror}.",
-            hint="Name another file.",
-            code="E2069",
-        ) from refused
+        raise failures.acts_file_unusable(acts=request.acts, reason=refused.strerror) from refused
 
 
 def _is_over(bench: "VirtualBench", stop: "StopRequest", seconds: float | None) -> "Callable[[], bool]":
@@ -307,11 +299,7 @@ def _baud(asked: int | None, controller: str) -> int:
     if asked is None:
         return only or DEFAULT_BAUD
     if only is not None and asked != only:
-        raise UsageError(
-            f"--baud {asked}: the line of the controller {controller} has {only} Bd.",
-            hint=f"Leave it out; a host needs baud = {only} below [link] in its setup where its port is a UART.",
-            code="E2049",
-        )
+        raise failures.baud_fixed_by_image(asked=asked, controller=controller, only=only)
     return asked
 
 
@@ -323,10 +311,8 @@ def _speed(text: str) -> float | None:
     except ValueError:
         factor = 0.0
     if not LEAST_SPEED <= factor <= MOST_SPEED:
-        raise UsageError(
-            f"--speed {text} is neither a number from {LEAST_SPEED:g} to {MOST_SPEED:g} nor {FASTEST}.",
-            hint=f"Say --speed 1 for a real machine's pace, --speed {FASTEST} for the fastest.",
-            code="E2041",
+        raise failures.speed_unknown(
+            text=text, least_speed=LEAST_SPEED, most_speed=MOST_SPEED, fastest=FASTEST
         )
     return factor
 
@@ -338,32 +324,20 @@ def _place(text: str | None, secret_file: Path | None, *, allow_remote: bool) ->
 
     if text is None:
         if allow_remote or secret_file is not None:
-            raise UsageError(
-                "--allow-remote and --secret-file are about a socket, and none is served.",
-                hint="Say --socket HOST:PORT too, or leave them out.",
-                code="E2046",
-            )
+            raise failures.remote_options_without_socket()
         return None
     host, port = _address(text)
     secret = b"" if secret_file is None else read_secret(secret_file)
     address = address_of(host)  # what is judged is what is served on, whatever the name stands for later
     if not is_loopback(address) and not (allow_remote and secret):
-        raise UsageError(
-            f"Other computers would reach {text}: whoever connects drives the machine.",
-            hint="Serve on 127.0.0.1, or say --allow-remote and --secret-file FILE.",
-            code="E2046",
-        )
+        raise failures.socket_open_to_others(text=text)
     return _Place(address, port, secret)
 
 
 def _address(text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     if not port.isascii() or not port.isdigit() or int(port) > 65535:
-        raise UsageError(
-            f"--socket {text} is no HOST:PORT.",
-            hint="Say --socket 127.0.0.1:7000, or port 0 for any.",
-            code="E2042",
-        )
+        raise failures.socket_unreadable(text=text)
     return host.strip("[]") or "127.0.0.1", int(port)
 
 
@@ -373,6 +347,4 @@ def _injections(texts: list[str] | None) -> tuple["Injection", ...]:
     try:
         return tuple(parse_injection(text) for text in texts or ())
     except ValueError as error:
-        raise UsageError(
-            str(error), hint="Say --fault NAME or --fault NAME@sparks+2.", code="E2043"
-        ) from error
+        raise failures.injection_unreadable(error=error) from error

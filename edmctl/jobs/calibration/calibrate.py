@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from edmctl import failures
 from edmctl.actuator.checks import check_record
 from edmctl.actuator.identification import LONGEST_FIXED_DELAY_S
 from edmctl.actuator.lever import lever_factor
@@ -17,7 +18,7 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures, Refit
 from edmctl.array_types import Array
 from edmctl.dataclasses import asdict, dataclass, replace
-from edmctl.errors import Diagnostic, EdmError, RecordError, UsageError
+from edmctl.errors import Diagnostic, EdmError, RecordError
 from edmctl.jobs import output_files
 from edmctl.jobs.connect import connected, introduction, known_controller
 from edmctl.jobs.drift_choice import CreepNote
@@ -155,27 +156,17 @@ def _refit(text: str) -> tuple[Refit, ...]:
         return ("zero",)
     if words == set(REFITS):
         return ("gain", "zero")
-    raise UsageError(
-        f"--refit {text!r} is neither 'zero' nor 'gain,zero'.",
-        hint="The zero is always set again; the gain too where the record is of another day.",
-        code="E2020",
-    )
+    raise failures.refit_unknown(text=text)
 
 
 def _check_numbers(request: CalibrationRequest) -> None:
     if not all(math.isfinite(volts) for volts in request.previous_v):
-        raise UsageError(
-            "--previous-voltage is no finite number.",
-            hint="Give volts; leave it out where the actuator had been cycled over the range of the record.",
-            code="E2021",
-        )
+        raise failures.previous_voltage_not_finite()
     if request.delay_s is None:
         return
     if not 0.0 <= request.delay_s <= LONGEST_FIXED_DELAY_S:
-        raise UsageError(
-            f"--delay {request.delay_s:g} s does not lie between 0 and {LONGEST_FIXED_DELAY_S:g} s.",
-            hint="Give seconds; leave it out to have it found.",
-            code="E2022",
+        raise failures.delay_out_of_range(
+            delay_s=request.delay_s, longest_fixed_delay_s=LONGEST_FIXED_DELAY_S
         )
 
 
@@ -192,11 +183,7 @@ def _histories(request: CalibrationRequest) -> list[float | None]:
     named = (
         "no file is named" if not files else f"{files} files are named" if files > 1 else "1 file is named"
     )
-    raise UsageError(
-        f"--previous-voltage is given {times}, and {named} with --from and --validate.",
-        hint="Give it once for all files, or once for each: those of --from first, then those of --validate.",
-        code="E2021",
-    )
+    raise failures.previous_voltage_count(times=times, named=named)
 
 
 def _read(
@@ -334,9 +321,7 @@ def calibrate_machine(
         if is_own and replaced and not findings.identification.accepted:
             path = path.with_name(f"{path.stem}-not-accepted{path.suffix}")
             is_own = replaced = False
-            message = f"The calibration in use stays: the new one was not accepted, and is in {path}."
-            hint = "Put right what it says, and calibrate again; --calibration FILE uses it all the same."
-            not_replaced = Diagnostic("W3652", message, hint, is_warning=True)
+            not_replaced = failures.calibration_in_use_stays(path=path)
             warn([not_replaced, _kept(measured.record, path)])
         _save(findings, path, checked, identity.serial, simulated=identity.simulated)
     return CalibrationReport(
@@ -357,9 +342,7 @@ def calibrate_files(checked: CheckedCalibration, observer: Observer) -> Calibrat
 def _doubts(measured: MeasuredActuator) -> list[Diagnostic]:
     doubts = doubtful(check_record(measured.record), "W3610")
     if measured.lost_frames:
-        message = f"{measured.lost_frames} frames of telemetry were lost on the line."
-        hint = "Turning points may be missing: look at the line, and calibrate again."
-        doubts.append(Diagnostic("W3611", message, hint, is_warning=True))
+        doubts.append(failures.telemetry_lost(lost_frames=measured.lost_frames))
     return doubts
 
 
@@ -411,7 +394,5 @@ def _kept(record: Record, path: Path) -> Diagnostic:
             write_columns(kept, {"t_s": record.t_s, "u_V": record.u_v, "y_um": record.y_um})
         except (EdmError, OSError):
             continue
-        hint = f"Fit it again with `edmctl calibrate --from {kept}`."
-        return Diagnostic("W3660", f"What was measured is kept in {kept}.", hint, is_warning=True)
-    message = "What was measured is lost: it could not be written beside the calibration, nor here."
-    return Diagnostic("W3660", message, "Make room, and calibrate again.", is_warning=True)
+        return failures.measured_data_kept(kept=kept)
+    return failures.measured_data_lost()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from edmctl import failures
 from edmctl.actuator.acceptance import DIFFERING, excess_of, rate_in_words, restrictions_on
 from edmctl.actuator.identification import Identification, fit_line, fit_maxwell, identify
 from edmctl.actuator.model import ActuatorModel
@@ -11,7 +12,7 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.uncertainty import within_rates
 from edmctl.actuator.validation import ErrorFigures, Refit, Validation, validate
 from edmctl.dataclasses import asdict, dataclass, replace
-from edmctl.errors import Diagnostic, RecordError
+from edmctl.errors import Diagnostic
 from edmctl.profile.calibration import contradictions
 
 HELD_OUT, VALIDATION = "held-out blocks", "validation files"
@@ -124,11 +125,7 @@ def find(
             "maxwell": fit_maxwell(records, late_s, counting),
         }
     except ValueError as error:
-        raise RecordError(
-            f"No model can be fitted: {error}.",
-            hint="Record full swings and holds of a minute over the whole range, at 100 Hz or faster.",
-            code="E3619",
-        ) from error
+        raise failures.no_model_fits(error=error) from error
     judged = _judged(found.model, validation, refit)
     found = _verified(found, records, judged)
     return Findings(
@@ -144,7 +141,7 @@ def find(
         files=tuple(_of_file(*one) for one in judged),
         refit=refit,
         warnings=(
-            *(Diagnostic("W3650", f"Not accepted: {one}", REMEDY, is_warning=True) for one in found.problems),
+            *(failures.calibration_not_accepted(one=one, remedy=REMEDY) for one in found.problems),
             *_beyond(found.model, validation),
         ),
     )
@@ -234,10 +231,9 @@ def _beyond(model: ActuatorModel, records: Sequence[Record]) -> list[Diagnostic]
         low_v, high_v = float(record.u_v.min()), float(record.u_v.max())
         if low_v >= model.low_v - margin_v and high_v <= model.high_v + margin_v:
             continue
-        message = (
-            f"{record.name} goes from {low_v:.4g} V to {high_v:.4g} V, the records that were fitted from "
-            f"{model.low_v:.4g} V to {model.high_v:.4g} V: beyond, the model guesses."
+        doubts.append(
+            failures.validation_beyond_fit(
+                record=record.name, low_v=low_v, high_v=high_v, low_v_2=model.low_v, high_v_2=model.high_v
+            )
         )
-        hint = "Fit records over the whole range that will be used."
-        doubts.append(Diagnostic("W3651", message, hint, is_warning=True))
     return doubts

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from edmctl import failures
 from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS
 from edmctl.dataclasses import dataclass
 from edmctl.errors import Diagnostic, PreconditionError
@@ -109,21 +110,13 @@ def refuse_unasked(setup: Setup, *, allow_model: bool) -> None:
     """Raise PreconditionError E8030 if no sensor is fitted and the request does not allow the model instead."""
     if setup.sensor.fitted or allow_model:
         return
-    raise PreconditionError(
-        "No displacement sensor is fitted (setup: sensor.fitted = false).",
-        hint="Say --allow-model to go by the calibrated actuator alone, with the uncertainty that this brings.",
-        code="E8030",
-    )
+    raise failures.no_sensor_fitted()
 
 
 def _refuse_unconditioned(setup: Setup) -> None:
     if setup.sensor.fitted or setup.actuator.conditioning_cycles:
         return
-    raise PreconditionError(
-        "No sensor is fitted, and actuator.conditioning_cycles is 0: nobody knows what the actuator remembers.",
-        hint="Let it swing twice before the job: actuator.conditioning_cycles = 2 in the setup.",
-        code="E8035",
-    )
+    raise failures.conditioning_off_without_sensor()
 
 
 def look_at_named(option: Path | None, environ: Mapping[str, str], setup: Setup, profile: Profile) -> None:
@@ -170,7 +163,7 @@ def _uncalibrated(serial: str, calibrate: str, *, lasting: bool) -> Precondition
     else:
         message = f"No displacement sensor is fitted, and no calibration of {serial} is named."
         hint = f"Run `{calibrate}` with a sensor, and name its file with --calibration."
-    return PreconditionError(message, hint=hint, code="E8031")
+    return failures.no_calibration(problem=message, remedy=hint)
 
 
 def _chosen(path: Path, setup: Setup, profile: Profile, serial: str) -> Choice:
@@ -212,11 +205,7 @@ def _range_in_words(path: Path, calibration: Calibration, profile: Profile) -> s
 def _refuse_narrow(path: Path, calibration: Calibration, setup: Setup, profile: Profile) -> None:
     if setup.sensor.fitted or _covers(calibration, profile):
         return
-    raise PreconditionError(
-        f"No sensor is fitted, and {_range_in_words(path, calibration, profile)}, from 0 V on.",
-        hint="Calibrate from 0 V over the whole stroke, or lower limits.stroke_v_max to what it covers.",
-        code="E8032",
-    )
+    raise failures.calibration_range_too_small(path=_range_in_words(path, calibration, profile))
 
 
 def _doubts(
@@ -239,11 +228,9 @@ def _doubts(
 
 def _cost(calibration: Calibration) -> Diagnostic:
     held_out = calibration.quality.held_out
-    return Diagnostic(
-        "W8105",
-        f"No sensor: every displacement is estimated, within {held_out.rms_um:.2f} µm rms and "
-        f"{held_out.max_um:.1f} µm at most when calibrated, {100 * GAIN_SD_BETWEEN_DAYS:.1f} % of gain on another "
-        f"day, and {LOAD_UM_PER_N:g} µm per newton at the tool.",
-        "The stated uncertainties of depth and wear hold the first two; fit a sensor where they are too wide.",
-        is_warning=True,
+    return failures.no_sensor(
+        rms_um=held_out.rms_um,
+        max_um=held_out.max_um,
+        gain_sd_between_days=100 * GAIN_SD_BETWEEN_DAYS,
+        load_um_per_n=LOAD_UM_PER_N,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import Diagnostic
 from edmctl.jobs.drift_choice import choose_drift, doubts_of_use
@@ -147,15 +148,7 @@ def _of_another_bench(ledger: Ledger, serial: str) -> list[Diagnostic]:
     """Return a warning if the ledger contains a machine with the number of this new bench."""
     if all(line.serial != serial for line in ledger.lines):
         return []
-    return [
-        Diagnostic(
-            "W8116",
-            f"The bench is new, and the ledger {ledger.path} knows another {serial}: its holes and the wear of its "
-            "tools count for this one.",
-            "Keep the runs of a new bench in another folder (--out), or give it another --seed.",
-            is_warning=True,
-        )
-    ]
+    return [failures.bench_new_for_ledger(ledger=ledger.path, serial=serial)]
 
 
 def _left(place: SiteMachined, state: JobState) -> SiteMachined:

@@ -6,8 +6,9 @@ import math
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, field, replace
-from edmctl.errors import Diagnostic, PreconditionError, UsageError
+from edmctl.errors import Diagnostic, UsageError
 from edmctl.jobs.connected_machine import with_home
 from edmctl.jobs.ledger.tool import (
     ToolIdentity,
@@ -62,11 +63,8 @@ def refuse_taken(
     for name, x_um, y_um in places:
         for hole in holes:
             if math.hypot(hole.x_um - x_um, hole.y_um - y_um) < hole.radius_um + radius_um:
-                raise PreconditionError(
-                    f"{name} at {coordinates(x_um, y_um)} would run into {hole_in_words(hole, folder)}.",
-                    hint="Give it another place, or keep the run files of new work in another folder with --out; "
-                    "`edmctl machine --resume` finishes an interrupted hole or channel.",
-                    code="E8042",
+                raise failures.place_taken(
+                    name=name, x_um=coordinates(x_um, y_um), hole=hole_in_words(hole, folder)
                 )
 
 
@@ -75,7 +73,7 @@ def refuse_unreachable(place: Place, job: Job) -> None:
     half_um = job.profile.tool.diameter_um / 2.0 + job.profile.work.side_gap_um
     if found := unreachable(*place, job.setup, half_um):
         message, hint = found
-        raise PreconditionError(f"{message}.", hint=f"{hint[0].upper()}{hint[1:]}.", code="E8042")
+        raise failures.place_on_earlier_work(message=message, hint=hint[0].upper(), hint_2=hint[1:])
 
 
 def refuse_pad(place: Place, job: Job) -> None:
@@ -85,11 +83,8 @@ def refuse_pad(place: Place, job: Job) -> None:
     clear_um = tool.diameter_um + job.profile.work.side_gap_um + PAD_MARGIN_UM
     away_um = math.hypot(x_um - pad.x_um, y_um - pad.y_um)
     if away_um < clear_um:
-        raise PreconditionError(
-            f"{name} at {coordinates(x_um, y_um, 1)} is {length(away_um)} from the reference pad; sparks there "
-            "would spoil what Z1 and Z3 are touched on.",
-            hint=f"Keep {clear_um:.0f} µm away, or touch it with --contact.",
-            code="E8042",
+        raise failures.place_near_pad(
+            name=name, x_um=coordinates(x_um, y_um, 1), away_um=length(away_um), clear_um=clear_um
         )
 
 
@@ -124,9 +119,7 @@ def coordinates_in(text: str) -> tuple[float, float] | None:
 
 def no_place(text: str) -> UsageError:
     """Return the error of a text that names no place."""
-    return UsageError(
-        f"--site {text} is no X,Y in µm.", hint="Say two numbers, e.g. --site 500,0.", code="E2061"
-    )
+    return failures.site_unreadable(text=text)
 
 
 def ledger_of(plan: Plan, name: RunName | None) -> Ledger | None:

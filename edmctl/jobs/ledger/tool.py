@@ -9,8 +9,9 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import Diagnostic, EdmError, PreconditionError, RunFileError
+from edmctl.errors import Diagnostic, EdmError, RunFileError
 from edmctl.jobs.connected_machine import CALENDAR, ConnectedMachine, Now
 from edmctl.jobs.plan import MachineAddress, Plan
 from edmctl.jobs.runs.opening import command_to_go_on, on_machine
@@ -139,12 +140,7 @@ def other_tool(plan: Plan, account: ToolAccount, history: MachineHistory) -> lis
     if unnamed is None or history.tool != NAMELESS or account.reference is not None:
         return []
     label = plan.loaded.profile.tool.label
-    message = f"The reference in {unnamed.run_file} was touched without a profile; it is not that of {label}."
-    hint = (
-        f"{label} takes the first touch of its job for one; `edmctl measure-wear --reference --profile NAME` says "
-        "whose a reference is."
-    )
-    return [Diagnostic("W8114", message, hint, is_warning=True)]
+    return [failures.reference_without_profile(run_file=unnamed.run_file, label=label)]
 
 
 def reference_command(plan: Plan) -> str:
@@ -209,12 +205,12 @@ def refuse_other_setup(account: ToolAccount, history: MachineHistory, plan: Plan
     """Raise PreconditionError E8059 if the tool's reference, or the machine's last one, has another setup."""
     for reference in (account.reference, history.reference):
         if reference is not None and (differences := setup_differences(reference, plan.setup)):
-            raise PreconditionError(
-                f"The reference of {reference.tool} in {folder / reference.run_file} was touched under another "
-                f"setup; with the {plan.setup.in_words()} {', and '.join(differences)}.",
-                hint="Name its setup with --setup or EDMCTL_SETUP. If the machine was changed, touch the pad anew "
-                f"with `{reference_command(plan)}`; keep the runs of another machine in another folder with --out.",
-                code="E8059",
+            raise failures.reference_under_other_setup(
+                tool=reference.tool,
+                folder=folder / reference.run_file,
+                words=plan.setup.in_words(),
+                differences=", and ".join(differences),
+                reference_command=reference_command(plan),
             )
 
 
@@ -241,16 +237,17 @@ def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: Too
     """Raise PreconditionError E8044 if the stroke of the actuator is less than `stroke_um` with the worn tool."""
     available_um = stroke_available_um(worn, setup)
     if stroke_um > available_um:
-        raise PreconditionError(
-            f"{account.label} touches the pad at {length(account.pad_um)} by now; a stroke of {length(stroke_um)} "
-            f"is needed then, and the actuator has {length(available_um)}.",
-            hint=_remedy(
+        raise failures.stroke_used_up(
+            label=account.label,
+            pad_um=length(account.pad_um),
+            stroke_um=length(stroke_um),
+            available_um=length(available_um),
+            remedy=_remedy(
                 plan,
                 account,
-                f"Set the tool lower and run `{reference_command(plan)}`, or change it and add --new-tool. "
-                "Keep run files of another machine or of new work in another folder with --out.",
+                f"Set the tool lower and run `{reference_command(plan)}`, or change it and add "
+                "--new-tool. Keep run files of another machine or of new work in another folder with --out.",
             ),
-            code="E8044",
         )
 
 
@@ -268,12 +265,12 @@ def refuse_unknown_length(account: ToolAccount, folder: Path, plan: Plan) -> Non
     run_file = folder / account.killed[-1].run_file
     command = command_to_go_on(run_file)
     anew = f"touch the pad anew with `{reference_command(plan)}`."
-    raise PreconditionError(
-        f"The length of the tool {account.label} is unknown: the run {run_file.stem} was killed while it machined.",
-        hint=f"Finish it with `{command}`; to give it up, {anew}"
+    raise failures.tool_length_unknown(
+        label=account.label,
+        stem=run_file.stem,
+        remedy=f"Finish it with `{command}`; to give it up, {anew}"
         if command
         else f"{anew[0].upper()}{anew[1:]}",
-        code="E8048",
     )
 
 
@@ -285,17 +282,21 @@ def refuse_worn_out(profile: Profile, setup: Setup, plan: Plan, account: ToolAcc
     expected, limit_um = forecast(profile, setup, plan.loaded.places), profile.tool.max_wear_um
     lost = f"{account.label} has lost {length(account.lost_um)} so far"
     if account.lost_um + expected.wear_um > limit_um:
-        raise PreconditionError(
-            f"{lost} and would lose {length(expected.wear_um)} more; tool.max_wear_um is {length(limit_um)}.",
-            hint=_remedy(plan, account, _NEW),
-            code="E8043",
+        raise failures.tool_worn_out(
+            lost=lost,
+            wear_um=length(expected.wear_um),
+            limit_um=length(limit_um),
+            remedy=_remedy(plan, account, _NEW),
         )
     if account.lost_um + expected.tool_wear_um > limit_um:
-        message = (
-            f"{lost}; the whole job takes {length(expected.tool_wear_um)}, of {length(limit_um)} in all."
-        )
-        hint = f"The job will stop in order before a hole that the tool cannot make. {_remedy(plan, account, _NEW)}"
-        return [Diagnostic("W8110", message, hint, is_warning=True)]
+        return [
+            failures.tool_will_wear_out(
+                lost=lost,
+                tool_wear_um=length(expected.tool_wear_um),
+                limit_um=length(limit_um),
+                plan=_remedy(plan, account, _NEW),
+            )
+        ]
     return []
 
 
@@ -310,9 +311,7 @@ def left_to_finish(tool: str, serial: str, folder: Path) -> list[Diagnostic]:
             continue
         job, has_cut = interrupted.job, interrupted.state.get("begun") or interrupted.state.get("done")
         if has_cut and (job.tool, job.serial) == (tool, serial) and (command := command_to_go_on(run_file)):
-            message = f"{run_file} was interrupted and cannot be finished once {tool} has done another job."
-            hint = f"Stop this job and finish that one first, with `{command}`."
-            warnings.append(Diagnostic("W8115", message, hint, is_warning=True))
+            warnings.append(failures.interrupted_run_of_tool(run_file=run_file, tool=tool, command=command))
     return warnings
 
 
@@ -352,10 +351,6 @@ def with_recipe_of(plan: Plan, folder: Path, run_file: str) -> Plan:
         why = (
             error.message if isinstance(error, RunFileError) else "its values are not those of this version."
         )
-        raise PreconditionError(
-            f"{path} has the recipe that the tool was used with, and cannot be read: {why}",
-            hint="Name it with --profile.",
-            code="E8063",
-        ) from error
+        raise failures.recipe_of_tool_unreadable(path=path, why=why) from error
     loaded = replace(plan.loaded, profile=profile, text=text, sha256=sha256)
     return replace(plan, loaded=loaded, recipe_of=str(path))

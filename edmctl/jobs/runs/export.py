@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import UsageError
 from edmctl.jobs.output_files import check_free
 
 STDOUT = Path("-")
@@ -76,31 +76,15 @@ def export_request(
     is_file = out is not None and ending in tuple(Format) and not out.is_dir()
     chosen = _format(form, ending if is_file else "")
     if out is not None and out != STDOUT and ending and not (is_file or out.is_dir()):
-        raise UsageError(
-            f"Tables do not go into {out.name}: no format is called {ending}.",
-            hint=f"Formats: {', '.join(Format)}. A folder needs a name without an ending, or has to be there.",
-            code="E2081",
-        )
+        raise failures.export_ending_unknown(out=out.name, ending=ending, format=", ".join(Format))
     if is_file and ending != chosen:
-        raise UsageError(
-            f"--format {chosen} does not go into a file called .{ending}.",
-            hint=f"Call it .{chosen}, or leave --format out.",
-            code="E2084",
-        )
+        raise failures.export_format_and_ending(chosen=chosen, ending=ending)
     to_stdout = out == STDOUT or (out is None and len(wanted) == 1)
     if (is_file or to_stdout) and len(wanted) != 1:
         where = "stdout takes" if to_stdout else f"{out} takes"
-        raise UsageError(
-            f"{where} one table, not {len(wanted) or 'all'}.",
-            hint="Name it with --table, or give a folder with -o.",
-            code="E2082",
-        )
+        raise failures.several_tables_one_file(where=where, wanted_count=len(wanted) or "all")
     if to_stdout and as_json:
-        raise UsageError(
-            "With --json stdout is taken by its object.",
-            hint="Give the table a file with -o; --format json writes it as JSON.",
-            code="E2083",
-        )
+        raise failures.stdout_taken_by_json()
     if to_stdout:
         return ExportRequest(wanted, chosen, stem)
     if is_file:
@@ -114,15 +98,11 @@ def _table(name: str, known: Sequence[str]) -> str:
         return plain
     near = difflib.get_close_matches(plain, known, 1)
     meant = f"Did you mean {near[0]}? " if near else ""
-    raise UsageError(
-        f"A run file has no table {name!r}.", hint=f"{meant}Tables: {', '.join(known)}.", code="E2080"
-    )
+    raise failures.table_unknown(name=name, meant=meant, known=", ".join(known))
 
 
 def _format(asked: str | None, ending: str) -> Format:
     try:
         return Format((asked or ending or Format.CSV).lower())
     except ValueError:
-        raise UsageError(
-            f"There is no format {asked!r}.", hint=f"Formats: {', '.join(Format)}.", code="E2081"
-        ) from None
+        raise failures.export_format_unknown(asked=asked, format=", ".join(Format)) from None

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl import failures
 from edmctl.errors import Diagnostic, EdmError, RunFileError
 from edmctl.record.disk import partial_path
 from edmctl.record.locks import interrupted, is_live
@@ -129,12 +130,5 @@ def recovered_before(resumption: Resumption) -> list[Diagnostic]:
         recover_file(partial)
     except (RunFileError, OSError) as error:
         message = error.message if isinstance(error, RunFileError) else str(error)
-        return [
-            Diagnostic(
-                "W9001",
-                f"The file of the run before could not be recovered: {message}",
-                f"The job goes on all the same. Try `edmctl run recover {partial}` later.",
-                is_warning=True,
-            )
-        ]
+        return [failures.earlier_run_not_recovered(message=message, partial=partial)]
     return []

@@ -6,8 +6,8 @@ import difflib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import UsageError
 from edmctl.jobs import output_files
 from edmctl.report.kinds import KINDS, NAMES, REPORT, Kind, kind_called
 
@@ -58,15 +58,9 @@ def plot_request(
     for name in names:
         _check_kind(name)
     if form is not None and form not in FORMATS:
-        raise UsageError(
-            f"There is no format {form!r}.", hint=f"There are {', '.join(FORMATS)}.", code="E2072"
-        )
+        raise failures.figure_format_unknown(form=form, formats=", ".join(FORMATS))
     if names == [REPORT] and form is not None:
-        raise UsageError(
-            "A report is one HTML page, in no other format.",
-            hint="Leave --format out; a browser prints the page as PDF.",
-            code="E2072",
-        )
+        raise failures.report_is_html()
     suffixes = {name: PAGE_SUFFIX if name == REPORT else f".{form or FORMATS[0]}" for name in names}
     paths = dict(_paths(stem, out or beside, suffixes, form))
     return PlotRequest(
@@ -78,31 +72,24 @@ def plot_request(
 def _paths(stem: str, out: Path, suffixes: dict[str, str], form: str | None) -> Iterator[tuple[str, Path]]:
     """Give the path of each kind; `out` is a file if it has an ending, else a folder."""
     if str(out) == "-":
-        raise UsageError("Figures do not go to stdout.", hint="Name a file or a folder.", code="E2071")
+        raise failures.figures_to_stdout()
     known = {f".{name}" for name in FORMATS} | {PAGE_SUFFIX}
     if out.suffix and out.suffix.lower() not in known and not out.is_dir():
-        raise UsageError(
-            f"There are no figures in the format of {out.name}.",
-            hint=f"Names end in {', '.join(sorted(known))}; that of a folder that is not there yet has no ending.",
-            code="E2072",
-        )
+        raise failures.figure_ending_unknown(out=out.name, known=", ".join(sorted(known)))
     if not out.suffix or out.is_dir():
         yield from ((name, out / f"{stem}-{name}{suffix}") for name, suffix in suffixes.items())
         return
     if len(suffixes) > 1:
-        raise UsageError(
-            f"{len(suffixes)} figures do not go into the one file {out}.",
-            hint="Name a folder with --out, or one figure with --kind.",
-            code="E2071",
-        )
+        raise failures.several_figures_one_file(suffixes_count=len(suffixes), out=out)
     (name,) = suffixes
     wanted = {PAGE_SUFFIX} if name == REPORT else known - {PAGE_SUFFIX} if form is None else {f".{form}"}
     if out.suffix.lower() not in wanted:
         what = "The report" if name == REPORT else "A figure"
-        raise UsageError(
-            f"{what} does not go into {out.name}: its name would have to end in {' or '.join(sorted(wanted))}.",
-            hint="Choose another name for --out" + (", or leave --format out." if form else "."),
-            code="E2072",
+        raise failures.figure_name_ending(
+            what=what,
+            out=out.name,
+            wanted=" or ".join(sorted(wanted)),
+            remedy="Choose another name for --out" + (", or leave --format out." if form else "."),
         )
     yield name, out
 
@@ -112,6 +99,4 @@ def _check_kind(name: str) -> None:
         return
     (close, *_) = (*difflib.get_close_matches(name, NAMES, n=1), "")
     guess = f"Did you mean {close}? " if close else ""
-    raise UsageError(
-        f"There is no kind of figure {name!r}.", hint=f"{guess}There are {', '.join(NAMES)}.", code="E2070"
-    )
+    raise failures.figure_kind_unknown(name=name, guess=guess, names=", ".join(NAMES))

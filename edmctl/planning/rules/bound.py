@@ -7,8 +7,9 @@ from operator import attrgetter
 from typing import Self
 
 from edmctl.dataclasses import dataclass, field, replace
+from edmctl.failures import Code
 from edmctl.planning.forecast import Job
-from edmctl.profile.findings import Code, Finding, rounded_down, rounded_up
+from edmctl.profile.findings import Finding, rounded_down, rounded_up
 from edmctl.profile.model import Profile
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from edmctl.failures import Code
 from edmctl.planning.erosion import (
     expected_gap,
     expected_side_gap_um,
@@ -14,7 +15,7 @@ from edmctl.planning.erosion import (
 )
 from edmctl.planning.forecast import Job
 from edmctl.process.materials import material, materials
-from edmctl.profile.findings import Code, Finding
+from edmctl.profile.findings import Finding
 from edmctl.profile.model import Profile, SimSettings
 
 CURRENTS_A, ON_TIMES_US, VOLTAGES_V = (0.03, 1.0), (5.0, 300.0), (40.0, 100.0)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from operator import ge, gt, le, lt
 
+from edmctl.failures import Code
 from edmctl.planning.forecast import (
     STROKE_RESERVE_UM,
     Job,
@@ -23,7 +24,7 @@ from edmctl.planning.removal import (
     servo_swing,
 )
 from edmctl.planning.rules.bound import Bound
-from edmctl.profile.findings import PAD_MARGIN_UM, Code, Finding, rounded_down, rounded_up
+from edmctl.profile.findings import PAD_MARGIN_UM, Finding, rounded_down, rounded_up
 from edmctl.profile.model import Profile
 
 SLOPE_PER_FEED_MIN, SLOPE_PER_FEED_GOOD = 1.2, 3.0

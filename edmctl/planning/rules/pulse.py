@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from operator import gt, le, lt
 
+from edmctl.failures import Code
 from edmctl.planning.forecast import Job
 from edmctl.planning.regimes import in_pulses
 from edmctl.planning.rules.bound import Bound, Conflict
 from edmctl.process.discharge import pulse_energy_uj
 from edmctl.process.erosion import LAW
-from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX, Code, Finding
+from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX, Finding
 from edmctl.profile.model import Profile
 
 ROUNDING = 1e-9  # a reference written as the very limit passes, though 0.55 + 0.05 is not 0.60 in binary

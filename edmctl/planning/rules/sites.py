@@ -6,11 +6,12 @@ import math
 from collections.abc import Iterator
 from operator import le
 
+from edmctl.failures import Code
 from edmctl.planning.forecast import STROKE_RESERVE_UM, Job, stroke_available_um, working_order
 from edmctl.planning.measuring import beside_pad_um
 from edmctl.planning.removal import hole
 from edmctl.planning.rules.bound import Bound, Conflict
-from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Code, Finding, rounded_up
+from edmctl.profile.findings import PAD_MARGIN_UM, WALL_UM, Finding, rounded_up
 from edmctl.profile.model import PathTable
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Limit, Setup

@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable, Iterator
 from operator import ge, gt
 
+from edmctl.failures import Code
 from edmctl.planning.channel import Channel
 from edmctl.planning.forecast import Job, depth_and_wear_um
 from edmctl.planning.rules.bound import Bound, Conflict
-from edmctl.profile.findings import Code, Finding, rounded_up
+from edmctl.profile.findings import Finding, rounded_up
 from edmctl.profile.model import Profile
 
 SPARE = 1.25

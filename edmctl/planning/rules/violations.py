@@ -14,11 +14,12 @@ from typing import Any, get_args
 
 from pydantic import TypeAdapter
 
+from edmctl.failures import Code
 from edmctl.planning.erosion import with_expected_erosion, with_sought_reference
 from edmctl.planning.forecast import Job, forecast
 from edmctl.planning.regimes import recipes_of, with_regimes
 from edmctl.planning.rules import materials, motion, pulse, sites, target
-from edmctl.profile.findings import Code, Finding
+from edmctl.profile.findings import Finding
 from edmctl.profile.model import DepthTarget, FeedTarget, Profile, Regime, SiteTable, ThroughTarget
 from edmctl.profile.places import Place
 from edmctl.profile.positions import KeyPath, TomlTable

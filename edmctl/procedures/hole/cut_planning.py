@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from typing import Protocol
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.planning.measuring import cut_budget, estimate_of
@@ -388,21 +389,19 @@ def other_work(site: Place, found: DepthAndWear, expected: DepthAndWear, *, begu
         otherwise = "On untouched work, --restart-hole makes the hole from its face."
     else:
         otherwise = "For new work, order the places that are left as a job of their own."
-    return PreconditionError(
-        f"{site.name} at {coordinates(site.x_um, site.y_um)} is "
-        f"{with_u95(found.depth_um, found.depth.u95)} µm deep; the journal expects "
-        f"{with_u95(expected.depth_um, half_width(expected.depth.u))} µm.",
-        hint=f"Put the workpiece back as it was. {otherwise} {stages_by_hand()}",
-        code="E8060",
+    return failures.depth_contradicts_journal(
+        site=site.name,
+        x_um=coordinates(site.x_um, site.y_um),
+        depth_um=with_u95(found.depth_um, found.depth.u95),
+        depth_um_2=with_u95(expected.depth_um, half_width(expected.depth.u)),
+        otherwise=otherwise,
+        stages_by_hand=stages_by_hand(),
     )
 
 
 def other_tool(found: DepthAndWear, expected: DepthAndWear) -> PreconditionError:
     """Return E8061: the hole is that deep, but the tool is not as long as it was left."""
-    return PreconditionError(
-        f"The tool is {with_u95(found.wear_um, found.wear.u95)} µm shorter than before the hole; the journal "
-        f"expects {with_u95(expected.wear_um, half_width(expected.wear.u))} µm.",
-        hint="It was changed or seated anew, and only the tool that began a hole can tell its own wear by touching. "
-        "Machine another hole, at another place.",
-        code="E8061",
+    return failures.wear_contradicts_journal(
+        wear_um=with_u95(found.wear_um, found.wear.u95),
+        wear_um_2=with_u95(expected.wear_um, half_width(expected.wear.u)),
     )

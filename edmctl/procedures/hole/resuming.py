@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from edmctl import failures
 from edmctl.errors import MachineFault, PreconditionError
 from edmctl.procedures.hole.cut import NO_SPARK
 from edmctl.procedures.hole.cut_planning import (
@@ -185,11 +186,8 @@ class ResumedHole(HoleProcedure):
         """Restart the hole on an untouched surface, beside the finished holes that belong to it."""
         run, site = self._run, self._hole.site
         if not is_untouched(found):
-            error = PreconditionError(
-                f"There is no untouched face at {site.name}: it is "
-                f"{with_u95(found.depth_um, found.depth.u95)} µm deep.",
-                hint="Go on with the hole without --restart-hole, or put untouched work in.",
-                code="E8062",
+            error = failures.face_not_untouched(
+                site=site.name, depth_um=with_u95(found.depth_um, found.depth.u95)
             )
             raise _refused(run, error)
         if run.tally.sites:

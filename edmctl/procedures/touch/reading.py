@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import ObjectiveNotReached
 from edmctl.machine.interface import Touch, TouchRequest
@@ -156,20 +157,12 @@ def _refusal(run: JobRun, found: SurfaceReading) -> ObjectiveNotReached | None:
     most_um = run.profile.measure.max_sd_um
     if found.reading.sd_um <= most_um:
         return None
-    return ObjectiveNotReached(
-        f"{found.kind}: the touches scatter by {found.reading.sd_um:.2f} µm, measure.max_sd_um is {most_um:.2f} µm.",
-        hint="Clean tool and work, lower measure.speed_um_s, or allow more with measure.max_sd_um.",
-        code="E7020",
-    )
+    return failures.touches_scatter(kind=found.kind, sd_um=found.reading.sd_um, most_um=most_um)
 
 
 def constant(found: SurfaceReading) -> ObjectiveNotReached:
     """Return the error of touches that repeat to the last digit."""
-    return ObjectiveNotReached(
-        f"{found.kind}: every touch says {found.z_um:.3f} µm to the last digit, which no sensor does.",
-        hint="Look at sensor and line with `edmctl doctor`; the controller's touches are not to be believed.",
-        code="E7021",
-    )
+    return failures.touches_identical(kind=found.kind, z_um=found.z_um)
 
 
 def _reduced(run: JobRun, kind: str, touches: tuple[Touch, ...]) -> SurfaceReading:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import ObjectiveNotReached
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import lower_to
@@ -133,11 +133,7 @@ def read_at_spots(
             return _together(run, found, agreeing, spots)
     _reject(run, found)
     message = ", ".join(f"{one.z_um:.2f}" for one in found)
-    raise ObjectiveNotReached(
-        f"{kind}: no two of {len(found)} spots of the {spots.surface} agree on the longest reading: {message} µm.",
-        hint=f"Clean tool and work, and look whether the {spots.surface} is flat for a tool's width around there.",
-        code="E7022",
-    )
+    raise failures.spots_disagree(kind=kind, found_count=len(found), surface=spots.surface, message=message)
 
 
 def _reject(run: JobRun, readings: Sequence[SurfaceReading]) -> None:
@@ -255,12 +251,7 @@ def refuse_grown_tool(
     wear = Deviation(z3.z_um - z1_um, u_um)
     if not has_grown(wear):
         return
-    raise ObjectiveNotReached(
-        f"Z3 = {z3.z_um:.2f} µm: the tool is {-wear.um:.2f} µm longer than before the cut (standard uncertainty "
-        f"{u_um:.2f} µm), which it cannot be.",
-        hint="Clean the face of the tool and the reference pad, and look whether the tool has slipped in its chuck.",
-        code="E7023",
-    )
+    raise failures.tool_grew(z_um=z3.z_um, um=-wear.um, u_um=u_um)
 
 
 def drift_between(run: JobRun, first: SurfaceReading, last: SurfaceReading) -> Drift | None:

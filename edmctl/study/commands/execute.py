@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.cli.options import PROGRESS, ControllerOption, command, controlled_by
 from edmctl.cli.outcome import Outcome, stream_style, tell, watching
 from edmctl.cli.render.layout import USUAL_COLUMNS, wrapped
 from edmctl.cli.render.progress import Reporter
 from edmctl.cli.signals import begin_worker, shell
-from edmctl.errors import ObjectiveNotReached
 from edmctl.study.commands.options import (
     FolderArgument,
     Making,
@@ -197,10 +197,11 @@ def _raise_failed(study: "StudyFolder", kind: "RunKind | None" = None) -> None:
     if failed:
         first = failed[0]
         assert first.row is not None
-        raise ObjectiveNotReached(
-            f"{plural(len(failed), 'run')} failed; the first, run {first.planned.number}: {first.row.error}",
-            hint=f"Judge each: `{study.command('judge')} RUN accept|reject|repeat REASON`.",
-            code="E7910",
+        raise failures.study_runs_failed(
+            runs=plural(len(failed), "run"),
+            number=first.planned.number,
+            error=first.row.error,
+            command=study.command("judge"),
         )
 
 
@@ -340,10 +341,7 @@ def confirm(
     outcome.text += "".join(f"\n{line}" for line in not_yet_known(after, numbers))
     broken = dict.fromkeys(str(limit.constraint) for one in mine for limit in one.limits if not limit.is_kept)
     if broken:
-        raise ObjectiveNotReached(
-            f"The recommended settings do not keep {', '.join(broken)}: the mean of the confirmation runs does not.",
-            hint=f"The report says so too. Make more runs (`{study.command('suggest', '--add')}`, then "
-            "`resume`), or ask a new study for a stricter limit.",
-            code="E7911",
+        raise failures.recommendation_breaks_limits(
+            broken=", ".join(broken), command=study.command("suggest", "--add")
         )
     _raise_failed(study, RunKind.CONFIRMATION)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
+from edmctl import failures
 from edmctl.cli import completion
 from edmctl.cli.options import NewToolOption, PortOption, WaitOption
 from edmctl.cli.outcome import Outcome
 from edmctl.dataclasses import dataclass
-from edmctl.errors import UsageError
 from edmctl.profile.folders import find_profile, find_study
 
 if TYPE_CHECKING:
@@ -82,25 +82,15 @@ class Making:
         """Refuse options that do not go together, before anything is made. Raises UsageError E2103, E2108."""
         if self.where(setup).lasting:
             if self.workers is not None or self.dask is not None:
-                raise UsageError(
-                    "One machine makes one run at a time: --workers and --dask are for virtual ones.",
-                    hint="Leave them out.",
-                    code="E2108",
-                )
+                raise failures.workers_on_one_machine()
             if not has_machine:
                 from edmctl.study.on_machine import without_machine
 
                 raise without_machine()
         elif self.new_tool or self.homed:
-            raise UsageError(
-                "--new-tool and --homed are about a machine that lasts, and none is named.",
-                hint="Say --port, or leave them out.",
-                code="E2108",
-            )
+            raise failures.machine_options_without_machine()
         if self.dask is not None and self.workers is not None:
-            raise UsageError(
-                "--dask has the workers of its cluster.", hint="Leave --workers or --dask out.", code="E2108"
-            )
+            raise failures.workers_with_dask()
 
     def where(self, setup: Path | None) -> "MachineAddress":
         """Return the machine that is named; a fresh virtual one where none is."""

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmctl.errors import ProfileError, UsageError
+from edmctl.failures import Code
 from edmctl.planning.rules.load import _sha256, load_profile
-from edmctl.profile.findings import Code
 from edmctl.profile.folders import shipped_profiles, shipped_studies
 from edmctl.profile.model import ProfileFile, profile_schema
 from edmctl.profile.read import changes, extend

@@ -6,8 +6,8 @@ import pytest
 
 import edmctl
 from edmctl.errors import ProfileError
+from edmctl.failures import Code
 from edmctl.planning.rules.load import load_profile
-from edmctl.profile.findings import Code
 
 
 def codes(*overrides: str) -> list[str]:

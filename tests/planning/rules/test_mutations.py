@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.profile.findings import Code
+from edmctl.failures import Code
 from tests.planning.rules.documents import (
     NAMES,
     NEWER,

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from edmctl.errors import ProfileError
+from edmctl.failures import Code
 from edmctl.planning.rules.load import load_profile
-from edmctl.profile.findings import Code
 from edmctl.profile.setup import Setup, Stage, Surface, load_setup
 
 SHALLOW = "target.depth_um=5.0"

@@ -6,9 +6,9 @@ import pytest
 
 import edmctl
 from edmctl.errors import ProfileError
+from edmctl.failures import Code
 from edmctl.planning.regimes import recipes_of
 from edmctl.planning.rules.load import load_profile
-from edmctl.profile.findings import Code
 
 ROUGH = '{name="rough",share=0.75,current_a=0.3}'
 FINE = '{name="fine",share=0.25,current_a=0.06,frequency_hz=7000,duty=0.35}'

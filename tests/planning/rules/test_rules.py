@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import pytest
 
 from edmctl.errors import ProfileError
+from edmctl.failures import Code
 from edmctl.planning.rules.load import load_profile
-from edmctl.profile.findings import Code
 from edmctl.profile.model import Measure
 from edmctl.profile.setup import Controller, Setup
 from tests.planning.rules.documents import problems
