@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
     from edmctl.jobs.calibration.calibrate import CalibrationReport, CalibrationRequest, CheckedCalibration
     from edmctl.jobs.job import Report
-    from edmctl.jobs.procedures import Procedure, ProcedureReport, S, Stage
+    from edmctl.jobs.procedures import Procedure, ProcedureReport
     from edmctl.planning.rules.load import LoadedProfile
     from edmctl.record.reader import RunFile
 
@@ -187,7 +187,7 @@ class Machine:
         observer: Observer | None = None,
         stop: StopRequest | None = None,
         warn: Warn | None = None,
-    ) -> ProcedureReport[Stage]:
+    ) -> ProcedureReport:
         """Feed the tool to the spark gap, or with `contact` to the surface, report its position, retract.
 
         `site_um` are stage coordinates; default: the place of the next hole of `machine`. Raises as `machine`; in
@@ -212,14 +212,13 @@ class Machine:
         observer: Observer | None = None,
         stop: StopRequest | None = None,
         warn: Warn | None = None,
-    ) -> ProcedureReport[Stage]:
+    ) -> ProcedureReport:
         """Make electrode jumps next to the workpiece, without sparks, and measure them. Raises as `machine`."""
-        from edmctl.jobs.procedures import JUMPS_ALONE, Jumps, refuse_hurry
+        from edmctl.jobs.procedures import JUMPS_ALONE, Jumps
 
         doubts = _doubts(warn)
         changes = (*_texts(overrides), *JUMPS_ALONE)
         plan = self._plan(self._request(profile, changes, calibration, allow_model), stop, doubts)
-        refuse_hurry(plan)
         count = index(count)
         if count < 1:
             raise failures.jump_count_too_small(count=count)
@@ -240,21 +239,22 @@ class Machine:
         observer: Observer | None = None,
         stop: StopRequest | None = None,
         warn: Warn | None = None,
-    ) -> ProcedureReport[Stage]:
+    ) -> ProcedureReport:
         """Touch the pad and the last hole to measure wear since the reference; with `reference`, touch that.
 
         `site` names another hole of the ledger in `out`. Without a profile it measures the tool last in use, with
         the recipe of the run that made the hole. Raises as `machine`; in the report, E8041 there is no reference,
         E8045 no such hole.
         """
-        from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun
+        from edmctl.jobs.measure_wear import TOUCHES_LIKE, ReferenceTouch, WearMeasurement
 
         if not isinstance(site, str | None):
             raise TypeError(f"site has to be the name of a hole, not {type(site).__name__}")
         doubts = _doubts(warn)
         request = self._request(profile or TOUCHES_LIKE, overrides, calibration, allow_model, new_tool)
         plan = replace(self._plan(request, stop, doubts), names_tool=profile is not None)
-        return self._perform(WearRun(plan, site, is_reference=reference), out, run_id, observer, doubts)
+        wear = ReferenceTouch(plan) if reference else WearMeasurement(plan, site)
+        return self._perform(wear, out, run_id, observer, doubts)
 
     def measure_drift(
         self,
@@ -268,7 +268,7 @@ class Machine:
         observer: Observer | None = None,
         stop: StopRequest | None = None,
         warn: Warn | None = None,
-    ) -> ProcedureReport[Stage]:
+    ) -> ProcedureReport:
         """Measure sensor drift: touch the pad and hold zero voltage in turn for a quarter of an hour.
 
         Later jobs of the machine correct their wear with it. It is saved in `output`, else as the machine's own.
@@ -276,13 +276,13 @@ class Machine:
         `machine`, and UsageError E2064 if `duration_s` is too short; in the report, E7041 holds and touches are
         inconsistent.
         """
-        from edmctl.jobs.measure_drift import DriftRun
         from edmctl.jobs.measure_wear import TOUCHES_LIKE
+        from edmctl.jobs.procedures import DriftMeasurement
 
         doubts = _doubts(warn)
         request = self._request(profile or TOUCHES_LIKE, overrides, None, False, False)
         plan = replace(self._plan(request, stop, doubts), names_tool=profile is not None)
-        return self._perform(DriftRun(plan, duration_s, _path(output)), out, run_id, observer, doubts)
+        return self._perform(DriftMeasurement(plan, duration_s, _path(output)), out, run_id, observer, doubts)
 
     def calibrate(
         self,
@@ -350,8 +350,8 @@ class Machine:
         return surroundings if stop is None else replace(surroundings, stop=lambda _: stop)
 
     def _perform(
-        self, procedure: Procedure[S], out: File, run_id: str | None, observer: Observer | None, warn: Warn
-    ) -> ProcedureReport[S]:
+        self, procedure: Procedure, out: File, run_id: str | None, observer: Observer | None, warn: Warn
+    ) -> ProcedureReport:
         from edmctl.jobs.procedures import name_of, perform
 
         name = name_of(procedure.plan, procedure.name, _file("out", out), run_id)

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from edmctl.jobs.job import Report
     from edmctl.jobs.ledger.tool import ToolIdentity
     from edmctl.jobs.plan import Plan
-    from edmctl.jobs.procedures import Procedure, ProcedureReport, Stage
+    from edmctl.jobs.procedures import Procedure, ProcedureReport
 
-_R = TypeVar("_R", bound="Report | ProcedureReport[Stage]")
-S = TypeVar("S", bound="Stage")
+_R = TypeVar("_R", bound="Report | ProcedureReport")
+_P = TypeVar("_P", bound="Procedure")
 
 
 def run_and_tell(
@@ -52,7 +52,7 @@ def run_and_tell(
     report.raise_for_error()
 
 
-def closing_text(table: str, style: Style, report: Report | ProcedureReport[Stage], seed: int | None) -> str:
+def closing_text(table: str, style: Style, report: Report | ProcedureReport, seed: int | None) -> str:
     """Return the table at the end of a run, and what it was made with."""
     lines = []
     if report.model:
@@ -66,10 +66,10 @@ def closing_text(table: str, style: Style, report: Report | ProcedureReport[Stag
 
 def perform_and_tell(
     outcome: Outcome,
-    procedure: Procedure[S],
+    procedure: _P,
     job: JobOptions,
     run: RunOptions,
-    render: Callable[[S, Style], str],
+    render: Callable[[_P, Style], str],
 ) -> None:
     """Do a procedure by itself, and leave the result in `outcome`. Raises the error that ended it."""
     from edmctl.jobs.procedures import name_of, perform
@@ -80,7 +80,7 @@ def perform_and_tell(
         procedure.plan,
         job.seed,
         lambda seed, reporter: perform(procedure, name, seed, reporter, outcome.warn),
-        lambda report, style: render(report.stage, style) if report.stage else "",
+        lambda _, style: render(procedure, style),
     )
 
 

@@ -1,4 +1,4 @@
-"""Single procedures of the main job: their way from a checked plan to a result; approach and jumps."""
+"""Single procedures of the main job: their way from a checked plan to a result; approach, jumps and drift."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Generic, Protocol, TypeVar
+from typing import Any
 
 from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass, replace
@@ -24,10 +24,14 @@ from edmctl.jobs.ledger.prepared_job import (
 from edmctl.jobs.ledger.tool import (
     ToolIdentity,
     account_of,
+    last_run_of,
     refuse_other_setup,
     refuse_too_short,
+    refuse_unknown_length,
     tool_identity,
+    with_recipe_of,
 )
+from edmctl.jobs.output_files import check_writable
 from edmctl.jobs.plan import Plan
 from edmctl.jobs.run_context import RunContext, connected_run
 from edmctl.jobs.run_header import RunName, name_run
@@ -44,62 +48,52 @@ from edmctl.planning.measuring import (
 from edmctl.planning.removal import approach_speed_um_s
 from edmctl.procedures.job import Job, job_of
 from edmctl.procedures.jump_series import SETTLE_AT_DEPTH_S, least_period_s, run_jumps
+from edmctl.procedures.measure_drift import DriftPlan, drift_result, drift_time_s, measure_drift, plan_drift
 from edmctl.procedures.run import JobRun
-from edmctl.procedures.session import running
 from edmctl.procedures.touch.approach import find_contact, find_gap
+from edmctl.process.rest_drift import DriftModel, model_of
+from edmctl.profile.drift_file import MadeBy, drift_file, save_drift
+from edmctl.profile.folders import default_drift_path, fresh_drift_path
+from edmctl.profile.model import Profile
 from edmctl.profile.places import Place
-from edmctl.record.ledger import Ledger
-from edmctl.results.measurements import JumpSeries, SurfaceFound
+from edmctl.record.ledger import Ledger, RunEnded, WearMeasured
+from edmctl.record.tool_account import ToolAccount
+from edmctl.results.measurements import DriftResult, JumpSeries, SurfaceFound
 from edmctl.results.progress import Observer
 from edmctl.results.result import Result
+from edmctl.version import __version__
 from edmctl.wording import facts
 
 MOST_UM = 1e6
 """Stages and profiles know no place further off."""
 
 
-class Stage(Protocol):
-    """A procedure that was checked on a connected machine."""
+class Procedure:
+    """The request of one command, checked as far as possible without a machine, and then its result.
 
-    @property
-    def job(self) -> Job:
-        """The job that the machine is prepared for."""
+    `name` is the first word of the run file's name.
+    """
 
-    def act(self, run: JobRun) -> None:
-        """Do it on an armed and conditioned machine."""
+    plan: Plan
+    name: str
 
-    def close(self, time_s: float) -> None:
-        """Keep data for later commands; the machine is retracted and idle after `time_s`."""
+    def carry_out(self, run: RunContext) -> None:
+        """Refuse what the connected machine does not permit, move it, and keep data for later commands."""
+        raise NotImplementedError
 
-    def result(self) -> Mapping[str, object] | None:
+    def result(self, run: RunContext) -> Mapping[str, object] | None:
         """Return the result for scripts; None if there is none."""
+        raise NotImplementedError
 
-
-S = TypeVar("S", bound=Stage)
-StageT_co = TypeVar("StageT_co", bound=Stage, covariant=True)
-
-
-class Procedure(Protocol[StageT_co]):
-    """The request of one command, checked as far as possible without a machine."""
-
-    @property
-    def plan(self) -> Plan:
-        """The checked request."""
-
-    @property
-    def name(self) -> str:
-        """First word of the run file's name."""
-
-    @property
-    def kind(self) -> str:
-        """Kind of procedure in the run file."""
-
-    @property
-    def pulses(self) -> bool:
-        """Whether it makes sparks."""
-
-    def prepare(self, run: RunContext) -> StageT_co:
-        """Return the next stage; refuse what the connected machine does not permit. May change `run.plan`."""
+    def summary(self, run: RunContext) -> dict[str, object]:
+        """Return the result with setup, calibration and times."""
+        return {
+            **(self.result(run) or {}),
+            "setup": run.plan.setup.as_mapping(),
+            "calibration": asdict(run.choice.used) if run.choice else None,
+            "time_s": run.tally.time_s,
+            "link": run.tally.link,
+        }
 
 
 _MAIN_VALUES = ("kind", "displacement", "height of the jumps, mean", "Z1", "wear", "depth")
@@ -107,27 +101,22 @@ _MAIN_VALUES = ("kind", "displacement", "height of the jumps, mean", "Z1", "wear
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class ProcedureReport(Result, Generic[StageT_co]):
+class ProcedureReport(Result):
     """Result of a procedure, with the `error` that ended it, if any.
 
     result : the `result` of the command's JSON
-    stage : the procedure on the machine; None if it was refused
+    reached : whether the result has more than times and calibration
     model : source of estimated displacements; None if the procedure ended before that was known
     run_file : the file as it is called now
     """
 
     name: str
     result: Mapping[str, object]
-    stage: StageT_co | None
+    reached: bool
     simulated: bool
     run_file: Path | None
     model: ModelUsed | None
     error: EdmError | None
-
-    @property
-    def reached(self) -> bool:
-        """Whether the result has more than times and calibration."""
-        return self.stage is not None and self.stage.result() is not None
 
     def as_mapping(self) -> Mapping[str, object]:
         """Return the `result` of the JSON object."""
@@ -151,51 +140,25 @@ def name_of(plan: Plan, command: str, folder: Path, run_id: str | None) -> RunNa
 
 
 def perform(
-    procedure: Procedure[S], name: RunName, seed: int, observer: Observer, warn: Warn
-) -> ProcedureReport[S]:
+    procedure: Procedure, name: RunName, seed: int, observer: Observer, warn: Warn
+) -> ProcedureReport:
     """Perform it into the run file `name`; `seed` makes a virtual bench that does not exist yet.
 
     The report contains an expected error. Raises LinkLost, ProtocolMismatch and RunFileError if no machine was
     connected.
     """
-    stage: S | None = None
     with connected_run(procedure.plan, seed, observer, name, warn) as run:
         run.check_machine()
-        stage = procedure.prepare(run)
-        with run.recording(procedure.kind, lambda: _summary(run, stage)):
-            job = replace(stage.job, creep_left=run.creep_left)
-            try:
-                with running(
-                    run.bench.machine,
-                    job,
-                    run.tally,
-                    recorder=run.recorder,
-                    observer=observer,
-                    pulses=procedure.pulses,
-                ) as job_run:
-                    stage.act(job_run)
-            finally:
-                run.note_creep()
-            stage.close(run.tally.time_s)
+        procedure.carry_out(run)
     return ProcedureReport(
         name=procedure.name,
-        result=_summary(run, stage),
-        stage=stage,
+        result=procedure.summary(run),
+        reached=procedure.result(run) is not None,
         simulated=run.bench.machine.identity.simulated,
         run_file=run.run_file,
         model=run.choice.used if run.choice else None,
         error=run.error,
     )
-
-
-def _summary(run: RunContext, stage: Stage | None) -> dict[str, object]:
-    return {
-        **((stage.result() if stage else None) or {}),
-        "setup": run.plan.setup.as_mapping(),
-        "calibration": asdict(run.choice.used) if run.choice else None,
-        "time_s": run.tally.time_s,
-        "link": run.tally.link,
-    }
 
 
 def stage_place_um(place: Sequence[float]) -> tuple[float, float]:
@@ -209,182 +172,232 @@ def stage_place_um(place: Sequence[float]) -> tuple[float, float]:
     return x_um, y_um
 
 
-def checked_site(
-    prepared: PreparedJob, place: tuple[float, float] | None, folder: Path, plan: Plan, *, contact: bool
-) -> Place:
-    """Return the place to approach.
-
-    Raises PreconditionError: E8042 a hole is there, or the pad where sparks would be made, E8044 the tool does not
-    reach the surface.
-    """
-    job = prepared.job
-    first = job.sites[0]
-    site = Place("the place", *place) if place else replace(first, name="the next place")
-    own_way_um = job.profile.approach.offset_um + STROKE_RESERVE_UM
-    if not math.isnan(prepared.account.pad_um):
-        refuse_too_short(job.profile, job.setup, own_way_um, prepared.account, plan)
-    where = (site.name, site.x_um, site.y_um)
-    refuse_unreachable(where, job)
-    if not contact:
-        refuse_pad(where, job)
-    refuse_taken([where], hole_radius_um(job.profile), prepared.holes, folder)
-    return site
+def job_with_home(run: RunContext, profile: Profile) -> Job:
+    """Return the job of a procedure that has no holes, with the last home of the tool."""
+    return with_home(job_of(profile, run.plan.setup, (), run.actuator), run.history, run.bench.now)
 
 
-def approach_forecast(
-    plan: Plan,
-    identity: ToolIdentity | None,
-    place: tuple[float, float] | None,
-    folder: Path,
-    *,
-    contact: bool,
-) -> dict[str, float | str]:
-    """Return place and duration of the approach, as far as machine and ledger are known.
-
-    Raises PreconditionError as the approach would.
-    """
-    profile, setup = plan.loaded.profile, plan.setup
-    if place is not None:
-        refuse_unreachable(("the place", *place), job_of(profile, setup))
-    if place is not None and not contact:
-        refuse_pad(("the place", *place), job_of(profile, setup))
-    if identity is not None:
-        prepared = prepared_job(plan, identity, None, Ledger.open(folder))
-        site = checked_site(prepared, place, folder, plan, contact=contact)
-        place = site.x_um, site.y_um
-    x_um, y_um = place or beside_pad_um(profile, setup)
-    return {
-        "x_um": x_um,
-        "y_um": y_um,
-        "kind": "contact" if contact else "spark gap",
-        "speed_um_s": profile.measure.speed_um_s if contact else approach_speed_um_s(profile),
-        "expected_um": profile.approach.offset_um,
-        "max_travel_um": profile.approach.max_travel_um,
-        "time_s": touch_time_s(profile, setup) if contact else approach_time_s(profile, setup),
-    }
+def expected_pad_um(run: JobRun, account: ToolAccount) -> float:
+    """Return the displacement where the tool should touch the pad."""
+    known = not math.isnan(account.pad_um)
+    return run.tally.home_um + (account.pad_um if known else run.profile.approach.offset_um)
 
 
-@dataclass(slots=True)
-class Approach:
-    """A request to find the spark gap, or with `contact` the workpiece surface, at a place or at the next hole."""
+class Approach(Procedure):
+    """Find the spark gap, or with `contact` the workpiece surface, at a place or at the next hole."""
 
-    plan: Plan
-    place: tuple[float, float] | None
-    contact: bool
-    name: str = "approach"
+    name = "approach"
 
-    def __post_init__(self) -> None:
+    def __init__(self, plan: Plan, place: Sequence[float] | None, *, contact: bool) -> None:
         """Raise UsageError E2000 for a place that no stage can reach."""
-        if self.place is not None:
-            self.place = stage_place_um(self.place)
+        self.plan, self._contact = plan, contact
+        self._place = None if place is None else stage_place_um(place)
+        self.found: SurfaceFound | None = None
 
-    @property
-    def kind(self) -> str:
-        """Approach to the spark gap, or contact with the surface."""
-        return "contact touch" if self.contact else "approach"
+    def forecast(self, identity: ToolIdentity | None, folder: Path) -> dict[str, float | str]:
+        """Return place and duration, as far as machine and ledger are known. Raises as the approach would."""
+        plan, place = self.plan, self._place
+        profile, setup = plan.loaded.profile, plan.setup
+        if place is not None:
+            self._refuse(("the place", *place), job_of(profile, setup))
+        if identity is not None:
+            site = self._checked_site(prepared_job(plan, identity, None, Ledger.open(folder)), folder)
+            place = site.x_um, site.y_um
+        x_um, y_um = place or beside_pad_um(profile, setup)
+        return {
+            "x_um": x_um,
+            "y_um": y_um,
+            "kind": "contact" if self._contact else "spark gap",
+            "speed_um_s": profile.measure.speed_um_s if self._contact else approach_speed_um_s(profile),
+            "expected_um": profile.approach.offset_um,
+            "max_travel_um": profile.approach.max_travel_um,
+            "time_s": touch_time_s(profile, setup) if self._contact else approach_time_s(profile, setup),
+        }
 
-    @property
-    def pulses(self) -> bool:
-        """A touch makes none."""
-        return not self.contact
+    def carry_out(self, run: RunContext) -> None:
+        """Approach with the present tool; some sparks leave no hole, so nothing is kept.
 
-    def prepare(self, run: RunContext) -> ApproachStage:
-        """Return the approach with the present tool. Raises as `checked_site`."""
+        Raises PreconditionError: E8042 a hole is there, or the pad where sparks would be made, E8044 the tool does
+        not reach the surface.
+        """
         assert run.name is not None
         prepared = prepared_job(run.plan, tool_identity(run.bench), run.actuator, run.ledger)
-        site = checked_site(prepared, self.place, run.name.path.parent, run.plan, contact=self.contact)
-        return ApproachStage(prepared.job, site, self.contact)
+        site = self._checked_site(prepared, run.name.path.parent)
+        kind = "contact touch" if self._contact else "approach"
+        with (
+            run.recording(kind, lambda: self.summary(run)),
+            run.armed(prepared.job, pulses=not self._contact) as job_run,
+        ):
+            self.found = find_contact(job_run, site) if self._contact else find_gap(job_run, site)
 
-
-@dataclass(slots=True)
-class ApproachStage:
-    """An approach on the machine; `found` is the gap or the surface."""
-
-    job: Job
-    site: Place
-    contact: bool
-    found: SurfaceFound | None = None
-
-    def act(self, run: JobRun) -> None:
-        """Find gap or surface."""
-        self.found = find_contact(run, self.site) if self.contact else find_gap(run, self.site)
-
-    def close(self, time_s: float) -> None:
-        """Keep nothing: some sparks leave no hole."""
-
-    def result(self) -> Mapping[str, object] | None:
+    def result(self, run: RunContext) -> Mapping[str, object] | None:
         """Return what was found."""
         return asdict(self.found) if self.found else None
+
+    def _checked_site(self, prepared: PreparedJob, folder: Path) -> Place:
+        job = prepared.job
+        site = (
+            Place("the place", *self._place) if self._place else replace(job.sites[0], name="the next place")
+        )
+        own_way_um = job.profile.approach.offset_um + STROKE_RESERVE_UM
+        if not math.isnan(prepared.account.pad_um):
+            refuse_too_short(job.profile, job.setup, own_way_um, prepared.account, self.plan)
+        where = (site.name, site.x_um, site.y_um)
+        self._refuse(where, job)
+        refuse_taken([where], hole_radius_um(job.profile), prepared.holes, folder)
+        return site
+
+    def _refuse(self, where: tuple[str, float, float], job: Job) -> None:
+        refuse_unreachable(where, job)
+        if not self._contact:
+            refuse_pad(where, job)
 
 
 JUMPS_ALONE = ('jump.mode="fixed"', "log.servo_hz=1000")
 """Jumps at a fixed period, with every sample recorded."""
 
 
-def refuse_hurry(plan: Plan) -> None:
-    """Raise UsageError E2060 if the period is too short for the tool to come to rest."""
-    jump = plan.loaded.profile.jump
-    least_s = least_period_s(jump.height_um, jump.speed_um_s, jump.dwell_s)
-    if jump.period_s < least_s:
-        raise failures.jump_period_too_short(period_s=jump.period_s, least_s=least_s)
+class Jumps(Procedure):
+    """A series of jumps."""
 
+    name = "jump-flush"
 
-def end_um(plan: Plan) -> float:
-    """Displacement at the end of the job."""
-    return plan.loaded.profile.approach.offset_um + plan.forecast.feed_um
+    def __init__(self, plan: Plan, count: int) -> None:
+        """Raise UsageError E2060 if the period is too short for the tool to come to rest."""
+        self.plan, self._count = plan, count
+        self.series: JumpSeries | None = None
+        jump = plan.loaded.profile.jump
+        least_s = least_period_s(jump.height_um, jump.speed_um_s, jump.dwell_s)
+        if jump.period_s < least_s:
+            raise failures.jump_period_too_short(period_s=jump.period_s, least_s=least_s)
 
+    def forecast(self) -> dict[str, float]:
+        """Return the values and the duration."""
+        profile, jump = self.plan.loaded.profile, self.plan.loaded.profile.jump
+        before_s = conditioning_time_s(profile, self.plan.setup) + SETTLE_AT_DEPTH_S
+        return {
+            "count": self._count,
+            "height_um": jump.height_um,
+            "speed_um_s": jump.speed_um_s,
+            "dwell_s": jump.dwell_s,
+            "period_s": jump.period_s,
+            "from_um": _end_um(self.plan),
+            "time_s": before_s + jumps_time_s(profile, self._count, jump.period_s),
+        }
 
-def jumps_forecast(plan: Plan, count: int) -> dict[str, float]:
-    """Return the values and the duration of a series of jumps."""
-    profile, jump = plan.loaded.profile, plan.loaded.profile.jump
-    before_s = conditioning_time_s(profile, plan.setup) + SETTLE_AT_DEPTH_S
-    return {
-        "count": count,
-        "height_um": jump.height_um,
-        "speed_um_s": jump.speed_um_s,
-        "dwell_s": jump.dwell_s,
-        "period_s": jump.period_s,
-        "from_um": end_um(plan),
-        "time_s": before_s + jumps_time_s(profile, count, jump.period_s),
-    }
-
-
-@dataclass(slots=True)
-class Jumps:
-    """A request for a series of jumps."""
-
-    plan: Plan
-    count: int
-    name: str = "jump-flush"
-    kind: str = "jump-flush"
-    pulses: bool = False
-
-    def prepare(self, run: RunContext) -> JumpsStage:
-        """Return the jumps with the profile's job. Raises PreconditionError E8059 for another setup."""
+    def carry_out(self, run: RunContext) -> None:
+        """Jump with the profile's job; nothing is kept. Raises PreconditionError E8059 for another setup."""
         plan, history = run.plan, run.history
         if run.ledger is not None:
             account = account_of(plan, tool_identity(run.bench), history)
             refuse_other_setup(account, history, plan, run.ledger.path.parent)
-        job = with_home(job_of(plan.loaded.profile, plan.setup, (), run.actuator), history, run.bench.now)
-        return JumpsStage(job, end_um(plan), self.count)
+        job = job_with_home(run, plan.loaded.profile)
+        with run.recording(self.name, lambda: self.summary(run)), run.armed(job) as job_run:
+            self.series = run_jumps(job_run, _end_um(plan), self._count)
 
-
-@dataclass(slots=True)
-class JumpsStage:
-    """A series of jumps on the machine, from the displacement `from_um`; `series` is the result."""
-
-    job: Job
-    from_um: float
-    count: int
-    series: JumpSeries | None = None
-
-    def act(self, run: JobRun) -> None:
-        """Jump."""
-        self.series = run_jumps(run, self.from_um, self.count)
-
-    def close(self, time_s: float) -> None:
-        """Keep nothing: nothing was touched."""
-
-    def result(self) -> Mapping[str, object] | None:
+    def result(self, run: RunContext) -> Mapping[str, object] | None:
         """Return every jump, and the summary."""
         return asdict(self.series) if self.series else None
+
+
+def _end_um(plan: Plan) -> float:
+    """Displacement at the end of the job."""
+    return plan.loaded.profile.approach.offset_um + plan.forecast.feed_um
+
+
+class DriftMeasurement(Procedure):
+    """A measurement of drift, saved at `path`: the file `output`, else the machine's own.
+
+    `replaced` if there was a file before; `use` says which jobs use it, as a sentence without its end. `truth` are
+    the steady drifts of a virtual bench, None on other machines.
+    """
+
+    name = "measure-drift"
+    path: Path
+    _account: ToolAccount
+
+    def __init__(self, plan: Plan, duration_s: float | None = None, output: Path | None = None) -> None:
+        """Raise as `plan_drift`, before anything is connected."""
+        self.plan, self._duration_s, self._output = plan, duration_s, output
+        self.found: DriftResult | None = None
+        self.replaced = False
+        self.truth: dict[str, float] | None = None
+        self.use = ""
+        self._planned(plan)
+
+    def _planned(self, plan: Plan) -> DriftPlan:
+        return plan_drift(plan.loaded.profile, plan.setup, self._duration_s)
+
+    def forecast(self) -> dict[str, Any]:
+        """Return touches, hold and duration."""
+        planned = self._planned(self.plan)
+        return {
+            "touches": planned.touches,
+            "interval_s": planned.interval_s,
+            "hold_um": planned.hold_um,
+            "hold_s": planned.hold_s,
+            "time_s": drift_time_s(planned, self.plan.loaded.profile, self.plan.setup),
+        }
+
+    def carry_out(self, run: RunContext) -> None:
+        """Touch, hold and rest by the recipe of the tool's last run if no profile was named; save what is found.
+
+        Raises PreconditionError: E8048 a tool whose job was killed, E8059 a reference under another setup, E8063 a
+        run whose recipe is unknown; RunFileError E9012 if the file cannot be written.
+        """
+        serial, where, history = run.bench.serial, run.plan.where, run.history
+        place = default_drift_path if where.lasting else fresh_drift_path
+        self.path = self._output or place(serial, run.plan.surroundings.environ)
+        check_writable(self.path)
+        self._account = account = account_of(run.plan, tool_identity(run.bench), history)
+        if run.ledger is not None:
+            folder = run.ledger.path.parent
+            refuse_other_setup(account, history, run.plan, folder)
+            refuse_unknown_length(account, folder, run.plan)
+            run.plan = with_recipe_of(run.plan, folder, last_run_of(account))
+        planned, job = self._planned(run.plan), job_with_home(run, run.plan.loaded.profile)
+        with run.recording(self.name, lambda: self.summary(run)):
+            with run.armed(job) as job_run:
+                self.truth = run.bench.virtual.true_drifts_um_per_s if run.bench.virtual else None
+                record = measure_drift(job_run, planned, expected_pad_um(job_run, account))
+                fit, self.found = drift_result(job_run, planned, record)
+            self._save(run, self.found, model_of(fit))
+            pad_um, home_um = record.touches[-1].reading.mean_um, run.tally.home_um
+            seen = WearMeasured(
+                account.label, run.file_name, pad_um, account.worn_um, account.worn_u95_um, home_um
+            )
+            run.write_down(seen, RunEnded(run.file_name, "done", run.tally.time_s))
+
+    def result(self, run: RunContext) -> Mapping[str, object] | None:
+        """Return the measured values and the path of the file."""
+        if self.found is None:
+            return None
+        return {
+            "machine": run.bench.serial,
+            "tool": self._account.label,
+            **asdict(self.found),
+            "drift_file": str(self.path),
+            "truth": self.truth,
+        }
+
+    def _save(self, run: RunContext, found: DriftResult, model: DriftModel) -> None:
+        identity = run.bench.machine.identity
+        made = MadeBy(
+            utc=datetime.now(UTC).isoformat(timespec="seconds"),
+            edmctl=__version__,
+            serial=identity.serial,
+            simulated=identity.simulated,
+            run_file=run.file_name,
+        )
+        self.replaced, self.use = self.path.exists(), self._use(run)
+        run.plan.surroundings.settled()
+        save_drift(self.path, drift_file(made, found, model))
+
+    def _use(self, run: RunContext) -> str:
+        """Return which jobs use the file, as a sentence without its end."""
+        bench, where = run.bench, run.plan.where
+        if self._output is None and where.lasting:
+            return f"jobs on {bench.serial} go by it from now on"
+        on = f"--port {where.selector}" if where.lasting else f"--seed {bench.seed}"
+        job = f"edmctl machine --profile PROFILE {on}"
+        return f"`EDMCTL_DRIFT={self.path} {job}` goes by it, as does a setup that names it (drift.file)"

@@ -19,7 +19,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from edmctl import failures
-from edmctl.dataclasses import dataclass, field
+from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import Diagnostic, EdmError, RunFileError
 from edmctl.exitcodes import MEANING, ExitCode, error_exit_code
 from edmctl.jobs.calibration.selection import Choice, choose
@@ -35,7 +35,9 @@ from edmctl.jobs.runs.opening import on_machine
 from edmctl.jobs.surroundings import Warn
 from edmctl.jsonout import render_json
 from edmctl.labels import NOT_SHOWN_CODE, Verdict
-from edmctl.procedures.job import CalibratedActuator, JobTally
+from edmctl.procedures.job import CalibratedActuator, Job, JobTally
+from edmctl.procedures.run import JobRun
+from edmctl.procedures.session import running
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.record.background import BackgroundWriter
 from edmctl.record.disk import refuse_place
@@ -146,6 +148,23 @@ class RunContext:
             finally:
                 if self.creep_left is not None and self.creep_left is not before:
                     note.leave(self.creep_left)
+
+    @contextmanager
+    def armed(self, job: Job, *, pulses: bool = False) -> Iterator[JobRun]:
+        """Give the armed and conditioned machine for a procedure; it is retracted however the block ends."""
+        job = replace(job, creep_left=self.creep_left)
+        try:
+            with running(
+                self.bench.machine,
+                job,
+                self.tally,
+                recorder=self.recorder,
+                observer=self.observer,
+                pulses=pulses,
+            ) as job_run:
+                yield job_run
+        finally:
+            self.note_creep()
 
     def note_creep(self) -> None:
         """Keep the remaining creep after this use; unknown if the use ended early."""

@@ -13,9 +13,8 @@ from edmctl.cli.running import identity_before, perform_and_tell
 from edmctl.wording import coordinates
 
 if TYPE_CHECKING:
-    from edmctl.jobs.measure_drift import DriftStage
-    from edmctl.jobs.measure_wear import ReferenceStage, WearStage
-    from edmctl.jobs.procedures import ApproachStage, JumpsStage
+    from edmctl.jobs.measure_wear import ReferenceTouch, WearMeasurement
+    from edmctl.jobs.procedures import Approach, DriftMeasurement, Jumps
 
 ContactOption = Annotated[
     bool, typer.Option("--contact", help="Touch the surface, without sparks, instead of finding the gap.")
@@ -50,22 +49,23 @@ def approach(
     The feed is the profile's approach speed. With --contact the tool touches the surface without sparks instead.
     """
     from edmctl.jobs.ledger.prepared_job import place_of
-    from edmctl.jobs.procedures import Approach, approach_forecast
+    from edmctl.jobs.procedures import Approach
 
-    plan, place = job.plan(outcome), place_of(site)
+    plan = job.plan(outcome)
+    procedure = Approach(plan, place_of(site), contact=contact)
     if run.dry_run:
-        forecast = approach_forecast(plan, identity_before(outcome, plan), place, run.out, contact=contact)
+        forecast = procedure.forecast(identity_before(outcome, plan), run.out)
         where = coordinates(float(forecast["x_um"]), float(forecast["y_um"]))
         _show_plan(outcome, f"{forecast['kind']} at {where}", forecast)
     else:
-        perform_and_tell(outcome, Approach(plan, place, contact=contact), job, run, _surface_table)
+        perform_and_tell(outcome, procedure, job, run, _surface_table)
 
 
-def _surface_table(stage: "ApproachStage", style: Style) -> str:
+def _surface_table(done: "Approach", style: Style) -> str:
     from edmctl.cli.render.procedure_tables import render_surface
 
-    assert stage.found is not None
-    return render_surface(stage.found, style)
+    assert done.found is not None
+    return render_surface(done.found, style)
 
 
 MOST_JUMPS = 1000
@@ -99,26 +99,25 @@ def jump_flush(
     The tool jumps beside the workpiece, as deep as at the end of the profile's job, without sparks. The sensor is
     sampled at 1 kHz.
     """
-    from edmctl.jobs.procedures import JUMPS_ALONE, Jumps, jumps_forecast, refuse_hurry
+    from edmctl.jobs.procedures import JUMPS_ALONE, Jumps
 
     changes = [
         f"jump.{key}={value!r}"
         for key, value in (("height_um", height_um), ("speed_um_s", speed), ("period_s", period_s))
         if value is not None
     ]
-    plan = job.plan(outcome, (*changes, *JUMPS_ALONE))
-    refuse_hurry(plan)
+    jumps = Jumps(job.plan(outcome, (*changes, *JUMPS_ALONE)), count)
     if run.dry_run:
-        _show_plan(outcome, "jump-flush", jumps_forecast(plan, count))
+        _show_plan(outcome, "jump-flush", jumps.forecast())
     else:
-        perform_and_tell(outcome, Jumps(plan, count), job, run, _jumps_table)
+        perform_and_tell(outcome, jumps, job, run, _jumps_table)
 
 
-def _jumps_table(stage: "JumpsStage", style: Style) -> str:
+def _jumps_table(done: "Jumps", style: Style) -> str:
     from edmctl.cli.render.procedure_tables import render_jumps
 
-    assert stage.series is not None
-    return render_jumps(stage.series, style)
+    assert done.series is not None
+    return render_jumps(done.series, style)
 
 
 ReferenceOption = Annotated[
@@ -147,31 +146,31 @@ def measure_wear(
     ledger beside the run files contains it. Without a profile, the tool last in use is measured with the settings of
     the run that made the hole.
     """
-    from edmctl.jobs.measure_wear import TOUCHES_LIKE, WearRun, wear_forecast
+    from edmctl.jobs.measure_wear import TOUCHES_LIKE, ReferenceTouch, WearMeasurement
     from edmctl.record.ledger import Ledger
 
     plan = job.plan(outcome, like=TOUCHES_LIKE, new_tool=new_tool)
-    wear = WearRun(plan, site, is_reference=reference)
+    wear = ReferenceTouch(plan) if reference else WearMeasurement(plan, site)
     if not run.dry_run:
         perform_and_tell(outcome, wear, job, run, _wear_table)
         return
     if (identity := identity_before(outcome, plan)) is not None:
-        plan = wear.look(plan, identity, Ledger.open(run.out), outcome.warn).plan
-    _show_plan(outcome, "measure-wear", wear_forecast(plan, reference=reference))
+        wear.plan = wear.look(plan, identity, Ledger.open(run.out), outcome.warn)
+    _show_plan(outcome, "measure-wear", wear.forecast())
 
 
-def _wear_table(stage: "ReferenceStage | WearStage", style: Style) -> str:
+def _wear_table(done: "ReferenceTouch | WearMeasurement", style: Style) -> str:
     from edmctl.cli.render.procedure_tables import render_reference, render_wear
-    from edmctl.jobs.measure_wear import ReferenceStage
+    from edmctl.jobs.measure_wear import ReferenceTouch
 
-    label = stage.account.label
-    if isinstance(stage, ReferenceStage):
-        assert stage.touched is not None
-        reading, model_um = stage.touched.reading, stage.touched.model_um
+    label = done.account.label
+    if isinstance(done, ReferenceTouch):
+        assert done.touched is not None
+        reading, model_um = done.touched.reading, done.touched.model_um
         return render_reference(label, reading.mean_um, reading.sd_um, reading.touches, model_um, style)
-    assert stage.found is not None
-    name = stage.bottom.name if stage.bottom else label
-    return render_wear(name, stage.found, stage.account.worn_um, stage.total_um, stage.truth, style)
+    assert done.found is not None
+    name = done.bottom.name if done.bottom else label
+    return render_wear(name, done.found, done.account.worn_um, done.total_um, done.truth, style)
 
 
 DurationOption = Annotated[
@@ -200,19 +199,19 @@ def measure_drift(
     depth beside the workpiece separates creep from drift. Without a profile, the tool last in use is taken, with the
     settings of its last run.
     """
-    from edmctl.jobs.measure_drift import DriftRun, drift_forecast
     from edmctl.jobs.measure_wear import TOUCHES_LIKE
+    from edmctl.jobs.procedures import DriftMeasurement
 
-    plan = job.plan(outcome, like=TOUCHES_LIKE)
+    drift = DriftMeasurement(job.plan(outcome, like=TOUCHES_LIKE), duration, output)
     if run.dry_run:
-        _show_plan(outcome, "measure-drift", drift_forecast(plan, duration))
+        _show_plan(outcome, "measure-drift", drift.forecast())
     else:
-        perform_and_tell(outcome, DriftRun(plan, duration, output), job, run, _drift_table)
+        perform_and_tell(outcome, drift, job, run, _drift_table)
 
 
-def _drift_table(stage: "DriftStage", style: Style) -> str:
+def _drift_table(done: "DriftMeasurement", style: Style) -> str:
     from edmctl.cli.render.procedure_tables import render_drift
 
-    assert stage.found is not None
-    path, replaced = str(stage.path), stage.replaced
-    return render_drift(stage.found, stage.truth, path, stage.use, replaced=replaced, style=style)
+    assert done.found is not None
+    path, replaced = str(done.path), done.replaced
+    return render_drift(done.found, done.truth, path, done.use, replaced=replaced, style=style)
