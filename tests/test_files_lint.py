@@ -37,7 +37,7 @@ ALLOWED = {
     "jobs/doctor.py: _runs": "/proc",
     "link/compatibility.py: own_schema": "a file of the package",
     "link/serial_line.py: open_port": "a serial port",
-    "process/materials.py: materials": "a file of the package",
+    "process/erosion.py: materials": "a file of the package",
     "record/recovery.py: _opened": OPENED,
     "record/delimited.py: _plain_numbers": "lines of a text",
     "record/opening.py: open_hdf5": OPENED,

@@ -19,8 +19,11 @@ sys.path.insert(0, str(HERE.parents[1]))
 
 from benchmarks.process_trends import OFF_US, ON_US, Made, Trials, pulses  # noqa: E402
 from edmctl.errors import EdmWarning  # noqa: E402
-from edmctl.process.erosion import roughness_ra_um  # noqa: E402
-from edmctl.process.gap_conditions import GAP_LAW, side_gap_um  # noqa: E402
+from edmctl.process.erosion import (  # noqa: E402
+    GAP_LAW,
+    roughness_ra_um,
+    side_gap_um,
+)
 from edmctl.process.steady_gap import GapRecipe, SteadyGap, steady_gap  # noqa: E402
 
 if TYPE_CHECKING:

@@ -26,8 +26,7 @@ from edmctl.jobs.sweep import seed_to_use
 from edmctl.link.ports import SOCKET, PortInfo, scheme_of
 from edmctl.planning.erosion import of_tool, of_work
 from edmctl.planning.rules.load import LoadedProfile
-from edmctl.process.erosion import ErosionLaw
-from edmctl.process.gap_conditions import GapLaw
+from edmctl.process.erosion import ErosionLaw, GapLaw
 from edmctl.profile.folders import data_folder, is_file, own_setup_path
 from edmctl.profile.model import CONTROLLER_SYNONYMS
 from edmctl.profile.setup import Setup, load_setup

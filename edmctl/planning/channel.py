@@ -25,7 +25,7 @@ from edmctl.profile.model import PathTable, Profile
 from edmctl.profile.setup import Setup
 
 if TYPE_CHECKING:
-    from edmctl.process.path import Way  # a dry run loads no NumPy
+    from edmctl.process.channel import Way  # a dry run loads no NumPy
 
 EVEN_OUT_PASSES = 2  # before a measuring stop the floor is evened out by so many passes that do not go deeper
 LAST_PASS_SHARE = 1.05  # passes over those that the sparks need, because a layer ends with a whole pass
@@ -175,7 +175,7 @@ PIECE_UM = 25.0
 
 def way_of_path(path: PathTable) -> Way:
     """Way of the tool's axis of a `[path]` table, whose sizes the rules have found complete."""
-    from edmctl.process import path as ways
+    from edmctl.process import channel as ways
 
     if path.kind == "rectangle":
         points = ways.rectangle(path.x_um, path.y_um, path.width_um or 0.0, path.height_um or 0.0)

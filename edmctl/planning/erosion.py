@@ -6,9 +6,7 @@ import math
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.process.discharge import hole_area_um2, pulse_energy_uj, tool_area_um2
-from edmctl.process.erosion import roughness_ra_um
-from edmctl.process.gap_conditions import GAP_LAW, side_gap_um
-from edmctl.process.materials import material
+from edmctl.process.erosion import GAP_LAW, material, roughness_ra_um, side_gap_um
 from edmctl.process.steady_gap import GapRecipe, SteadyGap, steady_gap
 from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX
 from edmctl.profile.model import Profile

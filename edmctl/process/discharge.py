@@ -44,9 +44,7 @@ def mrr_mm3_min(removal_um3_s: float) -> float:
 def open_share(tau_over_on_time: float) -> float:
     """Mean share of the on-time before ignition, `phi = E[min(t_d, t_on)] / t_on`, for exponential delay."""
     x = tau_over_on_time
-    if x <= 0.0:
-        return 0.0
-    return -x * math.expm1(-1.0 / x)
+    return -x * math.expm1(-1.0 / x) if x > 0.0 else 0.0
 
 
 def burning_share(tau_over_on_time: float, longest_share: float) -> float:

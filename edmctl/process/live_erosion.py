@@ -9,10 +9,11 @@ touch by two (depth and wear). Depth by energy follows the outlook of Muralidhar
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from copy import copy
 
 from edmctl.dataclasses import dataclass, replace
-from edmctl.process.gap_conditions import ARC_V, GAP_LAW
+from edmctl.process.erosion import ARC_V, GAP_LAW
 
 ARC_REMOVAL = GAP_LAW.arc_work * ARC_V / 22.0
 """An arc removes this share of the work that a normal discharge of its energy does."""
@@ -100,12 +101,11 @@ class _Known:
         """Return the same, less certain in one or both after a contradiction of `sds`."""
         factor = max(1.0, sds / WIDENING_SDS)
         of_removal, of_ratio = factor if removal else 1.0, factor if ratio else 1.0
-        return _Known(
-            self.removal,
-            self.ratio,
-            self.var_removal * of_removal**2,
-            self.var_ratio * of_ratio**2,
-            self.covariance * of_removal * of_ratio,
+        return replace(
+            self,
+            var_removal=self.var_removal * of_removal**2,
+            var_ratio=self.var_ratio * of_ratio**2,
+            covariance=self.covariance * of_removal * of_ratio,
         )
 
     def seen(self, error_um: float, per_removal: float, per_ratio: float, noise_u_um: float) -> _Known:
@@ -126,13 +126,9 @@ class _Known:
 class ErosionEstimate:
     """Estimate of removal and wear in one job, from its recipe and every touch so far.
 
-    Parameters
-    ----------
     removal_um3_per_uj, removal_u_rel : volume of work per energy of normal discharges, and its relative uncertainty
     wear_ratio, ratio_u_rel : wear length per depth, likewise
-    hole_area_um2 : cross-section of the hole
-
-    `contradicted`: the last touch was far from the expected wear ratio.
+    contradicted : the last touch was far from the expected wear ratio
     """
 
     def __init__(
@@ -147,15 +143,10 @@ class ErosionEstimate:
         ratio = math.log(max(wear_ratio, LEAST_RATIO) / _arc_factor(USUAL_ARCS))
         self._known = _Known(math.log(removal_um3_per_uj), ratio, removal_u_rel**2, ratio_u_rel**2, 0.0)
         self._hole_area_um2 = hole_area_um2
-        self._fits = 0
+        self.fits = 0  # touches that it has learned from
         self._learned_um = math.nan
         self._depth_u_rel = 0.0
         self.contradicted = False
-
-    @property
-    def fits(self) -> int:
-        """How many touches it has learned from."""
-        return self._fits
 
     @property
     def wear_ratio(self) -> float:
@@ -180,16 +171,11 @@ class ErosionEstimate:
 
     def next_hole(self, depth_um: float) -> ErosionEstimate:
         """Return the estimate for another hole of this depth, which erodes a little differently."""
-        known = self._known
-        other = self._with(
-            _Known(
-                known.removal,
-                known.ratio,
-                known.var_removal + REMOVAL_SCATTER**2,
-                known.var_ratio + SCATTER_BETWEEN_HOLES**2,
-                known.covariance,
-            ),
-            self._fits,
+        known, other = self._known, copy(self)
+        other._known = replace(
+            known,
+            var_removal=known.var_removal + REMOVAL_SCATTER**2,
+            var_ratio=known.var_ratio + SCATTER_BETWEEN_HOLES**2,
         )
         if depth_um > 0.0 and self._learned_um > 0.0:
             other._depth_u_rel = CHANGE_WITH_DEPTH * abs(math.log(depth_um / self._learned_um))
@@ -221,19 +207,19 @@ class ErosionEstimate:
 
     def contradicts(self, feed_um: float, feed_u_um: float, energy: Energy) -> bool:
         """Whether feed and energy contradict each other; then `split` uses the feed alone."""
-        if feed_um <= 0.0 or energy.normal_uj <= 0.0:
-            return False
-        return self._known.sds(*self._feed_step(feed_um, feed_u_um, *self._logs(energy))) > CONTRADICTION_SDS
+        return self._sds_of_feed(feed_um, feed_u_um, energy) > CONTRADICTION_SDS
 
     def off_by_energy_um(self, feed_um: float, feed_u_um: float, energy: Energy) -> float:
         """Wear by feed and energy less that by the ratio; 0 where chance may make them so different."""
+        if self._sds_of_feed(feed_um, feed_u_um, energy) <= WIDENING_SDS:
+            return 0.0
+        depth_um, wear_um = self._known.lengths_um(*self._logs(energy))
+        return feed_um - depth_um - feed_um * wear_um / (depth_um + wear_um)
+
+    def _sds_of_feed(self, feed_um: float, feed_u_um: float, energy: Energy) -> float:
         if feed_um <= 0.0 or energy.normal_uj <= 0.0:
             return 0.0
-        depth_log, arc_log = self._logs(energy)
-        if self._known.sds(*self._feed_step(feed_um, feed_u_um, depth_log, arc_log)) <= WIDENING_SDS:
-            return 0.0
-        depth_um, wear_um = self._known.lengths_um(depth_log, arc_log)
-        return feed_um - depth_um - feed_um * wear_um / (depth_um + wear_um)
+        return self._known.sds(*self._feed_step(feed_um, feed_u_um, *self._logs(energy)))
 
     def _feed_step(
         self, feed_um: float, feed_u_um: float, depth_log: float, arc_log: float
@@ -259,42 +245,27 @@ class ErosionEstimate:
             depth_log, arc_log = self._logs(energy)
             arcs = energy.arc_uj / energy.normal_uj
             expected_um, _ = known.lengths_um(depth_log, arc_log)
-            step = (
-                expected_um * math.log(depth_um / expected_um),
-                expected_um,
-                0.0,
-                depth_u_um * expected_um / depth_um,
-            )
+            error_um = expected_um * math.log(depth_um / expected_um)
+            step = error_um, expected_um, 0.0, depth_u_um * expected_um / depth_um
             known = known.widened(known.sds(*step), removal=True, ratio=False).seen(*step)
         # The ratio is of two touched lengths, so the energy cannot pull it to where removal was believed to be.
         sds = _sds_of_wear(known, depth_um * math.exp(known.ratio + arc_log), wear_um, wear_u_um)
-        if self._fits == 0:
-            ratio, var_ratio = (
-                max(known.ratio, math.log(LEAST_BELIEVED)),
-                max(known.var_ratio, RECIPE_U_REL**2),
-            )
-            known = replace(known, ratio=ratio, var_ratio=var_ratio)
+        if self.fits == 0:
+            ratio = max(known.ratio, math.log(LEAST_BELIEVED))
+            known = replace(known, ratio=ratio, var_ratio=max(known.var_ratio, RECIPE_U_REL**2))
         expected_um = depth_um * math.exp(known.ratio + arc_log)
         known = known.widened(_sds_of_wear(known, expected_um, wear_um, wear_u_um), removal=False, ratio=True)
         known = known.seen(*_wear_step(known, expected_um, wear_um, wear_u_um))
-        learned = self._with(
-            _Known(
-                known.removal,
-                max(known.ratio, math.log(LEAST_RATIO)),
-                max(known.var_removal, LEAST_U_REL**2),
-                max(known.var_ratio, LEAST_U_REL**2),
-                known.covariance,
-            ),
-            self._fits + 1,
+        learned = copy(self)
+        learned._known = replace(
+            known,
+            ratio=max(known.ratio, math.log(LEAST_RATIO)),
+            var_removal=max(known.var_removal, LEAST_U_REL**2),
+            var_ratio=max(known.var_ratio, LEAST_U_REL**2),
         )
-        learned._arcs, learned.contradicted = arcs, sds > CONTRADICTION_SDS
+        learned.fits, learned._arcs, learned.contradicted = self.fits + 1, arcs, sds > CONTRADICTION_SDS
         learned._learned_um, learned._depth_u_rel = depth_um, 0.0
         return learned
-
-    def _with(self, known: _Known, fits: int) -> ErosionEstimate:
-        other = copy(self)
-        other._known, other._fits = known, fits
-        return other
 
     def _logs(self, energy: Energy) -> tuple[float, float]:
         arcs = energy.arc_uj / energy.normal_uj
@@ -303,9 +274,9 @@ class ErosionEstimate:
 
 
 def _sds_of_wear(known: _Known, expected_um: float, wear_um: float, u_um: float) -> float:
-    """Return the distance of a measured wear from its expectation in standard deviations, by its logarithm if known.
+    """Return the distance of a measured wear from its expectation in standard deviations.
 
-    An uncertain long wear, such as after hours of drift, does not contradict a short one by its logarithm.
+    It is that of the logarithms, unless the wear is uncertain and long, such as after hours of drift.
     """
     by_length = known.sds(wear_um - expected_um, 0.0, expected_um, u_um)
     if wear_um <= u_um:
@@ -318,24 +289,18 @@ def _wear_step(
     known: _Known, expected_um: float, wear_um: float, u_um: float
 ) -> tuple[float, float, float, float]:
     """Return error, derivatives and noise of a measured wear about the likeliest wear (iterated Kalman step)."""
-    way = math.log(max(wear_um, LEAST_RATIO * expected_um) / expected_um)
-
-    var_ratio, exp = known.var_ratio, math.exp
+    way, steps = math.log(max(wear_um, LEAST_RATIO * expected_um) / expected_um), range(len(_SHARES))
 
     def cost(step: int) -> float:
         tried = _SHARES[step] * way
-        return tried * tried / var_ratio + ((wear_um - expected_um * exp(tried)) / u_um) ** 2
+        return tried * tried / known.var_ratio + ((wear_um - expected_um * math.exp(tried)) / u_um) ** 2
 
     if abs(way) < _NOTHING:
         step = 0
-    elif 2.0 * expected_um >= wear_um:  # one minimum: halving finds it
-        low, high = 0, len(_SHARES) - 1
-        while low < high:
-            middle = (low + high) // 2
-            low, high = (low, middle) if cost(middle) <= cost(middle + 1) else (middle + 1, high)
-        step = low
+    elif 2.0 * expected_um >= wear_um:  # one minimum: where the cost begins to rise
+        step = bisect_left(steps[:-1], True, key=lambda step: cost(step) <= cost(step + 1))
     else:
-        step = min(range(len(_SHARES)), key=cost)
+        step = min(steps, key=cost)
     log = _SHARES[step] * way
     likeliest_um = expected_um * math.exp(log)
     return wear_um - likeliest_um + likeliest_um * log, 0.0, likeliest_um, u_um

@@ -76,11 +76,8 @@ class CreepLeft:
     def of(cls, lags_um: Sequence[float], unknown_s: float) -> CreepLeft:
         """Return it from stored values. Raises ValueError or TypeError for impossible ones."""
         um = np.array(lags_um, dtype=np.float64)
-        if (
-            um.shape != (len(TIME_CONSTANTS_S),)
-            or not (np.abs(um) <= MOST_LAG_UM).all()
-            or not unknown_s >= 0.0
-        ):
+        possible = um.shape == (len(TIME_CONSTANTS_S),) and (np.abs(um) <= MOST_LAG_UM).all()
+        if not (possible and unknown_s >= 0.0):
             raise ValueError("no creep of an actuator")
         return cls(um, unknown_s)
 
@@ -163,17 +160,13 @@ class Rest:
 
 def mean_rest(rests: Sequence[Rest | None], shares: Sequence[float]) -> Rest | None:
     """Return the weighted mean of rests; None if one of them is unknown. The shares add up to 1."""
-    known = [rest for rest in rests if rest is not None]
+    known = [(one.time_s, one.um, one.u_um, one.lags_um, one.lags_out_s) for one in rests if one is not None]
     if len(known) < len(rests):
         return None
     weights = np.array(shares)
-    return Rest(
-        float(weights @ [rest.time_s for rest in known]),
-        float(weights @ [rest.um for rest in known]),
-        math.hypot(*(weights * [rest.u_um for rest in known])),
-        weights @ np.array([rest.lags_um for rest in known]),
-        weights @ np.array([rest.lags_out_s for rest in known]),
-    )
+    times_s, um, u_um, lags_um, lags_out_s = map(np.array, zip(*known, strict=True))
+    means = float(weights @ times_s), float(weights @ um), math.hypot(*(weights * u_um))
+    return Rest(*means, weights @ lags_um, weights @ lags_out_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,14 +194,6 @@ class DriftFit:
     rest_rms_um: float
     touch_rms_um: float
     outliers: int
-
-
-def creep_prior() -> Array:
-    """Return the covariance of the weights before anything was measured, shape (n, n)."""
-    n = len(TIME_CONSTANTS_S)
-    return _PER_DECADE**2 * (
-        CREEP_PRIOR_PER_DECADE**2 * np.ones((n, n)) + SCATTER_PRIOR_PER_DECADE**2 * np.eye(n)
-    )
 
 
 @one_blas_thread()
@@ -262,7 +247,7 @@ def _fitted(
     prior = _prior()
     walk = walk_um_per_sqrt_s**2 * np.minimum.outer(times_s, times_s)
     noise, usual = walk.copy(), np.full(n, _PER_DECADE * 0.5 * CREEP_PRIOR_PER_DECADE)
-    sd_um = np.concatenate((_rest_sd_um(rests, usual), _touch_sd_um(touches)))
+    sd_um = _sd_um(rests, usual, touches)
     noise[np.diag_indices(a + b)] += sd_um**2
     if math.isfinite(memory_s):
         left = usual * MEMORY_UM * np.exp(-(memory_s + times_s[:a, None]) / _TAU_S)
@@ -308,10 +293,11 @@ def _fitted(
 
 def _prior() -> Array:
     n = len(TIME_CONSTANTS_S)
+    scatter = SCATTER_PRIOR_PER_DECADE**2 * np.eye(n)
     prior = np.zeros((4 + n, 4 + n))
     prior[[0, 1], [0, 1]] = ZERO_PRIOR_UM**2
     prior[[2, 3], [2, 3]] = DRIFT_PRIOR_UM_PER_S**2
-    prior[4:, 4:] = creep_prior()
+    prior[4:, 4:] = _PER_DECADE**2 * (CREEP_PRIOR_PER_DECADE**2 * np.ones((n, n)) + scatter)
     return prior
 
 
@@ -327,18 +313,16 @@ def _design(rests: Sequence[Rest], times_s: Array, creep: Array | None) -> Array
     return design
 
 
-def _rest_sd_um(rests: Sequence[Rest], usual: Array) -> Array:
-    u_um = max(LEAST_NOISE_UM, math.sqrt(math.fsum(rest.u_um**2 for rest in rests) / len(rests)))
-    sd_um: Array = np.hypot(u_um, MISFIT * (np.abs(np.array([rest.lags_um for rest in rests])) @ usual))
-    return sd_um
-
-
-def _touch_sd_um(touches: Sequence[Touch]) -> Array:
+def _sd_um(rests: Sequence[Rest], usual: Array, touches: Sequence[Touch]) -> Array:
+    """Return the standard deviations of rests and touches, shape (a + b,); `usual` is a usual creep."""
+    rest_u_um = max(LEAST_NOISE_UM, math.sqrt(math.fsum(rest.u_um**2 for rest in rests) / len(rests)))
+    lags_um = np.abs(np.array([rest.lags_um for rest in rests]))
     scatter = TouchScatter()
-    for one in touches:
-        scatter.add(one.reading)
-    u_um = max(LEAST_NOISE_UM, scatter.u_um)
-    return np.array([u_um / math.sqrt(touch.reading.touches) for touch in touches])
+    for touch in touches:
+        scatter.add(touch.reading)
+    touch_u_um = max(LEAST_NOISE_UM, scatter.u_um)
+    touch_sd_um = [touch_u_um / math.sqrt(touch.reading.touches) for touch in touches]
+    return np.concatenate((np.hypot(rest_u_um, MISFIT * (lags_um @ usual)), touch_sd_um))
 
 
 def _share(rest: float, touch: float, spread: Array, walk_u: float) -> Value | None:
@@ -402,8 +386,7 @@ class DriftModel:
             drift = self.between(first, later, seconds + more_s, memory_s)
             return math.hypot(drift.left_u_um, drift_u_um_per_s * more_s)
 
-        allowed_s = [more_s for more_s in RESTS_S if more_s <= REST_SHARE * seconds]
-        best_s = min(allowed_s, key=left_u_um, default=0.0)
+        best_s = min((s for s in RESTS_S if s <= REST_SHARE * seconds), key=left_u_um, default=0.0)
         return best_s if left_u_um(best_s) <= (1.0 - LEAST_GAIN) * left_u_um(0.0) else 0.0
 
     def rest_moved(self, first: Rest, last: Rest, memory_s: float = math.inf) -> Drift:

@@ -60,7 +60,6 @@ def share_wear(
 ) -> tuple[SharedWear, ...]:
     """Divide what the tool has lost by a touch among the holes since the touch before; in their order.
 
-    shares : expectations, in order of time
     found_um, after_s : how much further and later the touch was than the one before
     touch_u_um : standard uncertainty of the difference of both touches without drift
     drift_u_um_per_s : standard uncertainty of a steady drift of the sensor
@@ -87,21 +86,13 @@ def share_wear(
     prior[np.diag_indices(count)] += np.minimum(alone, squares)
     gain = prior @ seen / (float(seen @ prior @ seen) + touch_u_um**2)
     mean, covariance = gain * error_um, prior - np.outer(gain, seen @ prior)
+
+    def sd(way: Array) -> float:
+        return math.sqrt(max(0.0, float(way @ covariance @ way)))
+
     found = []
-    for i, share in enumerate(shares):
+    for i, (share, own_way) in enumerate(zip(shares, np.eye(count + 1), strict=False)):
         tip = np.concatenate([np.ones(i + 1), np.zeros(count - i - 1), [share.after_s]])
-        without = tip - np.eye(count + 1)[i]
-        found.append(
-            SharedWear(
-                wear_um=share.wear_um + float(mean[i]),
-                wear_u_um=_sd(covariance[i, i]),
-                tip_um=float(tip @ mean),
-                tip_u_um=_sd(tip @ covariance @ tip),
-                feed_u_um=_sd(without @ covariance @ without),
-            )
-        )
+        wear_um, tip_um = share.wear_um + float(mean[i]), float(tip @ mean)
+        found.append(SharedWear(wear_um, sd(own_way), tip_um, sd(tip), sd(tip - own_way)))
     return tuple(found)
-
-
-def _sd(variance: float | Array) -> float:
-    return math.sqrt(max(0.0, float(variance)))

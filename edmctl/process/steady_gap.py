@@ -12,24 +12,27 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from operator import mul
 
-from edmctl.dataclasses import dataclass
+from edmctl.dataclasses import astuple, dataclass
 from edmctl.process.discharge import delay_over_on_time, pulse_energy_uj, tool_area_um2
-from edmctl.process.erosion import LAW, molten_uj, removal_um3_per_uj
-from edmctl.process.gap_conditions import (
+from edmctl.process.erosion import (
     ARC_V,
     BRIDGE_CLEAR,
     CLEARING,
     GAP_LAW,
+    LAW,
     MOST_DEBRIS,
     SHORT_V,
     USUAL_OPEN_V,
     crater_scale,
     deionisation_us,
     flush_time_s,
+    molten_uj,
+    removal_um3_per_uj,
     working_gap_um,
 )
 
 _STEPS = 24
+_DELAYS = [(i + 0.5) / _STEPS for i in range(_STEPS)]
 _ROUNDS, _TRIES, _ARC_ROUNDS = 12, 60, 4
 _DAMPING, _STEEPEST = 0.7, 3.0
 _CLOSE_LEVEL, _CLOSE_DEBRIS, _NEAR_DEBRIS = 1e-6, 1e-6, 0.02
@@ -41,9 +44,10 @@ MOST_LEVEL = 0.99
 class GapRecipe:
     """What the gap depends on: the pulses, the servo's level, the pair of materials and the tool.
 
-    `work_removal` and `tool_wear` are erosion over that of copper, `longest_us` the longest that a discharge burns,
-    `flush_time_s` the clearance of a shallow working gap under a tool of 270 µm, and
-    `jump_clearing_hz` how often jumps change the oil.
+    work_removal, tool_wear : erosion over that of copper
+    longest_us : the longest that a discharge burns
+    flush_time_s : clearance of a shallow working gap under a tool of 270 µm
+    jump_clearing_hz : how often jumps change the oil
     """
 
     on_time_us: float
@@ -79,8 +83,7 @@ class GapRecipe:
 
 @dataclass(frozen=True, slots=True)
 class SteadyGap:
-    """The state that a recipe comes to. Rates while sparking; the shares of sparks, arcs and shorts
-    are of all pulses.
+    """The state that a recipe comes to: rates while sparking, and shares of all pulses.
 
     `side_share` of the discharges burn at the wall; the volumes include them.
     """
@@ -175,13 +178,10 @@ def steady_gap(recipe: GapRecipe, depth_um: float) -> SteadyGap:
 
 def _pulses(recipe: GapRecipe, level_s: float) -> _Pulses:
     tau = delay_over_on_time(level_s, recipe.rho, recipe.longest_share)
-    delays = [(i + 0.5) / _STEPS for i in range(_STEPS)]
     at_once, kinds = _discharges(recipe)
-    weights = [math.exp(-delay / tau) for delay in delays]
-    soon = [
-        w * math.exp(-recipe.on_time_us * d / GAP_LAW.arc_delay_us)
-        for w, d in zip(weights, delays, strict=True)
-    ]
+    weights = [math.exp(-delay / tau) for delay in _DELAYS]
+    fades = [math.exp(-recipe.on_time_us * delay / GAP_LAW.arc_delay_us) for delay in _DELAYS]
+    soon = list(map(mul, weights, fades))
     every = _mean(kinds, weights)
     volumes = list(map(mul, weights, kinds[2]))
     # An arc's plateau is lower, its current higher; the energy is told as if all burned at the usual plateau.
@@ -205,13 +205,9 @@ def _pulses(recipe: GapRecipe, level_s: float) -> _Pulses:
 
 @lru_cache(maxsize=16)
 def _discharges(recipe: GapRecipe) -> tuple[_Kind, tuple[tuple[float, ...], ...]]:
-    """A discharge without delay, and those of equal steps of the delay, each quantity of `_Kind` in a row.
-
-    No level of the servo changes them.
-    """
-    kinds = [_normal(recipe, (i + 0.5) / _STEPS) for i in range(_STEPS)]
-    rows = zip(*((k.level_s, k.energy_uj, k.work_um3, k.tool_um3) for k in kinds), strict=True)
-    return _normal(recipe, 0.0), tuple(rows)
+    """A discharge without delay, and those of equal steps of the delay, each quantity of `_Kind` in a row."""
+    kinds = (astuple(_normal(recipe, delay)) for delay in _DELAYS)
+    return _normal(recipe, 0.0), tuple(zip(*kinds, strict=True))
 
 
 def _normal(recipe: GapRecipe, delay: float) -> _Kind:
@@ -254,15 +250,12 @@ def _balance(recipe: GapRecipe, pulses: _Pulses, depth_um: float, near: _Dirt | 
         outflow = debris * area_um2 * gap_um * (clearing / flush_s + recipe.jump_clearing_hz)
         return (1.0 - dirt.shorts) * sum(_volumes_um3(pulses, debris, dirt.arcs)) * per_s - outflow, dirt
 
-    low, high = 0.0, MOST_DEBRIS
-    if near is not None:
-        low, high = max(0.0, near.debris - _NEAR_DEBRIS), min(MOST_DEBRIS, near.debris + _NEAR_DEBRIS)
+    middle, reach = (0.0, MOST_DEBRIS) if near is None else (near.debris, _NEAR_DEBRIS)
+    low, high = max(0.0, middle - reach), min(MOST_DEBRIS, middle + reach)
     (more, _), (less, dirt) = surplus(low), surplus(high)
-    if more <= 0.0 or less >= 0.0:
-        if near is not None:
-            return _balance(recipe, pulses, depth_um, None)
-        return dirt
-    return _between(surplus, (low, more), (high, less))
+    if more > 0.0 > less:
+        return _between(surplus, (low, more), (high, less))
+    return dirt if near is None else _balance(recipe, pulses, depth_um, None)
 
 
 def _between(
@@ -275,11 +268,12 @@ def _between(
         debris = (b * more - a * less) / (more - less)
         rest, dirt = surplus(debris)
         is_more = rest > 0.0
+        again = 0.5 if is_more is was_more else 1.0
         moved = debris - a if is_more else b - debris
         if is_more:
-            a, more, less = debris, rest, less * (0.5 if was_more else 1.0)
+            a, more, less = debris, rest, less * again
         else:
-            b, less, more = debris, rest, more * (0.5 if was_more is False else 1.0)
+            b, less, more = debris, rest, more * again
         was_more = is_more
         if min(moved, b - a) < _CLOSE_DEBRIS:
             break

@@ -45,10 +45,7 @@ SAME_WITHIN_UM = 5e-4
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Mean of a set of touches at one place.
-
-    `sd_um` is the sample standard deviation (n - 1) of the touches; of no meaning when `touches` is 1.
-    """
+    """Mean of a set of touches at one place, and their sample standard deviation (n - 1); 0 of a single touch."""
 
     mean_um: float
     sd_um: float
@@ -57,11 +54,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Displacement:
-    """Standard uncertainties of the sensor, or of an actuator model without one.
-
-    They are of the scale, of the sensor's characteristic, of a steady drift of the zero, and of any length by a
-    model; `walk_um_per_sqrt_s` is the random walk of the zero.
-    """
+    """Standard uncertainties of the sensor, or of an actuator model without one; the walk is that of the zero."""
 
     gain_u_rel: float = 0.0
     linearity_u_um: float = 0.0
@@ -129,11 +122,8 @@ class DepthAndWear:
 
     def columns(self) -> dict[str, Any]:
         """Return the lengths by the names of a result's fields."""
-        return {
-            **self.depth.columns("depth_{}um"),
-            **self.wear.columns("wear_{}um"),
-            **self.feed.columns("feed_{}um"),
-        }
+        depth, wear = self.depth.columns("depth_{}um"), self.wear.columns("wear_{}um")
+        return depth | wear | self.feed.columns("feed_{}um")
 
     @property
     def wear_ratio(self) -> float:
@@ -163,12 +153,9 @@ class Touch:
 
 def reading_of(touches_um: tuple[float, ...]) -> Reading:
     """Mean and sample standard deviation of single touches, µm. Raises ValueError without any touch."""
-    n = len(touches_um)
-    if n == 0:
+    if not touches_um:
         raise ValueError("a reading needs at least one touch")
-    mean = math.fsum(touches_um) / n
-    variance = math.fsum((z - mean) ** 2 for z in touches_um) / (n - 1) if n > 1 else 0.0
-    return Reading(mean, math.sqrt(variance), n)
+    return pooled_reading([Reading(z_um, 0.0, 1) for z_um in touches_um])
 
 
 def pooled_reading(readings: Sequence[Reading]) -> Reading:
@@ -220,27 +207,16 @@ def tilt_uncertainty_um(tilt_u_mrad: float, distance_um: float, stage_repeatabil
     return 1e-3 * tilt_u_mrad * math.sqrt(distance_um**2 + 2.0 * stage_repeatability_um**2)
 
 
-@dataclass(frozen=True, slots=True)
-class _Noise:
-    """Repeatability of one touch, pooled over sets, and the degrees of freedom behind it."""
-
-    sd_um: float
-    dof: float
-
-    def of_difference(self, a: Reading, b: Reading) -> float:
-        return self.sd_um * math.sqrt(1.0 / a.touches + 1.0 / b.touches)
-
-    def value(self, um: float, noise_um: float, systematic_um: tuple[float, ...]) -> Value:
-        """Return a length with all its uncertainties."""
-        return Value(um, noise_um, self.dof).widened(math.hypot(*systematic_um))
-
-
-def _pooled(readings: tuple[Reading, ...]) -> _Noise:
+def _repeatability(readings: tuple[Reading, ...]) -> Value:
+    """Return the standard deviation of one touch, pooled over readings, with its degrees of freedom."""
     dof = TOUCH_PRIOR_DOF + sum(r.touches - 1 for r in readings)
-    squares = TOUCH_PRIOR_DOF * TOUCH_SD_PRIOR_UM**2 + math.fsum(
-        (r.touches - 1) * r.sd_um**2 for r in readings
-    )
-    return _Noise(math.sqrt(squares / dof), dof)
+    squares = TOUCH_PRIOR_DOF * TOUCH_SD_PRIOR_UM**2
+    squares += math.fsum((r.touches - 1) * r.sd_um**2 for r in readings)
+    return Value(0.0, math.sqrt(squares / dof), dof)
+
+
+def _difference_u_um(touch_u_um: float, a: Reading, b: Reading) -> float:
+    return touch_u_um * math.sqrt(1.0 / a.touches + 1.0 / b.touches)
 
 
 def measure(
@@ -273,22 +249,24 @@ def measure(
     first, bottom, last = z1.reading, z2.reading, z3.reading
     bottom_um, pad_um = bottom.mean_um - height_um - drift_to_bottom_um, last.mean_um - drift_um
     depth_um, wear_um, feed_um = bottom_um - pad_um, pad_um - first.mean_um, bottom_um - first.mean_um
-    noise = _pooled((first, bottom, last))
-    depth_noise = noise.of_difference(bottom, last)
+    touch = _repeatability((first, bottom, last))
+
+    def length(um: float, start: Reading, end: Reading, *parts_u_um: float) -> Value:
+        noise_u_um = _difference_u_um(touch.u, start, end)
+        return Value(um, noise_u_um, touch.dof).widened(math.hypot(*parts_u_um))
+
     left_u_um = drift.left_u_um if drift else sensor.drifted_u_um(z1_to_z3_s)
     last_u_um = sensor.drifted_u_um(z2_to_z3_s)
     to_bottom_u_um = sensor.drifted_u_um(z1_to_z3_s - z2_to_z3_s)
     if drift:
         to_bottom_u_um = math.hypot(by_bottom * drift.left_u_um, last_u_um)
     doubt1, doubt2, doubt3 = z1.doubt_u_um, z2.doubt_u_um, z3.doubt_u_um
-    depth_parts = (sensor.length_u_um(depth_um), last_u_um, tilt_u_um, doubt2, doubt3)
-    wear_parts = (sensor.length_u_um(wear_um), left_u_um, pad_u_um, z1_u_um, doubt1, doubt3)
-    feed_parts = (sensor.length_u_um(feed_um), to_bottom_u_um, tilt_u_um, z1_u_um, doubt1, doubt2)
+    depth_u_um, wear_u_um, feed_u_um = map(sensor.length_u_um, (depth_um, wear_um, feed_um))
     return DepthAndWear(
-        noise.value(depth_um, depth_noise, depth_parts),
-        noise.value(wear_um, noise.of_difference(last, first), wear_parts),
-        noise.value(feed_um, noise.of_difference(bottom, first), feed_parts),
-        depth_noise,
+        length(depth_um, bottom, last, depth_u_um, last_u_um, tilt_u_um, doubt2, doubt3),
+        length(wear_um, last, first, wear_u_um, left_u_um, pad_u_um, z1_u_um, doubt1, doubt3),
+        length(feed_um, bottom, first, feed_u_um, to_bottom_u_um, tilt_u_um, z1_u_um, doubt1, doubt2),
+        _difference_u_um(touch.u, bottom, last),
         drift_um=drift_um,
         drift_to_bottom_um=drift_to_bottom_um,
         drift_left_u_um=left_u_um,
@@ -321,8 +299,8 @@ def between_spots(a: Reading, b: Reading, place_u_um: float) -> Deviation:
 
     `place_u_um` is the standard uncertainty of a real difference: tilt between the spots, and drift meanwhile.
     """
-    noise_um = TOUCH_CHECK_SD_UM * math.sqrt(1.0 / a.touches + 1.0 / b.touches)
-    return Deviation(a.mean_um - b.mean_um, math.hypot(noise_um, place_u_um))
+    noise_u_um = _difference_u_um(TOUCH_CHECK_SD_UM, a, b)
+    return Deviation(a.mean_um - b.mean_um, math.hypot(noise_u_um, place_u_um))
 
 
 def agreeing_spots(spots: Sequence[Reading], place_u_um: float) -> tuple[int, ...]:

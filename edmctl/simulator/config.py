@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from edmctl.core.library import library
 from edmctl.dataclasses import dataclass, field, fields, replace
-from edmctl.process.erosion import LAW, ErosionLaw
-from edmctl.process.gap_conditions import ARC_V, BRIDGE_CLEAR, GAP_LAW, SHORT_V, GapLaw
+from edmctl.process.erosion import ARC_V, BRIDGE_CLEAR, GAP_LAW, LAW, SHORT_V, ErosionLaw, GapLaw
 
 if TYPE_CHECKING:
     import numpy as np

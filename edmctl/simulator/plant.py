@@ -14,13 +14,13 @@ import numpy as np
 from edmctl.core.library import library
 from edmctl.dataclasses import dataclass
 from edmctl.process.discharge import pulse_energy_uj
-from edmctl.process.erosion import removal_um3_per_uj
-from edmctl.process.gap_conditions import (
+from edmctl.process.erosion import (
     MOST_DEBRIS,
     USUAL_OPEN_V,
     crater_scale,
     deionisation_us,
     flush_time_s,
+    removal_um3_per_uj,
     side_gap_um,
     working_gap_um,
 )

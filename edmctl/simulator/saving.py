@@ -20,8 +20,7 @@ from edmctl.core.library import Kept
 from edmctl.core.records import Record
 from edmctl.link.faults import FAULTS
 from edmctl.link.messages import ResetCause
-from edmctl.process.erosion import ErosionLaw
-from edmctl.process.gap_conditions import GapLaw
+from edmctl.process.erosion import ErosionLaw, GapLaw
 from edmctl.simulator.bench import VirtualBench
 from edmctl.simulator.config import BenchConfig, DischargeConstants, SensorConstants
 from edmctl.simulator.controller import Controller

@@ -3,7 +3,7 @@
  * The ignition delay is exponential (Laue) about a mean that grows with a power of the gap. Particles make chains that
  * short a gap of their size; a channel that has not lost its conductivity in the off-time ignites again at once, as an
  * arc; and sparks in a dirty gap that follow each other without delay arc too. What a discharge removes is in tables
- * over its burning time. Sources: edmctl/process/{erosion,gap_conditions}.py; constants: edmctl/simulator/config.py.
+ * over its burning time. Sources: edmctl/process/erosion.py; constants: edmctl/simulator/config.py.
  * Of each pulse `decide` is a uniform number that decides bridge, arc and side discharge in turn, `shape` one that
  * picks roughness and crater scatter from their tables, `delay` a unit exponential. */
 #include "plant.h"

@@ -4,7 +4,7 @@
 #include "../math/elementary.h"
 
 #define SURFACE_UM 3.0        /* depth over which newer craters replace older ones: process/erosion.py */
-#define CLEARING_LEAST 0.0625 /* range of the clearance by the width of the gap: process/gap_conditions.py */
+#define CLEARING_LEAST 0.0625 /* range of the clearance by the width of the gap: process/erosion.py */
 #define CLEARING_MOST 4.0
 #define FLUSH_THROUGH_S 0.02 /* debris clearance of a gap that is all open below [assumed] */
 #define LEAST_GAP_V 1.0      /* a gap sensor cannot tell a lower voltage from none */

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
-    from edmctl.process.path import Way
+    from edmctl.process.channel import Way
     from edmctl.record.journal import Journal
     from edmctl.simulator import VirtualBench
     from tests.cli.commands import Here

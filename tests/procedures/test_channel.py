@@ -20,7 +20,7 @@ from edmctl.procedures.hole.decision import judged_channel
 from edmctl.procedures.job import HoleTarget
 from edmctl.procedures.servo.limits import TimeLeft, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading
-from edmctl.process.path import even_places
+from edmctl.process.channel import even_places
 from edmctl.process.plane import Plane
 from edmctl.process.touches import Reading
 from edmctl.record.rows import RunEvent

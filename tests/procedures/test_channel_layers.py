@@ -13,7 +13,7 @@ from edmctl.procedures.channel.layers import SPARE_PASSES, Layers
 from edmctl.procedures.channel.touching import ChannelSurface
 from edmctl.procedures.servo.limits import TimeLeft, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading
-from edmctl.process.path import circle, way_of
+from edmctl.process.channel import circle, way_of
 from edmctl.process.plane import Plane
 from edmctl.process.touches import Reading
 from edmctl.record.rows import RunEvent

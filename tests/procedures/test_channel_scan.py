@@ -12,8 +12,7 @@ from edmctl.errors import MachineFault, PreconditionError
 from edmctl.machine.interface import EventCode, MachineEvent
 from edmctl.procedures.channel.scan import LOOK_AHEAD_S, PassPlan, PassResult, run_pass
 from edmctl.procedures.servo.limits import UNSTABLE_S
-from edmctl.process.channel import HeldTool, ToolWear
-from edmctl.process.path import Way, rectangle, way_of
+from edmctl.process.channel import HeldTool, ToolWear, Way, rectangle, way_of
 from edmctl.process.plane import Plane
 from edmctl.record.rows import RunEvent
 from tests.procedures.channel_bench import ScanningMachine, scanning_run

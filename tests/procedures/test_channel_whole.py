@@ -32,7 +32,7 @@ from tests.procedures.conftest import Seen, Told
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from edmctl.process.path import Way
+    from edmctl.process.channel import Way
     from edmctl.results.job import ChannelResult
 
 DEPTH_UM = 5.0

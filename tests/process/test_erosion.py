@@ -5,12 +5,25 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from edmctl.process.discharge import (
+    burning_share,
+    delay_over_on_time,
+    first_gap_u_um,
+    first_sparks_um,
+    mrr_mm3_min,
+    open_share,
+    pulse_energy_uj,
+)
 from edmctl.process.erosion import (
     LAW,
     USUAL_PULSE_UJ,
     corner_radius_um,
     efficiency,
+    material,
+    materials,
     removal_um3_per_uj,
     roughness_ra_um,
     widening_um,
@@ -56,10 +69,6 @@ def test_anode_and_cathode_share_a_pulse() -> None:
         assert straight > reversed_
 
 
-def test_the_usual_pulse_is_that_of_the_paper() -> None:
-    assert pytest.approx(344.3, abs=0.1) == USUAL_PULSE_UJ
-
-
 def test_roughness_is_the_cube_root_of_the_craters_volume() -> None:
     assert roughness_ra_um(8.0) == pytest.approx(0.2)
     assert roughness_ra_um(8000.0) / roughness_ra_um(8.0) == pytest.approx(10.0)
@@ -79,3 +88,71 @@ def test_a_wall_widens_the_slower_the_wider_it_is() -> None:
     steps_um = [b - a for a, b in pairwise(widths_um)]
     assert steps_um == sorted(steps_um, reverse=True)
     assert steps_um[-1] > 0.0
+
+
+def test_every_material_says_what_it_rests_on() -> None:
+    for found in materials().values():
+        assert found.source
+        assert found.removal is not None or found.wear is not None
+        assert found.u_rel >= 0.3 or "Muralidhara" in found.source
+
+
+def test_a_material_is_found_by_symbol_and_name_and_is_not_guessed() -> None:
+    for written in ("Cu", "cu", " copper ", "Ti-6Al-4V", "ti-6al-4v", "WC-Co", "brass", "graphite"):
+        found = material(written)
+        assert found is not None
+        assert written.strip().casefold() in (found.symbol.casefold(), found.name.casefold())
+    assert material("cheese") is None
+
+
+def test_what_users_machine_is_there() -> None:
+    tools = {symbol for symbol, found in materials().items() if found.wear is not None}
+    work = {symbol for symbol, found in materials().items() if found.removal is not None}
+    assert tools >= {"Cu", "W", "WC", "brass", "graphite"}
+    assert work >= {"steel", "Cu", "Ti-6Al-4V", "WC-Co"}
+
+
+def test_the_closed_forms_agree_with_drawn_delays() -> None:
+    import numpy as np
+
+    tau, cut = 0.7, 0.4
+    delays = np.random.default_rng(1).exponential(tau, 200_000)
+    assert open_share(tau) == pytest.approx(np.minimum(delays, 1.0).mean(), abs=3e-3)
+    assert burning_share(tau, cut) == pytest.approx(np.clip(1.0 - delays, 0.0, cut).mean(), abs=3e-3)
+
+
+@given(st.floats(0.01, 100.0), st.floats(0.1, 0.9))
+def test_the_level_reads_back_as_the_burning_share(x: float, rho: float) -> None:
+    assert delay_over_on_time(rho + (1.0 - rho) * open_share(x), rho) == pytest.approx(x, rel=1e-6)
+    assert burning_share(x, 1.0) == pytest.approx(1.0 - open_share(x), abs=1e-9)
+
+
+def test_a_closed_and_an_endless_gap_are_the_ends_of_the_scale() -> None:
+    assert open_share(0.0) == 0.0
+    assert open_share(1e9) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_cut_isopulse_burns_less_at_the_same_level_than_an_uncut_one() -> None:
+    for level in (0.6, 0.8, 0.95):
+        uncut = (1.0 - level) / (1.0 - 0.55)
+        assert burning_share(delay_over_on_time(level, 0.55), 1.0) == pytest.approx(uncut, abs=1e-6)
+    assert burning_share(delay_over_on_time(0.8, 0.55, 0.3), 0.3) < 0.9 * 0.2 / 0.45
+
+
+def test_energy_and_removal_are_in_the_trades_units() -> None:
+    assert pulse_energy_uj(22.0, 0.12, 130.43) == pytest.approx(344.3, abs=0.1)
+    assert pytest.approx(344.3, abs=0.1) == USUAL_PULSE_UJ
+    assert mrr_mm3_min(1e9) == 60.0
+
+
+@pytest.mark.parametrize("voltage_v", [30.0, 40.0, 80.0, 200.0])
+def test_first_sparks_are_less_certain_than_the_gap(voltage_v: float) -> None:
+    before_um, before_u_um = first_sparks_um(voltage_v)
+    assert before_um > 0.0
+    assert before_u_um > first_gap_u_um(voltage_v) > 0.0
+
+
+def test_uncertainty_grows_with_the_open_voltage_above_the_usual_one() -> None:
+    assert (first_gap_u_um(30.0), first_gap_u_um(80.0)) == pytest.approx((0.8, 1.6))
+    assert first_sparks_um(30.0) == pytest.approx((0.9, 1.5))
+    assert first_sparks_um(80.0) == pytest.approx((2.4, 3.0))

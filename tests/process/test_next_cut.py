@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from random import Random
 
 import pytest
 
 from edmctl.process.live_erosion import Energy, ErosionEstimate
-from edmctl.process.next_cut import GAP_U_UM, is_done, next_cut
+from edmctl.process.next_cut import GAP_U_UM, NextCut, is_done, next_cut
 
 AREA_UM2 = math.pi / 4.0 * 286.0**2
 REMOVAL = 0.0424
@@ -23,50 +22,44 @@ def energy(depth_um: float) -> Energy:
     return Energy(depth_um * AREA_UM2 / REMOVAL, 0.0)
 
 
-def test_the_first_cut_of_a_wearing_tool_stays_short_by_what_is_unknown_of_the_wear() -> None:
-    cut = next_cut(
-        estimate(), target_um=180.0, remaining_um=180.0, tolerance_um=2.0, start_u_um=0.2, begun=False
+def first_cut(
+    known: ErosionEstimate, target_um: float, tolerance_um: float = 2.0, u_um: float = 0.2, **more: float
+) -> NextCut:
+    return next_cut(
+        known,
+        target_um=target_um,
+        remaining_um=target_um,
+        tolerance_um=tolerance_um,
+        start_u_um=u_um,
+        begun=False,
+        **more,
     )
+
+
+def test_the_first_cut_of_a_wearing_tool_stays_short_by_what_is_unknown_of_the_wear() -> None:
+    cut = first_cut(estimate(), 180.0)
     assert cut.measured
     assert cut.depth_um == pytest.approx(180.0 - 2.0 * 250.0 * 0.389 / 1.389**2 * 0.1, abs=0.5)
     assert cut.feed_um == pytest.approx(cut.depth_um * 1.389)
-
-
-def test_the_recipe_can_keep_the_first_cut_shorter_still() -> None:
-    cut = next_cut(
-        estimate(),
-        target_um=180.0,
-        remaining_um=180.0,
-        tolerance_um=2.0,
-        start_u_um=0.2,
-        largest_um=100.0,
-        begun=False,
-    )
-    assert cut.depth_um == 100.0
-
-
-def test_a_tool_that_hardly_wears_goes_for_the_whole_depth() -> None:
-    cut = next_cut(
-        estimate(0.04), target_um=100.0, remaining_um=100.0, tolerance_um=2.5, start_u_um=0.2, begun=False
-    )
-    assert cut.depth_um == 100.0
-    assert cut.measured
+    assert first_cut(estimate(), 180.0, largest_um=100.0).depth_um == 100.0
+    whole = first_cut(estimate(0.04), 100.0, tolerance_um=2.5)
+    assert (whole.depth_um, whole.measured) == (100.0, True)
 
 
 def test_a_later_hole_is_not_measured_where_the_first_one_has_told_enough() -> None:
     known = estimate().fitted(energy(20.0), 20.0, 0.2, 7.8, 0.2).next_hole(20.0)
-    cut = next_cut(known, target_um=20.0, remaining_um=20.0, tolerance_um=2.0, start_u_um=0.3, begun=False)
+    cut = first_cut(known, 20.0, u_um=0.3)
     assert (cut.depth_um, cut.measured) == (20.0, False)
-    unsure = next_cut(known, target_um=20.0, remaining_um=20.0, tolerance_um=2.0, start_u_um=1.5, begun=False)
-    assert unsure.measured
+    assert first_cut(known, 20.0, u_um=1.5).measured
 
 
-def test_a_small_rest_is_finished_without_another_measurement() -> None:
+@pytest.mark.parametrize(("remaining_um", "measured"), [(10.0, False), (27.0, True)])
+def test_a_small_rest_is_finished_without_another_measurement(remaining_um: float, measured: bool) -> None:
     known = estimate().fitted(energy(170.0), 170.0, 0.5, 66.0, 1.0)
-    small = next_cut(known, target_um=180.0, remaining_um=10.0, tolerance_um=2.0, start_u_um=0.5, begun=True)
-    assert (small.depth_um, small.measured) == (10.0, False)
-    long = next_cut(known, target_um=180.0, remaining_um=27.0, tolerance_um=2.0, start_u_um=0.5, begun=True)
-    assert (long.depth_um, long.measured) == (27.0, True)
+    cut = next_cut(
+        known, target_um=180.0, remaining_um=remaining_um, tolerance_um=2.0, start_u_um=0.5, begun=True
+    )
+    assert (cut.depth_um, cut.measured) == (remaining_um, measured)
 
 
 @pytest.mark.parametrize(
@@ -76,27 +69,12 @@ def test_half_the_tolerance_or_the_noise_ends_it(remaining_um: float, noise_um: 
     assert is_done(remaining_um, 2.0, noise_um) == done
 
 
-@dataclass
-class World:
-    """A hole whose true wear ratio nobody knows, measured with noise."""
-
-    random: Random
-    ratio: float
-    depth_um: float = 0.0
-
-    def cut(self, feed_um: float) -> None:
-        self.depth_um += (feed_um + self.random.gauss(0.0, GAP_U_UM)) / (1.0 + self.ratio)
-
-    def measure(self, noise_um: float) -> float:
-        return self.depth_um + self.random.gauss(0.0, noise_um)
-
-
 def test_depths_come_out_within_two_micrometres_with_three_stops_at_most() -> None:
     misses, most_stops = 0, 0
     for seed in range(300):
         random = Random(seed)
-        world = World(random, 0.389 * math.exp(random.gauss(0.0, 0.1)))
-        known, found_um, stops, begun, worn_um = estimate(), 0.0, 0, False, 0.0
+        ratio, depth_um = 0.389 * math.exp(random.gauss(0.0, 0.1)), 0.0
+        known, found_um, stops, begun = estimate(), 0.0, 0, False
         while not is_done(180.0 - found_um, 2.0, 0.3):
             cut = next_cut(
                 known,
@@ -107,15 +85,15 @@ def test_depths_come_out_within_two_micrometres_with_three_stops_at_most() -> No
                 largest_um=math.inf if begun else 0.85 * 180.0,
                 begun=begun,
             )
-            world.cut(cut.feed_um)
+            depth_um += (cut.feed_um + random.gauss(0.0, GAP_U_UM)) / (1.0 + ratio)
             if not cut.measured:
                 break
             stops, begun = stops + 1, True
-            found_um = world.measure(0.3)
-            worn_um = world.ratio * world.depth_um + random.gauss(0.0, 0.5)
-            known = estimate().fitted(energy(world.depth_um), found_um, 0.3, worn_um, 0.5)
+            found_um = depth_um + random.gauss(0.0, 0.3)
+            worn_um = ratio * depth_um + random.gauss(0.0, 0.5)
+            known = estimate().fitted(energy(depth_um), found_um, 0.3, worn_um, 0.5)
         most_stops = max(most_stops, stops)
-        misses += abs(world.depth_um - 180.0) > 2.0
+        misses += abs(depth_um - 180.0) > 2.0
     assert misses <= 15
     assert most_stops <= 3
 

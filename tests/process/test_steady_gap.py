@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from edmctl.process.gap_conditions import GAP_LAW, crater_scale, deionisation_us, flush_time_s, side_gap_um
+from edmctl.process.erosion import GAP_LAW, crater_scale, deionisation_us, flush_time_s, side_gap_um
 from edmctl.process.steady_gap import GapRecipe, SteadyGap, steady_gap
 
 PAPER = GapRecipe(1e6 * 0.3 / 2300.0, 1e6 * 0.7 / 2300.0, 40.0, 0.12, 0.8, 270.0)

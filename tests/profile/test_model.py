@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from edmctl.process.erosion import LAW
-from edmctl.process.gap_conditions import GAP_LAW
+from edmctl.process.erosion import GAP_LAW, LAW
 from edmctl.profile.model import SimSettings
 
 

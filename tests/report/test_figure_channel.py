@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from edmctl.process.path import circle
+from edmctl.process.channel import circle
 from edmctl.record.rows import TruthMap
 from edmctl.report.figures.channel import Channel, channel_figure
 from edmctl.report.style import house_style, rendered

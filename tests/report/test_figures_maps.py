@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from edmctl.labels import Basis
-from edmctl.process import path as ways
+from edmctl.process import channel as ways
 from edmctl.record.events import RecordedCode
 from edmctl.record.reader import open_run
 from edmctl.record.rows import SlowRow, Summary, TouchRow, TruthMap

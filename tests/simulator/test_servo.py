@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from edmctl.link import messages as m
-from edmctl.process.gap_conditions import GapLaw
+from edmctl.process.erosion import GapLaw
 from edmctl.simulator import BenchConfig, DischargeConstants
 from edmctl.simulator.injection import parse_injection
 

@@ -14,7 +14,7 @@ from edmctl.planning.erosion import (
     usual_depth_um,
 )
 from edmctl.planning.forecast import Job
-from edmctl.process.materials import material, materials
+from edmctl.process.erosion import material, materials
 from edmctl.profile.findings import Finding
 from edmctl.profile.model import Profile, SimSettings
 

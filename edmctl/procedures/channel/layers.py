@@ -15,9 +15,8 @@ from edmctl.procedures.run import JobRun
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import approach_bottom
-from edmctl.process.channel import HeldTool, ToolWear, channel_width_um, passes_needed
+from edmctl.process.channel import HeldTool, ToolWear, Way, channel_width_um, passes_needed
 from edmctl.process.discharge import hole_area_um2
-from edmctl.process.path import Way
 from edmctl.process.touches import TOUCH_U_UM
 from edmctl.profile.model import Profile
 from edmctl.profile.places import Place

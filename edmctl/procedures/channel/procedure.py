@@ -51,10 +51,9 @@ from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT
 from edmctl.procedures.touch.spots import drift_between, pad_u_um
 from edmctl.procedures.touch.surface_plane import SurfacePlane
-from edmctl.process.channel import HeldTool, channel_width_um, layer_depths_um, wearing_uj
+from edmctl.process.channel import HeldTool, Way, channel_width_um, layer_depths_um, wearing_uj
 from edmctl.process.discharge import first_gap_u_um, mrr_mm3_min
 from edmctl.process.next_cut import NOISE_FLOOR_SIGMAS
-from edmctl.process.path import Way
 from edmctl.process.touches import TOUCH_PRIOR_DOF, TOUCH_U_UM, DepthAndWear, Drift, share_u
 from edmctl.profile.places import Place
 from edmctl.quantity import Value

@@ -20,8 +20,7 @@ from edmctl.procedures.run import JobRun, extremes_of
 from edmctl.procedures.servo.limits import RatioLimits
 from edmctl.procedures.servo.supervisor import RATIO_WINDOW_S, TelemetrySums
 from edmctl.procedures.settings import gap_reference_v
-from edmctl.process.channel import HeldTool, ToolWear, wearing_uj
-from edmctl.process.path import Way
+from edmctl.process.channel import HeldTool, ToolWear, Way, wearing_uj
 from edmctl.quantity import half_width
 from edmctl.results.progress import Phase, Progress
 from edmctl.results.telemetry import TelemetryBlock

@@ -16,8 +16,7 @@ from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
 from edmctl.procedures.touch.spots import OFFSET_U_UM, ToolLength, read_pad, refuse_grown_tool
 from edmctl.procedures.touch.surface_plane import SurfacePlane
-from edmctl.process.channel import ToolWear
-from edmctl.process.path import Way, even_places
+from edmctl.process.channel import ToolWear, Way, even_places
 from edmctl.process.plane import Plane
 from edmctl.process.touches import against_sparks, is_short
 from edmctl.profile.places import Place

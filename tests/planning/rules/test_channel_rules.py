@@ -10,7 +10,7 @@ from edmctl.failures import Code
 from edmctl.planning.channel import EVEN_OUT_PASSES, Channel
 from edmctl.planning.forecast import forecast
 from edmctl.planning.rules.load import load_profile
-from edmctl.process.path import circle, lengths_um, rectangle, spiral
+from edmctl.process.channel import circle, lengths_um, rectangle, spiral
 from edmctl.profile.setup import Setup
 from tests.planning.rules.documents import problems
 
