@@ -21,8 +21,7 @@ from edmctl.actuator.record import (
     length_s,
     longest_hold_s,
 )
-from edmctl.actuator.uncertainty import HeldOut
-from edmctl.actuator.validation import ErrorFigures
+from edmctl.actuator.validation import ErrorFigures, HeldOut
 from edmctl.array_types import Array, Flags
 from edmctl.dataclasses import dataclass
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from edmctl.actuator.record import Record, half_periods_s
+from edmctl.actuator.record import Record, half_periods_s, runs_of
 from edmctl.array_types import Array, Flags
 from edmctl.errors import RecordError
 
@@ -194,9 +194,8 @@ def _longest_push(u_v: Array, at_end: Flags) -> tuple[float, int]:
     Only runs that last until the voltage has come back count: where the displacement turns before the voltage,
     time is off, and nothing is clipped.
     """
-    edges = np.flatnonzero(np.diff(at_end.astype(np.int8), prepend=0, append=0))
     largest, where = 0.0, 0
-    for start, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for start, end in runs_of(at_end).tolist():
         if end - start < LEAST_CLIPPED:
             continue
         top_v = float(u_v[start:end].max())

@@ -8,7 +8,7 @@ among them, and never touches the samples again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from ctypes import byref
 from itertools import pairwise
 
@@ -150,6 +150,13 @@ class Reduction:
         """Return the model with these weights, shape (features,)."""
         return self.design.model(weights, zero_um, float(self.delays_s[0]))
 
+    def chosen(self, block: int, values: Mapping[int, Array] | Sequence[Array]) -> Array:
+        """Return the values of the samples of a block that count, from those of each record."""
+        one = self.blocks[block]
+        own = slice(one.first, one.end)
+        chosen: Array = values[one.record][own][self.used[one.record][own]]
+        return chosen
+
 
 def reduce_records(
     design: Design, records: Sequence[Record], delays_s: Sequence[float] | Array, used: Sequence[Flags]
@@ -160,12 +167,14 @@ def reduce_records(
     """
     delays_s = np.asarray(delays_s, dtype=np.float64)
     total = sum(len(record.t_s) for record in records)
+    plays, pieces = len(design.thresholds_v), design.knots_v.shape[1] - 1
     blocks: list[Block] = []
     sketches: list[Array] = []
     plays_v: list[Array] = []
     for number, (record, counts) in enumerate(zip(records, used, strict=True)):
         features = features_of(design, record)
-        plays_v.append(_plays_of(design, features))
+        ways_v = features[:, : plays * pieces].reshape(-1, plays, pieces).sum(axis=2)
+        plays_v.append(ways_v + design.knots_v[:, 0])
         rows = np.zeros((len(record.t_s), len(records) + design.features + len(delays_s)))
         rows[:, number] = 1.0
         rows[:, len(records) : len(records) + design.features] = features
@@ -185,12 +194,6 @@ def reduce_records(
                 blocks.append(Block(reduced, samples, number, a, b, at_v.min(axis=0), at_v.max(axis=0)))
         sketches.append(features[:: max(1, total // 500)])
     return Reduction(design, records, delays_s, used, tuple(blocks), np.concatenate(sketches), tuple(plays_v))
-
-
-def _plays_of(design: Design, features: Array) -> Array:
-    plays, pieces = len(design.thresholds_v), design.knots_v.shape[1] - 1
-    ways_v: Array = features[:, : plays * pieces].reshape(-1, plays, pieces).sum(axis=2)
-    return ways_v + design.knots_v[:, 0]
 
 
 def features_of(design: Design, record: Record) -> Array:
@@ -255,14 +258,10 @@ def _time_constants(records: Sequence[Record]) -> tuple[Array, NDArray[np.int64]
     """
     longest_s = length_s(records)
     first_s = max(2.0 * sample_s(records), min(FIRST_TAU_S, FIRST_TAU_SHARE * longest_s))
-    count = max(1, _steps_of_tau(first_s, LONGEST_TAU_S))
-    own = min(count, max(1, _steps_of_tau(first_s, OWN_TAU_SHARE * longest_s)))
+    steps = np.log(np.array([LONGEST_TAU_S, OWN_TAU_SHARE * longest_s]) / first_s) / np.log(TAU_RATIO)
+    count, own = np.maximum(1, 1 + np.floor(steps + 1e-9).astype(int)).tolist()
     taus_s: Array = first_s * np.power(TAU_RATIO, np.arange(count, dtype=np.float64))
-    return taus_s, np.minimum(np.arange(count), own - 1)
-
-
-def _steps_of_tau(first_s: float, last_s: float) -> int:
-    return 1 + int(np.floor(np.log(last_s / first_s) / np.log(TAU_RATIO) + 1e-9))
+    return taus_s, np.minimum(np.arange(count), min(count, own) - 1)
 
 
 def triangle_of(rows: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.array_types import Array
+from edmctl.array_types import Array, Flags
 
 HELD_SHARE = 0.02  # a voltage that stays within this share of the span is held
 TURN_SHARE = 0.3  # a swing of less than this share of the span says nothing about the rate of a record
@@ -63,8 +63,16 @@ def longest_hold_s(record: Record) -> float:
 
 def half_periods_s(record: Record) -> Array:
     """Times from one large turning point to the next, shape (k,)."""
-    turns = _turning_points(record.u_v, TURN_SHARE * float(np.ptp(record.u_v)))
-    return np.diff(record.t_s[turns])
+    u_v, least_v = record.u_v, TURN_SHARE * float(np.ptp(record.u_v))
+    changes = np.concatenate([[0], np.flatnonzero(np.diff(u_v)) + 1])
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(u_v[changes]))) != 0) + 1
+    kept: list[int] = []
+    for k in changes[turns].tolist():
+        if not kept or abs(u_v[k] - u_v[kept[-1]]) >= least_v:
+            kept.append(k)
+        elif len(kept) > 1 and (u_v[k] - u_v[kept[-1]]) * (u_v[kept[-1]] - u_v[kept[-2]]) > 0:
+            kept[-1] = k
+    return np.diff(record.t_s[kept])
 
 
 def has_several_rates(records: Sequence[Record]) -> bool:
@@ -95,17 +103,6 @@ def settled_from(record: Record) -> int:
     return known if known <= len(record.u_v) // 5 else 0
 
 
-def _turning_points(u_v: Array, least_v: float) -> NDArray[np.int64]:
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(u_v[_changes(u_v)]))) != 0) + 1
-    candidates = _changes(u_v)[turns]
-    kept: list[int] = []
-    for k in candidates.tolist():
-        if not kept or abs(u_v[k] - u_v[kept[-1]]) >= least_v:
-            kept.append(k)
-        elif len(kept) > 1 and (u_v[k] - u_v[kept[-1]]) * (u_v[kept[-1]] - u_v[kept[-2]]) > 0:
-            kept[-1] = k
-    return np.array(kept, dtype=np.int64)
-
-
-def _changes(u_v: Array) -> NDArray[np.int64]:
-    return np.concatenate([[0], np.flatnonzero(np.diff(u_v)) + 1]).astype(np.int64)
+def runs_of(flags: Flags) -> NDArray[np.int64]:
+    """Return first and end of each run of true flags, shape (k, 2)."""
+    return np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)

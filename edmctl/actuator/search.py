@@ -78,6 +78,15 @@ def extended(
     return with_lag if predicts_better(moves.held_out(with_lag), moves.held_out(without)) else without
 
 
+def vertex_delay_s(delays_s: Array, left: Sequence[float]) -> float:
+    """Return the delay at the vertex of a parabola through the least value and its neighbours, not below 0."""
+    middle = min(max(int(np.argmin(left)), 1), len(left) - 2)
+    before, here, after = left[middle - 1 : middle + 2]
+    bend = before - 2.0 * here + after
+    vertex = min(max(0.5 * (before - after) / bend, -1.0), 1.0) if bend > 0.0 else 0.0
+    return max(0.0, float(delays_s[middle] + vertex * (delays_s[1] - delays_s[0])))
+
+
 def predicts_better(found_um: Array, before_um: Array) -> bool:
     """Whether RMS errors of folds, shape (FOLDS,), are clearly less, and so in most folds.
 
@@ -176,12 +185,7 @@ class Rows:
         between two samples there is no parabola, and the best whole sample stays.
         """
         delays_s, left = self.by_delay(design, delay_s)
-        best = int(np.argmin(left))
-        middle = min(max(best, 1), len(left) - 2)
-        before, here, after = left[middle - 1 : middle + 2]
-        bend = before - 2.0 * here + after
-        vertex = min(max(0.5 * (before - after) / bend, -1.0), 1.0) if bend > 0.0 else 0.0
-        vertex_s = max(0.0, float(delays_s[middle]) + self.step_s * vertex)
+        best, vertex_s = int(np.argmin(left)), vertex_delay_s(delays_s, left)
         is_worse = self.residual(Extended(design, vertex_s)) > left[best]
         return max(0.0, float(delays_s[best])) if is_worse else vertex_s
 

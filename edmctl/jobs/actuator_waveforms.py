@@ -7,8 +7,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from edmctl import failures
-from edmctl.actuator import paper_figures
-from edmctl.actuator.waveforms import Leg, jump_train, sampled, servo_dither, sine, square, triangle
+from edmctl.actuator.waveforms import (
+    FIGURE_NAMES,
+    Leg,
+    figure_command,
+    jump_train,
+    sampled,
+    servo_dither,
+    sine,
+    square,
+    triangle,
+)
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.errors import RecordError, UsageError
@@ -99,8 +108,8 @@ def _periodic(shape: str, low_v: float, high_v: float, frequency_hz: float, cycl
 
 def _figures(shape: str) -> list[Waveform]:
     """The waveforms of the paper's figures that a shape names; none for every other shape."""
-    names = list(paper_figures.NAMES) if shape == FIGURES else [shape] if shape in paper_figures.NAMES else []
-    return [Waveform(paper_figures.NAMES[name], paper_figures.command(name, RATE_HZ), name) for name in names]
+    names = list(FIGURE_NAMES) if shape == FIGURES else [shape] if shape in FIGURE_NAMES else []
+    return [Waveform(FIGURE_NAMES[name], figure_command(name, RATE_HZ), name) for name in names]
 
 
 def _step(low_v: float, high_v: float) -> Waveform:
@@ -132,7 +141,7 @@ def _refuse_misplaced(wanted: Wanted) -> None:
     """Refuse options that the waveform has no use for."""
     periodic: dict[str, object] = {"--frequency": wanted.frequency_hz, "--cycles": wanted.cycles}
     ranged: dict[str, object] = {"--low": wanted.low_v, "--high": wanted.high_v}
-    if wanted.shape == FIGURES or wanted.shape in paper_figures.NAMES:
+    if wanted.shape == FIGURES or wanted.shape in FIGURE_NAMES:
         unused = {**periodic, **ranged, "--from": wanted.source}
         why = "its voltage is that of the paper"
     elif wanted.shape == "csv":

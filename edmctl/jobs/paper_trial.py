@@ -15,8 +15,8 @@ from edmctl import failures
 from edmctl.actuator.identification import fit_maxwell
 from edmctl.actuator.maxwell import TABLE_1, ElectromechanicalModel, MaxwellModel, Transducer
 from edmctl.actuator.model import ActuatorState, Estimator
-from edmctl.actuator.paper_figures import Reading, readings
 from edmctl.actuator.validation import ErrorFigures
+from edmctl.actuator.waveforms import Reading, readings
 from edmctl.array_types import Array
 from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import Diagnostic

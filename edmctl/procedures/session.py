@@ -252,7 +252,7 @@ def _start_estimator(run: JobRun, block: TelemetryBlock) -> None:
     if calibration is not None:
         tracker, errors = _homed(calibration, record)
     elif cycles:
-        from edmctl.actuator.quick import identify_quick
+        from edmctl.actuator.identification import identify_quick
 
         try:
             model, quick = identify_quick(record)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from edmctl.actuator.lever import autocorrelation_time, lever_factor
+from edmctl.actuator.maxwell import autocorrelation_time, lever_factor
 from edmctl.errors import RecordError
 
 Array = NDArray[np.float64]

@@ -7,20 +7,20 @@ import math
 import numpy as np
 import pytest
 
-from edmctl.actuator.paper_figures import NAMES, command, readings
+from edmctl.actuator.waveforms import FIGURE_NAMES, figure_command, readings
 
 RATE_HZ = 1000.0
 
 
 def read(figure: str, error_um: np.ndarray, model_um: np.ndarray | None = None) -> dict[str, float]:
-    u_v = command(figure, RATE_HZ)
+    u_v = figure_command(figure, RATE_HZ)
     found = readings(figure, u_v, error_um, u_v if model_um is None else model_um, RATE_HZ)
     return {reading.what: reading.ours_um for reading in found}
 
 
 def peak(figure: str, at_s: float, height_um: float) -> np.ndarray:
     """An error of 1 µm everywhere but at one instant."""
-    error_um = np.full(len(command(figure, RATE_HZ)), 1.0)
+    error_um = np.full(len(figure_command(figure, RATE_HZ)), 1.0)
     error_um[round(at_s * RATE_HZ)] = height_um
     return error_um
 
@@ -53,13 +53,13 @@ def test_nothing_is_read_within_a_tenth_of_a_second_of_a_retract() -> None:
 
 
 def test_the_stroke_of_the_loop_is_that_of_its_first_cycle() -> None:
-    u_v = command("loop", RATE_HZ)
+    u_v = figure_command("loop", RATE_HZ)
     assert read("loop", np.zeros(len(u_v)), 3.0 * u_v) == {"stroke at 150 V": pytest.approx(450.0)}
 
 
 def test_the_papers_own_figures_stand_beside_ours() -> None:
-    for figure in NAMES:
-        u_v = command(figure, RATE_HZ)
+    for figure in FIGURE_NAMES:
+        u_v = figure_command(figure, RATE_HZ)
         for reading in readings(figure, u_v, u_v, u_v, RATE_HZ):
             assert math.isnan(reading.paper_low_um) == (reading.paper in ("–", "small"))
             assert not reading.paper_low_um > reading.paper_high_um
@@ -67,7 +67,7 @@ def test_the_papers_own_figures_stand_beside_ours() -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_bias_that_is_left_is_on_the_side_of_the_error_that_it_is_left_of(sign: float) -> None:
-    u_v = command("fig4", RATE_HZ)
+    u_v = figure_command("fig4", RATE_HZ)
     arrival = np.flatnonzero(np.diff(u_v) > 0.0)[-1] + 1
     error_um = np.zeros(len(u_v))
     error_um[arrival : arrival + round(RATE_HZ)] = 30.0 * sign

@@ -16,8 +16,7 @@ import pytest
 
 from edmctl.actuator.identification import Identification
 from edmctl.actuator.model import ActuatorModel
-from edmctl.actuator.uncertainty import Bands
-from edmctl.actuator.validation import ErrorFigures
+from edmctl.actuator.validation import Bands, ErrorFigures
 from edmctl.errors import ProfileError, RecordError, RunFileError
 from edmctl.profile.calibration import (
     BEYOND_PLAYS,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from edmctl.actuator.paper_figures import readings
+from edmctl.actuator.waveforms import readings
 from edmctl.jobs.actuator_waveforms import Wanted, waveforms
 from edmctl.jobs.paper_trial import Start, displacement, fit_model
 from edmctl.simulator.actuator import RATE_HZ, VirtualActuator

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from edmctl import failures
 from edmctl.actuator.checks import check_record
 from edmctl.actuator.identification import LONGEST_FIXED_DELAY_S
-from edmctl.actuator.lever import lever_factor
+from edmctl.actuator.maxwell import lever_factor
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures, Refit

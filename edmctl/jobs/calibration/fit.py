@@ -9,8 +9,7 @@ from edmctl.actuator.acceptance import DIFFERING, excess_of, rate_in_words, rest
 from edmctl.actuator.identification import Identification, fit_line, fit_maxwell, identify
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.record import Record
-from edmctl.actuator.uncertainty import within_rates
-from edmctl.actuator.validation import ErrorFigures, Refit, Validation, validate
+from edmctl.actuator.validation import ErrorFigures, Refit, Validation, validate, within_rates
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import Diagnostic
 from edmctl.profile.calibration import contradictions

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 from edmctl.actuator.acceptance import Noise
-from edmctl.actuator.uncertainty import Bands
-from edmctl.actuator.validation import ErrorFigures
+from edmctl.actuator.validation import Bands, ErrorFigures
 from edmctl.jobs.calibration.calibrate import LeverFound
 from edmctl.jobs.calibration.fit import FileFigures, Findings
 from edmctl.labels import Basis, Verdict
