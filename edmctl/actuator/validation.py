@@ -1,8 +1,9 @@
 """How good a model is: its errors on records, on held-out blocks of them, and the scatter of refits.
 
 Errors on other records count after the zero, or gain and zero, are set again. Resampling blocks shows the effect of
-noise; the held-out error, added in quadrature, covers the class of model and slow drift. The gain error of the sensor is in
-neither. Bands are given for displacement, gain, loop width and creep, because single weights are not identifiable.
+noise; the held-out error, added in quadrature, covers the class of model and slow drift. Neither contains the gain
+error of the sensor. Bands are given for displacement, gain, loop width and creep: single weights are not
+identifiable.
 """
 
 from __future__ import annotations
