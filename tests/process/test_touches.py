@@ -54,9 +54,9 @@ def measured(
     drift: Drift | None = None,
 ) -> DepthAndWear:
     """The paper's touches or others; the job takes 1000 s, the last `since_s` of them after the bottom."""
-    readings = (Reading(z_um, 0.1, 3) for z_um in (z1, z2, z3))
-    known = Displacement() if sensor is None else sensor
-    return measure(*timed(*readings, 1000.0, since_s), known, tilt_u_um=tilt_u_um, drift=drift)
+    first, bottom, last = (Reading(z_um, 0.1, 3) for z_um in (z1, z2, z3))
+    touches = timed(first, bottom, last, 1000.0, since_s)
+    return measure(*touches, sensor or Displacement(), tilt_u_um=tilt_u_um, drift=drift)
 
 
 @given(heights, heights, heights)
