@@ -257,6 +257,22 @@ class NoStateStore:
         """Do nothing."""
 
 
+class Discharges(Protocol):
+    """Pulses by class (open, normal, arc, short) and the energy of their discharges."""
+
+    @property
+    def counts(self) -> Sequence[int]: ...
+    @property
+    def energy_j(self) -> float: ...
+
+
+class CutSums(Discharges, Protocol):
+    """Sums of one cut or pass."""
+
+    @property
+    def time_s(self) -> float: ...
+
+
 @dataclass(frozen=True, slots=True)
 class CutTotals:
     """Sums of cuts or passes: their number, pulses by class (open, normal, arc, short), J and s."""
@@ -276,11 +292,14 @@ class CutTotals:
             self.time_s - before.time_s,
         )
 
-    def plus(self, counts: Counts, energy_j: float, time_s: float) -> CutTotals:
+    def plus(self, cut: CutSums) -> CutTotals:
         """Return them with one more."""
-        opens, normals, arcs, shorts = (a + b for a, b in zip(self.counts, counts, strict=True))
+        opens, normals, arcs, shorts = (a + b for a, b in zip(self.counts, cut.counts, strict=True))
         return CutTotals(
-            self.number + 1, (opens, normals, arcs, shorts), self.energy_j + energy_j, self.time_s + time_s
+            self.number + 1,
+            (opens, normals, arcs, shorts),
+            self.energy_j + cut.energy_j,
+            self.time_s + cut.time_s,
         )
 
 

@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass, field, replace
-from edmctl.machine.interface import Machine, TelemetryBlock
-from edmctl.planning.regimes import recipes_of
+from edmctl.machine.interface import SLICE_S, Machine, TelemetryBlock
+from edmctl.planning.regimes import Recipe, recipes_of
 from edmctl.procedures.job import (
     PERIOD_S,
     HoleTarget,
@@ -41,7 +41,6 @@ SAMPLES_LATE_S = 1.0
 Args = Mapping[str, float | int | str | bool]
 
 NO_PULSES = PulseShares(0.0, 0.0, 0.0, 0.0)
-LOOK_S = 0.1
 
 
 class UnderWay(Protocol):
@@ -59,7 +58,7 @@ class JobStateKeeper:
     """Keeps the state of a job, from its tally and the hole or channel under way.
 
     `time_s` is that of the newest sample or step. After `stop`, `samples_late_s` is how long the line had been
-    silent then.
+    silent then. `surface` has the touches of the workpiece surface, with an additional standard uncertainty.
     """
 
     job: Job
@@ -68,23 +67,15 @@ class JobStateKeeper:
     time_s: float = 0.0
     samples_late_s: float = 0.0
     phase: str = ""
+    surface: tuple[SurfaceTouch, ...] = ()
+    surface_doubt_u_um: float = 0.0
     _under_way: UnderWay | None = None
-    _surface: tuple[SurfaceTouch, ...] = ()
-    _surface_doubt_u_um: float = 0.0
     _kept_s: float = 0.0
     _mappings: dict[str, tuple[SiteResult, Mapping[str, object]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.job.resumed is not None:
-            self.set_surface(self.job.resumed.face, self.job.resumed.face_doubt_u_um)
-
-    def set_surface(self, touched: tuple[SurfaceTouch, ...], doubt_u_um: float) -> None:
-        """Take the touches of the workpiece surface, and their additional standard uncertainty."""
-        self._surface, self._surface_doubt_u_um = touched, doubt_u_um
-
-    def doubt_surface(self, u_um: float) -> None:
-        """Add a standard uncertainty to that of the surface."""
-        self._surface_doubt_u_um = math.hypot(self._surface_doubt_u_um, u_um)
+            self.surface, self.surface_doubt_u_um = self.job.resumed.face, self.job.resumed.face_doubt_u_um
 
     def keep(self, phase: str, under_way: UnderWay | None, time_s: float | None = None) -> None:
         """Keep the state in a phase of the hole or channel under way, None between two."""
@@ -125,8 +116,8 @@ class JobStateKeeper:
             phase=phase,
             time_s=tally.earlier_time_s + self.time_s,
             tool=self.job.profile.tool.label,
-            face=self._surface,
-            face_doubt_u_um=self._surface_doubt_u_um,
+            face=self.surface,
+            face_doubt_u_um=self.surface_doubt_u_um,
             done=self._done(),
             job_machining_time_s=tally.machining_time_s,
             pause_s=tally.pause_s,
@@ -164,17 +155,11 @@ def after_pause(job: Job) -> JobState:
 
 
 @dataclass(slots=True)
-class RegimeNow:
-    """The regime in use; no name and no profile of its own if the job has none."""
-
-    number: int = 0
-    name: str = ""
-    profile: Profile | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class JobRun:
-    """The machine, the job, and where its progress is recorded and reported."""
+    """The machine, the job, and where its progress is recorded and reported.
+
+    `regime` is the number of the regime in use, `recipe` its recipe if the job has several.
+    """
 
     machine: Machine
     job: Job
@@ -183,12 +168,13 @@ class JobRun:
     observer: Observer
     tally: JobTally
     keeper: JobStateKeeper
-    regime: RegimeNow = field(default_factory=RegimeNow)
+    regime: int = 0
+    recipe: Recipe | None = None
 
     @property
     def profile(self) -> Profile:
         """The recipe, of the regime in use if the job has several."""
-        return self.regime.profile or self.job.profile
+        return self.recipe.profile if self.recipe else self.job.profile
 
     @property
     def setup(self) -> Setup:
@@ -197,12 +183,12 @@ class JobRun:
 
     def target_at(self, site: Place) -> HoleTarget:
         """Return the target of a hole in the regime in use."""
-        return replace(target_of(self.profile, site), regime=self.regime.name)
+        return replace(target_of(self.profile, site), regime=self.recipe.name if self.recipe else "")
 
     @property
     def regime_follows(self) -> bool:
         """Whether another regime follows, which begins from a measured bottom."""
-        return self.regime.number + 1 < len(self.job.profile.regimes)
+        return self.regime + 1 < len(self.job.profile.regimes)
 
     @property
     def uncertainty(self) -> Displacement:
@@ -211,11 +197,9 @@ class JobRun:
 
     def use_regime(self, number: int) -> None:
         """Use the recipe of a regime from now on; without effect if the job has none."""
-        if not self.job.profile.regimes:
-            return
-        recipe = recipes_of(self.job.profile)[number]
-        self.regime.number, self.regime.name, self.regime.profile = number, recipe.name, recipe.profile
-        self.watch.set_duty_voltage(recipe.profile.pulse.duty_voltage_v)
+        if self.job.profile.regimes:
+            self.regime, self.recipe = number, recipes_of(self.job.profile)[number]
+            self.watch.set_duty_voltage(self.profile.pulse.duty_voltage_v)
 
     def note(self, code: RunEvent, message: str, args: Args, level: EventLevel = EventLevel.INFO) -> None:
         """Write an event to the run file."""
@@ -243,50 +227,46 @@ class JobRun:
     def begin(self, phase: Phase) -> None:
         """Report the phase that begins."""
         self.tally.phase = phase
-        self._report_idle(self.machine.time_s, 0.0, NO_PULSES, self.watch.displacement_um)
+        displacement_um = self.watch.displacement_um
+        self.observer.progress(
+            self.progress(
+                time_s=self.machine.time_s, gap_v=0.0, ratios=NO_PULSES, displacement_um=displacement_um
+            )
+        )
 
     def on_telemetry(self, block: TelemetryBlock) -> None:
         """Report the samples of a block; while machining the follower of the cut or pass does so."""
-        if self.tally.phase is Phase.MACHINING:
-            return
-        seen = block.summary
-        shares = pulse_shares(*seen.counts)
-        self._report_idle(seen.end_s, seen.gap_mean_v, shares, seen.mean_um, **extremes_of(seen))
-
-    def _report_idle(
-        self, time_s: float, gap_v: float, ratios: PulseShares, displacement_um: float, **extremes: float
-    ) -> None:
-        progress = self.progress(
-            phase=self.tally.phase,
-            time_s=time_s,
-            gap_v=gap_v,
-            reference_v=gap_reference_v(self.profile),
-            ratios=ratios,
-            depth_um=self.tally.depth_um,
-            depth_target_um=self.tally.depth_target_um,
-            displacement_um=displacement_um,
-            time_left_s=math.nan,
-            **extremes,
-        )
-        self.observer.progress(progress)
+        if self.tally.phase is not Phase.MACHINING:
+            seen = block.summary
+            ratios = pulse_shares(*seen.counts)
+            self.observer.progress(
+                self.progress(**of_samples(seen), ratios=ratios, displacement_um=seen.mean_um)
+            )
 
     def progress(self, **values: Any) -> Progress:
-        """Return a progress with the state of the job filled in."""
+        """Return a progress with the state of the job filled in where `values` have nothing else."""
         tally = self.tally
-        return Progress(
+        known = {
+            "phase": tally.phase,
+            "reference_v": gap_reference_v(self.profile),
+            "depth_um": tally.depth_um,
+            "depth_target_um": tally.depth_target_um,
+            "time_left_s": math.nan,
             # The name of the hole where the tool is: empty beside the holes, and if there is only one.
-            site=tally.here if len(self.job.sites) > 1 else "",
-            sites_done=tally.sites_done,
-            sites_total=len(self.job.sites),
-            warning=tally.warning,
-            warned_s=tally.warned_s,
-            **values,
-        )
+            "site": tally.here if len(self.job.sites) > 1 else "",
+            "sites_done": tally.sites_done,
+            "sites_total": len(self.job.sites),
+            "warning": tally.warning,
+            "warned_s": tally.warned_s,
+        }
+        return Progress(**{**known, **values})
 
 
-def extremes_of(seen: BlockSummary) -> dict[str, Any]:
-    """Return the extremes of a block by the names of `Progress`."""
+def of_samples(seen: BlockSummary) -> dict[str, Any]:
+    """Return time, gap voltage and extremes of a block by the names of `Progress`."""
     return {
+        "time_s": seen.end_s,
+        "gap_v": seen.gap_mean_v,
         "gap_low_v": seen.gap_low_v,
         "gap_high_v": seen.gap_high_v,
         "displacement_low_um": seen.low_um,
@@ -303,4 +283,4 @@ def rest_and_look(run: JobRun, duration_s: float) -> None:
     begin_s = run.machine.time_s
     run.machine.rest(duration_s)
     while run.watch.newest_s <= begin_s:
-        run.machine.rest(LOOK_S)
+        run.machine.rest(SLICE_S)

@@ -156,7 +156,7 @@ class Layers:
         self.keep()
         done = run_pass(run, plan, self.wear, left.seconds, left.limit)
         run.tally.machining_time_s = before_s + done.time_s
-        self.sums = self.sums.plus(done.counts, done.energy_j, done.time_s)
+        self.sums = self.sums.plus(done)
         run.tally.cut = RunningCut()
         self.last = (plan, done)
         self.since_uj += done.wearing_uj

@@ -35,13 +35,15 @@ from edmctl.procedures.hole.cut_planning import (
     energy_of,
     estimate_left,
     is_untouched,
+    lengths,
+    with_cuts,
 )
 from edmctl.procedures.hole.decision import REMEDIES, Decision, judged_channel, not_shown
 from edmctl.procedures.hole.resuming import (
     BEYOND_UM,
     refuse_other,
     report_resumed,
-    report_unknown_pause,
+    restore_surface,
     z1_left_by,
 )
 from edmctl.procedures.job import PERIOD_S, CutTotals, JobState, target_of
@@ -248,9 +250,8 @@ class ChannelLeft:
 
     def surface(self) -> ChannelSurface:
         """Return the surface and the pad as the earlier run has touched them."""
-        report_unknown_pause(self._run)
         surface = SurfacePlane(self._run)
-        surface.restore(self._state.face, self._state.face_doubt_u_um)
+        restore_surface(self._run, surface, self._state)
         return ChannelSurface(z1_left_by(self._run, self._state), surface.plane, surface.doubt_u_um)
 
     def restore(self, layers: Layers, way: Way) -> tuple[PassPlan, PassResult]:
@@ -280,7 +281,7 @@ class ChannelLeft:
     def add_hint(self, fault: MachineFault) -> None:
         """Add to the fault of a touch what a missing surface may mean."""
         if fault.code == NO_CONTACT:
-            fault.hint += " Work, place or tool may not be those that the journal tells of."
+            fault.hint += " Workpiece, place or tool may differ from those in the journal."
 
     def refuse_other(self, surface: ChannelSurface, result: ChannelResult, uneven_um: float) -> None:
         """Record what was found if it can be the channel; the floor may be uneven by `uneven_um` between its places.
@@ -304,7 +305,8 @@ class ChannelLeft:
             # Hardly begun, or another workpiece, of whose surface only the floor is known.
             doubt_u_um = math.hypot(share_u(found.depth_um), found.depth_noise_um)
             surface.doubt_u_um = math.hypot(surface.doubt_u_um, doubt_u_um)
-            run.keeper.doubt_surface(doubt_u_um)
+            keeper = run.keeper
+            keeper.surface_doubt_u_um = math.hypot(keeper.surface_doubt_u_um, doubt_u_um)
         report_resumed(run, self._expected.estimate, found.depth_um, found.wear_um)
 
 
@@ -329,7 +331,7 @@ class ChannelProcedure:
         self._left = ChannelLeft(run, state) if state is not None and state.begun else None
         self._surface = self._left.surface() if self._left else touch_untouched(run, self._way)
         self._layers = Layers(run, limits, self._way, self._surface, path.speed_um_s)
-        self._layers.keep = self._keep_pass
+        self._layers.keep = self._keep_state
         self._result: ChannelResult | None = None
         self._stops, self._is_gap_learned = 0, False
 
@@ -506,10 +508,7 @@ class ChannelProcedure:
         )
         return result
 
-    def _keep_pass(self) -> None:
-        self._keep_state(MACHINING)
-
-    def _keep_state(self, phase: str) -> None:
+    def _keep_state(self, phase: str = MACHINING) -> None:
         """Keep in the journal how far the channel has come."""
         self._run.keeper.keep(phase, self, self._run.machine.time_s)
 
@@ -520,7 +519,7 @@ class ChannelProcedure:
         known by the energy since the last stop.
         """
         run, layers = self._run, self._layers
-        cut, sums, pulse = run.tally.cut, layers.sums, run.profile.pulse
+        cut, pulse = run.tally.cut, run.profile.pulse
         since_uj = layers.since_uj + wearing_uj(energy_of(pulse, cut))
         low_um, high_um = layers.depth_um, max(layers.depth_um, layers.aim_um)
         between_um = share_u(0.5 * (high_um - low_um))
@@ -529,21 +528,18 @@ class ChannelProcedure:
         drift_um = run.uncertainty.drift_u_um_per_s * max(0.0, now_s - layers.since_s)
         unconfirmed_um = BELIEF_U_REL * layers.wear.per_uj * since_uj
         wear_u_um = math.hypot(layers.wear.u_um(since_uj), unconfirmed_um, drift_um)
-        total = sums.plus(cut.counts, cut.energy_j, cut.time_s)
-        return replace(
+        cuts = layers.sums.number + (cut.time_s > 0.0)
+        estimate = lengths(
+            0.5 * (low_um + high_um),
+            math.hypot(between_um, gap_u_um, wear_u_um),
+            layers.wear.um(since_uj),
+            wear_u_um,
+            math.hypot(between_um, gap_u_um, drift_um),
+        )
+        state = replace(
             self._surface.z1.as_z1(state, run.tally.earlier_time_s),
             site=run.profile.meta.name,
-            begun=sums.number > 0 or cut.time_s > 0.0 or state.phase == MACHINING,
-            displacement_um=0.0 if math.isnan(cut.displacement_um) else cut.displacement_um,
-            depth_um=0.5 * (low_um + high_um),
-            depth_u_um=math.hypot(between_um, gap_u_um, wear_u_um),
-            wear_um=layers.wear.um(since_uj),
-            wear_u_um=wear_u_um,
-            feed_u_um=math.hypot(between_um, gap_u_um, drift_um),
-            cuts=sums.number + (cut.time_s > 0.0),
-            counts=total.counts,
-            energy_j=total.energy_j,
-            machining_time_s=total.time_s,
+            begun=cuts > 0 or state.phase == MACHINING,
             channel={
                 "layers": layers.layers,
                 "depth_um": low_um,
@@ -555,6 +551,7 @@ class ChannelProcedure:
                 "stops": self._stops,
             },
         )
+        return with_cuts(state, cut, layers.sums, cuts, estimate)
 
     def leave(self) -> None:
         """Report by estimate what was cut since the last stop, if the channel ends before the next one."""

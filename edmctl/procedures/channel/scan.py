@@ -15,14 +15,12 @@ from edmctl.dataclasses import dataclass
 from edmctl.errors import PreconditionError
 from edmctl.machine.interface import SLICE_S, CutRequest, EventCode, MachineEvent, MachineState, ScanLine
 from edmctl.procedures.hole.cut_planning import energy_of
-from edmctl.procedures.job import Counts, RunningCut
-from edmctl.procedures.run import JobRun, extremes_of
-from edmctl.procedures.servo.limits import RatioLimits
-from edmctl.procedures.servo.supervisor import RATIO_WINDOW_S, TelemetrySums
+from edmctl.procedures.job import Counts
+from edmctl.procedures.run import JobRun
+from edmctl.procedures.servo.supervisor import TelemetrySums
 from edmctl.procedures.settings import gap_reference_v
 from edmctl.process.channel import HeldTool, ToolWear, Way, wearing_uj
 from edmctl.quantity import half_width
-from edmctl.results.progress import Phase, Progress
 from edmctl.results.telemetry import TelemetryBlock
 
 LOOK_AHEAD_S = 3.0
@@ -140,12 +138,8 @@ class _Feeder:
     """Follows the tool along its way, and sends the lines ahead of it."""
 
     def __init__(self, run: JobRun, plan: PassPlan, wear: ToolWear, follower: PassFollower) -> None:
-        self._run = run
-        self._plan = plan
-        self._wear = wear
-        self.follower = follower
-        self._sent = 0
-        self._here_um = 0.0
+        self._run, self._plan, self._wear, self.follower = run, plan, wear, follower
+        self._sent, self._here_um = 0, 0.0
         self._slices = self._held_slices = 0
         self._trace: list[tuple[float, float]] = [(0.0, 0.0)]
         self._moved_s = math.inf
@@ -204,12 +198,10 @@ class _Feeder:
         """Return the limit at a point, by the expected wear there."""
         plan, used_uj = self._plan, self.follower.wearing_uj
         ahead_um = float(plan.way.lengths_um[i]) - self._here_um
-        coming_uj = ahead_um * self._uj_per_um(used_uj)
+        uj_per_um = (plan.uj_per_um * LEARN_OVER_UM + used_uj) / (LEARN_OVER_UM + self._here_um)
         x_um, y_um = plan.way.points[i]
-        return plan.held.z_um((float(x_um), float(y_um)), self._wear.um(plan.since_uj + used_uj + coming_uj))
-
-    def _uj_per_um(self, used_uj: float) -> float:
-        return (self._plan.uj_per_um * LEARN_OVER_UM + used_uj) / (LEARN_OVER_UM + self._here_um)
+        wear_um = self._wear.um(plan.since_uj + used_uj + ahead_um * uj_per_um)
+        return plan.held.z_um((float(x_um), float(y_um)), wear_um)
 
     def _follow(self, below_um: float) -> None:
         plan, follower = self._plan, self.follower
@@ -224,24 +216,16 @@ class _Feeder:
 class PassFollower(TelemetrySums):
     """Follows the telemetry of a pass that begins at `start_s`; keeps its sums, and the tally of the job.
 
-    `displacement_um` is of the newest block. The feeder sets `depth_um`, `wear_um`, `wear_u95_um` and `time_left_s`.
-    `unstable` is why a pass should end, `shorted` whether most pulses of the last seconds were shorts.
+    The feeder sets `depth_um`, `wear_um`, `wear_u95_um` and `time_left_s`. `unstable` is why a pass should end,
+    `shorted` whether most pulses of the last seconds were shorts.
     """
 
     def __init__(self, run: JobRun, start_s: float, number: int = 0) -> None:
-        super().__init__(run)
+        super().__init__(run, start_s)
         self._step = f"pass {number}" if number else ""
-        self._start_s = start_s
-        self._machined_before_s = run.tally.machining_time_s
-        self._reference_v = gap_reference_v(run.profile)
-        self._ratio_limits = RatioLimits(run, RATIO_WINDOW_S)
-        self.displacement_um = math.nan
         self.depth_um = run.tally.depth_um
-        self.wear_um = self.wear_u95_um = math.nan
-        self.time_left_s = math.nan
-        self.unstable = ""
-        self.shorted = False
-        run.tally.phase = Phase.MACHINING
+        self.wear_um = self.wear_u95_um = self.time_left_s = math.nan
+        self.unstable, self.shorted = "", False
 
     @property
     def wearing_uj(self) -> float:
@@ -251,35 +235,22 @@ class PassFollower(TelemetrySums):
     def on_telemetry(self, block: TelemetryBlock) -> None:
         """Take the samples of one slice."""
         seen = block.summary
-        now_s, gap_v = seen.end_s, seen.gap_mean_v
         self.add(seen)
-        self.shorted = self.ratios.short > 0.5
+        ratios = self.ratios
+        self.shorted = ratios.short > 0.5
         if seen.state == MachineState.MACHINING:
-            self.add_gap_ratio(gap_v / self.duty_v, seen.samples)
+            self.add_gap_ratio(seen.gap_mean_v, seen.samples)
             self.displacement_um = seen.mean_um
-        over = self._ratio_limits.update(now_s, self.ratios, window_is_full=self.window_is_full)
+        over = self._ratio_limits.update(seen.end_s, ratios, window_is_full=self.window_is_full)
         if over:
             self.unstable = f"{over} have stayed over their limit"
-        tally, cut_s = self._run.tally, max(0.0, now_s - self._start_s)
-        tally.depth_um = self.depth_um
-        tally.machining_time_s = self._machined_before_s + cut_s
-        tally.cut = RunningCut(self.total, self.energy_j, cut_s, self.displacement_um)
-        progress = Progress(
-            phase=Phase.MACHINING,
-            time_s=now_s,
-            gap_v=gap_v,
-            reference_v=self._reference_v,
-            ratios=self.ratios,
-            depth_um=self.depth_um,
-            depth_target_um=tally.depth_target_um,
-            displacement_um=self.displacement_um,
+        self.report(
+            seen,
+            self.depth_um,
+            self.displacement_um,
+            ratios=ratios,
             time_left_s=self.time_left_s,
             step=self._step,
             wear_um=self.wear_um,
             wear_u95_um=self.wear_u95_um,
-            **extremes_of(seen),
-            warning=tally.warning,
-            warned_s=tally.warned_s,
         )
-        self.record(progress)
-        self._run.observer.progress(progress)

@@ -9,15 +9,21 @@ on the deeper side the cut after the last journal entry is added.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Protocol
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.planning.measuring import cut_budget, estimate_of
 from edmctl.planning.removal import feed_rate_um_s
-from edmctl.procedures.job import PERIOD_S, HoleTarget, JobState, target_of
+from edmctl.procedures.job import (
+    PERIOD_S,
+    CutTotals,
+    Discharges,
+    HoleTarget,
+    JobState,
+    RunningCut,
+    target_of,
+)
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
 from edmctl.process.next_cut import CLEAR_SIGMAS, NextCut, largest_first_um, next_cut
 from edmctl.process.touches import DepthAndWear, share_u
@@ -125,15 +131,6 @@ class CutPlan:
     def depth_at(self, displacement_um: float) -> float:
         """Return the depth while sparking at this displacement, by the expected gap and wear ratio."""
         return self.at(displacement_um).depth_um
-
-
-class Discharges(Protocol):
-    """Pulses by class (open, normal, arc, short) and the energy of their discharges."""
-
-    @property
-    def counts(self) -> Sequence[int]: ...
-    @property
-    def energy_j(self) -> float: ...
 
 
 def energy_of(pulse: Pulse, done: Discharges) -> Energy:
@@ -335,6 +332,26 @@ class ExpectedHole:
     def _fits(self, more_um: float, known_u_um: float, found_u_um: float) -> bool:
         reach_um = STANDARD_UNCERTAINTIES * math.hypot(known_u_um, found_u_um)
         return -reach_um <= more_um <= reach_um + self.unseen_um
+
+
+def with_cuts(
+    state: JobState, cut: RunningCut, before: CutTotals, cuts: int, estimate: DepthAndWear
+) -> JobState:
+    """Return the state of a job with a cut or pass under way after others, and the estimated lengths."""
+    total = before.plus(cut)
+    return replace(
+        state,
+        displacement_um=0.0 if math.isnan(cut.displacement_um) else cut.displacement_um,
+        depth_um=estimate.depth_um,
+        depth_u_um=estimate.depth.u,
+        wear_um=estimate.wear_um,
+        wear_u_um=estimate.wear.u,
+        feed_u_um=estimate.feed.u,
+        cuts=cuts,
+        counts=total.counts,
+        energy_j=total.energy_j,
+        machining_time_s=total.time_s,
+    )
 
 
 def is_untouched(found: DepthAndWear) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from edmctl.dataclasses import dataclass, field, replace
+from edmctl.dataclasses import replace
 from edmctl.labels import Basis
 from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.procedures.hole.cut import CutResult
@@ -17,6 +17,7 @@ from edmctl.procedures.hole.cut_planning import (
     expected_of_left,
     lengths,
     most_um_s,
+    with_cuts,
     with_unseen,
 )
 from edmctl.procedures.job import CutTotals, JobState, RegimeBegun, RunningCut
@@ -37,48 +38,14 @@ NO_DEPTH = Value(math.nan, math.nan)
 """Depth of a hole through the sheet."""
 
 
-@dataclass(slots=True)
-class CutSums:
-    """Sums of the cuts of a hole. `before` are those of an earlier run, and one that was broken off."""
-
-    cuts: list[CutResult] = field(default_factory=list)
-    before: CutTotals = field(default_factory=CutTotals)
-    broken_cuts: int = 0
-
-    def add_broken_off(self, cut: RunningCut) -> None:
-        """Add a cut that came to no end."""
-        if cut.time_s > 0.0:
-            self.before = self.before.plus(cut.counts, cut.energy_j, cut.time_s)
-            self.broken_cuts += 1
-
-    @property
-    def total(self) -> CutTotals:
-        """All of them together."""
-        opens, normals, arcs, shorts = (
-            sum(column) for column in zip(self.before.counts, *(cut.counts for cut in self.cuts), strict=True)
-        )
-        return CutTotals(
-            self.before.number + len(self.cuts),
-            (opens, normals, arcs, shorts),
-            self.before.energy_j + sum(cut.energy_j for cut in self.cuts),
-            self.before.time_s + sum(cut.time_s for cut in self.cuts),
-        )
-
-    @property
-    def gap_ratio_mean(self) -> float:
-        """Normalised gap voltage while sparking; NaN if no cut sparked."""
-        sparking = [cut for cut in self.cuts if not math.isnan(cut.gap_ratio_mean)]
-        time_s = sum(cut.time_s for cut in sparking)
-        return sum(cut.time_s * cut.gap_ratio_mean for cut in sparking) / time_s if time_s else math.nan
-
-
 class Hole:
-    """The hole under way. Only its own methods change it.
+    """The hole under way.
 
     Attributes
     ----------
     z1, z1_u_um : where the tool would have met the pad when the hole began; uncertainty if not touched right before
     face_um, face_u_um : height of the workpiece surface here over the pad
+    total, broken_cuts : sums of its cuts with those of an earlier run; number of cuts that came to no end
     bottom, pad : readings of the last of `stops` measurement cycles; derived from `z1` before the first one
     touched, found : depth and wear as measured, and with the doubts about them; None before the first one
     interrupted : an earlier run made discharges that are in no sum
@@ -100,8 +67,9 @@ class Hole:
         self.locate_surface(surface)
         self.estimate = estimate if estimate.fits == 0 else estimate.next_hole(self.target.depth_um)
         self.bottom, self.pad = z1.shifted(self.face_um), z1
-        self.sums, self.regime = CutSums(), RegimeBegun()
-        self.stops = 0
+        self.total, self.regime = CutTotals(), RegimeBegun()
+        self.broken_cuts = self.stops = 0
+        self._gap_ratios: list[tuple[float, float]] = []
         self.found: DepthAndWear | None = None
         self.touched: DepthAndWear | None = None
         self.interrupted = self.begun = False
@@ -123,31 +91,22 @@ class Hole:
         """Displacement at which the tool would have met the untouched workpiece surface."""
         return self.z1.z_um + self.face_um
 
-    @property
-    def is_in_doubt(self) -> bool:
-        """Whether its bottom, or the surface that its depth counts from, may have been misread."""
-        return (self.stops > 0 and self.bottom.doubt_u_um > 0.0) or self.face_u_um > FACE_LIMIT_UM
-
     def locate_surface(self, surface: SurfacePlane) -> None:
         """Take the height of the workpiece surface at the hole from the plane."""
         self.face_um, self.face_u_um = surface.height_um(self.site), surface.height_u_um(self.site)
 
-    def set_surface_u(self, u_um: float) -> None:
-        """Set the standard uncertainty of the surface here, as a check of first sparks found it."""
-        self.face_u_um = u_um
-
     def resume(self, state: JobState) -> None:
         """Take the cuts of an earlier run."""
         self.interrupted = True
-        self.sums.before = CutTotals(state.cuts, state.counts, state.energy_j, state.machining_time_s)
-        self.sums.broken_cuts = state.broken_cuts
+        self.total = CutTotals(state.cuts, state.counts, state.energy_j, state.machining_time_s)
+        self.broken_cuts = state.broken_cuts
         if self._run.profile.regimes:
-            self.regime = RegimeBegun(state.regime_depth_um, state.regime_wear_um, self.sums.before)
+            self.regime = RegimeBegun(state.regime_depth_um, state.regime_wear_um, self.total)
 
     def begin_regime(self, estimate: ErosionEstimate, found: DepthAndWear) -> None:
         """Begin the regime that the run now uses, from the depth and wear just found."""
         self.target, self.estimate = self._run.target_at(self.site), estimate
-        self.regime = RegimeBegun(found.depth_um, found.wear_um, self.sums.total, self.stops)
+        self.regime = RegimeBegun(found.depth_um, found.wear_um, self.total, self.stops)
 
     def restart_from(self, pad: SurfaceReading, wear: SharedWear) -> None:
         """Count the hole from a new reading of the pad, which includes its own wear."""
@@ -185,7 +144,7 @@ class Hole:
     def learned(self) -> ErosionEstimate:
         """Return the estimate after the last stop, in the regime in use."""
         assert self.touched is not None
-        energy = energy_of(self._run.profile.pulse, self.sums.total.since(self.regime.total))
+        energy = energy_of(self._run.profile.pulse, self.total.since(self.regime.total))
         return self.estimate.fitted(
             None if self.interrupted else energy,
             self.touched.depth_um - self.regime.depth_um,
@@ -227,7 +186,9 @@ class Hole:
         Without another basis depth and wear are based on the touches; the wear is not if Z1 was not touched.
         """
         run, z1, z2, z3 = self._run, self.z1, self.bottom, self.pad
-        touch_basis, error, total = run.job.touch_basis, run.watch.feed_error, self.sums.total
+        touch_basis, error, total = run.job.touch_basis, run.watch.feed_error, self.total
+        sparked_s = sum(time_s for time_s, _ in self._gap_ratios)
+        gap_ratio = sum(time_s * ratio for time_s, ratio in self._gap_ratios)
         self.found = found
         run.tally.depth_um = math.nan if through else found.depth_um
         run.tally.unmeasured_site = ""
@@ -267,7 +228,7 @@ class Hole:
             cuts=total.number,
             pulses=sum(total.counts),
             ratios=pulse_shares(*total.counts),
-            gap_ratio_mean=self.sums.gap_ratio_mean,
+            gap_ratio_mean=gap_ratio / sparked_s if sparked_s else math.nan,
             working_gap_um=gap_um,
             energy_j=total.energy_j,
             wear_ratio_lin=ratio,
@@ -276,7 +237,7 @@ class Hole:
             through=through,
             depth_basis=None if through else depth_basis or touch_basis,
             wear_basis=wear_basis or (Basis.ESTIMATED if self.z1_u_um > 0.0 else touch_basis),
-            in_doubt=self.is_in_doubt,
+            in_doubt=(self.stops > 0 and z2.doubt_u_um > 0.0) or self.face_u_um > FACE_LIMIT_UM,
             drift_correction_um=self.drift_um,
             drift_left_u_um=found.drift_left_u_um,
             drift_by_rests=found.drift_by_rests,
@@ -305,7 +266,9 @@ class Hole:
         assert self.plan is not None
         run, energy = self._run, energy_of(self._run.profile.pulse, cut)
         self.cut_estimate = estimate_in_cut(self.plan, cut.end_displacement_um, energy, run.keeper.time_s)
-        self.sums.cuts.append(cut)
+        self.total = self.total.plus(cut)
+        if not math.isnan(cut.gap_ratio_mean):
+            self._gap_ratios.append((cut.time_s, cut.gap_ratio_mean))
         run.tally.cut = RunningCut(displacement_um=run.tally.cut.displacement_um)
         self.plan = None
         run.keeper.keep(MEASURING, self)
@@ -317,29 +280,18 @@ class Hole:
 
     def add_to(self, state: JobState, now_s: float) -> JobState:
         """Return the state of the job with that of the hole at a time of the run."""
-        run, sums, estimate = self._run, self.sums, self._estimate_at(now_s)
-        cut, is_cutting = run.tally.cut, self.plan is not None
-        total = sums.total.plus(cut.counts, cut.energy_j, cut.time_s)
-        return replace(
+        run, estimate, is_cutting = self._run, self._estimate_at(now_s), self.plan is not None
+        state = replace(
             self.z1.as_z1(state, run.tally.earlier_time_s, self.z1_u_um),
             done=tuple(site for site in state.done if site["name"] != self.site.name),
             site=self.site.name,
             begun=self.begun,
-            displacement_um=0.0 if math.isnan(cut.displacement_um) else cut.displacement_um,
-            depth_um=estimate.depth_um,
-            depth_u_um=estimate.depth.u,
-            wear_um=estimate.wear_um,
-            wear_u_um=estimate.wear.u,
-            feed_u_um=estimate.feed.u,
-            regime=run.regime.number,
+            regime=run.regime,
             regime_depth_um=self.regime.depth_um,
             regime_wear_um=self.regime.wear_um,
-            cuts=sums.total.number + is_cutting,
-            broken_cuts=sums.broken_cuts + is_cutting,
-            counts=total.counts,
-            energy_j=total.energy_j,
-            machining_time_s=total.time_s,
+            broken_cuts=self.broken_cuts + is_cutting,
         )
+        return with_cuts(state, run.tally.cut, self.total, self.total.number + is_cutting, estimate)
 
     def leave(self) -> None:
         """Report by estimate a hole that was cut and not measured, when the job ends early."""
@@ -349,14 +301,15 @@ class Hole:
         known, resumed, unseen_um = self._estimate_at(run.keeper.time_s), run.job.resumed, 0.0
         if self.plan is not None:
             unseen_s = run.keeper.samples_late_s + run.setup.controller.watchdog_s
-            machined_s = self.sums.total.time_s + tally.cut.time_s
+            machined_s = self.total.time_s + tally.cut.time_s
             unseen_um = unseen_s * most_um_s(known, machined_s, run.profile)
         elif self.cut_estimate is None and resumed is not None:
             unseen_um = expected_of_left(resumed, run.profile).unseen_um
         is_confirmed = self.estimate.fits > 0 or self.stops > 0
         left = with_unseen(known, unseen_um, self.estimate.wear_ratio, is_confirmed=is_confirmed)
         before_um = self.found.depth_um if self.found else 0.0
-        self.sums.add_broken_off(tally.cut)
+        if tally.cut.time_s > 0.0:
+            self.total = self.total.plus(tally.cut)
         pad_um = self.z1.z_um + left.wear_um
         self.report(
             left,

@@ -189,28 +189,12 @@ LEAST_GAP_UM = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class FirstSparks:
-    """Where sparks began, and the bottom that they are compared with, on which debris `debris_um` high may lie."""
+class _Doubt:
+    """First sparks at `z_um` that put the surface in doubt, and what was known of bottom, gap and surface before."""
 
     z_um: float
     bottom: Value
     debris_um: float
-
-    def off(self, open_voltage_v: float, gap: Value) -> Deviation:
-        """Return how much later they began than such a gap makes them, on the surface or on the debris."""
-        before_um, before_u_um = first_sparks_um(open_voltage_v)
-        off_um = self.z_um - (self.bottom.value - gap.value - before_um)
-        u_um = math.hypot(self.bottom.u, gap.u, before_u_um)
-        return min(
-            Deviation(off_um, u_um), Deviation(off_um + self.debris_um, u_um), key=lambda off: abs(off.sigmas)
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class _Doubt:
-    """First sparks that put the surface in doubt, and what was known of gap and surface before."""
-
-    sparks: FirstSparks
     gap: Value
     face_u_um: float
     touched: tuple[SurfaceTouch, ...]
@@ -223,6 +207,13 @@ class FirstSparkCheck:
     def __init__(self, run: JobRun, hole: Hole, knowledge: JobKnowledge) -> None:
         self._run, self._hole, self._knowledge = run, hole, knowledge
         self._doubt: _Doubt | None = None
+
+    def _off(self, z_um: float, bottom: Value, debris_um: float, gap: Value) -> Deviation:
+        """Return how much later than such a gap makes them sparks began, on the surface or on the debris."""
+        before_um, before_u_um = first_sparks_um(self._run.profile.pulse.open_voltage_v)
+        off_um, u_um = z_um - (bottom.value - gap.value - before_um), math.hypot(bottom.u, gap.u, before_u_um)
+        offs = Deviation(off_um, u_um), Deviation(off_um + debris_um, u_um)
+        return min(offs, key=lambda off: abs(off.sigmas))
 
     @property
     def debris_um(self) -> float:
@@ -239,9 +230,9 @@ class FirstSparkCheck:
         `judge_again` finds that it was the gap. Debris that is known to lie there sparks first.
         """
         run, hole, surface, start = self._run, self._hole, self._knowledge.surface, plan.start
-        sparks = FirstSparks(spark_um, Value(start.bottom_um, bottom_u_um), self.debris_um)
+        bottom, debris_um = Value(start.bottom_um, bottom_u_um), self.debris_um
         gap = Value(start.gap_um, start.gap_u_um)
-        off = sparks.off(run.profile.pulse.open_voltage_v, gap)
+        off = self._off(spark_um, bottom, debris_um, gap)
         if abs(off.sigmas) <= FIRST_SPARKS_SIGMAS:
             return plan
         is_gap_measured = gap.u < FIRST_GAP_U_UM
@@ -256,8 +247,10 @@ class FirstSparkCheck:
         )
         doubt_u_um = math.hypot(share_u(off.um), off.u_um)
         if hole.stops == 0:
-            self._doubt = _Doubt(sparks, gap, hole.face_u_um, tuple(surface.touched), surface.doubt_u_um)
-            hole.set_surface_u(math.hypot(hole.face_u_um, doubt_u_um))
+            self._doubt = _Doubt(
+                spark_um, bottom, debris_um, gap, hole.face_u_um, tuple(surface.touched), surface.doubt_u_um
+            )
+            hole.face_u_um = math.hypot(hole.face_u_um, doubt_u_um)
             surface.doubt(doubt_u_um)
             surface.keep()
         start = replace(start, bottom_u_um=math.hypot(start.bottom_u_um, doubt_u_um))
@@ -275,15 +268,15 @@ class FirstSparkCheck:
         doubt, self._doubt = self._doubt, None
         if doubt is None:
             return
-        run, surface = self._run, self._knowledge.surface
-        off = doubt.sparks.off(run.profile.pulse.open_voltage_v, Value(gap_um, GAP_U_UM))
+        surface = self._knowledge.surface
+        off = self._off(doubt.z_um, doubt.bottom, doubt.debris_um, Value(gap_um, GAP_U_UM))
         is_another = abs(gap_um - doubt.gap.value) > CLEAR_SIGMAS * doubt.gap.u
         if not is_another or abs(off.sigmas) > FIRST_SPARKS_SIGMAS:
             return
-        self._hole.set_surface_u(doubt.face_u_um)
+        self._hole.face_u_um = doubt.face_u_um
         surface.restore(doubt.touched, doubt.doubt_u_um)
         surface.keep()
-        run.decide(
+        self._run.decide(
             RunEvent.DOUBT_WITHDRAWN,
             f"The working gap is {gap_um:.2f} µm, not the {doubt.gap.value:.2f} µm believed, and with it the first "
             f"sparks are {signed(off.um, 1)} ± {half_width(off.u_um):.1f} µm from where the touched surface puts "

@@ -8,7 +8,7 @@ from dataclasses import replace
 from edmctl.errors import MachineFault
 from edmctl.labels import Basis, marked
 from edmctl.planning.measuring import estimate_of
-from edmctl.planning.regimes import Recipe, recipes_of
+from edmctl.planning.regimes import recipes_of
 from edmctl.procedures.hole.cut import Cut, CutEnd, CutResult
 from edmctl.procedures.hole.cut_planning import CutPlan, energy_of, first_plan, following_plan
 from edmctl.procedures.hole.decision import (
@@ -22,7 +22,7 @@ from edmctl.procedures.hole.decision import (
 )
 from edmctl.procedures.hole.hole import Hole
 from edmctl.procedures.hole.knowledge import FirstSparkCheck, JobKnowledge, first_gap
-from edmctl.procedures.run import JobRun
+from edmctl.procedures.run import Args, JobRun
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.settings import pulse_settings
 from edmctl.procedures.stages import move_to
@@ -103,23 +103,17 @@ class HoleProcedure:
         run.tally.depth_um = math.nan if cut.through else plan.depth_at(cut.end_displacement_um)
         if hole.target.kind == "through":
             return self._end_through(plan, cut)
-        if plan.measured or run.regime_follows or self._is_surprising(plan, cut):
+        is_early = cut.end is not CutEnd.REACHED or cut.end_displacement_um < plan.z_limit_um
+        # The feed may not explain the energy either.
+        is_surprising = is_early or plan.contradicts(cut.end_displacement_um, self._energy(cut))
+        if plan.measured or run.regime_follows or is_surprising:
             return self._measure(plan, cut)
         return self._estimate(plan, cut)
 
-    def _is_surprising(self, plan: CutPlan, cut: CutResult) -> bool:
-        """Return whether a cut ended early, lost its sparks, or took an energy that its feed does not explain."""
-        if cut.end is not CutEnd.REACHED or cut.end_displacement_um < plan.z_limit_um:
-            return True
-        return plan.contradicts(cut.end_displacement_um, self._energy(cut))
-
     def _no_time(self, plan: CutPlan) -> Decision:
         decision = out_of_time(self._hole.target, plan, self._limits.left().limit)
-        self._run.warn(
-            RunEvent.TARGET_MISSED,
-            decision.message,
-            {"cut": plan.number, "depth_um": plan.start.depth_um, "hint": decision.hint},
-        )
+        args: Args = {"cut": plan.number, "depth_um": plan.start.depth_um, "hint": decision.hint}
+        self._run.warn(RunEvent.TARGET_MISSED, decision.message, args)
         return decision
 
     def _energy(self, cut: CutResult) -> Energy:
@@ -128,12 +122,15 @@ class HoleProcedure:
     def _measure(self, plan: CutPlan, cut: CutResult) -> Decision:
         """Touch bottom and pad after a cut, learn from them, and decide what follows."""
         knowledge, hole = self._knowledge, self._hole
-        z2 = self._read_bottom(plan, cut)
-        z3 = self._read_pad(plan, cut)
+        raise_by(self._run, CLEAR_OF_BOTTOM_UM)
+        unfinished_u_um = 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM
         gap = Value(plan.start.gap_um, plan.start.gap_u_um)
+        gap_u_um = math.hypot(gap.u, unfinished_u_um)
+        expected = ExpectedBottom(cut.end_displacement_um, gap.value, gap_u_um, "the last sparks")
+        z2 = read_expected(self._run, hole.site.name, expected)
+        z3 = self._read_pad(plan, cut)
         if cut.time_s >= GAP_SETTLES_S:
-            u_um = math.hypot(GAP_U_UM, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
-            gap = Value(z2.z_um - cut.end_displacement_um, u_um)
+            gap = Value(z2.z_um - cut.end_displacement_um, math.hypot(GAP_U_UM, unfinished_u_um))
             if cut.is_at_limit and z2.doubt_u_um == 0.0:
                 self._sparks.judge_again(gap.value)
         shared = None
@@ -144,13 +141,6 @@ class HoleProcedure:
         if plan.number == 1:
             refuse_wrong_setup(self._run, hole.touched or found)
         return self._decide(plan.number, cut, found)
-
-    def _read_bottom(self, plan: CutPlan, cut: CutResult) -> SurfaceReading:
-        """Touch the bottom, more often if it is not where the last sparks put it."""
-        raise_by(self._run, CLEAR_OF_BOTTOM_UM)
-        gap_u_um = math.hypot(plan.start.gap_u_um, 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM)
-        expected = ExpectedBottom(cut.end_displacement_um, plan.start.gap_um, gap_u_um, "the last sparks")
-        return read_expected(self._run, self._hole.site.name, expected)
 
     def _read_pad(self, plan: CutPlan, cut: CutResult, more_u_um: float = 0.0) -> SurfaceReading:
         """Touch the pad with the worn tool (Z3). `more_u_um` is an additional standard uncertainty."""
@@ -237,36 +227,12 @@ class HoleProcedure:
             hole.next_start(knowledge.gap),
             knowledge.estimate,
             touch_final=run.job.touches_final,
-            broken_cuts=hole.sums.broken_cuts + hole.regime.total.number,
+            broken_cuts=hole.broken_cuts + hole.regime.total.number,
         )
         gap_um = knowledge.gap.value
         if decision.plan is None and (cut is None or cut.end is CutEnd.REACHED):
             decision = self._next_regime(number, found) or decision
-        self._report(found, gap_um, decision)
-        return decision
-
-    def _next_regime(self, number: int, found: DepthAndWear) -> Decision | None:
-        """Begin the regime that the depth requires after this one; None if this was the last."""
-        run, hole, knowledge = self._run, self._hole, self._knowledge
-        recipes, following = recipes_of(run.job.profile), run.regime.number + 1
-        if following >= len(recipes):
-            return None
-        while following + 1 < len(recipes) and found.depth_um >= recipes[following].to_um:
-            following += 1
-        before, recipe = run.profile, recipes[following]
-        run.use_regime(following)
-        run.machine.set_pulses(pulse_settings(recipe.profile))
-        knowledge.estimate = _estimate_in_next(before, knowledge.estimate, recipe.profile)
-        knowledge.gap = first_gap(recipe.profile)
-        hole.begin_regime(knowledge.estimate, found)
-        start, touch_final = hole.next_start(knowledge.gap), run.job.touches_final
-        plan = following_plan(
-            run.profile, hole.target, number + 1, start, hole.estimate, touch_final=touch_final
-        )
-        return Decision(plan, f"{_regime_text(recipe)} The next cut feeds {plan.feed_um:.2f} µm.")
-
-    def _report(self, found: DepthAndWear, gap_um: float, decision: Decision) -> None:
-        run, site = self._run, self._run.tally.sites[self._hole.site.name]
+        site = run.tally.sites[hole.site.name]
         run.decide(
             RunEvent.SITE_MEASURED,
             f"Depth {marked(length(found.depth_um, found.depth.u95), site.depth_basis)}, wear "
@@ -277,6 +243,31 @@ class HoleProcedure:
             report_end(run, decision, found.depth_um)
         else:
             run.decide(RunEvent.CUT_DECIDED, decision.message, {"feed_um": decision.plan.feed_um})
+        return decision
+
+    def _next_regime(self, number: int, found: DepthAndWear) -> Decision | None:
+        """Begin the regime that the depth requires after this one; None if this was the last."""
+        run, hole, knowledge = self._run, self._hole, self._knowledge
+        recipes, following = recipes_of(run.job.profile), run.regime + 1
+        if following >= len(recipes):
+            return None
+        while following + 1 < len(recipes) and found.depth_um >= recipes[following].to_um:
+            following += 1
+        before, recipe = run.profile, recipes[following]
+        run.use_regime(following)
+        run.machine.set_pulses(pulse_settings(recipe.profile))
+        knowledge.estimate = _estimate_in_next(before, knowledge.estimate, recipe.profile)
+        knowledge.gap = first_gap(recipe.profile)
+        hole.begin_regime(knowledge.estimate, found)
+        start, final = hole.next_start(knowledge.gap), run.job.touches_final
+        plan = following_plan(run.profile, hole.target, number + 1, start, hole.estimate, touch_final=final)
+        pulse = run.profile.pulse
+        return Decision(
+            plan,
+            f"Regime {recipe.name}: to {recipe.to_um:.1f} µm with {pulse.current_a:g} A for "
+            f"{pulse.on_time_us:.3g} µs, {pulse.off_time_us:.3g} µs off, servo reference "
+            f"{run.profile.servo.reference:g}. The next cut feeds {plan.feed_um:.2f} µm.",
+        )
 
     def _estimate(self, plan: CutPlan, cut: CutResult) -> Decision:
         """End a hole whose last cut need not be measured: feed and energy show what it added."""
@@ -391,11 +382,3 @@ def _estimate_in_next(before: Profile, learned: ErosionEstimate, after: Profile)
         "wear": wear.model_copy(update={"expected_ratio": ratio * wear.expected_ratio}),
     }
     return estimate_of(after.model_copy(update=changed))
-
-
-def _regime_text(recipe: Recipe) -> str:
-    pulse = recipe.profile.pulse
-    return (
-        f"Regime {recipe.name}: to {recipe.to_um:.1f} µm with {pulse.current_a:g} A for {pulse.on_time_us:.3g} µs, "
-        f"{pulse.off_time_us:.3g} µs off, servo reference {recipe.profile.servo.reference:g}."
-    )

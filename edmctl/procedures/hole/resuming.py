@@ -50,7 +50,7 @@ class ResumedHole(HoleProcedure):
     def __init__(self, run: JobRun, site: Place, knowledge: JobKnowledge, limits: TimeLimits) -> None:
         state = run.job.resumed
         assert state is not None
-        _restore_surface(run, knowledge, state)
+        restore_surface(run, knowledge.surface, state)
         z1 = z1_left_by(run, state)
         knowledge.tool = ToolLength(z1, state.wear_um)
         hole = Hole(run, site, knowledge.surface, knowledge.estimate, z1, state.z1_u_um)
@@ -70,12 +70,19 @@ class ResumedHole(HoleProcedure):
         if run.profile.target.kind == "through" and not run.job.restart_hole:
             return self._resume_through()
         z3 = self._touch_pad(expected)
-        z2 = self._touch_bottom(z3.z_um + hole.face_um + self._state.depth_um)
+        z2 = _touch_bottom(run, hole.site, z3.z_um + hole.face_um + self._state.depth_um, expected)
         found = hole.measured(z2, z3)
         for _ in range(0 if run.job.restart_hole else MORE_LOOKS):
             if found.depth_um >= expected.estimate.depth_um or expected.depth_fits(found):
                 break
-            z2 = self._touch_washed(z2)
+            run.warn(
+                RunEvent.TOUCH_DOUBTED,
+                f"Z2 = {z2.z_um:.2f} µm is nearer than the journal expects (a chip?). It is touched again.",
+                {"kind": "Z2", "z_um": z2.z_um},
+            )
+            run.recorder.append(RejectedTouch(z2.time_s))
+            wash(run, z2.z_um)  # the oil may remove debris that settled on the bottom
+            z2 = _touch_bottom(run, hole.site, z2.z_um, expected)
             found = hole.measured(z2, z3)
         if not run.tally.sites and run.profile.target.kind != "through":
             found = self._on_its_own_surface(z2, z3, found)
@@ -84,7 +91,7 @@ class ResumedHole(HoleProcedure):
             return None
         refuse_other(run, hole.site, expected, found, untouched=is_untouched(found))
         found = self._learn_resumed(z2, z3)
-        decision = self._decide(max(1, hole.sums.total.number), None, found)
+        decision = self._decide(max(1, hole.total.number), None, found)
         if decision.plan is None:
             close_site(run, settled=True)
             return decision
@@ -110,7 +117,7 @@ class ResumedHole(HoleProcedure):
         refuse_other(run, hole.site, expected, found)
         found = self._learn_resumed(bottom, pad)
         start = hole.next_start(self._knowledge.gap)
-        plan = through_plan(max(1, hole.sums.total.number) + 1, start, target, self._knowledge.estimate)
+        plan = through_plan(max(1, hole.total.number) + 1, start, target, self._knowledge.estimate)
         try:
             return self.cut_to_the_end(plan)
         except MachineFault as fault:
@@ -143,21 +150,6 @@ class ResumedHole(HoleProcedure):
             raise
         self._update_surface(z3)
         return z3
-
-    def _touch_bottom(self, predicted_um: float) -> SurfaceReading:
-        return _touch_bottom(self._run, self._hole.site, predicted_um, self._expected)
-
-    def _touch_washed(self, short: SurfaceReading) -> SurfaceReading:
-        """Touch a bottom again that seems too near: the oil may remove debris that settled on it."""
-        run = self._run
-        run.warn(
-            RunEvent.TOUCH_DOUBTED,
-            f"Z2 = {short.z_um:.2f} µm is nearer than the journal expects (a chip?). It is touched again.",
-            {"kind": "Z2", "z_um": short.z_um},
-        )
-        run.recorder.append(RejectedTouch(short.time_s))
-        wash(run, short.z_um)
-        return self._touch_bottom(short.z_um)
 
     def _update_surface(self, pad: SurfaceReading) -> None:
         self._knowledge.surface.fit_pad_slope(pad)
@@ -228,7 +220,7 @@ def check_last_hole(run: JobRun, knowledge: JobKnowledge) -> None:
     state = run.job.resumed
     if state is None or not run.tally.sites or run.profile.target.kind == "through":
         return
-    _restore_surface(run, knowledge, state)
+    restore_surface(run, knowledge.surface, state)
     _check_finished(run, knowledge, knowledge.touch_pad_first(run.job.pad.name))
 
 
@@ -302,14 +294,10 @@ def report_resumed(run: JobRun, expected: DepthAndWear, depth_um: float, wear_um
     )
 
 
-def _restore_surface(run: JobRun, knowledge: JobKnowledge, state: JobState) -> None:
-    if not knowledge.surface.touched:
-        knowledge.surface.restore(state.face, state.face_doubt_u_um)
-    report_unknown_pause(run)
-
-
-def report_unknown_pause(run: JobRun) -> None:
-    """Warn about a pause of unknown length."""
+def restore_surface(run: JobRun, surface: SurfacePlane, state: JobState) -> None:
+    """Take the touches of the surface from the journal, and warn about a pause of unknown length."""
+    if not surface.touched:
+        surface.restore(state.face, state.face_doubt_u_um)
     if math.isfinite(run.job.pause_s):
         return
     drift_um = 2.0 * pause_drift_u_um(run.job)

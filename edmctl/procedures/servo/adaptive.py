@@ -53,27 +53,25 @@ class PulseWindow:
 
     def __init__(self, length_s: float) -> None:
         self._length_s = length_s
+        self.clear()
+
+    def clear(self) -> None:
         self._parts: deque[tuple[float, int, int, int]] = deque()
         self._span_s = 0.0
         self._pulses = self._arcs = self._shorts = 0
 
     def add(self, duration_s: float, pulses: int, arcs: int, shorts: int) -> None:
         self._parts.append((duration_s, pulses, arcs, shorts))
+        self._count(duration_s, pulses, arcs, shorts)
+        while self._span_s - self._parts[0][0] >= self._length_s - 1e-6:
+            old_s, *old = self._parts.popleft()
+            self._count(-old_s, *(-count for count in old))
+
+    def _count(self, duration_s: float, pulses: int, arcs: int, shorts: int) -> None:
         self._span_s += duration_s
         self._pulses += pulses
         self._arcs += arcs
         self._shorts += shorts
-        while self._span_s - self._parts[0][0] >= self._length_s - 1e-6:
-            old_s, old_pulses, old_arcs, old_shorts = self._parts.popleft()
-            self._span_s -= old_s
-            self._pulses -= old_pulses
-            self._arcs -= old_arcs
-            self._shorts -= old_shorts
-
-    def clear(self) -> None:
-        self._parts.clear()
-        self._span_s = 0.0
-        self._pulses = self._arcs = self._shorts = 0
 
     @property
     def is_full(self) -> bool:
@@ -131,6 +129,14 @@ class Change:
     args: Args
 
 
+_SETTINGS = {
+    "period_s": (RunEvent.JUMP_PERIOD, "Jump period", "_s"),
+    "reference": (RunEvent.REFERENCE_CHANGED, "Servo reference", ""),
+    "duty": (RunEvent.DUTY_CHANGED, "Duty", ""),
+}
+"""What the adaptive control changes: event, name, and suffix of its unit."""
+
+
 class AdaptiveControl:
     """Jump period, servo reference and duty of one cut.
 
@@ -155,11 +161,10 @@ class AdaptiveControl:
         self.period_s = math.nan if jump.mode == "off" else jump.period_s
         self.reference, self.duty = self._reference_0, self._duty_0
         self.changes: list[Change] = []
-        limits, self._search = profile.adaptive, None
-        self._arc_high = limits.arc_high
-        if limits.seek_reference:
+        self._search, self._arc_high = None, self._limits.arc_high
+        if self._limits.seek_reference:
             self._search = ReferenceSearch(profile, self._highest)
-            self._arc_high = max(limits.arc_high, FLUSH_ABOVE * self._search.target)
+            self._arc_high = max(self._arc_high, FLUSH_ABOVE * self._search.target)
 
     def update(self, duration_s: float, pulses: int, arcs: int, shorts: int, *, sparking: bool) -> None:
         """Judge a slice; `sparking` is False during jumps."""
@@ -172,8 +177,13 @@ class AdaptiveControl:
         if self._freeze_s > 0.0:
             self._freeze_s -= duration_s
             return
-        if self._search:
-            self._seek(self._search, duration_s, pulses, arcs, shorts)
+        if search := self._search:
+            reference = search.update(duration_s, pulses, arcs, shorts, self.reference)
+            reason = (
+                f"{100 * search.seen:.1f} % arcs and shorts, and {100 * search.target:.1f} % remove the most"
+            )
+            if reference != self.reference:
+                self._change("reference", round(reference, 3), reason, {"arcs": search.seen})
         if not self._adaptive:
             return
         for window in (self._evidence, self._clean, self._since_jump):
@@ -226,8 +236,8 @@ class AdaptiveControl:
 
     def soften(self, reference_step: float, duty_share: float, reason: str) -> None:
         """Raise the reference and reduce the duty, after a burn."""
-        self._set_reference(min(self._highest, self.reference + reference_step), reason, {})
-        self._set_duty(max(self._lowest_duty, self.duty * duty_share), reason, {})
+        self._change("reference", min(self._highest, self.reference + reference_step), reason, {})
+        self._change("duty", max(self._lowest_duty, self.duty * duty_share), reason, {})
 
     @property
     def _highest(self) -> float:
@@ -237,23 +247,17 @@ class AdaptiveControl:
     def _lowest_duty(self) -> float:
         return min(self._duty_0, self._limits.duty_min)
 
-    def _seek(self, search: ReferenceSearch, duration_s: float, pulses: int, arcs: int, shorts: int) -> None:
-        reference = search.update(duration_s, pulses, arcs, shorts, self.reference)
-        if reference != self.reference:
-            reason = (
-                f"{100 * search.seen:.1f} % arcs and shorts, and {100 * search.target:.1f} % remove the most"
-            )
-            self._set_reference(round(reference, 3), reason, {"arcs": search.seen})
-
     def _flush(self, arcs: float, shorts: float) -> None:
-        seen = f"{100 * arcs:.1f} % arcs and {100 * shorts:.1f} % shorts in the last {EVIDENCE_S:g} s"
-        self._at_once = seen
+        self._at_once = (
+            f"{100 * arcs:.1f} % arcs and {100 * shorts:.1f} % shorts in the last {EVIDENCE_S:g} s"
+        )
         limits = {"arcs": self._arc_high, "shorts": self._limits.short_high}
         shares = {"arcs": arcs, "shorts": shorts}
         self.asking = {name: share for name, share in shares.items() if share > limits[name]}
         self._evidence.clear()
         self._clean.clear()
-        self._set_period(max(self._jump.period_min_s, SHORTER * self.period_s), seen, arcs, shorts)
+        period_s = max(self._jump.period_min_s, SHORTER * self.period_s)
+        self._change("period_s", period_s, self._at_once, shares)
 
     def _relax(self, arcs: float, shorts: float) -> None:
         """Take back the last remedy."""
@@ -261,56 +265,38 @@ class AdaptiveControl:
         args: Args = {"arcs": arcs, "shorts": shorts}
         self._clean.clear()
         if self.duty < self._duty_0:
-            self._set_duty(min(self._duty_0, self.duty / (1.0 - self._limits.duty_step)), seen, args)
+            self._change("duty", min(self._duty_0, self.duty / (1.0 - self._limits.duty_step)), seen, args)
         elif self._search is None and self.reference > self._reference_0:
             reference = max(self._reference_0, self.reference - self._limits.reference_step)
-            self._set_reference(reference, seen, args)
+            self._change("reference", reference, seen, args)
         else:
             longest_s = LONGEST_SHARE * self._jump.period_s
-            self._set_period(min(longest_s, LONGER * self.period_s), seen, arcs, shorts)
+            self._change("period_s", min(longest_s, LONGER * self.period_s), seen, args)
 
     def _step_back(self, reference_step: float, reason: str, args: Args) -> None:
         """A wider gap first, then longer pauses."""
         if self._search is None and self.reference < self._highest and reference_step > 0.0:
-            self._set_reference(min(self._highest, self.reference + reference_step), reason, args)
+            self._change("reference", min(self._highest, self.reference + reference_step), reason, args)
         else:
             duty = max(self._lowest_duty, self.duty * (1.0 - self._limits.duty_step))
-            self._set_duty(duty, reason, args)
+            self._change("duty", duty, reason, args)
 
-    def _set_period(self, period_s: float, reason: str, arcs: float, shorts: float) -> None:
-        if period_s == self.period_s:
+    def _change(self, name: str, value: float, reason: str, args: Args) -> None:
+        """Change one of the settings, and report that if it is another value."""
+        before = getattr(self, name)
+        if value == before:
             return
-        args = {"from_s": self.period_s, "to_s": period_s, "arcs": arcs, "shorts": shorts}
-        self.changes.append(
-            Change(
-                RunEvent.JUMP_PERIOD, f"Jump period {self.period_s:.3g} → {period_s:.3g} s: {reason}.", args
-            )
-        )
-        self.period_s = period_s
-
-    def _set_reference(self, reference: float, reason: str, args: Args) -> None:
-        if reference == self.reference:
-            return
-        message = f"Servo reference {self.reference:.3g} → {reference:.3g}: {reason}."
-        self.changes.append(
-            Change(RunEvent.REFERENCE_CHANGED, message, {"from": self.reference, "to": reference, **args})
-        )
-        self.reference = reference
-
-    def _set_duty(self, duty: float, reason: str, args: Args) -> None:
-        if duty == self.duty:
-            return
-        message = f"Duty {self.duty:.3g} → {duty:.3g}: {reason}."
-        self.changes.append(Change(RunEvent.DUTY_CHANGED, message, {"from": self.duty, "to": duty, **args}))
-        self.duty = duty
+        code, label, unit = _SETTINGS[name]
+        message = f"{label} {before:.3g} → {value:.3g}{unit.replace('_', ' ')}: {reason}."
+        self.changes.append(Change(code, message, {f"from{unit}": before, f"to{unit}": value, **args}))
+        setattr(self, name, value)
 
 
 class ShortRecovery:
     """How long every pulse has been a short, and the number of jumps made for it."""
 
     def __init__(self) -> None:
-        self._shorted_s = 0.0
-        self._healthy_s = 0.0
+        self._shorted_s = self._healthy_s = 0.0
         self.jumps = 0
 
     def update(self, duration_s: float, pulses: int, shorts: int, *, sparking: bool) -> None:
@@ -318,11 +304,9 @@ class ShortRecovery:
         if not sparking or pulses == 0:
             return
         if shorts == pulses:
-            self._shorted_s += duration_s
-            self._healthy_s = 0.0
+            self._shorted_s, self._healthy_s = self._shorted_s + duration_s, 0.0
             return
-        self._shorted_s = 0.0
-        self._healthy_s += duration_s
+        self._shorted_s, self._healthy_s = 0.0, self._healthy_s + duration_s
         if self._healthy_s > HEALED_S:
             self.jumps = 0
 

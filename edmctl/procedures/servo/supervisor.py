@@ -9,6 +9,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from enum import StrEnum
+from typing import Any
 
 from edmctl.machine.interface import SLICE_S, MachineState, MachineStatus, TelemetryBlock, host_fault
 from edmctl.planning.forecast import forecast
@@ -21,7 +22,7 @@ from edmctl.procedures.hole.cut_planning import (
 )
 from edmctl.procedures.job import Counts, RunningCut, target_of
 from edmctl.procedures.monitoring.watch import NEWEST_S
-from edmctl.procedures.run import JobRun, extremes_of
+from edmctl.procedures.run import JobRun, of_samples
 from edmctl.procedures.servo.adaptive import AdaptiveControl, ShortRecovery
 from edmctl.procedures.servo.limits import (
     STALL_SHARE,
@@ -33,9 +34,8 @@ from edmctl.procedures.servo.limits import (
 )
 from edmctl.procedures.settings import OPEN_LOST_S, gap_reference_v, telemetry_settings
 from edmctl.process.live_erosion import Energy
-from edmctl.profile.model import Pulse
 from edmctl.record.rows import RunEvent, SlowRow
-from edmctl.results.progress import Phase, Progress
+from edmctl.results.progress import Phase
 from edmctl.results.telemetry import BlockSummary, PulseShares, pulse_shares
 
 RATIO_WINDOW_S = 2.0
@@ -46,11 +46,16 @@ class TelemetrySums:
     """Sums over the slices of one cut or pass.
 
     `counts` are its pulses by class (open, normal, arc, short), `energy_j` is the energy of its discharges and
-    `power_w` their mean power in the newest slice. `duty_v` is the mean voltage of an open gap.
+    `power_w` their mean power in the newest slice. `duty_v` is the mean voltage of an open gap,
+    `displacement_um` the newest while sparking.
     """
 
-    def __init__(self, run: JobRun) -> None:
-        self._run = run
+    def __init__(self, run: JobRun, start_s: float) -> None:
+        self._run, self._start_s = run, start_s
+        self._machined_before_s = run.tally.machining_time_s
+        self._ratio_limits = RatioLimits(run, RATIO_WINDOW_S)
+        self.displacement_um = math.nan
+        run.tally.phase = Phase.MACHINING
         self.duty_v = run.profile.pulse.duty_voltage_v
         self._sample_s = 1e-6 * telemetry_settings(run.profile, run.setup).period_us
         self._window: deque[tuple[float, float, Counts]] = deque()
@@ -102,7 +107,10 @@ class TelemetrySums:
         """Add a slice; return its pulses."""
         self._newest_s, fresh = seen.end_s, seen.counts
         duration_s = self.duration_s(seen)
-        energy_j = discharge_energy_j(self._pulse(), fresh, seen.current_mean_a * duration_s)
+        pulse = self._run.profile.pulse
+        if self.duty_v != pulse.duty_voltage_v:
+            pulse = pulse.model_copy(update={"duty": self.duty_v / pulse.open_voltage_v})
+        energy_j = discharge_energy_j(pulse, fresh, seen.current_mean_a * duration_s)
         self.energy_j += energy_j
         self.power_w = energy_j / duration_s
         self._window.append((self._newest_s, duration_s, fresh))
@@ -114,21 +122,26 @@ class TelemetrySums:
                 self._window_counts[i] -= number
         return fresh
 
-    def add_gap_ratio(self, gap_ratio: float, samples: int) -> None:
-        """Add the mean normalised gap voltage of samples while sparking."""
-        self._gap_ratio_sum += gap_ratio * samples
+    def add_gap_ratio(self, gap_v: float, samples: int) -> None:
+        """Add the mean gap voltage of samples while sparking."""
+        self._gap_ratio_sum += gap_v / self.duty_v * samples
         self._gap_samples += samples
 
-    def _pulse(self) -> Pulse:
-        """Return the pulses of the recipe at the duty in use."""
-        pulse = self._run.profile.pulse
-        if self.duty_v == pulse.duty_voltage_v:
-            return pulse
-        return pulse.model_copy(update={"duty": self.duty_v / pulse.open_voltage_v})
-
-    def record(self, progress: Progress, status: MachineStatus | None = None) -> None:
-        """Record the progress, with the power and the state of the dielectric."""
-        run, ratios, duty_v = self._run, progress.ratios, self.duty_v
+    def report(
+        self,
+        seen: BlockSummary,
+        depth_um: float,
+        sparked_um: float,
+        status: MachineStatus | None = None,
+        **values: Any,
+    ) -> None:
+        """Put the sums into the tally; record and report the progress, which `values` complete."""
+        run, tally, duty_v = self._run, self._run.tally, self.duty_v
+        cut_s = max(0.0, seen.end_s - self._start_s)
+        tally.depth_um, tally.machining_time_s = depth_um, self._machined_before_s + cut_s
+        tally.cut = RunningCut(self.total, self.energy_j, cut_s, sparked_um)
+        progress = run.progress(**of_samples(seen), displacement_um=self.displacement_um, **values)
+        ratios = progress.ratios
         run.recorder.append(
             SlowRow(
                 time_s=progress.time_s,
@@ -150,6 +163,7 @@ class TelemetrySums:
                 link_errors=run.watch.missing_frames,
             )
         )
+        run.observer.progress(progress)
 
 
 FEED_WINDOW_S = 10.0
@@ -188,16 +202,12 @@ class Supervisor(TelemetrySums):
     """
 
     def __init__(self, run: JobRun, plan: CutPlan, start_s: float) -> None:
-        super().__init__(run)
-        self._plan = plan
-        self._start_s = start_s
-        self._machined_before_s = run.tally.machining_time_s
-        profile = run.profile
+        super().__init__(run, start_s)
+        profile, self._plan = run.profile, plan
         self.reference_v = gap_reference_v(profile)
         self._forecast_feed_um_s = forecast(profile, run.setup).feed_rate_um_s
         self._track: deque[tuple[float, float]] = deque()
         self._begin: tuple[float, float] | None = None
-        self._ratio_limits = RatioLimits(run, RATIO_WINDOW_S)
         self.status: MachineStatus | None = None
         self._stall = StallDetection(self._forecast_feed_um_s)
         self._through = profile.target.kind == "through"
@@ -208,17 +218,14 @@ class Supervisor(TelemetrySums):
         self._newest = round(NEWEST_S / self._sample_s)
         self.breakthrough = Breakthrough(profile.work.thickness_um)
         self.sparking_s = 0.0
-        self.displacement_um = math.nan
-        self.seen_s = math.nan
+        self.seen_s = self.last_jump_s = math.nan
         self.jumps = 0
-        self.last_jump_s = math.nan
         self._feed_target_um = plan.feed_um if math.isnan(plan.target_um) else math.nan
         self._spark_um = plan.start.bottom_um - plan.start.gap_um
         self._deepest_um = -math.inf
         self._near_the_end = False
         self.stop_reason: StopReason | None = None
         self.message = ""
-        run.tally.phase = Phase.MACHINING
 
     @property
     def is_through(self) -> bool:
@@ -276,46 +283,39 @@ class Supervisor(TelemetrySums):
         ratios = self.ratios
         if self._ratio_limits.update(now_s, ratios, window_is_full=self.window_is_full):
             self.stop_reason = StopReason.UNSTABLE
-        feed_um_s = self._feed_um_s(now_s)
         energy = energy_of(self._run.profile.pulse, self)
         erosion = self._plan.at(self.sparked_at_um, energy, now_s)
         depth_um = erosion.depth_um
-        self._judge(duration_s, fresh, sparking=machining)
+        self.sparking_s += duration_s if machining else 0.0
+        _, _, arcs, shorts = fresh
+        self.adaptive.update(duration_s, sum(fresh), arcs, shorts, sparking=machining)
+        self.shorts.update(duration_s, sum(fresh), shorts, sparking=machining)
         if self._through:
             self._look_for_the_back(duration_s, fresh, energy, now_s, sparking=machining)
-        shown_um = math.nan if self.is_through else depth_um
-        tally = self._run.tally
-        tally.depth_um = shown_um
-        cut_s = max(0.0, now_s - self._start_s)
-        tally.machining_time_s = self._machined_before_s + cut_s
-        tally.cut = RunningCut(self.total, self.energy_j, cut_s, self.sparked_at_um)
         depth, wear = self._plan.stated(erosion)
-        progress = self._run.progress(
+        self.report(
+            seen,
+            math.nan if self.is_through else depth_um,
+            self.sparked_at_um,
+            self.status,
             phase=_PHASE[machining],
-            time_s=now_s,
-            gap_v=seen.gap_mean_v,
             reference_v=self.reference_v,
             ratios=ratios,
-            depth_um=shown_um,
             depth_target_um=self._plan.target_um,
-            displacement_um=self.displacement_um,
             time_left_s=self._time_left_s(now_s, depth_um),
             depth_u95_um=depth.u95,
             step=f"cut {self._plan.number}",
             feed_um=depth_um + erosion.wear_um,
             feed_target_um=self._feed_target_um,
-            feed_um_s=feed_um_s,
+            feed_um_s=self._feed_um_s(now_s),
             wear_um=erosion.wear_um,
             wear_u95_um=wear.u95,
-            **extremes_of(seen),
             jumps=self.jumps,
             jump_period_s=self.adaptive.period_s,
             last_jump_s=self.last_jump_s,
         )
-        self.record(progress, self.status)
         if machining:
             self._look_for_the_end(float(block.actuator_v[-1]), depth_um)
-        self._run.observer.progress(progress)
 
     def _note_sparks(self, block: TelemetryBlock, heights_um: list[float]) -> None:
         """Find where the tool sparked last; if the host was delayed, the cut may have ended within the block."""
@@ -333,7 +333,7 @@ class Supervisor(TelemetrySums):
         self._deepest_um = max(self._deepest_um, self._spark_um)
 
     def _follow_tool(self, heights_um: list[float], gap_v: float, now_s: float) -> None:
-        self.add_gap_ratio(gap_v / self.duty_v, len(heights_um))
+        self.add_gap_ratio(gap_v, len(heights_um))
         newest_um = heights_um[-self._newest :]
         self.displacement_um = sum(newest_um) / len(newest_um)
         self.seen_s = now_s
@@ -341,12 +341,6 @@ class Supervisor(TelemetrySums):
         self._begin = self._begin or self._track[0]
         if self._stall.update(now_s, self.displacement_um):
             self.stop_reason, self.message = StopReason.STALLED, self._stall.message
-
-    def _judge(self, duration_s: float, fresh: Counts, *, sparking: bool) -> None:
-        _, _, arcs, shorts = fresh
-        self.sparking_s += duration_s if sparking else 0.0
-        self.adaptive.update(duration_s, sum(fresh), arcs, shorts, sparking=sparking)
-        self.shorts.update(duration_s, sum(fresh), shorts, sparking=sparking)
 
     def _look_for_the_back(
         self, duration_s: float, fresh: Counts, energy: Energy, now_s: float, *, sparking: bool
@@ -402,11 +396,8 @@ class Supervisor(TelemetrySums):
         if done_um > wanted_um + max(LEAST_OVERRUN_UM, OVERRUN_SHARE * wanted_um):
             self._end(f"the estimated {what} is {done_um:.1f} of {wanted_um:.1f} µm")
             return
-        limit_v, gain_um_per_v = (
-            self._run.profile.limits.stroke_v_max,
-            self._run.setup.actuator.gain_um_per_v,
-        )
-        if gain_um_per_v * (limit_v - actuator_v) > NEAR_THE_END_UM:
+        limit_v = self._run.profile.limits.stroke_v_max
+        if self._run.setup.actuator.gain_um_per_v * (limit_v - actuator_v) > NEAR_THE_END_UM:
             return
         estimator = self._run.watch.estimator()
         if estimator is None:

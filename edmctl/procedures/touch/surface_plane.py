@@ -76,7 +76,8 @@ class SurfacePlane:
 
     def keep(self) -> None:
         """Keep the touches in the journal."""
-        self._run.keeper.set_surface(tuple(self.touched), self.doubt_u_um)
+        keeper = self._run.keeper
+        keeper.surface, keeper.surface_doubt_u_um = tuple(self.touched), self.doubt_u_um
 
     def fit_pad_slope(self, reading: SurfaceReading) -> None:
         """Take the slope from a reading of the pad whose spots differ by more than the expected tilt."""
