@@ -35,17 +35,14 @@ from edmctl.procedures.stages import CREEP_LOOK_S, CREEP_WAIT_S, READING_MARGIN_
 from edmctl.profile.setup import Setup
 from edmctl.results.progress import Observer, Phase, Progress
 
-RATE_HZ = 200.0
-"""60 000 samples in five minutes; the fastest swing, of 1 s, has 200 of them."""
+RATE_HZ = 200.0  # 60 000 samples in five minutes; the fastest swing, of 1 s, has 200 of them
 FAST_HZ = 1000.0
 BATCH, FRAME_S = 14, 0.1
 """Samples in a telemetry frame, and longest wait for one: a host stops after a second without samples."""
-FAST_BATCH = 4
-"""Samples in a frame of the fast legs, whose moves wait for the frame with their end."""
+FAST_BATCH = 4  # samples in a frame of the fast legs, whose moves wait for the frame with their end
 SAFE_Z_UM = 20.0
 """The stages may move while the tool reads at most this: above every workpiece that a job may start from."""
-REST_S = 1.0
-"""Rest before the first swing, so that the record starts from an actuator at rest."""
+REST_S = 1.0  # rest before the first swing, so that the record starts from an actuator at rest
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,28 +41,22 @@ from edmctl.machine.interface import (
 )
 from edmctl.procedures.job import CalibratedActuator
 
-HOME_READINGS = 32
-"""Number of pieces in which the swings are compared."""
+HOME_READINGS = 32  # number of pieces in which the swings are compared
 PIECES_ALIKE = 4
 """Number of neighbouring pieces that share one error of the model, which changes slowly along a swing."""
 RECORD_SHARE = 0.2
 """A record shows creep with time constants up to this share of its length; slower creep is extrapolated."""
-CALIBRATION_S = 390.0
-"""Length of the record of `edmctl calibrate`."""
+CALIBRATION_S = 390.0  # length of the record of `edmctl calibrate`
 CREEP_U_REL = 0.08
 """Standard uncertainty of extrapolated creep, relative: one rate per decade explains the steps and sines of
 Muralidhara et al. 2009 (figs. 3 and 4) within 5 to 10 % [assumed]."""
 CREEPING_U_UM = 0.25
 """Standard uncertainty of a length because the creeping play operators are unknown: thresholds from 0 to 5 % of the
 span differ by this [assumed]."""
-LEAST_SD_UM = 0.05
-"""Least standard deviation of a model: repeatability of the sensor."""
-SPAN_S = 15.0
-"""Longest time back: a touch is reported at the end of its dwell, which is 10 s at most."""
-SMOOTHED_S = 0.1
-"""Averaging time: 0.15 µm of sensor noise a sample becomes 0.05 µm at 100 Hz."""
-_GATHERED_BLOCKS = 20
-"""Blocks reduced together: ten seconds of them."""
+LEAST_SD_UM = 0.05  # least standard deviation of a model: repeatability of the sensor
+SPAN_S = 15.0  # longest time back: a touch is reported at the end of its dwell, which is 10 s at most
+SMOOTHED_S = 0.1  # averaging time: 0.15 µm of sensor noise a sample becomes 0.05 µm at 100 Hz
+_GATHERED_BLOCKS = 20  # blocks reduced together: ten seconds of them
 
 
 class Tracker:
@@ -232,8 +226,7 @@ class FeedError:
 
 MARGIN_SHARE = 0.03
 """Error of a height by the inverse, as a share of the way there: 2.5 % of gain between days, and the model's own."""
-MARGIN_UM = 2.0
-"""The same, at least."""
+MARGIN_UM = 2.0  # the same, at least
 SHORT, AT, BEYOND = -1.0, 0.0, 1.0
 
 

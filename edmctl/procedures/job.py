@@ -27,8 +27,7 @@ REPORT_DELAY_S = 600.0
 """Added to the age of a home in ledger and journal, which record it a while after it was seen."""
 SPOT_MARGIN_UM = 30.0
 """Between the tool's edges at two spots: wider than debris that passes a gap of some µm."""
-THROUGH_TOLERANCE_UM = 5.0
-"""Of the sheet's thickness: a breakthrough may be this much earlier or later."""
+THROUGH_TOLERANCE_UM = 5.0  # of the sheet's thickness: a breakthrough may be this much earlier or later
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,12 +29,9 @@ SETTLE_AT_DEPTH_S = 20.0
 4)."""
 BASE_S = 0.3
 """Averaging time of the sensor before a jump, and at the end of the time after it: 0.15 µm rms become 0.01 µm."""
-LEAST_REST_S = 1.0
-"""Least time from the end of a jump to the next one."""
-LOOKED_AT_S = 8.0
-"""Longest time after a jump: later motion is creep."""
-TOP_S = 0.005
-"""Averaging time about the top: shorter than the dwell, longer than ringing and noise."""
+LEAST_REST_S = 1.0  # least time from the end of a jump to the next one
+LOOKED_AT_S = 8.0  # longest time after a jump: later motion is creep
+TOP_S = 0.005  # averaging time about the top: shorter than the dwell, longer than ringing and noise
 SMOOTHED_S = 0.02
 SETTLED_UM = 1.0
 """A tool that stays within this of its final place has settled: the tolerance of a good touch."""

@@ -9,9 +9,11 @@ from edmctl.machine.interface import Machine
 from edmctl.planning.forecast import hole_time_s, working_order
 from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.planning.removal import hole
+from edmctl.procedures.channel.procedure import machine_path, record_left_channel
 from edmctl.procedures.hole.decision import Decision, judge_holes, open_site, record_left, record_results
 from edmctl.procedures.hole.knowledge import JobKnowledge
 from edmctl.procedures.hole.procedure import HoleProcedure
+from edmctl.procedures.hole.resuming import ResumedHole, check_last_hole
 from edmctl.procedures.job import Job, JobTally, StateStore, target_of
 from edmctl.procedures.monitoring.monitors import judge_job
 from edmctl.procedures.run import MOVING, JobRun
@@ -66,24 +68,20 @@ def run_job(
         pulses=True,
         store=store,
         self_test=True,
-        record_left=record_left if job.profile.path is None else _record_left_channel,
+        record_left=_record_left,
     ) as run:
         if job.profile.path is None:
             missed = machine_sites(run)
             record_results(run)
             missed = judge_holes(run, missed)
         else:
-            from edmctl.procedures.channel.procedure import machine_path
-
             missed = machine_path(run)
     if missed is not None:
         raise ObjectiveMissed(missed.missed, hint=missed.hint, result=tally.result(), code=missed.code)
     return tally.result()
 
 
-def _record_left_channel(run: JobRun) -> None:
-    from edmctl.procedures.channel.procedure import record_left_channel
-
+def _record_left(run: JobRun) -> None:
     record_left(run)
     record_left_channel(run)
 
@@ -94,17 +92,15 @@ def machine_sites(run: JobRun) -> Decision | None:
     A tool that would lose more than it may ends the job before the next place.
     """
     knowledge = JobKnowledge(run)
-    missed = _machine_sites(run, knowledge)
+    missed = _machine_left(run, knowledge)
     judge_job(run, knowledge.pads)
     return missed
 
 
-def _machine_sites(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
+def _machine_left(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
     limits, resumed, done = TimeLimits(run), run.job.resumed, set(run.tally.sites)
     left = [site for site in working_order(run.profile, run.setup, run.job.sites) if site.name not in done]
     if resumed is not None and not resumed.begun and left:
-        from edmctl.procedures.hole.resuming import check_last_hole  # only resumed jobs need it
-
         check_last_hole(run, knowledge)
     for number, site in enumerate(left):
         used_up = _used_up(run, knowledge, left[number:])
@@ -113,15 +109,12 @@ def _machine_sites(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
         open_site(run, site)
         decision = None
         if resumed is not None and resumed.begun and resumed.site == site.name:
-            from edmctl.procedures.hole.resuming import ResumedHole  # as above
-
             decision = ResumedHole(run, site, knowledge, limits).resume()
         if decision is None:
             _touch_surface(run, site, knowledge, left[number:])
             hole = knowledge.next_hole(site)
             hole.keep()
-            is_last = number == len(left) - 1
-            decision = HoleProcedure(run, hole, knowledge, limits).machine(is_last=is_last)
+            decision = HoleProcedure(run, hole, knowledge, limits).machine(is_last=site is left[-1])
         run.keeper.keep(MOVING, None)
         if decision.missed:
             return _of_several(run, decision, site)

@@ -35,16 +35,12 @@ from edmctl.results.measurements import DriftResult
 from edmctl.results.progress import Phase
 from edmctl.wording import decimal
 
-AGAIN_U_UM = 0.5
-"""Standard uncertainty of every further touch of the pad: drift of a minute, and creep."""
+AGAIN_U_UM = 0.5  # standard uncertainty of every further touch of the pad: drift of a minute, and creep
 BEFORE_HOLD_SHARE = 0.3
 """Share of the time without the hold that passes before it. The rest shows its creep fade."""
-RESTED_S = 1.0
-"""Time from a retraction to the rest; in a job the stages move for as long."""
-STROKE_SHARE = 0.95
-"""Largest share of the permitted stroke for the hold."""
-TOUCH_S = 12.0
-"""Time of a touch of a known pad from 0 V and back, besides its contacts."""
+RESTED_S = 1.0  # time from a retraction to the rest; in a job the stages move for as long
+STROKE_SHARE = 0.95  # largest share of the permitted stroke for the hold
+TOUCH_S = 12.0  # time of a touch of a known pad from 0 V and back, besides its contacts
 MOST_MISFIT = 3.0
 """Largest ratio of residuals to the expected ones; beyond it something else than creep and drift acts."""
 

@@ -37,8 +37,7 @@ from edmctl.record.rows import RunEvent
 from edmctl.results.measurements import UncertaintyPart, WearResult
 from edmctl.wording import signed
 
-LEAST_TOUCHES = 3
-"""Touches of every Z: the scatter of two shows next to nothing."""
+LEAST_TOUCHES = 3  # touches of every Z: the scatter of two shows next to nothing
 MOST_DRIFT_UM = 2.0
 """Most drift between the pad before and after the bottom, minutes apart: with more the wear over the whole job is
 unknown. Our choice: the tolerance that shipped recipes allow for a depth."""

@@ -35,8 +35,7 @@ from edmctl.results.telemetry import BlockSummary, PulseShares, pulse_shares
 
 MACHINING, MEASURING, MOVING = "machining", "measuring", "moving"
 """Phases of a job; while it is machining, the state is kept every few seconds too."""
-SAMPLES_LATE_S = 1.0
-"""A cut without samples is ended after this time at the latest."""
+SAMPLES_LATE_S = 1.0  # a cut without samples is ended after this time at the latest
 
 Args = Mapping[str, float | int | str | bool]
 

@@ -37,12 +37,10 @@ from edmctl.record.rows import EventLevel, Recorder, RunEvent
 from edmctl.results.progress import Observer, Phase
 from edmctl.wording import signed
 
-LEAST_GAIN_UM_PER_V = 0.05
-"""Half the least mean gain that a setup may have."""
+LEAST_GAIN_UM_PER_V = 0.05  # half the least mean gain that a setup may have
 DAY_GAINS = (0.5, 2.0)
 """Limits of the gain of the day: that of a stage changes by percents, of another machine by tens of them."""
-REST_S = 1.0
-"""Rest before the first swing, so that the record starts from an actuator at rest."""
+REST_S = 1.0  # rest before the first swing, so that the record starts from an actuator at rest
 
 
 @contextmanager
@@ -150,18 +148,14 @@ def _prepare(run: JobRun, *, pulses: bool, self_test: bool) -> None:
         RunEvent.ARMED, f"Armed: {run.machine.identity.serial}.", {} if self_test else {"pulses": pulses}
     )
     if self_test:
-        _test_gap_sensor(run)
+        # Before anything moves: with a wrong gap voltage the tool would be driven into the workpiece.
+        gap_v, open_v = run.machine.self_test(), run.profile.pulse.duty_voltage_v
+        run.decide(
+            RunEvent.SELF_TESTED,
+            f"The gap sensor shows {gap_v:.2f} V of {open_v:.2f} V with the generator on, and none with it off.",
+            {"gap_v": gap_v, "open_v": open_v},
+        )
     condition(run, pulses=pulses)
-
-
-def _test_gap_sensor(run: JobRun) -> None:
-    """Test it before anything moves: with a wrong gap voltage the tool would be driven into the work."""
-    gap_v, open_v = run.machine.self_test(), run.profile.pulse.duty_voltage_v
-    run.decide(
-        RunEvent.SELF_TESTED,
-        f"The gap sensor shows {gap_v:.2f} V of {open_v:.2f} V with the generator on, and none with it off.",
-        {"gap_v": gap_v, "open_v": open_v},
-    )
 
 
 def _record_end(run: JobRun, error: EdmError, record_left: Callable[[JobRun], None]) -> None:
@@ -232,8 +226,7 @@ def condition(run: JobRun, *, pulses: bool = True) -> None:
     if run.setup.sensor.fitted:
         _start_estimator(run, joined(record))
     else:
-        cycles = run.setup.actuator.conditioning_cycles
-        top_v = run.profile.limits.stroke_v_max
+        cycles, top_v = actuator.conditioning_cycles, run.profile.limits.stroke_v_max
         message = f"Conditioned with {cycles} swings to {top_v:.0f} V; there is no sensor to compare with."
         run.decide(RunEvent.CONDITIONED, message, {"cycles": cycles})
     estimator = run.watch.estimator()

@@ -44,10 +44,8 @@ JUMPING = 2.0
 """A feed through open pulses takes so many times as long as its way does at the servo's speed: jumps go on."""
 _LARGEST_COUNT = 250
 """Pulses per telemetry sample that a count of one byte still holds, with a margin of 2 %."""
-_FRAME_S = 0.1
-"""Telemetry frames come this often where the rate allows: the supervisor's 10 Hz."""
-_LARGEST_BATCH = 14
-"""Samples of 16 bytes that fit the 240 bytes of one frame."""
+_FRAME_S = 0.1  # telemetry frames come this often where the rate allows: the supervisor's 10 Hz
+_LARGEST_BATCH = 14  # samples of 16 bytes that fit the 240 bytes of one frame
 _JOB_HZ = 100.0
 """A job needs as many samples, however few are recorded: identification takes 200 of the conditioning swings (some
 seconds), a touch three of its dwell (0.3 s), and a frame is the mean that the supervisor judges by."""

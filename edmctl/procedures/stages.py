@@ -40,10 +40,8 @@ SOON_S = 600.0
 CREEP_WAIT_S = 60.0
 """Longest wait for the actuator to creep back below the height at which the stages may move."""
 CREEP_LOOK_S = 1.0
-_SETTLED_UM = 0.2
-"""A rest that falls by less than this in a second has settled."""
-MODEL_ERROR_UM = 12.0
-"""Twice the error of the actuator model in the first second at 0 V after a deep cut."""
+_SETTLED_UM = 0.2  # a rest that falls by less than this in a second has settled
+MODEL_ERROR_UM = 12.0  # twice the error of the actuator model in the first second at 0 V after a deep cut
 READING_MARGIN_UM = 1.0
 """The controller decides by its own reading, so the height must be clear by more than noise."""
 _CHECK_TOUCHES = 2
@@ -142,31 +140,29 @@ def _work_below(run: JobRun) -> _WorkBelow | None:
     status, pad, resumed = run.machine.status(), run.job.pad, run.job.resumed
     here, known_um = (status.x_um, status.y_um), run.setup.stage.repeatability_um
     away_um = math.dist(here, (pad.x_um, pad.y_um))
-    left = (
-        ExpectedHole(lengths())
-        if resumed is None or not resumed.begun
-        else expected_of_left(resumed, run.profile)
-    )
+    is_begun = resumed is not None and resumed.begun
+    left = expected_of_left(resumed, run.profile) if resumed and is_begun else ExpectedHole(lengths())
+    pad_um, wear_reach_um = pad_from_home_um(run), left.reach_um(left.estimate.wear)
     if away_um <= run.job.spot_distance_um + known_um:
-        return _WorkBelow(pad_from_home_um(run), left.reach_um(left.estimate.wear), 0.0)
-    slope_um = STANDARD_UNCERTAINTIES * 1e-3 * run.setup.surface.tilt_u_mrad * away_um
-    path = run.profile.path
-    if path is not None:
-        if resumed is None or not is_on_way(way_of_path(path), here, known_um):
-            return None
-        depth_um, reach_um = (
-            (resumed.depth_um, left.reach_um(left.estimate.feed)) if resumed.begun else (0.0, 0.0)
-        )
-        return _WorkBelow(pad_from_home_um(run) + depth_um, reach_um + slope_um, reach_um + slope_um)
-    site = next((s for s in run.job.sites if math.dist(here, (s.x_um, s.y_um)) <= known_um), None)
-    if resumed is not None and site is None and _is_on_a_spot(run, here):
-        return _WorkBelow(pad_from_home_um(run), left.reach_um(left.estimate.wear) + slope_um, slope_um)
-    if resumed is None or site is None or site.name in run.tally.sites:
+        return _WorkBelow(pad_um, wear_reach_um, 0.0)
+    if resumed is None:
         return None
-    depth_um, feed_reach_um = (
-        (resumed.depth_um, left.reach_um(left.estimate.feed)) if site.name == resumed.site else (0.0, 0.0)
-    )
-    return _WorkBelow(pad_from_home_um(run) + depth_um, feed_reach_um + slope_um, feed_reach_um + slope_um)
+    slope_um = STANDARD_UNCERTAINTIES * 1e-3 * run.setup.surface.tilt_u_mrad * away_um
+    if run.profile.path is not None:
+        if not is_on_way(way_of_path(run.profile.path), here, known_um):
+            return None
+        is_left_here = is_begun
+    else:
+        site = next((s for s in run.job.sites if math.dist(here, (s.x_um, s.y_um)) <= known_um), None)
+        if site is None and _is_on_a_spot(run, here):
+            return _WorkBelow(pad_um, wear_reach_um + slope_um, slope_um)
+        if site is None or site.name in run.tally.sites:
+            return None
+        is_left_here = site.name == resumed.site
+    if not is_left_here:
+        return _WorkBelow(pad_um, slope_um, slope_um)
+    reach_um = left.reach_um(left.estimate.feed) + slope_um
+    return _WorkBelow(pad_um + resumed.depth_um, reach_um, reach_um)
 
 
 def _is_on_a_spot(run: JobRun, here: tuple[float, float]) -> bool:
@@ -180,9 +176,8 @@ def _is_on_a_spot(run: JobRun, here: tuple[float, float]) -> bool:
 def _home_by_touch(run: JobRun, rest_um: float, below: _WorkBelow) -> Home:
     """Return home by a touch, slow all the way: the way to contact includes no drift."""
     z_max_um = rest_um + below.um + below.reach_um + BEYOND_PREDICTION_UM
-    z_um = take_reading_in(
-        run, "Zr", "the place where it stands", Search(rest_um, z_max_um, _CHECK_TOUCHES, 0.0)
-    ).z_um
+    search = Search(rest_um, z_max_um, _CHECK_TOUCHES, 0.0)
+    z_um = take_reading_in(run, "Zr", "the place where it stands", search).z_um
     run.begin(Phase.RETRACTING)
     run.machine.ramp(0.0, retract_v_s(run.setup))
     rest_and_look(run, CREEP_LOOK_S)
@@ -202,15 +197,13 @@ ROTARY_REPEATABILITY_DEG = 0.1
 """Repeatability of the rotary table (Muralidhara et al. 2009, §3.1): a smaller turn is not made."""
 
 _SETTLE_S = 0.2
-_WORTH_SETTING_UM = 1.0
-"""A home nearer than this to that of the controller is not sent."""
+_WORTH_SETTING_UM = 1.0  # a home nearer than this to that of the controller is not sent
 _OF_ANOTHER_BENCH = (
     "A virtual controller that is served anew without --bench is another machine, though with the number of the one "
     "before where the seed is the same. Keep its runs in another folder (--out), or serve it with another --seed; "
     "with --bench FILE it stays the same machine."
 )
-SETTABLE_BELOW_UM = 4.9
-"""A home 5 µm beyond the tool at rest is wrong: nothing pulls a tool beyond home."""
+SETTABLE_BELOW_UM = 4.9  # a home 5 µm beyond the tool at rest is wrong: nothing pulls a tool beyond home
 SETTABLE_UM = 22.0
 """The controller accepts no home 25 µm from the tool at rest: the host waits for creep. The controller's own reading
 is low-passed; it lags by 1 to 2 µm while creep ends."""
@@ -229,7 +222,7 @@ def retract(run: JobRun) -> None:
         home = home_now(run)
         over_um, most_um = run.watch.displacement_um - home.um, most_over_um(run, home)
         if over_um < -SETTABLE_BELOW_UM and run.job.calibration is not None:
-            raise _of_another_actuator(over_um)
+            raise failures.calibration_contradicted_at_rest(over_um=-over_um)
         if over_um <= most_um and _is_home_set(run, home, over_um):
             break
         if run.machine.time_s > end_s:
@@ -244,10 +237,6 @@ def _is_home_set(run: JobRun, home: Home, over_um: float) -> bool:
         run.machine.set_zero(home.um)
     safe_z_um = controller_settings(run.profile, run.setup).safe_z_um
     return run.watch.displacement_um - run.machine.zero_um <= safe_z_um - READING_MARGIN_UM
-
-
-def _of_another_actuator(over_um: float) -> PreconditionError:
-    return failures.calibration_contradicted_at_rest(over_um=-over_um)
 
 
 def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> PreconditionError:

@@ -27,12 +27,9 @@ QUIET_SHARE = 0.65
 GAP_GROWTH = 1.25
 """Gap of an evened floor relative to that of the servo, until it is measured: a larger gap ignites half the
 pulses."""
-FLOOR_U_UM = 1.0
-"""Standard uncertainty of the height of a floor after a pass: gap and unevenness [assumed]."""
-SPARE_PASSES = 4
-"""A layer may take these and twice the passes that its volume needs."""
-MOST_TO_EVEN = 8
-"""Passes at one height to even out the floor before a measuring stop."""
+FLOOR_U_UM = 1.0  # standard uncertainty of the height of a floor after a pass: gap and unevenness [assumed]
+SPARE_PASSES = 4  # a layer may take these and twice the passes that its volume needs
+MOST_TO_EVEN = 8  # passes at one height to even out the floor before a measuring stop
 
 
 class Layers:

@@ -65,8 +65,7 @@ from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.results.telemetry import pulse_shares
 from edmctl.wording import length, plural, signed
 
-TOUCH_LEAST_SD_UM = 0.1
-"""Least standard deviation of touches: better agreement is by chance."""
+TOUCH_LEAST_SD_UM = 0.1  # least standard deviation of touches: better agreement is by chance
 
 
 def channel_result(
@@ -227,8 +226,7 @@ def channel_row(run: JobRun, result: ChannelResult) -> SiteResult:
     )
 
 
-FACE_SD_UM = 0.5
-"""A floor that differs by more from place to place is no untouched surface."""
+FACE_SD_UM = 0.5  # a floor that differs by more from place to place is no untouched surface
 
 
 class ChannelLeft:

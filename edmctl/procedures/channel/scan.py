@@ -28,14 +28,11 @@ LOOK_AHEAD_S = 3.0
 the wear as known then."""
 HELD_WITHIN_UM = 0.4
 """Tolerance of a tool at its limit: noise of the sensor over 0.1 s, and the servo's step."""
-LEARN_OVER_UM = 200.0
-"""Weight of the expected energy per length, as a length of the pass."""
+LEARN_OVER_UM = 200.0  # weight of the expected energy per length, as a length of the pass
 HELD_ENOUGH = 0.8
 """A layer is cut when the tool was at its limit on this share of the path; the next one removes the rest."""
-STALLED_S = 10.0
-"""Stages that stop for this long over a gap that is not shorted have lost their lines."""
-TIME_SLACK_S = 2.0
-"""The host ends a pass when the time is up; the controller would do so this much later."""
+STALLED_S = 10.0  # stages that stop for this long over a gap that is not shorted have lost their lines
+TIME_SLACK_S = 2.0  # the host ends a pass when the time is up; the controller would do so this much later
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,14 +23,10 @@ from edmctl.profile.places import Place
 from edmctl.record.rows import RejectedTouch, RunEvent
 from edmctl.results.job import FloorPlace
 
-FACE_CANDIDATES = 24
-"""Places of the path from which those for the plane are chosen."""
-FLOOR_U_UM = 1.0
-"""Standard uncertainty of the floor before it is touched: gap and unevenness [assumed]."""
-PAD_U_SHARE = 0.15
-"""Standard uncertainty of the pad, as a share of the wear since its last touch."""
-UNEVEN_U_UM = 0.5
-"""Standard uncertainty of the height of an evened floor from place to place [assumed]."""
+FACE_CANDIDATES = 24  # places of the path from which those for the plane are chosen
+FLOOR_U_UM = 1.0  # standard uncertainty of the floor before it is touched: gap and unevenness [assumed]
+PAD_U_SHARE = 0.15  # standard uncertainty of the pad, as a share of the wear since its last touch
+UNEVEN_U_UM = 0.5  # standard uncertainty of the height of an evened floor from place to place [assumed]
 
 Touched = tuple[float, "Place", "SurfaceReading"]
 """Length along the path, place and reading of one touch of the floor."""

@@ -25,17 +25,14 @@ from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, 
 from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.telemetry import pulse_shares
 
-STATUS_PERIOD_S = 5.0
-"""Period of requests for the state of the dielectric; the controller itself guards it."""
+STATUS_PERIOD_S = 5.0  # period of requests for the state of the dielectric; the controller itself guards it
 SPARKLESS_UM = 1.0
 """A cut that ends further than this beyond its last discharge did not cut that way; good cuts end within 0.2 µm."""
-JUMP_RESERVE_UM = 5.0
-"""Displacement that a jump leaves, because the actuator cannot go below 0 V."""
+JUMP_RESERVE_UM = 5.0  # displacement that a jump leaves, because the actuator cannot go below 0 V
 LEAST_JUMP_UM = 10.0
 FLUSHING_HEIGHTS = 2.0
 """Least height of a jump, relative to the height that refills the gap beside the tool once."""
-LEAST_S = 0.05
-"""A resumed cut gets at least this time, so that the controller itself ends it."""
+LEAST_S = 0.05  # a resumed cut gets at least this time, so that the controller itself ends it
 CLEARANCE_UM = 1.0
 """A jump returns fast to this far above the last spark point, with a working gap of some µm still below it. From
 5 µm the servo took 0.3 s to find its gap again; the actuator comes back within 0.4 µm (decision 0021)."""
@@ -43,10 +40,8 @@ ARC_BURN, NO_SPARK = "E63002", "E63005"
 REST_S = 0.2
 REFERENCE_STEP = 0.05
 DUTY_SHARE = 0.8
-AGAIN_S = 10.0
-"""A third burn within this sparking time after the last one ends the cut,"""
-MOST_BURNS = 6
-"""and so does this number of burns."""
+AGAIN_S = 10.0  # a third burn within this sparking time after the last one ends the cut,
+MOST_BURNS = 6  # and so does this number of burns
 
 
 class CutEnd(StrEnum):

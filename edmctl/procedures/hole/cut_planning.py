@@ -33,8 +33,7 @@ from edmctl.quantity import Value, half_width
 from edmctl.results.job import SiteResult
 from edmctl.wording import coordinates, with_u95
 
-ARC_SHARE_OF_DISCHARGE_VOLTAGE = 0.77
-"""An arc burns at 17 V where a normal discharge burns at 22 V."""
+ARC_SHARE_OF_DISCHARGE_VOLTAGE = 0.77  # an arc burns at 17 V where a normal discharge burns at 22 V
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,10 +243,8 @@ STANDARD_UNCERTAINTIES = 3.0
 BELIEF_U_REL = 0.25
 """Relative standard uncertainty of a wear that no touch has confirmed: three of them allow from a third to twice the
 expected wear."""
-FASTER = 2.0
-"""The last seconds may have cut this many times as fast as the hole on average."""
-FASTEST = 5.0
-"""The same for the first seconds of a hole, relative to the recipe."""
+FASTER = 2.0  # the last seconds may have cut this many times as fast as the hole on average
+FASTEST = 5.0  # the same for the first seconds of a hole, relative to the recipe
 
 
 def lengths(

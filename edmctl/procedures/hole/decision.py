@@ -28,12 +28,10 @@ from edmctl.record.rows import EventLevel, RunEvent
 from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.wording import decimal, length, plural, signed
 
-MOST_RATIO = 5.0
-"""Upper bound of wear.expected_ratio in a recipe."""
+MOST_RATIO = 5.0  # upper bound of wear.expected_ratio in a recipe
 LARGEST_FACTOR = 3.0
 """Relative to the expected wear ratio; the other polarity wears the tool several times as fast."""
-LEAST_EXPECTED = 0.02
-"""Wear ratio that is assumed for recipes that expect less: every tool wears."""
+LEAST_EXPECTED = 0.02  # wear ratio that is assumed for recipes that expect less: every tool wears
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,8 +150,7 @@ def refuse_wrong_setup(run: JobRun, found: DepthAndWear) -> None:
     raise error
 
 
-MOST_NAMED = 5
-"""Holes that a message names; of the others it states the number."""
+MOST_NAMED = 5  # holes that a message names; of the others it states the number
 REMEDIES = {
     Basis.TOUCHED: "Allow more (target.tolerance_um): touches tell this depth no better.",
     Basis.ESTIMATED: "Let every hole be touched (wear.remeasure = 1).",

@@ -34,8 +34,7 @@ from edmctl.quantity import Value
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import pulse_shares
 
-NO_DEPTH = Value(math.nan, math.nan)
-"""Depth of a hole through the sheet."""
+NO_DEPTH = Value(math.nan, math.nan)  # depth of a hole through the sheet
 
 
 class Hole:

@@ -184,8 +184,7 @@ def first_gap(profile: Profile) -> Value:
 
 
 FIRST_SPARKS_SIGMAS = 3.0
-LEAST_GAP_UM = 0.5
-"""Least working gap that is assumed."""
+LEAST_GAP_UM = 0.5  # least working gap that is assumed
 
 
 @dataclass(frozen=True, slots=True)

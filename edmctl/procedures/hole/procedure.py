@@ -44,8 +44,7 @@ from edmctl.quantity import Value
 from edmctl.record.rows import RunEvent
 from edmctl.wording import decimal, length, signed
 
-PAD_U_UM = 0.5
-"""Standard uncertainty of the pad's place besides the wear: drift and touch scatter."""
+PAD_U_UM = 0.5  # standard uncertainty of the pad's place besides the wear: drift and touch scatter
 GAP_SETTLES_S = 1.0
 """A shorter cut teaches no working gap: its first sparks come 1 µm earlier, and the servo follows."""
 UNFINISHED_GAP_U_UM = 3.0

@@ -17,25 +17,19 @@ from edmctl.process.touches import Displacement, Drift, share_u
 
 LEAST_SPAN_S = 120.0
 """Over less time the error of the actuator model after a deep cut, a few µm, would look like a drift."""
-RECENT_S = 600.0
-"""Time over which a recent drift is detected."""
-HOMES_APART_S = 900.0
-"""Least time between homes of successive jobs that show a drift."""
-HOMES_ALIKE_UM = 3.0
-"""Difference between homes of successive jobs by creep and unrecorded time."""
-CREEP_UM = 0.6
-"""Residual creep in two zeros ten minutes apart; it may hide as much of a drift."""
+RECENT_S = 600.0  # time over which a recent drift is detected
+HOMES_APART_S = 900.0  # least time between homes of successive jobs that show a drift
+HOMES_ALIKE_UM = 3.0  # difference between homes of successive jobs by creep and unrecorded time
+CREEP_UM = 0.6  # residual creep in two zeros ten minutes apart; it may hide as much of a drift
 CREEP_SHARE = 0.01
 """Additional residual creep per way that the tool was driven since the first rest: it keeps the tool lower for
 minutes, and hides a drift the other way [assumed]."""
 SEEN_SDS = 2.0
 """Standard deviations beyond which a drift contradicts the setup: one machine in twenty by chance."""
-DRIFT_SDS = 4.0
-"""Standard deviations beyond which a change is no drift."""
+DRIFT_SDS = 4.0  # standard deviations beyond which a change is no drift
 UNCERTAINTIES_IN_STROKE = 3.0
 """A drift counts for no more than the whole stroke, beyond which a zero could not be touched."""
-Zero = tuple[float, float]
-"""Time, s, and sensor reading with the tool at home, µm."""
+Zero = tuple[float, float]  # time, s, and sensor reading with the tool at home, µm
 
 
 class Rests:

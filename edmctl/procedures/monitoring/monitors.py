@@ -18,15 +18,13 @@ from edmctl.record.rows import LinkRow, RunEvent
 from edmctl.results.job import Belief
 
 WINDOW_S = 1.0
-WARNED_FRAMES = 3
-"""Damaged frames within the window that are reported: a clean line has none in hours."""
+WARNED_FRAMES = 3  # damaged frames within the window that are reported: a clean line has none in hours
 MOST_FRAMES = 10
 """Damaged frames within the window that end the job, as the controller does for those that it receives."""
 REPORT_S = 10.0
 LARGEST_SHARE = 0.15
 """Of the stroke that the job uses: the bound of Muralidhara et al. 2009 for a model of hysteresis."""
-PATIENCE_S = 2.0
-"""A difference that lasts this long ends the job; a jolt or a jump is over sooner."""
+PATIENCE_S = 2.0  # a difference that lasts this long ends the job; a jolt or a jump is over sooner
 
 
 class LinkMonitor:
@@ -130,8 +128,7 @@ class SensorMonitor:
             raise host_fault("Z_MISMATCH", message)
 
 
-LEAST_SPAN_S = 60.0
-"""Over less time creep of the first seconds after a cut would look like a drift."""
+LEAST_SPAN_S = 60.0  # over less time creep of the first seconds after a cut would look like a drift
 
 
 def judge_job(run: JobRun, pads: Sequence[SurfaceReading]) -> None:

@@ -24,8 +24,7 @@ from edmctl.procedures.monitoring.drift import Rests
 from edmctl.process.rest_drift import CreepLags, CreepLeft, Rest
 from edmctl.record.rows import EventLevel, EventRow, Recorder, RunEvent, ServoBlock
 
-_GATHERED_S = 0.45
-"""Blocks are estimated and recorded together up to this duration."""
+_GATHERED_S = 0.45  # blocks are estimated and recorded together up to this duration
 
 NEWEST_S = 0.1 - 1e-6
 """The present place of the tool is the mean over this much of the newest samples, one frame. A delayed host gets a

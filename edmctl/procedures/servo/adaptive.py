@@ -21,22 +21,16 @@ from edmctl.record.rows import RunEvent
 
 EVIDENCE_S = 1.0
 """Arcs and shorts over their high thresholds for this long cause a jump: 2300 pulses show 5 % within 0.5 %."""
-CLEAN_S = 20.0
-"""Below both low thresholds for this long, one remedy is taken back."""
-FREEZE_S = 0.5
-"""After a jump nothing counts for this long: the servo is still finding the gap."""
+CLEAN_S = 20.0  # below both low thresholds for this long, one remedy is taken back
+FREEZE_S = 0.5  # after a jump nothing counts for this long: the servo is still finding the gap
 LONGEST_SHARE = 4.0
 """Of `jump.period_s`: the longest period in a gap that stays clean. Jumps every 40 s cost less than 0.5 % there."""
 SHORTER, LONGER = 0.5, 1.5
-PATIENCE = 5
-"""Jumps in a row at the shortest period without success, after which jumps alone do not help."""
-FLUSH_ABOVE = 2.0
-"""Arcs that cause a jump, relative to those that an adaptive reference keeps."""
-SHORT_S = 0.3
-"""A short that lasts this long causes a jump: healthy ones clear within 70 ms."""
+PATIENCE = 5  # jumps in a row at the shortest period without success, after which jumps alone do not help
+FLUSH_ABOVE = 2.0  # arcs that cause a jump, relative to those that an adaptive reference keeps
+SHORT_S = 0.3  # a short that lasts this long causes a jump: healthy ones clear within 70 ms
 MOST_JUMPS = 2
-HEALED_S = 10.0
-"""After this time without such a short the next one counts as a new one."""
+HEALED_S = 10.0  # after this time without such a short the next one counts as a new one
 
 
 WINDOW_S = 4.0

@@ -23,15 +23,11 @@ UNSTABLE_S = 30.0
 _ARCING, _SHORTING = RunEvent.ARCING, RunEvent.SHORTING
 STALL_S = 60.0
 """A cut that moves less than `STALL_SHARE` of the forecast feed for this long is stalled. Our choice: six jumps."""
-STALL_SHARE = 0.05
-"""Of the forecast feed; bad flushing alone leaves more than half of it."""
-JUMP_AFTER_S = 0.5 * STALL_S
-"""After this time a jump is tried, whatever the recipe."""
-LONGEST_SHARE = 3.0
-"""Longest machining time of a job relative to its forecast."""
+STALL_SHARE = 0.05  # of the forecast feed; bad flushing alone leaves more than half of it
+JUMP_AFTER_S = 0.5 * STALL_S  # after this time a jump is tried, whatever the recipe
+LONGEST_SHARE = 3.0  # longest machining time of a job relative to its forecast
 RISE_SAMPLES = 200
-LEAST_S = 120.0
-"""Least limit of a short job, twice the time that detects a stalled tool."""
+LEAST_S = 120.0  # least limit of a short job, twice the time that detects a stalled tool
 
 
 class RatioLimits:
@@ -144,15 +140,12 @@ def rise_um(estimator: Estimator, limit_v: float, time_s: float) -> float:
 
 FEED_WINDOW_S = 2.0
 BASE_S = 20.0
-FEED_FACTOR = 1.6
-"""Mean feed of the last 2 s relative to the median of the last 20 s."""
+FEED_FACTOR = 1.6  # mean feed of the last 2 s relative to the median of the last 20 s
 DEPTH_SHARE = 0.15
 """Largest distance of the depth from the thickness, besides its uncertainty: the wear in it is only expected."""
 OPEN_S = 1.0
-OPEN_MORE = 0.10
-"""Rise of the share of open pulses in the last second over that of the last 20 s."""
-FREEZE_S = 0.5
-"""Time after a jump without detection."""
+OPEN_MORE = 0.10  # rise of the share of open pulses in the last second over that of the last 20 s
+FREEZE_S = 0.5  # time after a jump without detection
 
 
 def is_near_back(depth_um: float, depth_u_um: float, thickness_um: float) -> bool:

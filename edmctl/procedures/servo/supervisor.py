@@ -170,15 +170,12 @@ FEED_WINDOW_S = 10.0
 """Mean feed is taken over this: one jump period, 3 µm at 0.3 µm/s, twenty times the sensor's noise."""
 OVERRUN_SHARE = 0.05
 """A cut that is deeper than the target by this share of it has not ended where it should."""
-LEAST_OVERRUN_UM = 3.0
-"""Least allowance, for the servo's swing and the sensor's noise at a shallow target."""
+LEAST_OVERRUN_UM = 3.0  # least allowance, for the servo's swing and the sensor's noise at a shallow target
 STROKE_RESERVE_UM = 5.0
 """Stroke that a cut leaves: the bottom must be touched after the cut, a working gap further."""
-NEAR_THE_END_UM = 60.0
-"""Stroke by the mean gain below which the model computes the rest."""
+NEAR_THE_END_UM = 60.0  # stroke by the mean gain below which the model computes the rest
 
-SWING_UM = 0.5
-"""Largest distance of a tool at the bottom from its deepest place: the servo's swing."""
+SWING_UM = 0.5  # largest distance of a tool at the bottom from its deepest place: the servo's swing
 
 # Looked up in every slice; an enum member costs a metaclass call each time in Python 3.11.
 _MACHINING = int(MachineState.MACHINING)

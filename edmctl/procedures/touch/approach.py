@@ -28,25 +28,20 @@ ABOVE_BOTTOM_UM = 15.0
 """A later cut is approached fast to this far above the highest possible bottom, then at the approach speed."""
 UNKNOWN_SDS = 4.0
 """Range of a surface in standard uncertainties of its height: exceeded once in 16 000 ramps."""
-BEYOND_BOTTOM_UM = 15.0
-"""No spark this far beyond the last bottom is a fault."""
-SURFACE_U_UM = 3.5
-"""Standard uncertainty of the gap at 0 V before it is touched."""
+BEYOND_BOTTOM_UM = 15.0  # no spark this far beyond the last bottom is a fault
+SURFACE_U_UM = 3.5  # standard uncertainty of the gap at 0 V before it is touched
 _STEEPEST = 1.35
 """Steepest local slope of the actuator over its mean gain, with a margin, so that a step never overshoots."""
 _SHORT_SHARE = 0.03
 """A step by the actuator model ends short by this share: three times its error, so that it does not overshoot."""
 _NEAR_UM = 3.0
-_SHORT_UM = 1.5
-"""And by this at least: after a long ramp the actuator creeps by a micrometre."""
+_SHORT_UM = 1.5  # and by this at least: after a long ramp the actuator creeps by a micrometre
 _STEPS = 20
 _SETTLE_S = 0.2
 CLEAR_OF_BOTTOM_UM = 60.0
 """Before the bottom is touched the tool rises by this: clear of 20 µm for the contact check."""
-MORE_LOOKS = 2
-"""Further touches of a doubted bottom."""
-WASHING_STROKES = 3
-"""Strokes of the tool before each of them, so that oil removes loose debris."""
+MORE_LOOKS = 2  # further touches of a doubted bottom
+WASHING_STROKES = 3  # strokes of the tool before each of them, so that oil removes loose debris
 
 
 def approach_bottom(run: JobRun, bottom_um: float, bottom_u_um: float) -> MachineEvent:

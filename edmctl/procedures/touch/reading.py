@@ -21,19 +21,14 @@ from edmctl.record.rows import EventLevel, RunEvent, TouchRow
 from edmctl.results.progress import Phase
 from edmctl.wording import decimal
 
-FAST_LEG_MARGIN_UM = 3.0
-"""The fast leg ends this far above the predicted contact."""
+FAST_LEG_MARGIN_UM = 3.0  # the fast leg ends this far above the predicted contact
 FAST_SIGMAS = 2.0
 """And by this many standard uncertainties of it: a tool that meets the work on that leg returns slowly."""
-BEYOND_PREDICTION_UM = 15.0
-"""No contact this far beyond the predicted one is a fault."""
-BEYOND_SIGMAS = 3.0
-"""And this many standard uncertainties."""
-NO_CONTACT = "E62005"
-"""No contact up to the end of a search."""
+BEYOND_PREDICTION_UM = 15.0  # no contact this far beyond the predicted one is a fault
+BEYOND_SIGMAS = 3.0  # and this many standard uncertainties
+NO_CONTACT = "E62005"  # no contact up to the end of a search
 ATTEMPTS = 2
-_TELEMETRY_LAG_S = 0.2
-"""After this, the samples around the last event have arrived."""
+_TELEMETRY_LAG_S = 0.2  # after this, the samples around the last event have arrived
 
 
 @dataclass(frozen=True, slots=True)

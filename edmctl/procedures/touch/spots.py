@@ -16,6 +16,7 @@ from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.procedures.touch.reading import (
     BEYOND_PREDICTION_UM,
+    Search,
     SurfaceReading,
     constant,
     search_near,
@@ -39,13 +40,11 @@ from edmctl.profile.setup import Setup
 from edmctl.record.rows import RejectedTouch, RunEvent
 from edmctl.wording import duration
 
-SPOT_LEG_UM = 2.0
-"""At a further spot the fast leg ends this far above the contact before."""
+SPOT_LEG_UM = 2.0  # at a further spot the fast leg ends this far above the contact before
 SPOT_SETTLE_S = 0.2
 RAMP_CLEAR_UM = 25.0
 """A blind ramp ends this far above it: a ramp that meets debris is a fault, a touch that does is not."""
-WORTH_A_RAMP_UM = 20.0
-"""A shorter way is left to the fast leg of the touch."""
+WORTH_A_RAMP_UM = 20.0  # a shorter way is left to the fast leg of the touch
 OFFSET_U_UM = 3.5
 """Standard uncertainty of the distance to the pad before the first touch, and of a tool set anew to a height."""
 PAD_TURNS_DEG = (0.0, 60.0, -60.0)
@@ -107,11 +106,10 @@ def read_at_spots(
         ramp_um = near_um - RAMP_CLEAR_UM
         if run.setup.sensor.fitted and ramp_um - run.watch.displacement_um > WORTH_A_RAMP_UM:
             lower_to(run, ramp_um)
-        z_max_um, fast_to_um = max(search.z_max_um, near_um + BEYOND_PREDICTION_UM), near_um - SPOT_LEG_UM
-        again = replace(
-            search, fast_to_um=fast_to_um, z_max_um=z_max_um, touches=later, settle_s=SPOT_SETTLE_S
+        z_max_um = max(search.z_max_um, near_um + BEYOND_PREDICTION_UM)
+        return take_reading_in(
+            run, kind, place, Search(near_um - SPOT_LEG_UM, z_max_um, later, SPOT_SETTLE_S)
         )
-        return take_reading_in(run, kind, place, again)
 
     for spot in spots.places[1:]:
         move_to(run, spot)

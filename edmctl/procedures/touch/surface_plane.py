@@ -23,8 +23,7 @@ from edmctl.profile.places import Place
 from edmctl.record.rows import RunEvent
 from edmctl.wording import signed
 
-KIND = "Zr"
-"""Name of such a touch in the run file."""
+KIND = "Zr"  # name of such a touch in the run file
 SPOT_TURNS_DEG = (90.0, -90.0, 150.0, -150.0, 30.0, -30.0, 180.0, 0.0, 120.0, -120.0, 60.0, -60.0)
 """Directions of the further spots of a place, from the direction away from the pad: rows of holes lead away from it,
 so beside them comes first."""
