@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,13 +27,8 @@ from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import JobRun, JobStateKeeper
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
-from edmctl.record.rows import EventRow, NullRecorder
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.record.rows import Row
-    from edmctl.results.progress import Progress
+from edmctl.record.rows import EventRow, NullRecorder, Row
+from edmctl.results.progress import Progress
 
 CIRCLE = str(Path(__file__).parents[2] / "profiles" / "channel-circle.toml")
 STEP_S = 0.01

@@ -2,49 +2,50 @@
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import sampled, slow_legs
+from edmctl.errors import EdmError
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.job import CalibratedActuator, Job, JobTally, job_of
+from edmctl.procedures.job import CalibratedActuator, Job, JobTally, StateStore, job_of
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import JobRun, JobStateKeeper
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.rows import (
+    EventLevel,
     EventRow,
     LinkRow,
     NullRecorder,
+    Recorder,
     RejectedTouch,
+    Row,
+    RunEvent,
     ServoBlock,
     SlowRow,
     TouchRow,
 )
-from edmctl.results.job import SiteResult
+from edmctl.results.job import JobResult, SiteResult
+from edmctl.results.progress import Phase, Progress
 from edmctl.results.telemetry import PulseBlockBatch
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.actuator import VirtualActuator
 from edmctl.simulator.config import SensorConstants
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from edmctl.procedures.job import StateStore
-    from edmctl.record.rows import EventLevel, Recorder, Row
-    from edmctl.results.job import JobResult
-    from edmctl.results.progress import Phase, Progress
 
 CU270 = str(Path(__file__).parents[2] / "profiles" / "cu270.toml")
 QUICK = (
@@ -72,6 +73,24 @@ class Seen(NullRecorder):
     sites: list[SiteResult] = field(default_factory=list)
     links: list[LinkRow] = field(default_factory=list)
 
+    @property
+    def codes(self) -> list[int]:
+        """The codes of all events."""
+        return [event[1] for event in self.events]
+
+    def args(self, code: int) -> list[Mapping[str, float | int | str | bool]]:
+        """The arguments of the events with a code."""
+        return [event[4] for event in self.events if event[1] == code]
+
+    def messages(self, code: int) -> list[str]:
+        """The messages of the events with a code."""
+        return [event[3] for event in self.events if event[1] == code]
+
+    @property
+    def doubts(self) -> list[str]:
+        """What was reported of doubted touches."""
+        return self.messages(RunEvent.TOUCH_DOUBTED)
+
     def append(self, row: Row) -> None:
         if isinstance(row, EventRow):
             self.events.append((row.time_s, row.code, row.level, row.message, row.args))
@@ -90,6 +109,14 @@ class Seen(NullRecorder):
             SiteResult: self.sites,
             LinkRow: self.links,
         }
+
+
+@contextmanager
+def refused(code: str, match: str | None = None) -> Iterator[pytest.ExceptionInfo[EdmError]]:
+    """Expect an error with this code."""
+    with pytest.raises(EdmError, match=match) as caught:
+        yield caught
+    assert caught.value.code == code
 
 
 @dataclass(slots=True)
@@ -161,17 +188,22 @@ class Shop:
             store=journal,
         )
 
+    def stop_when(self, when: Callable[[Progress], bool], number: int = signal.SIGINT) -> None:
+        """Ask for the end of the job at the first state of a cut that `when` picks."""
+
+        def look() -> None:
+            if when(self.told.states[-1]):
+                self.stop.request(number)
+            else:
+                self.told.when[Phase.MACHINING] = look
+
+        self.told.when[Phase.MACHINING] = look
+
     def run(self) -> JobRun:
         """What single procedures take, on a machine that nobody has configured."""
         watch = Watch(self.seen, self.profile.pulse.duty_voltage_v)
         journal = JobStateKeeper(self.job, self.tally)
         return JobRun(self.machine, self.job, watch, self.seen, self.told, self.tally, journal)
-
-
-@pytest.fixture
-def shop() -> Callable[..., Shop]:
-    """Return a maker of shops: `shop(overrides=(), seed=1, calibration=None, sensor=True)`."""
-    return Shop
 
 
 def armed(shop: Shop) -> JobRun:

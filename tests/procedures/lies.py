@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
 from edmctl.errors import EdmError
 from edmctl.jobs.truth import channel_truth
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
-from edmctl.results.job import ObjectiveMissed
+from edmctl.results.job import JobResult, ObjectiveMissed
 from edmctl.simulator.injection import parse_injection
 from tests.machine.lying import ALL, VALUES, WHOLE, Lie, LyingLine, fields_of
 from tests.procedures.conftest import Shop
-
-if TYPE_CHECKING:
-    from collections import Counter
-
-    from edmctl.results.job import JobResult
 
 SHORT = (
     'target={kind="depth",depth_um=3.0,tolerance_um=5.0}',

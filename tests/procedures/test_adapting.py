@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import pytest
 
@@ -11,19 +11,11 @@ import edmctl
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.servo.adaptive import CLEAN_S, LONGEST_SHARE, PATIENCE, AdaptiveControl
 from edmctl.profile.findings import REFERENCE_MARGIN
+from edmctl.profile.model import Profile
 from edmctl.record.rows import RunEvent
 from tests.tiers import tiers
 
-from .conftest import CU270
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from edmctl.profile.model import Profile
-
-    from .conftest import Shop
-
-    OpenShop = Callable[..., Shop]
+from .conftest import CU270, Shop
 
 ADAPTIVE = 'jump.mode="adaptive"'
 SLICE_S = 0.1
@@ -155,14 +147,14 @@ def test_jumps_that_are_off_stay_off() -> None:
 FEED_30 = ('target={kind="feed",feed_um=30.0}', ADAPTIVE, "pulse.current_a=0.12", "jump.height_um=30")
 
 
-def test_a_badly_flushed_cut_jumps_more_often_and_says_why(shop: OpenShop) -> None:
-    clean, dirty = shop(FEED_30), shop(FEED_30)
+def test_a_badly_flushed_cut_jumps_more_often_and_says_why() -> None:
+    clean, dirty = Shop(FEED_30), Shop(FEED_30)
     dirty.bench.plant.unit.flush_time_s *= 100.0
     clean.run_job()
     dirty.run_job()
 
     def jumps(s: Shop) -> list[Mapping[str, float | int | str | bool]]:
-        return [args for _, code, _, _, args in s.seen.events if code == RunEvent.JUMPED]
+        return s.seen.args(RunEvent.JUMPED)
 
     assert len(jumps(dirty)) > 3 * len(jumps(clean))
     limits = dirty.profile.adaptive
@@ -179,17 +171,17 @@ def test_a_badly_flushed_cut_jumps_more_often_and_says_why(shop: OpenShop) -> No
     shortest_s, clean_s = (min(row.jump_period_s for row in s.seen.slow) for s in (dirty, clean))
     assert shortest_s == dirty.profile.jump.period_min_s
     assert clean_s >= 2.0 * shortest_s
-    told = [message for _, code, _, message, _ in dirty.seen.events if code == RunEvent.JUMP_PERIOD]
+    told = dirty.seen.messages(RunEvent.JUMP_PERIOD)
     assert told[0].startswith("Jump period 10 → 5 s")
     assert "% arcs" in told[0]
 
 
-def test_a_wider_gap_and_longer_pauses_reach_the_machine_in_the_middle_of_a_cut(shop: OpenShop) -> None:
+def test_a_wider_gap_and_longer_pauses_reach_the_machine_in_the_middle_of_a_cut() -> None:
     # By these thresholds every gap is bad, and nothing helps.
-    s = shop((*FEED_30, "adaptive.arc_high=0.0011", "adaptive.arc_low=0.001", "adaptive.duty_min=0.2"))
+    s = Shop((*FEED_30, "adaptive.arc_high=0.0011", "adaptive.arc_low=0.001", "adaptive.duty_min=0.2"))
     pulse_period = s.bench.controller.seen.pulse_period_ns
     result = s.run_job()
-    codes = [code for _, code, _, _, _ in s.seen.events]
+    codes = s.seen.codes
     assert RunEvent.REFERENCE_CHANGED in codes
     assert RunEvent.DUTY_CHANGED in codes
     assert codes.count(RunEvent.CUT_ENDED) == 1

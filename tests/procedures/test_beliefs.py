@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -14,17 +13,11 @@ from edmctl.jobs.truth import TrueWear
 from edmctl.procedures.job import NoStateStore
 from edmctl.profile.places import Place
 from edmctl.results.job import ObjectiveMissed
+from edmctl.results.progress import Progress
+from edmctl.simulator import BenchConfig, VirtualBench
 from tests.tiers import tiers
 
-from .conftest import Told, eroding
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.results.progress import Progress
-    from edmctl.simulator import BenchConfig, VirtualBench
-
-    from .conftest import Shop
+from .conftest import Shop, Told, eroding
 
 ALONE = (Place("hole-1", 500.0, 0.0),)
 ARRAY = tuple(Place(f"hole-{i + 1}", 500.0 + 400.0 * i, 0.0) for i in range(3))
@@ -43,14 +36,12 @@ SEED = 11
         pytest.param(1.0, 5.0, id="five times the removal"),
     ],
 )
-def test_a_belief_that_is_wrong_costs_no_truth(
-    shop: Callable[..., Shop], sites: tuple[Place, ...], wear: float, removal: float
-) -> None:
+def test_a_belief_that_is_wrong_costs_no_truth(sites: tuple[Place, ...], wear: float, removal: float) -> None:
     def changed(config: BenchConfig) -> BenchConfig:
         return eroding(config, wear, removal)
 
     held = []
-    s = shop(OVERRIDES, SEED, changed=changed)
+    s = Shop(OVERRIDES, SEED, changed=changed)
     s.job = replace(s.job, sites=sites)
     true_wear = TrueWear(s.bench, NoStateStore())
     with suppress(ObjectiveMissed):  # said to be off the target, or not shown
@@ -80,10 +71,8 @@ class Changing(Told):
 
 @pytest.mark.parametrize("change", tiers(2.0, slow=(0.5,)))
 @pytest.mark.parametrize("hole", tiers("hole-3", slow=("hole-5",), full=("hole-7",)))
-def test_a_tool_that_wears_otherwise_from_some_hole_on_is_held(
-    shop: Callable[..., Shop], hole: str, change: float
-) -> None:
-    s = shop(('target={kind="depth",depth_um=20.0,tolerance_um=15.0}',), SEED)
+def test_a_tool_that_wears_otherwise_from_some_hole_on_is_held(hole: str, change: float) -> None:
+    s = Shop(('target={kind="depth",depth_um=20.0,tolerance_um=15.0}',), SEED)
     s.job = replace(s.job, sites=tuple(Place(f"hole-{i + 1}", 500.0 + 400.0 * i, 0.0) for i in range(7)))
     s.told = told = Changing(bench=s.bench, hole=hole, change=change)
     wear = TrueWear(s.bench, NoStateStore())
@@ -115,10 +104,8 @@ class Compared(Told):
 
 
 @pytest.mark.parametrize("wear", tiers(0.3, 2.0, slow=(0.5, 1.5)))
-def test_what_is_told_during_a_cut_holds_before_any_touch_has_confirmed_the_belief(
-    shop: Callable[..., Shop], wear: float
-) -> None:
-    s = shop(
+def test_what_is_told_during_a_cut_holds_before_any_touch_has_confirmed_the_belief(wear: float) -> None:
+    s = Shop(
         ('target={kind="depth",depth_um=30.0,tolerance_um=2.0}', "wear.expected_ratio=0.45"),
         SEED,
         changed=lambda config: eroding(config, wear),

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from edmctl.actuator.model import Estimator
-from edmctl.errors import PreconditionError
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.hole.cut import CLEARANCE_UM, jump_request
 from edmctl.procedures.machining import machine_sites
@@ -18,14 +17,7 @@ from edmctl.procedures.touch.approach import lower_to, raise_by
 from edmctl.profile.places import Place
 from edmctl.record.rows import RunEvent
 
-from .conftest import Done, Shop, armed, calibrated
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    OpenShop = Callable[..., Shop]
+from .conftest import Done, Shop, armed, calibrated, refused
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +36,8 @@ def test_a_calibration_of_something_else_is_refused_before_the_work() -> None:
     )
     shop = Shop(calibration=replace(own, model=model))
     run = armed(shop)
-    with pytest.raises(PreconditionError, match="is not this actuator's") as refusal:
+    with refused("E8038", "is not this actuator's"):
         condition(run)
-    assert refusal.value.code == "E8038"
 
 
 def column(shop: Shop, name: str) -> NDArray[np.float64]:
@@ -72,8 +63,8 @@ def test_the_feed_error_of_the_result_is_that_of_the_recorded_samples(run: Done)
 
 def test_the_gain_is_that_of_the_swings_and_the_zero_moves_at_rests_only(run: Done) -> None:
     """What it says of every touch and cut is one model with one gain: between rests nothing corrects it."""
-    (homed,) = [args for _, code, _, _, args in run.shop.seen.events if code == RunEvent.CONDITIONED]
-    rests = [code for _, code, _, _, _ in run.shop.seen.events if code == RunEvent.STAGE_MOVED]
+    (homed,) = run.shop.seen.args(RunEvent.CONDITIONED)
+    rests = [code for code in run.shop.seen.codes if code == RunEvent.STAGE_MOVED]
     calibration = calibrated()
     times_s, volts = column(run.shop, "time_s"), column(run.shop, "actuator_v")
     again = Estimator(calibration.model)
@@ -95,7 +86,7 @@ def test_the_drift_of_the_zero_is_told(run: Done) -> None:
     assert site.wear_model_um == pytest.approx(site.wear_um, abs=0.8)
 
 
-def test_a_moved_gain_and_zero_of_the_day_are_found_at_home(shop: OpenShop) -> None:
+def test_a_moved_gain_and_zero_of_the_day_are_found_at_home() -> None:
     """The calibration is of another day: 3 % more gain, another zero."""
     truth = calibrated()
     other = replace(
@@ -104,16 +95,16 @@ def test_a_moved_gain_and_zero_of_the_day_are_found_at_home(shop: OpenShop) -> N
         creep_um_per_v=1.03 * truth.model.creep_um_per_v,
         zero_um=truth.model.zero_um + 40.0,
     )
-    s = shop(calibration=replace(truth, model=other))
+    s = Shop(calibration=replace(truth, model=other))
     (site,) = s.run_job().sites
-    (homed,) = [args for _, code, _, _, args in s.seen.events if code == RunEvent.CONDITIONED]
+    (homed,) = s.seen.args(RunEvent.CONDITIONED)
     assert float(homed["gain"]) == pytest.approx(1 / 1.03, abs=2e-3)
     assert site.depth_model_um == pytest.approx(site.depth_um, abs=site.depth_u95_um)
     assert site.feed_model_error_max_um < 1.5
 
 
-def test_touches_correct_the_gain_only_between_holes(shop: OpenShop) -> None:
-    s = shop(('target={kind="feed",feed_um=6.0}',), calibration=calibrated())
+def test_touches_correct_the_gain_only_between_holes() -> None:
+    s = Shop(('target={kind="feed",feed_um=6.0}',), calibration=calibrated())
     run = armed(s)
     condition(run)
     tracker = run.watch.tracker()
@@ -130,8 +121,8 @@ def test_touches_correct_the_gain_only_between_holes(shop: OpenShop) -> None:
 
 
 @pytest.mark.parametrize("target_um", [200.0, 300.0])
-def test_lowering_by_the_model_takes_two_steps_and_stays_short(shop: OpenShop, target_um: float) -> None:
-    s = shop(calibration=calibrated())
+def test_lowering_by_the_model_takes_two_steps_and_stays_short(target_um: float) -> None:
+    s = Shop(calibration=calibrated())
     run = armed(s)
     condition(run)
     before = len(s.seen.events)
@@ -144,8 +135,8 @@ def test_lowering_by_the_model_takes_two_steps_and_stays_short(shop: OpenShop, t
     assert run.watch.displacement_um == pytest.approx(target_um - 60.0, abs=4.0)
 
 
-def test_a_jump_is_as_high_as_the_profile_says(shop: OpenShop) -> None:
-    s = shop(('jump.mode="fixed"', "jump.period_s=3.0", "jump.height_um=40.0"), calibration=calibrated())
+def test_a_jump_is_as_high_as_the_profile_says() -> None:
+    s = Shop(('jump.mode="fixed"', "jump.period_s=3.0", "jump.height_um=40.0"), calibration=calibrated())
     s.run_job()
     volts, heights_um = column(s, "actuator_v"), column(s, "displacement_um")
     jumping = np.flatnonzero(column(s, "state") == MachineState.JUMP)
@@ -158,8 +149,8 @@ def test_a_jump_is_as_high_as_the_profile_says(shop: OpenShop) -> None:
     assert np.abs(np.array(found) / 40.0 - 1.0).max() < 0.05
 
 
-def test_without_a_model_a_jump_is_told_by_the_mean_gain(shop: OpenShop) -> None:
-    run = shop(('jump.mode="fixed"', "jump.period_s=3.0", "jump.height_um=40.0")).run()
+def test_without_a_model_a_jump_is_told_by_the_mean_gain() -> None:
+    run = Shop(('jump.mode="fixed"', "jump.period_s=3.0", "jump.height_um=40.0")).run()
     request = jump_request(run, 40.0)
     assert (request.height_um, request.clearance_um) == (40.0, CLEARANCE_UM)
     assert request.speed_um_s == run.profile.jump.speed_um_s

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from edmctl.procedures.channel import layers as channel_layers
 from edmctl.procedures.channel import procedure as channel
 from edmctl.procedures.channel.layers import wear_of
 from edmctl.procedures.channel.procedure import ChannelProcedure
+from edmctl.procedures.channel.scan import PassPlan, PassResult
 from edmctl.procedures.channel.touching import ChannelSurface, FloorReading
-from edmctl.procedures.hole.decision import judged_channel
+from edmctl.procedures.hole.decision import Decision, judged_channel
 from edmctl.procedures.job import HoleTarget
 from edmctl.procedures.servo.limits import TimeLeft, TimeLimits
 from edmctl.procedures.touch.reading import SurfaceReading
@@ -26,12 +28,6 @@ from edmctl.process.touches import Reading
 from edmctl.record.rows import RunEvent
 from edmctl.results.job import ChannelResult, FloorPlace
 from tests.procedures.channel_bench import Noted, ScanningMachine, scanning_run
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.procedures.channel.scan import PassPlan, PassResult
-    from edmctl.procedures.hole.decision import Decision
 
 TARGET_UM = 20.0
 LEVEL = Plane((0.0, 0.0), np.zeros(2), np.zeros((2, 2)))

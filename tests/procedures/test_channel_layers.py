@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 import pytest
@@ -16,11 +16,9 @@ from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.channel import circle, way_of
 from edmctl.process.plane import Plane
 from edmctl.process.touches import Reading
+from edmctl.profile.places import Place
 from edmctl.record.rows import RunEvent
 from tests.procedures.channel_bench import Noted, ScanningMachine, scanning_run
-
-if TYPE_CHECKING:
-    from edmctl.profile.places import Place
 
 WAY = way_of(circle(0.0, 0.0, 100.0), 25.0)
 LEVEL = Plane((0.0, 0.0), np.zeros(2), np.zeros((2, 2)))

@@ -6,7 +6,6 @@ import math
 import signal
 from dataclasses import dataclass, field
 from random import Random
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -22,18 +21,16 @@ from edmctl.planning.channel import way_of_path
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import JobTally, job_of
 from edmctl.procedures.machining import run_job
+from edmctl.process.channel import Way
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import RunEvent
+from edmctl.results.job import ChannelResult
 from edmctl.results.progress import Phase, Progress
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.injection import parse_injection
 from tests.procedures.channel_bench import CIRCLE
 from tests.procedures.conftest import Seen, Told
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from edmctl.process.channel import Way
-    from edmctl.results.job import ChannelResult
 
 DEPTH_UM = 5.0
 QUICK = (
@@ -127,7 +124,7 @@ def test_the_tool_wore_by_the_volume_of_the_channel(made: Made) -> None:
 
 
 def test_the_story_is_in_the_events(made: Made) -> None:
-    codes = [code for _, code, *_ in made.seen.events]
+    codes = made.seen.codes
     assert codes.count(RunEvent.PASS_ENDED) == made.channel.passes
     assert codes.count(RunEvent.CHANNEL_MEASURED) == made.channel.measuring_stops
     assert RunEvent.TARGET_REACHED in codes
@@ -142,7 +139,7 @@ def test_the_gap_between_held_tool_and_floor_was_learned(made: Made) -> None:
 
 
 def doubts(made: Made) -> list[str]:
-    return [message for _, code, _, message, _ in made.seen.events if code == RunEvent.TOUCH_DOUBTED]
+    return made.seen.doubts
 
 
 def test_a_clean_channel_doubts_nothing(made: Made) -> None:

@@ -1,11 +1,11 @@
-"""The main job on the virtual bench: what it reaches, and how it ends when something comes between."""
+"""The main job on the virtual bench: its results, and how it ends when something comes between."""
 
 from __future__ import annotations
 
 import math
 import signal
+from collections.abc import Callable
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,129 +14,94 @@ from edmctl.errors import Interrupted, MachineFault, RunFileError
 from edmctl.labels import Basis
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.settings import controller_settings
-from edmctl.record.rows import EventLevel, RunEvent, ServoBlock
+from edmctl.record.rows import EventLevel, Row, RunEvent, ServoBlock
 from edmctl.results.job import ObjectiveMissed
 from edmctl.results.progress import Phase
 
-from .conftest import Seen
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.record.rows import Row
-
-    from .conftest import Done, Shop
-
-    OpenShop = Callable[..., Shop]
+from .conftest import Done, Seen, Shop
 
 
 def assert_safe(shop: Shop) -> None:
     """Pulses off, actuator at 0 V, controller idle."""
     status = shop.machine.status()
-    assert status.state is MachineState.IDLE
-    assert status.actuator_v == 0.0
+    assert (status.state, status.actuator_v) == (MachineState.IDLE, 0.0)
 
 
-def test_the_depth_is_within_tolerance_of_the_target(done: Done) -> None:
+def test_depth_wear_and_feed_are_as_wanted_and_hold_the_truth(done: Done) -> None:
     (site,) = done.result.sites
     truth_um = done.shop.bench.truth()[0].depth_um
-    assert site.depth_um == pytest.approx(12.0, abs=2.0)
-    assert truth_um == pytest.approx(12.0, abs=2.0)
+    assert (site.depth_um, truth_um) == pytest.approx((12.0, 12.0), abs=2.0)
     assert abs(truth_um - site.depth_um) <= site.depth_u95_um
-
-
-def test_feed_is_depth_plus_wear(done: Done) -> None:
-    (site,) = done.result.sites
     assert site.feed_um == pytest.approx(site.depth_um + site.wear_um, abs=1e-9)
     assert site.feed_um == pytest.approx(site.z2_um - site.z1_um, abs=1e-9)
     assert site.wear_um == pytest.approx(done.shop.bench.tool_wear_um, abs=1.0)
-
-
-def test_model_values_stand_beside_the_sensor_values(done: Done) -> None:
-    (site,) = done.result.sites
     assert site.depth_model_um == pytest.approx(site.depth_um, abs=2.0)
     assert site.depth_model_um != site.depth_um
     assert all(np.isfinite(touch.model_um) for touch in done.shop.seen.touches)
-
-
-def test_the_job_ends_retracted_and_idle(done: Done) -> None:
     assert_safe(done.shop)
 
 
-def test_times_add_up(done: Done) -> None:
-    result = done.result
-    assert result.machining_time_s == pytest.approx(sum(site.machining_time_s for site in result.sites))
+def test_times_pulses_and_energy_add_up(done: Done) -> None:
+    """Energy per discharge, because the first sparks of an approach come before the cut; 4 % are shorts."""
+    result, (site,), ratios = done.result, done.result.sites, done.result.sites[0].ratios
+    assert result.machining_time_s == pytest.approx(site.machining_time_s)
     assert result.time_s == pytest.approx(result.machining_time_s + result.measuring_time_s)
-    assert result.reached is None
     assert result.time_s == pytest.approx(done.shop.bench.transport.now_s(), abs=1.0)
-
-
-def test_pulses_are_counted_by_class(done: Done) -> None:
-    (site,) = done.result.sites
-    ratios = site.ratios
+    assert result.reached is None
     assert site.pulses == pytest.approx(2300 * site.machining_time_s, rel=0.02)
     assert ratios.open + ratios.normal + ratios.arc + ratios.short == pytest.approx(1.0)
     assert ratios.normal > 0.4
+    blocks = done.shop.seen.pulses
+    pulses_uj = sum(float(block.energy_uj.sum()) for block in blocks)
+    discharges = sum(int(block.n_normal.sum() + block.n_arc.sum()) for block in blocks)
+    counted = site.pulses * (ratios.normal + ratios.arc)
+    assert site.energy_j == pytest.approx(1e-6 * pulses_uj / discharges * counted, rel=0.01)
+    assert done.shop.seen.sites[-1].energy_j == site.energy_j
 
 
 def test_the_stages_only_move_with_the_tool_up(done: Done) -> None:
     safe_um = controller_settings(done.shop.profile, done.shop.job.setup).safe_z_um
-    moves = [args for _, code, _, _, args in done.shop.seen.events if code == EventCode.STAGE_DONE]
+    moves = done.shop.seen.args(EventCode.STAGE_DONE)
     assert len(moves) >= 4
     assert max(float(args["displacement_um"]) for args in moves) < safe_um
     assert max(float(args["actuator_v"]) for args in moves) == 0.0
 
 
 def test_every_sample_reaches_the_recorder_once_and_in_order(done: Done) -> None:
-    times = np.concatenate([block.time_s for block in done.shop.seen.servo])
+    times, states, direction = (
+        np.concatenate([getattr(block, name) for block in done.shop.seen.servo])
+        for name in ("time_s", "state", "direction")
+    )
     assert np.diff(times) == pytest.approx(0.01, abs=1e-6)
-    machining = np.concatenate([block.state for block in done.shop.seen.servo]) == MachineState.MACHINING
-    direction = np.concatenate([block.direction for block in done.shop.seen.servo])
+    machining = states == MachineState.MACHINING
     assert set(np.unique(direction[machining])) == {-1, 1}
     assert set(np.unique(direction[~machining])) <= {0, 1}
 
 
 def test_the_supervisor_writes_two_rows_a_second_of_virtual_time(done: Done) -> None:
-    (site,) = done.result.sites
-    rows = done.shop.seen.slow
+    (site,), rows = done.result.sites, done.shop.seen.slow
     assert len(rows) >= 1.9 * site.machining_time_s
     steps_s = [after.time_s - before.time_s for before, after in pairwise(rows)]
     assert max(step_s for step_s in steps_s if step_s < 5.0) <= 0.501  # longer ones are measuring stops
-    last = done.shop.seen.slow[-1]
-    assert last.depth_um == pytest.approx(site.depth_um, abs=1.0)
-    assert last.wear_um == pytest.approx(site.wear_um, abs=1.0)
-    assert last.dielectric_c == pytest.approx(22.0)
-    assert last.flow_lpm == pytest.approx(1.2)
+    last = rows[-1]
+    assert (last.depth_um, last.wear_um) == pytest.approx((site.depth_um, site.wear_um), abs=1.0)
+    assert (last.dielectric_c, last.flow_lpm) == pytest.approx((22.0, 1.2))
     assert math.isnan(last.jump_period_s)
     assert last.link_errors == 0
 
 
 def test_readings_and_decisions_are_recorded(done: Done) -> None:
-    seen = done.shop.seen
-    (site,) = done.result.sites
+    seen, (site,) = done.shop.seen, done.result.sites
     assert [touch.kind for touch in seen.touches] == ["Z1"] * 2 + ["Z2", "Z3", "Z3"] * site.measuring_stops
-    codes = [code for _, code, _, _, _ in seen.events]
-    for code in (RunEvent.CONDITIONED, RunEvent.CUT_PLANNED, RunEvent.CUT_ENDED, RunEvent.TARGET_REACHED):
-        assert code in codes
+    expected = {RunEvent.CONDITIONED, RunEvent.CUT_PLANNED, RunEvent.CUT_ENDED, RunEvent.TARGET_REACHED}
+    assert expected <= set(seen.codes)
     assert seen.sites[-1].depth_um == site.depth_um
-    assert any("from the target" in note for note in done.shop.told.notes)
-    assert any("(feed reached)" in note for note in done.shop.told.notes)
-
-
-def test_the_energy_of_a_hole_is_that_of_its_discharges(done: Done) -> None:
-    """Per discharge, because the first sparks of an approach come before the cut; 4 % of the pulses are shorts."""
-    (site,) = done.result.sites
-    blocks = done.shop.seen.pulses
-    pulses_uj = sum(float(block.energy_uj.sum()) for block in blocks)
-    discharges = sum(int(block.n_normal.sum() + block.n_arc.sum()) for block in blocks)
-    counted = site.pulses * (site.ratios.normal + site.ratios.arc)
-    assert site.energy_j == pytest.approx(1e-6 * pulses_uj / discharges * counted, rel=0.01)
-    assert done.shop.seen.sites[-1].energy_j == site.energy_j
+    for text in ("from the target", "(feed reached)"):
+        assert any(text in note for note in done.shop.told.notes)
 
 
 def test_a_result_has_wear_ratios_and_removal_rate_from_the_volumes(done: Done) -> None:
-    (site,) = done.result.sites
-    row = done.shop.seen.sites[-1]
+    (site,), row = done.result.sites, done.shop.seen.sites[-1]
     side_um = done.shop.profile.work.side_gap_um
     tool_um2, hole_um2 = math.pi / 4.0 * 270.0**2, math.pi / 4.0 * (270.0 + 2.0 * side_um) ** 2
     assert row.wear_ratio_lin == pytest.approx(site.wear_um / site.depth_um)
@@ -155,65 +120,74 @@ def test_progress_says_what_is_left(done: Done) -> None:
     assert left[0] > left[len(left) // 2] > 0.0
 
 
-def test_the_same_seed_gives_the_same_result(done: Done, shop: OpenShop) -> None:
-    again = shop()
-    assert again.run_job() == done.result
+def test_the_seed_is_the_machine(done: Done) -> None:
+    assert Shop().run_job() == done.result
+    assert Shop(seed=2).run_job().sites[0].z1_um != done.result.sites[0].z1_um
 
 
-def test_another_seed_is_another_machine(done: Done, shop: OpenShop) -> None:
-    other = shop(seed=2)
-    assert other.run_job().sites[0].z1_um != done.result.sites[0].z1_um
-
-
-def test_a_feed_target_is_one_cut_to_that_feed(shop: OpenShop) -> None:
-    s = shop(('target={kind="feed",feed_um=15.0}',))
-    (site,) = s.run_job().sites
+def test_a_feed_target_is_one_cut_to_that_feed() -> None:
+    (site,) = Shop(('target={kind="feed",feed_um=15.0}',)).run_job().sites
     assert site.cuts == 1
     assert site.feed_um == pytest.approx(15.0, abs=1.5)
 
 
-def test_a_wrong_guess_of_the_gap_is_doubted_first_and_then_corrected(shop: OpenShop) -> None:
+def test_a_wrong_guess_of_the_gap_is_doubted_first_and_then_corrected() -> None:
     """A bottom 5 µm above the one expected may be a chip, so one stop alone does not overrule the guess."""
-    s = shop(("measure.expected_gap_um=8.0",))
+    s = Shop(("measure.expected_gap_um=8.0",))
     (site,) = s.run_job().sites
-    gaps = [args["gap_um"] for _, code, _, _, args in s.seen.events if code == RunEvent.CUT_PLANNED]
+    gaps = [args["gap_um"] for args in s.seen.args(RunEvent.CUT_PLANNED)]
     assert gaps[0] == 8.0
     assert 4.0 < float(gaps[1]) < 7.0
     assert 2.0 < site.working_gap_um < 5.0
 
 
-def test_jumps_happen_on_time_and_are_recorded(shop: OpenShop) -> None:
-    s = shop(('jump.mode="fixed"', "jump.period_s=3.0", "jump.height_um=40.0"))
-    result = s.run_job()
-    jumps = [args for _, code, _, _, args in s.seen.events if code == RunEvent.JUMPED]
+def test_jumps_happen_on_time_and_are_recorded() -> None:
+    s = Shop(('jump.mode="fixed"', "jump.period_s=3.0", "jump.height_um=40.0"))
+    result, jumps = s.run_job(), s.seen.args(RunEvent.JUMPED)
     assert len(jumps) == pytest.approx(result.machining_time_s / 3.0, abs=2.5)
     assert {args["height_um"] for args in jumps} == {40.0}
     assert {row.jump_period_s for row in s.seen.slow} == {3.0}
 
 
-def test_an_interrupted_job_ends_retracted_and_keeps_what_it_reached(shop: OpenShop) -> None:
-    s = shop()
-    s.told.when[Phase.MACHINING] = lambda: s.stop.request(signal.SIGTERM)
-    with pytest.raises(Interrupted) as caught:
+def interrupt(_: Shop) -> None:
+    raise KeyboardInterrupt
+
+
+def ask(number: int) -> Callable[[Shop], None]:
+    return lambda s: s.stop.request(number)
+
+
+@pytest.mark.parametrize(
+    ("phase", "act", "error"),
+    [
+        (Phase.MOVING, ask(signal.SIGINT), Interrupted),
+        (Phase.APPROACHING, ask(signal.SIGTERM), Interrupted),
+        (Phase.MACHINING, ask(signal.SIGTERM), Interrupted),
+        (Phase.MACHINING, interrupt, KeyboardInterrupt),
+    ],
+)
+def test_an_interrupt_in_any_phase_ends_retracted_and_idle(
+    phase: Phase, act: Callable[[Shop], None], error: type[BaseException]
+) -> None:
+    s = Shop()
+    s.told.when[phase] = lambda: act(s)
+    with pytest.raises(error) as caught:
         s.run_job()
-    assert caught.value.signal_number == signal.SIGTERM
     assert_safe(s)
-    assert s.tally.time_s > 20.0
-    (site,) = s.tally.result().sites
-    assert (site.depth_basis, site.cuts, site.finished) == (Basis.ESTIMATED, 1, False)
-    assert abs(site.depth_um - s.bench.truth()[0].depth_um) <= site.depth_u95_um
+    result = s.tally.result()
+    if phase is not Phase.MACHINING:
+        assert result.reached is None
+    elif isinstance(caught.value, Interrupted):
+        assert caught.value.signal_number == signal.SIGTERM
+        assert s.tally.time_s > 20.0
+        (site,) = result.sites
+        assert (site.depth_basis, site.cuts, site.finished) == (Basis.ESTIMATED, 1, False)
+        assert abs(site.depth_um - s.bench.truth()[0].depth_um) <= site.depth_u95_um
 
 
-def test_a_job_stopped_in_the_middle_of_a_cut_says_how_far_it_came(shop: OpenShop) -> None:
-    s = shop()
-
-    def stop_at_six_um() -> None:
-        if s.told.states[-1].depth_um < 6.0:
-            s.told.when[Phase.MACHINING] = stop_at_six_um
-        else:
-            s.stop.request(signal.SIGTERM)
-
-    s.told.when[Phase.MACHINING] = stop_at_six_um
+def test_a_job_stopped_in_the_middle_of_a_cut_says_how_far_it_came() -> None:
+    s = Shop()
+    s.stop_when(lambda p: p.depth_um >= 6.0, signal.SIGTERM)
     with pytest.raises(Interrupted):
         s.run_job()
     result = s.tally.result()
@@ -230,16 +204,8 @@ def test_a_job_stopped_in_the_middle_of_a_cut_says_how_far_it_came(shop: OpenSho
     assert (s.seen.events[-2][1], s.seen.events[-2][3]) == (RunEvent.LEFT_UNMEASURED, s.told.notes[-1])
 
 
-def test_a_job_stopped_before_its_first_cut_has_reached_nothing(shop: OpenShop) -> None:
-    s = shop()
-    s.told.when[Phase.APPROACHING] = lambda: s.stop.request(signal.SIGTERM)
-    with pytest.raises(Interrupted):
-        s.run_job()
-    assert s.tally.result().reached is None
-
-
-def test_no_cut_begins_when_no_time_is_left_for_it(shop: OpenShop) -> None:
-    s = shop(("limits.max_time_s=40.0",))
+def test_no_cut_begins_when_no_time_is_left_for_it() -> None:
+    s = Shop(("limits.max_time_s=40.0",))
     with pytest.raises(ObjectiveMissed, match="No time is left for cut 1") as caught:
         s.run_job()
     assert "limits.max_time_s allows the job 40 s" in caught.value.message
@@ -249,8 +215,8 @@ def test_no_cut_begins_when_no_time_is_left_for_it(shop: OpenShop) -> None:
     assert_safe(s)
 
 
-def test_no_second_cut_begins_when_the_time_is_up_after_the_first(shop: OpenShop) -> None:
-    s = shop(("wear.first_fraction=0.5", "limits.max_time_s=84.0"))
+def test_no_second_cut_begins_when_the_time_is_up_after_the_first() -> None:
+    s = Shop(("wear.first_fraction=0.5", "limits.max_time_s=84.0"))
     with pytest.raises(ObjectiveMissed, match="No time is left for cut 2") as caught:
         s.run_job()
     (site,) = caught.value.result.sites
@@ -260,14 +226,13 @@ def test_no_second_cut_begins_when_the_time_is_up_after_the_first(shop: OpenShop
     assert caught.value.result.reached is None
 
 
-def test_an_interrupt_in_the_second_cut_keeps_what_the_first_one_reached(shop: OpenShop) -> None:
-    s = shop(("wear.first_fraction=0.5",))
+def test_an_interrupt_in_the_second_cut_keeps_what_the_first_one_reached() -> None:
+    s = Shop(("wear.first_fraction=0.5",))
 
     def at_the_next_approach() -> None:
         s.told.when[Phase.APPROACHING] = lambda: s.stop.request(signal.SIGINT)
 
-    s.told.when[Phase.JUMPING] = at_the_next_approach
-    s.told.when[Phase.MACHINING] = at_the_next_approach
+    s.told.when[Phase.JUMPING] = s.told.when[Phase.MACHINING] = at_the_next_approach
     with pytest.raises(Interrupted):
         s.run_job()
     (site,) = s.tally.result().sites
@@ -277,8 +242,8 @@ def test_an_interrupt_in_the_second_cut_keeps_what_the_first_one_reached(shop: O
     assert_safe(s)
 
 
-def test_a_fault_in_the_second_cut_leaves_an_estimate_and_no_verdict(shop: OpenShop) -> None:
-    s = shop(("wear.first_fraction=0.5",))
+def test_a_fault_in_the_second_cut_leaves_an_estimate_and_no_verdict() -> None:
+    s = Shop(("wear.first_fraction=0.5",))
 
     def look() -> None:
         p = s.told.states[-1]
@@ -288,10 +253,9 @@ def test_a_fault_in_the_second_cut_leaves_an_estimate_and_no_verdict(shop: OpenS
             s.told.when[Phase.MACHINING] = look
 
     s.told.when[Phase.MACHINING] = look
-    with pytest.raises(MachineFault):
+    with pytest.raises(MachineFault) as caught:
         s.run_job()
-    (site,), (row,) = s.tally.result().sites, s.seen.sites
-    (hole,) = s.bench.truth()
+    (site,), (row,), (hole,) = s.tally.result().sites, s.seen.sites, s.bench.truth()
     assert hole.depth_um > 7.5
     assert (site.depth_basis, site.wear_basis, site.verdict) == (Basis.ESTIMATED, Basis.ESTIMATED, None)
     assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um < 6.0
@@ -303,92 +267,73 @@ def test_a_fault_in_the_second_cut_leaves_an_estimate_and_no_verdict(shop: OpenS
     reached = s.tally.result().reached
     assert reached is not None
     assert (reached.depth_estimated_um, reached.depth_estimated_u95_um) == (site.depth_um, site.depth_u95_um)
-
-
-def test_an_interrupt_while_the_stages_move_ends_idle_too(shop: OpenShop) -> None:
-    s = shop()
-    s.told.when[Phase.MOVING] = lambda: s.stop.request(signal.SIGINT)
-    with pytest.raises(Interrupted):
-        s.run_job()
-    assert_safe(s)
-
-
-def test_a_keyboard_interrupt_ends_retracted(shop: OpenShop) -> None:
-    def interrupt() -> None:
-        raise KeyboardInterrupt
-
-    s = shop()
-    s.told.when[Phase.MACHINING] = interrupt
-    with pytest.raises(KeyboardInterrupt):
-        s.run_job()
-    assert_safe(s)
-
-
-def test_a_fault_while_machining_is_a_machine_fault(shop: OpenShop) -> None:
-    s = shop()
-
-    def press() -> None:
-        s.bench.plant.estop = True
-
-    s.told.when[Phase.MACHINING] = press
-    with pytest.raises(MachineFault) as caught:
-        s.run_job()
     assert caught.value.fault == 4001
     _, code, level, message, args = s.seen.events[-1]
     assert (code, level) == (RunEvent.ENDED_EARLY, EventLevel.ERROR)
     assert (message, args["code"]) == (caught.value.message, "E64001")
     status = s.machine.status()
-    assert status.state is MachineState.ESTOP
-    assert status.actuator_v == 0.0
+    assert (status.state, status.actuator_v) == (MachineState.ESTOP, 0.0)
 
 
-def test_a_full_disk_in_the_middle_of_a_cut_ends_retracted(shop: OpenShop) -> None:
+def test_a_full_disk_in_the_middle_of_a_cut_ends_retracted() -> None:
     class FullDisk(Seen):
         def append(self, row: Row) -> None:
             if isinstance(row, ServoBlock) and row.state[-1] == MachineState.MACHINING:
                 raise RunFileError("no space left", code="E9003")
 
-    s = shop()
+    s = Shop()
     with pytest.raises(RunFileError):
         s.run_job(FullDisk())
     assert_safe(s)
 
 
-def test_the_time_limit_ends_in_order_with_what_was_reached(shop: OpenShop) -> None:
-    s = shop(("limits.max_time_s=52.0",))
-    with pytest.raises(ObjectiveMissed) as caught:
+def no_sparks(s: Shop) -> None:
+    s.bench.plant.unit.threshold_uj = 1e9
+
+
+@pytest.mark.parametrize(
+    ("overrides", "act", "message", "hint", "depth_um", "time_s"),
+    [
+        pytest.param(
+            ["limits.max_time_s=52.0"],
+            None,
+            "a depth of",
+            "limits.max_time_s",
+            (0.5, 10.0),
+            0.0,
+            id="time is up",
+        ),
+        pytest.param([], no_sparks, "stopped advancing", "", (-1.0, 1.0), 60.0, id="stalled"),
+        pytest.param(
+            ["wear.expected_ratio=1.0", "wear.max_cuts=1"],
+            None,
+            "from the target",
+            "wear.expected_ratio",
+            (14.0, 40.0),
+            0.0,
+            id="too deep",
+        ),
+    ],
+)
+def test_a_job_that_misses_its_target_is_measured_and_ends_in_order(
+    overrides: list[str],
+    act: Callable[[Shop], None] | None,
+    message: str,
+    hint: str,
+    depth_um: tuple[float, float],
+    time_s: float,
+) -> None:
+    s = Shop(overrides)
+    if act:
+        s.told.when[Phase.MACHINING] = lambda: act(s)
+    with pytest.raises(ObjectiveMissed, match=message) as caught:
         s.run_job()
     (site,) = caught.value.result.sites
     assert caught.value.exit_code == 7
-    assert 0.5 < site.depth_um < 10.0
+    assert hint in caught.value.hint
+    assert (site.cuts, len(s.seen.sites)) == (1, 1)
+    assert depth_um[0] < site.depth_um < depth_um[1]
     assert site.depth_um == pytest.approx(s.bench.truth()[0].depth_um, abs=1.0)
-    assert "limits.max_time_s" in caught.value.hint
-    assert s.seen.sites
-    assert_safe(s)
-
-
-def test_a_cut_that_stalls_is_given_up_in_order_and_measured(shop: OpenShop) -> None:
-    s = shop()
-
-    def erode_nothing() -> None:
-        s.bench.plant.unit.threshold_uj = 1e9
-
-    s.told.when[Phase.MACHINING] = erode_nothing
-    with pytest.raises(ObjectiveMissed, match="stopped advancing") as caught:
-        s.run_job()
-    (site,) = caught.value.result.sites
-    assert site.machining_time_s == pytest.approx(60.0, abs=3.0)
-    assert site.depth_um == pytest.approx(0.0, abs=1.0)
-    assert_safe(s)
-
-
-def test_a_depth_beyond_tolerance_misses_the_target_and_says_what_to_correct(shop: OpenShop) -> None:
-    s = shop(("wear.expected_ratio=1.0", "wear.max_cuts=1"))
-    with pytest.raises(ObjectiveMissed) as caught:
-        s.run_job()
-    (site,) = caught.value.result.sites
-    assert site.cuts == 1
-    assert site.depth_um > 14.0
-    assert "from the target" in caught.value.message
-    assert "wear.expected_ratio" in caught.value.hint
+    if time_s:
+        assert site.machining_time_s == pytest.approx(time_s, abs=3.0)
     assert_safe(s)

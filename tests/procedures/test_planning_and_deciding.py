@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -23,13 +22,11 @@ from edmctl.procedures.job import CutTotals, HoleTarget, target_of
 from edmctl.process.discharge import hole_area_um2
 from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.touches import DepthAndWear
+from edmctl.profile.model import Profile
 from edmctl.profile.places import Place
 from edmctl.quantity import Value
 
 from .conftest import CU270
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
 
 FOUND = DepthAndWear(
     depth=Value(150.0, 0.5),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -13,39 +12,30 @@ from edmctl.errors import MachineFault
 from edmctl.procedures.hole import cut as cutting
 from edmctl.procedures.hole.cut import AGAIN_S, ARC_BURN, MOST_BURNS, ArcRecovery
 from edmctl.procedures.hole.cut_planning import CutStart, first_plan
+from edmctl.procedures.job import JobState
 from edmctl.procedures.servo.adaptive import MOST_JUMPS, ShortRecovery
 from edmctl.procedures.servo.limits import JUMP_AFTER_S, STALL_S, Breakthrough, SparkLoss, StallDetection
 from edmctl.procedures.settings import OPEN_LOST_S, controller_settings
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS
 from edmctl.record.rows import RunEvent
-from edmctl.results.job import ObjectiveMissed
+from edmctl.simulator import BenchConfig
 from edmctl.simulator.injection import parse_injection
 
-from .conftest import eroding
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.procedures.job import JobState
-    from edmctl.simulator import BenchConfig
-
-    from .conftest import Shop
-
-    OpenShop = Callable[..., Shop]
+from .conftest import Shop, eroding, refused
 
 SLICE_S = 0.1
 SHEET = ('target={kind="through",completion_um=20.0}', 'work.kind="through"', "work.thickness_um=40.0")
 
 
 def codes(s: Shop) -> list[int]:
-    return [code for _, code, _, _, _ in s.seen.events]
+    return s.seen.codes
 
 
 def injected(
-    shop: OpenShop, fault: str, *, until: tuple[RunEvent, int] | None = None, overrides: tuple[str, ...] = ()
+    fault: str, *, until: tuple[RunEvent, int] | None = None, overrides: tuple[str, ...] = ()
 ) -> Shop:
     """A shop in which something goes wrong, and is right again after so many answers to it."""
-    s = shop(overrides)
+    s = Shop(overrides)
     s.bench.inject(parse_injection(fault))
     read = s.bench.transport.read
 
@@ -58,8 +48,8 @@ def injected(
     return s
 
 
-def test_a_single_burn_costs_the_way_back_and_no_more(shop: OpenShop) -> None:
-    s = injected(shop, "CARBON@sparks+5", until=(RunEvent.ARC_BURN_RECOVERY, 1))
+def test_a_single_burn_costs_the_way_back_and_no_more() -> None:
+    s = injected("CARBON@sparks+5", until=(RunEvent.ARC_BURN_RECOVERY, 1))
     result = s.run_job()
     assert result.sites[0].depth_um == pytest.approx(12.0, abs=2.0)
     assert codes(s).count(RunEvent.ARC_BURN_RECOVERY) == 1
@@ -90,13 +80,13 @@ def burns_of(s: Shop, seen_um: float, ways_um: list[float]) -> tuple[ArcRecovery
 
 
 def test_burns_far_apart_are_answered_and_soon_after_each_other_only_two(
-    shop: OpenShop, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(cutting, "lower_to", lambda *_: None)
 
     def answered(apart_s: float) -> int:
         ways_um: list[float] = []
-        burns, supervisor = burns_of(shop(), 48.0, ways_um)
+        burns, supervisor = burns_of(Shop(), 48.0, ways_um)
         for _ in range(MOST_BURNS):
             try:
                 burns.answer(BURN)
@@ -111,62 +101,60 @@ def test_burns_far_apart_are_answered_and_soon_after_each_other_only_two(
 
 @pytest.mark.parametrize(("seen_um", "unknown_um"), [(math.nan, 5.0), (48.0, 0.2)])
 def test_the_ramp_back_from_a_burn_ends_above_where_the_bottom_can_be(
-    shop: OpenShop, monkeypatch: pytest.MonkeyPatch, seen_um: float, unknown_um: float
+    monkeypatch: pytest.MonkeyPatch, seen_um: float, unknown_um: float
 ) -> None:
     """Where telemetry told no sparks the bottom is what was planned, as far as that is known 100 s later."""
     ramps_um: list[float] = []
     ways_um: list[float] = []
     monkeypatch.setattr(cutting, "lower_to", lambda _, target_um: ramps_um.append(target_um))
-    burns, _ = burns_of(shop(), seen_um, ways_um)
+    burns, _ = burns_of(Shop(), seen_um, ways_um)
     burns.answer(BURN)
     spark_um = 48.0
     assert ramps_um == [pytest.approx(spark_um - ABOVE_BOTTOM_UM - UNKNOWN_SDS * unknown_um)]
     assert ways_um == [pytest.approx(spark_um + BEYOND_BOTTOM_UM + UNKNOWN_SDS * unknown_um)]
 
 
-def test_after_the_second_burn_the_gap_is_kept_wider_and_the_pauses_longer(shop: OpenShop) -> None:
-    s = injected(shop, "CARBON@sparks+5", until=(RunEvent.ARC_BURN_RECOVERY, 2))
+def test_after_the_second_burn_the_gap_is_kept_wider_and_the_pauses_longer() -> None:
+    s = injected("CARBON@sparks+5", until=(RunEvent.ARC_BURN_RECOVERY, 2))
     result = s.run_job()
     assert result.sites[0].depth_um == pytest.approx(12.0, abs=2.0)
     found = codes(s)
     assert found.count(RunEvent.ARC_BURN_RECOVERY) == 2
-    changes = [args for _, code, _, _, args in s.seen.events if code == RunEvent.REFERENCE_CHANGED]
+    changes = s.seen.args(RunEvent.REFERENCE_CHANGED)
     assert [change["to"] for change in changes] == pytest.approx([0.85])
-    duties = [args for _, code, _, _, args in s.seen.events if code == RunEvent.DUTY_CHANGED]
+    duties = s.seen.args(RunEvent.DUTY_CHANGED)
     assert [duty["to"] for duty in duties] == pytest.approx([0.24])
     # The next approach and the next cut start with the recipe's own pulses.
     assert s.bench.controller.seen.duty_v == pytest.approx(s.profile.pulse.duty_voltage_v)
 
 
-def test_a_spot_that_burns_at_once_again_is_given_up_with_the_fault(shop: OpenShop) -> None:
-    s = injected(shop, "CARBON@sparks+5")
-    with pytest.raises(MachineFault) as caught:
+def test_a_spot_that_burns_at_once_again_is_given_up_with_the_fault() -> None:
+    s = injected("CARBON@sparks+5")
+    with refused("E63002"):
         s.run_job()
-    assert caught.value.code == "E63002"
     assert codes(s).count(RunEvent.ARC_BURN_RECOVERY) == 2 < MOST_BURNS
     controller = s.bench.controller
     assert (controller.fault, controller.loop.command_v) == (3002, 0.0)
 
 
-def test_any_other_fault_ends_the_cut_at_once(shop: OpenShop) -> None:
-    s = injected(shop, "GENERATOR_LEAK@sparks+5")
+def test_any_other_fault_ends_the_cut_at_once() -> None:
+    s = injected("GENERATOR_LEAK@sparks+5")
     with pytest.raises(MachineFault):
         s.run_job()
     assert RunEvent.ARC_BURN_RECOVERY not in codes(s)
 
 
-def test_a_short_that_lasts_is_jumped_away_from(shop: OpenShop) -> None:
-    s = injected(shop, "WIRE_SHORT@sparks+5", until=(RunEvent.SHORT_RECOVERY, 1))
+def test_a_short_that_lasts_is_jumped_away_from() -> None:
+    s = injected("WIRE_SHORT@sparks+5", until=(RunEvent.SHORT_RECOVERY, 1))
     assert s.run_job().sites[0].depth_um == pytest.approx(12.0, abs=2.0)
     assert 1 <= codes(s).count(RunEvent.SHORT_RECOVERY) <= MOST_JUMPS
 
 
-def test_a_short_that_stays_is_left_to_the_controller(shop: OpenShop) -> None:
+def test_a_short_that_stays_is_left_to_the_controller() -> None:
     # While shorted the tool retreats as well; from a greater height there is way left for every jump.
-    s = injected(shop, "WIRE_SHORT@sparks+5", overrides=("approach.offset_um=80.0",))
-    with pytest.raises(MachineFault) as caught:
+    s = injected("WIRE_SHORT@sparks+5", overrides=("approach.offset_um=80.0",))
+    with refused("E63001"):
         s.run_job()
-    assert caught.value.code == "E63001"
     assert codes(s).count(RunEvent.SHORT_RECOVERY) == MOST_JUMPS
 
 
@@ -192,11 +180,10 @@ def test_a_few_pulses_among_the_shorts_are_no_lasting_short() -> None:
     assert shorts.due() == ""
 
 
-def test_a_stall_is_answered_by_a_jump_before_the_verdict(shop: OpenShop) -> None:
-    s = injected(shop, "STALL@sparks+5")
-    with pytest.raises(ObjectiveMissed) as caught:
+def test_a_stall_is_answered_by_a_jump_before_the_verdict() -> None:
+    s = injected("STALL@sparks+5")
+    with refused("E7010"):
         s.run_job()
-    assert caught.value.code == "E7010"
     times_s = {code: time_s for time_s, code, _, _, _ in s.seen.events}
     assert times_s[RunEvent.STALL_JUMP] < times_s[RunEvent.CUT_GIVEN_UP]
 
@@ -213,13 +200,10 @@ def test_a_jump_that_frees_the_tool_starts_the_clock_of_a_stall_anew() -> None:
         assert not stall.update(SLICE_S * j, 50.0 + 0.02 * (j - i))
 
 
-def test_lost_sparks_come_with_a_way_to_tell_a_lost_tool_from_missing_pulses(shop: OpenShop) -> None:
-    s = injected(
-        shop, "TOOL_LOST@sparks+5", overrides=('target={kind="depth",depth_um=60.0,tolerance_um=5.0}',)
-    )
-    with pytest.raises(MachineFault) as caught:
+def test_lost_sparks_come_with_a_way_to_tell_a_lost_tool_from_missing_pulses() -> None:
+    s = injected("TOOL_LOST@sparks+5", overrides=('target={kind="depth",depth_um=60.0,tolerance_um=5.0}',))
+    with refused("E63005") as caught:
         s.run_job()
-    assert caught.value.code == "E63005"
     assert "`edmctl reset --ack 3005`" in caught.value.hint
     assert "`edmctl approach --contact`" in caught.value.hint
 
@@ -233,10 +217,9 @@ def test_lost_sparks_come_with_a_way_to_tell_a_lost_tool_from_missing_pulses(sho
 )
 @pytest.mark.parametrize("sparks_s", [10, 20, 30])
 def test_a_hole_whose_tool_is_lost_is_as_deep_as_it_was_then(
-    shop: OpenShop, depth_um: float, code: str, sparks_s: int
+    depth_um: float, code: str, sparks_s: int
 ) -> None:
     s = injected(
-        shop,
         f"TOOL_LOST@sparks+{sparks_s}",
         overrides=(f'target={{kind="depth",depth_um={depth_um},tolerance_um=5.0}}',),
     )
@@ -250,8 +233,8 @@ def test_a_hole_whose_tool_is_lost_is_as_deep_as_it_was_then(
 
 
 @pytest.mark.parametrize("sparks_s", [0.05, 0.3, 1.0])
-def test_nothing_is_known_exactly_of_a_hole_that_has_hardly_begun(shop: OpenShop, sparks_s: float) -> None:
-    s = injected(shop, f"ESTOP@sparks+{sparks_s}")
+def test_nothing_is_known_exactly_of_a_hole_that_has_hardly_begun(sparks_s: float) -> None:
+    s = injected(f"ESTOP@sparks+{sparks_s}")
     with pytest.raises(MachineFault):
         s.run_job()
     (left,) = s.tally.sites.values()
@@ -350,12 +333,12 @@ class Tip:
     ids=["as believed", "wears more", "wears less", "erodes fast"],
 )
 def test_a_way_through_ends_behind_the_sheet_whatever_was_believed_of_wear_and_removal(
-    shop: OpenShop, wear: float, removal: float
+    wear: float, removal: float
 ) -> None:
     def changed(config: BenchConfig) -> BenchConfig:
         return replace(eroding(config, wear, removal), thickness_um=40.0)
 
-    s = shop(SHEET, seed=7, changed=changed)
+    s = Shop(SHEET, seed=7, changed=changed)
     tip = Tip(s)
     (site,) = s.run_job(journal=tip).sites
     assert site.through
@@ -374,8 +357,8 @@ def test_coming_back_from_a_jump_is_no_breakthrough() -> None:
         assert sheet.cut(3.0) is None
 
 
-def test_open_pulses_behind_the_sheet_are_borne_as_long_as_the_completion_takes(shop: OpenShop) -> None:
-    plain, sheet = shop(), shop(SHEET)
+def test_open_pulses_behind_the_sheet_are_borne_as_long_as_the_completion_takes() -> None:
+    plain, sheet = Shop(), Shop(SHEET)
     usual = controller_settings(plain.profile, plain.job.setup)
     borne = controller_settings(sheet.profile, sheet.job.setup)
     assert (usual.open_lost_um, usual.open_lost_s) == (plain.profile.limits.open_lost_um, OPEN_LOST_S)

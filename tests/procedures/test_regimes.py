@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import signal
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import edmctl
 from edmctl.errors import Interrupted
+from edmctl.jobs.job import Report
 from edmctl.record.journal import read_journal
 from edmctl.report.pulse_statistics import spark_energies
+from edmctl.results.progress import Progress
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from edmctl.jobs.job import Report
-    from edmctl.results.progress import Progress
 
 REGIMES = [
     {"name": "rough", "share": 0.75, "current_a": 0.3, "reference": 0.78},

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
@@ -18,12 +16,10 @@ from edmctl.procedures.settings import (
     recorded_every,
     telemetry_settings,
 )
+from edmctl.profile.model import Profile
 from edmctl.profile.setup import Setup
 
 from .conftest import CU270, Shop
-
-if TYPE_CHECKING:
-    from edmctl.profile.model import Profile
 
 
 def profile(*overrides: str) -> Profile:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from edmctl.labels import Seen
 from edmctl.procedures.monitoring.monitors import judge_job
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.touch.reading import SurfaceReading
 from edmctl.process.plane import Step
 from edmctl.process.touches import (
@@ -19,11 +19,8 @@ from edmctl.process.touches import (
     TouchScatter,
     reading_of,
 )
+from edmctl.results.job import Belief
 from tests.procedures.conftest import Shop
-
-if TYPE_CHECKING:
-    from edmctl.procedures.run import JobRun
-    from edmctl.results.job import Belief
 
 TOUCH_SD_UM = 0.06
 """Of one touch on the virtual machine."""

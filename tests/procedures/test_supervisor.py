@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,14 +14,7 @@ from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of, fi
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor
 from edmctl.record.rows import RunEvent
 
-from .conftest import calibrated
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from .conftest import Shop
-
-    OpenShop = Callable[..., Shop]
+from .conftest import Shop, calibrated
 
 
 def a_slice(
@@ -56,16 +48,16 @@ def planned(s: Shop) -> CutPlan:
 
 
 @pytest.fixture
-def watched(shop: OpenShop) -> tuple[Shop, Supervisor]:
+def watched() -> tuple[Shop, Supervisor]:
     """Return a supervisor of a first cut from a surface at 50 µm."""
-    s = shop()
+    s = Shop()
     return s, Supervisor(s.run(), planned(s), 0.0)
 
 
 @pytest.fixture
-def deep(shop: OpenShop) -> tuple[Shop, Supervisor]:
+def deep() -> tuple[Shop, Supervisor]:
     """Return a supervisor of the first cut of a hole so deep that no sample here passes its end."""
-    s = shop(('target={kind="depth",depth_um=150.0,tolerance_um=2.0}',))
+    s = Shop(('target={kind="depth",depth_um=150.0,tolerance_um=2.0}',))
     return s, Supervisor(s.run(), planned(s), 0.0)
 
 
@@ -83,8 +75,8 @@ def test_feed_and_time_left_follow_the_tool(watched: tuple[Shop, Supervisor]) ->
     assert s.told.states[-1].time_left_s == pytest.approx((12.0 - there.depth_um) * (1.0 + ratio) / 0.3)
 
 
-def test_the_wear_told_while_cutting_is_as_uncertain_as_at_the_stop_before(shop: OpenShop) -> None:
-    s = shop()
+def test_the_wear_told_while_cutting_is_as_uncertain_as_at_the_stop_before() -> None:
+    s = Shop()
     measured = CutStart(50.0, 0.5, s.profile.measure.expected_gap_um, 0.8, 6.0, 2.0, wear_u_um=1.4)
     supervisor = Supervisor(s.run(), replace(planned(s), number=2, start=measured), 0.0)
     for i in range(50):
@@ -151,7 +143,7 @@ def test_arcs_over_the_limit_are_told_once_and_end_the_cut_when_they_stay(
     for i in range(300):
         supervisor.on_telemetry(a_slice(i, 50.0 + 0.05 * i, arc=5))
     assert supervisor.stop_reason is None
-    warnings = [code for _, code, _, _, _ in s.seen.events if code == RunEvent.ARCING]
+    warnings = [code for code in s.seen.codes if code == RunEvent.ARCING]
     assert len(warnings) == 1
     assert "limit is 15 %" in s.told.notes[-1]
     for i in range(300, 340):
@@ -164,7 +156,7 @@ def test_a_burst_of_arcs_only_warns(deep: tuple[Shop, Supervisor]) -> None:
     for i in range(600):
         supervisor.on_telemetry(a_slice(i, 50.0 + 0.05 * i, arc=5 if i < 100 else 0))
     assert supervisor.stop_reason is None
-    assert [code for _, code, _, _, _ in s.seen.events].count(RunEvent.ARCING) == 1
+    assert s.seen.codes.count(RunEvent.ARCING) == 1
 
 
 def test_a_cut_that_goes_on_beyond_its_target_is_ended(watched: tuple[Shop, Supervisor]) -> None:
@@ -183,8 +175,8 @@ def test_a_cut_that_goes_on_beyond_its_target_is_ended(watched: tuple[Shop, Supe
     assert "of 12.0 µm" in supervisor.message
 
 
-def test_a_cut_whose_stroke_is_used_up_is_ended_with_the_way_that_is_left(shop: OpenShop) -> None:
-    s = shop(('target={kind="depth",depth_um=150.0,tolerance_um=2.0}',), calibration=calibrated())
+def test_a_cut_whose_stroke_is_used_up_is_ended_with_the_way_that_is_left() -> None:
+    s = Shop(('target={kind="depth",depth_um=150.0,tolerance_um=2.0}',), calibration=calibrated())
     run = s.run()
     run.watch.estimate_with(Tracker(at_rest(calibrated().model, 0.0), SlowCorrection(), 0.5))
     supervisor = Supervisor(run, planned(s), 0.0)

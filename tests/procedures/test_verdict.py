@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.labels import Basis, Verdict
-from edmctl.procedures.hole.decision import judge_holes, judged, record_results
+from edmctl.procedures.hole.decision import Decision, judge_holes, judged, record_results
 from edmctl.procedures.hole.decision import remedy as remedy_of
 from edmctl.procedures.job import HoleTarget, verdict_of
 from edmctl.profile.setup import Sensor
@@ -18,13 +17,6 @@ from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 
 from .conftest import Done, Shop, calibrated, eroding
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from edmctl.procedures.hole.decision import Decision
-
-    OpenShop = Callable[..., Shop]
 
 ROW = 'sites=[{kind="grid",x_um=500.0,columns=8,rows=1,dx_um=400.0,dy_um=400.0}]'
 THROUGH = (
@@ -69,8 +61,8 @@ def test_a_feed_is_not_judged_and_a_way_through_by_being_one() -> None:
     assert verdict_of(way, 50.0, 0.1, through=False) is Verdict.MISSED
 
 
-def test_a_depth_that_nobody_knows_well_enough_ends_the_job_short_of_its_objective(shop: OpenShop) -> None:
-    s = shop(["wear.max_cuts=1"])
+def test_a_depth_that_nobody_knows_well_enough_ends_the_job_short_of_its_objective() -> None:
+    s = Shop(["wear.max_cuts=1"])
     s.job = replace(s.job, setup=s.job.setup.model_copy(update={"sensor": COARSE}))
     with pytest.raises(ObjectiveMissed, match=r"not shown to be right: 1\d\.\d\d ± [45]") as caught:
         s.run_job()
@@ -80,7 +72,7 @@ def test_a_depth_that_nobody_knows_well_enough_ends_the_job_short_of_its_objecti
     assert abs(site.depth_um - 12.0) <= 2.0
     assert site.verdict is Verdict.NOT_SHOWN
     assert [row.verdict for row in s.seen.sites] == ["not shown"]
-    assert RunEvent.VERDICT in [code for _, code, *_ in s.seen.events]
+    assert RunEvent.VERDICT in s.seen.codes
     assert s.bench.is_safe
 
 
@@ -161,10 +153,10 @@ def test_the_end_of_a_single_hole_is_touched(done: Done) -> None:
     assert done.shop.seen.sites[0].depth_basis == "touched"
 
 
-def test_a_sparing_recipe_leaves_a_small_last_cut_estimated_and_says_so(shop: OpenShop) -> None:
+def test_a_sparing_recipe_leaves_a_small_last_cut_estimated_and_says_so() -> None:
     """A tool that wears 2.5 times as much as the recipe says leaves a small rest to the third cut."""
     overrides = ['wear.remeasure="sparing"', 'target={kind="depth",depth_um=10.0,tolerance_um=0.8}']
-    (site,) = shop(overrides, changed=lambda config: eroding(config, 2.5)).run_job().sites
+    (site,) = Shop(overrides, changed=lambda config: eroding(config, 2.5)).run_job().sites
     assert site.estimated_um > 0.0
     assert (site.depth_basis, site.wear_basis) == (Basis.ESTIMATED, Basis.ESTIMATED)
 
@@ -185,15 +177,15 @@ def test_holes_without_a_touch_stay_estimated_after_the_touch_that_corrects_them
     assert [row.depth_basis for row in row_of_holes.seen.sites] == [site.depth_basis for site in sites]
 
 
-def test_without_a_sensor_every_touch_is_by_the_model(shop: OpenShop) -> None:
-    (site,) = shop(calibration=calibrated(), sensor=False).run_job().sites
+def test_without_a_sensor_every_touch_is_by_the_model() -> None:
+    (site,) = Shop(calibration=calibrated(), sensor=False).run_job().sites
     assert (site.depth_basis, site.wear_basis) == (Basis.MODEL, Basis.MODEL)
 
 
-def test_a_hole_through_the_sheet_has_a_touched_wear_and_an_estimated_tip(shop: OpenShop) -> None:
+def test_a_hole_through_the_sheet_has_a_touched_wear_and_an_estimated_tip() -> None:
     """There is no sheet on this bench: the wear is touched all the same, and the way through is missed."""
     with pytest.raises(ObjectiveMissed) as caught:
-        shop(THROUGH).run_job()
+        Shop(THROUGH).run_job()
     (site,) = caught.value.result.sites
     assert (site.depth_basis, site.wear_basis) == (Basis.ESTIMATED, Basis.TOUCHED)
     assert site.verdict is Verdict.MISSED
@@ -233,8 +225,8 @@ def test_a_hole_whose_touches_are_in_doubt_is_to_be_measured_again(done: Done, b
     assert "Clean tool and work, and measure the hole again" in decision.hint
 
 
-def test_cutting_more_is_told_by_the_key_that_limits_the_cuts(shop: OpenShop) -> None:
-    once, often = (shop([f"wear.remeasure={cuts}", "wear.max_cuts=3"]).profile for cuts in (1, 9))
+def test_cutting_more_is_told_by_the_key_that_limits_the_cuts() -> None:
+    once, often = (Shop([f"wear.remeasure={cuts}", "wear.max_cuts=3"]).profile for cuts in (1, 9))
     assert "(wear.remeasure)" in remedy_of(once, -2.0)
     assert "(wear.max_cuts)" in remedy_of(often, -2.0)
 
