@@ -26,18 +26,18 @@ from edmctl.wording import code_point, with_hyphens
 
 _COMMANDS = {
     "calibrate": "cli.commands.calibrate:calibrate",
-    "approach": "cli.commands.procedures:approach",
+    "approach": "cli.commands.machine:approach",
     "machine": "cli.commands.machine:machine",
-    "measure-wear": "cli.commands.procedures:measure_wear",
-    "measure-drift": "cli.commands.procedures:measure_drift",
-    "jump-flush": "cli.commands.procedures:jump_flush",
+    "measure-wear": "cli.commands.machine:measure_wear",
+    "measure-drift": "cli.commands.machine:measure_drift",
+    "jump-flush": "cli.commands.machine:jump_flush",
     "reset": "cli.commands.doctor:reset",
     "doctor": "cli.commands.doctor:doctor",
     "first-start": "board.commands.first_start:first_start",
-    "ports": "cli.commands.ports:ports",
+    "ports": "cli.commands.doctor:ports",
 }
 _GROUPS = {
-    "simulate": "cli.simulate.seeds:app",
+    "simulate": "cli.commands.simulate:app",
     "firmware": "board.commands:app",
     "profile": "cli.commands.profile:app",
     "run": "cli.run:app",

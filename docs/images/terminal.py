@@ -11,10 +11,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl.cli.commands.machine import closing_text
 from edmctl.cli.render.live_view import Histories, draw_view
 from edmctl.cli.render.result_table import render_job
 from edmctl.cli.render.style import PLAIN, Style
-from edmctl.cli.running import closing_text
 from edmctl.jobs.job import carry_out
 from edmctl.jobs.plan import JobRequest, check
 from edmctl.jobs.run_header import RunName
@@ -72,7 +72,7 @@ def main() -> None:
         name = RunName(RUN_ID, Path("runs") / f"{RUN_ID}.h5", datetime.now(UTC))
         report = carry_out(plan, SEED, snapshot, name)
     table = render_job(report.job, report.truths, PLAIN, report.channel_truth)
-    result = closing_text(table, report, SEED)
+    result = closing_text(table, PLAIN, report, SEED)
     (HERE / "machine.svg").write_text(_picture(snapshot), encoding="utf-8")
     block = f"<!-- result -->\n```text\n{result}\n```\n<!-- end -->"
     readme = README.read_text(encoding="utf-8")

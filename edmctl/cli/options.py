@@ -236,6 +236,15 @@ def command_group(text: str) -> typer.Typer:
     return group
 
 
+def options_given(context: typer.Context) -> dict[str, str]:
+    """Return the options of a command line by the names of their parameters; environment variables do not count."""
+    return {
+        parameter.name or "": parameter.opts[0]
+        for parameter in context.command.params
+        if getattr(context.get_parameter_source(parameter.name or ""), "name", "") == "COMMANDLINE"
+    }
+
+
 def with_options_of(other: Callable[..., int]) -> Callable[[Callable[..., int]], Callable[..., int]]:
     """Give a function that takes a context the options and the help of a command."""
 

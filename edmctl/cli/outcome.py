@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TextIO
 
 from edmctl import failures
-from edmctl.cli.render.diagnostics import render_diagnostics, summary_line
+from edmctl.cli.render.diagnostics import render_diagnostics
 from edmctl.cli.render.progress import EventReporter, LineReporter, Reporter
 from edmctl.cli.render.style import Style, style_of
 from edmctl.cli.signals import SignalArrived, ignore_signals, signal_name
@@ -90,23 +90,24 @@ class Outcome:
 
 
 def run_command(output: Output, body: Callable[[Outcome], None]) -> int:
-    """Run `body`, write what it leaves to stdout and stderr, and return the exit code."""
+    """Run `body`, write its result to stdout and stderr, and return the exit code."""
     outcome = Outcome(output)
+    error: EdmError | None = None
     try:
         refuse_wrong_clock()
         body(outcome)
     except EdmError as expected:
-        return finish(outcome, expected)
+        error = expected
     except SignalArrived as arrived:
-        return finish(outcome, interrupted(arrived.signal_number))
+        error = interrupted(arrived.signal_number)
     except Exception as bug:
-        return finish(outcome, internal_error(bug))
-    return finish(outcome, None)
+        error = internal_error(bug)
+    return finish(outcome, error)
 
 
 def finish(outcome: Outcome, error: EdmError | None) -> int:
     """Write the result to stdout, the error (last, where people look) to stderr; return the exit code."""
-    # What is settled stays so: a signal from now on could only cut the result off.
+    # The result is complete: a signal from now on could only cut it off.
     ignore_signals()
     exit_code = error_exit_code(error) if error else int(ExitCode.DONE)
     try:
@@ -123,7 +124,7 @@ def finish(outcome: Outcome, error: EdmError | None) -> int:
         if error is None:
             error, exit_code = lost, error_exit_code(lost)
         elif not isinstance(error, Interrupted):
-            # Why the job ended says more than where its result could not go, and a signal more than both.
+            # The reason why the job ended is more important than the lost result, and a signal than both.
             complain(outcome.output, lost)
     if error:
         complain(outcome.output, error)
@@ -164,18 +165,13 @@ def say(output: Output, diagnostics: Sequence[Diagnostic]) -> None:
             event = "warning" if d.is_warning else "error"
             mutter(render_json_line({"event": event, **_problem(d)}))
         return
-    text = render_diagnostics(diagnostics, stream_style(sys.stderr)) + "\n"
-    if len(diagnostics) > 1:
-        warnings = sum(d.is_warning for d in diagnostics)
-        text += "\n" + summary_line(len(diagnostics) - warnings, warnings) + "\n"
-    mutter(text)
+    mutter(render_diagnostics(diagnostics, stream_style(sys.stderr)) + "\n")
 
 
 @contextmanager
 def watching(output: Output) -> Iterator[Reporter]:
     """Give a reporter for stderr, and leave the terminal clean behind it."""
-    style = stream_style(sys.stderr)
-    reporter = _reporter(output, style)
+    reporter = _reporter(output)
     _watching.append(reporter)
     try:
         yield reporter
@@ -184,12 +180,12 @@ def watching(output: Output) -> Iterator[Reporter]:
         reporter.close()
 
 
-def _reporter(output: Output, style: Style) -> Reporter:
+def _reporter(output: Output) -> Reporter:
     if output.events:
         return EventReporter(sys.stderr)
     if output.quiet:
         return Reporter()
-    if style.live:
+    if (style := stream_style(sys.stderr)).live:
         from edmctl.cli.render.live import LiveReporter
 
         return LiveReporter(sys.stderr, style)
@@ -257,15 +253,11 @@ def diagnostics_of(error: EdmError) -> Sequence[Diagnostic]:
     """Return every diagnostic of a profile, or the one that any other error is."""
     if isinstance(error, ProfileError):
         return error.diagnostics
-    return [_diagnostic(error)]
-
-
-def _diagnostic(error: EdmError) -> Diagnostic:
-    return Diagnostic(error.code, error.message, error.hint, error.where)
+    return [Diagnostic(error.code, error.message, error.hint, error.where)]
 
 
 def _error_mapping(error: EdmError) -> dict[str, object]:
-    mapping = _problem(_diagnostic(error))
+    mapping = _problem(error)
     if isinstance(error, ProfileError):
         mapping["all"] = [_problem(d) for d in error.diagnostics if not d.is_warning]
     if isinstance(error, MachineFault):
@@ -273,13 +265,9 @@ def _error_mapping(error: EdmError) -> dict[str, object]:
     return mapping
 
 
-def _problem(diagnostic: Diagnostic) -> dict[str, object]:
-    where = diagnostic.where
+def _problem(found: Diagnostic | EdmError) -> dict[str, object]:
+    where = found.where
     return {
-        "code": diagnostic.code,
-        "message": diagnostic.message,
-        "hint": diagnostic.hint,
-        "file": where.file if where else None,
-        "line": where.line if where else None,
-        "column": where.column if where else None,
+        **{key: getattr(found, key) for key in ("code", "message", "hint")},
+        **{key: getattr(where, key, None) for key in ("file", "line", "column")},
     }

@@ -1,6 +1,7 @@
-"""`edmctl doctor` and `reset`: check everything that a job needs; clear a latched fault."""
+"""`edmctl doctor`, `ports` and `reset`: check what a job needs, list the ports, clear a latched fault."""
 
 import os
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,12 +11,18 @@ import typer
 from edmctl import failures
 from edmctl.cli.options import NOTES, PortOption, SetupOption, WaitOption, command
 from edmctl.cli.outcome import Outcome, tell
+from edmctl.cli.render.procedure_tables import render_checks, render_ports
 from edmctl.cli.signals import shell
 from edmctl.errors import EdmError, Interrupted, LinkLost, PreconditionError, ProtocolMismatch
+from edmctl.files import lock_holder
 
 if TYPE_CHECKING:
     from edmctl.jobs.doctor import Checks
+    from edmctl.link.messages import HelloReply
+    from edmctl.link.ports import PortInfo
     from edmctl.machine.controller import LinkMachine
+    from edmctl.profile.setup import Setup
+    from edmctl.results.equipment import Controller, PortRow
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the run files.")]
 SensorsOption = Annotated[
@@ -23,6 +30,14 @@ SensorsOption = Annotated[
     typer.Option(
         "--sensors", help="Also arm, make pulses with the tool retracted to test the gap sensor, and disarm."
     ),
+]
+AckOption = Annotated[
+    int | None,
+    typer.Option("--ack", metavar="CODE", help="The fault to clear. Default: show it only."),
+]
+ProbeOption = Annotated[
+    bool,
+    typer.Option("--probe", help="Identify the controllers at the ports that `auto` would try."),
 ]
 
 
@@ -39,7 +54,6 @@ def doctor(
 
     Nothing moves. --sensors arms the generator briefly.
     """
-    from edmctl.cli.render.procedure_tables import render_checks
     from edmctl.jobs.doctor import Checks
 
     checks = Checks()
@@ -98,12 +112,6 @@ def _look(
     return None
 
 
-AckOption = Annotated[
-    int | None,
-    typer.Option("--ack", metavar="CODE", help="The fault to clear. Default: show it only."),
-]
-
-
 @command("reset")
 def reset(
     outcome: Outcome,
@@ -156,3 +164,85 @@ def _clear(outcome: Outcome, machine: "LinkMachine", ack: int | None, *, lasting
         return
     outcome.result = {"latched": None, "cleared": True}
     outcome.text = f"Fault {ack} is cleared; the controller is idle."
+
+
+@command("ports")
+def ports(outcome: Outcome, setup: SetupOption = None, probe: ProbeOption = False) -> None:
+    """List serial ports, those of the setup, and virtual ones.
+
+    No port is opened without --probe. It opens ports with known USB ids, those that the setup names, and those of
+    `edmctl simulate serve`.
+    """
+    from edmctl.profile.setup import load_setup
+
+    rows = _port_rows(load_setup(setup), probe=probe)
+    outcome.result = {"ports": rows}
+    outcome.show(lambda style: render_ports(rows, style))
+
+
+def _port_rows(setup: "Setup", *, probe: bool) -> "list[PortRow]":
+    """Look at every port that is listed or named in the setup; with `probe` ask those that may be asked."""
+    from edmctl.jobs.connect import served_ports
+    from edmctl.link.ports import listed_ports, probable_ports, same_port
+    from edmctl.results.equipment import PortRow
+
+    # A selector such as `auto` or `serial:ID` names no port.
+    port = setup.port or ""
+    is_port = "://" in port or not (port == "auto" or port.startswith(("sim", "serial:")))
+    named = tuple(dict.fromkeys((*([port] if port and is_port else ()), *setup.link.candidates)))
+    known = probable_ports(setup.link.usb_ids, named)
+    known_devices = {one.device for one in known}
+    served = [
+        one
+        for one in served_ports(shell().environ)
+        if not any(same_port(one.device, device) for device in known_devices)
+    ]
+    answers = _answers(setup, [*known, *served]) if probe else {}
+    listed = listed_ports()
+    listed_devices = {one.device for one in listed}
+    rows = []
+    for one in (*listed, *(one for one in (*known, *served) if one.device not in listed_devices)):
+        hello, error = answers.get(one.device, (None, None))
+        rows.append(
+            PortRow(
+                device=one.device,
+                description=one.description,
+                usb_id=one.usb_id,
+                usb_serial=one.usb_serial,
+                held_by=lock_holder(Path(one.device)),
+                in_setup=any(same_port(name, one.device) for name in named),
+                known=one.device in known_devices,
+                controller=_controller(hello) if hello else None,
+                error=None if hello else error,
+            )
+        )
+    return rows
+
+
+def _answers(setup: "Setup", known: "list[PortInfo]") -> "Mapping[str, tuple[HelloReply | None, str | None]]":
+    """Ask the ports who is there; the reply or the error of each device."""
+    from edmctl.jobs.connect import asks_for_secret, secret_of
+    from edmctl.link.probing import probe
+
+    secret = b""
+    if asks_for_secret(*(one.device for one in known)):
+        secret = secret_of(setup.link.secret_file, shell().environ)
+    answers = probe(known, setup.link.baud, setup.link.hello_s, secret)
+    return {answer.port.device: (answer.hello, answer.error) for answer in answers}
+
+
+def _controller(hello: "HelloReply") -> "Controller":
+    from edmctl.link.faults import FAULTS
+    from edmctl.link.messages import State
+    from edmctl.results.equipment import Controller
+
+    names = {int(code): row.name for code, row in FAULTS.items()}
+    return Controller(
+        serial=hello.serial,
+        firmware=f"{hello.fw_major}.{hello.fw_minor}.{hello.fw_patch}",
+        protocol=f"{hello.proto_major}.{hello.proto_minor}",
+        state=State(hello.state).name if hello.state in set(State) else f"state {hello.state}",
+        fault=hello.fault,
+        fault_name=names.get(hello.fault, ""),
+        simulated=hello.board == 0,
+    )

@@ -1,21 +1,42 @@
-"""`edmctl machine`: the main job."""
+"""`edmctl machine`, the main job, and its single procedures: approach, jump-flush, measure-wear, measure-drift."""
 
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
 from edmctl import failures
 from edmctl.cli import completion
-from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, command
-from edmctl.cli.outcome import Outcome
+from edmctl.cli.options import PROGRESS, JobOptions, NewToolOption, RunOptions, command, options_given
+from edmctl.cli.outcome import Outcome, note, watching
+from edmctl.cli.render.layout import wrapped
+from edmctl.cli.render.procedure_tables import (
+    render_drift,
+    render_jumps,
+    render_procedure_plan,
+    render_reference,
+    render_surface,
+    render_wear,
+)
+from edmctl.cli.render.progress import Reporter
 from edmctl.cli.render.result_table import render_job
-from edmctl.cli.running import identity_before, run_and_tell
-from edmctl.cli.signals import shell
+from edmctl.cli.render.style import Style
+from edmctl.cli.signals import ignore_signals, shell
+from edmctl.jobs.sweep import seed_to_use, simulated_by
+from edmctl.wording import coordinates
 
 if TYPE_CHECKING:
+    from edmctl.jobs.job import Report
+    from edmctl.jobs.ledger.tool import ToolIdentity
+    from edmctl.jobs.measure_wear import ReferenceTouch, WearMeasurement
     from edmctl.jobs.plan import Plan
+    from edmctl.jobs.procedures import Approach, DriftMeasurement, Jumps, Procedure, ProcedureReport
     from edmctl.jobs.run_header import RunName
+
+_R = TypeVar("_R", bound="Report | ProcedureReport")
+_P = TypeVar("_P", bound="Procedure")
 
 ResumeOption = Annotated[
     str | None,
@@ -40,17 +61,59 @@ RestartHoleOption = Annotated[
         help="With --resume: make the hole that was left from the start, where its face is untouched.",
     ),
 ]
-
-_KEPT_ALREADY = {
-    "profile": "--profile",
-    "overrides": "--set",
-    "setup": "--setup",
-    "seed": "--seed",
-    "controller": "--controller",
-    "calibration": "--calibration",
-    "allow_model": "--allow-model",
-    "new_tool": "--new-tool",
-}
+ContactOption = Annotated[
+    bool, typer.Option("--contact", help="Touch the surface, without sparks, instead of finding the gap.")
+]
+PlaceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--site",
+        metavar="X,Y",
+        help="Stage coordinates in µm. Default: where `machine` would put its first hole.",
+    ),
+]
+MOST_JUMPS = 1000
+CountOption = Annotated[
+    int, typer.Option("--count", "-n", metavar="N", min=1, max=MOST_JUMPS, help="Jumps to make.")
+]
+HeightOption = Annotated[
+    float | None, typer.Option("--height-um", metavar="UM", help="Overrides jump.height_um of the profile.")
+]
+SpeedOption = Annotated[
+    float | None, typer.Option("--speed", metavar="UM_S", help="Overrides jump.speed_um_s of the profile.")
+]
+PeriodOption = Annotated[
+    float | None, typer.Option("--period-s", metavar="S", help="Overrides jump.period_s of the profile.")
+]
+ReferenceOption = Annotated[
+    bool, typer.Option("--reference", help="Touch the pad and keep it as Z1: do this before a job.")
+]
+SiteOption = Annotated[
+    str | None,
+    typer.Option(
+        "--site", metavar="NAME|X,Y", help="The hole to touch. Default: the last one that the tool made."
+    ),
+]
+DurationOption = Annotated[
+    float | None,
+    typer.Option(
+        "--duration", metavar="S", min=0.0, help="Time of touches and hold. Default: drift.duration_s."
+    ),
+]
+OutputOption = Annotated[
+    Path | None,
+    typer.Option("--output", metavar="FILE", help="Where to save it. Default: as the machine's own."),
+]
+_IN_THE_JOURNAL = (
+    "profile",
+    "overrides",
+    "setup",
+    "seed",
+    "controller",
+    "calibration",
+    "allow_model",
+    "new_tool",
+)
 
 
 @command("machine", PROGRESS)
@@ -92,8 +155,24 @@ def machine(
         name = name_run(run.out, run.run_id, plan.loaded, datetime.now(UTC))
     if run.dry_run:
         _forecast(outcome, plan, name)
-    else:
-        _run(outcome, plan, name, job.seed)
+        return
+    from edmctl.jobs.job import carry_out  # numpy and h5py
+
+    _run(
+        outcome,
+        plan,
+        job.seed,
+        lambda seed, reporter: carry_out(plan, seed, reporter, name, outcome.warn),
+        lambda done, style: render_job(done.job, done.truths, style, done.channel_truth),
+    )
+
+
+def _refuse_other_options(context: typer.Context) -> None:
+    """Raise UsageError E2050 for options that the journal contains. Environment variables do not count."""
+    given = options_given(context)
+    named = [given[name] for name in _IN_THE_JOURNAL if name in given]
+    if named:
+        raise failures.resume_with_other_options(named=", ".join(named))
 
 
 def _forecast(outcome: Outcome, plan: "Plan", name: "RunName") -> None:
@@ -103,36 +182,221 @@ def _forecast(outcome: Outcome, plan: "Plan", name: "RunName") -> None:
 
     result: dict[str, object] = {}
     if plan.resumed is not None:
-        resumed = plan.resumed
-        outcome.show(resumed.message())
-        result["resumed"] = resumed.as_mapping()
-    elif (identity := identity_before(outcome, plan)) is not None:
+        outcome.show(plan.resumed.message())
+        result["resumed"] = plan.resumed.as_mapping()
+    elif (identity := _identity_before(outcome, plan)) is not None:
         outcome.warn(forewarned(plan, name, identity))
     forecast = plan.forecast_left()
     outcome.result = {**result, "forecast": forecast}
     if forecast is not None:
-        title = plan.loaded.profile.meta.name
-        outcome.show(lambda style: render_forecast(title, forecast, style))
+        outcome.show(lambda style: render_forecast(plan.loaded.profile.meta.name, forecast, style))
 
 
-def _run(outcome: Outcome, plan: "Plan", name: "RunName", seed: int | None) -> None:
-    from edmctl.jobs.job import carry_out
+@command("approach", PROGRESS)
+def approach(
+    outcome: Outcome,
+    job: JobOptions,
+    run: RunOptions,
+    contact: ContactOption = False,
+    site: PlaceOption = None,
+) -> None:
+    """Feed the tool to the spark gap, report its position, retract.
 
-    run_and_tell(
+    The feed is the profile's approach speed. With --contact the tool touches the surface without sparks instead.
+    """
+    from edmctl.jobs.ledger.prepared_job import place_of
+    from edmctl.jobs.procedures import Approach
+
+    plan = job.plan(outcome)
+    procedure = Approach(plan, place_of(site), contact=contact)
+    if run.dry_run:
+        forecast = procedure.forecast(_identity_before(outcome, plan), run.out)
+        where = coordinates(float(forecast["x_um"]), float(forecast["y_um"]))
+        _show_plan(outcome, f"{forecast['kind']} at {where}", forecast)
+    else:
+        _perform(outcome, procedure, job, run, _surface_table)
+
+
+def _surface_table(done: "Approach", style: Style) -> str:
+    assert done.found is not None
+    return render_surface(done.found, style)
+
+
+@command("jump-flush", PROGRESS)
+def jump_flush(
+    outcome: Outcome,
+    job: JobOptions,
+    run: RunOptions,
+    count: CountOption = 10,
+    height_um: HeightOption = None,
+    speed: SpeedOption = None,
+    period_s: PeriodOption = None,
+) -> None:
+    """Make electrode jumps; report height, residual error and settling time.
+
+    The tool jumps beside the workpiece, as deep as at the end of the profile's job, without sparks. The sensor is
+    sampled at 1 kHz.
+    """
+    from edmctl.jobs.procedures import JUMPS_ALONE, Jumps
+
+    jump = {"height_um": height_um, "speed_um_s": speed, "period_s": period_s}
+    changes = [f"jump.{key}={value!r}" for key, value in jump.items() if value is not None]
+    jumps = Jumps(job.plan(outcome, (*changes, *JUMPS_ALONE)), count)
+    if run.dry_run:
+        _show_plan(outcome, "jump-flush", jumps.forecast())
+    else:
+        _perform(outcome, jumps, job, run, _jumps_table)
+
+
+def _jumps_table(done: "Jumps", style: Style) -> str:
+    assert done.series is not None
+    return render_jumps(done.series, style)
+
+
+@command("measure-wear", PROGRESS)
+def measure_wear(
+    outcome: Outcome,
+    job: JobOptions,
+    run: RunOptions,
+    reference: ReferenceOption = False,
+    new_tool: NewToolOption = False,
+    site: SiteOption = None,
+) -> None:
+    """Measure tool wear, depth and feed by touching pad, hole and pad.
+
+    Wear is measured relative to the tool's reference touch: that of its first job, or of --reference. The job
+    ledger beside the run files contains it. Without a profile, the tool last in use is measured with the settings of
+    the run that made the hole.
+    """
+    from edmctl.jobs.measure_wear import TOUCHES_LIKE, ReferenceTouch, WearMeasurement
+    from edmctl.record.ledger import Ledger
+
+    plan = job.plan(outcome, like=TOUCHES_LIKE, new_tool=new_tool)
+    wear = ReferenceTouch(plan) if reference else WearMeasurement(plan, site)
+    if not run.dry_run:
+        _perform(outcome, wear, job, run, _wear_table)
+        return
+    if (identity := _identity_before(outcome, plan)) is not None:
+        wear.plan = wear.look(plan, identity, Ledger.open(run.out), outcome.warn)
+    _show_plan(outcome, "measure-wear", wear.forecast())
+
+
+def _wear_table(done: "ReferenceTouch | WearMeasurement", style: Style) -> str:
+    from edmctl.jobs.measure_wear import ReferenceTouch
+
+    label = done.account.label
+    if isinstance(done, ReferenceTouch):
+        assert done.touched is not None
+        reading, model_um = done.touched.reading, done.touched.model_um
+        return render_reference(label, reading.mean_um, reading.sd_um, reading.touches, model_um, style)
+    assert done.found is not None
+    name = done.bottom.name if done.bottom else label
+    return render_wear(name, done.found, done.account.worn_um, done.total_um, done.truth, style)
+
+
+@command("measure-drift", PROGRESS)
+def measure_drift(
+    outcome: Outcome,
+    job: JobOptions,
+    run: RunOptions,
+    duration: DurationOption = None,
+    output: OutputOption = None,
+) -> None:
+    """Measure sensor drift so that later jobs can correct wear.
+
+    For a quarter of an hour touches of the reference pad alternate with holds at 0 V, without sparks. A hold at
+    depth beside the workpiece separates creep from drift. Without a profile, the tool last in use is taken, with the
+    settings of its last run.
+    """
+    from edmctl.jobs.measure_wear import TOUCHES_LIKE
+    from edmctl.jobs.procedures import DriftMeasurement
+
+    drift = DriftMeasurement(job.plan(outcome, like=TOUCHES_LIKE), duration, output)
+    if run.dry_run:
+        _show_plan(outcome, "measure-drift", drift.forecast())
+    else:
+        _perform(outcome, drift, job, run, _drift_table)
+
+
+def _drift_table(done: "DriftMeasurement", style: Style) -> str:
+    assert done.found is not None
+    path, replaced = str(done.path), done.replaced
+    return render_drift(done.found, done.truth, path, done.use, replaced=replaced, style=style)
+
+
+def _show_plan(outcome: Outcome, title: str, forecast: Mapping[str, object]) -> None:
+    outcome.result = {"forecast": forecast}
+    outcome.show(lambda style: render_procedure_plan(title, forecast, style))
+
+
+def _perform(
+    outcome: Outcome,
+    procedure: _P,
+    job: JobOptions,
+    run: RunOptions,
+    render: Callable[[_P, Style], str],
+) -> None:
+    """Do a procedure by itself, and set its result. Raises the error that ended it."""
+    from edmctl.jobs.procedures import name_of, perform
+
+    name = name_of(procedure.plan, procedure.name, run.out, run.run_id)
+    _run(
         outcome,
-        plan,
-        seed,
-        lambda used_seed, reporter: carry_out(plan, used_seed, reporter, name, outcome.warn),
-        lambda done, style: render_job(done.job, done.truths, style, done.channel_truth),
+        procedure.plan,
+        job.seed,
+        lambda seed, reporter: perform(procedure, name, seed, reporter, outcome.warn),
+        lambda _, style: render(procedure, style),
     )
 
 
-def _refuse_other_options(context: typer.Context) -> None:
-    """Raise UsageError E2050 for options that the journal contains. Environment variables do not count."""
-    named = [
-        option
-        for name, option in _KEPT_ALREADY.items()
-        if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
-    ]
-    if named:
-        raise failures.resume_with_other_options(named=", ".join(named))
+def _run(
+    outcome: Outcome,
+    plan: "Plan",
+    asked_seed: int | None,
+    run: Callable[[int, Reporter], _R],
+    render: Callable[[_R, Style], str],
+) -> None:
+    """Run on the machine of `plan`, and set the result; `render` makes its table. Raises the error that ended it."""
+    from edmctl.jobs.connect import seed_warning
+
+    outcome.warn(seed_warning(plan.where, asked_seed))
+    seed = seed_to_use(asked_seed)
+    outcome.seed = plan.where.seed_of(seed)
+    with watching(outcome.output) as reporter:
+        report = run(seed, reporter)
+        outcome.simulated = report.simulated
+        ignore_signals()
+        outcome.run_file = report.run_file
+        if report.error and report.run_file:
+            reporter.note(f"what was recorded until then is in {report.run_file}")
+    outcome.result = report.as_mapping()
+    if report.reached:
+        outcome.show(lambda style: closing_text(render(report, style), style, report, outcome.seed))
+    report.raise_for_error()
+
+
+def closing_text(table: str, style: Style, report: "Report | ProcedureReport", seed: int | None) -> str:
+    """Return the table at the end of a run, and what it was made with."""
+    lines = []
+    if report.model:
+        lines.append(f"Actuator model: {report.model.text}.")
+        if report.model.alone:
+            lines.append("No sensor is fitted: every touch was read by that model.")
+    made_by = simulated_by(seed) if report.simulated else ""
+    lines.append(f"{made_by}Run file {report.run_file}")
+    return "\n".join([table, *(part for line in lines for part in wrapped(line, style.columns))])
+
+
+def _identity_before(outcome: Outcome, plan: "Plan") -> "ToolIdentity | None":
+    """Return machine and tool as far as they are known without connecting; report if they are not.
+
+    A fresh virtual machine has no history.
+    """
+    from edmctl.jobs.ledger.tool import not_seen, tool_identity_in_file
+
+    if not plan.where.lasting:
+        return None
+    identity = tool_identity_in_file(plan.where)
+    if identity is None:
+        note(outcome.output, not_seen(plan.where))
+    return identity

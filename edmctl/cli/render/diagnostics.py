@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from edmctl.cli.render.layout import wrapped
 from edmctl.cli.render.style import PLAIN, Ink, Style
 from edmctl.errors import Diagnostic, Location
-from edmctl.wording import escaped, printable, shortened
+from edmctl.wording import escaped, plural, printable, shortened
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -18,18 +18,13 @@ MOST_COLUMNS = 300
 
 
 def render_diagnostics(diagnostics: Sequence[Diagnostic], style: Style = PLAIN) -> str:
-    """Render every diagnostic, in the order given, separated by an empty line."""
-    return "\n\n".join(style.render(*_lines(diagnostic, style.columns)) for diagnostic in diagnostics)
-
-
-def summary_line(errors: int, warnings: int) -> str:
-    """Return `2 errors, 1 warning`."""
-    parts = [
-        f"{number} {noun}{'' if number == 1 else 's'}"
-        for number, noun in ((errors, "error"), (warnings, "warning"))
-        if number
-    ]
-    return ", ".join(parts)
+    """Render every diagnostic, in the order given, separated by an empty line; several with their number."""
+    blocks = [style.render(*_lines(diagnostic, style.columns)) for diagnostic in diagnostics]
+    if len(diagnostics) > 1:
+        warnings = sum(one.is_warning for one in diagnostics)
+        counts = ((len(diagnostics) - warnings, "error"), (warnings, "warning"))
+        blocks.append(", ".join(plural(number, noun) for number, noun in counts if number))
+    return "\n\n".join(blocks)
 
 
 def _lines(diagnostic: Diagnostic, columns: int | None) -> Iterator[Text]:
@@ -53,11 +48,9 @@ def _line(*spans: tuple[str, str]) -> Text:
 def _labelled(label: str, ink: Ink, text: str, text_ink: str, columns: int | None) -> Iterator[Text]:
     """Text behind a label, without control characters; further lines, such as those of a compiler, are indented."""
     first, *others = map(escaped, text.split("\n"))
-    lines = wrapped(label + first, columns, "  ")
-    for other in others:
-        lines += wrapped(f"  {other}", columns, "  ")
-    yield _line((label, ink), (lines[0].removeprefix(label), text_ink))
-    for line in lines[1:]:
+    begin, *rest = wrapped(label + first, columns, "  ")
+    yield _line((label, ink), (begin.removeprefix(label), text_ink))
+    for line in (*rest, *(line for other in others for line in wrapped(f"  {other}", columns, "  "))):
         yield _line((line, text_ink))
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import zip_longest
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from edmctl.cli.render.style import PLAIN, Ink, Style
+
+if TYPE_CHECKING:
+    from rich.console import JustifyMethod
 
 Span: TypeAlias = "tuple[str, Ink | None]"
 """Text in one ink, None for that of the terminal."""
@@ -36,18 +38,10 @@ def render_columns(
     from rich.table import Table
     from rich.text import Text
 
-    texts = [header, *([cell if isinstance(cell, str) else cell[0] for cell in row] for row in rows)]
-    width = _width(zip_longest(*texts, fillvalue=""))
-    is_narrow = style.columns is not None and width > style.columns
     table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, header_style=Ink.STRONG)
     for name, side in zip(header, align.ljust(len(header), align[-1]), strict=False):
-        text = Text(name)
-        table.add_column(
-            text,
-            justify="left" if side == "<" else "right",
-            no_wrap=not (is_narrow and fold in (name, None)),
-            overflow="fold",
-        )
+        justify: JustifyMethod = "left" if side == "<" else "right"
+        table.add_column(Text(name), justify=justify, no_wrap=fold not in (name, None), overflow="fold")
     for row in rows:
         cells = (cell if isinstance(cell, tuple) else (cell, None) for cell in row)
         table.add_row(*(Text(text, style=ink or "") for text, ink in cells))
@@ -92,11 +86,7 @@ def render_table(
 
 def width_of(table: Mapping[str, Sequence[str]]) -> int:
     """Return how wide a table of columns under their names is."""
-    return _width((name, *cells) for name, cells in table.items())
-
-
-def _width(columns: Iterable[Iterable[str]]) -> int:
-    return sum(max(map(len, column)) + GAP for column in columns) - GAP
+    return sum(max(map(len, (name, *cells))) + GAP for name, cells in table.items()) - GAP
 
 
 def wrapped(text: str, columns: int | None, indent: str = "") -> list[str]:
@@ -109,14 +99,9 @@ def wrapped(text: str, columns: int | None, indent: str = "") -> list[str]:
     # A number stays with its unit, and a share with what it is a share of.
     glued = text.replace(" % ", "\u00a0%\u00a0").replace(" µm", "\u00a0µm")
     glued = _COMMAND.sub(lambda command: command[0].replace(" ", "\u00a0"), glued)
-    lines = textwrap.wrap(
-        glued,
-        max(columns, 20),
-        subsequent_indent=indent,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-    return [line.replace("\u00a0", " ") for line in lines]
+    filler = textwrap.TextWrapper(max(columns, 20), break_long_words=False, break_on_hyphens=False)
+    filler.subsequent_indent = indent
+    return [line.replace("\u00a0", " ") for line in filler.wrap(glued)]
 
 
 def labelled(label: str, text: str, cells: int, columns: int) -> str:

@@ -13,9 +13,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TextIO
 
-from edmctl.cli.render.charts import count_bar
 from edmctl.cli.render.layout import Span, wrapped
-from edmctl.cli.render.live_view import Histories, draw_view, plain_ascii, render_line
+from edmctl.cli.render.live_view import Histories, count_bar, draw_view, painted, plain_ascii
 from edmctl.cli.render.progress import Pacer, Reporter, left_words
 from edmctl.cli.render.style import Ink, Style
 from edmctl.results.progress import Progress
@@ -56,12 +55,10 @@ class LiveReporter(Reporter):
         if not (self._is_due() or done == total):
             return
         width, _ = self._screen.size()
-        cells = max(0, min(60, width - 1 - _RUNS_WORDS))
-        bar = count_bar(done, total, cells, unicode=self._style.unicode)
+        cells = max(0, min(60, width - 1 - _RUNS_WORDS)) if self._style.unicode else 0
+        bar = count_bar(done, total, cells)
         line: list[Span] = [("runs  ", Ink.FAINT), *bar, (f"  {done} of {total}{left_words(left_s)}", None)]
-        self._screen.show(
-            [(render_line(line, width - 1, self._style), min(width - 1, cells + _RUNS_WORDS))], width
-        )
+        self._screen.show([painted(line, width - 1, self._style)], width)
 
     def note(self, text: str) -> None:
         """Print `text` above the picture, where it stays; the terminal itself would break it within a word."""
@@ -93,8 +90,7 @@ class Screen:
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
-        self._lines: list[str] = []
-        self._cells: list[int] = []
+        self._lines: Sequence[tuple[str, int]] = ()
         self._width = 0
 
     @property
@@ -115,8 +111,7 @@ class Screen:
         hide = "" if self._lines else HIDE_CURSOR
         # What the terminal has wrapped stays joined in its memory until it is erased.
         back = self._back(width) if width == self._width else self._erased(width)
-        self._lines, self._cells = [text for text, _ in lines], [cells for _, cells in lines]
-        self._width = width
+        self._lines, self._width = lines, width
         self._write(f"{_BEGIN}{hide}{back}{self._block()}{_END}")
 
     def print_above(self, text: str) -> None:
@@ -130,31 +125,31 @@ class Screen:
         """Take the block away, and give the cursor back."""
         if self._lines:
             self._write(f"{self._erased(self.size()[0])}{SHOW_CURSOR}")
-            self._lines, self._cells = [], []
+            self._lines = ()
 
     def _back(self, width: int) -> str:
-        return _up(self._rows(self._cells[:-1], width))
+        return _up(_rows(self._lines[:-1], width))
 
     def _erased(self, width: int) -> str:
         """Go to the begin of the block and erase it.
 
         Line by line: tmux keeps a screen that is erased as a whole, and the block would stand above itself.
         """
-        rows = self._rows(self._cells, width)
+        rows = _rows(self._lines, width)
         return self._back(width) + f"{_LINE}\x1b[B" * (rows - 1) + _LINE + _up(rows - 1) if rows else "\r"
 
-    @staticmethod
-    def _rows(cells: Sequence[int], width: int) -> int:
-        """Return the rows of lines on a terminal that wraps them after it became narrower."""
-        return sum(max(1, -(-count // width)) for count in cells)
-
     def _block(self) -> str:
-        return f"{_TO_LINE_END}\n".join(self._lines) + f"{_TO_SCREEN_END}\r"
+        return f"{_TO_LINE_END}\n".join(text for text, _ in self._lines) + f"{_TO_SCREEN_END}\r"
 
     def _write(self, text: str) -> None:
         with suppress(OSError, ValueError):
             self._stream.write(text)
             self._stream.flush()
+
+
+def _rows(lines: Sequence[tuple[str, int]], width: int) -> int:
+    """Return the rows of lines on a terminal that wraps them after it became narrower."""
+    return sum(max(1, -(-cells // width)) for _, cells in lines)
 
 
 def _up(rows: int) -> str:

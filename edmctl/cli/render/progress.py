@@ -1,7 +1,4 @@
-"""Progress for streams that cannot redraw: plain lines, JSON lines, or nothing.
-
-A reader that goes away (`edmctl machine … 2>&1 | head`) must not stop a job, so a broken pipe only silences.
-"""
+"""Progress for streams that cannot redraw: plain lines, JSON lines, or nothing."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ from edmctl.results.telemetry import PulseShares
 from edmctl.wording import duration, escaped
 
 PASSING_PHASE = "jumping"
-"""Comes and goes every few seconds of machining, so it is no news of its own."""
+"""Comes and goes every few seconds of machining, so it is not reported as a change."""
 _IN_A_CUT = ("machining", PASSING_PHASE)
 LINE_EVERY_S = 30.0
 EVENT_EVERY_S = 1.0
@@ -35,7 +32,7 @@ class Reporter:
         """Take the newest state; called at 10 Hz or so of machine time."""
 
     def note(self, text: str) -> None:
-        """Say something once."""
+        """Report an event once."""
 
     def runs(self, done: int, total: int) -> None:
         """Count finished runs of many."""
@@ -47,26 +44,8 @@ class Reporter:
         """Leave the terminal clean."""
 
 
-class Pace:
-    """Lets a report through at each change of phase, and otherwise once per `every_s` of wall time."""
-
-    def __init__(self, every_s: float, clock: Callable[[], float]) -> None:
-        self._every_s = every_s
-        self._clock = clock
-        self._phase = ""
-        self._due_s = 0.0
-
-    def is_due(self, phase: str) -> bool:
-        """Say whether to report now; a yes starts the next interval."""
-        now_s = self._clock()
-        if phase in (self._phase, PASSING_PHASE) and now_s < self._due_s:
-            return False
-        self._phase, self._due_s = phase, now_s + self._every_s
-        return True
-
-
 class Pacer:
-    """Says how long a series of runs will still take, by how long those since its begin have taken."""
+    """Estimates how long a series of runs still takes, from the runs since its start."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock
@@ -83,47 +62,72 @@ class Pacer:
 
 
 def left_words(time_left_s: float) -> str:
-    """Return the time left in words; nothing where it is unknown or over."""
-    return (
-        f", about {duration(time_left_s)} left" if math.isfinite(time_left_s) and time_left_s >= 1.0 else ""
-    )
+    """Return the time left in words; empty if it is unknown or over."""
+    is_known = math.isfinite(time_left_s) and time_left_s >= 1.0
+    return f", about {duration(time_left_s)} left" if is_known else ""
 
 
-class LineReporter(Reporter):
-    """Plain lines, never a carriage return."""
+class _PacedReporter(Reporter):
+    """Reports each change of phase, and otherwise once per `every_s` of wall time.
+
+    A reader that leaves (`edmctl machine … 2>&1 | head`) silences it, and does not stop the job.
+    """
+
+    every_s: float
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
-        self._out = _PatientStream(stream)
-        self._pace = Pace(LINE_EVERY_S, clock)
+        self._stream: TextIO | None = stream
+        self._clock = clock
+        self._phase = ""
+        self._due_s = 0.0
         self._pacer = Pacer(clock)
+
+    def _is_due(self, phase: str) -> bool:
+        now_s = self._clock()
+        if phase in (self._phase, PASSING_PHASE) and now_s < self._due_s:
+            return False
+        self._phase, self._due_s = phase, now_s + self.every_s
+        return True
+
+    def _write(self, text: str) -> None:
+        if self._stream is None:
+            return
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except (OSError, ValueError):
+            self._stream = None
+
+
+class LineReporter(_PacedReporter):
+    """Plain lines, never a carriage return."""
+
+    every_s = LINE_EVERY_S
 
     def progress(self, p: Progress) -> None:
         """Write a line when one is due."""
-        if self._pace.is_due(p.phase):
-            self._out.write(progress_line(p) + "\n")
+        if self._is_due(p.phase):
+            self._write(progress_line(p) + "\n")
 
     def note(self, text: str) -> None:
         """Write `text` on a line of its own."""
-        self._out.write(escaped(text) + "\n")
+        self._write(escaped(text) + "\n")
 
     def runs(self, done: int, total: int) -> None:
         """Write a line when one is due."""
         left_s = self._pacer.time_left_s(done, total)
-        if self._pace.is_due("runs") or done == total:
-            self._out.write(f"{done} of {total} runs done{left_words(left_s)}\n")
+        if self._is_due("runs") or done == total:
+            self._write(f"{done} of {total} runs done{left_words(left_s)}\n")
 
 
-class EventReporter(Reporter):
+class EventReporter(_PacedReporter):
     """JSON lines: each has the key `event`: `progress`, `runs` or `note`."""
 
-    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
-        self._out = _PatientStream(stream)
-        self._pace = Pace(EVENT_EVERY_S, clock)
-        self._pacer = Pacer(clock)
+    every_s = EVENT_EVERY_S
 
     def progress(self, p: Progress) -> None:
         """Write a `progress` object when one is due."""
-        if self._pace.is_due(p.phase):
+        if self._is_due(p.phase):
             self._emit("progress", {key: getattr(p, key) for key in _EVENT_KEYS})
 
     def note(self, text: str) -> None:
@@ -133,16 +137,16 @@ class EventReporter(Reporter):
     def runs(self, done: int, total: int) -> None:
         """Write a `runs` object when one is due."""
         left_s = self._pacer.time_left_s(done, total)
-        if self._pace.is_due("runs"):
+        if self._is_due("runs"):
             self._emit("runs", {"done": done, "total": total, "time_left_s": left_s})
 
-    def _emit(self, event: str, fields: Mapping[str, object]) -> None:
-        self._out.write(render_json_line({"event": event, **fields}))
+    def _emit(self, event: str, values: Mapping[str, object]) -> None:
+        self._write(render_json_line({"event": event, **values}))
 
 
 def progress_line(p: Progress) -> str:
     """Return the state in one line of plain text; gap, pulses and depth only while there are pulses."""
-    parts = [f"{duration(p.time_s)}: {p.phase}{f' {p.site}' if p.site else ''}"]
+    parts = [f"{duration(p.time_s)}: {p.phase} {p.site}".rstrip()]
     if has_pulses(p.ratios):
         parts.append(f"gap {p.gap_v:.1f} V (reference {p.reference_v:.1f} V)")
         parts.append(render_ratios(p.ratios, decimals=0))
@@ -168,20 +172,3 @@ def while_cutting(p: Progress) -> str:
 def has_pulses(ratios: PulseShares) -> bool:
     """Say whether any pulse was counted: without one all shares are zero or unknown."""
     return ratios.open + ratios.normal + ratios.arc + ratios.short > 0.0
-
-
-class _PatientStream:
-    """A text stream that becomes silent when its reader is gone."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-        self._alive = True
-
-    def write(self, text: str) -> None:
-        if not self._alive:
-            return
-        try:
-            self._stream.write(text)
-            self._stream.flush()
-        except (OSError, ValueError):
-            self._alive = False

@@ -2,42 +2,55 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
-from edmctl.cli.render.diagnostics import render_diagnostics, summary_line
+from edmctl.cli.render.diagnostics import render_diagnostics
 from edmctl.cli.render.style import Style
 from edmctl.errors import Diagnostic, Location
 
-LINE = "reference = 0.42"
 ERROR = Diagnostic(
     "E3004",
     "servo.reference: 0.42 is below 0.60",
     "take 0.60 to 0.95",
-    Location("profiles/cu270.toml", 14, 13, 4, LINE),
+    Location("profiles/cu270.toml", 14, 13, 4, "reference = 0.42"),
+)
+SHOWN = (
+    "error[E3004]: servo.reference: 0.42 is below 0.60\n"
+    "  --> profiles/cu270.toml:14:13\n"
+    "14 | reference = 0.42\n"
+    "   |             ^^^^\n"
+    "   = help: take 0.60 to 0.95"
 )
 
 
-def test_an_error_shows_place_line_caret_and_help() -> None:
-    assert render_diagnostics([ERROR]) == (
-        "error[E3004]: servo.reference: 0.42 is below 0.60\n"
-        "  --> profiles/cu270.toml:14:13\n"
-        "14 | reference = 0.42\n"
-        "   |             ^^^^\n"
-        "   = help: take 0.60 to 0.95"
-    )
+def test_an_error_shows_place_line_caret_and_help_and_colour_is_only_paint() -> None:
+    assert render_diagnostics([ERROR]) == SHOWN
+    painted = render_diagnostics([ERROR], Style(colour=True, live=False))
+    assert "\x1b[1;31merror[E3004]\x1b[0m" in painted
+    assert re.sub(r"\x1b\[[0-9;]*m", "", painted) == SHOWN
 
 
-def test_every_problem_is_shown_in_order() -> None:
+def test_every_problem_is_shown_in_order_and_counted() -> None:
     warning = Diagnostic("W3001", "the jump is low", "raise it", is_warning=True)
-    text = render_diagnostics([ERROR, warning])
-    assert text.index("error[E3004]") < text.index("warning[W3001]: the jump is low")
-    assert text.endswith("  = help: raise it")
+    text = render_diagnostics([ERROR, ERROR, warning])
+    end = "\n\nwarning[W3001]: the jump is low\n  = help: raise it\n\n2 errors, 1 warning"
+    assert text == f"{SHOWN}\n\n{SHOWN}{end}"
 
 
-def test_the_caret_follows_tabs() -> None:
-    where = Location("a.toml", 3, 3, 4, "\t\t0.42 # x")
-    lines = render_diagnostics([Diagnostic("E1", "m", "", where)]).splitlines()
-    assert lines[-1].index("^") == lines[-2].index("0.42")
+@pytest.mark.parametrize(
+    ("where", "end"),
+    [
+        pytest.param(
+            Location("a.toml", 3, 3, 4, "\t\t0.42 # x"), "|             ^^^^", id="the caret follows tabs"
+        ),
+        pytest.param(Location("a.toml", 1, 5, 40, "a = 1"), "|     ^", id="it ends with the line"),
+        pytest.param(Location("a.toml", 1, 9, 1, "a = ["), "|         ^", id="past the end there is one"),
+    ],
+)
+def test_the_caret_is_under_the_place(where: Location, end: str) -> None:
+    assert render_diagnostics([Diagnostic("E1", "m", "", where)]).endswith(end)
 
 
 @pytest.mark.parametrize("columns", [40, 80, 120])
@@ -54,22 +67,6 @@ def test_on_a_narrow_terminal_words_are_wrapped_and_the_caret_is_in_sight(column
     assert fix in "\n".join(lines)
 
 
-def test_the_caret_ends_with_the_line() -> None:
-    where = Location("a.toml", 1, 5, 40, "a = 1")
-    assert render_diagnostics([Diagnostic("E1", "m", "", where)]).endswith("|     ^")
-
-
-def test_a_place_past_the_end_still_has_a_caret() -> None:
-    where = Location("a.toml", 1, 9, 1, "a = [")
-    assert render_diagnostics([Diagnostic("E1", "m", "", where)]).endswith("|         ^")
-
-
-def test_colour_is_only_paint() -> None:
-    painted = render_diagnostics([ERROR], Style(colour=True, live=False))
-    assert "\x1b[1;31merror[E3004]\x1b[0m" in painted
-    assert _without_codes(painted) == render_diagnostics([ERROR])
-
-
 def test_control_characters_do_not_reach_the_terminal() -> None:
     where = Location("a\x1b[2J.toml", 1, 1, 1, "a\x1b = 1")
     text = render_diagnostics([Diagnostic("E1", "no a\x1b[2Jb\rc\nerror[E2]: d", "say \x07", where)])
@@ -81,14 +78,3 @@ def test_control_characters_do_not_reach_the_terminal() -> None:
         "  | ^",
         r"  = help: say \x07",
     ]
-
-
-def test_summary_counts() -> None:
-    assert summary_line(1, 0) == "1 error"
-    assert summary_line(2, 1) == "2 errors, 1 warning"
-
-
-def _without_codes(text: str) -> str:
-    import re
-
-    return re.sub(r"\x1b\[[0-9;]*m", "", text)

@@ -1,9 +1,10 @@
-"""The picture on a terminal: what it shows, where it fits, and what it leaves behind."""
+"""The picture on a terminal: what it shows, where it fits, and what it leaves behind; bars and charts."""
 
 from __future__ import annotations
 
 import io
 import math
+import random
 import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -12,12 +13,22 @@ import pytest
 from rich.cells import cell_len
 
 from edmctl.cli.render.live import LiveReporter
-from edmctl.cli.render.live_view import Histories, draw_view
+from edmctl.cli.render.live_view import (
+    SPAN_S,
+    Histories,
+    History,
+    chart,
+    count_bar,
+    depth_bar,
+    draw_view,
+    pulse_bar,
+)
 from edmctl.cli.render.style import Style
 from edmctl.results.telemetry import PulseShares
-from tests.cli.render.views import made_state
+from tests.cli.render.views import HandClock, made_state
 
 if TYPE_CHECKING:
+    from edmctl.cli.render.layout import Span
     from edmctl.results.progress import Progress
 
 PLAIN_VIEW = Style(colour=False, live=True)
@@ -43,14 +54,7 @@ FULL = made_state(
     warning="27 % arcs in the last 2 s; the limit is 20 %.",
     warned_s=111.0,
 )
-
-
-class HandClock:
-    def __init__(self) -> None:
-        self.now_s = 0.0
-
-    def __call__(self) -> float:
-        return self.now_s
+NO_PULSES = PulseShares(0.0, 0.0, 0.0, 0.0)
 
 
 class Writes(io.StringIO):
@@ -71,6 +75,10 @@ def drawn(state: Progress, width: int = 100, height: int = 40, style: Style = PL
     return "\n".join(text for text, _ in draw_view(state, histories, width, height, style))
 
 
+def text_of(spans: list[Span]) -> str:
+    return "".join(text for text, _ in spans)
+
+
 def test_everything_that_is_known_is_shown() -> None:
     picture = drawn(FULL)
     for part in (
@@ -87,65 +95,52 @@ def test_everything_that_is_known_is_shown() -> None:
         "warning 14 s ago: 27 % arcs",
     ):
         assert part in picture
+    assert "\x1b" not in picture
+    assert "\x1b[94m" in drawn(FULL, style=Style(colour=True, live=True))
 
 
-def test_a_procedure_without_a_depth_shows_none() -> None:
-    picture = drawn(made_state(depth_um=math.nan, ratios=PulseShares(0.0, 0.0, 0.0, 0.0)))
-    assert "depth" not in picture
-    assert "8 min 00 s left" in picture
-
-
-def test_a_feed_that_is_the_target_is_the_bar() -> None:
-    picture = drawn(replace(FULL, feed_target_um=250.0, depth_target_um=math.nan))
-    assert "66.7 of 250.0 µm" in picture
-    assert "depth" not in picture
+def test_a_depth_is_shown_where_the_target_is_one() -> None:
+    assert "depth" not in drawn(made_state(depth_um=math.nan, ratios=NO_PULSES))
+    fed = drawn(replace(FULL, feed_target_um=250.0, depth_target_um=math.nan))
+    assert "66.7 of 250.0 µm" in fed
+    assert "depth" not in fed
 
 
 @pytest.mark.parametrize("style", [PLAIN_VIEW, ASCII_VIEW, Style(colour=True, live=True)])
 @pytest.mark.parametrize("width", [1, 5, 12, 30, 59, 60, 79, 80, 98, 99, 120, 199])
-@pytest.mark.parametrize("height", [1, 3, 8, 12, 40])
-def test_no_line_is_wider_than_the_terminal(width: int, height: int, style: Style) -> None:
+def test_no_line_is_wider_than_the_terminal(width: int, style: Style) -> None:
     long = replace(FULL, site="a-rather-long-name-of-a-hole-" * 4, warning="长" * 150)
     histories = Histories()
     histories.update(long)
-    lines = draw_view(long, histories, width, height, style)
-    assert 1 <= len(lines) <= height
-    for text, cells in lines:
-        bare = re.sub(r"\x1b\[[0-9;]*m", "", text)
-        assert cell_len(bare) <= width
-        assert cell_len(bare) <= cells <= width
+    for height in (1, 3, 8, 12, 40):
+        lines = draw_view(long, histories, width, height, style)
+        assert 1 <= len(lines) <= height
+        for text, cells in lines:
+            assert cell_len(re.sub(r"\x1b\[[0-9;]*m", "", text)) == cells <= width
 
 
-def test_few_lines_keep_what_matters_most() -> None:
+def test_what_matters_most_is_kept() -> None:
     assert "machining" in drawn(FULL, height=1)
     three = drawn(FULL, height=3)
     assert "42.2 ± 1.2" in three
     assert "warning" in three
     assert "jumps" not in three
-
-
-def test_names_are_cut_before_the_time_left_is() -> None:
     line = drawn(replace(FULL, site="x" * 100), width=79, height=1)
     assert line.endswith("2 min 05 s, about 8 min 00 s left")
     assert "x…" in line
-
-
-def test_a_name_moves_no_cursor() -> None:
     assert "\x1b" not in drawn(replace(FULL, site="a\x1b[2Jb", warning="c\rd"))
 
 
-def test_a_terminal_without_unicode_gets_ascii_alone() -> None:
+def test_a_terminal_without_unicode_gets_figures_in_ascii() -> None:
     picture = drawn(FULL, style=ASCII_VIEW)
     assert picture.isascii()
     assert "42.2 +- 1.2 of 180.0 um" in picture
     out = io.StringIO()
-    LiveReporter(out, ASCII_VIEW).note("Z1 = 53.10 µm ± 0.1")
-    assert out.getvalue() == "Z1 = 53.10 um +- 0.1\n"
-
-
-def test_without_colour_there_is_none() -> None:
-    assert "\x1b" not in drawn(FULL)
-    assert "\x1b[94m" in drawn(FULL, style=Style(colour=True, live=True))
+    reporter = LiveReporter(out, ASCII_VIEW)
+    reporter.note("Z1 = 53.10 µm ± 0.1")
+    reporter.runs(1, 2)
+    assert out.getvalue().startswith("Z1 = 53.10 um +- 0.1\n")
+    assert out.getvalue().isascii()
 
 
 @pytest.mark.parametrize(
@@ -184,53 +179,38 @@ def erased(rows: int) -> str:
 
 
 def test_the_picture_vanishes_notes_stay_and_the_cursor_is_back() -> None:
-    out = io.StringIO()
-    reporter = LiveReporter(out, PLAIN_VIEW, clock=lambda: 0.0)
-    reporter.progress(made_state())
-    reporter.note("Z1 done")
-    reporter.close()
-    text = out.getvalue()
-    assert text.startswith("\x1b[?2026h\x1b[?25l")
-    assert f"{erased(6)}Z1 done\n" in text
-    assert text.endswith(f"{erased(6)}\x1b[?25h\n")
-
-
-def test_a_picture_that_stands_aside_is_gone_until_the_next_progress() -> None:
     out, clock = io.StringIO(), HandClock()
     reporter = LiveReporter(out, PLAIN_VIEW, clock)
     reporter.progress(made_state())
+    reporter.note("Z1 done")
     reporter.aside()
-    assert out.getvalue().endswith(f"{erased(6)}\x1b[?25h")
-    out.truncate(0)
-    reporter.close()
-    assert out.getvalue() == ""
-    clock.now_s = 1.0
+    text = out.getvalue()
+    assert text.startswith("\x1b[?2026h\x1b[?25l")
+    assert f"{erased(6)}Z1 done\n" in text
+    assert text.endswith(f"{erased(6)}\x1b[?25h")
+    reporter.close()  # there is no picture: nothing to take away
+    assert out.getvalue() == text
+    clock.now_s += 1.0
     reporter.progress(made_state())
-    assert "\x1b[?25l\r" in out.getvalue()
+    assert "\x1b[?25l\r" in out.getvalue()[len(text) :]
+    reporter.close()
+    assert out.getvalue().endswith(f"{erased(6)}\x1b[?25h\n")
 
 
-def test_every_picture_is_one_write_that_blanks_nothing() -> None:
-    out, clock = Writes(), HandClock()
-    reporter = LiveReporter(out, PLAIN_VIEW, clock)
-    for _ in range(3):
-        reporter.progress(FULL)
-        clock.now_s += 0.1
-    assert len(out.parts) == 3
-    again = out.parts[-1]
-    assert again.count("\x1b[J") == 1
-    assert again.index("jumps") < again.index("\x1b[J")
-
-
-def test_reports_between_two_pictures_are_not_lost() -> None:
+def test_every_picture_is_one_write_that_blanks_nothing_and_loses_no_report() -> None:
     out, clock = Writes(), HandClock()
     reporter = LiveReporter(out, PLAIN_VIEW, clock)
     reporter.progress(replace(FULL, time_s=100.0))
     for i in range(300):
         reporter.progress(replace(FULL, time_s=100.0 + 0.1 * i, gap_high_v=17.5 if i == 150 else 12.0))
     assert len(out.parts) == 1
-    clock.now_s = 0.1
+    clock.now_s += 0.1
     reporter.progress(replace(FULL, time_s=130.0))
-    assert "2.1 to 17.5 V in 60 s" in out.parts[-1]
+    first, again = out.parts
+    assert "2.1 to 12.0 V in 60 s" in first
+    assert "2.1 to 17.5 V in 60 s" in again
+    assert again.count("\x1b[J") == 1
+    assert again.index("jumps") < again.index("\x1b[J")
 
 
 def test_a_narrower_terminal_is_cleared_of_what_it_wrapped(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -240,7 +220,8 @@ def test_a_narrower_terminal_is_cleared_of_what_it_wrapped(monkeypatch: pytest.M
     reporter.progress(FULL)
     first = out.parts[0].split("\r")[1]
     rows = [len(re.sub(r"\x1b\[[?0-9;]*[a-zA-Z]", "", line)) for line in first.split("\n")]
-    width, clock.now_s = 40, 0.1
+    width = 40
+    clock.now_s += 0.1
     reporter.progress(FULL)
     wrapped = sum(max(1, math.ceil(cells / 40)) for cells in rows)
     assert wrapped > len(rows)
@@ -249,11 +230,80 @@ def test_a_narrower_terminal_is_cleared_of_what_it_wrapped(monkeypatch: pytest.M
 
 
 def test_runs_are_counted_in_a_bar() -> None:
-    out, clock = io.StringIO(), HandClock()
-    reporter = LiveReporter(out, PLAIN_VIEW, clock)
-    reporter.runs(1, 40)
-    reporter.runs(2, 40)
-    reporter.runs(40, 40)
-    assert "1 of 40" in out.getvalue()
-    assert "2 of 40" not in out.getvalue()
-    assert "40 of 40" in out.getvalue()
+    out = io.StringIO()
+    reporter = LiveReporter(out, PLAIN_VIEW, HandClock())
+    for done in (1, 2, 40):
+        reporter.runs(done, 40)
+    assert [f"{done} of 40" in out.getvalue() for done in (1, 2, 40)] == [True, False, True]
+
+
+# ------------------------------------------------------------------------------------------------ bars and charts
+def lines_of(history: History, now_s: float, mark: float = math.nan) -> list[str]:
+    return [text_of(line) for line in chart(history, now_s, 30, 2, (0.0, 10.0), mark)]
+
+
+def history_of(*reports: tuple[float, float, float]) -> History:
+    history = History()
+    for report in reports:
+        history.update(*report)
+    return history
+
+
+def test_one_short_peak_in_a_minute_is_seen() -> None:
+    steady = [(0.1 * i, 5.0, 5.0) for i in range(round(10 * SPAN_S))]
+    before = lines_of(history_of(*steady), SPAN_S)[0]
+    assert before != lines_of(history_of(*steady, (SPAN_S, 5.0, 10.0)), SPAN_S)[0]
+
+
+def test_low_and_high_of_every_column_are_those_of_its_samples() -> None:
+    rng = random.Random(7)
+    samples = [(0.1 * i, rng.uniform(0, 5), rng.uniform(5, 10)) for i in range(590)]
+    step_s = SPAN_S / 24
+    for i, found in enumerate(history_of(*samples).columns(24, 58.9)):
+        index = math.floor(58.9 / step_s) - 23 + i
+        inside = [row for row in samples if int(row[0] / step_s) == index]
+        expected = (min(r[1] for r in inside), max(r[2] for r in inside)) if inside else None
+        assert found == expected
+
+
+@pytest.mark.parametrize(
+    ("reports", "extremes"),
+    [
+        pytest.param([(0.0, 1.0, 99.0), (61.0, 4.0, 6.0)], (4.0, 6.0), id="a minute is kept"),
+        pytest.param([(6.0, 1.0, 2.0), (0.5, 7.0, 8.0)], (7.0, 8.0), id="a clock that is set back"),
+        pytest.param([(1.0, 3.0, 4.0), (5.0, math.nan, math.nan)], (3.0, 4.0), id="unknown values"),
+    ],
+)
+def test_the_history_has_the_last_minute(
+    reports: list[tuple[float, float, float]], extremes: tuple[float, float]
+) -> None:
+    history = history_of(*reports)
+    assert (history.low, history.high) == extremes
+
+
+def test_the_mark_is_a_line_and_values_off_the_scale_stay_in_the_chart() -> None:
+    assert set(lines_of(history_of((59.9, 9.0, 9.0)), 59.9, mark=0.0)[1]) == {"⣀"}
+    assert all(len(line) == 30 for line in lines_of(history_of((1.0, -500.0, 500.0)), 1.0))
+
+
+@pytest.mark.parametrize(
+    ("done_um", "u95_um", "bar"),
+    [
+        (0.0, math.nan, "─" * 26 + "│─"),
+        (50.0, math.nan, "█" * 13 + "─" * 13 + "│─"),
+        (50.0, 8.0, "█" * 10 + "▒" * 6 + "─" * 10 + "│─"),
+        (50.0, 0.01, "█" * 12 + "▒" + "─" * 13 + "│─"),
+        (100.0, 1.0, "█" * 25 + "▒│─"),
+        (500.0, 1.0, "█" * 26 + "│█"),
+    ],
+)
+def test_the_depth_bar_shows_depth_interval_and_target(done_um: float, u95_um: float, bar: str) -> None:
+    assert text_of(depth_bar(done_um, u95_um, 100.0, 28)) == bar
+
+
+def test_bars_of_shares_and_counts() -> None:
+    assert text_of(depth_bar(50.0, 1.0, math.nan, 10)) == "─" * 10
+    assert [text_of(count_bar(done, 4, 4)) for done in (0, 1, 4)] == ["────", "█───", "████"]
+    ratios = PulseShares(0.5, 0.3, 0.1, 0.1)
+    assert text_of(pulse_bar(ratios, 20, colour=False)) == "░" * 10 + "█" * 6 + "▓▓▞▞"
+    assert text_of(pulse_bar(ratios, 20)) == "█" * 20

@@ -1,9 +1,8 @@
 """`edmctl simulate actuator`: voltage waveforms through a virtual actuator and the models of it."""
 
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -18,39 +17,22 @@ if TYPE_CHECKING:
     from edmctl.jobs.paper_trial import PaperTrial
 
 
-class Shape(StrEnum):
-    """What can be asked for."""
-
-    SINE = "sine"
-    SQUARE = "square"
-    TRIANGLE = "triangle"
-    STEP = "step"
-    JUMPS = "jumps"
-    SERVO = "servo"
-    CSV = "csv"
-    ALL = "all"
-    FIG3A = "fig3a"
-    FIG3B = "fig3b"
-    FIG4 = "fig4"
-    FIG5 = "fig5"
-    LOOP = "loop"
-    FIGURES = "figures"
-
-
-class ModelChoice(StrEnum):
-    """Whose models."""
-
-    COMPARED = "compared"
-    PAPER = "paper"
-
-
-class StartChoice(StrEnum):
-    """What the paper's model remembers."""
-
-    VIRGIN = "virgin"
-    CONDITIONED = "conditioned"
-
-
+Shape = Literal[
+    "sine",
+    "square",
+    "triangle",
+    "step",
+    "jumps",
+    "servo",
+    "csv",
+    "all",
+    "fig3a",
+    "fig3b",
+    "fig4",
+    "fig5",
+    "loop",
+    "figures",
+]
 ShapeArgument = Annotated[
     Shape | None,
     typer.Argument(
@@ -62,7 +44,7 @@ ShapeArgument = Annotated[
     ),
 ]
 ModelOption = Annotated[
-    ModelChoice,
+    Literal["compared", "paper"],
     typer.Option(
         "--model",
         metavar="compared|paper",
@@ -71,7 +53,7 @@ ModelOption = Annotated[
     ),
 ]
 StartOption = Annotated[
-    StartChoice | None,
+    Literal["virgin", "conditioned"] | None,
     typer.Option(
         "--start",
         metavar="virgin|conditioned",
@@ -111,7 +93,7 @@ DataOption = Annotated[
 def actuator(
     outcome: Outcome,
     shape: ShapeArgument = None,
-    model: ModelOption = ModelChoice.COMPARED,
+    model: ModelOption = "compared",
     start: StartOption = None,
     frequency: FrequencyOption = None,
     low: LowOption = None,
@@ -129,26 +111,32 @@ def actuator(
     cycle), and edmctl's, calibrated as a machine would be: through the displacement sensor. With --model paper it
     is the electromechanical model of the paper, with its Table 1.
     """
-    from edmctl.jobs.actuator_trial import check_outputs
+    from edmctl.cli.render.calibration_tables import render_actuator, render_paper_trial
+    from edmctl.jobs import actuator_trial, paper_trial
     from edmctl.jobs.actuator_waveforms import Wanted, waveforms
 
     outcome.simulated = True
     used_seed = seed_to_use(seed)
-    of_paper = model is ModelChoice.PAPER
+    of_paper = model == "paper"
     _refuse_contradictions(shape, start, calibration, of_paper=of_paper)
-    chosen = shape or Shape.FIGURES
-    asked = waveforms(Wanted(chosen.value, frequency, low, high, cycles, source))
-    check_outputs(plot, data)
+    asked = waveforms(Wanted(shape or "figures", frequency, low, high, cycles, source))
+    actuator_trial.check_outputs(plot, data)
     outcome.seed = used_seed
+    made_by = f"simulated, seed {used_seed}"
     if of_paper:
-        begins = start or StartChoice.VIRGIN
-        _report_paper(outcome, _try_paper(outcome, asked, begins, used_seed), plot, data)
+        paper = paper_trial.run_paper_trial(asked, start or "virgin", used_seed)
+        outcome.warn(paper.doubts)
+        outcome.show(lambda style: render_paper_trial(paper, style))
+        words = f"{made_by}; model begins {paper.start}"
+        _write(outcome, paper, data, plot, lambda path: paper_trial.write_figure(paper, path, words))
     else:
-        _report(outcome, _try(outcome, asked, calibration, used_seed), plot, data)
+        trial = _compared(outcome, asked, calibration, used_seed)
+        outcome.show(lambda style: render_actuator(trial.waveforms, trial.stroke_um, style))
+        _write(outcome, trial, data, plot, lambda path: actuator_trial.write_figure(trial, path, made_by))
 
 
 def _refuse_contradictions(
-    shape: Shape | None, start: StartChoice | None, calibration: Path | None, *, of_paper: bool
+    shape: str | None, start: str | None, calibration: Path | None, *, of_paper: bool
 ) -> None:
     """Raise UsageError for a missing waveform (E2000), and options that do not go with the models (E2010)."""
     if shape is None and not of_paper:
@@ -159,7 +147,7 @@ def _refuse_contradictions(
         raise failures.calibration_with_paper_model()
 
 
-def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, seed: int) -> "Trial":
+def _compared(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, seed: int) -> "Trial":
     from edmctl.jobs.actuator_trial import known_model, run_trial
 
     known = None
@@ -174,16 +162,6 @@ def _try(outcome: Outcome, asked: "list[Waveform]", calibration: Path | None, se
     return trial
 
 
-def _report(outcome: Outcome, trial: "Trial", plot: Path | None, data: Path | None) -> None:
-    """Show the errors, then write the files, so that a full disk does not hide them."""
-    from edmctl.cli.render.calibration_tables import render_actuator
-    from edmctl.jobs.actuator_trial import write_figure
-
-    outcome.show(lambda style: render_actuator(trial.waveforms, trial.stroke_um, style))
-    words = f"simulated, seed {outcome.seed}"
-    _write(outcome, trial, data, plot, lambda path: write_figure(trial, path, words))
-
-
 def _write(
     outcome: Outcome,
     trial: "Trial | PaperTrial",
@@ -191,6 +169,7 @@ def _write(
     plot: Path | None,
     draw: "Callable[[Path], None]",
 ) -> None:
+    """Set the result, then write the files, so that a full disk does not hide the errors of the models."""
     from edmctl.jobs.actuator_trial import write_data
 
     result: dict[str, object] = {**trial.as_mapping(), "plot_file": None, "data_file": None}
@@ -204,20 +183,3 @@ def _write(
         draw(plot)
         result["plot_file"] = str(plot)
         outcome.text += f" Figure {plot}"
-
-
-def _try_paper(outcome: Outcome, asked: "list[Waveform]", start: StartChoice, seed: int) -> "PaperTrial":
-    from edmctl.jobs.paper_trial import run_paper_trial
-
-    trial = run_paper_trial(asked, start.value, seed)
-    outcome.warn(trial.doubts)
-    return trial
-
-
-def _report_paper(outcome: Outcome, trial: "PaperTrial", plot: Path | None, data: Path | None) -> None:
-    from edmctl.cli.render.calibration_tables import render_paper_trial
-    from edmctl.jobs.paper_trial import write_figure
-
-    words = f"simulated, seed {outcome.seed}; model begins {trial.start}"
-    outcome.show(lambda style: render_paper_trial(trial, style))
-    _write(outcome, trial, data, plot, lambda path: write_figure(trial, path, words))

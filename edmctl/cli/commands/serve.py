@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,7 +20,7 @@ from edmctl.cli.options import (
     command,
     controlled_by,
 )
-from edmctl.cli.outcome import Outcome, Output, tell
+from edmctl.cli.outcome import Outcome, tell
 from edmctl.cli.signals import requests_by_signal, shell, stopping_signals
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.jobs.sweep import seed_to_use
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from edmctl.simulator import BenchConfig, VirtualBench
     from edmctl.simulator.endpoints import Endpoint
     from edmctl.simulator.injection import Injection
-    from edmctl.simulator.serve import EventMonitor, Server
+    from edmctl.simulator.serve import Traffic
 
 FASTEST = "max"
 LEAST_SPEED, MOST_SPEED = 0.05, 1000.0
@@ -91,8 +91,17 @@ ForOption = Annotated[
 
 
 @dataclass(frozen=True, slots=True)
-class ServeRequest:
-    """What to serve, checked."""
+class _Place:
+    """A socket to serve on, and the secret for its clients; empty for none."""
+
+    host: str
+    port: int
+    secret: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    """What to serve where, checked; without a `place` on a pty."""
 
     config: "BenchConfig"
     seed: int
@@ -101,16 +110,9 @@ class ServeRequest:
     injections: tuple["Injection", ...]
     bench_file: Path | None
     seconds: float | None
-    acts: Path | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """A socket to serve on, and the secret for its clients; empty for none."""
-
-    host: str
-    port: int
-    secret: bytes
+    acts: Path | None
+    link: Path | None
+    place: _Place | None
 
 
 @command("simulate serve", NOTES)
@@ -158,14 +160,16 @@ def serve(
         config = replace(config, controller=controller)
     rate = _baud(baud, config.controller)
     used_seed = seed_to_use(seed)
-    # A bench that was kept is the machine that it is, whatever seed would make another.
+    # A kept bench is the machine that it is, whatever seed would make another.
     outcome.seed = used_seed if seed is not None or bench is None or not bench.exists() else None
-    request = ServeRequest(config, used_seed, factor, rate, injections, bench, seconds, acts)
-    _serve(outcome, request, link, place)
+    _serve(
+        outcome,
+        _Request(config, used_seed, factor, rate, injections, bench, seconds, acts, link, place),
+    )
 
 
-def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _Place | None) -> None:
-    from edmctl.jobs.connect import announced
+def _serve(outcome: Outcome, request: _Request) -> None:
+    from edmctl.jobs.connect import announced, driver
     from edmctl.jobs.persistent_simulator import kept_bench
     from edmctl.simulator.plant import serial_number
     from edmctl.simulator.serve import EventMonitor, Server
@@ -179,9 +183,11 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
             )
         for injection in request.injections:
             bench.inject(injection)
-        bench.controller.baud = request.baud
+        controller = bench.controller
+        controller.baud = request.baud
         serial = _serial(bench)
-        endpoint = _endpoint(link, place, outcome.output)
+        end_tick = math.inf if request.seconds is None else controller.tick + round(1000.0 * request.seconds)
+        endpoint = _endpoint(request, say)
         try:
             news = EventMonitor(bench, say, keep)
             with (
@@ -189,7 +195,8 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
                 stopping_signals(stop, endpoint.close),
                 requests_by_signal(REPAIR_SIGNAL) as repair_asked,
             ):
-                say(_ready(bench, serial, endpoint, request.speed))
+                pace = "as fast as its clients" if request.speed is None else f"at {request.speed:g}x"
+                say(f"serving {serial}{driver(bench)} on {endpoint.name} {pace}; Ctrl-C ends it")
 
                 def look_around() -> None:
                     if repair_asked():
@@ -198,19 +205,29 @@ def _serve(outcome: Outcome, request: ServeRequest, link: Path | None, place: _P
                     news()
 
                 server = Server(bench, endpoint, request.speed, look_around, say, _acts(request, bench, say))
-                server.run(_is_over(bench, stop, request.seconds))
+                server.run(lambda: stop.signal_number is not None or controller.tick >= end_tick)
         finally:
             endpoint.close()
             bench.settle()
         news()
-        outcome.result = _summary(bench, serial, endpoint, server, news, request.speed)
-        outcome.text = _closing(serial, server, news)
+        outcome.result = {
+            "port": endpoint.name,
+            "serial": serial,
+            "speed": FASTEST if request.speed is None else request.speed,
+            "time_s": controller.tick * 1e-3,
+            "state": controller.state.name,
+            "fault": controller.fault or None,
+            "faults": news.faults,
+            "injected": [str(injection) for injection, _ in controller.injector.applied],
+            **asdict(server.traffic),
+        }
+        outcome.text = _closing(serial, server.traffic, news.faults)
     if bench.line.unplugged:
         say("the line is unplugged; nothing more to serve")
     stop.check()
 
 
-def _acts(request: ServeRequest, bench: "VirtualBench", say: "Callable[[str], None]") -> "Callable[[], None]":
+def _acts(request: _Request, bench: "VirtualBench", say: Callable[[str], None]) -> Callable[[], None]:
     from edmctl.simulator.serve import ActsFile
 
     if request.acts is None:
@@ -221,22 +238,12 @@ def _acts(request: ServeRequest, bench: "VirtualBench", say: "Callable[[str], No
         raise failures.acts_file_unusable(acts=request.acts, reason=refused.strerror) from refused
 
 
-def _is_over(bench: "VirtualBench", stop: "StopRequest", seconds: float | None) -> "Callable[[], bool]":
-    controller = bench.controller
-    end_tick = None if seconds is None else controller.tick + round(1000.0 * seconds)
-
-    def is_over() -> bool:
-        return stop.signal_number is not None or (end_tick is not None and controller.tick >= end_tick)
-
-    return is_over
-
-
-def _endpoint(link: Path | None, place: _Place | None, output: Output) -> "Endpoint":
+def _endpoint(request: _Request, say: Callable[[str], None]) -> "Endpoint":
     from edmctl.simulator.endpoints import PtyEndpoint, SocketEndpoint
 
-    if place is not None:
-        return SocketEndpoint(place.host, place.port, partial(tell, output), place.secret)
-    return PtyEndpoint(link)
+    if (place := request.place) is not None:
+        return SocketEndpoint(place.host, place.port, say, place.secret)
+    return PtyEndpoint(request.link)
 
 
 def _serial(bench: "VirtualBench") -> str:
@@ -250,38 +257,8 @@ def _serial(bench: "VirtualBench") -> str:
     return str(Session(MemoryTransport(bench.controller)).introduction().fields["serial"])
 
 
-def _ready(bench: "VirtualBench", serial: str, endpoint: "Endpoint", speed: float | None) -> str:
-    from edmctl.jobs.connect import driver
-
-    pace = "as fast as its clients" if speed is None else f"at {speed:g}x"
-    return f"serving {serial}{driver(bench)} on {endpoint.name} {pace}; Ctrl-C ends it"
-
-
-def _summary(
-    bench: "VirtualBench",
-    serial: str,
-    endpoint: "Endpoint",
-    server: "Server",
-    news: "EventMonitor",
-    speed: float | None,
-) -> dict[str, object]:
-    controller = bench.controller
-    return {
-        "port": endpoint.name,
-        "serial": serial,
-        "speed": FASTEST if speed is None else speed,
-        "time_s": controller.tick * 1e-3,
-        "state": controller.state.name,
-        "fault": controller.fault or None,
-        "faults": news.faults,
-        "injected": [str(injection) for injection, _ in controller.injector.applied],
-        **asdict(server.traffic),
-    }
-
-
-def _closing(serial: str, server: "Server", news: "EventMonitor") -> str:
-    traffic = server.traffic
-    counts = Counter(news.faults)
+def _closing(serial: str, traffic: "Traffic", codes: Sequence[int]) -> str:
+    counts = Counter(codes)
     faults = ", ".join(f"{code}{f' ({n} times)' if n > 1 else ''}" for code, n in counts.items()) or "none"
     late = f"; its clock was set back by {traffic.paused_s:.1f} s in all" if traffic.paused_s else ""
     return (
@@ -326,19 +303,15 @@ def _place(text: str | None, secret_file: Path | None, *, allow_remote: bool) ->
         if allow_remote or secret_file is not None:
             raise failures.remote_options_without_socket()
         return None
-    host, port = _address(text)
-    secret = b"" if secret_file is None else read_secret(secret_file)
-    address = address_of(host)  # what is judged is what is served on, whatever the name stands for later
-    if not is_loopback(address) and not (allow_remote and secret):
-        raise failures.socket_open_to_others(text=text)
-    return _Place(address, port, secret)
-
-
-def _address(text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     if not port.isascii() or not port.isdigit() or int(port) > 65535:
         raise failures.socket_unreadable(text=text)
-    return host.strip("[]") or "127.0.0.1", int(port)
+    secret = b"" if secret_file is None else read_secret(secret_file)
+    # What is checked is what is served on, whatever the name stands for later.
+    address = address_of(host.strip("[]") or "127.0.0.1")
+    if not is_loopback(address) and not (allow_remote and secret):
+        raise failures.socket_open_to_others(text=text)
+    return _Place(address, int(port), secret)
 
 
 def _injections(texts: list[str] | None) -> tuple["Injection", ...]:

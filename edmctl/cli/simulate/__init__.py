@@ -1,1 +1,0 @@
-"""`edmctl simulate`: virtual machines, one or many, and a served one."""
