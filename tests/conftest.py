@@ -14,6 +14,7 @@ from hypothesis import settings
 from edmctl.core.build import CACHE_VARIABLE
 from edmctl.start_up import spare_start_up
 from tests.cli.commands import Here
+from tests.needs import skip_without
 
 # A busy machine is no failure, the same tree gives the same examples, and nothing is left in the tree.
 settings.register_profile("edmctl", deadline=None, derandomize=True, database=None)
@@ -59,6 +60,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Leave out what is not in the sample."""
     if (sample := config.getoption("--sample")) > 1:
         items[:] = [item for item in items if zlib.crc32(item.nodeid.encode()) % sample == 0]
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test without the packages and programs that it needs."""
+    skip_without([name for mark in item.iter_markers("needs") for name in mark.args])
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

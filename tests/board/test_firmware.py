@@ -6,12 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from edmctl.core.build import compiler
 from edmctl.simulator.config import CONTROLLERS, FIRMWARE, FIRMWARE_FLOAT, STM32
 from edmctl.study.folder import open_folder
 from edmctl.study.results import RunState
 from tests.cli.commands import SHALLOW, Here
-from tests.firmware_tools import built_here, need_package
+from tests.needs import EMULATOR
 from tests.study.studies import FULL, HEAD, RESPONSES, outcome, written
 
 JOB = ("machine", *SHALLOW, "--seed", "1", "--json")
@@ -21,11 +20,6 @@ TWO_LEVELS = """
 key = "servo.reference"
 levels = [0.7, 0.8]
 """
-
-
-@pytest.fixture(autouse=True)
-def _with_a_compiler() -> None:
-    built_here(compiler)
 
 
 def test_build_says_what_it_used_and_where_the_library_is(here: Here) -> None:
@@ -65,9 +59,9 @@ def test_runs_of_a_series_come_out_the_same_in_the_same_arithmetic(here: Here) -
     assert rows[0] != rows[2]
 
 
+@EMULATOR
 @pytest.mark.slow
 def test_runs_of_a_series_go_under_the_image_of_a_board(here: Here) -> None:
-    need_package("unicorn")
     assert _series(here, STM32)
 
 

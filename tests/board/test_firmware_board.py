@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.board.board_build import COMPILERS
 from edmctl.core.build import source_version
 from edmctl.link.messages import (
     SCHEMA_HASH,
@@ -39,7 +38,7 @@ from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from tests.cli.commands import Here, command, environment
 from tests.firmware.image_bytes import image_bytes
-from tests.firmware_tools import need_board_compiler
+from tests.needs import BOARD_COMPILERS
 from tests.serving import serving
 
 if TYPE_CHECKING:
@@ -564,9 +563,8 @@ def test_options_of_build_that_do_not_fit_are_refused(here: Here, options: tuple
     assert (said.exit_code, said.document["error"]["code"]) == (2, "E2090")
 
 
-@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize("compiler", BOARD_COMPILERS)
 def test_the_board_is_built_as_an_image_of_this_edmctl(here: Here, compiler: str) -> None:
-    need_board_compiler(compiler)
     Path("images.d").mkdir()
     said = here("firmware", "build", "--board", "stm32f4", "--compiler", compiler, "-o", "images.d", "--json")
     assert said.exit_code == 0, said.err

@@ -94,10 +94,13 @@ def test_json_lines_are_a_row_each(here: Here, run: Path) -> None:
     assert [json.loads(line)["time_s"] for line in lines] == pytest.approx([0.1 * k for k in range(30)])
 
 
+@pytest.mark.needs("pyarrow")
 def test_parquet_keeps_types_units_and_numbers(here: Here, run: Path, tmp_path: Path) -> None:
+    from pyarrow import parquet
+
     out = tmp_path / "servo.parquet"
     assert here("run", "export", str(run), "-t", "servo", "-o", str(out)).exit_code == 0
-    table = pytest.importorskip("pyarrow.parquet").read_table(out)
+    table = parquet.read_table(out)
     field = table.schema.field("z_sensor_um")
     assert field.metadata[b"units"] == b"um"
     assert str(field.type) == "float"
@@ -107,6 +110,7 @@ def test_parquet_keeps_types_units_and_numbers(here: Here, run: Path, tmp_path: 
     assert table["z_sensor_um"].to_numpy().tobytes() == stored.tobytes()
 
 
+@pytest.mark.needs("pyarrow")
 def test_every_column_of_every_table_goes_to_every_format(here: Here, run: Path, tmp_path: Path) -> None:
     for form in ("csv", "json", "jsonl", "parquet"):
         said = here("run", "export", str(run), "--format", form, "-o", str(tmp_path / form), "--json")
@@ -222,7 +226,7 @@ class FullDisk(io.BytesIO):
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.mark.parametrize("form", ["csv", "parquet"])
+@pytest.mark.parametrize("form", ["csv", pytest.param("parquet", marks=pytest.mark.needs("pyarrow"))])
 def test_a_full_disk_is_an_error_and_leaves_no_part_of_a_file(
     here: Here, run: Path, tmp_path: Path, form: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

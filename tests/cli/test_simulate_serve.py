@@ -16,7 +16,7 @@ from edmctl.link.opening import BOARD_BAUD, open_line
 from edmctl.link.session import Session
 from edmctl.record.bench_file import bench_lock
 from tests.cli.commands import CU270, Here, command, environment
-from tests.firmware_tools import need_board_compiler, need_package
+from tests.needs import EMULATOR
 from tests.tiers import tiers
 
 SERVE = ("simulate", "serve")
@@ -214,10 +214,9 @@ def test_a_command_finds_the_secret_in_its_environment_or_setup(
     assert "sixteen" not in out + err
 
 
+@EMULATOR
 @pytest.mark.slow
 def test_an_emulated_board_is_announced_by_the_number_and_baud_that_it_tells(tmp_path: Path) -> None:
-    need_package("unicorn")
-    need_board_compiler("zig")
     server = start(
         tmp_path, "--link", "edm", "--seed", "3", "--controller", "stm32", "--speed", "max", "--json"
     )

@@ -1,14 +1,13 @@
-"""The firmware's core, built once; where there is no C compiler its tests are skipped."""
+"""The firmware's core, built once."""
 
 from __future__ import annotations
 
 import pytest
 
 from edmctl.core.build import Build, built
-from tests.firmware_tools import built_here
 
 
 @pytest.fixture(scope="session")
 def core() -> Build:
     """The library in double arithmetic."""
-    return built_here(built)
+    return built()

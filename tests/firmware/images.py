@@ -7,24 +7,21 @@ import subprocess
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from edmctl.board.board_build import COMPILERS, Toolchain, sources_of, toolchain
+from edmctl.board.board_build import sources_of, toolchain
 from edmctl.board.image import seal
 from edmctl.core.boards import STM32F4
 from edmctl.core.build import source_folder
-from tests.firmware_tools import need_board_compiler
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-__all__ = ["COMPILERS", "Elf", "built", "compile_command", "sources"]
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror")
 _SECONDS = 300
 
 
 def compile_command(name: str) -> list[str]:
-    """Command of a compiler with all its flags, as `edmctl firmware build` has it; skipped where it is missing."""
-    tools = _tools(name)
+    """Command of a compiler with all its flags, as `edmctl firmware build` has it."""
+    tools = toolchain(STM32F4, name)
     return [*tools.command, *tools.flags]
 
 
@@ -34,7 +31,7 @@ def sources() -> list[Path]:
 
 def built(name: str, folder: Path, *flags: str) -> Path:
     """Build the image and return the path of its ELF file. A warning is an error."""
-    tools, script = _tools(name), source_folder() / STM32F4.script
+    tools, script = toolchain(STM32F4, name), source_folder() / STM32F4.script
     path = folder / f"f429-{name}.elf"
     end = [*map(str, sources()), *tools.linking(script), *tools.libraries, "-o", str(path)]
     command = [*compile_command(name), *WARNINGS, *flags, *end]
@@ -42,11 +39,6 @@ def built(name: str, folder: Path, *flags: str) -> Path:
     assert (done.returncode, done.stderr) == (0, "")
     path.write_bytes(seal(path.read_bytes()))
     return path
-
-
-def _tools(name: str) -> Toolchain:
-    need_board_compiler(name)
-    return toolchain(STM32F4, name)
 
 
 @dataclass(frozen=True)

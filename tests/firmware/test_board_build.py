@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.board.board_build import COMPILERS, build_board, toolchain
+from edmctl.board.board_build import build_board, toolchain
 from edmctl.board.image import read_image
 from edmctl.core.boards import STM32F4
 from edmctl.core.build import CACHE_VARIABLE
 from edmctl.errors import PreconditionError, RunFileError, installing
 from edmctl.link.messages import SCHEMA_HASH
 from tests.cli.commands import ROOT, command
-from tests.firmware_tools import need_board_compiler
+from tests.needs import BOARD_COMPILERS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,9 +53,8 @@ __attribute__((used, section(".vectors"))) const uintptr_t vectors[2] = {0x20000
 """.replace("%d", str(SCHEMA_HASH))
 
 
-@pytest.fixture(params=COMPILERS)
+@pytest.fixture(params=BOARD_COMPILERS)
 def compiler(request: pytest.FixtureRequest) -> str:
-    need_board_compiler(request.param)
     return str(request.param)
 
 
@@ -113,9 +112,9 @@ def test_a_program_without_a_record_is_no_image(sources: Path, tmp_path: Path, c
 
 
 @pytest.mark.slow
+@pytest.mark.needs("ziglang")
 def test_the_board_is_built_with_nothing_but_python(tmp_path: Path) -> None:
     """No path, no home, and nothing built before; the bar is 2 min."""
-    need_board_compiler("zig")
     environ = {"PATH": str(tmp_path), CACHE_VARIABLE: str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         command("firmware", "build", "--board", "stm32f4"),

@@ -14,9 +14,12 @@ from edmctl.link.messages import ResetCause
 from tests.conformance import acts, layouts
 from tests.conformance.lines import STM32, InProcess
 from tests.conformance.peer import STATE, STATUS, Peer
+from tests.needs import EMULATOR
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+pytestmark = EMULATOR
 
 CAUSE = layouts.enum("ResetCause")
 CRASH_MEMORY, CRASH_BUS, CRASH_USAGE, CRASH_SUPPLY = 3, 4, 5, 7  # enum crash of board.h

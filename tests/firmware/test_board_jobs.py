@@ -13,6 +13,7 @@ from edmctl.errors import EdmError, LinkLost, MachineFault
 from edmctl.machine.interface import EventCode
 from edmctl.simulator.config import FIRMWARE, STM32
 from edmctl.simulator.injection import parse_injection
+from tests.needs import EMULATOR
 from tests.procedures.conftest import Shop
 from tests.tiers import tiers
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from edmctl.simulator import BenchConfig
+
+pytestmark = EMULATOR
 
 HURRIED = ("approach.speed_um_s=5", "measure.fast_um_s=50", "measure.settle_s=0.2", "measure.dwell_s=0.1")
 AT_A_TOUCH_UM = 3.0  # between two machines of a seed whose noise is not the same: drift of the sensor between

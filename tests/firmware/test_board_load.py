@@ -7,34 +7,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edmctl.board.board_build import COMPILERS
 from edmctl.link import messages as m
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.config import STM32
 from tests.firmware.board_load import FREQUENCY_HZ, loaded
 from tests.firmware.board_twin import LAYOUT, WatchedBench, board, watched
 from tests.firmware.cuts import OFFSET_UM, cut_on
-from tests.firmware_tools import need_board_compiler, need_package
+from tests.needs import BOARD_COMPILERS, EMULATOR
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, EMULATOR]
 ON_US = 6.0  # of 20
 CHATTERS, GUARD_MS = 9, 50
 GEN_FAULT = 3004
 
 
-@pytest.mark.parametrize("name", COMPILERS)
+@pytest.mark.parametrize("name", BOARD_COMPILERS)
 def test_a_loaded_cut_stays_within_its_time_and_its_stacks(name: str) -> None:
-    need_package("unicorn")
-    need_board_compiler(name)
     right = loaded(name, 2.0).right()
     assert [what for what, is_right in right.items() if not is_right] == []
 
 
-@pytest.mark.parametrize("name", COMPILERS)
+@pytest.mark.parametrize("name", BOARD_COMPILERS)
 def test_a_comparator_that_chatters_at_50_khz_is_not_believed_and_the_guard_stops_the_cut(name: str) -> None:
     """More than 300 edges a millisecond come to rings of 256: every pulse is read by its samples alone."""
-    need_package("unicorn")
-    need_board_compiler(name)
     config = BenchConfig(offset_um=OFFSET_UM, controller=STM32)
     bench = WatchedBench(config, 2, lambda plant: board(plant, name, watched))
     cut_on(bench, 0.2, FREQUENCY_HZ)

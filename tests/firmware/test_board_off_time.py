@@ -14,6 +14,9 @@ from tests.conformance import acts
 from tests.conformance.lines import STM32, InProcess
 from tests.conformance.peer import Peer
 from tests.conformance.test_identity import PULSES
+from tests.needs import EMULATOR
+
+pytestmark = EMULATOR
 
 LEAST_US = settings_of(source_folder())["EDM_OFF_NS_MIN"].value / 1000.0
 SWITCH_US, SETTLE_US, SAMPLES_US = 5.0, 3.0, 2.0

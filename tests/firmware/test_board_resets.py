@@ -13,11 +13,14 @@ from tests.conformance import acts, layouts, wire
 from tests.conformance.peer import STATE, STATUS
 from tests.conformance.test_delivery import REBOOT_MAGIC
 from tests.firmware.test_board_faults import BACKUP_REGISTERS, ESTOP, FLASH_AT, PIEZO_TRACK, RESET, Rig
+from tests.needs import EMULATOR
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from tests.conformance.peer import Peer
+
+pytestmark = EMULATOR
 
 IMAGE_CHECK_AT = 20  # in `edm_image`
 SLEW_STEP_V = 0.5  # a millisecond of the usual retreat, and a bit of the amplifier's own lag

@@ -16,7 +16,7 @@ from edmctl.core.build import source_folder
 from edmctl.errors import UsageError
 from edmctl.link.messages import SCHEMA_HASH
 from edmctl.simulator import BenchConfig, open_bench
-from tests.firmware_tools import need_board_compiler, need_package
+from tests.needs import EMULATOR
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -70,9 +70,9 @@ def test_what_is_wrong_is_refused_with_the_remedy(text: str) -> None:
     assert WRONG[text] in (caught.value.hint or "")
 
 
+@pytest.mark.needs("ziglang")
 def test_an_image_tells_what_was_set(tmp_path: Path) -> None:
     """And bytes that look alike are passed over."""
-    need_board_compiler("zig")
     made = build_board(
         STM32F4, tmp_path / "x.elf", SCHEMA_HASH, "zig", settings=("gap_full_a=12.5", "baud=1234567")
     )
@@ -90,18 +90,17 @@ def test_an_image_tells_what_was_set(tmp_path: Path) -> None:
         assert told_settings(b"EDMS" + text.encode("latin-1") + b"\0") == {}
 
 
+@EMULATOR
 def test_as_in_the_sources_nothing_is_told() -> None:
-    need_board_compiler("zig")
     _, data = image("zig").image()
     assert b"EDMS\0" in data
     assert told_settings(data) == {}
 
 
+@EMULATOR
 @pytest.mark.slow
 def test_an_image_measures_by_what_was_set(tmp_path: Path) -> None:
     """The same voltage of the displacement sensor, 3.3 V meaning twice as much from another zero."""
-    need_package("unicorn")
-    need_board_compiler("zig")
     texts = ("sensor_least_um=0", "sensor_most_um=1000")
     made = build_board(STM32F4, tmp_path / "x.elf", SCHEMA_HASH, "zig", settings=texts)
     sensor_um = []

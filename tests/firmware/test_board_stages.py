@@ -22,9 +22,12 @@ from tests.firmware.test_board_faults import (
     WWDG_TICKS,
     Rig,
 )
+from tests.needs import EMULATOR
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+pytestmark = EMULATOR
 
 X, Y, THETA = (layouts.enum("Axis")[name] for name in ("X", "Y", "THETA"))
 STEP_UM, STEP_DEG = 0.1, 0.001

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from edmctl.board.board_build import COMPILERS
 from edmctl.link import messages as m
 from tests.firmware import board_twin
-from tests.firmware_tools import need_board_compiler, need_package
+from tests.needs import BOARD_COMPILERS, EMULATOR
 
 if TYPE_CHECKING:
     import ctypes as ct
@@ -17,12 +16,12 @@ if TYPE_CHECKING:
     from edmctl.core.build import Build
     from tests.firmware.board_twin import Cut
 
+pytestmark = EMULATOR
 SECONDS, SEED = 2.0, 2
 
 
 @pytest.fixture(scope="module")
 def library(core: Build, tmp_path_factory: pytest.TempPathFactory) -> ct.CDLL:
-    need_package("unicorn")
     return board_twin.built(tmp_path_factory.mktemp("twin"))
 
 
@@ -37,11 +36,10 @@ def gcc_cut(library: ct.CDLL) -> Cut:
 
 
 def _cut(name: str, library: ct.CDLL) -> Cut:
-    need_board_compiler(name)
     return board_twin.cut(SECONDS, SEED, name, library)
 
 
-@pytest.mark.parametrize("name", COMPILERS)
+@pytest.mark.parametrize("name", BOARD_COMPILERS)
 def test_the_core_on_the_host_sends_the_same_bytes(request: pytest.FixtureRequest, name: str) -> None:
     cut: Cut = request.getfixturevalue(f"{name}_cut")
     assert cut.bench.controller.state is m.State.MACHINING
@@ -51,6 +49,7 @@ def test_the_core_on_the_host_sends_the_same_bytes(request: pytest.FixtureReques
     assert cut.uart == cut.twin_sent
 
 
+@pytest.mark.needs("arm-none-eabi-gcc")
 def test_both_compilers_make_the_same_bytes(zig_cut: Cut, gcc_cut: Cut) -> None:
     assert zig_cut.line == gcc_cut.line
     assert zig_cut.uart == gcc_cut.uart

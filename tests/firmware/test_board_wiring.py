@@ -10,6 +10,7 @@ from edmctl.simulator import BenchConfig, VirtualBench
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.serve import ActsFile
 from tests.board.test_first_start import NAMED, items, statuses, wired, write_answers
+from tests.needs import EMULATOR
 from tests.serving import serving
 from tests.tiers import tiers
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from tests.cli.commands import Here
+
+pytestmark = EMULATOR
 
 __all__ = ["wired"]
 

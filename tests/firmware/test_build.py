@@ -117,6 +117,7 @@ def test_a_damaged_library_is_built_anew_and_a_false_one_told(
     core: Build, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setattr(build, "packaged", lambda *_: tmp_path / "none")  # that of an editable installation
     place, other = tmp_path / core.path.name, build.built("float")
     whole = core.path.read_bytes()
     spoiled = {

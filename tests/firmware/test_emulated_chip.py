@@ -10,15 +10,14 @@ import pytest
 from edmctl.board.emulated import PACKAGE
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.config import STM32
-from tests.firmware_tools import built_here, need_package
+from tests.needs import EMULATOR
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, EMULATOR]
 
 
 @pytest.fixture
 def bench() -> VirtualBench:
-    need_package("unicorn")
-    return built_here(lambda: open_bench(BenchConfig(controller=STM32), 3))
+    return open_bench(BenchConfig(controller=STM32), 3)
 
 
 @pytest.fixture
@@ -101,7 +100,8 @@ THREE_MOVES = bytes.fromhex("0125 0126 0127")
 
 def test_a_conditional_load_from_a_page_that_is_new_skips_nothing_behind_it(chip: Any) -> None:
     """Unicorn's virtual TLB would: where it asks for a page in an IT block, the next block begins in that one."""
-    arm_const = pytest.importorskip("unicorn.arm_const")
+    from unicorn import arm_const
+
     moves = (arm_const.UC_ARM_REG_R5, arm_const.UC_ARM_REG_R6, arm_const.UC_ARM_REG_R7)
     flash_at, sram_at, code = _module("chip").FLASH_AT, _module("addresses").SRAM_AT, 0x100000
     after = code + len(CONDITIONAL_LOADS)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.core.build import REALS, compiler, source_folder
-from tests.firmware_tools import build_with_sanitizers
+from tests.needs import build_with_sanitizers
 from tests.tiers import tiers
 
 if TYPE_CHECKING:

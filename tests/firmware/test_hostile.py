@@ -18,7 +18,7 @@ from edmctl.link.frame import FrameDecoder, encode_frame
 from edmctl.simulator import BenchConfig, open_bench
 from tests.firmware.cuts import cut
 from tests.firmware.test_garbage import SANITIZERS, program
-from tests.firmware_tools import build_with_sanitizers, need_package
+from tests.needs import build_with_sanitizers
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -152,9 +152,9 @@ def test_a_second_of_the_host_is_whole_milliseconds_of_the_controller(
 
 
 @pytest.mark.slow
+@pytest.mark.needs("ziglang")
 def test_the_core_builds_for_a_board_without_headers_or_doubles(core: Build, tmp_path: Path) -> None:
     """docs/firmware.md: zig alone is enough, and the core does no arithmetic in double."""
-    need_package("ziglang")
     page = (ROOT / "docs/firmware.md").read_text(encoding="utf-8")
     (typed,) = re.findall(r"^ +python (-m ziglang cc .*?) -o board.elf$", page, re.DOTALL | re.MULTILINE)
     made = tmp_path / "board.elf"

@@ -13,8 +13,8 @@ import pytest
 
 from edmctl.core.build import compiler, source_folder, source_version
 from edmctl.link import messages as m
-from tests.firmware.images import COMPILERS, Elf, built, compile_command, sources
-from tests.firmware_tools import need_package
+from tests.firmware.images import Elf, built, compile_command, sources
+from tests.needs import BOARD_COMPILERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,7 +28,7 @@ FRAME = 108  # of an exception that finds floats in use (PM0214 2.3.7)
 VECTORS, PVD, TIM7 = 107, 16 + 1, 16 + 55
 
 
-@pytest.fixture(scope="module", params=COMPILERS)
+@pytest.fixture(scope="module", params=BOARD_COMPILERS)
 def image(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Elf:
     return Elf(built(request.param, tmp_path_factory.mktemp(request.param)))
 
@@ -227,7 +227,6 @@ def test_every_pin_has_one_net() -> None:
 
 def _called(elf: Elf) -> Callable[..., tuple[int, int, int]]:
     """A function of the image called on an emulated processor: (r0, r1, s0) after it."""
-    need_package("unicorn")
     import unicorn
     from unicorn import arm_const as arm
 
@@ -257,6 +256,7 @@ def _bits(x: float) -> int:
     return int(np.float32(x).view(np.uint32))
 
 
+@pytest.mark.needs("unicorn")
 def test_the_run_time_has_the_bits_of_the_standard(image: Elf) -> None:
     """Conversions to and from 64 bits come in core registers, the exponential in one of the FPU."""
     call = _called(image)

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.firmware_tools import program
+from tests.needs import program
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 PARTS = ("core", "math", "board", "plant", "operators", "host")
 SOURCES = sorted(str(path) for part in PARTS for path in FIRMWARE.glob(f"{part}/*.c"))
 REALS = ("-DEDM_REAL_DOUBLE", "-UEDM_REAL_DOUBLE")
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.needs("clang-tidy", "cppcheck")]
 
 
 def said_by(*command: str) -> str:

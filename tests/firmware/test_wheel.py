@@ -33,8 +33,8 @@ def _sources() -> Iterable[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.needs("hatchling")
 def test_a_wheel_has_every_source_and_no_emulator(tmp_path: Path) -> None:
-    pytest.importorskip("hatchling")
     subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)],
         cwd=ROOT,

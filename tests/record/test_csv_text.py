@@ -15,8 +15,6 @@ from edmctl.profile.places import read_places_file
 from edmctl.record.delimited import Table
 from edmctl.report.export import CsvWriter, ExportColumn
 
-pd = pytest.importorskip("pandas")
-
 TEXTS = [
     "=1+1",
     "+A1",
@@ -39,6 +37,8 @@ FORMULA = re.compile(r"[=@]|[-+](?![0-9.]+(e[-+]?[0-9]+)?$)")
 
 @pytest.mark.parametrize("text", TEXTS)
 def test_a_text_is_read_back_and_never_computed(text: str) -> None:
+    import pandas as pd
+
     table = table_text([{"name": text, "depth_um": -1.5, "count": 3, "unknown": None, "nan": float("nan")}])
     ((_, row),) = Table(table, "table.csv", ["name", "depth_um", "count", "unknown", "nan"]).rows()
     assert row == {"name": text, "depth_um": "-1.5", "count": "3", "unknown": "", "nan": ""}
@@ -48,6 +48,8 @@ def test_a_text_is_read_back_and_never_computed(text: str) -> None:
 
 
 def test_numbers_stay_numbers_in_every_program() -> None:
+    import pandas as pd
+
     frame = pd.read_csv(
         io.StringIO(table_text([{"x_um": -1.5, "swept": "-2e-3"}, {"x_um": 2, "swept": "1"}]))
     )

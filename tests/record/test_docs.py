@@ -124,6 +124,7 @@ def test_profile_and_result_are_read(example: Example) -> None:
     assert len(json.loads(keys.replace("'", '"'))) == 3
 
 
+@pytest.mark.needs("xarray")
 def test_xarray_reads_the_slow_columns(example: Example, real_run: Path) -> None:
     with open_run(real_run) as run:
         slow = run.columns("/entry/slow", ["time", "r_arc"])
@@ -132,12 +133,14 @@ def test_xarray_reads_the_slow_columns(example: Example, real_run: Path) -> None
     assert float(mean) == pytest.approx(slow["r_arc"][np.less_equal(slow["time"], 100)].mean(), rel=1e-5)
 
 
+@pytest.mark.needs("nexusformat")
 def test_nexusformat_finds_the_plot(example: Example, real_run: Path) -> None:
     with open_run(real_run) as run:
         first_line = run.text("/entry/profile/toml").splitlines()[0]
     assert example("nexusformat") == ["/entry/data z_sensor um over time", first_line]
 
 
+@pytest.mark.needs("silx")
 def test_silx_finds_the_plot(example: Example) -> None:
     assert example("silx") == ["mean gap voltage V ['time since start']"]
 

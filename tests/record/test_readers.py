@@ -18,12 +18,6 @@ from edmctl.record.writer import RunWriter
 from tests.record.samples import a_meta, fill
 from tests.tiers import tiers
 
-pd = pytest.importorskip("pandas")
-silx_io = pytest.importorskip("silx.io")
-xr = pytest.importorskip("xarray")
-nxload = pytest.importorskip("nexusformat.nexus").nxload
-get_default = pytest.importorskip("silx.io.nxdata").get_default
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
@@ -93,7 +87,10 @@ def test_h5py_gives_str_for_every_attribute_that_is_a_text(path: Path) -> None:
     assert odd == []
 
 
+@pytest.mark.needs("nexusformat")
 def test_nexusformat_finds_the_default_plot(path: Path) -> None:
+    from nexusformat.nexus import nxload
+
     plot = nxload(path).plottable_data
     assert plot.nxpath == "/entry/data"
     assert plot.nxsignal.nxname == "z_sensor"
@@ -102,8 +99,11 @@ def test_nexusformat_finds_the_default_plot(path: Path) -> None:
     assert plot.nxsignal.shape == (rows(path, "/entry/servo/time"),)
 
 
+@pytest.mark.needs("nexusformat")
 @pytest.mark.parametrize("table", PLOTS, ids=lambda table: table.path)
 def test_nexusformat_plots_every_group_of_columns(path: Path, table: layout.Table) -> None:
+    from nexusformat.nexus import nxload
+
     group = nxload(path)[table.path]
     assert group.nxclass == "NXdata"
     assert group.plottable_data.nxsignal.nxname == table.signal
@@ -111,7 +111,10 @@ def test_nexusformat_plots_every_group_of_columns(path: Path, table: layout.Tabl
         assert [axis.nxname for axis in group.plottable_data.nxaxes] == [table.axis]
 
 
+@pytest.mark.needs("nexusformat")
 def test_nexusformat_reads_texts_and_tables(path: Path) -> None:
+    from nexusformat.nexus import nxload
+
     root = nxload(path)
     with h5py.File(path) as file:
         assert root["entry/title"].nxvalue == file["entry/title"].asstr()[()]
@@ -119,8 +122,12 @@ def test_nexusformat_reads_texts_and_tables(path: Path) -> None:
         assert root["entry/touches"].nxdata["kind"].tolist() == file["entry/touches"]["kind"].tolist()
 
 
+@pytest.mark.needs("silx")
 def test_silx_finds_the_default_plot(path: Path) -> None:
-    with silx_io.open(str(path)) as file:
+    from silx.io import open as silx_open
+    from silx.io.nxdata import get_default
+
+    with silx_open(str(path)) as file:
         plot = get_default(file)
         assert plot.is_valid
         assert plot.is_curve
@@ -132,9 +139,13 @@ def test_silx_finds_the_default_plot(path: Path) -> None:
         assert {signal.attrs["units"] for signal in plot.auxiliary_signals} == {"um"}
 
 
+@pytest.mark.needs("silx")
 @pytest.mark.parametrize("table", PLOTS, ids=lambda table: table.path)
 def test_silx_plots_every_group_of_columns(path: Path, table: layout.Table) -> None:
-    with silx_io.open(str(path)) as file:
+    from silx.io import open as silx_open
+    from silx.io.nxdata import get_default
+
+    with silx_open(str(path)) as file:
         plot = get_default(file[table.path])
         assert plot.is_valid
         assert plot.signal_dataset_name == table.signal
@@ -145,6 +156,8 @@ def test_silx_plots_every_group_of_columns(path: Path, table: layout.Table) -> N
 
 @pytest.mark.parametrize("table", [*PLOTS, layout.SEGMENTS], ids=lambda table: table.path)
 def test_pandas_takes_the_columns_of_a_group(path: Path, table: layout.Table) -> None:
+    import pandas as pd
+
     with h5py.File(path) as file:
         frame = pd.DataFrame({name: column[:] for name, column in file[table.path].items()})
     assert sorted(frame) == sorted(column.name for column in table.columns)
@@ -152,6 +165,8 @@ def test_pandas_takes_the_columns_of_a_group(path: Path, table: layout.Table) ->
 
 
 def test_pandas_takes_compound_tables(path: Path) -> None:
+    import pandas as pd
+
     with h5py.File(path) as file:
         touches = pd.DataFrame.from_records(file["/entry/touches"][:])
     assert list(touches) == [column.name for column in layout.TOUCHES.columns]
@@ -159,8 +174,11 @@ def test_pandas_takes_compound_tables(path: Path) -> None:
     assert touches["z_sensor"].dtype == np.float64
 
 
+@pytest.mark.needs("xarray")
 @pytest.mark.parametrize("table", [t for t in PLOTS if t.axis], ids=lambda table: table.path)
 def test_xarray_finds_time_and_units(path: Path, table: layout.Table) -> None:
+    import xarray as xr
+
     with xr.open_dataset(path, engine="h5netcdf", group=table.path, phony_dims="sort") as dataset:
         assert dict(dataset.sizes) == {"time": rows(path, f"{table.path}/time")}
         assert list(dataset.coords) == ["time"]
@@ -170,13 +188,22 @@ def test_xarray_finds_time_and_units(path: Path, table: layout.Table) -> None:
             assert dataset[column.name].attrs["units"] == column.units
 
 
+@pytest.mark.needs("xarray")
 def test_xarray_takes_the_whole_file_for_a_tree(path: Path) -> None:
+    import xarray as xr
+
     with xr.open_datatree(path, engine="h5netcdf", phony_dims="sort") as tree:
         assert {table.path for table in PLOTS} <= set(tree.groups)
 
 
+@pytest.mark.needs("nexusformat", "silx", "xarray")
 def test_readers_find_the_axes_of_a_map(recovered: Path) -> None:
-    with silx_io.open(str(recovered)) as file:
+    import xarray as xr
+    from nexusformat.nexus import nxload
+    from silx.io import open as silx_open
+    from silx.io.nxdata import get_default
+
+    with silx_open(str(recovered)) as file:
         plot = get_default(file["/entry/truth"])
         assert plot.is_valid
         assert plot.is_image
@@ -193,14 +220,20 @@ def test_readers_find_the_axes_of_a_map(recovered: Path) -> None:
         """import h5py
 with h5py.File(path, "r", swmr=True) as file:
     print(len(file["/entry/servo/time"]))""",
-        """import silx.io
+        pytest.param(
+            """import silx.io
 from silx.io.nxdata import get_default
 with silx.io.open(path) as file:
     print(len(get_default(file).signal))""",
-        """import xarray
+            marks=pytest.mark.needs("silx"),
+        ),
+        pytest.param(
+            """import xarray
 options = {"engine": "h5netcdf", "phony_dims": "sort", "driver_kwds": {"swmr": True}}
 with xarray.open_dataset(path, group="/entry/servo", **options) as dataset:
     print(dataset.sizes["time"])""",
+            marks=pytest.mark.needs("xarray"),
+        ),
     ],
     ids=["h5py", "silx", "xarray"],
 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import os
 import shlex
-import shutil
 import struct
 import subprocess
 import sys
@@ -21,9 +20,7 @@ from edmctl.core.library import library
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.plant import Plant
 from tests.firmware.test_garbage import program
-from tests.firmware_tools import missing, need_package
 from tests.simulator.golden_core import SAMPLE, golden, session
-from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,6 +29,7 @@ ROOT = Path(__file__).parents[2]
 FUSED = "-O2 -mfma -mavx2"
 SANITIZED = "-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all -g -O1"
 TICKS = "20000"
+GCC, CLANG, ZIG = (pytest.mark.needs(name) for name in ("gcc", "clang", "ziglang"))
 
 
 def has_fused() -> bool:
@@ -42,16 +40,6 @@ def has_fused() -> bool:
         return False
 
 
-def command_of(compiler: str) -> str:
-    """Return the command of a compiler; the test is skipped without it."""
-    if compiler == "zig":
-        need_package("ziglang")
-        return shlex.join(build.ZIG)
-    if shutil.which(compiler) is None:
-        pytest.skip(f"there is no {compiler}")
-    return compiler
-
-
 def checked(
     compiler: str, flags: str, folder: Path, *options: str, **environ: str
 ) -> subprocess.CompletedProcess[str]:
@@ -60,7 +48,7 @@ def checked(
     return subprocess.run(
         [*command, f"--flags={flags}", *options],
         cwd=ROOT,
-        env={**os.environ, "CC": command_of(compiler), **environ},
+        env={**os.environ, "CC": shlex.join(build.ZIG) if compiler == "zig" else compiler, **environ},
         capture_output=True,
         text=True,
         check=False,
@@ -69,20 +57,12 @@ def checked(
 
 @pytest.mark.parametrize(
     ("compiler", "flags", "options"),
-    tiers(
-        ("gcc", f"{FUSED} -O1", ("--sample",)),
-        slow=[
-            (compiler, flags, ())
-            for compiler, flags in (
-                ("gcc", ""),
-                ("gcc", "-O1"),
-                ("gcc", FUSED),
-                ("clang", ""),
-                ("clang", FUSED),
-                ("zig", ""),
-            )
-        ],
-    ),
+    [
+        pytest.param("gcc", f"{FUSED} -O1", ("--sample",), marks=GCC),
+        *(pytest.param("gcc", flags, (), marks=[GCC, pytest.mark.slow]) for flags in ("", "-O1", FUSED)),
+        *(pytest.param("clang", flags, (), marks=[CLANG, pytest.mark.slow]) for flags in ("", FUSED)),
+        pytest.param("zig", "", (), marks=[ZIG, pytest.mark.slow]),
+    ],
 )
 def test_every_compiler_gives_the_recorded_bytes(
     compiler: str, flags: str, options: tuple[str, ...], tmp_path: Path
@@ -93,6 +73,7 @@ def test_every_compiler_gives_the_recorded_bytes(
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@GCC
 @pytest.mark.slow
 def test_a_processor_without_fused_multiply_add_gives_the_recorded_bytes(tmp_path: Path) -> None:
     """As far as numpy, OpenBLAS and the C library can be told that they are on one."""
@@ -102,13 +83,11 @@ def test_a_processor_without_fused_multiply_add_gives_the_recorded_bytes(tmp_pat
 
 def sanitizers() -> dict[str, str]:
     """Return the environment of a process that loads a library with sanitizers."""
-    if shutil.which("gcc") is None:
-        missing("there is no gcc")
     asked = [f"-print-file-name=lib{name}.so" for name in ("asan", "ubsan")]
     found = [subprocess.run(["gcc", one], capture_output=True, text=True, check=True).stdout for one in asked]
     places = [place.strip() for place in found]
     if not all(Path(place).is_absolute() for place in places):
-        missing("gcc has no sanitizers")
+        pytest.skip("gcc has no sanitizers")
     return {"LD_PRELOAD": ":".join(places), "ASAN_OPTIONS": "detect_leaks=0"}
 
 
@@ -164,27 +143,26 @@ def compiled(command: Sequence[str], made: Path) -> list[str]:
     return [str(made)]
 
 
+@ZIG
+@pytest.mark.needs("qemu-aarch64")
 @pytest.mark.slow
 def test_an_arm_processor_gives_the_same_bytes(tmp_path: Path) -> None:
     """A cut of the plant, and random work of the controller, emulated; the digests are those of this processor.
 
     All golden sessions on such a processor, with its Python and numpy: benchmarks/arm_sessions.py.
     """
-    need_package("ziglang")
-    if (emulator := shutil.which("qemu-aarch64")) is None:
-        pytest.skip("there is no qemu-aarch64 (package qemu-user)")
     arm = (*build.ZIG, "--target=aarch64-linux-musl")
     machine = tmp_path / "machine"
     saved_machine(machine)
     here = [*compiled(build.compiler(), tmp_path / "here"), str(machine), TICKS]
-    there = [emulator, *compiled(arm, tmp_path / "there"), str(machine), TICKS]
+    there = ["qemu-aarch64", *compiled(arm, tmp_path / "there"), str(machine), TICKS]
     assert said_by(here) == said_by(there)
     hostile = program("hostile", "double", tmp_path)
     subprocess.run(hostile, check=True)
     crossed = [*arm, *hostile[len(build.compiler()) : -1], str(tmp_path / "hostile-arm")]
     subprocess.run(crossed, check=True)
     work = ["7", "20000", "2000"]
-    assert said_by([hostile[-1], *work]) == said_by([emulator, crossed[-1], *work])
+    assert said_by([hostile[-1], *work]) == said_by(["qemu-aarch64", crossed[-1], *work])
 
 
 LOADER = """
@@ -200,12 +178,11 @@ int main(int n, char **words) {
 """
 
 
+@ZIG
+@pytest.mark.needs("wine")
 @pytest.mark.full
 def test_the_library_for_windows_loads_and_calculates(tmp_path: Path) -> None:
     """Under wine, in a program that is built with it: there is no Python for Windows here. It takes minutes."""
-    need_package("ziglang")
-    if (wine := shutil.which("wine64") or shutil.which("wine")) is None:
-        pytest.skip("there is no wine (package wine64)")
     windows = (*build.ZIG, "--target=x86_64-windows-gnu")
     made, source = tmp_path / "core.dll", tmp_path / "loader.c"
     build.compile_library(windows, made)
@@ -214,7 +191,7 @@ def test_the_library_for_windows_loads_and_calculates(tmp_path: Path) -> None:
     subprocess.run([*windows, str(source), "-o", str(program)], check=True)
     environ = {**os.environ, "WINEPREFIX": str(tmp_path / "wine"), "WINEDEBUG": "-all"}
     done = subprocess.run(
-        [wine, str(program), str(made)], env=environ, capture_output=True, text=True, check=True
+        ["wine", str(program), str(made)], env=environ, capture_output=True, text=True, check=True
     )
     sources, power = done.stdout.split()
     assert sources == build.digest_of("double")

@@ -65,6 +65,7 @@ def test_the_shipped_studies_are_listed(here: Here) -> None:
     }
 
 
+@pytest.mark.needs("pyarrow")
 def test_a_study_is_run_told_judged_exported_and_reported(tmp_path: Path, folder: Path, here: Here) -> None:
     out = str(folder)
     assert "ra_um of runs 1, 2, 3, 4" in here("study", "status", out).out
@@ -104,6 +105,7 @@ def test_a_study_is_run_told_judged_exported_and_reported(tmp_path: Path, folder
     assert "Name another folder" in again.err
 
 
+@pytest.mark.needs("pyarrow")
 def test_fields_of_parquet_have_units(tmp_path: Path, folder: Path, here: Here) -> None:
     import pyarrow.parquet as pq
 

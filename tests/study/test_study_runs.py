@@ -132,6 +132,7 @@ def test_two_workers_make_the_same_table(tmp_path: Path, whole: StudyFolder) -> 
     assert outcome(study.read()) == outcome(whole.read())
 
 
+@pytest.mark.needs("pyarrow")
 def test_a_row_has_settings_responses_truth_and_where_it_was_made(whole: StudyFolder) -> None:
     first = table_of(whole.read())[0]
     assert first["exit_code"] == 0
@@ -261,6 +262,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.slow
+@pytest.mark.needs("distributed")
 def test_a_dask_cluster_makes_the_same_table(tmp_path: Path, whole: StudyFolder) -> None:
     script = tmp_path / "cluster.py"
     script.write_text(CLUSTER, encoding="utf-8")
