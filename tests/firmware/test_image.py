@@ -156,6 +156,7 @@ def _deepest(
     )
 
 
+@pytest.mark.needs("arm-none-eabi-gcc")
 def test_the_stack_suffices(tmp_path: Path) -> None:
     """From the reset to the deepest call, without recursion; and the tick with its frame on either stack."""
     frames, calls = _call_graph(tmp_path)
