@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from edmctl.dataclasses import dataclass
 from edmctl.planning.measuring import (
-    Stand,
     between_s,
     descent_time_s,
     face_time_s,
@@ -22,6 +21,7 @@ from edmctl.planning.removal import hole, removal_um3_s, time_share_of_jumps
 from edmctl.process.discharge import hole_area_um2
 from edmctl.process.touches import TOUCH_U_UM
 from edmctl.profile.model import PathTable, Profile
+from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
 
 if TYPE_CHECKING:
@@ -135,7 +135,8 @@ class Channel:
         That is the surface before, and pad, floor and pad again at every measurement cycle.
         """
         profile, path, offset_um = self.profile, self.path, self.profile.approach.offset_um
-        centre, across = Stand(path.x_um, path.y_um), Stand(path.x_um + self._across_um(), path.y_um)
+        centre = Place("centre", path.x_um, path.y_um)
+        across = Place("across", path.x_um + self._across_um(), path.y_um)
         pad_s, across_s = between_s(pad_of(setup), centre, setup), between_s(centre, across, setup)
         total_s = touch_time_s(profile, setup) + pad_s
         total_s += FACE_TOUCHES * (across_s + face_time_s(profile, offset_um))

@@ -8,11 +8,10 @@ from functools import cached_property
 
 from edmctl.dataclasses import dataclass, replace
 from edmctl.planning.channel import Channel
-from edmctl.planning.erosion import expected_ra_um
+from edmctl.planning.erosion import Recipe, expected_ra_um, ra_of_regimes_um, recipes_of
 from edmctl.planning.measuring import (
     FACE_LIMIT_UM,
     Cut,
-    Stand,
     beside_pad_um,
     between_s,
     channel_depth_u95_um,
@@ -24,7 +23,6 @@ from edmctl.planning.measuring import (
     stop_time_s,
     touch_time_s,
 )
-from edmctl.planning.regimes import Recipe, ra_of_regimes_um, recipes_of
 from edmctl.planning.removal import (
     Hole,
     feed_rate_um_s,
@@ -79,40 +77,33 @@ class Reached:
 
 
 def working_order(profile: Profile, setup: Setup, places: Sequence[Place]) -> list[Place]:
-    """The places as they are worked off."""
+    """The places as they are worked off: as given, or the nearest next; ties go to the one written first."""
     if profile.array.order == "given":
         return list(places)
-    start_um = (setup.stage.reference_x_um, setup.stage.reference_y_um)
-    return [places[i] for i in nearest_first([(place.x_um, place.y_um) for place in places], start_um)]
-
-
-def nearest_first(places_um: Sequence[tuple[float, float]], start_um: tuple[float, float]) -> tuple[int, ...]:
-    """Order of places in which the nearest of those left always comes next; ties go to the one written first."""
-    left = list(range(len(places_um)))
-    order: list[int] = []
-    here = start_um
+    left, here, ordered = list(places), pad_of(setup), list[Place]()
     while left:
-        nearest = min(left, key=lambda i: math.dist(places_um[i], here))
-        left.remove(nearest)
-        order.append(nearest)
-        here = places_um[nearest]
-    return tuple(order)
+        x_um, y_um = here.x_um, here.y_um
+        here = min(left, key=lambda place: math.hypot(place.x_um - x_um, place.y_um - y_um))
+        left.remove(here)
+        ordered.append(here)
+    return ordered
 
 
 def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place], reached: Reached) -> Course:
     ordered = working_order(profile, setup, places)
-    names = [place.name for place in ordered] or [reached.site]
-    reached_um = [reached.depth_um if name == reached.site else 0.0 for name in names]
-    holes = [hole(profile, place.depth_um) for place in ordered] or [hole(profile)]
-    stands = [Stand(one.x_um, one.y_um, one.theta_deg) for one in ordered] or [
-        Stand(*beside_pad_um(profile, setup))
-    ]
+    stands = ordered or [Place(reached.site, *beside_pad_um(profile, setup))]
+    reached_um = [reached.depth_um if place.name == reached.site else 0.0 for place in stands]
+    holes = [hole(profile, place.depth_um) for place in stands]
     pad = here = pad_of(setup)
     plane = len(ordered) >= PLANE_TOUCHES and profile.array.surface == "plane"
     away_um = [math.hypot(stand.x_um - pad.x_um, stand.y_um - pad.y_um) for stand in stands]
     cuts = planned_cuts(profile, setup, holes, away_um, plane=plane)
-    if profile.regimes:
-        cuts = [[cut for recipe in recipes_of(profile) for cut in _cuts_of(recipe, setup, away_um)]]
+    if profile.regimes:  # as for a new hole, nothing is known of the pulses of each
+        of_regimes = [
+            planned_cuts(one.profile, setup, [Hole(one.depth_um, one.wear_um)], away_um, plane=False)[0]
+            for one in recipes_of(profile)
+        ]
+        cuts = [[cut for whole in of_regimes for cut in whole]]
     measuring_s = touch_time_s(profile, setup) + (_plane_time_s(profile, setup, stands) if plane else 0.0)
     worn_um, reaches_um, known_stands = 0.0, [], [pad]
     has_bottom = profile.target.kind != "through"
@@ -157,7 +148,7 @@ def _holes_course(profile: Profile, setup: Setup, places: Sequence[Place], reach
     )
 
 
-def is_tilt_limited(setup: Setup, stand: Stand, known: Sequence[Stand]) -> bool:
+def is_tilt_limited(setup: Setup, stand: Place, known: Sequence[Place]) -> bool:
     """Whether the face is touched at a place before its hole: it lies too far from where the face is known."""
     away_um = min(math.hypot(stand.x_um - one.x_um, stand.y_um - one.y_um) for one in known)
     return 1e-3 * setup.surface.tilt_u_mrad * away_um > FACE_LIMIT_UM
@@ -187,13 +178,6 @@ def hole_time_s(profile: Profile, one: Hole, reached_um: float = 0.0) -> float:
     if reached_um > 0.0:
         feed_s = max(0.0, feed_s - time_to_s(reached_um))
     return feed_s + one.completion_um / profile.servo.forward_um_s
-
-
-def _cuts_of(recipe: Recipe, setup: Setup, away_um: Sequence[float]) -> list[Cut]:
-    """Return the cuts of one regime; as for a new hole, nothing is known of its pulses."""
-    one = Hole(recipe.depth_um, recipe.wear_um)
-    (cuts,) = planned_cuts(recipe.profile, setup, [one], away_um, plane=False)
-    return cuts
 
 
 def regime_time_s(recipe: Recipe, reached_um: float = 0.0) -> float:
@@ -237,7 +221,7 @@ def _channel_course(whole: Channel, setup: Setup, reached_um: float) -> Course:
     )
 
 
-def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Stand]) -> float:
+def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Place]) -> float:
     """Return the time of touching three places of an array, as far apart as any two, before it is machined."""
     # The way between two places is a sum of absolute differences: the longest joins the ends of a diagonal.
     stage = setup.stage
@@ -265,11 +249,8 @@ def _frequency_hz(recipes: Sequence[Recipe]) -> float:
     """Pulses per second of machining; of several regimes on average."""
     if len(recipes) == 1:
         return recipes[0].profile.pulse.frequency_hz
-    times_s = [regime_time_s(recipe) for recipe in recipes]
-    pulses = math.fsum(
-        t * recipe.profile.pulse.frequency_hz for t, recipe in zip(times_s, recipes, strict=True)
-    )
-    return pulses / math.fsum(times_s)
+    timed = [(regime_time_s(recipe), recipe.profile.pulse.frequency_hz) for recipe in recipes]
+    return math.fsum(t_s * hz for t_s, hz in timed) / math.fsum(t_s for t_s, _ in timed)
 
 
 def forecast(

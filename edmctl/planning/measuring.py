@@ -23,6 +23,7 @@ from edmctl.process.live_erosion import Energy, ErosionEstimate
 from edmctl.process.next_cut import GAP_U_UM, is_done, largest_first_um, next_cut
 from edmctl.process.touches import TOUCH_U_UM, Displacement
 from edmctl.profile.model import Profile
+from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
 from edmctl.quantity import half_width
 
@@ -95,12 +96,10 @@ def planned_cuts(
 
     `plane` says whether the face is touched at three places before.
     """
-    plan = _Plan(profile, setup, plane=plane)
-    last, is_single = len(holes) - 1, len(holes) == 1
-    pairs = zip(holes, away_um, strict=True)
+    plan, is_single = _Plan(profile, setup, plane=plane), len(holes) == 1
     return [
-        plan.hole(one, way_um, is_last=i == last, is_single=is_single)
-        for i, (one, way_um) in enumerate(pairs)
+        plan.hole(one, way_um, is_last=one is holes[-1], is_single=is_single)
+        for one, way_um in zip(holes, away_um, strict=True)
     ]
 
 
@@ -221,15 +220,6 @@ class _Plan:
         return depth_u_um, wear_u_um
 
 
-@dataclass(frozen=True, slots=True)
-class Stand:
-    """Where the stages stand."""
-
-    x_um: float
-    y_um: float
-    theta_deg: float = 0.0
-
-
 def conditioning_time_s(profile: Profile, setup: Setup) -> float:
     """From arming to a conditioned actuator at the parking place, s."""
     actuator = setup.actuator
@@ -239,9 +229,10 @@ def conditioning_time_s(profile: Profile, setup: Setup) -> float:
 
 def approach_time_s(profile: Profile, setup: Setup) -> float:
     """From an idle machine to the spark gap beside the reference pad: conditioning, the move, the approach, s."""
-    way_um = park_to_pad_um(setup) + profile.measure.site_dx_um
-    move_s = move_time_s(way_um, setup)
-    return conditioning_time_s(profile, setup) + move_s + surface_time_s(profile)
+    move_s = move_time_s(park_to_pad_um(setup) + profile.measure.site_dx_um, setup)
+    way_um = max(0.0, profile.approach.offset_um - profile.measure.expected_gap_um)
+    surface_s = RELUCTANCE * way_um / approach_speed_um_s(profile)
+    return conditioning_time_s(profile, setup) + move_s + surface_s
 
 
 def touch_time_s(profile: Profile, setup: Setup) -> float:
@@ -253,12 +244,6 @@ def touch_time_s(profile: Profile, setup: Setup) -> float:
 def jumps_time_s(profile: Profile, count: int, period_s: float) -> float:
     """Electrode jumps that begin every `period_s`, or one after the other where they take longer, s."""
     return count * max(period_s, jump_duration_s(profile))
-
-
-def surface_time_s(profile: Profile) -> float:
-    """From home to the spark gap over an untouched surface at the offset, s."""
-    way_um = max(0.0, profile.approach.offset_um - profile.measure.expected_gap_um)
-    return RELUCTANCE * way_um / approach_speed_um_s(profile)
 
 
 def pad_time_s(profile: Profile) -> float:
@@ -321,9 +306,9 @@ def stop_time_s(
     return bottom_s + pad_s + pad_reading_s + further_spot_s(profile)
 
 
-def pad_of(setup: Setup) -> Stand:
+def pad_of(setup: Setup) -> Place:
     """The reference pad."""
-    return Stand(setup.stage.reference_x_um, setup.stage.reference_y_um)
+    return Place("reference pad", setup.stage.reference_x_um, setup.stage.reference_y_um)
 
 
 def park_to_pad_um(setup: Setup) -> float:
@@ -337,7 +322,7 @@ def beside_pad_um(profile: Profile, setup: Setup) -> tuple[float, float]:
     return setup.stage.reference_x_um + profile.measure.site_dx_um, setup.stage.reference_y_um
 
 
-def between_s(start: Stand, end: Stand, setup: Setup) -> float:
+def between_s(start: Place, end: Place, setup: Setup) -> float:
     """One move of the stages from place to place, axis after axis, s."""
     way_um = abs(end.x_um - start.x_um) + abs(end.y_um - start.y_um)
     return move_time_s(way_um, setup) + abs(end.theta_deg - start.theta_deg) / setup.stage.rotary_deg_s

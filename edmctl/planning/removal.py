@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 
 from edmctl.dataclasses import dataclass
-from edmctl.planning.erosion import expected_gap, usual_depth_um
-from edmctl.planning.regimes import recipes_of
+from edmctl.planning.erosion import expected_gap, recipes_of, usual_depth_um
 from edmctl.process.discharge import hole_area_um2
 from edmctl.profile.model import Profile
 from edmctl.profile.setup import Setup
@@ -108,16 +107,18 @@ def machining_share(profile: Profile) -> float:
 
 def time_share_of_jumps(profile: Profile) -> float:
     """Share of the machining time that jumps take; adaptive ones as if they kept to their period."""
-    jump = profile.jump
-    if jump.mode == "off":
-        return 0.0
-    return jump_duration_s(profile) / jump.period_s
+    return 0.0 if profile.jump.mode == "off" else jump_duration_s(profile) / profile.jump.period_s
 
 
 def jump_duration_s(profile: Profile) -> float:
     """Time of one jump, s."""
     jump = profile.jump
     return jump_time_s(jump.height_um, jump.speed_um_s, jump.dwell_s)
+
+
+def jump_time_s(height_um: float, speed_um_s: float, dwell_s: float) -> float:
+    """Time of one jump, up and down with a dwell at the top."""
+    return 2.0 * height_um / speed_um_s + dwell_s
 
 
 def servo_swing(profile: Profile, setup: Setup) -> LimitCycle:
@@ -138,8 +139,3 @@ def least_jump_um(depth_um: float, diameter_um: float, side_gap_um: float) -> fl
     `h_min = 4 s z / d * (1 + s / d)`: annulus volume of depth z over the tool's face.
     """
     return 4.0 * side_gap_um * depth_um / diameter_um * (1.0 + side_gap_um / diameter_um)
-
-
-def jump_time_s(height_um: float, speed_um_s: float, dwell_s: float) -> float:
-    """Time of one jump, up and down with a dwell at the top."""
-    return 2.0 * height_um / speed_um_s + dwell_s

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from edmctl.planning.forecast import nearest_first
 from edmctl.process.plane import fitted_plane, spread_out, unknown_plane
 from edmctl.process.shared_wear import WearShare, share_wear
 
@@ -44,12 +43,6 @@ def test_a_face_touched_once_is_level_within_the_tilt() -> None:
     plane = unknown_plane((100.0, 0.0), 0.3)
     assert plane.height_um(1100.0, 0.0) == 0.0
     assert plane.height_u_um(1100.0, 0.0) == pytest.approx(0.3)
-
-
-def test_the_nearest_place_comes_next() -> None:
-    places = [(900.0, 0.0), (500.0, 0.0), (500.0, 400.0), (900.0, 400.0)]
-    assert nearest_first(places, (0.0, 0.0)) == (1, 0, 3, 2)
-    assert nearest_first([], (0.0, 0.0)) == ()
 
 
 def test_touches_for_a_plane_lie_far_apart() -> None:

@@ -13,7 +13,7 @@ from edmctl.dataclasses import astuple, dataclass, replace
 from edmctl.errors import Diagnostic, ProfileError
 from edmctl.planning.erosion import with_expected_erosion
 from edmctl.planning.forecast import Job
-from edmctl.planning.rules.materials import sim_agrees
+from edmctl.planning.rules.pulse import sim_agrees
 from edmctl.planning.rules.target import time_limit
 from edmctl.planning.rules.violations import (
     in_share_only,

@@ -125,29 +125,20 @@ def stroke(job: Job) -> Iterator[Finding]:
         if wanted_v <= job.setup.actuator.stroke_v
         else f"; even {job.setup.actuator.stroke_v:g} V are not enough"
     )
+    key = "depth_um"
     if profile.path is not None and profile.target.kind == "depth":
         wear_um = depth_and_wear_um(profile)[1]
-        yield Finding(
-            Code.STROKE,
-            ("target", "depth_um"),
-            f"a channel {profile.target.depth_um:g} µm deep is out of reach: with {wear_um:.0f} µm of tool wear "
-            f"over its length it needs {needs}",
-            f"make it less deep or shorter, use a tool that wears less{raising}",
-        )
+        target = f"a channel {profile.target.depth_um:g} µm deep"
+        by = f"with {wear_um:.0f} µm of tool wear over its length "
+        hint = "make it less deep or shorter, use a tool that wears less"
     elif profile.target.kind == "depth":
-        yield Finding(
-            Code.STROKE,
-            ("target", "depth_um"),
-            f"depth {profile.target.depth_um:g} µm is out of reach: at wear ratio {ratio:g} it needs {needs}",
-            f"at most {math.floor(max(reach_um, 0.0) / (1.0 + ratio))} µm deep{raising}",
-        )
+        target, by = f"depth {profile.target.depth_um:g} µm", f"at wear ratio {ratio:g} "
+        hint = f"at most {math.floor(max(reach_um, 0.0) / (1.0 + ratio))} µm deep"
     else:
-        yield Finding(
-            Code.STROKE,
-            ("target", "feed_um"),
-            f"feed {profile.target.feed_um:g} µm is out of reach: it needs {needs}",
-            f"at most {rounded_down(max(reach_um, 0.0))} µm{raising}",
-        )
+        key, target, by = "feed_um", f"feed {profile.target.feed_um:g} µm", ""
+        hint = f"at most {rounded_down(max(reach_um, 0.0))} µm"
+    message = f"{target} is out of reach: {by}it needs {needs}"
+    yield Finding(Code.STROKE, ("target", key), message, f"{hint}{raising}")
 
 
 def through_stroke(job: Job) -> Iterator[Finding]:
@@ -164,14 +155,13 @@ def through_stroke(job: Job) -> Iterator[Finding]:
     needed_um = thickness_um * (1.0 + ratio) + tip_um + beside_um
     if needed_um <= available_um:
         return
-    yield Finding(
-        Code.THROUGH_STROKE,
-        ("work", "thickness_um"),
+    message = (
         f"a hole through {thickness_um:g} µm needs offset {profile.approach.offset_um:g} + reserve "
         f"{STROKE_RESERVE_UM:g} + {thickness_um:g} x {1 + ratio:g} + {tip_um:g} for the worn tip = "
-        f"{needed_um:.0f} µm of stroke; {profile.limits.stroke_v_max:g} V give {available_um:.0f} µm",
-        f"at most {math.floor(thickest_um)} µm thick, or drill a blind hole",
+        f"{needed_um:.0f} µm of stroke; {profile.limits.stroke_v_max:g} V give {available_um:.0f} µm"
     )
+    hint = f"at most {math.floor(thickest_um)} µm thick, or drill a blind hole"
+    yield Finding(Code.THROUGH_STROKE, ("work", "thickness_um"), message, hint)
 
 
 def slope_against_feed(job: Job) -> Iterator[Finding]:
@@ -181,13 +171,11 @@ def slope_against_feed(job: Job) -> Iterator[Finding]:
         return
     refused = slope < SLOPE_PER_FEED_MIN * feed
     consequence = "the servo cannot follow the erosion" if refused else "the job loses time"
-    yield Finding(
-        Code.SLOPE_BELOW_FEED if refused else Code.SLOPE_NEAR_FEED,
-        ("servo", "forward_um_s"),
-        f"forward ramp {slope:g} µm/s is {slope / feed:.1f} times the forecast feed {feed:.2f} µm/s: "
-        f"{consequence}",
-        f"use at least {rounded_up(SLOPE_PER_FEED_GOOD * feed)} µm/s",
-    )
+    code = Code.SLOPE_BELOW_FEED if refused else Code.SLOPE_NEAR_FEED
+    times = f"{slope / feed:.1f} times the forecast feed {feed:.2f} µm/s"
+    message = f"forward ramp {slope:g} µm/s is {times}: {consequence}"
+    hint = f"use at least {rounded_up(SLOPE_PER_FEED_GOOD * feed)} µm/s"
+    yield Finding(code, ("servo", "forward_um_s"), message, hint)
 
 
 def limit_cycle(job: Job) -> Iterator[Finding]:
@@ -219,37 +207,26 @@ def jump(job: Job) -> Iterator[Finding]:
     deepest_um = profile.approach.offset_um + feed_um
     side_gap_um = profile.work.side_gap_um
     least_um = JUMP_HEIGHT_FACTOR * least_jump_um(depth_um, profile.tool.diameter_um, side_gap_um)
+    height = f"jump height {j.height_um:g} µm"
     if j.height_um > deepest_um and j.mode == "fixed":
-        yield Finding(
-            Code.JUMP,
-            ("jump", "height_um"),
-            f"jump height {j.height_um:g} µm is more than the tool's way down, {deepest_um:.0f} µm at the "
-            "end: it cannot retract below 0 V",
-            f"use at most {rounded_down(deepest_um)} µm; {rounded_up(least_um)} µm are enough to flush",
-        )
+        way = f"the tool's way down, {deepest_um:.0f} µm at the end"
+        message = f"{height} is more than {way}: it cannot retract below 0 V"
+        hint = f"use at most {rounded_down(deepest_um)} µm; {rounded_up(least_um)} µm are enough to flush"
+        yield Finding(Code.JUMP, ("jump", "height_um"), message, hint)
     elif j.height_um < least_um:
-        yield Finding(
-            Code.JUMP_TOO_LOW,
-            ("jump", "height_um"),
-            f"jump height {j.height_um:g} µm hardly flushes: at {depth_um:.0f} µm depth and a side gap of "
-            f"{side_gap_um:g} µm it takes {least_um:.0f} µm",
-            f"use {rounded_up(least_um)} µm or more",
-        )
+        where = f"at {depth_um:.0f} µm depth and a side gap of {side_gap_um:g} µm"
+        message = f"{height} hardly flushes: {where} it takes {least_um:.0f} µm"
+        hint = f"use {rounded_up(least_um)} µm or more"
+        yield Finding(Code.JUMP_TOO_LOW, ("jump", "height_um"), message, hint)
     took_s = jump_duration_s(profile)
     made_of = f"2 x {j.height_um:g} µm / {j.speed_um_s:g} µm/s + {j.dwell_ms:g} ms"
-    yield from _jump_share("period_s", j.period_s, took_s, "", made_of)
+    periods = [("period_s", j.period_s, "", made_of)]
     if j.mode == "adaptive":
-        made_of = f"{took_s:.2g} s"
-        yield from _jump_share("period_min_s", j.period_min_s, took_s, "at the shortest period ", made_of)
-
-
-def _jump_share(key: str, period_s: float, took_s: float, when: str, made_of: str) -> Iterator[Finding]:
-    share = took_s / period_s
-    if share > JUMP_SHARE_MAX:
-        yield Finding(
-            Code.JUMP,
-            ("jump", key),
-            f"{when}jumping takes {100 * share:.0f} % of the time ({made_of} every {period_s:g} s); at most "
-            f"{100 * JUMP_SHARE_MAX:.0f} %",
-            f"use a period of at least {rounded_up(took_s / JUMP_SHARE_MAX)} s, or a faster jump",
-        )
+        periods.append(("period_min_s", j.period_min_s, "at the shortest period ", f"{took_s:.2g} s"))
+    for key, period_s, when, made_of in periods:
+        share = took_s / period_s
+        if share > JUMP_SHARE_MAX:
+            time = f"{100 * share:.0f} % of the time ({made_of} every {period_s:g} s)"
+            message = f"{when}jumping takes {time}; at most {100 * JUMP_SHARE_MAX:.0f} %"
+            hint = f"use a period of at least {rounded_up(took_s / JUMP_SHARE_MAX)} s, or a faster jump"
+            yield Finding(Code.JUMP, ("jump", key), message, hint)

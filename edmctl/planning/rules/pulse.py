@@ -1,4 +1,4 @@
-"""Cross-field rules of the generator and the voltage reference."""
+"""Cross-field rules of the generator, the voltage reference and the materials."""
 
 from __future__ import annotations
 
@@ -6,13 +6,21 @@ from collections.abc import Iterator
 from operator import gt, le, lt
 
 from edmctl.failures import Code
+from edmctl.planning.erosion import (
+    expected_gap,
+    expected_side_gap_um,
+    expected_wear_ratio,
+    in_pulses,
+    of_tool,
+    of_work,
+    usual_depth_um,
+)
 from edmctl.planning.forecast import Job
-from edmctl.planning.regimes import in_pulses
 from edmctl.planning.rules.bound import Bound, Conflict
 from edmctl.process.discharge import pulse_energy_uj
-from edmctl.process.erosion import LAW
+from edmctl.process.erosion import LAW, material, materials
 from edmctl.profile.findings import REFERENCE_MARGIN, REFERENCE_MAX, Finding
-from edmctl.profile.model import Profile
+from edmctl.profile.model import Profile, SimSettings
 
 ROUNDING = 1e-9  # a reference written as the very limit passes, though 0.55 + 0.05 is not 0.60 in binary
 VOLTAGE_ROOM_V = 5.0
@@ -113,12 +121,9 @@ def reference_window(job: Job) -> Iterator[Finding]:
         if servo.reference < low
         else "hardly a pulse ignites there"
     )
-    yield Finding(
-        Code.REFERENCE_WINDOW,
-        ("servo", "reference_v" if volts else "reference"),
-        f"servo reference {shown} is outside {window}: {reason}",
-        f"choose {in_volts if volts else window}; 0.80 is usual, 0.70 is fast, 0.88 finishes",
-    )
+    message = f"servo reference {shown} is outside {window}: {reason}"
+    hint = f"choose {in_volts if volts else window}; 0.80 is usual, 0.70 is fast, 0.88 finishes"
+    yield Finding(Code.REFERENCE_WINDOW, ("servo", "reference_v" if volts else "reference"), message, hint)
 
 
 def pulse_energy(job: Job) -> Iterator[Finding]:
@@ -129,22 +134,17 @@ def pulse_energy(job: Job) -> Iterator[Finding]:
         f"{pulse.discharge_voltage_v:g} V x {pulse.current_a:g} A x {pulse.burning_time_us:.4g} µs "
         f"= {energy_uj:.4g} µJ"
     )
-    lower = "lower the current, or the duty, or raise the frequency"
+    problem, hint = "", "lower the current, or the duty, or raise the frequency"
     if not ENERGY_MIN_UJ <= energy_uj <= ENERGY_MAX_UJ:
-        yield Finding(
-            Code.PULSE_ENERGY,
-            ("pulse", "current_a"),
-            f"pulse energy {made_of} is outside {ENERGY_MIN_UJ:g} to {ENERGY_MAX_UJ:g} µJ",
-            lower if energy_uj > ENERGY_MAX_UJ else "raise the current or the duty",
-        )
+        problem = f"is outside {ENERGY_MIN_UJ:g} to {ENERGY_MAX_UJ:g} µJ"
+        hint = hint if energy_uj > ENERGY_MAX_UJ else "raise the current or the duty"
     elif tool.diameter_um < FINE_TOOL_UM and energy_uj > FINE_TOOL_ENERGY_UJ:
-        yield Finding(
-            Code.PULSE_ENERGY,
-            ("pulse", "current_a"),
-            f"pulse energy {made_of} is high for a tool of {tool.diameter_um:g} µm "
-            f"(below {FINE_TOOL_UM:g} µm: at most {FINE_TOOL_ENERGY_UJ:g} µJ)",
-            lower,
+        problem = (
+            f"is high for a tool of {tool.diameter_um:g} µm (below {FINE_TOOL_UM:g} µm: at most "
+            f"{FINE_TOOL_ENERGY_UJ:g} µJ)"
         )
+    if problem:
+        yield Finding(Code.PULSE_ENERGY, ("pulse", "current_a"), f"pulse energy {made_of} {problem}", hint)
 
 
 def does_nothing(job: Job) -> Iterator[Finding]:
@@ -162,10 +162,92 @@ def removes_nothing(profile: Profile) -> Iterator[Finding]:
             pulse, path, of = in_pulses(profile, regime).pulse, ("regimes", number), f"regime {regime.name}: "
         energy_uj = pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us)
         if energy_uj < LEAST_ENERGY_UJ:
-            yield Finding(
-                Code.NO_REMOVAL,
-                path,
-                f"{of}a pulse of {energy_uj:.3g} µJ removes nothing: by the laws of the process it takes "
-                f"{LEAST_ENERGY_UJ:g} µJ",
-                "raise the current or the time that a discharge burns",
+            by_law = f"by the laws of the process it takes {LEAST_ENERGY_UJ:g} µJ"
+            message = f"{of}a pulse of {energy_uj:.3g} µJ removes nothing: {by_law}"
+            hint = "raise the current or the time that a discharge burns"
+            yield Finding(Code.NO_REMOVAL, path, message, hint)
+
+
+CURRENTS_A, ON_TIMES_US, VOLTAGES_V = (0.03, 1.0), (5.0, 300.0), (40.0, 100.0)
+"""Where the laws of the process were compared with what is known (docs/virtual-machine.md)."""
+LAW_ROUNDING = 1e-6
+DOUBTFUL = 2.0
+"""What is stated and is so many times what is expected, or as much less, may be that of other materials."""
+CONTRADICTS = 1.5
+"""A factor of `[sim]` that is so many times that of the material, or as much less, is another material's."""
+
+
+def known_materials(job: Job) -> Iterator[Finding]:
+    """Rule 34: something is known of how the materials erode."""
+    for table, name, figure, key in (
+        ("tool", job.profile.tool.material, "wear", "wear.expected_ratio"),
+        ("work", job.profile.work.material, "removal", "work.removal_um3_per_uj"),
+    ):
+        known = [found for found in materials().values() if getattr(found, figure) is not None]
+        if material(name) in known:
+            continue
+        message = (
+            f"nothing is known of how {name} erodes as {table}: what is not stated is taken from copper, and the "
+            "virtual machine erodes it like copper"
+        )
+        hint = f"state {key}; known are {', '.join(found.symbol for found in known)}"
+        yield Finding(Code.UNKNOWN_MATERIAL, (table, "material"), message, hint)
+
+
+def within_the_laws(job: Job) -> Iterator[Finding]:
+    """Rule 36: forecasts and the virtual machine were made for such pulses."""
+    pulse = job.profile.pulse
+    for key, value, unit, (low, high) in (
+        ("current_a", pulse.current_a, "A", CURRENTS_A),
+        ("duty", pulse.on_time_us, "µs of on-time", ON_TIMES_US),
+        ("open_voltage_v", pulse.open_voltage_v, "V", VOLTAGES_V),
+    ):
+        if not low * (1.0 - LAW_ROUNDING) <= value <= high * (1.0 + LAW_ROUNDING):
+            message = (
+                f"{value:.4g} {unit} lies outside {low:g} to {high:g}, where the laws of the process were looked "
+                "at; forecasts and the virtual machine go on by the same formulas, and nobody knows how far"
             )
+            hint = "rely on touches, not on forecasts or virtual runs"
+            yield Finding(Code.BEYOND_LAWS, ("pulse", key), message, hint)
+
+
+def stated_agrees(profile: Profile) -> Iterator[Finding]:
+    """Rule 39: removal and wear that are stated are those of the materials and pulses that are named."""
+    depth_um = usual_depth_um(profile)
+    gap = expected_gap(profile, depth_um)
+    of = (
+        f"{profile.tool.material} on {profile.work.material}, {profile.pulse.polarity}, with "
+        f"{profile.pulse.current_a:g} A for {profile.pulse.on_time_us:.3g} µs"
+    )
+    stated = {}
+    if "expected_ratio" in profile.wear.model_fields_set:
+        ratio = expected_wear_ratio(profile, depth_um, expected_side_gap_um(profile))
+        stated["wear", "expected_ratio"] = profile.wear.expected_ratio, ratio
+    if "removal_um3_per_uj" in profile.work.model_fields_set:
+        stated["work", "removal_um3_per_uj"] = profile.work.removal_um3_per_uj, gap.removal_um3_per_uj
+    for path, (given, expected) in stated.items():
+        if not expected / DOUBTFUL <= given <= expected * DOUBTFUL:
+            message = f"{'.'.join(path)} = {given:.3g} is stated, but {of} let expect {expected:.3g}"
+            hint = "leave it out, or keep it where it was measured with these"
+            yield Finding(Code.STATED_CONTRADICTS, path, message, hint)
+
+
+def sim_agrees(profile: Profile, sim: SimSettings) -> Iterator[Finding]:
+    """Rule 35: the virtual machine has the materials of the profile."""
+    pairs = (
+        ("work_removal", sim.work_removal, of_work(profile).factor, profile.work.material),
+        ("tool_wear", sim.tool_wear, of_tool(profile).factor, profile.tool.material),
+    )
+    discharge_v = profile.pulse.discharge_voltage_v
+    if abs(discharge_v - sim.discharge_v) > LAW_ROUNDING:
+        stated = f"at sim.discharge_v = {sim.discharge_v:g} V on the virtual machine"
+        message = f"discharges burn at {discharge_v:g} V by the profile, {stated}"
+        hint = "set sim.discharge_v too, or leave it out"
+        yield Finding(Code.SIM_CONTRADICTS, ("pulse", "discharge_voltage_v"), message, hint)
+    for key, given, expected, name in pairs:
+        if given is None or expected / CONTRADICTS <= given <= expected * CONTRADICTS:
+            continue
+        other = "the virtual machine has another material than forecasts and the host go by"
+        message = f"sim.{key} = {given:g} is not that of {name}, {expected:g}: {other}"
+        hint = "leave it out, or name the material that it is"
+        yield Finding(Code.SIM_CONTRADICTS, ("sim", key), message, hint)

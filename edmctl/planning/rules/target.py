@@ -12,6 +12,7 @@ from edmctl.planning.forecast import Job, depth_and_wear_um
 from edmctl.planning.rules.bound import Bound, Conflict
 from edmctl.profile.findings import Finding, rounded_up
 from edmctl.profile.model import Profile
+from edmctl.profile.positions import KeyPath
 
 SPARE = 1.25
 """A tolerance has to be wider than the forecast of the interval by this: touches scatter from job to job."""
@@ -94,13 +95,12 @@ def tolerance(job: Job) -> Iterator[Finding]:
         return
     least_um = _least_resolved_um(job)
     if target.tolerance_um < least_um:
-        yield Finding(
-            Code.TOLERANCE,
-            ("target", "tolerance_um"),
+        message = (
             f"tolerance {target.tolerance_um:g} µm is below what {measure.touches} touches of up to "
-            f"{measure.max_sd_um:g} µm scatter can resolve, {least_um:.2f} µm",
-            f"use at least {rounded_up(max(least_um, SPARE * job.forecast.depth_u95_um))} µm",
+            f"{measure.max_sd_um:g} µm scatter can resolve, {least_um:.2f} µm"
         )
+        hint = f"use at least {rounded_up(max(least_um, SPARE * job.forecast.depth_u95_um))} µm"
+        yield Finding(Code.TOLERANCE, ("target", "tolerance_um"), message, hint)
 
 
 def depth_shown(job: Job) -> Iterator[Finding]:
@@ -111,13 +111,12 @@ def depth_shown(job: Job) -> Iterator[Finding]:
     u95_um = job.forecast.depth_u95_um
     if _least_resolved_um(job) <= target.tolerance_um < u95_um:
         why = "" if job.setup.sensor.fitted else ": without a displacement sensor the gain is known to 2.5 %"
-        yield Finding(
-            Code.NOT_SHOWN,
-            ("target", "tolerance_um"),
+        message = (
             f"the depth may not be shown to be right: it will be known to about ± {u95_um:.2f} µm, and the "
-            f"tolerance is {target.tolerance_um:g} µm; the job ends with exit code 7 then",
-            f"permit {rounded_up(SPARE * u95_um)} µm or more{why}",
+            f"tolerance is {target.tolerance_um:g} µm; the job ends with exit code 7 then"
         )
+        hint = f"permit {rounded_up(SPARE * u95_um)} µm or more{why}"
+        yield Finding(Code.NOT_SHOWN, ("target", "tolerance_um"), message, hint)
 
 
 def depth_beyond_tolerance(job: Job) -> Iterator[Finding]:
@@ -125,28 +124,24 @@ def depth_beyond_tolerance(job: Job) -> Iterator[Finding]:
     target = job.profile.target
     in_mm = "lengths are in µm, {0:g} mm would be {1:g}"
     if target.kind == "through" and (sheet_um := job.profile.work.thickness_um) < LEAST_SHEET_UM:
-        yield Finding(
-            Code.LESS_THAN_TOLERANCE,
-            ("work", "thickness_um"),
-            f"a sheet of {sheet_um:g} µm is thinner than a foil of {LEAST_SHEET_UM:g} µm",
-            in_mm.format(sheet_um, 1000.0 * sheet_um),
-        )
+        message = f"a sheet of {sheet_um:g} µm is thinner than a foil of {LEAST_SHEET_UM:g} µm"
+        hint = in_mm.format(sheet_um, 1000.0 * sheet_um)
+        yield Finding(Code.LESS_THAN_TOLERANCE, ("work", "thickness_um"), message, hint)
     if target.kind != "depth":
         return
+    path: KeyPath = ("target", "depth_um")
+    depth_um, where = target.depth_um, None
     own = [place for place in job.places if math.isfinite(place.depth_um)]
     shallow = min(own, key=lambda place: place.depth_um, default=None)
-    depth_um = target.depth_um if shallow is None else shallow.depth_um
-    if len(own) < len(job.places) and target.depth_um < depth_um:
-        shallow, depth_um = None, target.depth_um
+    if shallow is not None and (len(own) == len(job.places) or shallow.depth_um <= depth_um):
+        path, depth_um, where = ("sites", shallow.entry), shallow.depth_um, shallow.where
     if depth_um <= target.tolerance_um:
-        yield Finding(
-            Code.LESS_THAN_TOLERANCE,
-            ("target", "depth_um") if shallow is None else ("sites", shallow.entry),
-            f"a depth of {depth_um:g} µm is no more than its tolerance, {target.tolerance_um:g} µm: "
-            "work that was never touched is as good",
-            f"{in_mm.format(depth_um, 1000.0 * depth_um)}; or set a smaller tolerance",
-            None if shallow is None else shallow.where,
+        limit = f"its tolerance, {target.tolerance_um:g} µm"
+        message = (
+            f"a depth of {depth_um:g} µm is no more than {limit}: work that was never touched is as good"
         )
+        hint = f"{in_mm.format(depth_um, 1000.0 * depth_um)}; or set a smaller tolerance"
+        yield Finding(Code.LESS_THAN_TOLERANCE, path, message, hint, where)
 
 
 def time_limit(job: Job) -> Iterator[Finding]:
@@ -155,16 +150,11 @@ def time_limit(job: Job) -> Iterator[Finding]:
     if limit_s < time_s:
         hint = f"permit {3.0 * time_s:.0f} s, three times the forecast"
         path = job.profile.path
-        if path is not None and path.speed_um_s < (
-            least_um_s := Channel(job.profile, path).waiting_speed_um_s
-        ):
+        least_um_s = 0.0 if path is None else Channel(job.profile, path).waiting_speed_um_s
+        if path is not None and path.speed_um_s < least_um_s:
             hint = (
                 f"raise path.speed_um_s from {path.speed_um_s:g} to {rounded_up(least_um_s)} µm/s or more, where a "
                 f"pass takes no longer than its sparks; or {hint}"
             )
-        yield Finding(
-            Code.TIME_LIMIT,
-            ("limits", "max_time_s"),
-            f"the job takes about {time_s:.0f} s, more than max_time_s {limit_s:g} s",
-            hint,
-        )
+        message = f"the job takes about {time_s:.0f} s, more than max_time_s {limit_s:g} s"
+        yield Finding(Code.TIME_LIMIT, ("limits", "max_time_s"), message, hint)

@@ -15,12 +15,11 @@ from typing import Any, get_args
 from pydantic import TypeAdapter
 
 from edmctl.failures import Code
-from edmctl.planning.erosion import with_expected_erosion, with_sought_reference
+from edmctl.planning.erosion import recipes_of, with_expected_erosion, with_regimes, with_sought_reference
 from edmctl.planning.forecast import Job, forecast
-from edmctl.planning.regimes import recipes_of, with_regimes
-from edmctl.planning.rules import materials, motion, pulse, sites, target
+from edmctl.planning.rules import motion, pulse, sites, target
 from edmctl.profile.findings import Finding
-from edmctl.profile.model import DepthTarget, FeedTarget, Profile, Regime, SiteTable, ThroughTarget
+from edmctl.profile.model import Profile, Regime, SiteTable
 from edmctl.profile.places import Place
 from edmctl.profile.positions import KeyPath, TomlTable
 from edmctl.profile.setup import Setup
@@ -34,7 +33,7 @@ OF_PULSES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     *pulse.PULSE_TIMES,
     pulse.FILTER_CORNER,
     *pulse.DISCHARGE_TIME,
-    materials.within_the_laws,
+    pulse.within_the_laws,
 )
 """What holds for pulses and reference of every regime."""
 SHARES = 1e-6
@@ -46,43 +45,35 @@ def regimes(job: Job) -> Iterator[Finding]:
     profile = job.profile
     if not profile.regimes:
         return
-    for is_wrong, what in (
+    unsuited = (
         (profile.target.kind != "depth", f'target.kind = "{profile.target.kind}"'),
         (bool(profile.sites), "[[sites]]"),
         (profile.path is not None, "[path]"),
         (profile.wear.remeasure == "never", 'wear.remeasure = "never"'),
         (profile.pulse.mode == "isopulse", 'pulse.mode = "isopulse"'),
-    ):
-        if is_wrong:
-            yield Finding(
-                Code.REGIMES,
-                ("regimes",),
-                f"regimes are for {SUITS}, not for {what}",
-                "leave one of the two out",
-            )
-            return
+    )
+    wrong = [
+        (f"regimes are for {SUITS}, not for {what}", "leave one of the two out")
+        for is_unsuited, what in unsuited
+        if is_unsuited
+    ]
     whole = math.fsum(regime.share for regime in profile.regimes)
     if abs(whole - 1.0) > SHARES:
-        yield Finding(
-            Code.REGIMES,
-            ("regimes",),
-            f"the shares of all regimes are {whole:g} together, not 1",
-            f"the last one could have {1.0 - whole + profile.regimes[-1].share:.3g}",
-        )
-        return
-    twice = [name for name, n in Counter(regime.name for regime in profile.regimes).items() if n > 1]
-    if twice:
-        yield Finding(Code.REGIMES, ("regimes",), f"two regimes are called {twice[0]}", "give each a name")
+        share = 1.0 - whole + profile.regimes[-1].share
+        message = f"the shares of all regimes are {whole:g} together, not 1"
+        wrong.append((message, f"the last one could have {share:.3g}"))
+    names = Counter(regime.name for regime in profile.regimes)
+    wrong += [(f"two regimes are called {name}", "give each a name") for name, n in names.items() if n > 1]
+    if wrong:
+        yield Finding(Code.REGIMES, ("regimes",), *wrong[0])
         return
     for number, recipe in enumerate(recipes_of(with_regimes(profile))):
         if recipe.profile.pulse == profile.pulse and recipe.profile.servo == profile.servo:
             continue  # what is wrong with it has been said of the profile
         alone = recipe.profile.model_copy(update={"regimes": []})
-        for rule in OF_PULSES:
-            for found in rule(Job(alone, job.setup, job.places)):
-                yield replace(
-                    found, path=("regimes", number), message=f"regime {recipe.name}: {found.message}"
-                )
+        for found in (one for rule in OF_PULSES for one in rule(Job(alone, job.setup, job.places))):
+            message = f"regime {recipe.name}: {found.message}"
+            yield replace(found, path=("regimes", number), message=message)
 
 
 RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
@@ -119,8 +110,8 @@ RULES: tuple[Callable[[Job], Iterable[Finding]], ...] = (
     sites.LAYER,
     target.depth_shown,
     target.depth_beyond_tolerance,
-    materials.known_materials,
-    materials.within_the_laws,
+    pulse.known_materials,
+    pulse.within_the_laws,
     regimes,
 )
 """Every rule, in order of its number. Rule 12 (one touch speed for Z1, Z2 and Z3) has no key to break it."""
@@ -133,7 +124,6 @@ EXPECTED = (
     ("measure", "expected_gap_um"),
 )
 """What is expected of materials and pulses where it is not given."""
-_TARGETS: dict[object, type[Table]] = {"depth": DepthTarget, "feed": FeedTarget, "through": ThroughTarget}
 _LISTS: dict[str, TypeAdapter[Any]] = {
     "sites": TypeAdapter(list[SiteTable]),
     "regimes": TypeAdapter(list[Regime]),
@@ -172,19 +162,11 @@ def violations(profile: Profile, setup: Setup, places: tuple[Place, ...] = ()) -
     shaped = _findings(sites.path_keys, Job(profile, setup))
     if idle := _findings(pulse.does_nothing, Job(profile, setup)):
         return [*once, *shaped, *idle]  # what such pulses let expect is nothing that a rule could look at
-    try:
-        known = without(profile, ("servo", "reference")) if once else _with_share(profile)
-    except AttributeError as error:
-        if not lacks_value(error):
-            raise
-        known = without(profile, ("servo", "reference"))
-    doubted = _findings(lambda job: materials.stated_agrees(job.profile), Job(known, setup))
-    try:
-        known = with_expected_erosion(known)
-    except AttributeError as error:
-        if not lacks_value(error):
-            raise
-        known = without(known, *(path for path in EXPECTED if not _is_given(known, *path)))
+    share = ("servo", "reference")
+    known = without(profile, share) if once else _completed(profile, _with_share, share)
+    doubted = _findings(lambda job: pulse.stated_agrees(job.profile), Job(known, setup))
+    open_values = [path for path in EXPECTED if not _is_given(known, *path)]
+    known = _completed(known, with_expected_erosion, *open_values)
     job = Job(without(known, ("path",)) if shaped else known, setup, places)
     found = [*once, *shaped, *(finding for rule in RULES for finding in _findings(rule, job))]
     return [*found, *doubted] if all(one.is_warning for one in found) else found
@@ -210,6 +192,18 @@ def _findings(rule: Callable[[Job], Iterable[Finding]], job: Job) -> list[Findin
     except AttributeError as error:
         if lacks_value(error):
             return []
+        raise
+
+
+def _completed(
+    profile: Profile, complete: Callable[[Profile], Profile], *open_values: tuple[str, ...]
+) -> Profile:
+    """Return the completed profile, or the profile without these values if it lacks what they follow from."""
+    try:
+        return complete(profile)
+    except AttributeError as error:
+        if lacks_value(error):
+            return without(profile, *open_values)
         raise
 
 
@@ -251,13 +245,11 @@ def lacks_value(error: AttributeError) -> bool:
 
 
 def _read_table(name: str, written: TomlTable) -> Table:
-    model = Profile.model_fields[name].annotation
+    annotation = Profile.model_fields[name].annotation
+    models: list[type[Table]] = [one for one in (annotation, *get_args(annotation)) if isinstance(one, type)]
     if name == "target":
-        model = _TARGETS[written["kind"]]
-    if not isinstance(model, type):
-        model, _ = get_args(model)
-    assert isinstance(model, type)
-    assert issubclass(model, Table)
+        models = [one for one in models if written["kind"] in get_args(one.model_fields["kind"].annotation)]
+    model = models[0]
     values = {key: value for key, value in written.items() if key in keys_at(model, ())}
     return model.model_construct(_fields_set=set(values), **values)
 
