@@ -82,3 +82,10 @@ def problems(name_or_path: str | Path, *overrides: str, setup: Setup | None = No
 
 def loaded(*overrides: str) -> LoadedProfile:
     return load_profile("cu270", overrides)
+
+
+def written(folder: Path, text: str) -> Path:
+    """A file with this text."""
+    path = folder / "p.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
