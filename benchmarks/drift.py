@@ -30,7 +30,7 @@ import numpy as np
 
 from edmctl.errors import EdmError
 from edmctl.jobs.connect import bench_config
-from edmctl.jobs.drift_choice import believed
+from edmctl.jobs.corrections import believed
 from edmctl.jobs.truth import TrueWear
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine

@@ -749,7 +749,7 @@ class Judged:
 def judge(draw: Draw, variant: str, driven: Driven) -> Judged:
     """Build, calibrate and judge one actuator."""
     from edmctl.actuator.validation import ZERO
-    from edmctl.jobs.calibration.fit import find
+    from edmctl.jobs.calibration_fit import find
 
     actuator, shape = built(draw)
     rng = np.random.default_rng([draw.seed, KINDS.index(draw.kind), 2])
@@ -920,7 +920,7 @@ def _resonating(y_um: Array, frequency_hz: float, damping: float) -> Array:
 def verdicts_of(kind: str, number: int, first_seed: int) -> list[Verdict]:
     """Fit one plant to one record and to two, and verify both with files of other rates."""
     from edmctl.actuator.acceptance import most_accepted_pct
-    from edmctl.jobs.calibration.fit import find
+    from edmctl.jobs.calibration_fit import find
 
     case, seed = CASES[number % len(CASES)], first_seed + number
     draw = drawn(kind, seed)

@@ -49,7 +49,7 @@ __all__ = [
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from edmctl.jobs.calibration.calibrate import CalibrationReport, CalibrationRequest, CheckedCalibration
+    from edmctl.jobs.calibrate import CalibrationReport, CalibrationRequest, CheckedCalibration
     from edmctl.jobs.job import Report
     from edmctl.jobs.procedures import Procedure, ProcedureReport
     from edmctl.planning.rules.load import LoadedProfile
@@ -304,7 +304,7 @@ class Machine:
         Raises the errors that a report of `machine` would contain, such as Interrupted, and RecordError if the
         record allows no fit: then a warning names the file that keeps it.
         """
-        from edmctl.jobs.calibration.calibrate import calibrate_machine
+        from edmctl.jobs.calibrate import calibrate_machine
 
         request = _calibration((), output, validate, refit, previous_v, delay_s)
         request = replace(
@@ -468,7 +468,7 @@ def calibrate_files(
 
     Raises UsageError, RecordError if a file cannot be used or allows no fit, RunFileError.
     """
-    from edmctl.jobs.calibration.calibrate import calibrate_files as fitted
+    from edmctl.jobs.calibrate import calibrate_files as fitted
 
     refuse_wrong_clock()
     request = _calibration(files, output, validate, refit, previous_v, delay_s)
@@ -546,7 +546,7 @@ def _calibration(
     previous_v: Sequence[float],
     delay_s: float | None,
 ) -> CalibrationRequest:
-    from edmctl.jobs.calibration.calibrate import CalibrationRequest
+    from edmctl.jobs.calibrate import CalibrationRequest
 
     return CalibrationRequest(
         sources=_files("files", files),
@@ -562,7 +562,7 @@ def _checked_calibration(
     request: CalibrationRequest, surroundings: Surroundings, warn: Warn
 ) -> CheckedCalibration:
     """Check the request, and warn about its files."""
-    from edmctl.jobs.calibration.calibrate import check as check_calibration
+    from edmctl.jobs.calibrate import check as check_calibration
 
     checked = check_calibration(request, surroundings)
     warn(checked.doubts)

@@ -1405,8 +1405,20 @@ def no_sensor_fitted() -> PreconditionError:
     )
 
 
-def no_calibration(*, problem: object, remedy: object) -> PreconditionError:
-    return PreconditionError(f"{problem}", hint=f"{remedy}", code="E8031")
+def no_calibration_of_machine(*, serial: object, calibrate: object) -> PreconditionError:
+    return PreconditionError(
+        f"No displacement sensor is fitted, and there is no calibration of {serial}.",
+        hint=f"Run `{calibrate}` once with a borrowed sensor, or name a file with --calibration.",
+        code="E8031",
+    )
+
+
+def no_calibration_named(*, serial: object, calibrate: object) -> PreconditionError:
+    return PreconditionError(
+        f"No displacement sensor is fitted, and no calibration of {serial} is named.",
+        hint=f"Run `{calibrate}` with a sensor, and name its file with --calibration.",
+        code="E8031",
+    )
 
 
 def no_calibration_for_machine(*, serial: object) -> PreconditionError:
@@ -1417,9 +1429,11 @@ def no_calibration_for_machine(*, serial: object) -> PreconditionError:
     )
 
 
-def calibration_range_too_small(*, path: object) -> PreconditionError:
+def calibration_range_too_small(
+    *, path: object, low_v: float, high_v: float, top_v: float
+) -> PreconditionError:
     return PreconditionError(
-        f"No sensor is fitted, and {path}, from 0 V on.",
+        f"No sensor is fitted, and {path} covers {low_v:.1f} V to {high_v:.1f} V; limits.stroke_v_max is {top_v:.1f} V, from 0 V on.",
         hint="Calibrate from 0 V over the whole stroke, or lower limits.stroke_v_max to what it covers.",
         code="E8032",
     )
@@ -2599,11 +2613,64 @@ def image_of_another_version(
     )
 
 
+def calibration_of_another(*, path: object, owner: object, serial: object) -> Diagnostic:
+    return Diagnostic(
+        "W8101",
+        f"{path} is of {owner}; this machine is {serial}.",
+        "Every actuator is another one: run `edmctl calibrate` here.",
+        is_warning=True,
+    )
+
+
+def calibration_of_another_seed(*, path: object, owner: object, serial: object) -> Diagnostic:
+    return Diagnostic(
+        "W8101",
+        f"{path} is of {owner}; this actuator is that of {serial}.",
+        "Say the --seed it was made with, or leave --calibration out.",
+        is_warning=True,
+    )
+
+
+def unaccepted_calibration(*, path: object, problems: object) -> Diagnostic:
+    return Diagnostic(
+        "W8102", f"{path} was not accepted: {problems}", "Run `edmctl calibrate` again.", is_warning=True
+    )
+
+
+def trial_calibration_not_accepted(*, problem: object) -> Diagnostic:
+    return Diagnostic(
+        "W8102",
+        f"The calibration was not accepted: {problem}",
+        "The figures show what it costs.",
+        is_warning=True,
+    )
+
+
 def waveform_too_steep(*, waveform: object, slew_v_s: float, worst_v: float) -> Diagnostic:
     return Diagnostic(
         "W8103",
         f"{waveform} is steeper than the machine's {slew_v_s:g} V/s; the voltage applied is up to {worst_v:.1f} V away from it.",
         "All figures are for the voltage that was applied.",
+        is_warning=True,
+    )
+
+
+def calibration_too_narrow(*, path: object, low_v: float, high_v: float, top_v: float) -> Diagnostic:
+    return Diagnostic(
+        "W8104",
+        f"{path} covers {low_v:.1f} V to {high_v:.1f} V; limits.stroke_v_max is {top_v:.1f} V. Beyond it the model guesses.",
+        "Calibrate from 0 V over the whole stroke.",
+        is_warning=True,
+    )
+
+
+def waveform_beyond_calibration(
+    *, waveform: object, way: object, end_v: float, calibrated_v: float
+) -> Diagnostic:
+    return Diagnostic(
+        "W8104",
+        f"{waveform} goes {way} to {end_v:.1f} V and the calibration to {calibrated_v:.1f} V.",
+        "Calibrate over the whole stroke.",
         is_warning=True,
     )
 
@@ -2619,11 +2686,47 @@ def no_sensor(
     )
 
 
+def drift_file_of_another(*, path: object, owner: object, serial: object) -> Diagnostic:
+    return Diagnostic(
+        "W8106",
+        f"{path} is of {owner}; this machine is {serial}.",
+        "Drift is not corrected in this run. Run `edmctl measure-drift` here.",
+        is_warning=True,
+    )
+
+
+def drift_file_without_date(*, path: object) -> Diagnostic:
+    return Diagnostic(
+        "W8107",
+        f"{path} does not say when it was made, or says a time to come.",
+        "Drift is not corrected in this run. Run `edmctl measure-drift` here.",
+        is_warning=True,
+    )
+
+
+def drift_file_too_old(*, path: object, age: object, most_days: float) -> Diagnostic:
+    return Diagnostic(
+        "W8107",
+        f"{path} is {age} old; drift.max_age_days is {most_days:g}.",
+        "Drift is not corrected in this run. Run `edmctl measure-drift` here.",
+        is_warning=True,
+    )
+
+
 def actuator_use_unknown(*, unknown_use_s: object) -> Diagnostic:
     return Diagnostic(
         "W8108",
         f"How the actuator was used until {unknown_use_s} ago is unknown: a command was killed, stopped, or followed no creep. Where the rests tell less of the drift than the setup does, nothing is corrected.",
         "Half an hour of rest mends it; the next run knows what this one leaves.",
+        is_warning=True,
+    )
+
+
+def calibration_restricted(*, path: object, restrictions: object) -> Diagnostic:
+    return Diagnostic(
+        "W8109",
+        f"{path} was accepted {restrictions}",
+        "Calibrate with swings of several rates and holds, as `edmctl calibrate` drives them.",
         is_warning=True,
     )
 

@@ -1,28 +1,32 @@
-"""Waveforms through a virtual actuator, and the errors of three models.
+"""Waveforms through a virtual actuator, and the errors of models.
 
 Every waveform, the slow cycle and the calibration start from the same unit at rest. Models get only data that a
 machine has: the applied voltage and the reading of the displacement sensor, with its gain error, drift and noise.
-Their predictions are compared with the true displacement.
+
+The comparison judges three models by the true displacement. The trial of Muralidhara et al. 2009 judges the paper's
+electromechanical model by the sensor, as the paper does: Table 1 behind a block H, for which the paper gives no
+parameters. H is fitted to one slow cycle over the whole range, without creep; the zero of that fit is used for all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from edmctl import failures
 from edmctl.actuator.identification import fit_line, fit_maxwell, identify
-from edmctl.actuator.model import ActuatorModel
+from edmctl.actuator.maxwell import TABLE_1, ElectromechanicalModel, MaxwellModel, Transducer
+from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
 from edmctl.actuator.record import Record
-from edmctl.actuator.validation import judge
-from edmctl.actuator.waveforms import calibration_waveform, sine
+from edmctl.actuator.validation import ErrorFigures, judge
+from edmctl.actuator.waveforms import Reading, calibration_waveform, readings, sine
 from edmctl.array_types import Array
 from edmctl.dataclasses import asdict, dataclass
 from edmctl.errors import Diagnostic
 from edmctl.jobs import output_files
 from edmctl.jobs.actuator_waveforms import Waveform
-from edmctl.jobs.calibration import selection
+from edmctl.jobs.corrections import owner, reaches_down, reaches_up
 from edmctl.profile.calibration import load_calibration
 from edmctl.record.columns import write_columns
 from edmctl.report.kinds import check_figure
@@ -45,12 +49,18 @@ NOTICED_V = 0.1
 
 @dataclass(frozen=True, slots=True)
 class ModelErrors:
-    """How far a model was from the truth."""
+    """How far a model was from the truth, or from the sensor; shares are of the stroke."""
 
     max_um: float
     rms_um: float
     max_pct: float
     rms_pct: float
+
+    @classmethod
+    def of(cls, errors: ErrorFigures, stroke_um: float) -> ModelErrors:
+        """Return the errors as shares of that stroke."""
+        share = 100.0 / stroke_um
+        return cls(errors.max_um, errors.rms_um, share * errors.max_um, share * errors.rms_um)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +77,16 @@ class WaveformResult:
     name: str
     truth: Truth
     models: dict[str, ModelErrors]
+
+
+@dataclass(frozen=True, slots=True)
+class PaperWaveform:
+    """One waveform; `errors` are the paper's model less the sensor, with the zero of the fit."""
+
+    name: str
+    truth: Truth
+    errors: ModelErrors
+    readings: list[Reading]
 
 
 class Trace(NamedTuple):
@@ -100,31 +120,34 @@ def run_trial(asked: Sequence[Waveform], known: ActuatorModel | None, seed: int)
     """
     slow = slow_cycle(seed)
     ours, doubts = (known, []) if known else _calibrated(seed)
-    models: dict[str, ActuatorModel] = {
-        "line": fit_line([slow]).model,
-        "paper": fit_maxwell([slow]).model,
-        "ours": ours,
-    }
+    models = {"line": fit_line([slow]).model, "paper": fit_maxwell([slow]).model, "ours": ours}
     stroke_um = float(slow.y_um.max() - slow.y_um.min())
     traces, results = [], []
     for waveform in asked:
         driven = VirtualActuator(seed).drive(waveform.command_v)
-        doubts += slowed(waveform, driven) + _beyond(waveform, driven, ours)
-        trace = _traced(driven, models)
-        traces.append(trace)
-        results.append(_judged(waveform.name, trace, stroke_um))
+        doubts += _slowed(waveform, driven) + _beyond(waveform, driven, ours)
+        models_um, errors = {}, {}
+        for key, model in models.items():
+            predicted_um = model.predict(driven.t_s, driven.applied_v)
+            models_um[key] = predicted_um + judge(predicted_um, driven.truth_um).zero_um
+            figures = judge(models_um[key], driven.truth_um, refit=()).errors
+            errors[key] = ModelErrors.of(figures, stroke_um)
+        traces.append(Trace(*driven, models_um))
+        results.append(WaveformResult(waveform.name, Truth(figures.range_um), errors))
     return Trial(results, traces, stroke_um, doubts)
 
 
 def known_model(path: Path, seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:
     """Load a calibration file, with warnings when it is another actuator's or was not accepted."""
     calibration = load_calibration(path)
-    hint = "Say the --seed it was made with, or leave --calibration out."
-    own = VirtualActuator(seed).serial
-    doubts = selection.of_another(path, calibration, own, "this actuator is that of", hint)
-    doubts += _unaccepted(calibration.quality.problems)
-    if calibration.quality.restrictions:
-        doubts.append(selection.restricted(str(path), calibration.quality.restrictions))
+    own, doubts = VirtualActuator(seed).serial, []
+    if calibration.serial != own:
+        doubts.append(failures.calibration_of_another_seed(path=path, owner=owner(calibration), serial=own))
+    quality = calibration.quality
+    doubts += _unaccepted(quality.problems)
+    if quality.restrictions:
+        restrictions = " Accepted ".join(quality.restrictions)
+        doubts.append(failures.calibration_restricted(path=path, restrictions=restrictions))
     return calibration.model(), doubts
 
 
@@ -137,8 +160,7 @@ def _calibrated(seed: int) -> tuple[ActuatorModel, list[Diagnostic]]:
 
 
 def _unaccepted(problems: Sequence[str]) -> list[Diagnostic]:
-    hint = "The figures show what it costs."
-    return [selection.not_accepted("The calibration", problem, hint) for problem in problems]
+    return [failures.trial_calibration_not_accepted(problem=problem) for problem in problems]
 
 
 def _measured(seed: int, command_v: Array, kept: NDArray[np.bool_] | slice) -> Record:
@@ -152,7 +174,7 @@ def slow_cycle(seed: int) -> Record:
     return _measured(seed, sine(LOW_V, HIGH_V, SLOW_HZ, 1, RATE_HZ).u_v, slice(None, None, SLOW_EVERY))
 
 
-def slowed(waveform: Waveform, driven: DrivenTicks) -> list[Diagnostic]:
+def _slowed(waveform: Waveform, driven: DrivenTicks) -> list[Diagnostic]:
     """Warn (W8103) if the controller's slew limit changed the requested waveform."""
     worst_v = float(abs(driven.applied_v - waveform.command_v).max())
     if worst_v <= NOTICED_V:
@@ -163,32 +185,114 @@ def slowed(waveform: Waveform, driven: DrivenTicks) -> list[Diagnostic]:
 def _beyond(waveform: Waveform, driven: DrivenTicks, ours: ActuatorModel) -> list[Diagnostic]:
     """Whether the waveform leaves the voltages that the model was identified over."""
     low_v, top_v = float(driven.applied_v.min()), float(driven.applied_v.max())
-    ends = []
-    if not selection.reaches_up(ours, top_v, NOTICED_V):
-        ends.append(f"up to {top_v:.1f} V and the calibration to {ours.high_v:.1f} V")
-    if not selection.reaches_down(ours, low_v, top_v):
-        ends.append(f"down to {low_v:.1f} V and the calibration to {ours.low_v:.1f} V")
-    hint = "Calibrate over the whole stroke."
-    return [selection.narrow(f"{waveform.name} goes {end}.", hint) for end in ends]
+    name, found = waveform.name, []
+    if not reaches_up(ours, top_v, NOTICED_V):
+        found.append(
+            failures.waveform_beyond_calibration(
+                waveform=name, way="up", end_v=top_v, calibrated_v=ours.high_v
+            )
+        )
+    if not reaches_down(ours, low_v, top_v):
+        found.append(
+            failures.waveform_beyond_calibration(
+                waveform=name, way="down", end_v=low_v, calibrated_v=ours.low_v
+            )
+        )
+    return found
 
 
-def _traced(driven: DrivenTicks, models: dict[str, ActuatorModel]) -> Trace:
-    """Predict with every model, each with the zero that fits best."""
-    models_um = {}
-    for key, model in models.items():
-        predicted_um = model.predict(driven.t_s, driven.applied_v)
-        models_um[key] = predicted_um + judge(predicted_um, driven.truth_um).zero_um
-    return Trace(*driven, models_um)
+Start = Literal["virgin", "conditioned"]
 
 
-def _judged(name: str, trace: Trace, stroke_um: float) -> WaveformResult:
-    models, range_um = {}, 0.0
-    for key, predicted_um in trace.models_um.items():
-        errors = judge(predicted_um, trace.truth_um, refit=()).errors
-        share = 100.0 / stroke_um
-        models[key] = ModelErrors(errors.max_um, errors.rms_um, share * errors.max_um, share * errors.rms_um)
-        range_um = errors.range_um
-    return WaveformResult(name, Truth(range_um), models)
+class FittedModel(NamedTuple):
+    """The paper's model with H fitted, the zero that its displacements need, range and errors of that fit."""
+
+    model: ElectromechanicalModel
+    zero_um: float
+    fit: ErrorFigures
+
+
+@dataclass(frozen=True, slots=True)
+class PaperTrial:
+    """All waveforms. `traces` hold the model under the key paper; `start` is the state that it begins each in."""
+
+    start: Start
+    fitted: FittedModel
+    waveforms: list[PaperWaveform]
+    traces: list[Trace]
+    doubts: list[Diagnostic]
+
+    @property
+    def stroke_um(self) -> float:
+        """Range of the sensor on the slow cycle that H was fitted to."""
+        return self.fitted.fit.range_um
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the `result` of the JSON object, but for the files."""
+        block, fit = self.fitted.model.block, self.fitted.fit
+        return {
+            "model": "paper",
+            "start": self.start,
+            "waveforms": [asdict(waveform) for waveform in self.waveforms],
+            "stroke_um": self.stroke_um,
+            "transducer": asdict(self.fitted.model.transducer),
+            "hysteresis": {
+                "limits": block.limits_v.tolist(),
+                "capacitances_f": block.capacitances_f.tolist(),
+                "remainder_per_f": block.remainder_per_f,
+            },
+            "fit": {"max_um": fit.max_um, "rms_um": fit.rms_um, "zero_um": self.fitted.zero_um},
+        }
+
+
+def run_paper_trial(asked: Sequence[Waveform], start: Start, seed: int) -> PaperTrial:
+    """Drive the waveforms on the actuator of this seed and through the model of the paper.
+
+    The actuator starts each at rest, long after full swings; the model starts in the state `start`. Raises
+    PreconditionError E8037 for an actuator that Table 1 cannot drive.
+    """
+    fitted = fit_model(seed)
+    traces, results, doubts = [], [], []
+    for waveform in asked:
+        driven = VirtualActuator(seed).drive(waveform.command_v)
+        doubts += _slowed(waveform, driven)
+        model_um = displacement(fitted, driven.applied_v, start)
+        error_um = model_um - driven.sensor_um
+        figures = ErrorFigures.of(error_um, driven.sensor_um)
+        truth = Truth(float(driven.truth_um.max() - driven.truth_um.min()))
+        read = (
+            readings(waveform.figure, waveform.command_v, error_um, model_um, RATE_HZ)
+            if waveform.figure
+            else []
+        )
+        errors = ModelErrors.of(figures, fitted.fit.range_um)
+        results.append(PaperWaveform(waveform.name, truth, errors, read))
+        traces.append(Trace(*driven, {"paper": model_um}))
+    return PaperTrial(start, fitted, results, traces, doubts)
+
+
+def fit_model(seed: int, transducer: Transducer = TABLE_1) -> FittedModel:
+    """Fit H to one slow cycle of the actuator of this seed, measured by its sensor.
+
+    Raises PreconditionError E8037 if the actuator moves farther per volt than the transducer can drive it.
+    """
+    found = fit_maxwell([slow_cycle(seed)])
+    plays = found.model
+    try:
+        maxwell = MaxwellModel.from_plays(plays.thresholds_v, plays.slopes_um_per_v[:, 0])
+        model = ElectromechanicalModel.from_maxwell(maxwell, transducer)
+    except ValueError as error:
+        raise failures.paper_table_out_of_range(error=error) from error
+    # Where the fitted plays are when every one of them rests at 0: there the model has no displacement.
+    zero_um = float(Estimator(plays, ActuatorState.virgin(plays, 0.0)).tick(0.0, 0.0))
+    return FittedModel(model, zero_um, found.train)
+
+
+def displacement(fitted: FittedModel, applied_v: Array, start: Start) -> Array:
+    """Displacement of the tool by the model on the sensor's scale, µm, shape (n,), for a voltage at every tick."""
+    model = fitted.model
+    state = model.virgin() if start == "virgin" else model.conditioned(LOW_V, HIGH_V)
+    return model.simulate(applied_v, 1.0 / RATE_HZ, state=state).y_um + fitted.zero_um
 
 
 DATA_SUFFIXES = (".csv", ".h5")
@@ -204,9 +308,7 @@ def check_outputs(plot: Path | None, data: Path | None) -> None:
         raise failures.data_suffix_unknown(data=data.name, data_suffixes=", ".join(DATA_SUFFIXES))
     if plot:
         check_figure(plot.name)
-    for path in (plot, data):
-        if path is None:
-            continue
+    for path in filter(None, (plot, data)):
         output_files.check_free(path)
         if not path.parent.is_dir():
             raise output_files.unwritable(str(path), f"there is no folder {path.parent}", "Make it first.")
@@ -216,39 +318,48 @@ def write_data(traces: Sequence[Trace], path: Path) -> None:
     """Write every sample; with several waveforms, one after the other under their number in the table."""
     import numpy as np
 
-    columns: dict[str, Array] = {}
+    columns: dict[str, list[Array]] = {}
     if len(traces) > 1:
-        columns["waveform"] = np.concatenate(
-            [np.full(trace.t_s.size, float(number)) for number, trace in enumerate(traces, 1)]
-        )
-    for name, values in {
+        columns["waveform"] = [np.full(one.t_s.size, float(number)) for number, one in enumerate(traces, 1)]
+    columns |= {
         "t_s": [trace.t_s for trace in traces],
         "u_V": [trace.applied_v for trace in traces],
         "truth_um": [trace.truth_um for trace in traces],
         "sensor_um": [trace.sensor_um for trace in traces],
-        **{
-            f"{key}_um": [trace.models_um[key] for trace in traces]
-            for key in ("paper", "ours", "line")
-            if key in traces[0].models_um
-        },
-    }.items():
-        columns[name] = np.concatenate(values)
-    write_columns(path, columns)
+    }
+    for key in ("paper", "ours", "line"):
+        if key in traces[0].models_um:
+            columns[f"{key}_um"] = [trace.models_um[key] for trace in traces]
+    write_columns(path, {name: np.concatenate(parts) for name, parts in columns.items()})
 
 
-def write_figure(trial: Trial, path: Path, words: str) -> None:
-    """Draw the figure with the caption `words`."""
+def write_figure(trial: Trial | PaperTrial, path: Path, words: str) -> None:
+    """Draw the figure with the caption `words`. Raises RunFileError E9011, E9012."""
     from edmctl.report.figures import actuator as figure  # matplotlib
 
-    panels = [
-        figure.Trial(
-            waveform.name,
-            trace.t_s,
-            trace.applied_v,
-            trace.truth_um,
-            trace.models_um["paper"],
-            trace.models_um["ours"],
+    if isinstance(trial, Trial):
+        compared = [
+            figure.Trial(one.name, t_s, applied_v, truth_um, models_um["paper"], models_um["ours"])
+            for one, (t_s, applied_v, truth_um, _, models_um) in zip(
+                trial.waveforms, trial.traces, strict=True
+            )
+        ]
+        output_files.write(path, figure.draw(compared, path.name, words))
+        return
+    panels = []
+    for waveform, trace in zip(trial.waveforms, trial.traces, strict=True):
+        model_um = trace.models_um["paper"]
+        error_um = model_um - trace.sensor_um
+        marks = [
+            figure.Mark(
+                one.at_s,
+                float(error_um[round(one.at_s * RATE_HZ)]),
+                (one.paper_side * one.paper_low_um, one.paper_side * one.paper_high_um),
+            )
+            for one in waveform.readings
+            if one.is_error
+        ]
+        panels.append(
+            figure.PaperTrial(waveform.name, trace.t_s, trace.applied_v, trace.sensor_um, model_um, marks)
         )
-        for waveform, trace in zip(trial.waveforms, trial.traces, strict=True)
-    ]
-    output_files.write(path, figure.draw(panels, path.name, words))
+    output_files.write(path, figure.draw_paper(panels, path.name, words))

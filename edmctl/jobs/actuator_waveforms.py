@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 from edmctl import failures
+from edmctl.actuator import waveforms as waves
 from edmctl.actuator.waveforms import (
     FIGURE_NAMES,
     Leg,
@@ -35,7 +37,11 @@ FIGURES = "figures"
 LONGEST_S = 1800.0
 """Half an hour takes about 200 MB, and briefly 1 GB if it is written as CSV."""
 
-_STEEPNESS = {"sine": math.pi, "triangle": 2.0, "square": 2.0}
+_PERIODIC: dict[str, tuple[Callable[[float, float, float, int, float], waves.Waveform], float]] = {
+    "sine": (sine, math.pi),
+    "triangle": (triangle, 2.0),
+    "square": (square, 2.0),
+}
 """Steepest slope over range and frequency; a square wave's edges must fit into its period."""
 
 
@@ -64,22 +70,29 @@ def waveforms(wanted: Wanted) -> list[Waveform]:
 
     Raises UsageError (E2010: options that do not fit together, out of range, or too long), RecordError (the file).
     """
+    shape = wanted.shape
     _refuse_misplaced(wanted)
-    if figures := _figures(wanted.shape):
-        return figures
+    if shape == FIGURES or shape in FIGURE_NAMES:
+        names = FIGURE_NAMES if shape == FIGURES else [shape]
+        return [Waveform(FIGURE_NAMES[name], figure_command(name, RATE_HZ), name) for name in names]
     if wanted.source:
         return [Waveform(wanted.source.name, command_from(wanted.source, LONGEST_S))]
     low_v, high_v = _voltages(wanted)
-    if wanted.shape in _STEEPNESS:
+    if shape in _PERIODIC:
         frequency_hz = FREQUENCY_HZ if wanted.frequency_hz is None else wanted.frequency_hz
-        return [_periodic(wanted.shape, low_v, high_v, frequency_hz, wanted.cycles or CYCLES)]
-    chains = {"step": _step, "jumps": _jumps, "servo": _servo}
-    if wanted.shape in chains:
-        return [chains[wanted.shape](low_v, high_v)]
+        return [_periodic(shape, low_v, high_v, frequency_hz, wanted.cycles or CYCLES)]
+    step = [Leg(high_v, (high_v - low_v) / SLEW_V_S), Leg(high_v, STEP_HOLD_S)]
+    chains: dict[str, Callable[[], waves.Waveform]] = {
+        "step": lambda: sampled(step, RATE_HZ, low_v),
+        "jumps": lambda: jump_train(low_v, high_v, RATE_HZ),
+        "servo": lambda: servo_dither(low_v, high_v, RATE_HZ),
+    }
+    if shape in chains:
+        return [Waveform(shape, chains[shape]().u_v)]
     return [
         _periodic("sine", low_v, high_v, SLOW_HZ, SLOW_CYCLES),
         _periodic("sine", low_v, high_v, FREQUENCY_HZ, CYCLES),
-        *(make(low_v, high_v) for make in chains.values()),
+        *(Waveform(name, make().u_v) for name, make in chains.items()),
     ]
 
 
@@ -89,40 +102,15 @@ def _periodic(shape: str, low_v: float, high_v: float, frequency_hz: float, cycl
             f"{cycles} cycles of {frequency_hz:g} Hz do not end within {LONGEST_S:g} s.",
             f"With --cycles {cycles} take --frequency {cycles / LONGEST_S:.2g} or more.",
         )
-    fastest_hz = SLEW_V_S / (_STEEPNESS[shape] * (high_v - low_v))
+    make, steepness = _PERIODIC[shape]
+    fastest_hz = SLEW_V_S / (steepness * (high_v - low_v))
     if frequency_hz > fastest_hz:
         raise _refusal(
             f"A {shape} of {high_v - low_v:g} V at {frequency_hz:g} Hz is steeper than the machine's "
             f"{SLEW_V_S:g} V/s.",
             f"Take --frequency {math.floor(1e3 * fastest_hz) / 1e3:g} or less, or a smaller range.",
         )
-    asked = (low_v, high_v, frequency_hz, cycles, RATE_HZ)
-    if shape == "sine":
-        u_v = sine(*asked).u_v
-    elif shape == "square":
-        u_v = square(*asked).u_v
-    else:
-        u_v = triangle(*asked).u_v
-    return Waveform(f"{shape} {frequency_hz:g} Hz", u_v)
-
-
-def _figures(shape: str) -> list[Waveform]:
-    """The waveforms of the paper's figures that a shape names; none for every other shape."""
-    names = list(FIGURE_NAMES) if shape == FIGURES else [shape] if shape in FIGURE_NAMES else []
-    return [Waveform(FIGURE_NAMES[name], figure_command(name, RATE_HZ), name) for name in names]
-
-
-def _step(low_v: float, high_v: float) -> Waveform:
-    legs = [Leg(high_v, (high_v - low_v) / SLEW_V_S), Leg(high_v, STEP_HOLD_S)]
-    return Waveform("step", sampled(legs, RATE_HZ, low_v).u_v)
-
-
-def _jumps(low_v: float, high_v: float) -> Waveform:
-    return Waveform("jumps", jump_train(low_v, high_v, RATE_HZ).u_v)
-
-
-def _servo(low_v: float, high_v: float) -> Waveform:
-    return Waveform("servo", servo_dither(low_v, high_v, RATE_HZ).u_v)
+    return Waveform(f"{shape} {frequency_hz:g} Hz", make(low_v, high_v, frequency_hz, cycles, RATE_HZ).u_v)
 
 
 def _voltages(wanted: Wanted) -> tuple[float, float]:
@@ -150,7 +138,7 @@ def _refuse_misplaced(wanted: Wanted) -> None:
         unused, why = {**periodic, **ranged}, "the file says all of the voltage"
     else:
         unused, why = {"--from": wanted.source}, "only csv reads a file"
-        if wanted.shape not in _STEEPNESS and wanted.source is None:
+        if wanted.shape not in _PERIODIC and wanted.source is None:
             unused, why = periodic, "only sine, square and triangle have cycles"
     for option, value in unused.items():
         if value is not None:

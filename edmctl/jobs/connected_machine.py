@@ -1,15 +1,23 @@
-"""A connected machine, and the present time as ages are counted on it."""
+"""A connected machine, the present time as ages are counted on it, and the creep that its actuator keeps."""
 
 from __future__ import annotations
 
+import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
+from edmctl.files import json_of, read_bytes
+from edmctl.jobs.plan import MachineAddress
 from edmctl.procedures.job import REPORT_DELAY_S, Job
 from edmctl.procedures.monitoring.drift import contradicting_between_jobs_um_s, displacement_uncertainty
+from edmctl.process.rest_drift import CreepLeft
+from edmctl.profile.folders import creep_path
 from edmctl.profile.setup import Setup
 from edmctl.record.tool_account import MachineHistory
 
@@ -98,3 +106,78 @@ def with_home_left(job: Job) -> Job:
     if left is None or not math.isfinite(age_s) or age_s >= job.home_age_s:
         return job
     return replace(job, home_um=left.home_um, home_age_s=age_s)
+
+
+SCHEMA = "edmctl-creep/1"
+
+
+class CreepNote:
+    """The creep that a use of the actuator leaves, kept in a file of the machine next to its drift file.
+
+    A command removes the file before the actuator moves, and writes it again when it has followed the creep to its
+    end. A command that is killed or follows no creep leaves no file, so that the next command knows that.
+    """
+
+    def __init__(self, bench: ConnectedMachine, where: MachineAddress, environ: Mapping[str, str]) -> None:
+        self._bench, self._is_new = bench, bench.seed is not None
+        file = where.bench_file
+        self._machine = str(file.resolve()) if file is not None else ""
+        serial = bench.machine.identity.serial
+        self._path: Path | None = creep_path(serial, environ) if where.lasting else None
+
+    def read(self) -> CreepLeft | None:
+        """Return the remaining creep; None if nothing has used the actuator.
+
+        Without a file it is that of a use that may have ended just now.
+        """
+        if self._is_new:
+            return None
+        if self._path is None:
+            return CreepLeft.none(0.0)
+        try:
+            values = json_of(read_bytes(self._path))
+            if values["schema"] != SCHEMA or values["machine"] != self._machine:
+                return CreepLeft.none(0.0)
+            left = CreepLeft.of(values["lags_um"], _number(values["unknown_s"], math.inf))
+            utc_s, bench_s = _number(values["utc_s"], math.nan), _number(values["bench_s"], math.nan)
+        except (OSError, ValueError, KeyError, TypeError, OverflowError):
+            return CreepLeft.none(0.0)
+        passed_s = self._bench.now.since_s(utc_s, bench_s)
+        return left.after(passed_s) if passed_s < math.inf else CreepLeft.none(0.0)
+
+    def take_away(self) -> None:
+        """Remove the file before the actuator moves. Raises RunFileError E9012 if that fails: it would mislead."""
+        if self._path is None:
+            return
+        try:
+            self._path.unlink(missing_ok=True)
+        except OSError as refused:
+            raise failures.use_record_not_removed(
+                path=self._path, reason=refused.strerror or refused
+            ) from refused
+
+    def leave(self, left: CreepLeft) -> None:
+        """Write the remaining creep. A disk error is ignored: the next command knows less."""
+        if self._path is None:
+            return
+        values = {
+            "schema": SCHEMA,
+            "machine": self._machine,
+            "utc_s": time.time(),
+            "bench_s": _or_none(self._bench.now.bench_s),
+            "lags_um": left.um.tolist(),
+            "unknown_s": _or_none(left.unknown_s),
+        }
+        with suppress(OSError):
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            beside = self._path.with_suffix(".new")
+            beside.write_text(json.dumps(values, allow_nan=False), encoding="utf-8")
+            beside.replace(self._path)
+
+
+def _number(value: float | None, instead: float) -> float:
+    return instead if value is None else float(value)
+
+
+def _or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -11,8 +11,8 @@ from pathlib import Path
 from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import EdmError, RunFileError
-from edmctl.jobs.calibration.selection import ModelUsed
 from edmctl.jobs.checkpoint import JobCheckpoint, tell_way_on
+from edmctl.jobs.corrections import ModelUsed
 from edmctl.jobs.ledger.job_ledger import DONE, JobLedger
 from edmctl.jobs.plan import Plan
 from edmctl.jobs.run_context import RunContext, connected_run, ending

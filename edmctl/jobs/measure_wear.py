@@ -11,7 +11,7 @@ from edmctl import failures
 from edmctl.dataclasses import asdict, replace
 from edmctl.errors import Diagnostic
 from edmctl.jobs.connected_machine import Now
-from edmctl.jobs.drift_choice import choose_drift
+from edmctl.jobs.corrections import choose_drift
 from edmctl.jobs.ledger.prepared_job import coordinates_in
 from edmctl.jobs.ledger.tool import (
     NAMELESS,

@@ -10,7 +10,7 @@ from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, ProfileError
 from edmctl.failures import Code
 from edmctl.files import user_path
-from edmctl.jobs.calibration.selection import look_at_named, refuse_unasked
+from edmctl.jobs.corrections import look_at_named, refuse_unasked
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.labels import PAD, PARKING
 from edmctl.planning.forecast import Reached, forecast

@@ -11,8 +11,8 @@ from typing import Any
 from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import EdmError
-from edmctl.jobs.calibration.selection import ModelUsed
 from edmctl.jobs.connected_machine import with_home
+from edmctl.jobs.corrections import ModelUsed
 from edmctl.jobs.ledger.prepared_job import (
     PreparedJob,
     hole_radius_um,

@@ -22,10 +22,9 @@ from edmctl import failures
 from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import Diagnostic, EdmError, RunFileError
 from edmctl.exitcodes import MEANING, ExitCode, error_exit_code
-from edmctl.jobs.calibration.selection import Choice, choose
 from edmctl.jobs.connect import connected, introduction
-from edmctl.jobs.connected_machine import ConnectedMachine
-from edmctl.jobs.drift_choice import CreepNote, DriftChoice
+from edmctl.jobs.connected_machine import ConnectedMachine, CreepNote
+from edmctl.jobs.corrections import Choice, DriftChoice, choose
 from edmctl.jobs.ledger.prepared_job import ledger_of
 from edmctl.jobs.ledger.tool import as_found, name_tool
 from edmctl.jobs.plan import Plan, under

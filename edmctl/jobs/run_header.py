@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.jobs.calibration.selection import Choice
+from edmctl.jobs.corrections import Choice
 from edmctl.jobs.plan import Plan
 from edmctl.planning.rules.load import LoadedProfile
 from edmctl.profile.positions import SET_OPTION

@@ -22,8 +22,8 @@ from edmctl.actuator.waveforms import jump_train, sampled, slow_legs, triangle
 from edmctl.app import main
 from edmctl.cli.signals import SignalArrived
 from edmctl.errors import Interrupted
-from edmctl.jobs.calibration import calibrate as calibration_run
-from edmctl.jobs.calibration import selection as calibrated
+from edmctl.jobs import calibrate as calibration_run
+from edmctl.jobs import corrections as calibrated
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.calibration import MeasuredActuator
 from edmctl.profile.calibration import load_calibration
@@ -106,7 +106,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Files:
 @pytest.fixture
 def files(written: Files, monkeypatch: pytest.MonkeyPatch) -> Files:
     """The measured files, and fits that spare most of the work of being exact and of telling how sure they are."""
-    monkeypatch.setattr("edmctl.jobs.calibration.fit.identify", PLAIN)
+    monkeypatch.setattr("edmctl.jobs.calibration_fit.identify", PLAIN)
     return written
 
 
@@ -308,7 +308,7 @@ def fail_to_fit(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     def failing(*_: object, **__: object) -> NoReturn:
         raise error
 
-    monkeypatch.setattr("edmctl.jobs.calibration.fit.identify", failing)
+    monkeypatch.setattr("edmctl.jobs.calibration_fit.identify", failing)
 
 
 def no_space(*_: object) -> NoReturn:

@@ -7,7 +7,8 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from types import SimpleNamespace
+from typing import Any
 
 import h5py
 import numpy as np
@@ -18,7 +19,7 @@ from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.jobs.actuator_trial import run_trial
 from edmctl.jobs.actuator_waveforms import Waveform
-from edmctl.jobs.calibration.selection import reaches_down, reaches_up
+from edmctl.jobs.corrections import reaches_down, reaches_up
 from edmctl.jsonout import to_json_value
 from edmctl.profile.calibration import Made, calibration_of, load_calibration, save_calibration
 from edmctl.profile.folders import default_path
@@ -237,9 +238,8 @@ def test_simulate_names_the_model_of_every_run(here: Here, first: Path) -> None:
     assert run["calibration"].startswith(f"calibration {first} (sha256 ")
 
 
-class Range(NamedTuple):
-    low_v: float
-    high_v: float
+def ranged(low_v: float, high_v: float) -> Any:
+    return SimpleNamespace(low_v=low_v, high_v=high_v)
 
 
 @pytest.mark.parametrize(
@@ -256,13 +256,13 @@ class Range(NamedTuple):
 def test_a_calibration_serves_a_little_below_its_lowest_voltage(
     low_v: float, used_v: tuple[float, float], reaches: bool
 ) -> None:
-    assert reaches_down(Range(low_v, 150.0), *used_v) is reaches
+    assert reaches_down(ranged(low_v, 150.0), *used_v) is reaches
 
 
 def test_a_calibration_serves_up_to_its_highest_voltage() -> None:
-    assert reaches_up(Range(0.0, 120.0), 120.0)
-    assert not reaches_up(Range(0.0, 120.0), 120.05)
-    assert reaches_up(Range(0.0, 120.0), 120.05, tolerance_v=0.1)
+    assert reaches_up(ranged(0.0, 120.0), 120.0)
+    assert not reaches_up(ranged(0.0, 120.0), 120.05)
+    assert reaches_up(ranged(0.0, 120.0), 120.05, tolerance_v=0.1)
 
 
 def test_a_waveform_is_told_of_at_both_ends() -> None:

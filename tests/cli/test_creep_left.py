@@ -10,8 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from edmctl.jobs.connected_machine import Now
-from edmctl.jobs.drift_choice import CreepNote
+from edmctl.jobs.connected_machine import CreepNote, Now
 from edmctl.jobs.plan import MachineAddress
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.profile.folders import creep_path

@@ -11,13 +11,12 @@ import pytest
 
 from edmctl.actuator.maxwell import TABLE_1
 from edmctl.errors import PreconditionError
-from edmctl.jobs.actuator_trial import slow_cycle
+from edmctl.jobs.actuator_trial import PaperTrial, displacement, fit_model, run_paper_trial, slow_cycle
 from edmctl.jobs.actuator_waveforms import Wanted, waveforms
-from edmctl.jobs.paper_trial import PaperTrial, displacement, fit_model, run_paper_trial
 from tests.cli.commands import Here
 
 if TYPE_CHECKING:
-    from edmctl.jobs.paper_trial import Start
+    from edmctl.jobs.actuator_trial import Start
 
 PAPER = ("simulate", "actuator", "--model", "paper", "--seed", "3", "--quiet")
 

@@ -16,8 +16,8 @@ from edmctl.actuator.model import ActuatorState
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import ErrorFigures, Validation
 from edmctl.errors import RecordError
-from edmctl.jobs.calibration import fit
-from edmctl.jobs.calibration.selection import choose
+from edmctl.jobs import calibration_fit as fit
+from edmctl.jobs.corrections import choose
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.calibration import Made, calibration_of, load_calibration, save_calibration
 from edmctl.profile.setup import Setup

@@ -11,7 +11,7 @@ import pytest
 import tomli_w
 
 from edmctl.errors import RecordError, RunFileError
-from edmctl.jobs.drift_choice import choose_drift
+from edmctl.jobs.corrections import choose_drift
 from edmctl.process.rest_drift import TIME_CONSTANTS_S
 from edmctl.profile.drift_file import (
     SCHEMA,

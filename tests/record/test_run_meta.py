@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.jobs.calibration.selection import Choice, ModelUsed
+from edmctl.jobs.corrections import Choice, ModelUsed
 from edmctl.jobs.plan import JobRequest, check
 from edmctl.jobs.run_header import name_run, run_meta
 from edmctl.machine.interface import MachineIdentity

@@ -12,9 +12,8 @@ from edmctl.cli.outcome import Outcome, watching
 from edmctl.jobs.sweep import seed_to_use
 
 if TYPE_CHECKING:
-    from edmctl.jobs.actuator_trial import Trial
+    from edmctl.jobs.actuator_trial import PaperTrial, Trial
     from edmctl.jobs.actuator_waveforms import Waveform
-    from edmctl.jobs.paper_trial import PaperTrial
 
 
 Shape = Literal[

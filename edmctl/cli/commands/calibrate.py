@@ -23,7 +23,7 @@ from edmctl.jobs.sweep import seed_to_use, simulated_by
 from edmctl.profile.folders import CALIBRATION_VARIABLE
 
 if TYPE_CHECKING:
-    from edmctl.jobs.calibration.calibrate import CalibrationReport, CheckedCalibration, MeasuredRecord
+    from edmctl.jobs.calibrate import CalibrationReport, CheckedCalibration, MeasuredRecord
     from edmctl.jobs.plan import MachineAddress
 
 FromOption = Annotated[
@@ -100,7 +100,7 @@ def calibrate(
     The machine drives its actuator for seven minutes beside the workpiece, without pulses, and records the
     displacement sensor. Errors are computed on held-out data.
     """
-    from edmctl.jobs.calibration.calibrate import CalibrationRequest, check
+    from edmctl.jobs.calibrate import CalibrationRequest, check
     from edmctl.jobs.connect import controller_warning, seed_warning
 
     used_seed = seed_to_use(seed)
@@ -178,7 +178,7 @@ def _described(given: "MeasuredRecord") -> dict[str, object]:
 
 def _run(outcome: Outcome, checked: "CheckedCalibration", seed: int) -> None:
     from edmctl.cli.render.calibration_tables import render_calibration
-    from edmctl.jobs.calibration.calibrate import calibrate_files, calibrate_machine
+    from edmctl.jobs.calibrate import calibrate_files, calibrate_machine
 
     with watching(outcome.output) as reporter:
         if checked.plan is None:

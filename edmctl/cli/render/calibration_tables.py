@@ -13,13 +13,12 @@ from edmctl.wording import count, decimal, duration, with_u95
 if TYPE_CHECKING:
     from edmctl.actuator.identification import Identification
     from edmctl.actuator.validation import ErrorFigures
-    from edmctl.jobs.actuator_trial import WaveformResult
-    from edmctl.jobs.calibration.calibrate import LeverFound
-    from edmctl.jobs.calibration.fit import FileFigures, Findings
+    from edmctl.jobs.actuator_trial import PaperTrial, WaveformResult
+    from edmctl.jobs.calibrate import LeverFound
+    from edmctl.jobs.calibration_fit import FileFigures, Findings
     from edmctl.procedures.calibration import CalibrationPlan
 
     Errors = ErrorFigures | FileFigures
-    from edmctl.jobs.paper_trial import PaperTrial
 
 _MAXWELL = "Maxwell, no creep"
 MODEL_NAMES = {"line": "straight line", "maxwell": _MAXWELL, "paper": _MAXWELL, "ours": "edmctl"}

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 from edmctl import failures
 from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import Diagnostic
-from edmctl.jobs.drift_choice import choose_drift, doubts_of_use
+from edmctl.jobs.corrections import choose_drift, doubts_of_use
 from edmctl.jobs.ledger.prepared_job import Place, hole_radius_um, prepared_job
 from edmctl.jobs.ledger.tool import reference_setup, tool_identity
 from edmctl.jobs.run_context import RunContext

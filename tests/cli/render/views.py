@@ -8,8 +8,8 @@ from typing import Any, cast
 
 from edmctl.actuator.acceptance import Noise
 from edmctl.actuator.validation import Bands, ErrorFigures
-from edmctl.jobs.calibration.calibrate import LeverFound
-from edmctl.jobs.calibration.fit import FileFigures, Findings
+from edmctl.jobs.calibrate import LeverFound
+from edmctl.jobs.calibration_fit import FileFigures, Findings
 from edmctl.labels import Basis, Verdict
 from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
 from edmctl.results.progress import Phase, Progress

@@ -21,7 +21,7 @@ from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, RecordError
 from edmctl.jobs import output_files
 from edmctl.jobs.connect import connected, introduction, known_controller
-from edmctl.jobs.drift_choice import CreepNote
+from edmctl.jobs.connected_machine import CreepNote
 from edmctl.jobs.plan import MachineAddress, where_is
 from edmctl.jobs.surroundings import NONE, Surroundings, Warn
 from edmctl.jsonout import JsonValue, to_json_value
@@ -43,7 +43,7 @@ from edmctl.version import __version__
 from edmctl.wording import count
 
 if TYPE_CHECKING:  # fits need scipy
-    from edmctl.jobs.calibration.fit import Findings
+    from edmctl.jobs.calibration_fit import Findings
 
 
 LARGEST = 1e30
@@ -347,7 +347,7 @@ def _doubts(measured: MeasuredActuator) -> list[Diagnostic]:
 
 
 def _fit(records: Sequence[Record], checked: CheckedCalibration, observer: Observer) -> Findings:
-    from edmctl.jobs.calibration.fit import find
+    from edmctl.jobs.calibration_fit import find
 
     observer.note(f"fitting {count(sum(len(record.t_s) for record in records))} samples")
     validation = [given.record for given in checked.validation]

@@ -1,1 +1,0 @@
-"""Calibrations: choosing one for a run, its warnings, and making one."""
