@@ -1,6 +1,5 @@
 """`edmctl simulate actuator`: voltage waveforms through a virtual actuator and the models of it."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -111,7 +110,7 @@ def actuator(
     is the electromechanical model of the paper, with its Table 1.
     """
     from edmctl.cli.render.calibration_tables import render_actuator, render_paper_trial
-    from edmctl.jobs import actuator_trial, paper_trial
+    from edmctl.jobs import actuator_trial
     from edmctl.jobs.actuator_waveforms import Wanted, waveforms
 
     outcome.simulated = True
@@ -123,15 +122,15 @@ def actuator(
     outcome.seed = used_seed
     made_by = f"simulated, seed {used_seed}"
     if of_paper:
-        paper = paper_trial.run_paper_trial(asked, start or "virgin", used_seed)
+        paper = actuator_trial.run_paper_trial(asked, start or "virgin", used_seed)
         outcome.warn(paper.doubts)
         outcome.show(lambda style: render_paper_trial(paper, style))
         words = f"{made_by}; model begins {paper.start}"
-        _write(outcome, paper, data, plot, lambda path: paper_trial.write_figure(paper, path, words))
+        _write(outcome, paper, data, plot, words)
     else:
         trial = _compared(outcome, asked, calibration, used_seed)
         outcome.show(lambda style: render_actuator(trial.waveforms, trial.stroke_um, style))
-        _write(outcome, trial, data, plot, lambda path: actuator_trial.write_figure(trial, path, made_by))
+        _write(outcome, trial, data, plot, made_by)
 
 
 def _refuse_contradictions(
@@ -162,14 +161,10 @@ def _compared(outcome: Outcome, asked: "list[Waveform]", calibration: Path | Non
 
 
 def _write(
-    outcome: Outcome,
-    trial: "Trial | PaperTrial",
-    data: Path | None,
-    plot: Path | None,
-    draw: "Callable[[Path], None]",
+    outcome: Outcome, trial: "Trial | PaperTrial", data: Path | None, plot: Path | None, words: str
 ) -> None:
     """Set the result, then write the files, so that a full disk does not hide the errors of the models."""
-    from edmctl.jobs.actuator_trial import write_data
+    from edmctl.jobs.actuator_trial import write_data, write_figure
 
     result: dict[str, object] = {**trial.as_mapping(), "plot_file": None, "data_file": None}
     outcome.result = result
@@ -179,6 +174,6 @@ def _write(
         result["data_file"] = str(data)
         outcome.text += f" Data {data}"
     if plot:
-        draw(plot)
+        write_figure(trial, plot, words)
         result["plot_file"] = str(plot)
         outcome.text += f" Figure {plot}"
