@@ -26,6 +26,7 @@ EXTRAS = {
     "hatchling": "emulator",
     "distributed": "interop",
     "nexusformat": "interop",
+    "optuna": "interop",
     "pyarrow": "interop",
     "ruff": "lint",
     "silx": "interop",

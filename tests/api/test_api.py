@@ -27,6 +27,7 @@ from edmctl.toml_text import toml_value
 from edmctl.wording import facts
 from tests.api.threads import Job, made_in_a_process, made_in_threads
 from tests.cli.commands import ROOT
+from tests.needs import skip_without
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ EXAMPLES = re.findall(
 def test_an_example_of_the_page_works(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     if "import optuna" in example:
-        pytest.importorskip("optuna")
+        skip_without(["optuna"])
     exec(compile(example, "docs/python.md", "exec"), {"__name__": "example"})
 
 
