@@ -9,8 +9,8 @@ from typing import Any
 
 from edmctl.dataclasses import dataclass
 
-_PANELS = 64
-"""Panels of Simpson's rule: quantiles up to 95 % are within 1e-5."""
+LARGE_DOF = 1e5
+"""From here on the normal quantile with one term of its expansion in 1 / dof is within 1e-9."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,27 +49,27 @@ def half_width(u: float, dof: float = math.inf, p: float = 0.95) -> float:
 
 @lru_cache(4096)
 def coverage_factor(p: float, dof: float = math.inf) -> float:
-    """Return the two-sided quantile of Student's t distribution at probability `p`, normal where `dof` is infinite.
+    """Return the two-sided quantile of Student's t distribution at probability `p`, within 1e-9.
 
     Newton's method from the normal quantile, which is below it. The distribution function is the integral of
-    cos(a)^(dof - 1) over a = atan(t / sqrt(dof)). Written out because a run starts without SciPy (decision 0009).
+    cos(a)^(dof - 1) over a = atan(t / sqrt(dof)), here by Gauss and Legendre. `scipy.special.stdtrit` returns the
+    same, but importing it takes 0.15 s of the 1.0 s of a short job (decision 0009).
     Raises ValueError if `p` is not between 0 and 1 or `dof` is below 1.
     """
     if not 0.0 < p < 1.0 or not dof >= 1.0:
         raise ValueError(f"no interval with probability {p} and {dof} degrees of freedom")
     t = NormalDist().inv_cdf(0.5 + 0.5 * p)
-    if dof > 1e6:
-        return t
+    if dof >= LARGE_DOF:
+        return t * (1.0 + (t * t + 1.0) / (4.0 * dof))
+    import numpy as np  # the forecast of a job needs normal quantiles only
+
+    nodes, weights = np.polynomial.legendre.leggauss(48)
     scale = 2.0 * math.exp(math.lgamma(0.5 * (dof + 1.0)) - math.lgamma(0.5 * dof)) / math.sqrt(math.pi)
-    for _ in range(50):  # it takes 10 at most, but rounding may keep the last steps from becoming smaller
-        width = math.atan(t / math.sqrt(dof)) / _PANELS
-        weights = (1.0 if i in (0, _PANELS) else 2.0 + 2.0 * (i % 2) for i in range(_PANELS + 1))
-        inside = (
-            math.fsum(w * math.cos(i * width) ** (dof - 1.0) for i, w in enumerate(weights)) * width / 3.0
-        )
-        density = (1.0 + t * t / dof) ** (-0.5 * (dof + 1.0)) / math.sqrt(dof)
-        step = (p / scale - inside) / density
+    step = t
+    while abs(step) > 1e-10 * t:
+        half = 0.5 * math.atan(t / math.sqrt(dof))
+        inside = scale * half * float(weights @ np.cos(half * (1.0 + nodes)) ** (dof - 1.0))
+        density = scale / math.sqrt(dof) * (1.0 + t * t / dof) ** (-0.5 * (dof + 1.0))
+        step = (p - inside) / density
         t += step
-        if abs(step) < 1e-8 * t:
-            break
     return t
