@@ -23,16 +23,16 @@ from edmctl.record.plain_values import record_of
 from edmctl.record.reader import RunFile, reading_unverified
 from edmctl.results.declared import ONLY_JSON, quantities
 from edmctl.results.job import SiteResult, SiteTruth
-from edmctl.results.run_file import RecordedSite, RunHead, Unreadable
+from edmctl.results.run_file import RecordedSite, RunHead, Sites, Unreadable
 from edmctl.results.telemetry import PulseShares
 from edmctl.wording import plain_number
 
 
-def sites_of(run: RunFile) -> tuple[RecordedSite, ...]:
+def sites_of(run: RunFile) -> Sites:
     """Return the results of a run: what its table has of each site, and the rest as its summary has it."""
     places = dict(_places(run.summary() or {}))
     thickness_um = run.number("/entry/sample/thickness")
-    return tuple(_site(row, places, thickness_um) for row in run.table(RESULTS.path))
+    return Sites(_site(row, places, thickness_um) for row in run.table(RESULTS.path))
 
 
 def _places(summary: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object]]]:

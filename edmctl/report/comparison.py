@@ -4,25 +4,33 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterator, Sequence
-from itertools import zip_longest
+from collections.abc import Iterator, Mapping, Sequence
 
+from edmctl.dataclasses import dataclass
 from edmctl.labels import basis_of
 from edmctl.record.reader import RunFile
-from edmctl.record.run_index import estimated_depth
-from edmctl.report.numbers import CLASSES, RunNumbers, numbers_of
-from edmctl.results.run_file import Amount, ComparedRun, Comparison, Quantity, Setting
+from edmctl.record.run_index import estimated_depth, sites_of
+from edmctl.results.run_file import Amount, ComparedRun, Comparison, Quantity, Setting, Sites
+from edmctl.results.telemetry import PULSE_CLASSES
 from edmctl.wording import plain_number
 
 
 def compare(runs: Sequence[RunFile]) -> Comparison:
     """Compare open run files with the first of them."""
-    numbers = [numbers_of(run) for run in runs]
+    sites = [sites_of(run) for run in runs]
+    values = [_values_of(run, one) for run, one in zip(runs, sites, strict=True)]
+    mean, total = ("mean ", "total ") if any(len(one) > 1 for one in sites) else ("", "")
+    quantities = [
+        _quantity(
+            key, name.format(mean=mean, total=total), [of_run[key] for of_run in values], decimals, factor
+        )
+        for key, (name, decimals, factor) in ROWS.items()
+    ]
     return Comparison(
-        tuple(_compared(run, len(n.sites)) for run, n in zip(runs, numbers, strict=True)),
+        tuple(_compared(run, len(one)) for run, one in zip(runs, sites, strict=True)),
         tuple(_differing(runs)),
-        tuple(q for q in _quantities(runs, numbers) if any(math.isfinite(a.value) for a in q.amounts)),
-        tuple(_places(numbers)),
+        tuple(q for q in quantities if any(math.isfinite(a.value) for a in q.amounts)),
+        tuple(_places(sites)),
     )
 
 
@@ -83,128 +91,113 @@ def _leaves(table: dict[str, object], prefix: str) -> list[tuple[str, str]]:
     return found
 
 
-def _quantities(runs: Sequence[RunFile], numbers: Sequence[RunNumbers]) -> Iterator[Quantity]:
-    several = any(len(n.sites) > 1 for n in numbers)
-    mean, total = ("mean ", "total ") if several else ("", "")
-    summaries = [run.summary() or {} for run in runs]
-    sums = [n.totals for n in numbers]
+ROWS: Mapping[str, tuple[str, int, float]] = {
+    "depth_um": ("{mean}depth, µm", 2, 1.0),
+    "est_depth_um": ("depth when left (estimated), µm", 1, 1.0),
+    "truth_depth_um": ("{mean}true depth (simulated), µm", 2, 1.0),
+    "wear_um": ("{mean}tool wear, µm", 2, 1.0),
+    "truth_wear_um": ("{mean}true wear (simulated), µm", 2, 1.0),
+    "truth_side_gap_um": ("{mean}true side gap (simulated), µm", 2, 1.0),
+    "truth_taper_um": ("{mean}true taper (simulated), µm", 2, 1.0),
+    "truth_ra_um": ("{mean}true Ra (simulated), µm", 2, 1.0),
+    "wear_ratio_lin": ("wear ratio, lengths", 3, 1.0),
+    "wear_ratio_vol": ("wear ratio, volumes", 3, 1.0),
+    "feed_um": ("{mean}feed, µm", 2, 1.0),
+    "machining_time_s": ("{total}machining time, s", 1, 1.0),
+    "time_s": ("whole run, s", 1, 1.0),
+    "mrr_mm3_min": ("removal rate, 10⁻³ mm³/min", 3, 1e3),
+    "energy_j": ("{total}discharge energy, J", 2, 1.0),
+    "pulses": ("{total}pulses", 0, 1.0),
+    **{f"ratio_{name}": (f"{name}, %", 2, 100.0) for name in PULSE_CLASSES},
+}
+"""Quantities by their keys: name, decimals, and how many of the shown unit are one of the key's."""
 
-    def means(key: str) -> list[float]:
+
+@dataclass(frozen=True, slots=True)
+class _Value:
+    """A quantity of one run; half its 95 % interval is NaN if unknown, its basis empty if it has none."""
+
+    value: float
+    u95: float = math.nan
+    basis: str = ""
+
+
+def _values_of(run: RunFile, sites: Sites) -> dict[str, _Value]:
+    """Return the quantities of a run by the keys of `ROWS`."""
+    summary, totals, left = run.summary() or {}, sites.totals, estimated_depth(run)
+
+    def mean(key: str) -> float:
         # A run without sites may have measured a hole all the same, as `measure-wear` does.
-        return [
-            n.mean(key) if n.sites else plain_number(found.get(key))
-            for n, found in zip(numbers, summaries, strict=True)
-        ]
+        return sites.mean(key) if sites else plain_number(summary.get(key))
 
-    def of_sums(key: str) -> list[float]:
-        return [float(getattr(one, key)) for one in sums]
+    def basis(key: str) -> str:
+        found = (str(summary.get(f"{name}_basis") or "") for name in ("depth", "wear"))
+        return sites.basis(key) or basis_of(key, *found)
 
-    def bases(key: str) -> list[str]:
-        return [
-            n.basis(key)
-            or basis_of(key, *(str(found.get(f"{name}_basis") or "") for name in ("depth", "wear")))
-            for n, found in zip(numbers, summaries, strict=True)
-        ]
-
-    def measured(key: str, name: str) -> Quantity:
-        return _quantity(f"{key}_um", name, means(f"{key}_um"), means(f"{key}_u95_um"), bases(f"{key}_um"))
-
-    def true(key: str, name: str) -> Quantity:
-        return _quantity(f"truth_{key}", f"{mean}true {name} (simulated), µm", means(f"truth.{key}"))
-
-    estimated = [estimated_depth(run) for run in runs]
-    rates = of_sums("mrr_mm3_min")
-    rate_u95s = [rate * _relative_length_u95(n) for rate, n in zip(rates, numbers, strict=True)]
-    wear_u95s = [_wear_ratio_u95(n) for n in numbers]
-    lengths, volumes = "wear_ratio_lin", "wear_ratio_vol"
-    yield measured("depth", f"{mean}depth, µm")
-    yield _quantity(
-        "est_depth_um",
-        "depth when left (estimated), µm",
-        [one.depth_um for one in estimated],
-        [one.depth_u95_um for one in estimated],
-        decimals=1,
-    )
-    yield true("depth_um", "depth")
-    yield measured("wear", f"{mean}tool wear, µm")
-    for key, name in (
-        ("wear_um", "wear"),
-        ("side_gap_um", "side gap"),
-        ("taper_um", "taper"),
-        ("ra_um", "Ra"),
-    ):
-        yield true(key, name)
-    yield _quantity(lengths, "wear ratio, lengths", of_sums(lengths), wear_u95s, bases(lengths), decimals=3)
-    yield _quantity(volumes, "wear ratio, volumes", of_sums(volumes), bases=bases(volumes), decimals=3)
-    yield measured("feed", f"{mean}feed, µm")
-    times_s = [n.total("machining_time_s") for n in numbers]
-    yield _quantity("machining_time_s", f"{total}machining time, s", times_s, decimals=1)
-    times_s = [plain_number(found.get("time_s")) for found in summaries]
-    yield _quantity("time_s", "whole run, s", times_s, decimals=1)
-    name = "removal rate, 10⁻³ mm³/min"
-    yield _quantity("mrr_mm3_min", name, rates, rate_u95s, bases("mrr_mm3_min"), decimals=3, factor=1e3)
-    yield _quantity("energy_j", f"{total}discharge energy, J", [n.total("energy_j") for n in numbers])
-    yield _quantity("pulses", f"{total}pulses", [n.total("pulses") for n in numbers], decimals=0)
-    for name in CLASSES:
-        shares = [getattr(of_run.ratios, name) for of_run in sums]
-        yield _quantity(f"ratio_{name}", f"{name}, %", shares, factor=100.0)
+    measured = {
+        f"{name}_um": _Value(mean(f"{name}_um"), mean(f"{name}_u95_um"), basis(name))
+        for name in ("depth", "wear", "feed")
+    }
+    truths = ("depth_um", "wear_um", "side_gap_um", "taper_um", "ra_um")
+    true = {f"truth_{name}": _Value(mean(f"truth.{name}")) for name in truths}
+    sums = {name: _Value(sites.total(name)) for name in ("machining_time_s", "energy_j", "pulses")}
+    shares = {f"ratio_{name}": _Value(getattr(totals.ratios, name)) for name in PULSE_CLASSES}
+    ratio, rate = totals.wear_ratio_lin, totals.mrr_mm3_min
+    return {
+        **measured,
+        **true,
+        **sums,
+        **shares,
+        "est_depth_um": _Value(left.depth_um, left.depth_u95_um),
+        "wear_ratio_lin": _Value(ratio, _wear_ratio_u95(sites, ratio), basis("wear_ratio")),
+        "wear_ratio_vol": _Value(totals.wear_ratio_vol, basis=basis("wear_ratio")),
+        "time_s": _Value(plain_number(summary.get("time_s"))),
+        "mrr_mm3_min": _Value(rate, rate * _relative_length_u95(sites), basis("mrr")),
+    }
 
 
-def _places(numbers: Sequence[RunNumbers]) -> Iterator[Quantity]:
+def _places(sites: Sequence[Sites]) -> Iterator[Quantity]:
     """Depth and wear of the places that all runs have, if a run has several."""
-    if all(len(n.sites) < 2 for n in numbers):
+    if all(len(one) < 2 for one in sites):
         return
-    by_name = [{site.name: site for site in n.sites} for n in numbers]
-    for name in (site.name for site in numbers[0].sites if all(site.name in sites for sites in by_name)):
-        there = [sites[name] for sites in by_name]
-        for key, called in (("depth", "depth"), ("wear", "tool wear")):
-            if key == "wear" or not all(site.through for site in there):
-                values, u95s, bases = (
-                    [getattr(site, f"{key}_{part}") for site in there] for part in ("um", "u95_um", "basis")
-                )
-                yield _quantity(f"{key}_um", f"{name} {called}, µm", values, u95s, bases)
+    by_name = [{site.name: site for site in one} for one in sites]
+    for name in (site.name for site in sites[0] if all(site.name in of_run for of_run in by_name)):
+        there = [of_run[name] for of_run in by_name]
+        depths = [_Value(site.depth_um, site.depth_u95_um, site.depth_basis or "") for site in there]
+        if not all(site.through for site in there):
+            yield _quantity("depth_um", f"{name} depth, µm", depths)
+        wears = [_Value(site.wear_um, site.wear_u95_um, site.wear_basis) for site in there]
+        yield _quantity("wear_um", f"{name} tool wear, µm", wears)
 
 
 def _quantity(
-    key: str,
-    name: str,
-    values: Sequence[float],
-    u95s: Sequence[float] = (),
-    bases: Sequence[str] = (),
-    *,
-    decimals: int = 2,
-    factor: float = 1.0,
+    key: str, name: str, values: Sequence[_Value], decimals: int = 2, factor: float = 1.0
 ) -> Quantity:
-    """Return a quantity of each run; without `u95s` its uncertainties are unknown."""
-    amounts = []
-    first_u95 = u95s[0] if u95s else math.nan
-    for value, u95, basis in zip_longest(values, u95s, bases):
-        u95 = math.nan if u95 is None else u95
-        difference, u95_of_it = value - values[0], math.hypot(u95, first_u95)
-        amounts.append(Amount(value, u95, difference, u95_of_it, abs(difference) > u95_of_it, basis or ""))
+    first, amounts = values[0], []
+    for one in values:
+        difference, u95 = one.value - first.value, math.hypot(one.u95, first.u95)
+        amounts.append(Amount(one.value, one.u95, difference, u95, abs(difference) > u95, one.basis))
     return Quantity(key, name, decimals, factor, tuple(amounts))
 
 
-def _wear_ratio_u95(numbers: RunNumbers) -> float:
+def _wear_ratio_u95(sites: Sites, ratio: float) -> float:
     """Uncertainty of wear over length. A depth has Z3 as the wear has, with opposite sign, so their errors add up.
 
     The thickness of a sheet is taken as the profile has it.
     """
-    length_um, ratio = numbers.mean("length_um"), numbers.totals.wear_ratio_lin
+    length_um = sites.mean("length_um")
     if not length_um > 0.0 or not math.isfinite(ratio):
         return math.nan
-    length_u95_um = math.fsum(0.0 if s.through else s.depth_u95_um for s in numbers.sites) / len(
-        numbers.sites
-    )
-    return (numbers.mean("wear_u95_um") + abs(ratio) * length_u95_um) / length_um
+    length_u95_um = math.fsum(0.0 if site.through else site.depth_u95_um for site in sites) / len(sites)
+    return (sites.mean("wear_u95_um") + abs(ratio) * length_u95_um) / length_um
 
 
-def _relative_length_u95(numbers: RunNumbers) -> float:
+def _relative_length_u95(sites: Sites) -> float:
     """Uncertainty of a removed volume as a share of it: the area of a hole is known better than its length.
 
     NaN for a hole through a sheet: the uncertainty of its thickness is unknown.
     """
-    length_um = numbers.mean("length_um")
-    if not length_um > 0.0 or any(site.through for site in numbers.sites):
+    length_um = sites.mean("length_um")
+    if not length_um > 0.0 or any(site.through for site in sites):
         return math.nan
-    return numbers.mean("depth_u95_um") / length_um
+    return sites.mean("depth_u95_um") / length_um

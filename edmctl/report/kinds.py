@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable
 from importlib import import_module
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass
@@ -26,9 +26,13 @@ REPORT = "report"
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of figure. `sees` is a sentence on what there is to see, `datasets` where in the file it is from."""
+    """One kind of figure, drawn by `draw_NAME` of a module of `figures`.
+
+    `sees` is a sentence on what there is to see, `datasets` where in the file it is from.
+    """
 
     name: str
+    module: str
     title: str
     sees: str
     datasets: tuple[str, ...]
@@ -37,6 +41,7 @@ class Kind:
 KINDS = (
     Kind(
         "gap",
+        "servo",
         "Gap voltage and displacement",
         "(a) Mean gap voltage with the servo reference, and (b) where the tool was, against time; "
         "grey bands mark touching. The range is from the lowest to the highest value "
@@ -46,6 +51,7 @@ KINDS = (
     ),
     Kind(
         "displacement",
+        "servo",
         "Estimated and measured displacement",
         "(a) Tool displacement estimated from the actuator voltage alone beside that of the sensor, "
         "and (b) the error of the estimate, which counts while machining; rms and max are those of "
@@ -54,6 +60,7 @@ KINDS = (
     ),
     Kind(
         "steps",
+        "readings",
         "Surface, bottom and surface again",
         "The readings Z1 (surface before), Z2 (bottom) and Z3 (surface after) of each hole, with what "
         "they give: depth is Z2 − Z3, tool wear Z3 − Z1, feed Z2 − Z1.",
@@ -61,6 +68,7 @@ KINDS = (
     ),
     Kind(
         "section",
+        "holes",
         "The hole in section",
         "The last holes cut through the middle, with the tool at the bottom and what was worn off it. "
         "Depth and wear are as touched, the band is the 95 % interval of the depth. The width is "
@@ -71,6 +79,7 @@ KINDS = (
     ),
     Kind(
         "touching",
+        "readings",
         "Touches",
         "Touching is going towards the work until the contact closes a circuit. Where there are "
         "several readings, (a) actuator voltage and (b) displacement from Z1 (surface before) over Z2 "
@@ -82,6 +91,7 @@ KINDS = (
     ),
     Kind(
         "pulses",
+        "pulses",
         "Pulse classes",
         "Shares of open pulses, normal discharges, arcs and shorts while cutting: (a) against time, "
         "(b) arcs and shorts again, (c) over all cuts. Pulses are counted by their time; where they "
@@ -91,12 +101,14 @@ KINDS = (
     ),
     Kind(
         "laue",
+        "pulses",
         "Ignition delay",
         "(a) Distribution of the ignition delays, and (b) their Laue plot, the share of pulses that "
         "had not ignited after a time: a straight line where ignition is random.",
         ("/entry/pulses/full",),
     ),
     Kind(
+        "erosion",
         "erosion",
         "Depth, wear and feed",
         "(a) Estimated depth and tool wear with the measured values, and (b) the feed rate, against "
@@ -106,6 +118,7 @@ KINDS = (
     ),
     Kind(
         "jumps",
+        "pulses",
         "Electrode jumps and arcs",
         "(a) Shares of arcs and shorts, which ask for jumps, with a mark for each; (b) the jump "
         "period in force, and the time from each jump to the next of the same cut.",
@@ -113,6 +126,7 @@ KINDS = (
     ),
     Kind(
         "energy",
+        "pulses",
         "Discharge energy",
         "(a) Energy of normal discharges and arcs, and (b) the removed volume over it, by depths that "
         "were touched and by estimated ones. κ, volume over energy, is that of the last touched point "
@@ -122,6 +136,7 @@ KINDS = (
     ),
     Kind(
         "spectrum",
+        "servo",
         "Spectrum of the gap servo",
         "Power spectral density of (a) gap voltage and (b) displacement while machining, without "
         "jumps. Rows slower than 1 kHz are single samples: what is faster than half their rate is "
@@ -131,6 +146,7 @@ KINDS = (
     ),
     Kind(
         "waveforms",
+        "pulses",
         "The gap about a fault",
         "(a) Voltage and (b) current of the last pulses before a fault and of the first ones after "
         "it, and (c), (d) those about the fault in detail.",
@@ -138,12 +154,14 @@ KINDS = (
     ),
     Kind(
         "array",
+        "holes",
         "Array of holes",
         "(a) Depth error of each hole at its place on the work, under the number of its name; (b) the "
         "same and (c) the tool wear, in the order of machining.",
         ("/entry/results",),
     ),
     Kind(
+        "channel",
         "channel",
         "Channel",
         "(a) The planned path and (b) the depth of the floor along it; of a simulated run also the "
@@ -162,10 +180,10 @@ def kind_called(name: str) -> Kind:
 
 def draw(kind: Kind, run: RunFile) -> Figure:
     """Draw the figure, within `house_style()`, with a mark if the run is simulated. Raises NothingToDraw."""
-    from edmctl.report.style import mark_below
+    from edmctl.report.panels import mark_below
 
-    module = import_module(f"edmctl.report.figures.{kind.name}")
-    make = cast("Callable[[RunFile], Figure]", module.draw)
+    module = import_module(f"edmctl.report.figures.{kind.module}")
+    make: Callable[[RunFile], Figure] = getattr(module, f"draw_{kind.name}")
     figure = make(run)
     if run.is_simulated:
         mark_below(figure, "simulated" if run.seed is None else f"simulated, seed {run.seed}")

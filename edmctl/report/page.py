@@ -9,12 +9,12 @@ from html import escape
 
 from edmctl.labels import marked
 from edmctl.record.reader import RunFile
-from edmctl.record.run_index import estimated_depth
+from edmctl.record.run_index import estimated_depth, sites_of
 from edmctl.report import html, page_tables
 from edmctl.report.html import PageTable, Picture
 from edmctl.report.kinds import KINDS, draw
-from edmctl.report.numbers import RunNumbers, numbers_of, target_depths_um
-from edmctl.results.run_file import Sentence
+from edmctl.report.removal import target_depths_um
+from edmctl.results.run_file import Sentence, Sites
 from edmctl.wording import (
     UNKNOWN,
     about,
@@ -54,12 +54,11 @@ def render_page(
     sentences : in order of time; the first says what was wanted, the last what ended the run
     trouble : what ended a run that is not done, and what to do about it; empty if unknown
     """
-    numbers = numbers_of(run)
     title = run.text("/entry/title") or run.text("/entry/run_id")
     source = page_tables.provenance(run)  # all is read before the first figure is rendered
     sections: list[Sequence[PageTable | str]] = [
         [*(html.paragraph(sentence.text) for sentence in sentences[:1]), *_wanted(run)],
-        [html.tiles(_key_numbers(run, numbers)), *page_tables.all_numbers(run)],
+        [html.tiles(_key_numbers(run, sites_of(run))), *page_tables.all_numbers(run)],
         html.figures(pictures),
         [_history(sentences[1:])],
         [source],
@@ -102,9 +101,8 @@ def _wanted(run: RunFile) -> list[PageTable | str]:
     return parts
 
 
-def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, str]]:
-    sites, totals = numbers.sites, numbers.totals
-    estimated = estimated_depth(run)
+def _key_numbers(run: RunFile, sites: Sites) -> Iterator[tuple[str, str, str]]:
+    totals, estimated = sites.totals, estimated_depth(run)
     if math.isfinite(estimated.depth_um):
         depth = about(estimated.depth_um, estimated.depth_u95_um)
         yield "depth so far", depth, "of what was left without a result"
@@ -120,17 +118,17 @@ def _key_numbers(run: RunFile, numbers: RunNumbers) -> Iterator[tuple[str, str, 
         yield "depth", "through", f"the sheet of {sites[0].length_um:g} µm"
         del shown[0]
     for called, name, of_what in shown:
-        text = with_u95(numbers.mean(f"{name}_um"), numbers.mean(f"{name}_u95_um"))
-        yield called, f"{marked(text, numbers.basis(name))} µm", of_what
+        text = with_u95(sites.mean(f"{name}_um"), sites.mean(f"{name}_u95_um"))
+        yield called, f"{marked(text, sites.basis(name))} µm", of_what
     depths_um = [site.depth_um for site in sites if math.isfinite(site.depth_um)]
     if several and depths_um:
         ends = f"{decimal(min(depths_um))} to {decimal(max(depths_um))} µm"
         yield "depth, range", ends, "the least and the greatest"
-    yield "machining", duration(numbers.total("machining_time_s")), "with the servo on"
-    rate = marked(removal_rate(totals.mrr_mm3_min), numbers.basis("mrr"))
+    yield "machining", duration(sites.total("machining_time_s")), "with the servo on"
+    rate = marked(removal_rate(totals.mrr_mm3_min), sites.basis("mrr"))
     yield "removal rate", rate, "volume over machining time"
     per = "the sheet's thickness" if through else "depth"
-    ratio = marked(decimal(totals.wear_ratio_lin, 3), numbers.basis("wear_ratio"))
+    ratio = marked(decimal(totals.wear_ratio_lin, 3), sites.basis("wear_ratio"))
     yield "wear ratio", ratio, f"wear over {per}"
     yield "arcs", percent(totals.ratios.arc, 2), f"of {count(totals.pulses, NARROW)} pulses"
 

@@ -8,9 +8,11 @@ import math
 from edmctl.dataclasses import astuple
 from edmctl.labels import basis_of, heading, is_doubtful, marked, meanings
 from edmctl.record.reader import RunFile
+from edmctl.record.run_index import sites_of
 from edmctl.report.html import PageTable
-from edmctl.report.numbers import CLASSES, RunNumbers, numbers_of
-from edmctl.results.run_file import RecordedSite
+from edmctl.results.job import length_text
+from edmctl.results.run_file import RecordedSite, Sites
+from edmctl.results.telemetry import PULSE_CLASSES
 from edmctl.wording import (
     BEYOND_EXIT,
     UNKNOWN,
@@ -31,120 +33,105 @@ TRUTH = "truth (simulated)"
 _PRETTY = {"um": "µm", "um/s": "µm/s", "um3/uJ": "µm³/µJ", "us": "µs", "degC": "°C", "mm3/min": "mm³/min"}
 
 
-def results(numbers: RunNumbers) -> PageTable | None:
+def results(sites: Sites) -> PageTable | None:
     """What was found, a row for each quantity of one hole, or a row for each of several."""
-    if not numbers.sites:
+    if not sites:
         return None
-    if len(numbers.sites) == 1:
-        return _one_site(numbers.sites[0])
-    has_truth = any(site.truth.is_known for site in numbers.sites)
-    header = ["site", "x", "y", "depth", "tool wear", "feed", "machining", "cuts", "wear ratio"]
-    header += ["true depth (simulated)", "true wear (simulated)"] if has_truth else []
-    rows = [
-        [
-            site.name,
-            decimal(site.x_um, 1),
-            decimal(site.y_um, 1),
-            "through" if site.through else _marked(site, "depth", with_u95(site.depth_um, site.depth_u95_um)),
-            _marked(site, "wear", with_u95(site.wear_um, site.wear_u95_um)),
-            _marked(site, "feed", with_u95(site.feed_um, site.feed_u95_um)),
-            f"{duration(site.machining_time_s)}{', through' if site.through else ''}",
-            str(site.cuts),
-            _marked(site, "wear_ratio", decimal(site.wear_ratio_lin, 3)),
-            *([decimal(site.truth.depth_um), decimal(site.truth.wear_um)] if has_truth else []),
-        ]
-        for site in numbers.sites
-    ]
-    per = "the thickness of the sheet" if all(site.through for site in numbers.sites) else "depth"
-    marks = meanings({basis for site in numbers.sites for basis in (site.depth_basis, site.wear_basis)})
+    if len(sites) == 1:
+        return _one_site(sites[0])
+    columns: dict[str, list[str]] = {
+        "site": [site.name for site in sites],
+        "x": [decimal(site.x_um, 1) for site in sites],
+        "y": [decimal(site.y_um, 1) for site in sites],
+        "depth": ["through" if site.through else length_text(site, "depth") for site in sites],
+        "tool wear": [length_text(site, "wear") for site in sites],
+        "feed": [length_text(site, "feed") for site in sites],
+        "machining": [_machining(site, duration(site.machining_time_s)) for site in sites],
+        "cuts": [str(site.cuts) for site in sites],
+        "wear ratio": [_marked(site, "wear_ratio", decimal(site.wear_ratio_lin, 3)) for site in sites],
+    }
+    if any(site.truth.is_known for site in sites):
+        columns["true depth (simulated)"] = [decimal(site.truth.depth_um) for site in sites]
+        columns["true wear (simulated)"] = [decimal(site.truth.wear_um) for site in sites]
+    if any(is_doubtful(site.verdict) for site in sites):
+        columns["verdict"] = [site.verdict or "" for site in sites]
+    per = "the thickness of the sheet" if all(site.through for site in sites) else "depth"
+    marks = meanings({basis for site in sites for basis in (site.depth_basis, site.wear_basis)})
     note = " ".join([U95_NOTE, FEED_NOTE, f"Wear ratio is wear over {per}.", *marks])
-    if any(is_doubtful(site.verdict) for site in numbers.sites):
-        header.append("verdict")
-        rows = [[*row, site.verdict or ""] for row, site in zip(rows, numbers.sites, strict=True)]
-    return PageTable("What each site has become", header, rows, note)
+    rows = list(zip(*columns.values(), strict=True))
+    return PageTable("What each site has become", list(columns), rows, note)
 
 
 def _marked(site: RecordedSite, name: str, text: str, head: str = "result") -> str:
     return marked(text, basis_of(name, site.depth_basis, site.wear_basis), head)
 
 
+def _machining(site: RecordedSite, words: str) -> str:
+    return f"{words}, through the sheet" if site.through else words
+
+
 def _one_site(site: RecordedSite) -> PageTable:
-    truth = site.truth if site.truth.is_known else None
-    bases = (site.depth_basis, site.wear_basis)
+    truth, bases, through = site.truth, (site.depth_basis, site.wear_basis), site.through
     head = heading(bases)
-    through = site.through
-    depth = (site.beyond_exit_um, site.beyond_exit_u95_um) if through else (site.depth_um, site.depth_u95_um)
+    from_voltage = {
+        name: with_u95(getattr(site, f"{name}_model_um"), getattr(site, f"{name}_model_u95_um"))
+        for name in ("depth", "wear")
+    }
+    depth = length_text(site, "depth", head=head)
+    if through:
+        depth = _marked(site, "depth", with_u95(site.beyond_exit_um, site.beyond_exit_u95_um), head)
+    feed_um = truth.feed_um if truth.is_known else math.nan
     cuts = f"{duration(site.machining_time_s)} in {plural(site.cuts, 'cut')}"
-
-    def result(name: str, text: str) -> str:
-        return _marked(site, name, text, head)
-
-    lengths = [
-        (
-            BEYOND_EXIT if through else "depth, Z2 − Z3",
-            result("depth", with_u95(*depth)),
-            with_u95(site.depth_model_um, site.depth_model_u95_um),
-            site.truth.depth_um,
-        ),
-        (
-            "tool wear, Z3 − Z1",
-            result("wear", with_u95(site.wear_um, site.wear_u95_um)),
-            with_u95(site.wear_model_um, site.wear_model_u95_um),
-            site.truth.wear_um,
-        ),
+    rows: list[tuple[str, str, str, float]] = [
+        (BEYOND_EXIT if through else "depth, Z2 − Z3", depth, from_voltage["depth"], truth.depth_um),
+        ("tool wear, Z3 − Z1", length_text(site, "wear", head=head), from_voltage["wear"], truth.wear_um),
         ("hole, as long as the sheet is thick", decimal(site.length_um) if through else "", "", math.nan),
-        (
-            "feed, Z2 − Z1",
-            result("feed", with_u95(site.feed_um, site.feed_u95_um)),
-            "",
-            truth.feed_um if truth else math.nan,
-        ),
+        ("feed, Z2 − Z1", length_text(site, "feed", head=head), "", feed_um),
+    ]
+    ratios = [
+        _marked(site, "wear_ratio", decimal(ratio, 3), head)
+        for ratio in (site.wear_ratio_lin, site.wear_ratio_vol)
     ]
     others = {
         "Z1, surface before": decimal(site.z1_um),
         "Z2, tip at the end" if through else "Z2, bottom": decimal(site.z2_um),
         "Z3, surface after": decimal(site.z3_um),
-        "machining time": f"{cuts}, through the sheet" if through else cuts,
-        "removal rate (MRR), 10⁻³ mm³/min": result("mrr", decimal(1e3 * site.mrr_mm3_min, 3)),
-        "wear ratio, lengths": result("wear_ratio", decimal(site.wear_ratio_lin, 3)),
-        "wear ratio, volumes": result("wear_ratio", decimal(site.wear_ratio_vol, 3)),
+        "machining time": _machining(site, cuts),
+        "removal rate (MRR), 10⁻³ mm³/min": _marked(site, "mrr", decimal(1e3 * site.mrr_mm3_min, 3), head),
+        "wear ratio, lengths": ratios[0],
+        "wear ratio, volumes": ratios[1],
         "discharge energy, J": significant(site.energy_j),
     }
     true_ones = {
-        "side gap": site.truth.side_gap_um,
-        "taper, wider at the mouth": site.truth.taper_um,
-        "roughness Ra": site.truth.ra_um,
-        "roughness Rz": site.truth.rz_um,
-        "radius of the corner": site.truth.corner_um,
+        "side gap": truth.side_gap_um,
+        "taper, wider at the mouth": truth.taper_um,
+        "roughness Ra": truth.ra_um,
+        "roughness Rz": truth.rz_um,
+        "radius of the corner": truth.corner_um,
     }
-    rows = [
-        *lengths,
-        *((name, text, "", math.nan) for name, text in others.items()),
-        *((name, "", "", value_um) for name, value_um in true_ones.items()),
-        ("verdict", (is_doubtful(site.verdict) and site.verdict) or "", "", math.nan),
-    ]
-    cells = [[*words, decimal(true) if math.isfinite(true) else ""] for *words, true in rows]
-    header = [site.name, head, "from voltage alone", TRUTH]
-    if not truth:
-        header, cells = header[:-1], [row[:-1] for row in cells]
+    rows += [(name, text, "", math.nan) for name, text in others.items()]
+    rows += [(name, "", "", value_um) for name, value_um in true_ones.items()]
+    rows.append(("verdict", (is_doubtful(site.verdict) and site.verdict) or "", "", math.nan))
+    header, width = [site.name, head, "from voltage alone", TRUTH], 4 if truth.is_known else 3
+    cells = [[*words, decimal(true) if math.isfinite(true) else ""][:width] for *words, true in rows]
     shown = [row for row in cells if {*row[1:]} - {"", UNKNOWN}]
     notes = [U95_NOTE, FEED_NOTE if math.isfinite(site.feed_um) else "", *meanings(bases, head)]
-    return PageTable("Results", header, shown, " ".join(filter(None, notes)))
+    return PageTable("Results", header[:width], shown, " ".join(filter(None, notes)))
 
 
-def pulses(numbers: RunNumbers) -> PageTable | None:
+def pulses(sites: Sites) -> PageTable | None:
     """How many pulses of which class, for each site and altogether."""
-    totals = numbers.totals
+    totals = sites.totals
     if not totals.pulses:
         return None
+    counted = [(site.name, site.pulses, site.ratios) for site in sites]
+    if len(counted) > 1:
+        counted.append(("all", totals.pulses, totals.ratios))
     rows = [
-        [site.name, count(site.pulses), *(percent(share, 2) for share in astuple(site.ratios))]
-        for site in numbers.sites
+        [name, count(number), *(percent(share, 2) for share in astuple(ratios))]
+        for name, number, ratios in counted
     ]
-    if len(rows) > 1:
-        whole = [percent(getattr(totals.ratios, name), 2) for name in CLASSES]
-        rows.append(["all", count(totals.pulses), *whole])
-    return PageTable("Pulses while machining", ["site", "pulses", *CLASSES], rows)
+    return PageTable("Pulses while machining", ["site", "pulses", *PULSE_CLASSES], rows)
 
 
 def touches(run: RunFile) -> PageTable | None:
@@ -230,6 +217,6 @@ def _length(um: float) -> str:
 
 def all_numbers(run: RunFile) -> list[PageTable]:
     """The tables of what was found, in the order of the page."""
-    numbers = numbers_of(run)
-    tables = [results(numbers) or found(run), touches(run), pulses(numbers)]
+    sites = sites_of(run)
+    tables = [results(sites) or found(run), touches(run), pulses(sites)]
     return [table for table in tables if table]

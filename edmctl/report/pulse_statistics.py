@@ -19,14 +19,14 @@ from edmctl.dataclasses import dataclass
 from edmctl.quantity import half_width
 from edmctl.record import layout
 from edmctl.record.reader import RunFile
-from edmctl.report.numbers import CLASSES
 from edmctl.report.signals import cuts_s
 from edmctl.report.style import NothingToDraw
+from edmctl.results.telemetry import PULSE_CLASSES
 
 OPEN, NORMAL, ARC, SHORT = range(4)
-"""Numbers of the classes, in the order of `numbers.CLASSES`."""
+"""Numbers of the classes, in the order of `PULSE_CLASSES`."""
 READ_ROWS = 1 << 20
-_BLOCK_COUNTS = tuple(f"n_{name}" for name in CLASSES)
+_BLOCK_COUNTS = tuple(f"n_{name}" for name in PULSE_CLASSES)
 STEP_US = 0.1
 """Resolution of a stored ignition delay."""
 _STEPS = 1 << 16
@@ -121,9 +121,15 @@ class Delays:
     censored: Integers
 
     @property
+    def at_risk(self) -> Integers:
+        """Pulses without a spark before each delay, shape (n,)."""
+        counts: Integers = np.cumsum((self.ignited + self.censored)[::-1])[::-1]
+        return counts
+
+    @property
     def surviving(self) -> Array:
         """Share of pulses without a spark after each delay, shape (n,), by Kaplan and Meier."""
-        at_risk = np.cumsum((self.ignited + self.censored)[::-1])[::-1]
+        at_risk = self.at_risk
         with np.errstate(invalid="ignore", divide="ignore"):
             lasting: Array = np.where(at_risk > 0, 1.0 - self.ignited / at_risk, np.nan)
         return lasting.cumprod()

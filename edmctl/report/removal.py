@@ -18,9 +18,10 @@ from edmctl.labels import Basis
 from edmctl.record import layout
 from edmctl.record.events import RecordedCode, recorded_events
 from edmctl.record.reader import RunFile
-from edmctl.report.numbers import numbers_of
+from edmctl.record.run_index import sites_of
 from edmctl.report.signals import ROW_S, floats, intervals
 from edmctl.results.run_file import RecordedSite
+from edmctl.wording import plain_number
 
 Values = Mapping[str, float | int | str | bool]
 
@@ -68,7 +69,7 @@ def known_depths(run: RunFile, began_s: Array) -> list[KnownDepth]:
         for event in recorded_events(run, *_DEPTH_EVENTS)
         if event.code != RecordedCode.LEFT_UNMEASURED or math.isfinite(event.number("depth_u95_um"))
     ]
-    sites = numbers_of(run).sites
+    sites = sites_of(run)
     if not known:
         return _of_results(run, sites, began_s)
     last = {depth.hole: k for k, depth in enumerate(known)}
@@ -257,3 +258,10 @@ def along(points_um: Array, step_um: float) -> tuple[Array, Array]:
     up_to_um = lengths_um(points_um)
     s_um = np.arange(0.0, up_to_um[-1], step_um)
     return s_um, np.column_stack([np.interp(s_um, up_to_um, axis) for axis in points_um.T])
+
+
+def target_depths_um(values: Mapping[str, object]) -> tuple[float, float] | None:
+    """Return depth and tolerance that a profile asks for; None if it asks for something else."""
+    if values.get("target.kind") != "depth":
+        return None
+    return plain_number(values.get("target.depth_um")), plain_number(values.get("target.tolerance_um"))

@@ -7,11 +7,11 @@ from typing import Any
 
 from edmctl.dataclasses import dataclass
 from edmctl.errors import ObjectiveNotReached
-from edmctl.labels import Basis, Seen, Verdict
+from edmctl.labels import Basis, Seen, Verdict, basis_of, marked
 from edmctl.quantity import half_width
 from edmctl.results.declared import ONLY_JSON, PURE, TEXT, derived, flag, quantity, shared, um
 from edmctl.results.telemetry import LinkReport, PulseShares
-from edmctl.wording import to_its_u95
+from edmctl.wording import to_its_u95, with_u95
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +188,12 @@ class SiteResult:
     @derived("um", "wear_model − wear", "error of the model")
     def wear_model_error_um(self) -> float:
         return self.wear_model_um - self.wear_um
+
+
+def length_text(made: SiteResult | ChannelResult, name: str, decimals: int = 2, head: str = "result") -> str:
+    """Return depth, wear or feed with its 95 % half width and the mark of its basis, below a heading `head`."""
+    text = with_u95(getattr(made, f"{name}_um"), getattr(made, f"{name}_u95_um"), decimals)
+    return marked(text, basis_of(name, made.depth_basis, made.wear_basis), head)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import attrgetter
 from pathlib import Path
 
 from edmctl.dataclasses import asdict, astuple, dataclass, field, fields
 from edmctl.errors import RunFileError
+from edmctl.labels import basis_of, weakest
 from edmctl.results.declared import quantities
 from edmctl.results.job import SiteResult, SiteTruth
-from edmctl.results.telemetry import PulseShares
+from edmctl.results.telemetry import PULSE_CLASSES, PulseShares
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +80,52 @@ class RecordedSite(SiteResult):
         values |= {name: values[name] or "" for name in ("depth_basis", "verdict")}
         truth = {f"truth_{name}": value for name, value in asdict(self.truth).items()}
         return values | {"ratios": astuple(self.ratios), "length_um": self.length_um} | truth
+
+
+class Sites(tuple[RecordedSite, ...]):
+    """The holes of a run, or its channel, with their sums and means. Unknown values are NaN.
+
+    The uncertainty of a mean is the mean uncertainty: errors of one run have causes in common, and do not cancel.
+    """
+
+    __slots__ = ()
+
+    def mean(self, name: str) -> float:
+        """Return the mean of a field, such as `depth_um` or `truth.depth_um`."""
+        return math.fsum(map(attrgetter(name), self)) / len(self) if self else math.nan
+
+    def total(self, name: str) -> float:
+        """Return the sum of a field."""
+        return math.fsum(map(attrgetter(name), self)) if self else math.nan
+
+    def basis(self, name: str) -> str:
+        """Return the basis of the value `name` over all sites: the weakest of theirs (`basis_of`)."""
+        return weakest(basis_of(name, site.depth_basis, site.wear_basis) for site in self)
+
+    @property
+    def totals(self) -> Totals:
+        """Sums over the sites, and rates and ratios of them."""
+        pulses, length_um = self.total("pulses"), self.total("length_um")
+        removed = [site.mrr_mm3_min * site.machining_time_s for site in self]
+        lost = [site.wear_ratio_vol * volume for site, volume in zip(self, removed, strict=True)]
+        # The wear of a channel has nothing to do with its depth alone.
+        is_linear = all(math.isfinite(site.wear_ratio_lin) for site in self)
+        shares = (
+            math.fsum(getattr(site.ratios, name) * site.pulses for site in self if site.pulses)
+            for name in PULSE_CLASSES
+        )
+        return Totals(
+            pulses=int(pulses) if self else 0,
+            ratios=PulseShares(*(_ratio(share, pulses) for share in shares)),
+            energy_j=self.total("energy_j"),
+            mrr_mm3_min=_ratio(math.fsum(removed), self.total("machining_time_s")),
+            wear_ratio_lin=_ratio(self.total("wear_um"), length_um) if is_linear else math.nan,
+            wear_ratio_vol=_ratio(math.fsum(lost), math.fsum(removed)),
+        )
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole > 0.0 else math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +204,7 @@ class RunSummary:
     machining_time_s: float
     earlier_time_s: float
     pause_s: float
-    sites: tuple[RecordedSite, ...]
+    sites: Sites
     est_depth_um: float
     est_depth_u95_um: float
     totals: Totals

@@ -31,6 +31,9 @@ class PulseShares:
     short: float = quantity(PURE, "share of shorts")
 
 
+PULSE_CLASSES = tuple(one.name for one in fields(PulseShares))
+
+
 def pulse_shares(open_count: float, normal_count: float, arc_count: float, short_count: float) -> PulseShares:
     """Shares from counts."""
     total = open_count + normal_count + arc_count + short_count

@@ -16,7 +16,8 @@ from edmctl.app import main
 from edmctl.record.integrity import SEAL_BYTES
 from edmctl.record.locks import hold, release
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
-from edmctl.report.style import NothingToDraw, new_figure
+from edmctl.report.panels import new_figure
+from edmctl.report.style import NothingToDraw
 from tests.cli.commands import ROOT, SHALLOW, Here
 from tests.cli.test_start_up import HEAVY, modules_after
 

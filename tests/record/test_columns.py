@@ -18,8 +18,7 @@ from edmctl.record.columns import WANTED, read_record, read_text, read_voltage, 
 from edmctl.record.delimited import Table
 from edmctl.record.layout import SERVO
 from edmctl.record.reader import open_run
-from tests.report.servo_signals import a_cut
-from tests.report.servo_signals import write_run as write_signals
+from tests.report.made_up import a_cut, finished
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -384,7 +383,7 @@ def test_what_else_edmctl_writes_is_named_for_what_it_is(tmp_path: Path, run_pat
         file.attrs["kind"] = "edmctl-bench"
     for path, code, what in (
         (
-            write_signals(tmp_path / "blind.h5", blind).finish("done", 0),
+            finished(tmp_path, blind, name="blind.h5"),
             "E3606",
             "without a displacement sensor",
         ),

@@ -15,9 +15,8 @@ from edmctl.labels import Basis, Verdict
 from edmctl.record.layout import RESULTS
 from edmctl.record.reader import open_run, reading_unverified
 from edmctl.record.rows import TouchRow
-from edmctl.record.run_index import read_head
+from edmctl.record.run_index import read_head, sites_of
 from edmctl.record.writer import RunWriter
-from edmctl.report.numbers import numbers_of
 from edmctl.results.declared import quantities, stored_columns
 from edmctl.results.job import SiteResult
 from tests.record.samples import a_meta, a_site_row
@@ -59,7 +58,7 @@ def test_a_result_is_read_as_it_was_written(tmp_path: Path) -> None:
         depth_u_um=0.4,
     )
     with open_run(a_run(tmp_path, row)) as run:
-        (site,) = numbers_of(run).sites
+        (site,) = sites_of(run)
     read = {name: getattr(site, name) for name in quantities(SiteResult) if name in STORED}
     assert str(read) == str({name: getattr(row, name) for name in read})  # NaN is NaN
     assert site.length_um == row.depth_um
@@ -69,7 +68,7 @@ def test_a_result_is_read_as_it_was_written(tmp_path: Path) -> None:
 def test_columns_that_a_file_does_not_have_are_unknown(tmp_path: Path) -> None:
     path = older(a_run(tmp_path, a_site_row()), "wear_basis", "face", "stops")
     with reading_unverified(path) as run:
-        (site,) = numbers_of(run).sites
+        (site,) = sites_of(run)
     assert (site.wear_basis, site.measuring_stops, site.depth_um) == (Basis.ESTIMATED, 0, 180.0)
     assert math.isnan(site.face_um)
 

@@ -1,23 +1,28 @@
-"""Run files whose every number is known beforehand."""
+"""Run files whose every number is known beforehand, to the last sample of the servo."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from edmctl.record.events import RecordedCode
-from edmctl.record.rows import EventLevel, EventRow, SlowRow
+from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SlowRow, TouchRow
 from edmctl.record.run_meta import profile_leaves
 from edmctl.record.writer import RunWriter
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
-from tests.record.samples import a_meta
+from tests.record.samples import a_meta, a_site_row
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
+
+    from edmctl.results.job import SiteResult
+
+    Array = NDArray[np.float64]
 
 PROFILE = {
     "target": {"kind": "depth", "depth_um": 20.0, "tolerance_um": 2.0},
@@ -87,3 +92,58 @@ def blocks(
     writer.append(
         PulseBlockBatch(time_s, opens, normals, arcs, shorts, np.zeros(rows), np.full(rows, energy_uj))
     )
+
+
+MACHINING, JUMP, TOUCH, IDLE = 4, 5, 6, 1
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Samples of the servo, shape (n,), at 100 Hz from 0 s on."""
+
+    gap_v: Array
+    sensor_um: Array
+    model_um: Array
+    state: NDArray[np.uint8]
+
+    @property
+    def time_s(self) -> Array:
+        return 0.01 * np.arange(float(len(self.state)))
+
+    def block(self) -> ServoBlock:
+        n = len(self.state)
+        return ServoBlock(
+            self.time_s, self.sensor_um / 3.0, self.sensor_um, self.model_um, self.gap_v, self.gap_v / 12.0,
+            np.zeros(n), np.zeros(n, np.int8), self.state,
+        )  # fmt: skip
+
+
+def a_cut(seconds: float, swing_hz: float = 6.25) -> Signals:
+    """A cut from 50 µm on at 1 µm/s with a swing about 9.6 V; the estimate is 2 µm too long."""
+    time_s = 0.01 * np.arange(round(100 * seconds))
+    swing = np.sin(2.0 * np.pi * swing_hz * time_s)
+    noise = np.random.default_rng(1).normal(0.0, 0.1, len(time_s))
+    sensor_um = 50.0 + time_s + 0.05 * swing
+    state = np.full(len(time_s), MACHINING, np.uint8)
+    return Signals(9.6 + 0.5 * swing + noise, sensor_um, sensor_um + 2.0, state)
+
+
+def finished(
+    folder: Path, *rows: Any, profile: dict[str, dict[str, object]] | None = None, name: str = "run.h5"
+) -> Path:
+    """Write a run of rows: of `Signals`, results, touches and others."""
+    writer = new_run(folder, profile, name)
+    for row in rows:
+        writer.append(row.block() if isinstance(row, Signals) else row)
+    return writer.finish("done", 0)
+
+
+def a_touch(kind: str, time_s: float = 1.0, sensor_um: float = 50.0, site: str = "A1") -> TouchRow:
+    """A reading whose estimate is 2 µm below the sensor, 48 µm without one."""
+    model_um = sensor_um - 2.0 if math.isfinite(sensor_um) else 48.0
+    return TouchRow(time_s, kind, site, 16.0, sensor_um, model_um, 3, 0.1, 0.0, 1.0)
+
+
+def sites(count: int) -> list[SiteResult]:
+    """Results of so many holes."""
+    return [replace(a_site_row(), name=f"A{k + 1}") for k in range(count)]

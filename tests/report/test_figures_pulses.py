@@ -2,46 +2,28 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from edmctl.record.events import RecordedCode
+pytest.importorskip("matplotlib")
+
+from edmctl.record.events import RecordedCode, RecordedState
 from edmctl.record.reader import open_run
 from edmctl.record.rows import EventLevel, EventRow
-from edmctl.report.figures import energy, jumps, laue, pulses
+from edmctl.report.figures.pulses import since_the_last
 from edmctl.report.pulse_statistics import delays, pulse_counts, random_ignition, rows_at, spark_energies
 from edmctl.report.removal import cumulated, in_this_run, kappa, removal
 from edmctl.report.signals import broken, cuts_s, running_mean
-from edmctl.report.style import NothingToDraw, house_style, rendered
+from edmctl.results.telemetry import WaveformBatch
 from tests.report import made_up
+from tests.report.drawing import data, drawn, overlaps, texts, why_not, width_mm
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
-
-    from matplotlib.figure import Figure
-
-    from edmctl.record.reader import RunFile
-
-pytest.importorskip("matplotlib")
-
-
-def texts(draw: Callable[[RunFile], Figure], path: Path) -> set[str]:
-    """Draw, and return every text of the figure."""
-    with open_run(path) as run, house_style():
-        svg = rendered(draw(run), ".svg")
-    return {(e.text or "").strip() for e in ET.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")}
-
-
-def nothing(draw: Callable[[RunFile], Figure], path: Path) -> str:
-    """Draw what cannot be drawn, and return why."""
-    with open_run(path) as run, house_style(), pytest.raises(NothingToDraw) as told:
-        draw(run)
-    return str(told.value)
 
 
 @pytest.fixture
@@ -82,7 +64,7 @@ def test_shares_are_those_while_cutting(tmp_path: Path) -> None:
     made_up.blocks(writer, 0.0, (20, 0, 0, 0), 0.0, 5000)
     made_up.blocks(writer, 100.0, (5, 13, 1, 1), 3000.0, 2500)
     made_up.cut(writer, 100.0)
-    told = texts(pulses.draw, writer.finish("done", 0))
+    told = texts("pulses", writer.finish("done", 0))
     # All with as many decimals, so that they can be compared.
     assert {"25.00 %", "65.00 %", "5.00 %", "(a)", "(b)", "(c)", "normal", "open", "arc", "short"} <= told
     assert {"pulses (%)", "shorts (%)", "time (s)"} <= told
@@ -92,8 +74,8 @@ def test_without_pulses_it_is_told_what_would_change_that(tmp_path: Path) -> Non
     writer = made_up.new_run(tmp_path)
     made_up.cut(writer, 0.0)
     path = writer.finish("done", 0)
-    for draw in (pulses.draw, energy.draw):
-        assert "log.pulses" in nothing(draw, path)
+    for kind in ("pulses", "energy"):
+        assert "log.pulses" in why_not(kind, path)
 
 
 def test_random_ignition_is_found_with_its_lag_and_mean(random_pulses: Path) -> None:
@@ -129,14 +111,14 @@ def test_open_pulses_and_not_the_ignited_alone_make_the_mean(random_pulses: Path
 
 
 def test_the_laue_plot_says_its_mean_and_what_it_is_from(random_pulses: Path) -> None:
-    told = texts(laue.draw, random_pulses)
+    told = texts("laue", random_pulses)
     assert any(text.startswith("random ignition: mean ") and text.endswith(" µs") for text in told)
     assert any("ignited, " in text and text.endswith(" open") for text in told)
     assert {"ignition delay (µs)", "share not yet ignited"} <= told
 
 
 def test_a_run_of_blocks_has_no_laue_plot(run_file: Path) -> None:
-    assert "log.pulses=full" in nothing(laue.draw, run_file)
+    assert "log.pulses=full" in why_not("laue", run_file)
 
 
 def test_energies_of_single_pulses_are_plateau_times_current_times_time(tmp_path: Path) -> None:
@@ -218,7 +200,7 @@ def test_kappa_of_a_resumed_run_is_of_what_it_removed_itself(tmp_path: Path) -> 
 @pytest.mark.parametrize("kind", tiers("blocks", slow=("full",)))
 def test_kappa_of_a_virtual_run_is_that_of_its_process(request: pytest.FixtureRequest, kind: str) -> None:
     path: Path = request.getfixturevalue("run_file" if kind == "blocks" else "full_run_file")
-    told = texts(energy.draw, path)
+    told = texts("energy", path)
     (label,) = [text for text in told if text.startswith("κ = ")]
     # 0.0424 µm³/µJ, of which the discharges at the wall and arcs take their share.
     assert 0.034 < float(label.split()[2]) < 0.0435
@@ -231,7 +213,7 @@ def test_kappa_of_a_virtual_run_is_that_of_its_process(request: pytest.FixtureRe
 
 
 def test_every_jump_is_counted_and_its_period_shown(run_file: Path) -> None:
-    told = texts(jumps.draw, run_file)
+    told = texts("jumps", run_file)
     assert any(text.endswith(" jumps") for text in told)
     assert {"arcs", "shorts", "jump", "jump period (s)"} <= told
 
@@ -243,8 +225,7 @@ def test_a_narrow_range_of_jump_periods_has_an_even_scale_and_a_wide_one_powers(
         made_up.cut(writer, 0.0)
         for time_s in (5.0, 5.0 + after_s):
             writer.append(EventRow(time_s, RecordedCode.JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {}))
-        with open_run(writer.finish("done", 0)) as run, house_style():
-            periods = jumps.draw(run).axes[1]
+        periods = drawn("jumps", writer.finish("done", 0)).axes[1]
         scales.append(periods.get_yscale())
         low_s, high_s = periods.get_ylim()
         assert sum(low_s <= tick <= high_s for tick in periods.get_yticks()) >= 3
@@ -253,7 +234,7 @@ def test_a_narrow_range_of_jump_periods_has_an_even_scale_and_a_wide_one_powers(
 
 def test_the_first_jump_of_a_cut_has_no_jump_before_it() -> None:
     cuts = np.array([[0.0, 20.0], [100.0, 120.0]])
-    since_s = jumps.since_the_last(np.array([4.0, 9.0, 105.0, 106.5]), cuts)
+    since_s = since_the_last(np.array([4.0, 9.0, 105.0, 106.5]), cuts)
     assert since_s == pytest.approx([np.nan, 5.0, np.nan, 1.5], nan_ok=True)
 
 
@@ -261,7 +242,7 @@ def test_a_single_jump_is_one_jump_with_nothing_before_it(tmp_path: Path) -> Non
     writer = made_up.new_run(tmp_path)
     made_up.cut(writer, 0.0)
     writer.append(EventRow(5.0, RecordedCode.JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {}))
-    told = texts(jumps.draw, writer.finish("done", 0))
+    told = texts("jumps", writer.finish("done", 0))
     assert "1 jump" in told
     assert "time since the jump before" not in told
 
@@ -271,25 +252,24 @@ def test_pulses_of_a_cut_are_those_that_its_results_count(full_run_file: Path) -
     with open_run(full_run_file) as run:
         (row,) = run.table("/entry/results")
     whole = f"{row['pulses']:,}".replace(",", " ")
-    assert f"{whole} pulses while cutting" in texts(pulses.draw, full_run_file)
+    assert f"{whole} pulses while cutting" in texts("pulses", full_run_file)
 
 
 def test_classes_are_told_apart_without_colours(tmp_path: Path) -> None:
     writer = made_up.new_run(tmp_path)
     made_up.blocks(writer, 0.0, (5, 13, 1, 1), 3000.0, 1000)
     made_up.cut(writer, 0.0)
-    with open_run(writer.finish("done", 0)) as run, house_style():
-        shares, rare, totals = pulses.draw(run).axes
-        hatches = [{patch.get_hatch() for patch in axes.patches} for axes in (shares, totals)]
-        assert [len(found) for found in hatches] == [4, 4]
-        assert len({str(patch.get_linestyle()) for patch in rare.patches}) == 2
+    shares, rare, totals = drawn("pulses", writer.finish("done", 0)).axes
+    hatches = [{patch.get_hatch() for patch in axes.patches} for axes in (shares, totals)]
+    assert [len(found) for found in hatches] == [4, 4]
+    assert len({str(patch.get_linestyle()) for patch in rare.patches}) == 2
 
 
 def test_a_run_that_does_not_jump_says_why(tmp_path: Path) -> None:
     for mode, why in (("off", "jump.mode"), ("fixed", "before the first")):
         writer = made_up.new_run(tmp_path, {"jump": {"mode": mode}}, f"{mode}.h5")
         made_up.cut(writer, 0.0)
-        assert why in nothing(jumps.draw, writer.finish("done", 0))
+        assert why in why_not("jumps", writer.finish("done", 0))
 
 
 def test_a_line_is_broken_between_cuts_and_keeps_its_extremes(tmp_path: Path) -> None:
@@ -316,3 +296,58 @@ def test_a_running_mean_is_that_of_the_last_seconds() -> None:
     assert mean[549] == pytest.approx(0.5, abs=0.02)
     assert mean[599] == pytest.approx(1.0, abs=0.02)
     assert np.isnan(mean[-1])
+
+
+def write_waveforms(folder: Path, *, fault: bool, begin_s: float = 0.0, end_s: float = 0.04) -> Path:
+    time_s = np.arange(begin_s, end_s, 1e-6)
+    on = (time_s % 5e-4) < 1.5e-4
+    rows: list[Any] = [WaveformBatch(100.0 + time_s, np.where(on, 22.0, 0.0), np.where(on, 0.12, 0.0))]
+    if fault:
+        state = np.array([RecordedState.MACHINING, RecordedState.FAULT], np.uint8)
+        signals = replace(made_up.a_cut(0.02), state=state)
+        rows.append(replace(signals.block(), time_s=np.array([100.0, 100.032])))
+    return made_up.finished(folder, *rows)
+
+
+def test_waveforms_are_counted_from_the_fault(tmp_path: Path) -> None:
+    path = write_waveforms(tmp_path, fault=True)
+    figure = drawn("waveforms", path)
+    whole, detail = figure.axes[1], figure.axes[3]
+    assert whole.get_xlim() == pytest.approx((-32.0, 8.0), abs=0.05)
+    assert detail.get_xlim() == pytest.approx((-4.0, 1.0), abs=0.05)  # 8 periods before, 2 after
+    assert {"fault", "voltage (V)", "current (A)", "time after the fault (ms)"} <= texts("waveforms", path)
+    assert not overlaps(figure)
+    assert width_mm(figure) == pytest.approx(85.0, abs=0.2)
+
+
+def test_waveforms_of_a_short_memory_are_drawn_as_far_as_they_go(tmp_path: Path) -> None:
+    path = write_waveforms(tmp_path, fault=True, begin_s=0.031, end_s=0.03225)
+    figure = drawn("waveforms", path)
+    for axes in (figure.axes[1], figure.axes[3]):  # two pulses before and half a period after
+        assert axes.get_xlim() == pytest.approx((-1.0, 0.25), abs=0.01)
+    assert "fault" in texts("waveforms", path)
+    assert not overlaps(figure)
+
+
+def test_no_plateau_of_a_waveform_is_above_every_number_of_its_axis(faulted_run_file: Path) -> None:
+    for axes in drawn("waveforms", faulted_run_file).axes:
+        ticks = axes.get_yticks()
+        assert ticks[-1] >= max(data(line)[1].max() for line in axes.get_lines()[:1])
+        low, high = axes.get_ylim()
+        assert sum(low <= tick <= high for tick in ticks) >= 3
+
+
+def test_the_pulses_of_a_real_short_end_at_the_fault(faulted_run_file: Path) -> None:
+    figure = drawn("waveforms", faulted_run_file)
+    time_ms, current_a = data(figure.axes[3].get_lines()[0])
+    # 120 mA in a plain discharge, and more in a short
+    assert current_a[time_ms < 0.0].max() > 0.1
+    assert current_a[time_ms > 0.1].max() < 0.01
+    assert not overlaps(figure)
+
+
+def test_waveforms_without_a_known_fault_are_counted_from_their_end(tmp_path: Path) -> None:
+    path = write_waveforms(tmp_path, fault=False)
+    figure = drawn("waveforms", path)
+    assert figure.axes[1].get_xlim()[1] == pytest.approx(0.0, abs=0.05)
+    assert "fault" not in texts("waveforms", path)

@@ -263,7 +263,7 @@ class _Batch:
             output_files.write(table, csv_of(self._summaries()))
             self._outcome.show(f"Table {table}")
         if figure is not None:
-            from edmctl.report.figures.sweep import draw_cases
+            from edmctl.report.figures.runs import draw_cases
             from edmctl.report.style import house_style, rendered
 
             with house_style():

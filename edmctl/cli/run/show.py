@@ -182,11 +182,11 @@ def compare(outcome: Outcome, files: FilesArgument, out: FigureOption = None) ->
 
 
 def _drawn(runs: "list[RunFile]", out: Path) -> bytes:
-    from edmctl.report.figures.comparison import draw
+    from edmctl.report.figures.runs import draw_runs
     from edmctl.report.style import house_style, rendered
 
     with house_style():
-        return rendered(draw(runs, [letter(number) for number in range(len(runs))]), out.suffix.lower())
+        return rendered(draw_runs(runs, [letter(number) for number in range(len(runs))]), out.suffix.lower())
 
 
 @command("run recover")

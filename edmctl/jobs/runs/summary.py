@@ -12,7 +12,7 @@ from edmctl.record.create import NO_EXIT_CODE
 from edmctl.record.events import error_code_of
 from edmctl.record.layout import TOUCHES
 from edmctl.record.reader import RunFile
-from edmctl.record.run_index import estimated_depth, status_of
+from edmctl.record.run_index import estimated_depth, sites_of, status_of
 from edmctl.results.run_file import FileEvent, JumpTimes, RunSummary, Sentence
 from edmctl.wording import plain_number
 
@@ -29,9 +29,7 @@ WARNING_LEVEL = 2
 
 def summary_of(opened: RunFile) -> RunSummary:
     """Read the summary of an open run file, also of one without an end."""
-    from edmctl.report.numbers import numbers_of
-
-    numbers, events = numbers_of(opened), events_of(opened)
+    sites, events = sites_of(opened), events_of(opened)
     summary = opened.summary()
     exit_code = int(opened.number("/entry/exit_code"))
     sentences = sentences_of(opened)
@@ -55,13 +53,13 @@ def summary_of(opened: RunFile) -> RunSummary:
         simulated=opened.is_simulated,
         seed=opened.seed,
         time_s=_time_s(opened, summary, events),
-        machining_time_s=numbers.total("machining_time_s"),
+        machining_time_s=sites.total("machining_time_s"),
         earlier_time_s=opened.number("/entry/parent_time"),
         pause_s=plain_number((summary or {}).get("pause_s", 0.0)),
-        sites=numbers.sites,
+        sites=sites,
         est_depth_um=estimated.depth_um,
         est_depth_u95_um=estimated.depth_u95_um,
-        totals=numbers.totals,
+        totals=sites.totals,
         jumps=jumps_of(events),
         touches=tuple(_touches(opened)),
         moments=tuple(sentence for sentence in sentences if sentence.code in TIME_LINE),

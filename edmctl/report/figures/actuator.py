@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
-from edmctl.report import style
+from edmctl.report import panels, style
 from edmctl.report.kinds import suffix_of
 from edmctl.report.signals import POINTS, broken
 from edmctl.report.style import BLACK, BLUE, COLUMN_MM, DASHED, GREY, PAGE_MM, VERMILION
@@ -83,7 +83,7 @@ def draw_paper(trials: Sequence[PaperTrial], name: str, words: str = "") -> byte
 
 def _file(figure: Figure, name: str, words: str) -> bytes:
     if words:
-        style.mark_below(figure, words)
+        panels.mark_below(figure, words)
     return style.rendered(figure, suffix_of(name))
 
 
@@ -94,10 +94,10 @@ def _columns(
     count = len(titles)
     widths = (1.0,) * count
     more_mm = 3.0 * max(title.count("\n") for title in titles)
-    blocks = [style.Block("time (s)", y, widths, share_y=True, above_mm=more_mm)]
+    blocks = [panels.Block("time (s)", y, widths, share_y=True, above_mm=more_mm)]
     if loop:
-        blocks.append(style.Block("voltage (V)", loop, widths, share_y=True))
-    figure, axes = style.panels(*blocks, width_mm=COLUMN_MM if count == 1 else PAGE_MM, gap_mm=GAP_MM)
+        blocks.append(panels.Block("voltage (V)", loop, widths, share_y=True))
+    figure, axes = panels.panels(*blocks, width_mm=COLUMN_MM if count == 1 else PAGE_MM, gap_mm=GAP_MM)
     for one, title in zip(axes, titles, strict=False):
         one.set_title(title, pad=2.0)
     return figure, [axes[column::count] for column in range(count)]
@@ -116,21 +116,21 @@ def _figure(trials: Sequence[Trial]) -> Figure:
     )
     for trial, (voltage, displacement, error, own_error) in zip(trials, columns, strict=True):
         t_s = trial.t_s
-        style.draw_envelope(voltage, broken(t_s, trial.applied_v), 1.0, BLACK, width=0.7)
-        style.draw_envelope(displacement, broken(t_s, trial.truth_um), 1.0, GREY, "truth", 2.4)
+        panels.draw_envelope(voltage, broken(t_s, trial.applied_v), 1.0, BLACK, width=0.7)
+        panels.draw_envelope(displacement, broken(t_s, trial.truth_um), 1.0, GREY, "truth", 2.4)
         for values_um, colour, label, dash in (
             (trial.paper_um, VERMILION, "Maxwell, no creep", DASHED),
             (trial.ours_um, BLUE, "edmctl", "-"),
         ):
-            style.draw_envelope(displacement, broken(t_s, values_um), 1.0, colour, label, dash=dash)
-            style.draw_envelope(error, broken(t_s, values_um - trial.truth_um), 1.0, colour, dash=dash)
-        style.draw_envelope(own_error, broken(t_s, trial.ours_um - trial.truth_um), 1.0, BLUE)
+            panels.draw_envelope(displacement, broken(t_s, values_um), 1.0, colour, label, dash=dash)
+            panels.draw_envelope(error, broken(t_s, values_um - trial.truth_um), 1.0, colour, dash=dash)
+        panels.draw_envelope(own_error, broken(t_s, trial.ours_um - trial.truth_um), 1.0, BLUE)
         for axes in (error, own_error):
             axes.axhline(0.0, color=BLACK, linewidth=0.4)
             axes.margins(y=0.12)
         own_error.locator_params(axis="y", nbins=5)
         _limit(own_error, t_s)
-    style.shared_legend(figure, [columns[0][1]], ncols=3)
+    panels.shared_legend(figure, [columns[0][1]], ncols=3)
     return figure
 
 
@@ -142,12 +142,12 @@ def _paper_figure(trials: Sequence[PaperTrial]) -> Figure:
     )
     for trial, (voltage, displacement, error, *below) in zip(trials, columns, strict=True):
         t_s = trial.t_s
-        style.draw_envelope(voltage, broken(t_s, trial.applied_v), 1.0, BLACK, width=0.7)
-        style.draw_envelope(displacement, broken(t_s, trial.sensor_um), 1.0, GREY, "sensor", 2.2)
-        style.draw_envelope(
+        panels.draw_envelope(voltage, broken(t_s, trial.applied_v), 1.0, BLACK, width=0.7)
+        panels.draw_envelope(displacement, broken(t_s, trial.sensor_um), 1.0, GREY, "sensor", 2.2)
+        panels.draw_envelope(
             displacement, broken(t_s, trial.model_um), 1.0, VERMILION, "model of the paper", dash=DASHED
         )
-        style.draw_envelope(error, broken(t_s, trial.model_um - trial.sensor_um), 1.0, VERMILION, width=0.6)
+        panels.draw_envelope(error, broken(t_s, trial.model_um - trial.sensor_um), 1.0, VERMILION, width=0.6)
         error.axhline(0.0, color=BLACK, linewidth=0.4)
         for mark in trial.marks:
             _draw_mark(error, mark)
@@ -158,7 +158,7 @@ def _paper_figure(trials: Sequence[PaperTrial]) -> Figure:
                 _draw_loop(axes, trial)
             else:
                 axes.set_axis_off()
-    style.shared_legend(figure, [columns[0][1], *(column[2] for column in columns)], ncols=4)
+    panels.shared_legend(figure, [columns[0][1], *(column[2] for column in columns)], ncols=4)
     return figure
 
 

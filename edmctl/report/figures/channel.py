@@ -19,7 +19,7 @@ from edmctl.array_types import Array, Flags
 from edmctl.dataclasses import dataclass
 from edmctl.record.reader import RunFile
 from edmctl.record.rows import TruthMap
-from edmctl.report import style
+from edmctl.report import panels, style
 from edmctl.report.removal import along, lengths_um, planned_path
 from edmctl.report.style import BLACK, BLUE, GREY, VERMILION, NothingToDraw
 from edmctl.wording import plain_number
@@ -74,7 +74,7 @@ class Channel:
         return Normalize(-span_um, span_um)
 
 
-def draw(run: RunFile) -> Figure:
+def draw_channel(run: RunFile) -> Figure:
     """Draw the channel; depths are below the face that was touched, or of the truth. Raises NothingToDraw."""
     path_um = planned_path(run)
     if path_um is None:
@@ -106,14 +106,14 @@ def draw(run: RunFile) -> Figure:
 
 def channel_figure(channel: Channel) -> Figure:
     """Draw the figure, 180 mm wide, within `house_style()`."""
-    figure, (left, right) = style.panels(
-        style.Block("x (µm)", {"y (µm)": 2.4}, (1.15, 1.0)),
+    figure, (left, right) = panels.panels(
+        panels.Block("x (µm)", {"y (µm)": 2.4}, (1.15, 1.0)),
         width_mm=style.PAGE_MM,
-        gap_mm=style.LEFT_MM + BAR_MM,
+        gap_mm=panels.LEFT_MM + BAR_MM,
     )
     _draw_map(left, channel)
     _draw_floor(right, channel)
-    style.shared_legend(figure, (left, right), ncols=3)
+    panels.shared_legend(figure, (left, right), ncols=3)
     return figure
 
 
@@ -122,11 +122,11 @@ def _draw_map(axes: Axes, channel: Channel) -> None:
     axes.plot(*channel.path_um.T, color=BLACK, label="planned path of the tool's axis", path_effects=outline)
     axes.plot(*channel.path_um[0], "o", color=BLACK, markersize=3.5, label="start", path_effects=outline)
     if channel.work is not None:
-        style.add_colours(
+        panels.add_colours(
             axes, _draw_work(axes, channel, channel.work), "depth − target, simulated truth (µm)"
         )
     elif len(channel.touched):
-        style.add_colours(axes, _draw_touches(axes, channel), "depth − target, touched (µm)")
+        panels.add_colours(axes, _draw_touches(axes, channel), "depth − target, touched (µm)")
     axes.set_aspect("equal")
     axes.locator_params(nbins=6)
     axes.grid(visible=False)
@@ -187,7 +187,7 @@ def _draw_floor(axes: Axes, channel: Channel) -> None:
         known = np.isfinite(channel.touched_u95_um)
         label = "touched by the tool" + (", 95 % of the mean" if known else "")
         u95_um = channel.touched_u95_um if known else None
-        style.draw_points(axes, s_um / 1000.0, depth_um, u95_um, VERMILION, label=label)
+        panels.draw_points(axes, s_um / 1000.0, depth_um, u95_um, VERMILION, label=label)
     all_um, edge_um = np.concatenate(drawn_um), 0.1 * BAND_TOLERANCES * tolerance_um
     axes.set_ylim(float(all_um.max()) + edge_um, float(all_um.min()) - edge_um)  # deep is down
     axes.set_xlim(0.0, float(lengths_um(channel.path_um)[-1]) / 1000.0)

@@ -12,10 +12,10 @@ from edmctl.array_types import Array
 from edmctl.record import layout
 from edmctl.record.reader import RunFile
 from edmctl.record.run_index import has_sensor
-from edmctl.report import style
+from edmctl.report import panels
 from edmctl.report.removal import KnownDepth, hole_starts_s, known_depths
 from edmctl.report.signals import MEAN_S, broken, floats, running_mean
-from edmctl.report.style import BLACK, BLUE, GREY, VERMILION, NothingToDraw
+from edmctl.report.style import BLACK, BLUE, DASHED, GREY, VERMILION, Dash, NothingToDraw, time_unit
 
 COLUMNS = ("time", "est_depth", "est_depth_u95", "est_wear", "est_wear_u95", "feed_um_s")
 USUAL_PERCENT, HEADROOM = 90.0, 1.6
@@ -26,18 +26,18 @@ FAR = 3.0
 """A target so many times as deep as what was drawn is written, not drawn."""
 
 
-def draw(run: RunFile) -> Figure:
+def draw_erosion(run: RunFile) -> Figure:
     """Draw the estimates of each hole from 0 on, its measured values at the times of their touches, and the feed."""
     rows = floats(run, layout.SLOW.path, COLUMNS)
     if not np.isfinite(rows["est_depth"]).any():
         raise NothingToDraw("Nothing was cut: the run ended before its first cut.")
     has_feed = bool(np.isfinite(rows["feed_um_s"]).any())
-    per_s, label = style.time_unit(float(rows["time"][-1]))
+    per_s, label = time_unit(float(rows["time"][-1]))
     feed = {f"feed rate, mean\nof {MEAN_S:g} s (µm/s)": 0.8} if has_feed else {}
-    figure, axes = style.panels(style.Block(label, {"depth and wear (µm)": 1.5, **feed}))
+    figure, axes = panels.panels(panels.Block(label, {"depth and wear (µm)": 1.5, **feed}))
     erosion = axes[0]
     _draw_estimate(erosion, rows, "depth", per_s, BLUE, "-")
-    _draw_estimate(erosion, rows, "wear", per_s, VERMILION, style.DASHED)
+    _draw_estimate(erosion, rows, "wear", per_s, VERMILION, DASHED)
     _draw_known(erosion, known_depths(run, hole_starts_s(run)), per_s, sensor=has_sensor(run))
     _draw_target(erosion, run)
     erosion.set_ylim(bottom=min(0.0, erosion.get_ylim()[0]))
@@ -45,12 +45,12 @@ def draw(run: RunFile) -> Figure:
         _draw_feed(axes[1], rows, per_s, label)
     else:
         erosion.set_title("no feed rate: the tool was fed by layers", loc="left", pad=2.0)
-    style.shared_legend(figure, [erosion])
+    panels.shared_legend(figure, [erosion])
     return figure
 
 
 def _draw_estimate(
-    axes: Axes, rows: dict[str, Array], name: str, per_s: float, colour: str, dash: style.Dash
+    axes: Axes, rows: dict[str, Array], name: str, per_s: float, colour: str, dash: Dash
 ) -> None:
     """Draw an estimate with its 95 % interval; files of older versions have none of wear."""
     value_um, u95_um = rows[f"est_{name}"], rows[f"est_{name}_u95"]
@@ -90,9 +90,9 @@ def _draw_known(axes: Axes, known: Sequence[KnownDepth], per_s: float, *, sensor
             if values:
                 time, value_um, u95_um = np.array(values).T
                 # Older files have no interval for what was not the last measurement.
-                style.draw_points(
-                    axes, time, value_um, np.nan_to_num(u95_um), colour, full=touched, bars=BLACK,
-                    marker=mark, size=size, label=words.format(name),
+                panels.draw_points(
+                    axes, time, value_um, np.nan_to_num(u95_um), colour, full=touched, marker=mark,
+                    size=size, label=words.format(name),
                 )  # fmt: skip
 
 
@@ -106,7 +106,7 @@ def _draw_target(axes: Axes, run: RunFile) -> None:
     target_um = float(value_um)
     label = f"sheet {target_um:g} µm thick" if through else f"target {target_um:g} µm"
     if target_um > FAR * axes.get_ylim()[1]:
-        style.note_above(axes, f"{label}, far above")
+        panels.note_above(axes, f"{label}, far above")
     else:
         axes.axhline(target_um, color=GREY, linestyle=(0, (1, 1.5)), label=label)
 
@@ -114,12 +114,12 @@ def _draw_target(axes: Axes, run: RunFile) -> None:
 def _draw_feed(axes: Axes, rows: dict[str, Array], per_s: float, label: str) -> None:
     """Draw the feed rate; the highest, of a tool closing on its gap, is cut off and written with its time."""
     mean_um_s = running_mean(rows["time"], rows["feed_um_s"])
-    style.draw_envelope(axes, broken(rows["time"], mean_um_s), per_s, BLACK)
+    panels.draw_envelope(axes, broken(rows["time"], mean_um_s), per_s, BLACK)
     highest, usual = (float(np.nanpercentile(mean_um_s, share)) for share in (100.0, USUAL_PERCENT))
     if highest > HEADROOM * usual > 0.0:
         axes.set_ylim(min(0.0, float(np.nanmin(mean_um_s))), HEADROOM * usual)
         at = float(rows["time"][np.nanargmax(mean_um_s)]) / per_s
         unit = label.partition("(")[2].rstrip(")")
-        style.note_above(axes, f"up to {highest:.2g} µm/s at {at:.3g} {unit}, cut off")
+        panels.note_above(axes, f"up to {highest:.2g} µm/s at {at:.3g} {unit}, cut off")
     else:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))

@@ -12,6 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from edmctl.report.panels import (
+    draw_points,
+    legend_above,
+    letter_panels,
+    new_figure,
+    plain_log_ticks,
+    shared_legend,
+)
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -26,12 +34,6 @@ from edmctl.report.style import (
     SKY,
     VERMILION,
     NothingToDraw,
-    draw_points,
-    legend_above,
-    letter_panels,
-    new_figure,
-    plain_log_ticks,
-    shared_legend,
 )
 from edmctl.study.report.words import factor_label, in_order, level_text, wanted
 from edmctl.study.results import Choice, FactorInfo, ResponseInfo, RunKind, StudyPlan, StudyRun
