@@ -113,11 +113,8 @@ def run_folder(folder: Path) -> Check:
     while not place.exists() and place != place.parent:
         place = place.parent
     if not (place.is_dir() and os.access(place, os.W_OK | os.X_OK)):
-        return fail(
-            "run folder",
-            f"{folder} cannot be written.",
-            "Name another folder with --out, or allow writing there.",
-        )
+        fix = "Name another folder with --out, or allow writing there."
+        return fail("run folder", f"{folder} cannot be written.", fix)
     free_bytes = shutil.disk_usage(place).free
     told = f"{folder}: {free_bytes / 1e9:.1f} GB free"
     if free_bytes < LEAST_FREE_BYTES:
@@ -130,11 +127,10 @@ def run_folder(folder: Path) -> Check:
 def load(checks: Checks, path: Path | None) -> Setup:
     """Read the setup; return the default if it cannot be read."""
     try:
-        setup = load_setup(path)
+        return load_setup(path)
     except EdmError as error:
         checks.fail("setup", error)
         return Setup()
-    return setup
 
 
 def setup_used(setup: Setup) -> Check:
@@ -146,12 +142,11 @@ def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str
     """Whether the calibration that a job would use is there, can be read, and is of this machine."""
     fresh = not where_is(port or None, setup).lasting
     path = find_calibration(None, environ, setup.actuator.calibration, None if fresh else serial)
+    remedy = f"Run `{on_machine('edmctl calibrate', port)}`."
     if fresh:
         # It is the same machine again only with its seed, which its number tells.
         seed = serial.removeprefix("SIM-")
         remedy = f"Run `edmctl calibrate --seed {seed}`, and name its file with --calibration."
-    else:
-        remedy = f"Run `{on_machine('edmctl calibrate', port)}`."
     if path is None:
         none = "None is named" if fresh else f"None of {serial}"
         if setup.sensor.fitted:
@@ -173,28 +168,18 @@ def line_settings(selector: str | None, sys: Path = _SYS, proc: Path = _PROC) ->
     device = os.path.realpath(selector or "")
     if selector is None or not device.startswith("/dev/") or not is_adapter(device):
         return ()
-    checks: list[Check] = []
+    checks = []
     latency = sys / "bus" / "usb-serial" / "devices" / Path(device).name / "latency_timer"
     with suppress(OSError, ValueError):
         wait_ms = int(latency.read_text())
-        if wait_ms > LOW_LATENCY_MS:
-            checks.append(
-                warn(
-                    "latency timer",
-                    f"The adapter keeps bytes back for {wait_ms} ms.",
-                    f"Install the udev rule of docs/, or `echo {LOW_LATENCY_MS} | sudo tee {latency}`.",
-                )
-            )
-        else:
-            checks.append(ok("latency timer", f"{wait_ms} ms"))
+        told = f"The adapter keeps bytes back for {wait_ms} ms."
+        fix = f"Install the udev rule of docs/, or `echo {LOW_LATENCY_MS} | sudo tee {latency}`."
+        is_slow = wait_ms > LOW_LATENCY_MS
+        checks.append(warn("latency timer", told, fix) if is_slow else ok("latency timer", f"{wait_ms} ms"))
     if _runs("ModemManager", proc):
-        checks.append(
-            warn(
-                "ModemManager",
-                "ModemManager runs; it sends AT commands into a port that has just been plugged in.",
-                "Install the udev rule of docs/, or `sudo systemctl disable --now ModemManager`.",
-            )
-        )
+        told = "ModemManager runs; it sends AT commands into a port that has just been plugged in."
+        fix = "Install the udev rule of docs/, or `sudo systemctl disable --now ModemManager`."
+        checks.append(warn("ModemManager", told, fix))
     return checks
 
 
@@ -227,8 +212,13 @@ def look(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     machine.rest(SETTLED_S)
     before = machine.link_report()
     checks.add(*_identity(machine), _round_trip(machine), _samples(machine), _line(machine, before))
-    status = machine.status()
-    checks.add(*_interlocks(status), _fault(machine), _actuator(status), _sensor(status, setup))
+    status, latched = machine.status(), machine.latched_fault()
+    for bit, (name, words, fix) in INTERLOCKS.items():
+        name = f"interlock {name}"
+        is_open = bit in status.interlocks
+        checks.add(fail(name, f"Open: {words}.", fix) if is_open else ok(name, "closed"))
+    checks.add(fail("fault", latched.message, latched.hint) if latched else ok("fault", "none latched"))
+    checks.add(_actuator(status), _sensor(status, setup))
     place = f"{coordinates(status.x_um, status.y_um, 1)}, {status.theta_deg:g}°"
     checks.add(ok("stages", f"counted at {place}; the controller cannot measure where they are"))
     checks.add(ok("dielectric", f"{decimal(status.temperature_c, 1)} °C, {status.flow_lpm:.2f} L/min"))
@@ -238,13 +228,8 @@ def test_sensors(checks: Checks, machine: LinkMachine, setup: Setup) -> None:
     """Arm, test the gap sensor and disarm; refused unless the machine is idle. Raises LinkLost."""
     state = machine.status().state
     if state is not MachineState.IDLE:
-        checks.add(
-            fail(
-                "gap sensor",
-                f"Not tested: the controller is in state {state.name}.",
-                "Let the other program end, or clear the fault with `edmctl reset`.",
-            )
-        )
+        fix = "Let the other program end, or clear the fault with `edmctl reset`."
+        checks.add(fail("gap sensor", f"Not tested: the controller is in state {state.name}.", fix))
         return
     on_us, off_us = 100.0, 100.0 / GAP_DUTY - 100.0
     pulses = PulseSettings(on_us, off_us, GAP_V, 0.1, PulseMode.ISOFREQUENCY, 0.0)
@@ -276,13 +261,14 @@ def _identity(machine: LinkMachine) -> list[Check]:
     checks = [ok("controller", told), ok("schema", f"0x{SCHEMA_HASH:08X} on both sides")]
     if not identity.simulated:
         checks.append(_firmware(hello, identity.transport))
-    cause = f"boot {hello.boot_count}, {_name(hello.reset_cause)}"
+    cause = f"reset cause {hello.reset_cause}"
+    with suppress(ValueError):
+        cause = ResetCause(hello.reset_cause).name.lower().replace("_", " ")
+    told = f"boot {hello.boot_count}, {cause}"
     if hello.reset_cause in (ResetCause.WATCHDOG, ResetCause.BROWN_OUT):
         fix = "Look for a weak 5 V supply, a loose plug or a relay on the same supply."
-        checks.append(warn("start", f"{cause}: the controller restarted by itself.", fix))
-    else:
-        checks.append(ok("start", cause))
-    return checks
+        return [*checks, warn("start", f"{told}: the controller restarted by itself.", fix)]
+    return [*checks, ok("start", told)]
 
 
 def _firmware(hello: HelloReply, port: str) -> Check:
@@ -298,24 +284,16 @@ def _firmware(hello: HelloReply, port: str) -> Check:
     if runs == builds:
         return ok("firmware", f"{dotted(runs)} of {board.title}, that of this edmctl")
     if runs > builds:
-        return warn(
-            "firmware", f"{dotted(runs)}, newer than the {dotted(builds)} of this edmctl.", "Update edmctl."
-        )
+        told = f"{dotted(runs)}, newer than the {dotted(builds)} of this edmctl."
+        return warn("firmware", told, "Update edmctl.")
     fix = f"`edmctl firmware build --board {board.name}`, `edmctl firmware flash edmctl-{board.name}.bin"
     fix += f" --port {port}`."
     return warn("firmware", f"{dotted(runs)}, older than the {dotted(builds)} of this edmctl.", fix)
 
 
-def _name(reset_cause: int) -> str:
-    try:
-        return ResetCause(reset_cause).name.lower().replace("_", " ")
-    except ValueError:
-        return f"reset cause {reset_cause}"
-
-
 def _round_trip(machine: LinkMachine) -> Check:
     """Return the round trip of a command; a slow one is no fault of a virtual machine, which waits for its host."""
-    times_s, port = [], machine.identity.transport
+    times_s = []
     for _ in range(QUESTIONS):
         start_s = time.perf_counter()
         machine.status()
@@ -323,18 +301,17 @@ def _round_trip(machine: LinkMachine) -> Check:
     times_s.sort()
     p50_s, p99_s = times_s[QUESTIONS // 2], times_s[QUESTIONS - 2]
     told = f"{1e3 * p50_s:.2f} ms, {1e3 * p99_s:.2f} ms at the 99th percentile of {QUESTIONS}"
-    if p99_s > SLOW_S and not machine.identity.simulated:
-        fix = "Close what keeps the computer busy"
-        fix += "; on an FTDI adapter set its latency timer to 1 ms." if is_adapter(port) else "."
-        return warn("round trip", f"{told}.", fix)
-    return ok("round trip", told)
+    if p99_s <= SLOW_S or machine.identity.simulated:
+        return ok("round trip", told)
+    adapter = is_adapter(machine.identity.transport)
+    timer = "; on an FTDI adapter set its latency timer to 1 ms." if adapter else "."
+    return warn("round trip", f"{told}.", f"Close what keeps the computer busy{timer}")
 
 
 class _Counted(SampleListener):
     """A listener that counts samples."""
 
-    def __init__(self) -> None:
-        self.samples = 0
+    samples = 0
 
     def telemetry(self, block: TelemetryBlock) -> None:
         self.samples += len(block.time_s)
@@ -347,11 +324,10 @@ def _samples(machine: LinkMachine) -> Check:
     machine.rest(SAMPLED_S)
     machine.stop_telemetry()
     told = f"{counted.samples} of {wanted} in {SAMPLED_S:g} s"
-    if counted.samples < SAMPLES_SHARE * wanted:
-        fix = "See that no other program reads the port, then restart the controller; without samples no job "
-        fix += f"continues. {stages_by_hand()}"
-        return fail("samples", f"Only {told} came.", fix)
-    return ok("samples", told)
+    if counted.samples >= SAMPLES_SHARE * wanted:
+        return ok("samples", told)
+    fix = "See that no other program reads the port, then restart the controller; without samples no job "
+    return fail("samples", f"Only {told} came.", f"{fix}continues. {stages_by_hand()}")
 
 
 def _line(machine: LinkMachine, before: LinkReport) -> Check:
@@ -364,34 +340,18 @@ def _line(machine: LinkMachine, before: LinkReport) -> Check:
         f"{report.frames_sent} frames out, {report.frames_received} in; damaged {here} here and {there} there, "
         f"{repeated} repeated"
     )
-    if here or there or repeated:
-        fix = (
-            "Lay the cable away from the generator, use a shielded one with a ferrite, and check the ground."
-        )
-        return warn("line", f"{told}.", fix)
-    return ok("line", told)
-
-
-def _interlocks(status: MachineStatus) -> list[Check]:
-    return [
-        fail(f"interlock {name}", f"Open: {words}.", fix)
-        if bit in status.interlocks
-        else ok(f"interlock {name}", "closed")
-        for bit, (name, words, fix) in INTERLOCKS.items()
-    ]
-
-
-def _fault(machine: LinkMachine) -> Check:
-    latched = machine.latched_fault()
-    return fail("fault", latched.message, latched.hint) if latched else ok("fault", "none latched")
+    if not (here or there or repeated):
+        return ok("line", told)
+    fix = "Lay the cable away from the generator, use a shielded one with a ferrite, and check the ground."
+    return warn("line", f"{told}.", fix)
 
 
 def _actuator(status: MachineStatus) -> Check:
     told = f"{decimal(status.actuator_v)} V commanded, the monitor shows {decimal(status.monitor_v)} V"
-    if abs(status.monitor_v - status.actuator_v) > FOLLOWS_V:
-        fix = "Switch the amplifier on, and check its cable to the actuator and its monitor output."
-        return fail("actuator", f"{told}.", fix)
-    return ok("actuator", told)
+    if abs(status.monitor_v - status.actuator_v) <= FOLLOWS_V:
+        return ok("actuator", told)
+    fix = "Switch the amplifier on, and check its cable to the actuator and its monitor output."
+    return fail("actuator", f"{told}.", fix)
 
 
 def _sensor(status: MachineStatus, setup: Setup) -> Check:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import Diagnostic, ProfileError
+from edmctl.errors import Diagnostic, PreconditionError, ProfileError
 from edmctl.failures import Code
 from edmctl.files import user_path
 from edmctl.jobs.corrections import look_at_named, refuse_unasked
@@ -131,6 +131,20 @@ class Resumption:
             allow_model=job.allow_model,
             wait_s=wait_s,
         )
+
+    def changed(self, what: str, which: str, how: str) -> PreconditionError:
+        """Return the error E8053 of a profile or setup that is not the run's own."""
+        remedy = "It has cut nothing: start a new job, without --resume."
+        if self.state.has_cut:
+            remedy = f"Put back the {what} as it was on {self.job.start[:10]}; the run file holds it. "
+            remedy += "Machine it at another place or on new work."
+        return failures.job_differs(what=what, which=which, how=how, run_id=self.job.run_id, remedy=remedy)
+
+    def refuse_other_setup(self, setup: Setup) -> None:
+        """Raise PreconditionError E8053 if the setup differs from that of the interrupted run."""
+        if setup.sha256 != self.job.setup_sha256:
+            now = "" if setup.file is None else f"; {setup.file} is used now"
+            raise self.changed("setup", self.job.setup or "of the stock machine", f"has changed{now}")
 
     @property
     def left(self) -> list[str]:

@@ -1,18 +1,24 @@
-"""`edmctl machine --resume RUN`: find the run, and refuse it if job, machine, tool or stages have changed.
+"""`edmctl machine --resume RUN`: find the run.
 
-Depth and wear are measured again by contact, so they need no check.
+It is refused if job, machine, tool or stages have changed. Depth and wear are measured again by contact, so they
+need no check.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
 from edmctl import failures
-from edmctl.errors import PreconditionError, RunFileError, UsageError, stages_by_hand
+from edmctl.dataclasses import replace
+from edmctl.errors import (
+    PreconditionError,
+    RunFileError,
+    UsageError,
+    stages_by_hand,
+)
 from edmctl.files import user_path
 from edmctl.jobs.connected_machine import ConnectedMachine, Now, with_home_left
 from edmctl.jobs.plan import Plan, Resumption, check, with_resumed
@@ -20,7 +26,12 @@ from edmctl.jobs.run_header import RunName, run_path
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.procedures.job import Job, job_state
 from edmctl.profile.places import Place
-from edmctl.record.journal import SUFFIX, Journal, JournalledJob, journal_path, read_journal
+from edmctl.record.journal import (
+    SUFFIX,
+    Journal,
+    journal_path,
+    read_journal,
+)
 from edmctl.record.ledger import JobBegun, Ledger, Line, RunEnded, SiteMachined, ToolChanged
 from edmctl.wording import coordinates
 
@@ -58,16 +69,18 @@ def refuse_elsewhere(resumption: Resumption, bench: ConnectedMachine, lines: Seq
     if not same:
         raise failures.run_went_on(run_id=job.run_id)
     if virtual is not None and virtual.tool_label != resumption.state.tool:
-        raise _other_tool(
-            f"{virtual.tool_label} is in the machine; {job.run_id} had {resumption.state.tool}."
+        raise failures.tool_differs(
+            problem=f"{virtual.tool_label} is in the machine; {job.run_id} had {resumption.state.tool}."
         )
     refuse_used_tool(resumption, lines)
     if virtual is None and machine.hello.boot_count != job.boots and not resumption.homed:
-        raise _not_homed(resumption, bench)
-
-
-def _other_tool(message: str) -> PreconditionError:
-    return failures.tool_differs(problem=message)
+        status, journal = machine.status(), resumption.journal
+        here = f"{coordinates(status.x_um, status.y_um, 1)}, {status.theta_deg:g}°"
+        raise failures.controller_restarted_since_run(
+            run_id=job.run_id,
+            x_um=coordinates(journal.x_um, journal.y_um, 1),
+            stages_by_hand=stages_by_hand(f"{here}, within {HOMED_WITHIN_UM:g} µm"),
+        )
 
 
 def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
@@ -83,13 +96,17 @@ def refuse_used_tool(resumption: Resumption, lines: Iterable[Line]) -> None:
         elif not begun:
             continue
         elif isinstance(entry, ToolChanged) and entry.tool == tool:
-            raise _other_tool(f"{tool} was changed for a new one since {resumption.job.run_id}.")
+            raise failures.tool_differs(
+                problem=f"{tool} was changed for a new one since {resumption.job.run_id}."
+            )
         elif entry.tool != tool:
-            raise _other_tool(
-                f"{entry.tool} was in the machine since {resumption.job.run_id}, and not {tool}."
+            raise failures.tool_differs(
+                problem=f"{entry.tool} was in the machine since {resumption.job.run_id}, and not {tool}."
             )
         elif isinstance(entry, JobBegun) and not _was_idle(entry.run_file, lines[number + 1 :]):
-            raise _other_tool(f"{tool} has machined {entry.run_file} since {resumption.job.run_id} was left.")
+            raise failures.tool_differs(
+                problem=f"{tool} has machined {entry.run_file} since {resumption.job.run_id} was left."
+            )
 
 
 def _was_idle(run_file: str, later: Sequence[Line]) -> bool:
@@ -101,20 +118,6 @@ def _was_idle(run_file: str, later: Sequence[Line]) -> bool:
         if isinstance(entry, RunEnded):
             return entry.run_file == run_file
     return False
-
-
-def _not_homed(resumption: Resumption, bench: ConnectedMachine) -> PreconditionError:
-    status, journal = bench.machine.status(), resumption.journal
-    here = f"{coordinates(status.x_um, status.y_um, 1)}, {status.theta_deg:g}°, within {HOMED_WITHIN_UM:g} µm"
-    return failures.controller_restarted_since_run(
-        run_id=journal.job.run_id,
-        x_um=coordinates(journal.x_um, journal.y_um, 1),
-        stages_by_hand=stages_by_hand(here),
-    )
-
-
-_DONE = "done"
-_ANOTHER_PLACE = "Machine it at another place or on new work."
 
 
 def name_of_resumed(resumption: Resumption, run_id: str | None, start: datetime) -> RunName:
@@ -179,24 +182,23 @@ def checked(
     except UsageError as error:
         if error.code != "E2001":
             raise
-        raise _changed("profile", job.profile, "is not there any more", resumption) from error
+        raise resumption.changed("profile", job.profile, "is not there any more") from error
     if (job.profile_sha256, job.sim_sha256) not in plan.loaded.recipes:
-        raise _changed("profile", job.profile, "says something else by now", resumption)
-    refuse_other_setup_of_run(plan, resumption)
+        raise resumption.changed("profile", job.profile, "says something else by now")
+    resumption.refuse_other_setup(plan.setup)
     refuse_untouchable(resumption, plan)
     refuse_used_tool(resumption, Ledger.open(resumption.path.parent).lines)
     bench_file = plan.where.bench_file
     if not plan.where.lasting or (bench_file is not None and not bench_file.exists()):
-        raise _bench_gone(job, str(bench_file) if bench_file else "")
+        what = "No machine was named, and a fresh virtual one has no work that was begun"
+        remedy = f"Say --port {job.port}."
+        if bench_file is not None:
+            what = f"There is no bench {bench_file}"
+            remedy = "Name the file of that bench with --port sim:FILE."
+        raise failures.run_on_another_machine(
+            what=what, run_id=job.run_id, serial=job.serial, port=job.port, remedy=remedy
+        )
     return with_resumed(replace(plan, names_tool=False), resumption)
-
-
-def refuse_other_setup_of_run(plan: Plan, resumption: Resumption) -> None:
-    """Raise PreconditionError E8053 if the setup differs from that of the interrupted run."""
-    job = resumption.job
-    if plan.setup.sha256 != job.setup_sha256:
-        now = "" if plan.setup.file is None else f"; {plan.setup.file} is used now"
-        raise _changed("setup", job.setup or "of the stock machine", f"has changed{now}", resumption)
 
 
 def _journal_named(named: str, folder: Path) -> Path:
@@ -229,7 +231,7 @@ def _continued(path: Path) -> tuple[Path, Journal] | None:
 
 def _without_journal(path: Path) -> PreconditionError:
     run_id, folder = path.name.removesuffix(SUFFIX), path.parent
-    finished = [file for file in _run_files(run_id, folder) if _status(file) == _DONE]
+    finished = [file for file in _run_files(run_id, folder) if _status(file) == "done"]
     if finished:
         return failures.run_finished(run_id=run_id, finished=finished[-1])
     others = sorted(file.name.removesuffix(SUFFIX) for file in folder.glob(f"*{SUFFIX}"))
@@ -261,26 +263,3 @@ def _status(file: Path) -> str:
             return run.text("/entry/status")
     except (RunFileError, OSError, KeyError, ValueError, RuntimeError):
         return ""
-
-
-def _changed(what: str, which: str, how: str, resumption: Resumption) -> PreconditionError:
-    job, hint = resumption.job, "It has cut nothing: start a new job, without --resume."
-    if resumption.state.has_cut:
-        hint = f"Put back the {what} as it was on {job.start[:10]}; the run file holds it. {_ANOTHER_PLACE}"
-    return failures.job_differs(what=what, which=which, how=how, run_id=job.run_id, remedy=hint)
-
-
-def _bench_gone(job: JournalledJob, bench_file: str) -> PreconditionError:
-    if bench_file:
-        what = f"There is no bench {bench_file}"
-    else:
-        what = "No machine was named, and a fresh virtual one has no work that was begun"
-    return failures.run_on_another_machine(
-        what=what,
-        run_id=job.run_id,
-        serial=job.serial,
-        port=job.port,
-        remedy="Name the file of that bench with --port sim:FILE."
-        if bench_file
-        else f"Say --port {job.port}.",
-    )

@@ -28,7 +28,6 @@ from edmctl.jobs.corrections import Choice, DriftChoice, choose
 from edmctl.jobs.ledger.prepared_job import ledger_of
 from edmctl.jobs.ledger.tool import as_found, name_tool
 from edmctl.jobs.plan import Plan, under
-from edmctl.jobs.resume import refuse_other_setup_of_run
 from edmctl.jobs.run_header import RunName, run_meta
 from edmctl.jobs.runs.opening import on_machine
 from edmctl.jobs.surroundings import Warn
@@ -101,7 +100,7 @@ class RunContext:
             self.warn(self.plan.loaded.warnings)
         plan = self.plan
         if plan.resumed is not None:
-            refuse_other_setup_of_run(plan, plan.resumed)
+            plan.resumed.refuse_other_setup(plan.setup)
         if plan.where.lasting:
             calibrate = on_machine("edmctl calibrate", plan.where.selector)
         else:

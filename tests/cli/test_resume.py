@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import LinkLost, MachineFault
-from edmctl.jobs.checkpoint import tell_way_on
 from edmctl.jobs.connected_machine import CALENDAR, Now
+from edmctl.jobs.job import tell_way_on
 from edmctl.jobs.measure_wear import _aged
 from edmctl.jobs.resume import checked, find_run, taken_up
 from edmctl.jobs.run_header import RunName
