@@ -7,7 +7,7 @@ import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from pydantic import Field
@@ -16,7 +16,6 @@ from edmctl.actuator.acceptance import ACCEPTED_RMS_PCT, NOISY_MAX_PCT
 from edmctl.actuator.identification import Identification
 from edmctl.actuator.model import ActuatorModel
 from edmctl.actuator.validation import ErrorFigures
-from edmctl.array_types import Array
 from edmctl.files import open_regular
 from edmctl.profile.hashed_file import FileKind, HashedTable
 from edmctl.profile.tables import ONE_LINE, Line, Table, entry
@@ -157,36 +156,28 @@ class Calibration(HashedTable):
 
     def model(self) -> ActuatorModel:
         """Return the model. Raises ValueError when its arrays do not fit or it could not be inverted."""
-        return _model(self.actuator)
-
-
-def _model(written: Parameters) -> ActuatorModel:
-    def floats(values: list[float] | list[list[float]], shape: tuple[int, ...]) -> Array:
+        written = self.actuator
+        n, g, j = len(written.thresholds_v), len(written.creep_plays), len(written.time_constants_s)
+        k = len(written.rounded_um_per_v or ())
+        shapes = {
+            "thresholds_v": (n,),
+            "knots_v": (n, -1),
+            "slopes_um_per_v": (n, -1),
+            "time_constants_s": (j,),
+            "creep_um_per_v": (g, j),
+            "rounded_limits_v": (k, 2),
+            "rounded_sharpness": (k,),
+            "rounded_unloading": (k,),
+            "rounded_um_per_v": (k,),
+        }
+        values = written.model_dump() | {"lag_s": written.lag_s or 0.0}
+        values["creep_plays"] = np.array(written.creep_plays, dtype=np.int64)
         try:
-            return np.array(values, dtype=np.float64).reshape(shape)
+            for name, shape in shapes.items():
+                values[name] = np.array(values[name] or [], dtype=np.float64).reshape(shape)
         except ValueError:
             raise ValueError("the arrays of the model do not fit each other") from None
-
-    n, g, j = len(written.thresholds_v), len(written.creep_plays), len(written.time_constants_s)
-    rounded_um_per_v = written.rounded_um_per_v or []
-    k = len(rounded_um_per_v)
-    return ActuatorModel(
-        thresholds_v=floats(written.thresholds_v, (n,)),
-        knots_v=floats(written.knots_v, (n, -1)),
-        slopes_um_per_v=floats(written.slopes_um_per_v, (n, -1)),
-        creep_plays=np.array(written.creep_plays, dtype=np.int64),
-        time_constants_s=floats(written.time_constants_s, (j,)),
-        creep_um_per_v=floats(written.creep_um_per_v, (g, j)),
-        zero_um=written.zero_um,
-        delay_s=written.delay_s,
-        low_v=written.low_v,
-        high_v=written.high_v,
-        rounded_limits_v=floats(written.rounded_limits_v or [], (k, 2)),
-        rounded_sharpness=floats(written.rounded_sharpness or [], (k,)),
-        rounded_unloading=floats(written.rounded_unloading or [], (k,)),
-        rounded_um_per_v=floats(rounded_um_per_v, (k,)),
-        lag_s=written.lag_s or 0.0,
-    )
+        return ActuatorModel(**values)
 
 
 def measured_file(path: Path, samples: int, previous_v: float | None = None) -> MeasuredFile:
@@ -222,13 +213,12 @@ def calibration_of(
         or None,
         bands=Spread.model_validate(bands, from_attributes=True),
     )
-    arrays = {name: getattr(found, name) for name in Parameters.model_fields}
-    plain = {
-        name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in arrays.items()
-    }
-    absent = [name for name in plain if Parameters.model_fields[name].default is None and not plain[name]]
-    for name in absent:
-        plain[name] = None
+    plain: dict[str, Any] = {}
+    for name, info in Parameters.model_fields.items():
+        value = getattr(found, name)
+        plain[name] = value.tolist() if isinstance(value, np.ndarray) else value
+        if info.default is None and not plain[name]:
+            plain[name] = None
     beyond = len(found.rounded_um_per_v) > 0 or found.lag_s > 0.0
     return Calibration(
         schema=BEYOND_PLAYS if beyond else SCHEMA,
@@ -310,18 +300,11 @@ def contradictions(
 
 
 def _of_numbers(model: ActuatorModel) -> Iterator[str]:
-    volts = np.concatenate(
-        [
-            model.thresholds_v,
-            model.knots_v.ravel(),
-            [model.low_v, model.high_v],
-            model.rounded_limits_v.ravel(),
-            model.rounded[:, -1],
-        ],
-        dtype=np.float64,
-    )
-    if np.abs(volts).max() > MOST_V:
-        yield f"voltages up to {np.abs(volts).max():.3g} V, at most {MOST_V:g} V are used"
+    ends_v, steepest = np.array([model.low_v, model.high_v]), model.rounded[:, -1]
+    volts = (model.thresholds_v, model.knots_v, ends_v, model.rounded_limits_v, steepest)
+    most_v = max(float(np.abs(one).max(initial=0.0)) for one in volts)
+    if most_v > MOST_V:
+        yield f"voltages up to {most_v:.3g} V, at most {MOST_V:g} V are used"
     taus_s = model.time_constants_s
     if len(taus_s) and not (taus_s.min() >= LEAST_TAU_S and taus_s.max() <= MOST_TAU_S):
         yield f"time constants of {taus_s.min():.3g} s to {taus_s.max():.3g} s"
@@ -338,17 +321,17 @@ def _of_range(model: ActuatorModel) -> Iterator[str]:
     span_v = high_v - low_v
     narrow = model.high_v - model.low_v < LEAST_SPAN_SHARE * span_v
     if narrow or model.low_v < low_v - span_v or model.high_v > high_v + span_v or model.high_v <= low_v:
-        yield (
-            f"a range of {model.low_v:.4g} V to {model.high_v:.4g} V with knots from {low_v:.4g} V to {high_v:.4g} V"
-        )
+        stated = f"a range of {model.low_v:.4g} V to {model.high_v:.4g} V"
+        yield f"{stated} with knots from {low_v:.4g} V to {high_v:.4g} V"
 
 
 def _of_stroke(quality: Identification | Quality, model: ActuatorModel) -> Iterator[str]:
     """The weights give a plausible stroke, and that which is stated."""
     span_v = model.high_v - model.low_v
     swings_v = np.maximum(0.0, span_v - 2.0 * model.thresholds_v)
-    if not _is_sane(model.slopes_um_per_v) or not _is_sane(model.creep_um_per_v):
-        yield f"slopes up to {max(model.slopes_um_per_v.max(), model.creep_um_per_v.max(initial=0.0)):.3g} µm/V"
+    steepest = max(model.slopes_um_per_v.max(), model.creep_um_per_v.max(initial=0.0))
+    if not steepest <= MOST_STROKE_UM:
+        yield f"slopes up to {steepest:.3g} µm/V"
         return
     knots = np.clip(model.knots_v, model.low_v, model.high_v)
     knots[:, 0], knots[:, -1] = model.low_v, model.high_v
@@ -360,28 +343,21 @@ def _of_stroke(quality: Identification | Quality, model: ActuatorModel) -> Itera
     plain_um = float((model.slopes_um_per_v * np.maximum(reached, 0.0)).sum())
     plain_um += float(model.rounded_um_per_v @ swings_v[len(model.thresholds_v) :])
     creep_um = float((model.creep_um_per_v.sum(axis=1) * swings_v[model.creep_plays]).sum())
-    if not LEAST_STROKE_UM <= plain_um + creep_um <= MOST_STROKE_UM:
-        yield (
-            f"a stroke of {plain_um + creep_um:.3g} µm; {LEAST_STROKE_UM:g} µm to {MOST_STROKE_UM:g} µm feed a tool"
-        )
+    stroke_um, stated_um = plain_um + creep_um, quality.stroke_um
+    if not LEAST_STROKE_UM <= stroke_um <= MOST_STROKE_UM:
+        yield f"a stroke of {stroke_um:.3g} µm; {LEAST_STROKE_UM:g} µm to {MOST_STROKE_UM:g} µm feed a tool"
     elif creep_um > MOST_CREEP_SHARE * plain_um:
         yield f"{creep_um:.4g} µm of creep on {plain_um:.4g} µm without it"
-    stated_um = quality.stroke_um
-    if not plain_um / STROKE_FACTOR <= stated_um <= STROKE_FACTOR * (plain_um + creep_um):
-        yield f"a stated stroke of {stated_um:.4g} µm and weights that give {plain_um + creep_um:.4g} µm"
-
-
-def _is_sane(weights: np.ndarray) -> bool:
-    return bool(weights.max(initial=0.0) <= MOST_STROKE_UM)
+    if not plain_um / STROKE_FACTOR <= stated_um <= STROKE_FACTOR * stroke_um:
+        yield f"a stated stroke of {stated_um:.4g} µm and weights that give {stroke_um:.4g} µm"
 
 
 def _of_figures(figures: ErrorFigures | Figures, name: str) -> Iterator[str]:
     """Percentages match the lengths, and no RMS exceeds the largest error."""
-    lengths = (figures.max_um, figures.rms_um)
-    shares = (figures.max_pct, figures.rms_pct)
+    pairs = ((figures.max_pct, figures.max_um), (figures.rms_pct, figures.rms_um))
     apart = any(
-        not math.isclose(share / 100.0 * figures.range_um, length, rel_tol=ROUNDING, abs_tol=1e-9)
-        for share, length in zip(shares, lengths, strict=True)
+        not math.isclose(pct / 100.0 * figures.range_um, um, rel_tol=ROUNDING, abs_tol=1e-9)
+        for pct, um in pairs
     )
     if apart or figures.rms_um > figures.max_um * (1.0 + ROUNDING):
         yield f"errors of {name} that contradict each other"

@@ -29,24 +29,19 @@ if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
 
+_NUMBERS = "greater_than greater_than_equal less_than less_than_equal finite_number too_small_to_divide_by"
+_TEXTS = "string_too_short string_too_long string_pattern_mismatch"
 _CODES = {
     "missing": Code.MISSING_KEY,
     "union_tag_not_found": Code.MISSING_KEY,
     "extra_forbidden": Code.UNKNOWN_KEY,
     "literal_error": Code.NOT_A_CHOICE,
     "union_tag_invalid": Code.NOT_A_CHOICE,
-    "greater_than": Code.OUT_OF_RANGE,
-    "greater_than_equal": Code.OUT_OF_RANGE,
-    "less_than": Code.OUT_OF_RANGE,
-    "less_than_equal": Code.OUT_OF_RANGE,
-    "finite_number": Code.OUT_OF_RANGE,
-    "too_small_to_divide_by": Code.OUT_OF_RANGE,
     "multiple_of": Code.NOT_A_MULTIPLE,
     "file_name": Code.UNREADABLE,
-    "string_too_short": Code.OUT_OF_RANGE,
-    "string_too_long": Code.OUT_OF_RANGE,
-    "string_pattern_mismatch": Code.OUT_OF_RANGE,
+    **dict.fromkeys((*_NUMBERS.split(), *_TEXTS.split()), Code.OUT_OF_RANGE),
 }
+"""Codes by the types of pydantic's errors; the others are wrong types."""
 MOST_SHOWN = 100
 _MOST_SPECIFIC = (Code.OUT_OF_RANGE, Code.NOT_A_CHOICE)
 """Of several complaints about one value (a choice or a number), the most specific comes first."""
@@ -62,8 +57,11 @@ def schema_problems(error: ValidationError, model: type[BaseModel], data: TomlTa
         held = by_path.get(path)
         if held is None or _rank(code) < _rank(held):
             by_path[path] = code
-        if detail["type"].startswith("union_tag"):
-            by_path |= _unknown_keys(path[:-1], model, data)
+        if detail["type"].startswith("union_tag"):  # pydantic does not read a table of unknown kind
+            table, written = path[:-1], _value(data, path[:-1])
+            keys = written if isinstance(written, dict) else {}
+            unknown = [key for key in keys if key not in keys_at(model, table)]
+            by_path |= {(*table, key): Code.UNKNOWN_KEY for key in unknown}
     return by_path
 
 
@@ -89,22 +87,9 @@ def _place(diagnostic: Diagnostic) -> tuple[str, int, int]:
 def rule_diagnostics(findings: Sequence[Finding], sources: Sources) -> list[Diagnostic]:
     """One diagnostic per finding, in the order of the rules."""
     return [
-        Diagnostic(
-            code=finding.code,
-            message=finding.message,
-            hint=finding.hint,
-            where=finding.where or sources.value(finding.path),
-            is_warning=finding.is_warning,
-        )
-        for finding in findings
+        Diagnostic(one.code, one.message, one.hint, one.where or sources.value(one.path), one.is_warning)
+        for one in findings
     ]
-
-
-def _unknown_keys(table: KeyPath, model: type[BaseModel], data: TomlTable) -> dict[KeyPath, Code]:
-    """Return the unknown keys of a table whose kind is unknown, which pydantic does not read."""
-    written, known = _value(data, table), keys_at(model, table)
-    keys = written if isinstance(written, dict) else {}
-    return {(*table, key): Code.UNKNOWN_KEY for key in keys if key not in known}
 
 
 def _rank(code: Code) -> int:
@@ -134,7 +119,9 @@ def _diagnostic(
 ) -> Diagnostic:
     name = shortened(dotted(path))
     if code == Code.MISSING_KEY:
-        message, hint = f"{name} is missing", _hint_missing(path, model)
+        message, hint = f"{name} is missing", f"add the table {_header(path)}"
+        if not keys_at(model, path):
+            hint = f"add {path[-1]} to {_header(path[:-1])}: {permitted_at(model, path) or 'a value'}"
     elif code == Code.UNKNOWN_KEY:
         message, hint = f"unknown key {name}", _hint_unknown(path, model, data)
     elif code == Code.WRONG_TYPE and isinstance(_value(data, path), dict) and lists_tables(model, path):
@@ -163,25 +150,15 @@ _COMPLAINTS = {
 }
 
 
-def _hint_missing(path: KeyPath, model: type[BaseModel]) -> str:
-    what = permitted_at(model, path) or "a value"
-    if keys_at(model, path):
-        return f"add the table {_header(path)}"
-    return f"add {path[-1]} to {_header(path[:-1])}: {what}"
-
-
 def _hint_unknown(path: KeyPath, model: type[BaseModel], data: TomlTable) -> str:
     table, key = path[:-1], str(path[-1])
     known, of_any_kind = keys_of_kind(model, table, _value(data, table)), keys_at(model, table)
     if key in of_any_kind:
         return f"it does not go with this kind of {dotted(table)}: remove it, or change kind"
-    close = nearest(key, known) or nearest(key, of_any_kind)
-    if close:
-        return _hint_quantity(
-            (*table, close), model, _value(data, path), f"did you mean {close}?", split(key)[1]
-        )
-    home = table_with_key(model, key)
-    if home:
+    if close := nearest(key, known) or nearest(key, of_any_kind):
+        meant, value = (*table, close), _value(data, path)
+        return _hint_quantity(meant, model, value, f"did you mean {close}?", split(key)[1])
+    if home := table_with_key(model, key):
         return f"{key} belongs to [{home}]"
     where = _header(table) if table else "the file"
     return f"remove it; {where} may hold {', '.join(known)}"
@@ -208,9 +185,8 @@ def _hint_quantity(
     for other in [] if is_accepted and abs(number) >= 1.0 else others(unit):
         in_unit = converted(number, other, unit)
         if accepts(model, path, in_unit) and (other.scale > unit.scale or not is_accepted):
-            return (
-                f"{hint}{'' if hint.endswith('?') else ';'} {number:g} {other.symbol} is {key} = {in_unit:g}"
-            )
+            end = "" if hint.endswith("?") else ";"
+            return f"{hint}{end} {number:g} {other.symbol} is {key} = {in_unit:g}"
     return hint
 
 

@@ -3,7 +3,7 @@
 import math
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from pydantic import Field
@@ -77,36 +77,24 @@ class DriftFile(HashedTable):
     def age_s(self) -> float:
         """How long ago it was measured by the clock, s; NaN where it does not say."""
         try:
-            made = datetime.fromisoformat(self.made.utc)
-        except ValueError:
+            return (datetime.now(UTC) - datetime.fromisoformat(self.made.utc)).total_seconds()
+        except (ValueError, TypeError):  # no time, or one without a zone
             return math.nan
-        if made.tzinfo is None:
-            return math.nan
-        return (datetime.now(UTC) - made).total_seconds()
 
     def model(self) -> DriftModel:
         """Return what jobs go by. Raises ValueError where its arrays cannot be."""
         used, n = self.used, len(TIME_CONSTANTS_S)
         if tuple(used.time_constants_s) != TIME_CONSTANTS_S:
-            raise ValueError(
-                f"its time constants are not {', '.join(f'{tau:g}' for tau in TIME_CONSTANTS_S)} s"
-            )
-        try:
-            creep, covariance = np.array(used.creep), np.array(used.creep_covariance)
-        except ValueError:
-            raise ValueError("its arrays do not fit each other") from None
-        if creep.shape != (n,) or covariance.shape != (n, n):
+            wanted = ", ".join(f"{tau:g}" for tau in TIME_CONSTANTS_S)
+            raise ValueError(f"its time constants are not {wanted} s")
+        lengths = (len(used.creep), len(used.creep_covariance), *map(len, used.creep_covariance))
+        if set(lengths) != {n}:
             raise ValueError("its arrays do not fit each other")
+        creep, covariance = np.array(used.creep), np.array(used.creep_covariance)
         refuse_creep(creep, covariance)
         self._refuse_contradictions()
-        return DriftModel(
-            creep,
-            covariance,
-            used.share,
-            used.share_u,
-            used.apart_u_um_per_s,
-            used.walk_um_per_sqrt_s,
-        )
+        uncertain = used.share_u, used.apart_u_um_per_s, used.walk_um_per_sqrt_s
+        return DriftModel(creep, covariance, used.share, *uncertain)
 
     def _refuse_contradictions(self) -> None:
         """Raise ValueError if the values in use do not follow from the measured ones (`model_of`)."""
@@ -115,10 +103,8 @@ class DriftFile(HashedTable):
             raise ValueError(f"{found.touches} touches and {found.rests} rests tell no drift")
         apart_um_per_s = abs(found.touch_um_per_s - found.rest_um_per_s)
         if used.apart_u_um_per_s < (1.0 - ROUNDING) * apart_um_per_s:
-            raise ValueError(
-                f"touches have drifted by {apart_um_per_s:.3g} µm/s more or less than rests, and jobs would go by "
-                f"{used.apart_u_um_per_s:.3g} µm/s"
-            )
+            drifted = f"touches have drifted by {apart_um_per_s:.3g} µm/s more or less than rests"
+            raise ValueError(f"{drifted}, and jobs would go by {used.apart_u_um_per_s:.3g} µm/s")
         untold = used.share == 1.0 and used.share_u >= (1.0 - ROUNDING) * share_u(1.0)
         seen_um_per_s = used.share * found.rest_um_per_s
         beyond = used.share in (0.0, 1.0) and _beyond(found.touch_um_per_s, found.rest_um_per_s, used.share)
@@ -138,19 +124,15 @@ def _beyond(touch_um_per_s: float, rest_um_per_s: float, share: float) -> bool:
 
 def drift_file(made: MadeBy, result: DriftResult, model: DriftModel) -> DriftFile:
     """Turn a measurement into the content of a file."""
+    used: dict[str, Any] = {"time_constants_s": list(TIME_CONSTANTS_S)}
+    for name in Used.model_fields.keys() - used:
+        value = getattr(model, name)
+        used[name] = value.tolist() if isinstance(value, np.ndarray) else value
     return DriftFile(
         schema=SCHEMA,
         made=made,
         measured=Measured(**{name: getattr(result, name) for name in Measured.model_fields}),
-        used=Used(
-            share=model.share,
-            share_u=model.share_u,
-            apart_u_um_per_s=model.apart_u_um_per_s,
-            walk_um_per_sqrt_s=model.walk_um_per_sqrt_s,
-            time_constants_s=list(TIME_CONSTANTS_S),
-            creep=model.creep.tolist(),
-            creep_covariance=model.creep_covariance.tolist(),
-        ),
+        used=Used(**used),
     )
 
 

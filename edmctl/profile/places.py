@@ -5,7 +5,10 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
+
+from pydantic import ValidationError
 
 from edmctl.csv_text import cells_of, span_of
 from edmctl.dataclasses import dataclass, field, replace
@@ -14,6 +17,7 @@ from edmctl.failures import Code
 from edmctl.files import read_bytes, user_path
 from edmctl.profile.folders import is_file
 from edmctl.profile.model import CircleSites, GridSites, PointSite, Profile
+from edmctl.profile.tables import nearest, permitted_at
 
 MOST_PLACES = 1000  # more holes than any tool lasts for
 COLUMNS = ("name", "x_um", "y_um", "theta_deg", "depth_um")
@@ -51,15 +55,15 @@ def places(profile: Profile, base_folder: Path) -> tuple[Place, ...]:
     for entry, site in enumerate(profile.sites):
         if site.kind == "point":
             found.append(_place(site, entry, len(found) + 1))
-        elif site.kind == "grid":
-            found += _grid(site, entry)
-        elif site.kind == "circle":
-            found += _circle(site, entry)
-        else:
+        elif site.kind == "file":
             rows = read_places_file(user_path(site.path, base_folder))
+            found += [_place(row, entry, n, line) for n, (row, line) in enumerate(rows, len(found) + 1)]
+        else:
+            points = islice(_grid(site) if site.kind == "grid" else _circle(site), MOST_PLACES + 1)
+            depth_um = _or_nan(site.depth_um)
             found += [
-                replace(_place(row, entry, len(found) + number), where=line)
-                for number, (row, line) in enumerate(rows, 1)
+                Place(f"{site.name}-{number}", x_um, y_um, depth_um=depth_um, entry=entry)
+                for number, (x_um, y_um) in enumerate(points, 1)
             ]
         if len(found) > MOST_PLACES:
             message = f"the sites are more than {MOST_PLACES} places"
@@ -67,40 +71,23 @@ def places(profile: Profile, base_folder: Path) -> tuple[Place, ...]:
     return tuple(found)
 
 
-def _place(site: PointSite, entry: int, number: int) -> Place:
-    return Place(
-        name=f"site-{number}" if site.name is None else site.name,
-        x_um=site.x_um,
-        y_um=site.y_um,
-        theta_deg=site.theta_deg,
-        depth_um=_or_nan(site.depth_um),
-        entry=entry,
-    )
+def _place(site: PointSite, entry: int, number: int, where: Location | None = None) -> Place:
+    name = f"site-{number}" if site.name is None else site.name
+    return Place(name, site.x_um, site.y_um, site.theta_deg, _or_nan(site.depth_um), entry, where)
 
 
-def _grid(grid: GridSites, entry: int) -> Iterator[Place]:
-    if grid.columns * grid.rows > MOST_PLACES:
-        grid = grid.model_copy(update={"columns": MOST_PLACES + 1, "rows": 1})
+def _grid(grid: GridSites) -> Iterator[tuple[float, float]]:
     for number in range(grid.columns * grid.rows):
         row, column = divmod(number, grid.columns)
-        yield Place(
-            name=f"{grid.name}-{number + 1}",
-            x_um=grid.x_um + column * grid.dx_um,
-            y_um=grid.y_um + row * grid.dy_um,
-            depth_um=_or_nan(grid.depth_um),
-            entry=entry,
-        )
+        yield grid.x_um + column * grid.dx_um, grid.y_um + row * grid.dy_um
 
 
-def _circle(circle: CircleSites, entry: int) -> Iterator[Place]:
+def _circle(circle: CircleSites) -> Iterator[tuple[float, float]]:
     for number in range(circle.count):
         angle = math.radians(circle.start_deg + 360.0 * number / circle.count)
-        yield Place(
-            name=f"{circle.name}-{number + 1}",
-            x_um=circle.x_um + circle.radius_um * math.cos(angle),
-            y_um=circle.y_um + circle.radius_um * math.sin(angle),
-            depth_um=_or_nan(circle.depth_um),
-            entry=entry,
+        yield (
+            circle.x_um + circle.radius_um * math.cos(angle),
+            circle.y_um + circle.radius_um * math.sin(angle),
         )
 
 
@@ -157,8 +144,6 @@ def _lines(path: Path) -> list[Location]:
 
 
 def _header(line: Location, cells: list[str]) -> list[str]:
-    from edmctl.profile.tables import nearest
-
     if len(cells) == 1 and (";" in cells[0] or "\t" in cells[0]):
         raise _refusal("the columns are not separated by commas", _FORM, line)
     for index, column in enumerate(cells):
@@ -175,10 +160,6 @@ def _header(line: Location, cells: list[str]) -> list[str]:
 
 
 def _point(line: Location, columns: list[str], cells: list[str]) -> PointSite:
-    from pydantic import ValidationError
-
-    from edmctl.profile.model import PointSite
-
     if len(cells) > len(columns):
         message = f"{len(cells)} cells under {len(columns)} columns"
         raise _refusal(message, "write numbers with a point, and one comma from cell to cell", line)
@@ -193,12 +174,5 @@ def _point(line: Location, columns: list[str], cells: list[str]) -> PointSite:
         column = str(first["loc"][0])
         what = "is no number" if first["type"] == "float_parsing" else "is out of range"
         what = f"= {given[column]} {what}"
-    raise _refusal(f"{column} {what}", _hint(column), line, columns.index(column))
-
-
-def _hint(column: str) -> str:
-    from edmctl.profile.model import PointSite
-    from edmctl.profile.tables import field_at, permitted
-
-    info = field_at(PointSite, (column,))
-    return f"write {permitted(info)}" if info else ""
+    hint = f"write {permitted_at(PointSite, (column,))}"
+    raise _refusal(f"{column} {what}", hint, line, columns.index(column))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import tomllib
 from functools import cached_property
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from edmctl.dataclasses import dataclass, field
 from edmctl.errors import Location
@@ -33,11 +33,10 @@ TomlTable: TypeAlias = "dict[str, object]"
 SET_OPTION = "--set"
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """Spans of a key (none for a list item) and of its value; a table's value is its header's key."""
+class Entry(NamedTuple):
+    """Spans of a key and of its value; a list item has its value as key, a table its header's key as value."""
 
-    key: Span | None
+    key: Span
     value: Span
 
 
@@ -67,131 +66,97 @@ class _Scanner:
 
     def document(self) -> None:
         table: KeyPath = ()
-        while not self._finished():
-            if self.text[self.at] == "[":
+        while self._next():
+            if self._next() == "[":
                 table = self._header()
             else:
                 self._assignment(table)
 
-    def _finished(self) -> bool:
-        self._skip(_BLANK)
-        return self.at >= len(self.text)
+    def _next(self, blank: re.Pattern[str] = _BLANK) -> str:
+        """Skip blanks; return the next character, empty at the end."""
+        self._skip(blank)
+        return self.text[self.at : self.at + 1]
 
-    def _skip(self, pattern: re.Pattern[str]) -> None:
+    def _skip(self, pattern: re.Pattern[str]) -> bool:
         match = pattern.match(self.text, self.at)
         self.at = match.end() if match else self.at
+        return match is not None
 
     def _header(self) -> KeyPath:
-        is_array = self.text.startswith("[[", self.at)
-        self.at += 2 if is_array else 1
+        brackets = 2 if self.text.startswith("[[", self.at) else 1
+        self.at += brackets
         self._skip(_SPACE)
         start = self.at
-        parts = self._dotted_key()
-        end = parts[-1][1][1]
-        self._skip(_SPACE)
-        self.at += 2 if is_array else 1
-        names = [name for name, _ in parts]
-        path = (*self._inside(names[:-1]), names[-1])
-        self._note_parents(parts[:-1])
-        if is_array:
-            self.entries.setdefault(path, Entry((start, end), (start, end)))
-            index = self.array_sizes.get(path, 0)
-            self.array_sizes[path] = index + 1
-            path = (*path, index)
-        self.entries[path] = Entry((start, end), (start, end))
-        return path
-
-    def _note_parents(self, parts: list[tuple[str, Span]]) -> None:
-        for count in range(1, len(parts) + 1):
-            span = parts[count - 1][1]
-            self.entries.setdefault(self._inside([name for name, _ in parts[:count]]), Entry(span, span))
-
-    def _inside(self, names: list[str]) -> KeyPath:
-        """Path of a header's table: within an array of tables it is the latest entry."""
+        *parents, (name, (_, end)) = self._dotted_key()
+        self.at += brackets
         path: KeyPath = ()
-        for name in names:
-            path = (*path, name)
-            if path in self.array_sizes:
-                path = (*path, self.array_sizes[path] - 1)
+        for parent, span in parents:
+            path = self._latest((*path, parent))
+            self.entries.setdefault(path, Entry(span, span))
+        path, header = (*path, name), Entry((start, end), (start, end))
+        if brackets == 2:
+            self.entries.setdefault(path, header)
+            self.array_sizes[path] = self.array_sizes.get(path, 0) + 1
+            path = self._latest(path)
+        self.entries[path] = header
         return path
+
+    def _latest(self, path: KeyPath) -> KeyPath:
+        """Path of the latest entry of an array of tables; that of any other table as it is."""
+        return (*path, self.array_sizes[path] - 1) if path in self.array_sizes else path
 
     def _dotted_key(self) -> list[tuple[str, Span]]:
         parts = [self._simple_key()]
-        while True:
-            self._skip(_SPACE)
-            if not self.text.startswith(".", self.at):
-                return parts
+        while self._next(_SPACE) == ".":
             self.at += 1
             self._skip(_SPACE)
             parts.append(self._simple_key())
+        return parts
 
     def _simple_key(self) -> tuple[str, Span]:
         start = self.at
-        if self.text[start] in "\"'":
-            self._string()
+        if self._string():
             raw = self.text[start : self.at]
             return str(tomllib.loads(f"key = {raw}")["key"]), (start, self.at)
         self._skip(_BARE_KEY)
         return self.text[start : self.at], (start, self.at)
 
-    def _string(self) -> None:
-        for pattern in _STRINGS:
-            match = pattern.match(self.text, self.at)
-            if match:
-                self.at = match.end()
-                return
+    def _string(self) -> bool:
+        return any(self._skip(pattern) for pattern in _STRINGS)
 
     def _assignment(self, table: KeyPath) -> None:
-        parts = self._dotted_key()
         path = table
-        for name, span in parts[:-1]:
-            path = (*path, name)
-            self.entries.setdefault(path, Entry(span, span))
-        name, span = parts[-1]
-        path = (*path, name)
-        self._skip(_SPACE)
+        *parents, (name, span) = self._dotted_key()
+        for parent, its_span in parents:
+            path = (*path, parent)
+            self.entries.setdefault(path, Entry(its_span, its_span))
         self.at += 1
         self._skip(_SPACE)
+        path = (*path, name)
         self.entries[path] = Entry(span, self._value(path))
 
     def _value(self, path: KeyPath) -> Span:
         start = self.at
-        first = self.text[start : start + 1]
-        if first == "[":
-            self._items(path)
-        elif first == "{":
-            self._inline_table(path)
-        elif first in ("'", '"'):
-            self._string()
-        else:
+        if self.text[start : start + 1] in ("[", "{"):
+            self._collection(path)
+        elif not self._string():
             self._skip(_BARE_VALUE)
             self.at = start + len(self.text[start : self.at].rstrip())
         return start, self.at
 
-    def _items(self, path: KeyPath) -> None:
+    def _collection(self, path: KeyPath) -> None:
+        """Note the items of a list or the keys of an inline table."""
+        is_list = self.text[self.at] == "["
         self.at += 1
         index = 0
-        while True:
-            self._skip(_BLANK)
-            if self.text[self.at] == "]":
-                break
-            item = (*path, index)
-            self.entries[item] = Entry(None, self._value(item))
-            index += 1
-            self._skip(_BLANK)
-            if self.text[self.at] == ",":
-                self.at += 1
-        self.at += 1
-
-    def _inline_table(self, path: KeyPath) -> None:
-        self.at += 1
-        while True:
-            self._skip(_BLANK)
-            if self.text[self.at] == "}":
-                break
-            self._assignment(path)
-            self._skip(_BLANK)
-            if self.text[self.at] == ",":
+        while self._next() not in ("]", "}"):
+            if is_list:
+                value = self._value((*path, index))
+                self.entries[*path, index] = Entry(value, value)
+                index += 1
+            else:
+                self._assignment(path)
+            if self._next() == ",":
                 self.at += 1
         self.at += 1
 
@@ -210,9 +175,7 @@ class Source:
     def key(self, path: KeyPath) -> Location | None:
         """Location of a key, or None when this text does not hold it."""
         entry = self._entries.get(path)
-        if entry is None:
-            return None
-        return location(self.name, self.text, entry.key or entry.value)
+        return None if entry is None else location(self.name, self.text, entry.key)
 
     def value(self, path: KeyPath) -> Location | None:
         """Location of a value, or None when this text does not hold it."""
@@ -233,17 +196,10 @@ class Sources:
 
     def key(self, path: KeyPath) -> Location:
         """Location of a key; where it is written nowhere, of the nearest table around it."""
-        for size in range(len(path), 0, -1):
-            for source in self.texts:
-                found = source.key(path[:size])
-                if found is not None:
-                    return found
-        return self.file.start()
+        around = (source.key(path[:size]) for size in range(len(path), 0, -1) for source in self.texts)
+        return next((found for found in around if found is not None), self.file.start())
 
     def value(self, path: KeyPath) -> Location:
         """Location of a value; where it is written nowhere, of the nearest table around it."""
-        for source in self.texts:
-            found = source.value(path)
-            if found is not None:
-                return found
-        return self.key(path)
+        found = (source.value(path) for source in self.texts)
+        return next((one for one in found if one is not None), None) or self.key(path)

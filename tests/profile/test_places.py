@@ -12,7 +12,7 @@ from edmctl.errors import ProfileError
 from edmctl.failures import Code
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.places import MOST_PLACES, Place, places
-from tests.planning.rules.documents import problems
+from tests.planning.rules.documents import problems, written
 
 GRID = 'sites=[{kind="grid",x_um=500,columns=3,rows=2,dx_um=300,dy_um=400}]'
 SHALLOW = ("target.depth_um=20", "jump.height_um=60", "limits.max_time_s=1e5")
@@ -42,11 +42,8 @@ def codes(*overrides: str) -> list[str]:
     return [d.code for d in problems("cu150", *SHALLOW, *overrides)]
 
 
-def test_a_profile_without_sites_has_no_places() -> None:
-    assert placed() == ()
-
-
 def test_a_site_is_a_point_unless_it_says_otherwise() -> None:
+    assert placed() == ()
     (first, second) = placed(
         'sites=[{x_um=500},{kind="point",name="b",x_um=900,y_um=-3,theta_deg=30,depth_um=12}]'
     )
@@ -56,24 +53,14 @@ def test_a_site_is_a_point_unless_it_says_otherwise() -> None:
 
 
 def test_a_grid_goes_row_by_row_each_in_the_same_direction() -> None:
-    assert where(placed(GRID)) == [
-        ("grid-1", 500.0, 0.0),
-        ("grid-2", 800.0, 0.0),
-        ("grid-3", 1100.0, 0.0),
-        ("grid-4", 500.0, 400.0),
-        ("grid-5", 800.0, 400.0),
-        ("grid-6", 1100.0, 400.0),
-    ]
+    rows = [(x_um, y_um) for y_um in (0.0, 400.0) for x_um in (500.0, 800.0, 1100.0)]
+    assert where(placed(GRID)) == [(f"grid-{n}", *row) for n, row in enumerate(rows, 1)]
 
 
 def test_a_circle_begins_at_its_first_direction_and_goes_from_x_to_y() -> None:
     circle = 'sites=[{kind="circle",name="c",x_um=1000,radius_um=400,count=4,start_deg=90}]'
-    assert where(placed(circle)) == [
-        ("c-1", 1000.0, 400.0),
-        ("c-2", 600.0, 0.0),
-        ("c-3", 1000.0, -400.0),
-        ("c-4", 1400.0, 0.0),
-    ]
+    points = [(1000.0, 400.0), (600.0, 0.0), (1000.0, -400.0), (1400.0, 0.0)]
+    assert where(placed(circle)) == [(f"c-{n}", *point) for n, point in enumerate(points, 1)]
 
 
 def test_a_file_holds_places_in_columns_of_any_order(tmp_path: Path) -> None:
@@ -150,9 +137,7 @@ def test_a_rule_about_a_place_points_at_its_line(tmp_path: Path, text: str, code
 
 
 def test_one_table_of_sites_is_told_to_be_a_list(tmp_path: Path) -> None:
-    path = tmp_path / "p.toml"
-    path.write_text('extends = "cu150"\n[sites]\nx_um = 500\n', encoding="utf-8")
-    (found,) = problems(path)
+    (found,) = problems(written(tmp_path, 'extends = "cu150"\n[sites]\nx_um = 500\n'))
     assert found.hint == "write [[sites]]"
     assert found.where is not None
     assert found.where.line == 2
@@ -164,20 +149,20 @@ def test_all_wrong_lines_are_told_at_once_with_the_violated_rules(tmp_path: Path
     assert sorted(d.code for d in found) == [Code.PLACES_FILE, Code.PLACES_FILE, Code.OFFSET]
 
 
-@pytest.mark.parametrize("name", ["gone.csv", "."])
-def test_a_file_that_cannot_be_read_is_told_where_it_is_named(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "message"), [("gone.csv", "no file"), (".", "no file"), ("bytes.csv", "not UTF-8")]
+)
+def test_a_file_that_cannot_be_read_is_told_where_it_is_named(
+    tmp_path: Path, name: str, message: str
+) -> None:
     profile = sheet(tmp_path, "x_um,y_um\n500,0\n")
     profile.write_text(profile.read_text(encoding="utf-8").replace("places.csv", name), encoding="utf-8")
+    (tmp_path / "bytes.csv").write_bytes(b"x_um,y_um\n\xff,1\n")
     (found,) = problems(profile)
     assert found.code == Code.PLACES_FILE
+    assert message in found.message
     assert found.where is not None
     assert Path(found.where.file).name == "p.toml"
-
-
-def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
-    profile = sheet(tmp_path, "")
-    (tmp_path / "places.csv").write_bytes(b"x_um,y_um\n\xff,1\n")
-    assert "not UTF-8" in problems(profile)[0].message
 
 
 def test_the_hash_knows_the_places_of_a_file(tmp_path: Path) -> None:
@@ -202,32 +187,35 @@ def test_more_places_than_a_tool_lasts_for_are_refused() -> None:
         )
 
 
-def test_holes_keep_a_wall_between_them() -> None:
-    # hole 150 + 2 x 8 and a wall of 20
-    assert codes("sites=[{x_um=500},{x_um=686}]") == []
+@pytest.mark.parametrize(
+    ("sites", "others", "refused"),
+    [
+        ("[{x_um=500},{x_um=686}]", (), []),  # hole 150 + 2 x 8 and a wall of 20
+        ("[{x_um=500},{x_um=685}]", (), [Code.OVERLAP]),
+        ("[{x_um=500},{x_um=500,theta_deg=30}]", (), []),
+        ("[{x_um=500},{x_um=500,theta_deg=360}]", (), [Code.OVERLAP]),
+        ("[{x_um=500},{x_um=500,theta_deg=0.001}]", (), [Code.OVERLAP]),
+        ("[{x_um=500},{x_um=500,theta_deg=359.5}]", (), [Code.OVERLAP]),
+        ("[{x_um=0,y_um=208}]", (), []),
+        ("[{x_um=0,y_um=207}]", (), [Code.OVERLAP]),
+        ("[{x_um=500,depth_um=30}]", (), []),
+        ("[{x_um=500,depth_um=30}]", ('target={kind="feed",feed_um=60}',), [Code.TARGET_KIND]),
+        ("[{x_um=500,depth_um=203}]", (), []),
+        ("[{x_um=500,depth_um=205}]", (), [Code.STROKE]),
+        ("[{x_um=500,depth_um=90}]", ("work.thickness_um=80",), [Code.BLIND_DEPTH]),
+    ],
+)
+def test_places_keep_the_rules(sites: str, others: tuple[str, ...], refused: list[Code]) -> None:
+    assert codes(f"sites={sites}", *others) == refused
+
+
+def test_holes_that_are_too_close_are_named() -> None:
     (found,) = problems("cu150", *SHALLOW, "sites=[{x_um=500},{x_um=900},{x_um=685}]")
     assert found.code == Code.OVERLAP
     assert "site-1 and site-3 are 185 µm apart" in found.message
     assert "186 µm" in found.hint
     assert found.where is not None
     assert found.where.source_line[found.where.column - 1 :].startswith("{x_um=685}")
-
-
-def test_places_at_another_angle_of_the_table_do_not_meet() -> None:
-    assert codes("sites=[{x_um=500},{x_um=500,theta_deg=30}]") == []
-    for theta_deg in (360, 0.001, 359.5):
-        assert codes(f"sites=[{{x_um=500}},{{x_um=500,theta_deg={theta_deg}}}]") == [Code.OVERLAP]
-
-
-def test_holes_keep_clear_of_the_reference_pad() -> None:
-    assert codes("sites=[{x_um=0,y_um=208}]") == []
-    assert codes("sites=[{x_um=0,y_um=207}]") == [Code.OVERLAP]
-
-
-def test_a_depth_of_a_place_needs_a_depth_for_a_target() -> None:
-    sites = "sites=[{x_um=500,depth_um=30}]"
-    assert codes(sites) == []
-    assert codes(sites, 'target={kind="feed",feed_um=60}') == [Code.TARGET_KIND]
 
 
 def test_the_tool_wears_from_hole_to_hole() -> None:
@@ -251,15 +239,6 @@ def test_the_wear_so_far_takes_from_the_stroke() -> None:
     assert "wear so far 171 + feed 143" in found.message
     assert found.hint.startswith("4 fit")
     assert [d.code for d in problems("cu150", *deep, "target.depth_um=210", GRID)] == [Code.STROKE]
-
-
-def test_a_deeper_place_is_within_the_stroke_by_its_own_depth() -> None:
-    assert codes("sites=[{x_um=500,depth_um=203}]") == []
-    assert codes("sites=[{x_um=500,depth_um=205}]") == [Code.STROKE]
-
-
-def test_a_blind_place_ends_inside_the_sheet() -> None:
-    assert codes("sites=[{x_um=500,depth_um=90}]", "work.thickness_um=80") == [Code.BLIND_DEPTH]
 
 
 @pytest.mark.parametrize("override", ["sites.x_um=3", "sites[0].x_um=3", "sites [1] = 3"])
@@ -297,12 +276,8 @@ def test_a_wrong_item_is_pointed_at(sites: str, code: Code, blamed: str, hint: s
 
 
 def test_a_wrong_item_in_an_array_of_tables_has_its_line(tmp_path: Path) -> None:
-    path = tmp_path / "p.toml"
-    path.write_text(
-        'extends = "array-3x3"\n[[sites]]\nx_um = 500\n[[sites]]\nkind = "grid"\nx_um = 600\nrows = 0\n'
-        "columns = 1\n",
-        encoding="utf-8",
-    )
+    sites = '[[sites]]\nx_um = 500\n[[sites]]\nkind = "grid"\nx_um = 600\nrows = 0\ncolumns = 1\n'
+    path = written(tmp_path, f'extends = "array-3x3"\n{sites}')
     found = {d.code: d.where for d in problems(path)}
     missing, low = found[Code.MISSING_KEY], found[Code.OUT_OF_RANGE]
     assert missing is not None
@@ -313,11 +288,11 @@ def test_a_wrong_item_in_an_array_of_tables_has_its_line(tmp_path: Path) -> None
 
 def test_the_example_of_the_page_loads(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs/profile.md").read_text(encoding="utf-8")
-    (written,) = re.findall(r"```toml\n(\[\[sites\]\].*?)```", page, flags=re.DOTALL)
+    (sites,) = re.findall(r"```toml\n(\[\[sites\]\].*?)```", page, flags=re.DOTALL)
     (rows,) = re.findall(r"```\n(name,x_um.*?)```", page, flags=re.DOTALL)
     profile = sheet(tmp_path, rows)
     head = profile.read_text(encoding="utf-8").partition("[[sites]]")[0]
-    profile.write_text(f"{head}{written}[limits]\nmax_time_s = 1e5\n", encoding="utf-8")
+    profile.write_text(f"{head}{sites}[limits]\nmax_time_s = 1e5\n", encoding="utf-8")
     found = load_profile(str(profile))
     assert found.warnings == ()
     assert [place.name for place in found.places] == ["inlet", *(f"hole-{n}" for n in range(1, 7)), "a", "b"]

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import asdict
 from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from edmctl.process.erosion import GAP_LAW, LAW
+from edmctl.profile.model import SimSettings
 from edmctl.profile.positions import KeyPath, location, scan
 
 bare = st.text("abcXYZ019_-", min_size=1, max_size=6)
@@ -49,11 +52,8 @@ def arrays(draw: st.DrawFn, inner: st.SearchStrategy[str]) -> str:
 @st.composite
 def inline_tables(draw: st.DrawFn, inner: st.SearchStrategy[str]) -> str:
     keys = draw(st.lists(key_texts(), max_size=3))
-    return (
-        "{"
-        + ",".join(f"{draw(space)}{key}{draw(space)}={draw(space)}{draw(inner)}{draw(space)}" for key in keys)
-        + "}"
-    )
+    pairs = (f"{draw(space)}{key}{draw(space)}={draw(space)}{draw(inner)}{draw(space)}" for key in keys)
+    return f"{{{','.join(pairs)}}}"
 
 
 value_texts = st.recursive(scalar_texts, lambda inner: arrays(inner) | inline_tables(inner), max_leaves=6)
@@ -94,7 +94,7 @@ def check(text: str) -> int:
             continue
         held = text[slice(*entry.value)]
         assert repr(tomllib.loads(f"v = {held}")["v"]) == repr(value)
-        if entry.key is not None:
+        if isinstance(path[-1], str):
             key = text[slice(*entry.key)]
             assert list(tomllib.loads(f"{key} = 0")) == [path[-1]]
     return len(found)
@@ -134,3 +134,8 @@ def test_a_header_is_the_place_of_its_table() -> None:
     text = "\n[ servo . inner ]\nx = 1\n"
     where = location("f", text, scan(text)["servo", "inner"].value)
     assert (where.line, where.column, where.length) == (2, 3, 13)
+
+
+def test_the_defaults_of_sim_are_the_constants_of_the_laws() -> None:
+    laws = {**asdict(LAW), **asdict(GAP_LAW)}
+    assert {name: getattr(SimSettings(), name) for name in laws} == laws
