@@ -1,11 +1,23 @@
+"""Ramps and jumps solved beforehand end where they were meant to."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmctl.actuator.inverse import Inverse, Solution
+from edmctl.actuator.inverse import Inverse, Solution, jump_volts, ramp_by, travel_by
 from edmctl.actuator.model import ActuatorModel, Estimator
 from tests.actuator.models import HIGH_V, LOW_V, clock, make_model, models, voltages
+
+if TYPE_CHECKING:
+    from edmctl.actuator.model import ActuatorModel
+import math
+
+from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, SlowCorrection
 
 
 @given(models, voltages, st.sampled_from([0.0, 0.004, 0.03]))
@@ -136,3 +148,132 @@ def test_lists_and_other_numbers_are_taken_as_they_are() -> None:
     assert (model.predict([0, 1], [10, 120]) == expected).all()  # type: ignore[arg-type]
     bytes_v = np.array([10, 120], dtype=np.int8)
     assert (model.predict(np.arange(2), bytes_v) == expected).all()  # type: ignore[arg-type]
+
+
+INVERSE_RATE_HZ = 1000.0
+
+
+def lowered(model: ActuatorModel, to_v: float = 60.0) -> Estimator:
+    """An estimator that came up from 0 V at 20 V/s and has rested a second."""
+    estimator = Estimator(model)
+    go(estimator, to_v, to_v / 20.0)
+    go(estimator, to_v, 1.0)
+    return estimator
+
+
+def go(estimator: Estimator, to_v: float, duration_s: float) -> float:
+    """Ramp in time; the displacement at the end."""
+    steps = round(duration_s * INVERSE_RATE_HZ)
+    share = np.arange(1, steps + 1) / steps
+    state = estimator.state
+    u_v = state.u_v + (to_v - state.u_v) * share
+    return float(estimator.advance(state.t_s + duration_s * share, u_v)[-1])
+
+
+def here_um(estimator: Estimator) -> float:
+    return estimator.tick(estimator.state.u_v, 0.0)
+
+
+@pytest.mark.parametrize("distance_um", [100.0, 20.0, -60.0])
+def test_a_ramp_ends_at_its_distance_with_creep_on_the_way(distance_um: float) -> None:
+    estimator = lowered(make_model())
+    estimator.correct(1.02, 7.0)
+    start_um, start_v = here_um(estimator), estimator.state.u_v
+    goal_v = ramp_by(estimator, distance_um, 60.0)
+    assert estimator.state.u_v == start_v
+    reached_um = go(estimator, goal_v, abs(goal_v - start_v) / 60.0) - start_um
+    assert reached_um == pytest.approx(distance_um, rel=5e-3)
+
+
+def test_at_once_is_too_much_for_a_ramp() -> None:
+    """What the path is for: the voltage that is right at once leaves 2 % more by the end of a slow ramp."""
+    estimator = lowered(make_model())
+    start_um, start_v = here_um(estimator), estimator.state.u_v
+    at_once_v = Inverse(estimator.model, estimator.state).tick(start_um + 100.0, 0.0).u_v
+    reached_um = go(estimator, at_once_v, (at_once_v - start_v) / 60.0) - start_um
+    assert reached_um > 102.0
+
+
+def test_a_slow_travel_needs_less_voltage_than_a_fast_one() -> None:
+    estimator = lowered(make_model())
+    assert travel_by(estimator, 100.0, 1.0) < travel_by(estimator, 100.0, 50.0) - 0.5
+
+
+def test_a_jump_is_up_at_the_end_of_its_dwell_and_back_to_its_clearance() -> None:
+    estimator = lowered(make_model())
+    start_um, start_v = here_um(estimator), estimator.state.u_v
+    volts = jump_volts(estimator, 60.0, 5.0, travel_s=0.03, dwell_s=0.02)
+    go(estimator, start_v - volts.height_v, 0.03)
+    top_um = go(estimator, start_v - volts.height_v, 0.02)
+    assert start_um - top_um == pytest.approx(60.0, rel=5e-3)
+    back_um = go(estimator, start_v - volts.clearance_v, 0.03)
+    assert start_um - back_um == pytest.approx(5.0, abs=0.5)
+    assert volts.height_v > 60.0 / 2.967  # more than the mean gain says
+
+
+def test_a_jump_beyond_0_v_goes_as_far_as_the_voltage_does() -> None:
+    estimator = lowered(make_model(), 10.0)
+    volts = jump_volts(estimator, 300.0, 5.0, travel_s=0.1, dwell_s=0.02)
+    assert volts.height_v == 10.0
+    assert 0.0 <= volts.clearance_v <= volts.height_v
+
+
+LOW_UM, HIGH_UM = 20.0, 350.0
+
+
+def test_two_heights_give_gain_and_zero() -> None:
+    correction = SlowCorrection()
+    for time_s, y_um in enumerate((LOW_UM, HIGH_UM) * 3):
+        correction.observe(float(time_s), y_um, 1.02 * y_um - 35.0, 0.05)
+    assert correction.gain == pytest.approx(1.02, abs=2e-4)
+    assert correction.offset_um == pytest.approx(-35.0, abs=0.05)
+    assert correction.sd_um(200.0) < 0.1
+
+
+def test_one_height_moves_the_zero_and_leaves_the_gain() -> None:
+    correction = SlowCorrection()
+    correction.observe(0.0, 0.0, 12.0, 0.1)
+    assert correction.gain == 1.0
+    assert correction.offset_um == pytest.approx(12.0, abs=1e-4)
+    assert correction.gain_sd == GAIN_SD_BETWEEN_DAYS
+
+
+def test_it_is_the_least_squares_line_where_nothing_walks() -> None:
+    rng = np.random.default_rng(1)
+    y_um = rng.uniform(LOW_UM, HIGH_UM, 40)
+    z_um = 0.99 * y_um + 3.0 + 0.3 * rng.standard_normal(40)
+    correction = SlowCorrection()
+    for y, z in zip(y_um, z_um, strict=True):
+        correction.observe(0.0, float(y), float(z), 0.3)
+    zero_um, gain = np.polynomial.polynomial.polyfit(y_um, z_um, 1)
+    assert correction.gain == pytest.approx(gain, abs=2e-5)
+    assert correction.offset_um == pytest.approx(zero_um, abs=5e-3)
+
+
+def test_after_an_hour_a_new_reading_counts_for_more_than_the_old_ones() -> None:
+    old, now = 0.0, 3600.0
+    correction = SlowCorrection()
+    for y_um in (LOW_UM, HIGH_UM):
+        correction.observe(old, y_um, y_um, 0.1)
+    correction.observe(now, 100.0, 103.0, 0.1)
+    assert correction.gain * 100.0 + correction.offset_um == pytest.approx(103.0, abs=0.02)
+    assert correction.offset_um > 2.0  # the zero has walked 2.4 µm by then, the gain 0.5 % of 100 µm
+
+
+def test_uncertainty_grows_with_time_as_stated() -> None:
+    """0.5 % of gain in an hour, 1 µm of zero in ten minutes, beside a reading that says nothing."""
+    correction = SlowCorrection(gain_sd=1e-9)
+    correction.observe(0.0, 0.0, 0.0, 1e-6)
+    correction.observe(600.0, 0.0, 0.0, 1e9)
+    assert correction.sd_um(0.0) == pytest.approx(1.0, rel=1e-6)
+    correction.observe(3600.0, 0.0, 0.0, 1e9)
+    assert correction.gain_sd == pytest.approx(0.005, rel=1e-6)
+    assert correction.sd_um(0.0) == pytest.approx(math.sqrt(6.0), rel=1e-6)
+
+
+def test_readings_come_in_order_with_a_positive_spread() -> None:
+    correction = SlowCorrection(10.0)
+    with pytest.raises(ValueError, match="after the last one"):
+        correction.observe(9.0, 0.0, 0.0, 0.1)
+    with pytest.raises(ValueError, match="standard deviation"):
+        correction.observe(11.0, 0.0, 0.0, 0.0)

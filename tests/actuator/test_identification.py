@@ -2,7 +2,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from edmctl.actuator import waveforms as waves
 from edmctl.actuator.design import choose_design
@@ -11,9 +10,7 @@ from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator
 from edmctl.actuator.record import Record
 from edmctl.actuator.validation import judge, validate
 from edmctl.simulator.actuator import VirtualActuator
-from tests.actuator.apa400m import default_model
-from tests.actuator.models import Array, clock, make_model
-from tests.actuator.truth import play
+from tests.actuator.models import Array, clock, default_model, make_model, play
 from tests.tiers import tiers
 
 STROKE_SHARE_MAX, STROKE_SHARE_RMS = 0.010, 0.003
@@ -29,6 +26,8 @@ def calibration_record(seed: int, every_ms: int = 5) -> Record:
 
 def fan_record(frequency_hz: float) -> Record:
     """Swings from 0 V up and ever less far back, of a quick virtual stage: off-grid plays, lag, asymmetry."""
+    from scipy.signal import lfilter
+
     turns = [0.0]
     for k in range(1, 9):
         turns += [10.0, 10.0 * (1.0 - k / 8.0)]
@@ -153,12 +152,13 @@ def test_a_delay_is_found_where_two_rates_tell_it() -> None:
     assert not any("one rate" in one for one in found.restrictions)
 
 
-def test_one_rate_is_said_not_to_tell_delay() -> None:
+def test_one_rate_without_holds_is_said_not_to_tell_delay_and_slow_creep() -> None:
     wave = waves.triangle(0.0, 100.0, 1.0, 8, 200.0)
     truth = make_model()
     records = [Record(wave.t_s, wave.u_v, truth.predict(wave.t_s, wave.u_v))]
-    found = identify(records, resamples=2, beyond_plays=False)
-    assert any("one rate (1 Hz)" in one for one in found.restrictions)
+    rate, holds = identify(records, resamples=2, beyond_plays=False).restrictions
+    assert "one rate (1 Hz)" in rate
+    assert "Hold a step" in holds
 
 
 def test_wrong_memory_costs_several_times_the_error() -> None:
@@ -192,35 +192,11 @@ def test_refitting_gain_and_zero_forgives_another_day() -> None:
     assert validate(truth, record).errors.max_pct > 0.5
 
 
-def test_creep_that_nobody_held_is_said_to_be_continued() -> None:
-    wave = waves.sine(0.0, 120.0, 0.5, 10, 100.0)
-    records = [Record(wave.t_s, wave.u_v, make_model().predict(wave.t_s, wave.u_v))]
-    found = identify(records, resamples=2, beyond_plays=False)
-    assert any("Hold a step" in one for one in found.restrictions)
-
-
 def test_a_gap_in_the_range_is_not_covered() -> None:
     low, high = waves.triangle(0.0, 50.0, 0.5, 8, 100.0), waves.triangle(100.0, 150.0, 0.5, 8, 100.0)
     truth = make_model()
     records = [Record(w.t_s, w.u_v, truth.predict(w.t_s, w.u_v)) for w in (low, high)]
     assert any("Not covered" in problem for problem in identify(records, beyond_plays=False).problems)
-
-
-def test_noise_that_hides_the_loop_is_not_accepted() -> None:
-    record = calibration_record(14, 20)
-    noise_um = 6.0 * np.random.default_rng(1).standard_normal(len(record.t_s))
-    found = identify([record._replace(y_um=record.y_um + noise_um)], resamples=0)
-    assert any("RMS error" in problem for problem in found.problems)
-    assert not found.accepted
-
-
-def test_a_knock_is_pointed_at() -> None:
-    record = calibration_record(15, 20)
-    y_um = record.y_um.copy()
-    y_um[5000:5005] += 40.0
-    (problem,) = identify([record._replace(y_um=y_um)], resamples=0).problems
-    assert f"{record.t_s[5002]:.0f}" in problem
-    assert "of calibration" in problem
 
 
 def test_a_stuck_range_is_not_monotone() -> None:

@@ -1,13 +1,17 @@
 """What is added to plays: where it predicts better, and nowhere else."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import nnls
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from edmctl.actuator.design import choose_design
+from edmctl.actuator.fitting import _minimise, nnls
 from edmctl.actuator.identification import identify
 from edmctl.actuator.model import ActuatorModel, ActuatorState
 from edmctl.actuator.record import Record
@@ -15,6 +19,13 @@ from edmctl.actuator.search import Rows, extended, nnls_of_normal, simplex_searc
 from edmctl.actuator.waveforms import fast_legs, sampled
 from tests.actuator.models import Array, clock, make_model
 from tests.tiers import tiers
+
+
+def scipy_nnls(matrix: Array, target: Array) -> tuple[Array, float]:
+    from scipy.optimize import nnls
+
+    x, residual = nnls(matrix, target)
+    return x, float(residual)
 
 
 def path_v(seed: int = 1, swings: int = 80) -> Array:
@@ -98,7 +109,7 @@ def test_normal_equations_are_solved_as_scipy_does() -> None:
         matrix, target = rng.normal(size=(40, 12)), rng.normal(size=40)
         start = np.maximum(rng.normal(size=12), 0.0)
         found = nnls_of_normal(matrix.T @ matrix, matrix.T @ target, start)
-        np.testing.assert_allclose(found, nnls(matrix, target)[0], atol=1e-6)
+        np.testing.assert_allclose(found, scipy_nnls(matrix, target)[0], atol=1e-6)
 
 
 def test_the_simplex_finds_a_valley() -> None:
@@ -106,3 +117,33 @@ def test_the_simplex_finds_a_valley() -> None:
         lambda p: float((p[0] - 1.0) ** 2 + 5.0 * (p[1] + 2.0 * p[0]) ** 2), np.zeros(2), np.ones(2), 120
     )
     np.testing.assert_allclose(at, (1.0, -2.0), atol=0.02)
+
+
+@settings(max_examples=60)
+@given(st.integers(1, 15), st.integers(0, 2**32 - 1))
+def test_it_agrees_with_scipy(columns: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    matrix = rng.normal(size=(40, columns))
+    target = matrix @ np.maximum(rng.normal(size=columns), 0.0) + rng.normal(size=40)
+    np.testing.assert_allclose(nnls(matrix, target), scipy_nnls(matrix, target)[0], rtol=0, atol=1e-9)
+
+
+def test_nearly_equal_columns_fit_as_well_as_scipy() -> None:
+    rng = np.random.default_rng(1)
+    base = rng.normal(size=(200, 1))
+    matrix = base + 1e-3 * rng.normal(size=(200, 8))
+    target = base[:, 0] + 1e-2 * rng.normal(size=200)
+    found = nnls(matrix, target)
+    assert (found >= 0.0).all()
+    assert np.linalg.norm(matrix @ found - target) == pytest.approx(scipy_nnls(matrix, target)[1], rel=1e-9)
+
+
+def test_a_target_that_needs_negative_weights_gets_none() -> None:
+    np.testing.assert_array_equal(nnls(np.eye(3), np.array([1.0, -2.0, 3.0])), [1.0, 0.0, 3.0])
+    np.testing.assert_array_equal(nnls(np.eye(2), np.array([-1.0, -1.0])), [0.0, 0.0])
+
+
+def test_a_column_that_is_worth_nothing_is_fixed_where_it_stands() -> None:
+    with np.errstate(invalid="raise"):
+        x = _minimise(np.eye(2), np.array([1.0, 0.0]), np.array([0.5, 0.0]), np.array([True, True]))
+    assert x.tolist() == [1.0, 0.0]
