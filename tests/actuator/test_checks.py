@@ -128,7 +128,7 @@ RANDOM = np.random.default_rng(6)
 @pytest.mark.parametrize(
     ("changes", "code", "message", "hint"),
     [
-        ({name: GOOD[k][:199] for k, name in enumerate(("t_s", "u_v", "y_um"))}, "E3611", "199 samples", ""),
+        ({name: getattr(GOOD, name)[:199] for name in ("t_s", "u_v", "y_um")}, "E3611", "199 samples", ""),
         ({"t_s": with_two(GOOD.t_s, np.nan)}, "E3612", "2 of 2000 values of t_s", "no number"),
         ({"u_v": with_two(GOOD.u_v, np.inf)}, "E3612", "u_V are not finite, the first at sample 18", ""),
         ({"y_um": with_two(GOOD.y_um, np.nan)}, "E3612", "2 of 2000 values of y_um are not finite", ""),
