@@ -339,10 +339,14 @@ def write_figure(trial: Trial | PaperTrial, path: Path, words: str) -> None:
 
     if isinstance(trial, Trial):
         compared = [
-            figure.Trial(one.name, t_s, applied_v, truth_um, models_um["paper"], models_um["ours"])
-            for one, (t_s, applied_v, truth_um, _, models_um) in zip(
-                trial.waveforms, trial.traces, strict=True
+            figure.Trial(
+                one.name,
+                trace.t_s,
+                trace.applied_v,
+                trace.truth_um,
+                {"Maxwell, no creep": trace.models_um["paper"], figure.OWN: trace.models_um["ours"]},
             )
+            for one, trace in zip(trial.waveforms, trial.traces, strict=True)
         ]
         output_files.write(path, figure.draw(compared, path.name, words))
         return
@@ -359,7 +363,6 @@ def write_figure(trial: Trial | PaperTrial, path: Path, words: str) -> None:
             for one in waveform.readings
             if one.is_error
         ]
-        panels.append(
-            figure.PaperTrial(waveform.name, trace.t_s, trace.applied_v, trace.sensor_um, model_um, marks)
-        )
+        models = {"model of the paper": model_um}
+        panels.append(figure.Trial(waveform.name, trace.t_s, trace.applied_v, trace.sensor_um, models, marks))
     output_files.write(path, figure.draw_paper(panels, path.name, words))

@@ -77,7 +77,8 @@ def test_text_that_leaves_the_canvas_is_found(suffix: str) -> None:
 
 
 def trial(title: str = "sine 1 Hz") -> Trial:
-    return Trial(title, T_S, U_V, 3.0 * U_V, 3.1 * U_V, 3.01 * U_V)
+    models_um = {"Maxwell, no creep": 3.1 * U_V, "edmctl": 3.01 * U_V}
+    return Trial(title, T_S, U_V, 3.0 * U_V, models_um)
 
 
 @pytest.mark.slow

@@ -14,26 +14,26 @@ from matplotlib.figure import Figure
 
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
-from edmctl.report import panels, style
+from edmctl.report import panels
 from edmctl.report.kinds import suffix_of
+from edmctl.report.panels import Block, draw_envelope
 from edmctl.report.signals import POINTS, broken
-from edmctl.report.style import BLACK, BLUE, COLUMN_MM, DASHED, GREY, PAGE_MM, VERMILION
+from edmctl.report.style import (
+    BLACK,
+    BLUE,
+    COLUMN_MM,
+    DASHED,
+    GREY,
+    PAGE_MM,
+    VERMILION,
+    house_style,
+    rendered,
+)
 
 STEP_V = 0.5
 """From one sample to the next; a larger change is a step."""
 GAP_MM = 4.0
-
-
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """One waveform; ndarrays of shape (n,): time, voltage, and displacement by truth, paper and our model."""
-
-    title: str
-    t_s: Array
-    applied_v: Array
-    truth_um: Array
-    paper_um: Array
-    ours_um: Array
+OWN = "edmctl"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +46,15 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
-class PaperTrial:
-    """One waveform; ndarrays of shape (n,): time, voltage, displacement by sensor and model; readings."""
+class Trial:
+    """One waveform: ndarrays of shape (n,), displacements of the actuator and of models by their names; readings."""
 
     title: str
     t_s: Array
     applied_v: Array
-    sensor_um: Array
-    model_um: Array
-    marks: Sequence[Mark]
+    actuator_um: Array
+    models_um: Mapping[str, Array]
+    marks: Sequence[Mark] = ()
 
     @property
     def is_smooth(self) -> bool:
@@ -67,24 +67,47 @@ def draw(trials: Sequence[Trial], name: str, words: str = "") -> bytes:
 
     words : small words below it
     """
-    with style.house_style():
-        return _file(_figure(trials), name, words)
+    y = {"voltage (V)": 0.65, "displacement (µm)": 1.4, "error (µm)": 1.0, "edmctl error (µm)": 0.9}
+    with house_style():
+        figure, columns = _columns([trial.title for trial in trials], y)
+        for trial, axes in zip(trials, columns, strict=True):
+            _draw_models(trial, axes, "truth")
+            own_error_um = trial.models_um[OWN] - trial.actuator_um
+            draw_envelope(axes[3], broken(trial.t_s, own_error_um), 1.0, BLUE)
+            _about_zero(axes[3])
+            axes[3].locator_params(axis="y", nbins=5)
+        panels.shared_legend(figure, [columns[0][1]], ncols=3)
+        return _file(figure, name, words)
 
 
-def draw_paper(trials: Sequence[PaperTrial], name: str, words: str = "") -> bytes:
+def draw_paper(trials: Sequence[Trial], name: str, words: str = "") -> bytes:
     """Return the figure of the paper's model beside the sensor, as `draw` does.
 
     Bars in the error show the readings of the paper, dots those of the model. Displacement over voltage is drawn
     where no step crosses it.
     """
-    with style.house_style():
-        return _file(_paper_figure(trials), name, words)
+    loop = {"displacement (µm)": 1.6} if any(trial.is_smooth for trial in trials) else {}
+    titles = [trial.title if len(trials) == 1 else trial.title.replace(", ", "\n") for trial in trials]
+    with house_style():
+        figure, columns = _columns(
+            titles, {"voltage (V)": 0.7, "displacement (µm)": 1.4, "model − sensor (µm)": 1.25}, loop
+        )
+        for trial, axes in zip(trials, columns, strict=True):
+            _draw_models(trial, axes, "sensor")
+            for mark in trial.marks:
+                _draw_mark(axes[2], mark)
+            if loop and trial.is_smooth:
+                _draw_loop(axes[3], trial)
+            elif loop:
+                axes[3].set_axis_off()
+        panels.shared_legend(figure, [columns[0][1], *(column[2] for column in columns)], ncols=4)
+        return _file(figure, name, words)
 
 
 def _file(figure: Figure, name: str, words: str) -> bytes:
     if words:
         panels.mark_below(figure, words)
-    return style.rendered(figure, suffix_of(name))
+    return rendered(figure, suffix_of(name))
 
 
 def _columns(
@@ -94,72 +117,33 @@ def _columns(
     count = len(titles)
     widths = (1.0,) * count
     more_mm = 3.0 * max(title.count("\n") for title in titles)
-    blocks = [panels.Block("time (s)", y, widths, share_y=True, above_mm=more_mm)]
+    blocks = [Block("time (s)", y, widths, share_y=True, above_mm=more_mm)]
     if loop:
-        blocks.append(panels.Block("voltage (V)", loop, widths, share_y=True))
+        blocks.append(Block("voltage (V)", loop, widths, share_y=True))
     figure, axes = panels.panels(*blocks, width_mm=COLUMN_MM if count == 1 else PAGE_MM, gap_mm=GAP_MM)
     for one, title in zip(axes, titles, strict=False):
         one.set_title(title, pad=2.0)
     return figure, [axes[column::count] for column in range(count)]
 
 
-def _limit(axes: Axes, t_s: Array) -> None:
-    """Leave room at both ends of the time, so that what begins at once is not hidden by the axis."""
-    axes.set_xlim(-0.02 * t_s[-1], 1.02 * t_s[-1])
-    axes.locator_params(axis="x", nbins=4)
+def _draw_models(trial: Trial, axes: Sequence[Axes], name: str) -> None:
+    """Draw voltage, displacements and errors; `name` is that of the actuator's displacement."""
+    (voltage, displacement, error), t_s = axes[:3], trial.t_s
+    draw_envelope(voltage, broken(t_s, trial.applied_v), 1.0, BLACK, width=0.7)
+    draw_envelope(displacement, broken(t_s, trial.actuator_um), 1.0, GREY, name, 2.4)
+    for model, values_um in trial.models_um.items():
+        colour, dash = (BLUE, "-") if model == OWN else (VERMILION, DASHED)
+        draw_envelope(displacement, broken(t_s, values_um), 1.0, colour, model, dash=dash)
+        draw_envelope(error, broken(t_s, values_um - trial.actuator_um), 1.0, colour, dash=dash)
+    _about_zero(error)
+    # Room at both ends, so that what begins at once is not hidden by the axis.
+    error.set_xlim(-0.02 * t_s[-1], 1.02 * t_s[-1])
+    error.locator_params(axis="x", nbins=4)
 
 
-def _figure(trials: Sequence[Trial]) -> Figure:
-    figure, columns = _columns(
-        [trial.title for trial in trials],
-        {"voltage (V)": 0.65, "displacement (µm)": 1.4, "error (µm)": 1.0, "edmctl error (µm)": 0.9},
-    )
-    for trial, (voltage, displacement, error, own_error) in zip(trials, columns, strict=True):
-        t_s = trial.t_s
-        panels.draw_envelope(voltage, broken(t_s, trial.applied_v), 1.0, BLACK, width=0.7)
-        panels.draw_envelope(displacement, broken(t_s, trial.truth_um), 1.0, GREY, "truth", 2.4)
-        for values_um, colour, label, dash in (
-            (trial.paper_um, VERMILION, "Maxwell, no creep", DASHED),
-            (trial.ours_um, BLUE, "edmctl", "-"),
-        ):
-            panels.draw_envelope(displacement, broken(t_s, values_um), 1.0, colour, label, dash=dash)
-            panels.draw_envelope(error, broken(t_s, values_um - trial.truth_um), 1.0, colour, dash=dash)
-        panels.draw_envelope(own_error, broken(t_s, trial.ours_um - trial.truth_um), 1.0, BLUE)
-        for axes in (error, own_error):
-            axes.axhline(0.0, color=BLACK, linewidth=0.4)
-            axes.margins(y=0.12)
-        own_error.locator_params(axis="y", nbins=5)
-        _limit(own_error, t_s)
-    panels.shared_legend(figure, [columns[0][1]], ncols=3)
-    return figure
-
-
-def _paper_figure(trials: Sequence[PaperTrial]) -> Figure:
-    loop = {"displacement (µm)": 1.6} if any(trial.is_smooth for trial in trials) else {}
-    titles = [trial.title if len(trials) == 1 else trial.title.replace(", ", "\n") for trial in trials]
-    figure, columns = _columns(
-        titles, {"voltage (V)": 0.7, "displacement (µm)": 1.4, "model − sensor (µm)": 1.25}, loop
-    )
-    for trial, (voltage, displacement, error, *below) in zip(trials, columns, strict=True):
-        t_s = trial.t_s
-        panels.draw_envelope(voltage, broken(t_s, trial.applied_v), 1.0, BLACK, width=0.7)
-        panels.draw_envelope(displacement, broken(t_s, trial.sensor_um), 1.0, GREY, "sensor", 2.2)
-        panels.draw_envelope(
-            displacement, broken(t_s, trial.model_um), 1.0, VERMILION, "model of the paper", dash=DASHED
-        )
-        panels.draw_envelope(error, broken(t_s, trial.model_um - trial.sensor_um), 1.0, VERMILION, width=0.6)
-        error.axhline(0.0, color=BLACK, linewidth=0.4)
-        for mark in trial.marks:
-            _draw_mark(error, mark)
-        error.margins(y=0.12)
-        _limit(error, t_s)
-        for axes in below:
-            if trial.is_smooth:
-                _draw_loop(axes, trial)
-            else:
-                axes.set_axis_off()
-    panels.shared_legend(figure, [columns[0][1], *(column[2] for column in columns)], ncols=4)
-    return figure
+def _about_zero(axes: Axes) -> None:
+    axes.axhline(0.0, color=BLACK, linewidth=0.4)
+    axes.margins(y=0.12)
 
 
 def _draw_mark(axes: Axes, mark: Mark) -> None:
@@ -172,8 +156,9 @@ def _draw_mark(axes: Axes, mark: Mark) -> None:
     axes.plot([mark.at_s], [mark.ours_um], "o", color=BLACK, markersize=2.6, label="ours", zorder=5.0)
 
 
-def _draw_loop(axes: Axes, trial: PaperTrial) -> None:
+def _draw_loop(axes: Axes, trial: Trial) -> None:
     part = slice(None, None, max(1, len(trial.t_s) // (4 * POINTS)))
-    axes.plot(trial.applied_v[part], trial.sensor_um[part], color=GREY, linewidth=1.6)
-    axes.plot(trial.applied_v[part], trial.model_um[part], color=VERMILION, linestyle=DASHED)
+    axes.plot(trial.applied_v[part], trial.actuator_um[part], color=GREY, linewidth=1.6)
+    for values_um in trial.models_um.values():
+        axes.plot(trial.applied_v[part], values_um[part], color=VERMILION, linestyle=DASHED)
     axes.locator_params(axis="x", nbins=4)
