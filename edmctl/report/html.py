@@ -106,7 +106,9 @@ def document(
 def section(name: str, heading: str, parts: Iterable[PageTable | str | None]) -> str:
     """Return a section of elements and tables; empty ones are left out."""
     inside = [part if isinstance(part, str) else table(part) for part in parts if part]
-    return "\n".join([f'<section id="{name}">', f"<h2>{escape(heading)}</h2>", *inside, "</section>"])
+    return "\n".join(
+        [f'<section id="{name}">', f"<h2>{escape(heading)}</h2>", *filter(None, inside), "</section>"]
+    )
 
 
 def tiles(numbers: Iterable[tuple[str, str, str]]) -> str:
@@ -162,7 +164,9 @@ def sentences(lines: Iterable[str]) -> str:
 
 
 def table(made: PageTable) -> str:
-    """Return a table that scrolls where it is too wide."""
+    """Return a table that scrolls where it is too wide; empty without rows."""
+    if not made.rows:
+        return ""
     caption = f"<caption>{escape(made.caption)}</caption>" if made.caption else ""
     header = ""
     if any(made.header):
