@@ -48,8 +48,8 @@ from edmctl.procedures.machining import run_job
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.quantity import coverage_factor
+from edmctl.record.ledger import HomeSeen, MachineHistory
 from edmctl.record.rows import NullRecorder
-from edmctl.record.tool_account import HomeSeen, MachineHistory
 from edmctl.simulator import open_bench
 from edmctl.simulator.actuator import VirtualActuator
 from edmctl.simulator.injection import parse_injection

@@ -229,7 +229,7 @@ RECORD = (
     ),
     Mutation(
         "a journal whose content was changed is believed",
-        "_journal",
+        "read_journal",
         'envelope["sha256"] != _hash_of(_canonical(content))',
         "False",
         "record/test_journal.py",

@@ -42,8 +42,8 @@ ALLOWED = {
     "record/delimited.py: _plain_numbers": "lines of a text",
     "record/opening.py: open_hdf5": OPENED,
     "record/opening.py: open_swmr": OPENED,
-    "record/integrity.py: append_checksum": OWN,
-    "record/integrity.py: end_at_breaks": OWN,
+    "record/opening.py: append_checksum": OWN,
+    "record/opening.py: end_at_breaks": OWN,
     "board/emulated.py: image": SOURCE,
     "simulator/endpoints.py: _hold": "the other end of a pseudo-terminal that this process has made",
 }

@@ -27,9 +27,8 @@ from edmctl.jobs.surroundings import Surroundings, Unobserved
 from edmctl.jobs.sweep import grid_of, of_sweep
 from edmctl.labels import Basis, basis_of
 from edmctl.profile.folders import is_path
-from edmctl.record.appended_rows import RowWriter, read_lines
 from edmctl.record.disk import refuse_place
-from edmctl.record.plain_values import record_of
+from edmctl.record.json_rows import RowWriter, read_lines, record_of
 from edmctl.results.declared import shared
 from edmctl.results.job import ChannelResult, SiteResult, SiteTruth
 from edmctl.results.progress import Observer, SeriesObserver

@@ -19,7 +19,7 @@ from edmctl.procedures.monitoring.drift import contradicting_between_jobs_um_s, 
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.profile.folders import creep_path
 from edmctl.profile.setup import Setup
-from edmctl.record.tool_account import MachineHistory
+from edmctl.record.ledger import MachineHistory
 
 if TYPE_CHECKING:
     from edmctl.machine.controller import LinkMachine

@@ -48,13 +48,15 @@ from edmctl.profile.model import Profile
 from edmctl.record.ledger import (
     UNFINISHED,
     Ledger,
+    MachineHistory,
     ReferenceTouched,
     RunEnded,
     SiteMachined,
+    ToolAccount,
     ToolChanged,
     WearMeasured,
+    history_of,
 )
-from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
 from edmctl.results.declared import shared
 from edmctl.results.measurements import WearResult
 from edmctl.wording import length

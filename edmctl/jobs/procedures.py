@@ -56,8 +56,7 @@ from edmctl.profile.drift_file import MadeBy, drift_file, save_drift
 from edmctl.profile.folders import default_drift_path, fresh_drift_path
 from edmctl.profile.model import Profile
 from edmctl.profile.places import Place
-from edmctl.record.ledger import Ledger, RunEnded, WearMeasured
-from edmctl.record.tool_account import ToolAccount
+from edmctl.record.ledger import Ledger, RunEnded, ToolAccount, WearMeasured
 from edmctl.results.measurements import DriftResult, JumpSeries, SurfaceFound
 from edmctl.results.progress import Observer
 from edmctl.results.result import Result

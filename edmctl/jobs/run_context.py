@@ -37,13 +37,11 @@ from edmctl.procedures.job import CalibratedActuator, Job, JobTally
 from edmctl.procedures.run import JobRun
 from edmctl.procedures.session import running
 from edmctl.process.rest_drift import CreepLeft
-from edmctl.record.background import BackgroundWriter
-from edmctl.record.disk import refuse_place
-from edmctl.record.disk_thread import DiskThread
-from edmctl.record.ledger import Entry, Ledger
+from edmctl.record.disk import DiskThread, refuse_place
+from edmctl.record.ledger import Entry, Ledger, MachineHistory, history_of
 from edmctl.record.locks import are_known
 from edmctl.record.rows import NullRecorder, Recorder, Summary
-from edmctl.record.tool_account import MachineHistory, history_of
+from edmctl.record.writer import BackgroundWriter
 from edmctl.results.progress import Observer
 
 

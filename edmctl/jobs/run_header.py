@@ -19,7 +19,7 @@ from edmctl.profile.positions import SET_OPTION
 from edmctl.profile.read import read_chain
 from edmctl.profile.setup import Setup
 from edmctl.record.journal import journal_path
-from edmctl.record.run_meta import RunMeta, SourceText, profile_leaves
+from edmctl.record.rows import RunMeta, SourceText, profile_leaves
 from edmctl.toml_text import toml_scalar, toml_tables
 from edmctl.version import __version__
 

@@ -11,7 +11,7 @@ from edmctl.labels import PAD, PARKING, Basis, Verdict
 from edmctl.planning.removal import completion
 from edmctl.process.touches import TouchScatter
 from edmctl.profile.places import Place
-from edmctl.record.plain_values import record_of
+from edmctl.record.json_rows import record_of
 from edmctl.results.job import Belief, ChannelResult, JobResult, Reached, SiteResult
 from edmctl.results.progress import Phase
 from edmctl.results.telemetry import LinkReport

@@ -32,7 +32,7 @@ from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import Args, JobRun, JobStateKeeper, rest_and_look, total_pause_s
 from edmctl.procedures.settings import controller_settings, pulse_settings, recorded_every, telemetry_settings
 from edmctl.procedures.stages import move_to
-from edmctl.record.plain_values import site_result_of
+from edmctl.record.json_rows import site_result_of
 from edmctl.record.rows import EventLevel, Recorder, RunEvent
 from edmctl.results.progress import Observer, Phase
 from edmctl.wording import signed

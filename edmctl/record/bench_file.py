@@ -23,9 +23,8 @@ from edmctl import failures
 from edmctl.errors import RunFileError
 from edmctl.files import lock_holder, open_descriptor, open_regular, refuse_locked
 from edmctl.record import locks
-from edmctl.record.disk import HDF5_ERRORS, reason
-from edmctl.record.integrity import MAGIC
-from edmctl.record.opening import image_of, open_hdf5, refuse_endless
+from edmctl.record.disk import HDF5_ERRORS, reason, replace_file
+from edmctl.record.opening import MAGIC, image_of, open_hdf5, refuse_endless
 
 if TYPE_CHECKING:
     import h5py
@@ -111,16 +110,8 @@ def write_bench(path: Path, state: State, *, is_own: bool = False) -> None:
     target = path.resolve()
     if target.exists() and not is_own:
         read_bench(target)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
     try:
-        try:
-            with partial.open("xb") as file:
-                file.write(_image(state))
-                file.flush()
-                os.fsync(file.fileno())
-            partial.replace(target)
-        finally:
-            partial.unlink(missing_ok=True)
+        replace_file(target, _image(state))
     except OSError as refused:
         raise _unwritable(path, refused) from refused
 

@@ -18,8 +18,7 @@ from edmctl.files import RECORD_BYTES, open_regular, read_bytes, refuse_locked
 from edmctl.record import disk, layout
 from edmctl.record.bench_file import KIND
 from edmctl.record.delimited import Table, find_columns, text_of
-from edmctl.record.integrity import MAGIC
-from edmctl.record.opening import image_of, open_hdf5, refuse_endless
+from edmctl.record.opening import MAGIC, image_of, open_hdf5, refuse_endless
 from edmctl.record.reader import open_run
 from edmctl.results.declared import PURE
 from edmctl.wording import plural

@@ -3,6 +3,9 @@
 HDF5 does not survive a disk that fills up in the middle of its writing: a failed write leaves its caches in a
 state that crashes the interpreter at the next flush or close. So a file is made longer before each write by
 more than that write can add, and what is left over is cut off at the end.
+
+Sparks and moves wait until what precedes them is on the disk, and a disk may not answer for seconds: such writes
+run in a thread, and meanwhile the caller serves the machine.
 """
 
 from __future__ import annotations
@@ -11,14 +14,16 @@ import contextlib
 import errno
 import os
 import re
-from contextlib import suppress
+import signal
+import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from edmctl import failures
-from edmctl.errors import RunFileError
+from edmctl.errors import EdmError, LinkLost, RunFileError
 from edmctl.files import sync
-from edmctl.record.integrity import read_superblock
 
 if TYPE_CHECKING:
     import h5py
@@ -55,6 +60,25 @@ def write_new(path: Path, content: bytes) -> None:
     except OSError:
         path.unlink(missing_ok=True)
         raise
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file, new or instead of the one there: all of it, on the disk itself, or nothing. Raises OSError."""
+    new = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        with new.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(path)
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def sync_names(folder: Path) -> None:
+    """Wait until the disk has the names in a folder, where that can be asked for."""
+    with contextlib.suppress(OSError):
+        sync(folder)
 
 
 def make_lasting(path: Path) -> None:
@@ -173,9 +197,120 @@ def reserve(file: h5py.File, growth_bytes: int) -> None:
             raise
 
 
-def give_back(path: Path) -> None:
-    """Cut what was reserved and not used off the closed file at `path`, if it is still there."""
-    with suppress(FileNotFoundError):
-        end_bytes = read_superblock(path).end_bytes
-        if end_bytes is not None:
-            os.truncate(path, end_bytes)
+GIVE_UP_S = 10.0
+"""A disk that has not answered for so long hangs, and the job ends safely."""
+PROMPT_S = 0.05
+"""A write usually takes less, and nothing else is done so long."""
+_STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class DiskThread:
+    """Runs one write at a time.
+
+    Parameters
+    ----------
+    attend : keeps a live machine company until its argument holds or some tenths of a second are over. None where
+        the machine's time stands while the host does something else: there writes run in the caller's thread
+    """
+
+    def __init__(self, attend: Callable[[Callable[[], bool]], object] | None = None) -> None:
+        self._attend = attend
+        self._writing: _Write | None = None
+        self._line_is_lost = self._hangs = False
+        self._heard: EdmError | None = None
+
+    def run(self, path: Path, write: Callable[[], None]) -> None:
+        """Return when `write`, of the file at `path`, has run; what it raises comes out here.
+
+        What the machine's line raises meanwhile comes out after it; a lost line, out of the machine's next call.
+        Raises RunFileError E9009 where the disk hangs.
+        """
+        if self._attend is None:
+            write()
+            return
+        while self._writing is not None:
+            self._wait(path)
+        mine = self._writing = _Write(write)
+        self._wait(path)
+        mine.check()
+        if self._heard is not None:
+            heard, self._heard = self._heard, None
+            raise heard
+
+    def start(self, write: Callable[[], None]) -> bool:
+        """Begin a write that nothing waits for; False where the one before is still under way.
+
+        What that one raised comes out here.
+        """
+        if self._attend is None:
+            write()
+            return True
+        if self._writing is not None:
+            if self._writing.is_alive():
+                return False
+            before, self._writing = self._writing, None
+            before.check()
+        self._writing = _Write(write)
+        return True
+
+    def close(self) -> None:
+        """Wait for a write that is under way; not for ever where the disk hangs. Nobody asks for its outcome."""
+        if self._writing is not None and not self._hangs:
+            self._writing.join(GIVE_UP_S)
+
+    def _wait(self, path: Path) -> None:
+        writing, begun_s = self._writing, time.monotonic()
+        if writing is None:
+            return
+        if not self._hangs:
+            writing.join(PROMPT_S)
+        while writing.is_alive():
+            if self._hangs or time.monotonic() - begun_s > GIVE_UP_S:
+                self._hangs = True
+                raise failures.disk_does_not_answer(give_up_s=GIVE_UP_S, path=path)
+            self._attend_to(writing)
+        self._hangs = False
+        # While the line was read, a further write may have begun.
+        if self._writing is writing:
+            self._writing = None
+
+    def _attend_to(self, writing: _Write) -> None:
+        """Read the line for a while, or wait where there is none any more."""
+        assert self._attend is not None
+        if self._line_is_lost or self._heard is not None:
+            writing.join(PROMPT_S)
+            return
+        try:
+            self._attend(lambda: not writing.is_alive())
+        except LinkLost:
+            self._line_is_lost = True
+        except EdmError as heard:
+            self._heard = heard
+
+
+class _Write(threading.Thread):
+    """A write in a thread of its own, and what it raised."""
+
+    def __init__(self, write: Callable[[], None]) -> None:
+        super().__init__(name="disk", daemon=True)
+        self._write = write
+        self._failure: BaseException | None = None
+        self.start()
+
+    def check(self) -> None:
+        """Raise what it raised."""
+        if self._failure is not None:
+            raise self._failure
+
+    def run(self) -> None:
+        leave_signals_to_the_main_thread()
+        try:
+            self._write()
+        except BaseException as error:
+            self._failure = error
+
+
+def leave_signals_to_the_main_thread() -> None:
+    """Python handles them there, and only a signal that arrives there ends its waiting."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)

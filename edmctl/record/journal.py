@@ -6,23 +6,21 @@ content, replaced at once, so that a computer that dies leaves the state before 
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import math
-import os
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass
 from edmctl.errors import RunFileError
-from edmctl.files import json_of, read_bytes, sync
-from edmctl.record.disk_thread import DiskThread
-from edmctl.record.plain_values import record_of
+from edmctl.files import json_of, read_bytes
+from edmctl.jsonout import to_json_value
+from edmctl.record.disk import DiskThread, replace_file, sync_names
+from edmctl.record.json_rows import record_of
 
 SCHEMA = "edmctl-journal"
 VERSION = 2
@@ -165,19 +163,9 @@ def write_journal(path: Path, journal: Journal, texts: Texts | None = None) -> N
 
     `texts` caches the JSON text of the job and of finished sites between the writes of one run.
     """
-    text = _text(journal, {} if texts is None else texts)
-    new = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
-        try:
-            with new.open("wb") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            new.replace(path)
-        finally:
-            new.unlink(missing_ok=True)
-        with suppress(OSError):  # some file systems cannot
-            sync(path.parent)
+        replace_file(path, _text(journal, {} if texts is None else texts))
+        sync_names(path.parent)
     except OSError as refused:
         raise _unwritable(path, refused) from refused
 
@@ -186,8 +174,7 @@ def remove_journal(path: Path) -> None:
     """Remove a journal that may be gone already. Raises RunFileError E9040."""
     try:
         path.unlink(missing_ok=True)
-        with suppress(OSError):  # some file systems cannot
-            sync(path.parent)
+        sync_names(path.parent)
     except OSError as refused:
         raise _unwritable(path, refused) from refused
 
@@ -195,14 +182,8 @@ def remove_journal(path: Path) -> None:
 def read_journal(path: Path) -> Journal:
     """Return what the journal at `path` holds.
 
-    Raises
-    ------
-    FileNotFoundError
-        There is none.
-    RunFileError
-        E9041: it cannot be read.
-    PreconditionError
-        E8052: it is damaged, or a later version wrote it.
+    Raises FileNotFoundError, RunFileError E9041 if it cannot be read, PreconditionError E8052 if it is damaged or a
+    later version wrote it.
     """
     try:
         data = read_bytes(path)
@@ -211,15 +192,19 @@ def read_journal(path: Path) -> Journal:
     except OSError as refused:
         raise failures.journal_unreadable(path=path, reason=refused.strerror or refused) from refused
     try:
-        return _journal(data)
-    except _LaterVersion as later:
-        raise failures.journal_of_later_version(path=path, later=later, version=VERSION) from None
+        envelope = json_of(data)
+        if not isinstance(envelope, dict) or envelope.get("schema") != SCHEMA:
+            raise ValueError("it is no journal of a run")
+        version, content = envelope["version"], envelope["content"]
+        if not isinstance(version, int) or version < 1:
+            raise ValueError("its version is no number")
+        if version > VERSION:
+            raise failures.journal_of_later_version(path=path, later=version, version=VERSION)
+        if envelope["sha256"] != _hash_of(_canonical(content)):
+            raise ValueError("its content does not fit its check sum")
+        return record_of(Journal, content)
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
         raise failures.journal_damaged(path=path, error=error, start_anew=_START_ANEW) from error
-
-
-class _LaterVersion(Exception):
-    """The version of a journal that this program does not know."""
 
 
 def _text(journal: Journal, texts: Texts) -> bytes:
@@ -233,26 +218,16 @@ def _text(journal: Journal, texts: Texts) -> bytes:
     state = {name: _canonical(value) for name, value in journal.state.items() if name != "done"}
     done = journal.state.get("done")
     if isinstance(done, list | tuple):
-        state["done"] = f"[{_SEPARATOR.join(cached(site) for site in done)}]"
-    members = {
-        "job": cached(journal.job),
-        "state": _object(state),
-        "written_utc_s": _canonical(journal.written_utc_s),
-        "x_um": _canonical(journal.x_um),
-        "y_um": _canonical(journal.y_um),
-        "truth": _canonical(journal.truth),
-        "clock_s": _canonical(journal.clock_s),
-    }
-    content = _object(members)
+        state["done"] = f"[{_SEPARATOR.join(map(cached, done))}]"
+    parts = {"job": cached(journal.job), "state": _object(state)}
+    for name in ("written_utc_s", "x_um", "y_um", "truth", "clock_s"):
+        parts[name] = _canonical(getattr(journal, name))
+    content = _object(parts)
     texts.clear()
     texts.update(used)
-    envelope = {
-        "schema": _canonical(SCHEMA),
-        "version": _canonical(VERSION),
-        "sha256": _canonical(_hash_of(content)),
-        "content": content,
-    }
-    return f"{_object(envelope)}\n".encode()
+    envelope = {"schema": SCHEMA, "version": VERSION, "sha256": _hash_of(content)}
+    whole = _object({name: _canonical(value) for name, value in envelope.items()} | {"content": content})
+    return f"{whole}\n".encode()
 
 
 def _hash_of(canonical: str) -> str:
@@ -261,53 +236,13 @@ def _hash_of(canonical: str) -> str:
 
 def _canonical(value: object) -> str:
     """Return the JSON text with sorted keys over which a journal is hashed; null replaces NaN and infinity."""
-    return json.dumps(_plain(value), sort_keys=True, separators=(_SEPARATOR, ":"), allow_nan=False)
+    return json.dumps(to_json_value(value, is_exact=True), sort_keys=True, separators=(_SEPARATOR, ":"))
 
 
 def _object(members: Mapping[str, str]) -> str:
     """Return the JSON object of texts by name, with sorted names."""
     texts = (f"{json.dumps(name)}:{members[name]}" for name in sorted(members))
     return f"{{{_SEPARATOR.join(texts)}}}"
-
-
-def _journal(data: bytes) -> Journal:
-    envelope = json_of(data)
-    if not isinstance(envelope, dict) or envelope.get("schema") != SCHEMA:
-        raise ValueError("it is no journal of a run")
-    version = envelope["version"]
-    if not isinstance(version, int) or version < 1:
-        raise ValueError("its version is no number")
-    if version > VERSION:
-        raise _LaterVersion(version)
-    content = envelope["content"]
-    if envelope["sha256"] != _hash_of(_canonical(content)):
-        raise ValueError("its content does not fit its check sum")
-    return Journal(
-        job=record_of(JournalledJob, content["job"]),
-        state=dict(content["state"]),
-        written_utc_s=float(content["written_utc_s"]),
-        x_um=_number(content["x_um"]),
-        y_um=_number(content["y_um"]),
-        truth=content["truth"],
-        clock_s=_number(content.get("clock_s")),
-    )
-
-
-def _plain(value: object) -> object:
-    """Return the value with null for numbers that JSON does not have."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        value = dataclasses.asdict(value)
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else float(value)
 
 
 def _unwritable(path: Path, refused: OSError) -> RunFileError:

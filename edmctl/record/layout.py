@@ -69,6 +69,11 @@ class Table:
         return not self.nx_class
 
     @property
+    def datasets(self) -> tuple[str, ...]:
+        """Their paths: of each column, or of the compound one."""
+        return (self.path,) if self.is_compound else tuple(f"{self.path}/{one.name}" for one in self.columns)
+
+    @property
     def axis(self) -> str:
         """Column that the others are plotted against; empty where only their number is left."""
         return "time" if self.columns[0].name == "time" else ""
@@ -217,27 +222,7 @@ SLOW = Table(
     "NXdata",
     1024,
     "the supervisor's view, 10 Hz on a live line, 2 Hz where time is virtual",
-    (
-        _TIME,
-        Column("feed_um_s", "feed_um_s", "f4", "um/s", "feed rate"),
-        Column("s", "gap_ratio", "f4", PURE, "mean gap voltage over duty factor × open voltage"),
-        Column("s_ref", "gap_ratio_ref", "f4", PURE, "servo reference"),
-        Column("r_open", "ratio_open", "f4", PURE, "share of open pulses"),
-        Column("r_normal", "ratio_normal", "f4", PURE, "share of normal discharges"),
-        Column("r_arc", "ratio_arc", "f4", PURE, "share of arcs"),
-        Column("r_short", "ratio_short", "f4", PURE, "share of shorts"),
-        Column("est_depth", "depth_um", "f4", "um", "estimated depth"),
-        Column("est_depth_u95", "depth_u95_um", "f4", "um", "half the 95 % interval of the estimated depth"),
-        Column("est_wear", "wear_um", "f4", "um", "estimated tool wear"),
-        Column(
-            "est_wear_u95", "wear_u95_um", "f4", "um", "half the 95 % interval of the estimated tool wear"
-        ),
-        Column("jump_period", "jump_period_s", "f4", "s", "jump period; NaN without jumps"),
-        Column("p_avg", "power_w", "f4", "W", "mean discharge power"),
-        Column("temp_dielectric", "dielectric_c", "f4", "degC", "temperature of the dielectric"),
-        Column("flow", "flow_lpm", "f4", "L/min", "flow of the dielectric"),
-        _count("link_errors", "link_errors", "telemetry frames missing so far"),
-    ),
+    _columns_of(SlowRow),
     signal="est_depth",
     auxiliary=("est_wear",),
 )

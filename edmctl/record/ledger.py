@@ -1,26 +1,27 @@
 """The job ledger: what was done on which machine with which tool, line by line, beside the run files.
 
 A line of `ledger.jsonl` is one JSON object and is never changed. What holds now (where there are holes, where a tool
-would touch, how much it has lost) follows from reading all lines of a machine in order: `tool_account`.
+would touch, how much it has lost) follows from reading all lines of a machine in order: `history_of`.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import os
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TypeAlias
 
 from edmctl import failures
-from edmctl.dataclasses import dataclass
+from edmctl.dataclasses import asdict, dataclass, field, fields, replace
+from edmctl.errors import RunFileError
 from edmctl.files import json_of, lock_holder, open_descriptor, read_bytes, refuse_locked
+from edmctl.jsonout import to_json_value
+from edmctl.record.json_rows import record_of, typed, write_through
 from edmctl.record.locks import exclusive, retried
-from edmctl.record.plain_values import record_of
 
 VERSION = 4
 """Since 2 touches of the pad come with `home_um`: what the sensor showed then of a tool at home. Since 3 lines of a
@@ -155,7 +156,7 @@ _KINDS: dict[str, type[Entry]] = {
     "end": RunEnded,
 }
 _NAMES = {entry: name for name, entry in _KINDS.items()}
-_KNOWN = {"x_um", "y_um", "radius_um"}
+_KNOWN = {"utc_s", "x_um", "y_um", "radius_um"}
 """Where a hole is, and how wide, is known of every one: others may not run into it."""
 
 
@@ -172,12 +173,11 @@ class Line:
     bench_s: float = math.nan
 
 
-class LaterVersion(Exception):
-    """The version of a line that this program does not know."""
+def line_of(row: bytes, path: Path, number: int) -> Line:
+    """Read one line.
 
-
-def line_of(row: bytes) -> Line:
-    """Read one line. Raises LaterVersion, or ValueError, TypeError or KeyError where it is damaged."""
+    Raises RunFileError E9032 if a later version wrote it; ValueError, TypeError or KeyError where it is damaged.
+    """
     values = json_of(row)
     if not isinstance(values, dict):
         raise TypeError("it is no object")
@@ -185,19 +185,15 @@ def line_of(row: bytes) -> Line:
     if not isinstance(version, int) or version < 1:
         raise ValueError("its version is no number")
     if version > VERSION:
-        raise LaterVersion(version)
+        raise failures.ledger_line_of_later_version(path=path, number=number, later=version, version=VERSION)
     kind = _KINDS.get(values.pop("kind"))
     if kind is None:
         raise ValueError("its kind is unknown")
-    serial, utc_s, bench_s = values.pop("serial"), values.pop("utc_s"), values.pop("bench_s", None)
-    if not isinstance(serial, str):
-        raise TypeError("its serial is no text")
-    entry: Entry = record_of(kind, values)
-    _refuse_absurd(entry)
-    if isinstance(entry, SiteMachined) and entry.lacks_depth:
-        raise ValueError("its hole is measured, but has no depth_um")
-    own_s = math.nan if bench_s is None else _number("bench_s", bench_s)
-    return Line(serial, _number("utc_s", utc_s), entry, own_s)
+    serial = typed(str, values.pop("serial"), "serial")
+    utc_s, bench_s = (typed(float, values.pop(name, math.nan), name) for name in ("utc_s", "bench_s"))
+    line = Line(serial, utc_s, record_of(kind, values), bench_s)
+    _refuse_absurd(line)
+    return line
 
 
 def from_home_um(z_um: float, home_um: float) -> float:
@@ -205,9 +201,13 @@ def from_home_um(z_um: float, home_um: float) -> float:
     return z_um if math.isnan(home_um) else z_um - home_um
 
 
-def _refuse_absurd(entry: Entry) -> None:
-    """Raise TypeError for a number that no machine has, or an unknown place."""
-    numbers = {one.name: getattr(entry, one.name) for one in dataclasses.fields(entry)}
+def _refuse_absurd(line: Line) -> None:
+    """Raise TypeError for a number that no machine has, a time or place that is unknown, or a hole without depth."""
+    entry = line.entry
+    if isinstance(entry, SiteMachined) and entry.lacks_depth:
+        raise TypeError("its hole is measured, but has no depth_um")
+    numbers = {one.name: getattr(entry, one.name) for one in fields(entry)}
+    numbers |= {"utc_s": line.utc_s, "bench_s": line.bench_s}
     for place in numbers.pop("places", ()):
         numbers |= {f"x of {place[0]}": place[1], f"y of {place[0]}": place[2]}
     numbers |= numbers.pop("truth", None) or {}
@@ -219,18 +219,11 @@ def _refuse_absurd(entry: Entry) -> None:
             raise TypeError(f"{name} is no count")
 
 
-def _number(name: str, raw: object) -> float:
-    if isinstance(raw, bool) or not isinstance(raw, int | float) or not abs(raw) <= LARGEST:
-        raise TypeError(f"{name} is no number, or one beyond any machine")
-    return float(raw)
-
-
 def text_of(line: Line) -> str:
     """Return the line as it stands in the file, with its end."""
-    values = {"v": VERSION, "kind": _NAMES[type(line.entry)], "serial": line.serial, "utc_s": line.utc_s}
-    for name, value in {"bench_s": line.bench_s, **dataclasses.asdict(line.entry)}.items():
-        values[name] = None if isinstance(value, float) and not math.isfinite(value) else value
-    return json.dumps(values, ensure_ascii=False, allow_nan=False) + "\n"
+    own = {"v": VERSION, "kind": _NAMES[type(line.entry)], "serial": line.serial, "utc_s": line.utc_s}
+    values = to_json_value(own | {"bench_s": line.bench_s} | asdict(line.entry), is_exact=True)
+    return json.dumps(values, ensure_ascii=False) + "\n"
 
 
 LEDGER_BYTES = 200_000_000
@@ -279,7 +272,7 @@ class Ledger:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with _locked(self.path) as descriptor:
                 _mend_end(descriptor)
-                _write(descriptor, text)
+                write_through(descriptor, text)
         except OSError as refused:
             holder = lock_holder(self.path) if isinstance(refused, BlockingIOError) else ""
             why = f"{holder} has locked it" if holder else refused.strerror or refused
@@ -295,11 +288,7 @@ def _lines(path: Path, data: bytes) -> Iterator[Line]:
         if is_last and not row:
             return
         try:
-            yield line_of(row)
-        except LaterVersion as later:
-            raise failures.ledger_line_of_later_version(
-                path=path, number=number, later=later, version=VERSION
-            ) from None
+            yield line_of(row, path, number)
         except (ValueError, TypeError, KeyError) as error:
             if is_last:
                 return
@@ -323,16 +312,190 @@ def _mend_end(descriptor: int) -> None:
     if not last:
         return
     try:
-        line_of(last)
-    except LaterVersion:
-        _write(descriptor, b"\n")
+        with suppress(RunFileError):  # of a later version
+            line_of(last, Path(), 0)
+        write_through(descriptor, b"\n")
     except (ValueError, TypeError, KeyError):
         os.ftruncate(descriptor, size - len(last))
+
+
+SAME_PLACE_UM = 1.0
+"""Two holes of one name so close together are one hole that was taken up again: what a stage repeats to."""
+
+
+@dataclass(slots=True)
+class ToolAccount:
+    """One tool: its reference, where it would touch the pad now, what it has made, and lost by that.
+
+    `pad_um` counts from the tool's home at 0 V, NaN before the first touch. `holes` are all of the tool, `since`
+    those after its reference;
+    `lost_before_um` is what it lost up to then. `reference_utc_s` and `reference_bench_s` are when, as in `Line`.
+    `killed` are its jobs since its last touch that never ended: what they cost it nobody knows. `replaced_by` is the
+    tool for which it was taken out of the machine after its last reference, "" if it was not: clamped again, it has
+    another length, so `reference` is None and `pad_um` NaN then.
+    """
+
+    label: str
+    reference: ReferenceTouched | None = None
+    reference_utc_s: float = math.nan
+    reference_bench_s: float = math.nan
+    pad_um: float = math.nan
+    lost_before_um: float = 0.0
+    holes: list[SiteMachined] = field(default_factory=list)
+    since: list[SiteMachined] = field(default_factory=list)
+    killed: list[JobBegun] = field(default_factory=list)
+    replaced_by: str = ""
+
+    @property
+    def worn_um(self) -> float:
+        """Sum of the wears since the reference."""
+        return math.fsum(_known(hole.wear_um) for hole in self.since)
+
+    @property
+    def worn_u95_um(self) -> float:
+        """Half-width of its 95 % interval; holes that were left without any estimate are not in it."""
+        return math.hypot(*(_known(hole.wear_u95_um) for hole in self.since))
+
+    @property
+    def lost_um(self) -> float:
+        """Sum of the wears since the tool was new."""
+        return self.lost_before_um + self.worn_um
+
+
+@dataclass(frozen=True, slots=True)
+class HomeSeen:
+    """What the sensor showed of a tool at home when the pad was touched, and when, as in `Line`."""
+
+    um: float
+    utc_s: float
+    bench_s: float
+
+
+@dataclass(slots=True)
+class MachineHistory:
+    """One machine: its holes, its tools, the tool last in use ("" before the first).
+
+    `homes` are all that were seen of the tool's home, the newest last. `reference` is the last of any tool.
+    """
+
+    holes: list[SiteMachined] = field(default_factory=list)
+    tools: dict[str, ToolAccount] = field(default_factory=dict)
+    tool: str = ""
+    homes: list[HomeSeen] = field(default_factory=list)
+    reference: ReferenceTouched | None = None
+
+    def account(self, label: str) -> ToolAccount:
+        """The account of a tool, a new one where nothing is known of it."""
+        return self.tools.setdefault(label, ToolAccount(label))
+
+
+def history_of(lines: Iterable[Line], serial: str) -> MachineHistory:
+    """Replay the lines of the machine with that serial number.
+
+    Places of a job whose end was never written count as holes of unknown depth: nobody knows how far it came.
+    """
+    history, open_jobs = MachineHistory(), dict[str, JobBegun]()
+    for line in lines:
+        if line.serial != serial:
+            continue
+        entry = line.entry
+        if not isinstance(entry, RunEnded):
+            _take_tool(history, entry.before if isinstance(entry, ToolNamed) else entry.tool)
+            history.tool = entry.tool
+        if isinstance(entry, ReferenceTouched | SiteMachined | WearMeasured) and math.isfinite(entry.home_um):
+            history.homes.append(HomeSeen(entry.home_um, line.utc_s, line.bench_s))
+        if isinstance(entry, ToolChanged):
+            history.tools[entry.tool] = ToolAccount(entry.tool)
+        elif isinstance(entry, ToolNamed):
+            history.tools[entry.tool] = replace(history.account(entry.before), label=entry.tool)
+            del history.tools[entry.before]
+        elif isinstance(entry, ReferenceTouched):
+            _take_reference(history, entry, line)
+        elif isinstance(entry, JobBegun):
+            open_jobs[entry.run_file] = entry
+            history.account(entry.tool).killed.append(entry)
+        elif isinstance(entry, SiteMachined):
+            _take_site(history, entry)
+        elif isinstance(entry, WearMeasured):
+            account = history.account(entry.tool)
+            account.pad_um = from_home_um(entry.z_um, entry.home_um)
+            account.killed.clear()
+        else:
+            ended = open_jobs.pop(entry.run_file, None)
+            if ended is not None:
+                history.account(ended.tool).killed.clear()
+    for job in open_jobs.values():
+        for name, x_um, y_um in job.places:
+            if not any(_same(hole, name, x_um, y_um) for hole in history.holes):
+                history.holes.append(_unknown(job, name, x_um, y_um))
+    return history
+
+
+def _take_tool(history: MachineHistory, tool: str) -> None:
+    """Drop the reference of the tool that was in the machine if `tool` is another one."""
+    if history.tool in ("", tool):
+        return
+    account = history.account(history.tool)
+    account.reference, account.pad_um, account.replaced_by = None, math.nan, tool
+    account.lost_before_um = account.lost_um
+    account.since.clear()
+
+
+def _take_reference(history: MachineHistory, entry: ReferenceTouched, line: Line) -> None:
+    account = history.account(entry.tool)
+    history.reference = account.reference = entry
+    account.replaced_by = ""
+    account.reference_utc_s, account.reference_bench_s = line.utc_s, line.bench_s
+    account.lost_before_um = account.lost_um
+    account.pad_um = from_home_um(entry.z_um, entry.home_um)
+    account.since.clear()
+    account.killed = [job for job in account.killed if job.run_file == entry.run_file]
+
+
+def _take_site(history: MachineHistory, entry: SiteMachined) -> None:
+    """Add a hole; one that was taken up again stands in the place of its first part, wear and all.
+
+    A job that was resumed writes once more what it had measured before; that changes nothing of the tool.
+    """
+    account = history.account(entry.tool)
+    worn_before_um = account.lost_um
+    earlier = [hole for hole in account.holes if _same(hole, entry.name, entry.x_um, entry.y_um)]
+    if entry.status != UNFINISHED and any(_found(hole) == _found(entry) for hole in earlier):
+        return
+    for old in earlier:
+        if old not in account.since:
+            account.lost_before_um -= _known(old.wear_um)
+    for holes in (history.holes, account.holes, account.since):
+        holes[:] = [hole for hole in holes if not _same(hole, entry.name, entry.x_um, entry.y_um)]
+        holes.append(entry)
+    touched = not math.isnan(entry.z3_um)
+    if touched:
+        account.pad_um = from_home_um(entry.z3_um, entry.home_um)
     else:
-        _write(descriptor, b"\n")
+        account.pad_um += account.lost_um - worn_before_um
 
 
-def _write(descriptor: int, text: bytes) -> None:
-    while text:
-        text = text[os.write(descriptor, text) :]
-    os.fsync(descriptor)
+def _found(hole: SiteMachined) -> tuple[str, float, float]:
+    return hole.status, _known(hole.depth_um), _known(hole.wear_um)
+
+
+def _known(value: float) -> float:
+    return 0.0 if math.isnan(value) else value
+
+
+def _same(hole: SiteMachined, name: str, x_um: float, y_um: float) -> bool:
+    return hole.name == name and math.hypot(hole.x_um - x_um, hole.y_um - y_um) <= SAME_PLACE_UM
+
+
+def _unknown(job: JobBegun, name: str, x_um: float, y_um: float) -> SiteMachined:
+    return SiteMachined(
+        tool=job.tool,
+        run_file=job.run_file,
+        name=name,
+        x_um=x_um,
+        y_um=y_um,
+        radius_um=job.radius_um,
+        status=UNFINISHED,
+        depth_um=math.nan,
+        wear_um=math.nan,
+    )

@@ -22,8 +22,18 @@ from edmctl.errors import RunFileError
 from edmctl.files import open_descriptor
 from edmctl.record.disk import PARTIAL
 
+try:
+    import fcntl
+except ImportError:  # Windows, whose locks HDF5 knows
+    fcntl = None  # type: ignore[assignment]
+
 RETRY_S = 0.05
+FRESH_S = 5.0
+"""Where a file system knows no locks, a file that was written to within this time counts as live."""
 _UNKNOWN = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
+_HELD = (errno.EWOULDBLOCK, errno.EACCES)
+_PLACE = 1 << 62
+"""The byte that a writer locks."""
 
 
 def are_known(folder: Path) -> bool:
@@ -49,9 +59,7 @@ def of_hdf5(path: Path) -> bool | None:
 
 
 def _takes_lock(descriptor: int) -> bool:
-    try:
-        import fcntl
-    except ImportError:  # Windows, whose locks HDF5 knows
+    if fcntl is None:
         return True
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -67,8 +75,6 @@ def exclusive(descriptor: int) -> Iterator[None]:
 
     Raises BlockingIOError if another program has it, OSError if it cannot be locked for another reason.
     """
-    import fcntl
-
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
@@ -101,19 +107,9 @@ def is_alive(number: int) -> bool:
     return True
 
 
-FRESH_S = 5.0
-"""Where a file system knows no locks, a file that was written to within this time counts as live."""
-
-_HELD = (errno.EWOULDBLOCK, errno.EACCES)
-_PLACE = 1 << 62
-"""The byte that is locked."""
-
-
 def hold(path: Path) -> int | None:
-    """Lock the file at `path` as its writer; return what `release` wants, None where there are no locks."""
-    try:
-        import fcntl  # noqa: F401 - Windows has none
-    except ImportError:
+    """Lock the file at `path` as its writer; return the descriptor to close, None where there are no locks."""
+    if fcntl is None:
         return None
     descriptor = open_descriptor(path, os.O_RDWR)
     try:
@@ -135,23 +131,17 @@ def is_live(path: Path) -> bool:
     """Whether a process is writing the run file at `path`. Nothing is changed. Raises OSError."""
     if path.suffix != PARTIAL:
         return False
-    try:
-        import fcntl  # noqa: F401 - Windows has none
-    except ImportError:
-        return _is_fresh(path)
-    descriptor = open_descriptor(path, os.O_RDONLY)
-    try:
-        _lock_record(descriptor, exclusive=False)
-    except OSError as error:
-        return True if error.errno in _HELD else _is_fresh(path)
-    finally:
-        os.close(descriptor)
-    return False
-
-
-def interrupted(path: Path) -> RunFileError:
-    """Return the error for a run whose writer died."""
-    return failures.run_file_without_end(path=path)
+    if fcntl is not None:
+        descriptor = open_descriptor(path, os.O_RDONLY)
+        try:
+            _lock_record(descriptor, exclusive=False)
+            return False
+        except OSError as error:
+            if error.errno in _HELD:
+                return True
+        finally:
+            os.close(descriptor)
+    return time.time() - path.stat().st_mtime < FRESH_S
 
 
 def _lock_record(descriptor: int, *, exclusive: bool) -> None:
@@ -160,8 +150,6 @@ def _lock_record(descriptor: int, *, exclusive: bool) -> None:
     A lock of an open file is asked for where there is one (Linux): one of a process would end when anything in the
     process closes the file.
     """
-    import fcntl
-
     open_file_lock = getattr(fcntl, "F_OFD_SETLK", None)
     if open_file_lock is None or struct.calcsize("P") != 8:
         kind = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
@@ -171,5 +159,6 @@ def _lock_record(descriptor: int, *, exclusive: bool) -> None:
     fcntl.fcntl(descriptor, open_file_lock, struct.pack("hhqqi4x", kind, os.SEEK_SET, _PLACE, 1, 0))
 
 
-def _is_fresh(path: Path) -> bool:
-    return time.time() - path.stat().st_mtime < FRESH_S
+def interrupted(path: Path) -> RunFileError:
+    """Return the error for a run whose writer died."""
+    return failures.run_file_without_end(path=path)

@@ -1,30 +1,31 @@
-"""Reads a run file: finished, still being written, or left behind by a killed process."""
+"""Reads a run file, and its events: finished, still being written, or left behind by a killed process."""
 
 from __future__ import annotations
 
 import difflib
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from enum import IntEnum
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import h5py
 import numpy as np
-from h5py import h5d, h5s
+from h5py import h5s
 from numpy.typing import NDArray
 
 from edmctl import failures
+from edmctl.dataclasses import dataclass
 from edmctl.errors import EdmError, RunFileError
 from edmctl.record import layout
-from edmctl.record.compaction import CLOSING
 from edmctl.record.disk import PARTIAL, partial_path
-from edmctl.record.integrity import is_whole
 from edmctl.record.layout import Column, Table
 from edmctl.record.locks import interrupted, is_live
-from edmctl.record.opening import damaged, open_file, refuse_endless
+from edmctl.record.opening import damaged, is_whole, open_file, plain, read_value, refuse_endless
+from edmctl.record.recovery import CLOSING
 from edmctl.record.rows import TruthMap
 
 TABLES = {table.path: table for table in layout.TABLES}
@@ -108,11 +109,11 @@ class RunFile:
         """Return rows `start` to `stop` of one column of a group, shape (n,). Raises RunFileError E9015."""
         self._refuse_closed()
         column = _column(path, name)
-        if path not in self._file or name not in self._file[path]:
-            return np.empty(0, _read_type(column))
-        dataset = self._dataset(f"{path}/{name}")
+        if f"{path}/{name}" not in self._file:
+            return np.empty(0, "f4" if column.step != 1.0 else column.dtype)
         stop = self.rows(path) if stop is None else min(stop, self.rows(path))
-        return self._plain(column, dataset, start, stop)
+        stored: NDArray[np.generic] = self._dataset(f"{path}/{name}")[start:stop]
+        return stored if column.step == 1.0 else np.multiply(stored, column.step, dtype="f8").astype("f4")
 
     def columns(self, path: str, names: Sequence[str] | None = None) -> dict[str, NDArray[np.generic]]:
         """Return columns of a group of the layout, all of one length; every column where none is named."""
@@ -173,15 +174,12 @@ class RunFile:
     def profile_values(self) -> dict[str, float | int | str | bool]:
         """Return every profile value by its dotted key, and units by `key_units`."""
         attributes = self._file["/entry/profile/values"].attrs.items()
-        return {
-            key: v.item() if isinstance(v, np.generic) else v for key, v in attributes if key != "NX_class"
-        }
+        return {key: plain(value) for key, value in attributes if key != "NX_class"}
 
     def profile_value(self, key: str) -> float | int | str | bool | None:
         """Return one profile value by its dotted key; None where the profile has none such."""
-        value = self._file["/entry/profile/values"].attrs.get(key)
-        plain: float | int | str | bool | None = value.item() if isinstance(value, np.generic) else value
-        return plain
+        value: float | int | str | bool | None = plain(self._file["/entry/profile/values"].attrs.get(key))
+        return value
 
     def summary(self) -> dict[str, object] | None:
         """Return the result object; None when the run wrote none."""
@@ -216,22 +214,14 @@ class RunFile:
 
     def _value(self, path: str) -> Any:
         """A single value; None where an older file has none. Raises what h5py raises."""
-        # Low-level calls take a quarter of the time: `run list` reads twenty values of every file.
-        try:
-            dataset = h5d.open(self._file.id, path.encode())
-        except KeyError:
-            if self._file.id.links.exists(path.encode()):
-                raise
-            return None
-        refuse_endless(dataset)
-        value = np.empty(dataset.shape, dataset.dtype)
-        dataset.read(h5s.ALL, h5s.ALL, value)
-        return value.item()
+        value = read_value(self._file, path)
+        return None if value is None else value.item()
 
     def _datasets(self, table: Table) -> list[h5py.Dataset]:
         # To open nine of them for every part that is read would take longer than to read it.
         if table.path not in self._opened:
-            self._opened[table.path] = self._datasets_of(table)
+            there = [path for path in table.datasets if path in self._file]
+            self._opened[table.path] = [self._dataset(path) for path in there]
         return self._opened[table.path]
 
     def _dataset(self, path: str) -> h5py.Dataset:
@@ -245,26 +235,6 @@ class RunFile:
             self._checked[path] = dataset
         return self._checked[path]
 
-    def _datasets_of(self, table: Table) -> list[h5py.Dataset]:
-        if table.path not in self._file:
-            return []
-        if table.is_compound:
-            return [self._dataset(table.path)]
-        group = self._file[table.path]
-        return [self._dataset(f"{table.path}/{c.name}") for c in table.columns if c.name in group]
-
-    def _plain(self, column: Column, dataset: h5py.Dataset, start: int, stop: int) -> NDArray[np.generic]:
-        stored: NDArray[Any] = dataset[start:stop]
-        # A file of version 1 holds the plain values already.
-        if column.step == 1.0 or stored.dtype != np.dtype(column.dtype):
-            return stored
-        plain: NDArray[np.generic] = np.multiply(stored, column.step, dtype="f8").astype(_read_type(column))
-        return plain
-
-
-def _read_type(column: Column) -> np.dtype[np.generic]:
-    return np.dtype("f4") if column.step != 1.0 else np.dtype(column.dtype)
-
 
 def open_run(path: Path) -> RunFile:
     """Open the run file at `path` for reading; nothing is ever written to it.
@@ -276,28 +246,16 @@ def open_run(path: Path) -> RunFile:
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[RunFile]:
+def reading(path: Path, *, verify: bool = True) -> Iterator[RunFile]:
     """Open the run file at `path` for a `with` block that works on what is in it.
 
     A file without a fitting check sum may hold anything: texts that are none, rows of another form, places that lead
     nowhere. What that brings about in the block becomes RunFileError E9007; with a file that is whole it is a bug,
-    and stays as it is. Raises RunFileError as `open_run`.
+    and stays as it is. `verify` and errors as in `open_file`.
     """
-    with _blamed(path), open_run(path) as run:
-        yield run
-
-
-@contextmanager
-def reading_unverified(path: Path) -> Iterator[RunFile]:
-    """Do as `reading`, without comparing the check sum first: that takes reading the whole file."""
-    with _blamed(path), RunFile(open_file(path, verify=False), path) as run:
-        yield run
-
-
-@contextmanager
-def _blamed(path: Path) -> Iterator[None]:
     try:
-        yield
+        with RunFile(open_file(path, verify=verify), path) as run:
+            yield run
     except EdmError:
         raise
     except Exception as error:
@@ -378,3 +336,83 @@ def _unknown(message: str, name: str, known: Sequence[str]) -> RunFileError:
     close = difflib.get_close_matches(name, known, n=1)
     meant = f"Did you mean {close[0]}? " if close else ""
     return failures.nothing_of_that_name(message=message, meant=meant, known=", ".join(known))
+
+
+class RecordedState(IntEnum):
+    """States of the controller, by the names of the protocol."""
+
+    BOOT = 0
+    IDLE = 1
+    ARMED = 2
+    APPROACH = 3
+    MACHINING = 4
+    JUMP = 5
+    TOUCH = 6
+    MOVING = 7
+    FAULT = 8
+    ESTOP = 9
+
+
+class RecordedCode(IntEnum):
+    """Codes of events: below 100 those of the controller, else those of procedures, which have more."""
+
+    JUMP_DONE = 5
+    TOUCH = 6
+    FACE_FITTED = 112
+    CUT_PLANNED = 120
+    SITE_MEASURED = 130
+    LEFT_UNMEASURED = 133
+    SITE_ESTIMATED = 134
+    ENDED_EARLY = 160
+    JUMP_PERIOD = 161
+    CHANNEL_MEASURED = 171
+
+
+_KNOWN = {int(code): code for code in RecordedCode}
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedEvent:
+    """One event: its time, code (a RecordedCode or another), level, sentence, and values."""
+
+    time_s: float
+    code: int
+    level: int
+    message: str
+    values: Mapping[str, object]
+
+    def number(self, name: str) -> float:
+        """Return one of its numbers; NaN where it has none of that name."""
+        value = self.values.get(name, math.nan)
+        return float(value) if isinstance(value, int | float) else math.nan
+
+
+def recorded_events(run: RunFile, *wanted: RecordedCode, start: int = 0) -> list[RecordedEvent]:
+    """Return the events of the `wanted` codes, all where none is given, from row `start` on."""
+    codes = {int(code) for code in wanted}
+    return [
+        RecordedEvent(
+            float(row["time"]),
+            _KNOWN.get(int(row["code"]), int(row["code"])),
+            int(row["level"]),
+            row["message"].decode(errors="ignore"),
+            _values(row["args"]),
+        )
+        for row in run.table(layout.EVENTS.path, start)
+        if not codes or int(row["code"]) in codes
+    ]
+
+
+def error_code_of(run: RunFile) -> str:
+    """Return the code of the error that ended a run early; empty where none did, or the file has none."""
+    ends = recorded_events(run, RecordedCode.ENDED_EARLY)
+    return str(ends[-1].values.get("code", "")) if ends else ""
+
+
+def _values(utf8: bytes) -> Mapping[str, object]:
+    """The values of an event; none where their text is damaged."""
+    try:
+        values = json.loads(utf8)
+    except ValueError:
+        return {}
+    return values if isinstance(values, dict) else {}

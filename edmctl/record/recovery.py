@@ -1,9 +1,13 @@
-"""Makes a complete run file of one without an end, or of what can be read of a damaged one.
+"""Writes complete run files: of a run that has ended, of one that was killed, of what can be read of a damaged one.
 
-The old file is only read. What a killed writer left is copied as it is; columns of one group are cut to the
-shortest, as they were written one after another. A damaged file is read in a process of its own, which has a time
-limit, because HDF5 does not survive every damage; and from a copy, if its end is lost or its texts are endless. Rows
-of a column that cannot be read become NaN, or 0 in columns of whole numbers, and are counted.
+During a run nothing is compressed, because SWMR never reuses the space of a compressed chunk that grows. A complete
+file is built anew, in the oldest format that can hold it: its rows in large chunks through the filters shuffle and
+gzip, which every HDF5 library has. Then it is sealed. The old file is only read.
+
+Columns of a killed run are cut to the shortest of their group, as they were written one after another. A damaged
+file is read in a process of its own, which has a time limit, because HDF5 does not survive every damage; and from a
+copy, if its end is lost or its texts are endless. Rows that cannot be read become NaN, or 0 in columns of whole
+numbers, and are counted.
 """
 
 from __future__ import annotations
@@ -13,39 +17,62 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+import zlib
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import h5py
 import numpy as np
+from h5py import h5d, h5s
 from numpy.typing import NDArray
 
 from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass, field
 from edmctl.errors import RunFileError
+from edmctl.files import sync
 from edmctl.record import layout
-from edmctl.record.compaction import CLOSING, compact
-from edmctl.record.create import LIBRARY_VERSIONS, empty_run_file
-from edmctl.record.disk import HDF5_ERRORS, PARTIAL, error_number, reason, rename_without_replacing, write_new
-from edmctl.record.integrity import are_sound, end_at_breaks, is_whole, read_superblock
+from edmctl.record.create import GZIP_LEVEL, UNKNOWN, Content, build_tree, fit_utf8
+from edmctl.record.disk import (
+    HDF5_ERRORS,
+    PARTIAL,
+    cannot_name,
+    error_number,
+    reason,
+    rename_without_replacing,
+)
 from edmctl.record.layout import Scalar, Table
 from edmctl.record.locks import is_live
-from edmctl.record.opening import damaged, open_file, open_hdf5, open_unjudged, refuse_endless, refuse_foreign
-from edmctl.record.run_meta import Leaf, RunMeta, SourceText
-from edmctl.record.writer import fit_utf8
+from edmctl.record.opening import (
+    append_checksum,
+    damaged,
+    end_at_breaks,
+    heap_breaks,
+    is_whole,
+    open_dataset,
+    open_file,
+    open_hdf5,
+    open_unjudged,
+    plain,
+    read_superblock,
+    read_value,
+    refuse_foreign,
+)
 from edmctl.version import __version__
 from edmctl.wording import iso_of
-
-if TYPE_CHECKING:
-    import h5py
 
 RECOVERED = "recovered"
 RECOVERING = ".recovering"
 """Ending of the new file while it is written."""
+CLOSING = ".closing"
+"""Ending of the compressed copy of a run that ends; whoever dies then leaves the `.partial` file as it was."""
 BROKEN = (*HDF5_ERRORS, LookupError, AttributeError, TypeError)
 """What h5py raises on files that are not what they were, from which call depends."""
+_WORKERS = min(4, os.cpu_count() or 1)
+_IN_FLIGHT = 4 * _WORKERS
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +90,210 @@ class Recovered:
     unread_rows: dict[str, int] = field(default_factory=dict)
 
 
+class Source:
+    """A run file that is written anew; every part of it has to be readable. Raises what h5py raises."""
+
+    def __init__(self, file: h5py.File) -> None:
+        self._file = file
+        self.begun: dict[str, int] = {}
+        """Rows of the longest column of each table."""
+        self.unread: dict[str, int] = {}
+
+    def content(self) -> Content:
+        """Return all but the rows."""
+        values = {scalar.path: self._scalar(scalar) for scalar in layout.SCALARS}
+        for grid in layout.GRIDS:
+            for column in (grid.signal, *grid.axes):
+                values[f"{grid.path}/{column.name}"] = self.value(f"{grid.path}/{column.name}")
+        return Content(values, self.profile(), {table.path: self._rows(table) for table in layout.TABLES})
+
+    def value(self, path: str) -> NDArray[Any] | None:
+        return read_value(self._file, path)
+
+    def dataset(self, path: str) -> h5d.DatasetID | None:
+        return open_dataset(self._file, path)
+
+    def profile(self) -> dict[str, Any]:
+        attributes = self._file["/entry/profile/values"].attrs
+        return {name: plain(attributes[name]) for name in attributes if name != "NX_class"}
+
+    def rows(self, datasets: dict[str, h5d.DatasetID]) -> int:
+        """Return how many rows of a table are written anew."""
+        return min(_length(dataset) for dataset in datasets.values())
+
+    def read(self, path: str, dataset: h5d.DatasetID, first: int, values: NDArray[Any]) -> None:
+        """Fill `values` with rows from `first` on."""
+        place = dataset.get_space()
+        place.select_hyperslab((first,), values.shape)
+        dataset.read(h5s.create_simple(values.shape), place, values)
+
+    def _scalar(self, scalar: Scalar) -> Any:
+        value = self.value(scalar.path)
+        if value is None:
+            return UNKNOWN.get(scalar.dtype, b"")
+        if scalar.dtype == "json":
+            return value.tobytes()
+        if scalar.dtype == "texts":
+            return [one.decode() for one in value.tolist()]
+        return value.item().decode() if scalar.dtype == "text" else value.item()
+
+    def _rows(self, table: Table) -> int:
+        found = {path: dataset for path in table.datasets if (dataset := self.dataset(path)) is not None}
+        self.begun[table.path] = max(map(_length, found.values()), default=0)
+        return self.rows(found) if found else 0
+
+
+class DamagedSource(Source):
+    """A damaged run file: what can be read of it is written anew."""
+
+    def value(self, path: str) -> NDArray[Any] | None:
+        with suppress(*BROKEN):
+            return super().value(path)
+        return None
+
+    def dataset(self, path: str) -> h5d.DatasetID | None:
+        with suppress(*BROKEN):
+            dataset = super().dataset(path)
+            return dataset if dataset is None or dataset.rank == 1 else None
+        return None
+
+    def profile(self) -> dict[str, Any]:
+        found = {}
+        with suppress(*BROKEN):
+            attributes = self._file["/entry/profile/values"].attrs
+            for name in attributes:
+                with suppress(*BROKEN):
+                    found[name] = plain(attributes[name])
+        found.pop("NX_class", None)
+        return found
+
+    def rows(self, datasets: dict[str, h5d.DatasetID]) -> int:
+        """Return the rows before the first whose time cannot be read: it has no place. Else the longest counts."""
+        clock = next((dataset for path, dataset in datasets.items() if path.endswith("/time")), None)
+        if clock is None:
+            return max(map(_length, datasets.values()))
+        rows, step = _length(clock), _chunk_rows(clock)
+        for first in range(0, rows, step):
+            try:
+                super().read("", clock, first, np.empty(min(step, rows - first), clock.dtype))
+            except BROKEN:
+                return first
+        return rows
+
+    def read(self, path: str, dataset: h5d.DatasetID, first: int, values: NDArray[Any]) -> None:
+        """Fill `values` chunk by chunk, as each can be read or not as a whole, and count what cannot be read."""
+        there = min(len(values), max(0, dataset.shape[0] - first))
+        self.unread[path] = self.unread.get(path, 0) + len(values) - there
+        step = _chunk_rows(dataset)
+        for start in range(0, there, step):
+            piece = values[start : min(start + step, there)]
+            try:
+                super().read(path, dataset, first + start, piece)
+            except BROKEN:
+                piece[...] = unknown_rows(len(piece), piece.dtype)
+                self.unread[path] += len(piece)
+
+    def _scalar(self, scalar: Scalar) -> Any:
+        with suppress(*BROKEN):
+            return super()._scalar(scalar)
+        return UNKNOWN.get(scalar.dtype, b"")
+
+
+def unknown_rows(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return rows of NaN, or 0 where that is no number."""
+    rows: NDArray[Any] = np.zeros(count, dtype)
+    for column in [rows[name] for name in dtype.names] if dtype.names else [rows]:
+        if column.dtype.kind == "f":
+            column[:] = np.nan
+    return rows
+
+
+def _length(dataset: h5d.DatasetID) -> int:
+    return int(dataset.shape[0])
+
+
+def _chunk_rows(dataset: h5d.DatasetID) -> int:
+    properties = dataset.get_create_plist()
+    if properties.get_layout() == h5d.CHUNKED:
+        return int(properties.get_chunk()[0])
+    return max(1, _length(dataset))
+
+
+def write_anew(source: Source, content: Content, target: Path) -> None:
+    """Write the new file `target`, which is safe on the disk when the call returns.
+
+    Raises what h5py raises; then there is no `target`.
+    """
+    try:
+        with (
+            open_hdf5(target, "x", libver=("earliest", "v110")) as file,
+            ThreadPoolExecutor(_WORKERS) as pool,
+        ):
+            build_tree(file, content)
+            for table in layout.TABLES:
+                for path in table.datasets:
+                    _write_rows(source, path, h5d.open(file.id, path.encode()), pool)
+        append_checksum(target)
+        sync(target)
+    except BaseException as error:
+        if not isinstance(error, FileExistsError):
+            target.unlink(missing_ok=True)
+        raise
+
+
+def _write_rows(source: Source, path: str, made: h5d.DatasetID, pool: ThreadPoolExecutor) -> None:
+    """Write all rows of a dataset; threads compress chunks while the next ones are read."""
+    dataset = source.dataset(path)
+    rows, step = made.shape[0], _chunk_rows(made)
+    compressed = made.get_create_plist().get_layout() == h5d.CHUNKED
+    waiting: deque[tuple[int, Future[bytes]]] = deque()
+    for first in range(0, rows, step):
+        values = unknown_rows(min(step, rows - first), made.dtype)
+        if dataset is not None:
+            source.read(path, dataset, first, values)
+        if not compressed:
+            made.write(h5s.ALL, h5s.ALL, values)
+            continue
+        waiting.append((first, pool.submit(_filtered, values, step)))
+        if len(waiting) >= _IN_FLIGHT:
+            start, chunk = waiting.popleft()
+            made.write_direct_chunk((start,), chunk.result())
+    for start, chunk in waiting:
+        made.write_direct_chunk((start,), chunk.result())
+
+
+def _filtered(values: NDArray[np.generic], chunk_rows: int) -> bytes:
+    """What HDF5's filters shuffle and gzip make of a chunk; a last one that is not full is filled with zeros."""
+    size = values.dtype.itemsize
+    planes = np.zeros((size, chunk_rows), np.uint8)
+    planes[:, : len(values)] = values.view(np.uint8).reshape(len(values), size).T
+    return zlib.compress(planes.data, GZIP_LEVEL)
+
+
+def close_run(partial: Path, path: Path) -> None:
+    """Make `path` of the complete and closed file `partial`; a file of that name is never replaced.
+
+    Raises RunFileError E9004 when the name is taken or cannot be given; then `partial` stays.
+    """
+    closing = path.with_name(path.name + CLOSING)
+    try:
+        closing.unlink(missing_ok=True)
+        # Every chunk is read once: a cache would keep up to 8 MB of each dataset.
+        with open_hdf5(partial, rdcc_nbytes=0) as file:
+            source = Source(file)
+            write_anew(source, source.content(), closing)
+    except HDF5_ERRORS:
+        # Better large than lost: the disk may not have room for a second file.
+        rename_without_replacing(partial, path)
+        return
+    try:
+        rename_without_replacing(closing, path)
+    except RunFileError as error:
+        closing.unlink(missing_ok=True)
+        raise cannot_name(partial, path, error.__cause__ or error) from error
+    partial.unlink(missing_ok=True)
+
+
 def recovered_name(path: Path) -> Path:
     """Return what the complete file is called: `a.h5` for `a.h5.partial`, `a.recovered.h5` for a damaged `a.h5`."""
     if path.suffix == PARTIAL:
@@ -78,100 +309,22 @@ def is_complete(path: Path) -> bool:
 def recover(path: Path, target: Path | None = None) -> Recovered:
     """Write all that a killed writer left at `path` into a new file; the old one stays as it is.
 
-    Raises RunFileError: E9001 the new name is taken, E9002 it cannot be written, E9005 this is no run file, E9006 a
-    later version wrote it, E9007 a part of it cannot be read (`recover_damaged` copes with that), E9014 a process
+    Raises RunFileError: E9001 the new name is taken, E9002 it cannot be written, E9005 this is no run file, E9006
+    another version wrote it, E9007 a part of it cannot be read (`recover_damaged` copes with that), E9014 a process
     is still writing it.
     """
     target = target or recovered_name(path)
     refuse(path, target)
-    with open_file(path) as source:
+    with open_file(path) as file:
         try:
-            found = dict(_found_rows(source))
-            values = ending(source["/entry/end_time"][()], path)
-            rows = {dataset: part.whole for part in found.values() for dataset in part.datasets}
-            new = temporary(target)
-            compact(source, new, rows, values)
+            source = Source(file)
+            content = source.content()
+            return _recovered(source, content, path, target)
         except BROKEN as error:
-            raise _blamed(path, target, error) from error
-    give_name(new, target)
-    lost = {table: part.begun - part.whole for table, part in found.items() if part.begun > part.whole}
-    return Recovered(target, {table: part.whole for table, part in found.items()}, lost)
-
-
-def refuse(path: Path, target: Path) -> None:
-    """Raise RunFileError: E9001 `target` is taken, E9014 a process is writing `path`."""
-    if os.path.lexists(target):
-        raise name_taken(target)
-    if path.is_file() and is_live(path):
-        raise failures.run_still_written(path=path)
-
-
-def name_taken(target: Path) -> RunFileError:
-    """Return the error for a new file whose name is taken."""
-    return failures.recovery_target_exists(target=target)
-
-
-def temporary(target: Path) -> Path:
-    """What the new file is called while this process writes it."""
-    return target.with_name(f"{target.name}.{os.getpid()}{RECOVERING}")
-
-
-def give_name(new: Path, target: Path) -> None:
-    """Give the complete file `new` its name. Raises RunFileError E9001 when that was taken meanwhile."""
-    try:
-        rename_without_replacing(new, target)
-    except RunFileError as error:
-        new.unlink(missing_ok=True)
-        raise name_taken(target) from error
-    # What a writer left that died while it closed the file.
-    target.with_name(target.name + CLOSING).unlink(missing_ok=True)
-
-
-def _blamed(path: Path, target: Path, error: Exception) -> RunFileError:
-    """The old file's damage, or the new one's disk: refusals of the operating system have a number."""
-    if error_number(error) is None:
-        return damaged(path, reason(error))
-    return failures.run_not_recovered(path=path, target=target, error=reason(error))
-
-
-@dataclass(frozen=True, slots=True)
-class _Rows:
-    """Rows of one table that all its datasets have, and those that its longest has."""
-
-    datasets: tuple[str, ...]
-    whole: int
-    begun: int
-
-
-def _found_rows(source: h5py.File) -> Iterator[tuple[str, _Rows]]:
-    for table in layout.TABLES:
-        if table.path not in source:
-            continue
-        item = source[table.path]
-        datasets = {table.path: item} if table.is_compound else {f"{table.path}/{n}": item[n] for n in item}
-        lengths = [dataset.shape[0] for dataset in datasets.values()]
-        for dataset in datasets.values():
-            refuse_endless(dataset.id)
-        yield table.path, _Rows(tuple(datasets), min(lengths), max(lengths))
-
-
-def ending(end_time: bytes, path: Path) -> dict[str, bytes | int]:
-    """What the new file says of its end; that of a run that came to its own end stays."""
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    values: dict[str, bytes | int] = {
-        "/entry/recovery": fit_utf8(f"from {path.name} by edmctl {__version__} at {now}", 160)
-    }
-    if not end_time:
-        values["/entry/end_time"] = (iso_of(path.stat().st_mtime) or now).encode()
-        values["/entry/status"] = RECOVERED.encode()
-    return values
-
-
-_LONGEST_BYTES = 1 << 40
-"""A length beyond this is part of the damage."""
-_LEAST_S, _BYTES_PER_S = 60.0, 1e6
-"""The time that is given: so much, and for each byte."""
-_COPY, _RAW = ".copy", ".raw"
+            if error_number(error) is None:
+                raise damaged(path, reason(error)) from error
+            # The operating system has refused: it is the new file's disk.
+            raise failures.run_not_recovered(path=path, target=target, error=reason(error)) from error
 
 
 def recover_damaged(path: Path, target: Path | None = None) -> Recovered:
@@ -192,19 +345,26 @@ def recover_damaged(path: Path, target: Path | None = None) -> Recovered:
         raise _beyond(path, f"reading it ended with status {ended.returncode}") from None
     if "error" in answer:
         raise RunFileError(answer["error"], code=answer["code"], hint=answer["hint"])
-    return Recovered(Path(answer["path"]), answer["rows"], answer["lost_rows"], answer["unread_rows"])
+    return Recovered(**answer | {"path": Path(answer["path"])})
 
 
-def _beyond(path: Path, why: str) -> RunFileError:
-    return failures.run_file_beyond_recovery(path=path, why=why)
+_LONGEST_BYTES = 1 << 40
+"""A length beyond this is part of the damage."""
+_LEAST_S, _BYTES_PER_S = 60.0, 1e6
+"""The time that is given: so much, and for each byte."""
 
 
-def _recovered(path: Path, target: Path) -> Recovered:
-    copy = temporary(target).with_suffix(_COPY)
+def _recovered_damaged(path: Path, target: Path) -> Recovered:
+    copy = temporary(target).with_suffix(".copy")
     try:
-        with _opened(path, copy) as source:
-            refuse_foreign(path, source)
-            return _rebuilt(source, path, target)
+        with _opened(path, copy) as file:
+            refuse_foreign(path, file)
+            source = DamagedSource(file)
+            content = source.content()
+            if not any((content.rows or {}).values()):
+                raise _beyond(path, "none of its rows can be read")
+            content.values["/entry/status"] = RECOVERED.encode()
+            return _recovered(source, content, path, target)
     except BROKEN as error:
         raise _beyond(path, reason(error)) from error
     finally:
@@ -215,205 +375,65 @@ def _opened(path: Path, copy: Path) -> h5py.File:
     """Open the file, or a mended copy of it. Raises what h5py raises."""
     end_bytes = read_superblock(path).end_bytes or 0
     missing = end_bytes - path.stat().st_size if end_bytes <= _LONGEST_BYTES else 0
-    if missing > 0 or not are_sound(path):
+    if missing > 0 or heap_breaks(path):
         shutil.copyfile(path, copy)
         if missing > 0:
-            with copy.open("r+b") as file:
-                file.truncate(end_bytes)
+            os.truncate(copy, end_bytes)
         end_at_breaks(copy)
         path = copy
     return open_unjudged(path)
 
 
-def _rebuilt(source: h5py.File, path: Path, target: Path) -> Recovered:
-    """Fill an empty run file with what can be read of `source`."""
-    raw, new = temporary(target).with_suffix(_RAW), temporary(target)
-    rows: dict[str, int] = {}
-    lost: dict[str, int] = {}
-    unread: dict[str, int] = {}
-    end_time: bytes = _value(source, "/entry/end_time", b"")
-    write_new(raw, empty_run_file(_meta(source)))
+def _beyond(path: Path, why: str) -> RunFileError:
+    return failures.run_file_beyond_recovery(path=path, why=why)
+
+
+def refuse(path: Path, target: Path) -> None:
+    """Raise RunFileError: E9001 `target` is taken, E9014 a process is writing `path`."""
+    if os.path.lexists(target):
+        raise name_taken(target)
+    if path.is_file() and is_live(path):
+        raise failures.run_still_written(path=path)
+
+
+def name_taken(target: Path) -> RunFileError:
+    """Return the error for a new file whose name is taken."""
+    return failures.recovery_target_exists(target=target)
+
+
+def temporary(target: Path) -> Path:
+    """What the new file is called while this process writes it."""
+    return target.with_name(f"{target.name}.{os.getpid()}{RECOVERING}")
+
+
+def _recovered(source: Source, content: Content, path: Path, target: Path) -> Recovered:
+    """Write the new file, with what it says of its end, and give it its name; an end of the run's own stays.
+
+    Raises what h5py raises, and RunFileError E9001 when the name was taken meanwhile.
+    """
+    values, new, now = content.values, temporary(target), datetime.now(UTC).isoformat(timespec="seconds")
+    values["/entry/recovery"] = fit_utf8(f"from {path.name} by edmctl {__version__} at {now}", 160)
+    if not values["/entry/end_time"]:
+        values["/entry/end_time"] = (iso_of(path.stat().st_mtime) or now).encode()
+        values["/entry/status"] = RECOVERED.encode()
+    write_anew(source, content, new)
     try:
-        with open_hdf5(raw, "r+", libver=LIBRARY_VERSIONS) as file:
-            for scalar in layout.SCALARS:
-                if not scalar.source and scalar.dtype not in ("text", "texts", "json"):
-                    with suppress(*BROKEN):
-                        file[scalar.path][()] = _value(source, scalar.path, file[scalar.path][()])
-            summary = _value(source, "/entry/summary", np.empty(0, "u1"))
-            file["/entry/summary"].resize(summary.shape)
-            file["/entry/summary"][:] = summary
-            for table in layout.TABLES:
-                claimed = _copy_table(source, file, table, unread)
-                rows[table.path] = count = _length(file, table)
-                if claimed > count:
-                    lost[table.path] = claimed - count
-            if not any(rows.values()):
-                raise _beyond(path, "none of its rows can be read")
-            values = ending(end_time, path) | {"/entry/status": RECOVERED.encode()}
-            compact(file, new, values=values)
-    finally:
-        raw.unlink(missing_ok=True)
-    give_name(new, target)
+        rename_without_replacing(new, target)
+    except RunFileError as error:
+        new.unlink(missing_ok=True)
+        raise name_taken(target) from error
+    # What a writer left that died while it closed the file.
+    target.with_name(target.name + CLOSING).unlink(missing_ok=True)
+    rows, unread = dict(content.rows or {}), {name: count for name, count in source.unread.items() if count}
+    lost = {name: source.begun[name] - count for name, count in rows.items() if source.begun[name] > count}
     return Recovered(target, rows, lost, unread)
-
-
-def _meta(source: h5py.File) -> RunMeta:
-    """What the file says of its run, as far as it can be read."""
-    blank: dict[str, Any] = {
-        "run_id": "",
-        "title": "",
-        "start_time": "",
-        "command": [],
-        "host": "",
-        "simulated": False,
-        "seed": None,
-        "profile_text": "",
-        "profile_sha256": "",
-        "edmctl_version": "",
-        "procedure": "",
-    }
-    for scalar in layout.SCALARS:
-        if scalar.source:
-            value = _value(source, scalar.path, None)
-            with suppress(*BROKEN):
-                blank[scalar.source] = _plain(scalar, value)
-    blank["profile_leaves"] = _leaves(source)
-    with suppress(*BROKEN):
-        places, texts = source["/entry/profile/parent_paths"][:], source["/entry/profile/parents"][:]
-        blank["profile_parents"] = [
-            SourceText(place.decode(), text.decode()) for place, text in zip(places, texts, strict=True)
-        ]
-    with suppress(*BROKEN):
-        blank["command"] = json.loads(source["/entry/command"][()])
-    return RunMeta(**blank)
-
-
-def _plain(scalar: Scalar, value: Any) -> object:
-    if scalar.source == "profile_overrides":
-        return value.decode().splitlines()
-    return value.decode() if scalar.dtype == "text" else value.item()
-
-
-def _leaves(source: h5py.File) -> list[Leaf]:
-    found: dict[str, float | int | str | bool] = {}
-    with suppress(*BROKEN):
-        attributes = source["/entry/profile/values"].attrs
-        for key in attributes:
-            with suppress(*BROKEN):
-                value = attributes[key]
-                found[key] = value.item() if isinstance(value, np.generic) else value
-    return [
-        Leaf(key, value, str(found.get(f"{key}_units", "")))
-        for key, value in found.items()
-        if not key.endswith("_units") and key != "NX_class"
-    ]
-
-
-def _value(source: h5py.File, path: str, default: Any) -> Any:
-    with suppress(*BROKEN):
-        refuse_endless(source[path].id)
-        return source[path][()]
-    return default
-
-
-def _length(file: h5py.File, table: Table) -> int:
-    item = file[table.path]
-    length: int = (item if table.is_compound else item[table.columns[0].name]).shape[0]
-    return length
-
-
-def _copy_table(source: h5py.File, file: h5py.File, table: Table, unread: dict[str, int]) -> int:
-    """Fill a table; returns how many rows the source said it has."""
-    names = [""] if table.is_compound else [f"/{column.name}" for column in table.columns]
-    found = {name: _dataset(source, table.path + name) for name in names}
-    lengths = {name: dataset.shape[0] for name, dataset in found.items() if dataset is not None}
-    if not lengths:
-        return 0
-    # A row whose time cannot be read has no place; of other columns, the longest tells how many rows there are.
-    clock = found.get("/time")
-    rows = _readable_rows(clock) if clock is not None else max(lengths.values())
-    for name in names:
-        target = file[table.path + name]
-        target.resize((rows,))
-        bad = _copy_rows(found[name], target, rows, table)
-        if bad and not _is_absent(source, table, name):
-            unread[table.path + name] = bad
-    claimed: int = max(lengths.values())
-    return claimed
-
-
-def _is_absent(source: h5py.File, table: Table, name: str) -> bool:
-    """Whether an older version wrote the file, which had no such column."""
-    with suppress(*BROKEN):
-        return not table.is_compound and name.lstrip("/") not in list(source[table.path])
-    return False
-
-
-def _dataset(source: h5py.File, path: str) -> h5py.Dataset | None:
-    """The dataset, None where it cannot be read or claims what cannot be."""
-    with suppress(*BROKEN):
-        dataset = source[path]
-        refuse_endless(dataset.id)
-        return dataset if len(dataset.shape) == 1 else None
-    return None
-
-
-def _pieces(dataset: h5py.Dataset, rows: int) -> list[tuple[int, int]]:
-    """Rows that can be read or not as a whole: chunks."""
-    step = dataset.chunks[0] if dataset.chunks else max(1, rows)
-    return [(start, min(start + step, rows)) for start in range(0, rows, step)]
-
-
-def _readable_rows(dataset: h5py.Dataset) -> int:
-    """Rows before the first that cannot be read."""
-    for start, stop in _pieces(dataset, dataset.shape[0]):
-        if _read(dataset, start, stop) is None:
-            return start
-    rows: int = dataset.shape[0]
-    return rows
-
-
-def _read(dataset: h5py.Dataset, start: int, stop: int) -> NDArray[np.generic] | None:
-    with suppress(*BROKEN):
-        values: NDArray[np.generic] = dataset[start:stop]
-        return values
-    return None
-
-
-def _copy_rows(dataset: h5py.Dataset | None, target: h5py.Dataset, rows: int, table: Table) -> int:
-    """Copy rows, and put NaN or 0 where none can be read; returns how many those are."""
-    unknown = np.nan if target.dtype.kind == "f" else np.zeros((), target.dtype)
-    there, good = 0, 0
-    if dataset is not None:
-        there = min(rows, dataset.shape[0])
-        for start, stop in _pieces(dataset, there):
-            values = _read(dataset, start, stop)
-            target[start:stop] = unknown if values is None else _fitted(values, target.dtype, table)
-            good += 0 if values is None else stop - start
-    if there < rows:
-        target[there:rows] = unknown
-    return rows - good
-
-
-def _fitted(values: NDArray[Any], dtype: np.dtype[Any], table: Table) -> NDArray[Any]:
-    """Return rows of a compound dataset with all columns of the layout; unknown ones are NaN or 0."""
-    there = values.dtype.names
-    if there is None or there == dtype.names:
-        return values
-    rows: NDArray[Any] = np.zeros(values.shape, dtype)
-    for column in table.columns:
-        if column.name in there:
-            rows[column.name] = values[column.name]
-        elif dtype[column.name].kind == "f":
-            rows[column.name] = np.nan
-    return rows
 
 
 def main() -> None:
     """Recover for the parent process; the answer is one JSON object."""
     path, target = map(Path, sys.argv[1:])
     try:
-        answer = asdict(_recovered(path, target))
+        answer = asdict(_recovered_damaged(path, target))
     except RunFileError as error:
         answer = {"error": error.message, "code": error.code, "hint": error.hint}
     print(json.dumps(answer, default=str))  # noqa: T201 - the parent reads it

@@ -1,4 +1,4 @@
-"""What the rest of the program hands to a run file, in physical units.
+"""What the rest of the program hands to a run file: its header, and rows in physical units.
 
 Array fields have shape (n,) and one length per block. A block is kept by reference until it is written,
 so its arrays must not be changed afterwards.
@@ -6,10 +6,12 @@ so its arrays must not be changed afterwards.
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import KW_ONLY
 from enum import IntEnum
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from edmctl.dataclasses import dataclass, field
 from edmctl.results.declared import PURE, TEXT, quantity, um
@@ -101,21 +103,25 @@ class EventRow:
         object.__setattr__(self, "args", dict(self.args))
 
 
+def _f4(units: str, title: str, column: str = "", **options: Any) -> Any:
+    return quantity(units, title, dtype="f4", column=column, **options)
+
+
+def _unknown(units: str, title: str, column: str) -> Any:
+    return _f4(units, title, column, default=math.nan)
+
+
 @dataclass(slots=True)
 class ServoBlock:
     """Consecutive servo samples. Displacements are positive towards the workpiece."""
 
     time_s: FloatArray = quantity("s", "time since start")
-    actuator_v: FloatArray = quantity("V", "actuator voltage", dtype="f4", column="v_cmd")
-    displacement_um: FloatArray = um(
-        "tool displacement, sensor; NaN without one", dtype="f4", column="z_sensor"
-    )
-    model_um: FloatArray = um("tool displacement, estimated from the voltage", dtype="f4", column="z_model")
-    gap_v: FloatArray = quantity("V", "mean gap voltage", dtype="f4", column="v_gap_avg")
-    gap_ratio: FloatArray = quantity(
-        PURE, "mean gap voltage over duty factor × open voltage", dtype="f4", column="s"
-    )
-    current_a: FloatArray = quantity("A", "mean gap current", dtype="f4")
+    actuator_v: FloatArray = _f4("V", "actuator voltage", "v_cmd")
+    displacement_um: FloatArray = _f4("um", "tool displacement, sensor; NaN without one", "z_sensor")
+    model_um: FloatArray = _f4("um", "tool displacement, estimated from the voltage", "z_model")
+    gap_v: FloatArray = _f4("V", "mean gap voltage", "v_gap_avg")
+    gap_ratio: FloatArray = _f4(PURE, "mean gap voltage over duty factor × open voltage", "s")
+    current_a: FloatArray = _f4("A", "mean gap current")
     direction: IntArray = quantity(
         PURE, "direction of the servo: −1 back, 0 hold, 1 forward", dtype="i1", column="dir"
     )
@@ -126,29 +132,24 @@ class ServoBlock:
 class SlowRow:
     """One row of the supervisor's view. Unknown values are NaN."""
 
-    time_s: float
-    feed_um_s: float
-    gap_ratio: float
-    gap_ratio_ref: float
-    ratio_open: float
-    ratio_normal: float
-    ratio_arc: float
-    ratio_short: float
-    depth_um: float
-    """Estimated depth."""
-    wear_um: float
-    """Estimated tool wear."""
-    power_w: float
-    """Mean discharge power."""
-    jump_period_s: float = math.nan
-    dielectric_c: float = math.nan
-    flow_lpm: float = math.nan
-    link_errors: int = 0
-    """Telemetry frames missing so far."""
-    depth_u95_um: float = math.nan
-    """Half the 95 % interval of the estimated depth."""
-    wear_u95_um: float = math.nan
-    """Likewise of the estimated tool wear."""
+    time_s: float = quantity("s", "time since start")
+    feed_um_s: float = _f4("um/s", "feed rate", "feed_um_s")
+    gap_ratio: float = _f4(PURE, "mean gap voltage over duty factor × open voltage", "s")
+    gap_ratio_ref: float = _f4(PURE, "servo reference", "s_ref")
+    ratio_open: float = _f4(PURE, "share of open pulses", "r_open")
+    ratio_normal: float = _f4(PURE, "share of normal discharges", "r_normal")
+    ratio_arc: float = _f4(PURE, "share of arcs", "r_arc")
+    ratio_short: float = _f4(PURE, "share of shorts", "r_short")
+    _: KW_ONLY
+    depth_um: float = _f4("um", "estimated depth", "est_depth")
+    depth_u95_um: float = _unknown("um", "half the 95 % interval of the estimated depth", "est_depth_u95")
+    wear_um: float = _f4("um", "estimated tool wear", "est_wear")
+    wear_u95_um: float = _unknown("um", "half the 95 % interval of the estimated tool wear", "est_wear_u95")
+    jump_period_s: float = _unknown("s", "jump period; NaN without jumps", "jump_period")
+    power_w: float = _f4("W", "mean discharge power", "p_avg")
+    dielectric_c: float = _unknown("degC", "temperature of the dielectric", "temp_dielectric")
+    flow_lpm: float = _unknown("L/min", "flow of the dielectric", "flow")
+    link_errors: int = quantity(PURE, "telemetry frames missing so far", dtype="u4", default=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,3 +242,126 @@ class NullRecorder:
 
     def append(self, row: Row) -> None:
         """Do nothing."""
+
+
+UNIT_SUFFIXES = {
+    "um3_per_uj": "um3/uJ",
+    "um_per_v": "um/V",
+    "um_s2": "um/s2",
+    "um_s": "um/s",
+    "v_s": "V/s",
+    "v_max": "V",
+    "um": "um",
+    "mm": "mm",
+    "us": "us",
+    "ns": "ns",
+    "ms": "ms",
+    "s": "s",
+    "v": "V",
+    "a": "A",
+    "w": "W",
+    "uj": "uJ",
+    "hz": "Hz",
+    "khz": "kHz",
+    "deg": "deg",
+    "mrad": "mrad",
+    "lpm": "L/min",
+    "c": "degC",
+    "degc": "degC",
+    "ohm": "ohm",
+    "pf": "pF",
+}
+"""Endings of a key, longest first, and the unit they stand for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """One value of a profile by its dotted key, with the unit that its key names."""
+
+    key: str
+    value: float | int | str | bool
+    units: str
+
+
+@dataclass(frozen=True, slots=True)
+class SourceText:
+    """A file that went into a run: where it was found, and its text."""
+
+    path: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunMeta:
+    """Everything about a run that is known before it starts."""
+
+    run_id: str
+    title: str
+    start_time: str
+    """ISO 8601 with offset."""
+    command: Sequence[str]
+    host: str
+    simulated: bool
+    seed: int | None
+    profile_text: str
+    profile_sha256: str
+    """Of the recipe in effect, after `extends`, overrides and defaults."""
+    edmctl_version: str
+    procedure: str = "machine"
+    """What was done, by command or by program."""
+    sim_sha256: str = ""
+    """Of the `[sim]` table in effect."""
+    parent_run: str = ""
+    """The run that this one goes on with; empty without."""
+    parent_time_s: float = 0.0
+    """Time of the job in the runs before, pauses left out."""
+    profile_path: str = ""
+    profile_parents: Sequence[SourceText] = ()
+    """The files that the profile extends, nearest first."""
+    profile_leaves: Sequence[Leaf] = ()
+    profile_overrides: Sequence[str] = ()
+    setup_text: str = ""
+    """The setup file verbatim; empty for the stock machine."""
+    setup_toml: str = ""
+    """Every value of the setup in effect."""
+    setup_path: str = ""
+    setup_sha256: str = ""
+    protocol_version: str = ""
+    firmware_version: str = ""
+    controller_serial: str = ""
+    calibration: str = ""
+    """The actuator model of the run, in words."""
+    calibration_text: str = ""
+    """The calibration file verbatim; empty without."""
+    drift_text: str = ""
+    """The drift file verbatim; empty without."""
+    user: str = ""
+    work_material: str = ""
+    work_thickness_um: float = math.nan
+    tool_material: str = ""
+    tool_diameter_um: float = math.nan
+
+
+def profile_leaves(profile: Mapping[str, object]) -> tuple[Leaf, ...]:
+    """Return every value of the nested `profile` by dotted key; lists become JSON, None is left out."""
+    return tuple(_leaves(profile, ""))
+
+
+def _leaves(table: Mapping[str, object], prefix: str) -> Iterator[Leaf]:
+    for name, value in table.items():
+        key = f"{prefix}{name}"
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{key}.")
+        elif isinstance(value, str):
+            yield Leaf(key, value, TEXT)
+        elif isinstance(value, bool):
+            yield Leaf(key, value, PURE)
+        elif isinstance(value, int | float):
+            yield Leaf(key, value, unit_of(name))
+        elif value is not None:
+            yield Leaf(key, json.dumps(value, default=str), TEXT)
+
+
+def unit_of(name: str) -> str:
+    """Return the unit that the ending of `name` stands for; `1` when it names none."""
+    return next((unit for suffix, unit in UNIT_SUFFIXES.items() if name.endswith(f"_{suffix}")), PURE)

@@ -16,11 +16,10 @@ from edmctl.errors import RunFileError
 from edmctl.labels import Basis, weakest, worst
 from edmctl.record.create import NO_EXIT_CODE
 from edmctl.record.disk import PARTIAL
-from edmctl.record.events import RecordedCode, error_code_of, recorded_events
+from edmctl.record.json_rows import record_of
 from edmctl.record.layout import RESULTS, SLOW, TOUCHES
 from edmctl.record.locks import is_live
-from edmctl.record.plain_values import record_of
-from edmctl.record.reader import RunFile, reading_unverified
+from edmctl.record.reader import RecordedCode, RunFile, error_code_of, reading, recorded_events
 from edmctl.results.declared import ONLY_JSON, quantities
 from edmctl.results.job import SiteResult, SiteTruth
 from edmctl.results.run_file import RecordedSite, RunHead, Sites, Unreadable
@@ -179,7 +178,7 @@ def run_files(folder: Path) -> list[Path]:
 
 def read_head(path: Path) -> RunHead:
     """Read the head of a run file. Its check sum is not compared. Raises RunFileError E9005–E9007."""
-    with reading_unverified(path) as run:
+    with reading(path, verify=False) as run:
         return _head(run)
 
 

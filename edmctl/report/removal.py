@@ -16,8 +16,7 @@ from edmctl.array_types import Array, Flags
 from edmctl.dataclasses import dataclass, replace
 from edmctl.labels import Basis
 from edmctl.record import layout
-from edmctl.record.events import RecordedCode, recorded_events
-from edmctl.record.reader import RunFile
+from edmctl.record.reader import RecordedCode, RunFile, recorded_events
 from edmctl.record.run_index import sites_of
 from edmctl.report.signals import ROW_S, floats, intervals
 from edmctl.results.run_file import RecordedSite

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.record import layout
-from edmctl.record.events import RecordedCode, RecordedState, recorded_events
-from edmctl.record.reader import RunFile
+from edmctl.record.reader import RecordedCode, RecordedState, RunFile, recorded_events
 
 Floats = NDArray[np.floating]
 Columns = Mapping[str, NDArray[np.generic]]

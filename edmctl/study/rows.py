@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from edmctl.dataclasses import asdict, dataclass, field
 from edmctl.jobs.plan import SIMULATOR, MachineAddress
-from edmctl.record.appended_rows import RowWriter, read_lines
+from edmctl.record.json_rows import RowWriter, read_lines
 from edmctl.study.design import is_within
 from edmctl.study.responses import LARGEST
 from edmctl.study.results import FactorInfo, Judgement, PlannedRun, RunKind, RunRow, StudyRun

@@ -11,8 +11,8 @@ from types import MappingProxyType
 from edmctl import failures
 from edmctl.csv_text import number_of, table_text
 from edmctl.errors import RecordError, UsageError
-from edmctl.record import run_meta
 from edmctl.record.delimited import read_table
+from edmctl.record.rows import unit_of as unit_in_name
 from edmctl.study.folder import StudyState
 from edmctl.study.on_machine import wants_new_tool
 from edmctl.study.responses import KNOWN, LARGEST, RESPONSES, TRUTHS, unit_of
@@ -88,7 +88,7 @@ def columns_of(state: StudyState) -> dict[str, tuple[str, str]]:
         f"{name}{U95}": (unit, f"half of the 95 % interval of {name}") for name, (unit, _) in found.items()
     }
     for factor in plan.factors:
-        unit = unit_in(factor.key) or run_meta.unit_of(factor.key)
+        unit = unit_in(factor.key) or unit_in_name(factor.key)
         found[factor.key] = (unit if factor.is_number else "", factor.name)
     return found | {name: (unit_of(name), name) for name in ("x_um", "y_um", "duration_s")}
 

@@ -36,12 +36,13 @@ from edmctl.record.ledger import (
     ReferenceTouched,
     RunEnded,
     SiteMachined,
+    ToolAccount,
     ToolChanged,
     WearMeasured,
+    history_of,
 )
 from edmctl.record.reader import open_run
 from edmctl.record.rows import RunEvent
-from edmctl.record.tool_account import ToolAccount, history_of
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, ROOT, Here, Said
 from tests.cli.left_jobs import (

@@ -14,10 +14,9 @@ from edmctl.planning.channel import way_of_path
 from edmctl.planning.rules.load import load_profile
 from edmctl.record.bench_file import read_bench
 from edmctl.record.journal import read_journal, write_journal
-from edmctl.record.ledger import Ledger, SiteMachined
+from edmctl.record.ledger import Ledger, SiteMachined, history_of
 from edmctl.record.reader import open_run
 from edmctl.record.rows import RunEvent
-from edmctl.record.tool_account import history_of
 from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.saving import restored_bench
 from edmctl.simulator.work_under_tool import Chip

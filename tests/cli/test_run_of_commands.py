@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from edmctl.record.rows import SlowRow, Summary
-from edmctl.record.run_meta import profile_leaves
+from edmctl.record.rows import SlowRow, Summary, profile_leaves
 from edmctl.record.writer import RunWriter
 from tests.cli.commands import Here
 from tests.cli.run_files import killed
@@ -35,7 +34,7 @@ def made(folder: Path, run_id: str, *command: str, found: Mapping[str, object] |
     if found is not None:
         writer.append(Summary(json.dumps(found)))
         return writer.finish("done", 0)
-    row = SlowRow(12.0, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 153.06, 40.0, 0.1)
+    row = SlowRow(12.0, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, depth_um=153.06, wear_um=40.0, power_w=0.1)
     writer.append(replace(row, depth_u95_um=6.5))
     return writer.finish("machine fault", 6)
 

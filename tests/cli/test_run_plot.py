@@ -13,8 +13,8 @@ import h5py
 import pytest
 
 from edmctl.app import main
-from edmctl.record.integrity import SEAL_BYTES
 from edmctl.record.locks import hold, release
+from edmctl.record.opening import SEAL_BYTES
 from edmctl.report.kinds import KINDS, NAMES, Kind, kind_called
 from edmctl.report.panels import new_figure
 from edmctl.report.style import NothingToDraw

@@ -136,7 +136,19 @@ def test_a_look_takes_every_row_since_the_one_before(tmp_path: Path) -> None:
         writer.append(ServoBlock(time_s, z_um / 3, z_um, z_um, gap_v, level, level, level.astype(int), state))
         for now_s in time_s[9::10]:
             fed_um = 0.3 * (now_s - 100.0)
-            row = SlowRow(now_s, 0.3, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, fed_um / 1.5, fed_um / 3.0, math.nan)
+            row = SlowRow(
+                now_s,
+                0.3,
+                0.8,
+                0.8,
+                0.2,
+                0.7,
+                0.1,
+                0.0,
+                depth_um=fed_um / 1.5,
+                wear_um=fed_um / 3.0,
+                power_w=math.nan,
+            )
             writer.append(replace(row, wear_u95_um=0.7))
         writer.flush()
 
@@ -203,7 +215,9 @@ def servo(time_s: float) -> ServoBlock:
 
 
 def slow(time_s: float) -> SlowRow:
-    return SlowRow(time_s, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, time_s / 2, 0.5, math.nan)
+    return SlowRow(
+        time_s, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, depth_um=time_s / 2, wear_um=0.5, power_w=math.nan
+    )
 
 
 def test_a_finished_run_is_not_waited_for(

@@ -32,8 +32,8 @@ from edmctl.procedures.touch.spots import drift_between
 from edmctl.process.rest_drift import TIME_CONSTANTS_S, DriftModel, Rest
 from edmctl.profile.places import Place
 from edmctl.quantity import half_width
-from edmctl.record.plain_values import site_result_of
-from edmctl.record.tool_account import HomeSeen, MachineHistory
+from edmctl.record.json_rows import site_result_of
+from edmctl.record.ledger import HomeSeen, MachineHistory
 from edmctl.results.progress import Phase
 from edmctl.simulator.plant_interface import TICK_S
 from tests.procedures.conftest import Shop, armed, refused

@@ -12,7 +12,7 @@ from edmctl.procedures.hole.decision import Decision, judge_holes, judged, recor
 from edmctl.procedures.hole.decision import remedy as remedy_of
 from edmctl.procedures.job import HoleTarget, verdict_of
 from edmctl.profile.setup import Sensor
-from edmctl.record.plain_values import site_result_of
+from edmctl.record.json_rows import site_result_of
 from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
 

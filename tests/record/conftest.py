@@ -14,7 +14,7 @@ from tests.record.samples import a_meta, fill
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.record.run_meta import RunMeta
+    from edmctl.record.rows import RunMeta
 
 
 @pytest.fixture

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.rows import ServoBlock, SlowRow, Summary, TouchRow
-from edmctl.record.run_meta import RunMeta, SourceText, profile_leaves
+from edmctl.record.rows import RunMeta, ServoBlock, SlowRow, SourceText, Summary, TouchRow, profile_leaves
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseBlockBatch, PulseShares, PulseTrain, TelemetryBlock
 
@@ -48,7 +47,9 @@ def servo_block(first: int, rows: int) -> ServoBlock:
 
 def slow_row(k: int) -> SlowRow:
     """One row of the supervisor's view."""
-    return SlowRow(0.1 * k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 0.1 * k, 0.05 * k, 0.1)
+    return SlowRow(
+        0.1 * k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, depth_um=0.1 * k, wear_um=0.05 * k, power_w=0.1
+    )
 
 
 def train(first_pulse: int, pulses: int, start_s: float, period_s: float = 4e-4) -> PulseTrain:

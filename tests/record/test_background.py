@@ -16,17 +16,17 @@ import numpy as np
 import pytest
 
 from edmctl.errors import RunFileError
-from edmctl.record import background, layout
-from edmctl.record.background import BackgroundWriter
+from edmctl.record import layout
+from edmctl.record import writer as writing
 from edmctl.record.reader import open_run
 from edmctl.record.rows import EventLevel, EventRow, Summary, TouchRow
-from edmctl.record.writer import FLUSH_INTERVAL_S, RunWriter
+from edmctl.record.writer import FLUSH_INTERVAL_S, BackgroundWriter, RunWriter
 from tests.record.samples import a_site_row, fill, servo_block, slow_row, train
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from edmctl.record.run_meta import RunMeta
+    from edmctl.record.rows import RunMeta
 
 ROOT = Path(__file__).parents[2]
 LONG_S = 30.0
@@ -52,8 +52,8 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[Disk]:
     """Hang at the first `fsync`, which is asked for at once."""
     hanging = Disk()
     monkeypatch.setattr(os, "fsync", hanging.fsync)
-    monkeypatch.setattr(background, "SYNC_INTERVAL_S", 0.0)
-    monkeypatch.setattr(background, "GIVE_UP_S", 0.05)
+    monkeypatch.setattr(writing, "SYNC_INTERVAL_S", 0.0)
+    monkeypatch.setattr(writing, "GIVE_UP_S", 0.05)
     yield hanging
     hanging.free.set()
     for thread in threading.enumerate():
@@ -105,7 +105,7 @@ def test_what_must_not_be_lost_is_flushed_without_a_further_call(
     hand_over: Callable[[BackgroundWriter], None],
     path: str,
 ) -> None:
-    monkeypatch.setattr(background, "FLUSH_INTERVAL_S", LONG_S)
+    monkeypatch.setattr(writing, "FLUSH_INTERVAL_S", LONG_S)
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
     hand_over(writer)
     assert flushed.wait(LONG_S / 2)
@@ -141,8 +141,9 @@ def test_the_disk_is_asked_to_keep_what_it_has(tmp_path: Path, meta: RunMeta, di
 
 
 def test_a_disk_that_hangs_holds_up_nobody_and_loses_nothing(
-    tmp_path: Path, meta: RunMeta, disk: Disk
+    tmp_path: Path, meta: RunMeta, disk: Disk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(writing, "GIVE_UP_S", LONG_S)
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
     writer.append(servo_block(0, 10))
     assert disk.asked.wait(LONG_S)
@@ -158,7 +159,7 @@ def test_a_disk_that_hangs_holds_up_nobody_and_loses_nothing(
 def test_a_backlog_beyond_its_bound_ends_a_real_job_once(
     tmp_path: Path, meta: RunMeta, disk: Disk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(background, "BACKLOG_BYTES", 1 << 20)
+    monkeypatch.setattr(writing, "BACKLOG_BYTES", 1 << 20)
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
     writer.append(servo_block(0, 10))
     assert disk.asked.wait(LONG_S)
@@ -187,8 +188,8 @@ def test_a_backlog_beyond_its_bound_ends_a_real_job_once(
 def test_a_disk_that_comes_back_after_the_job_was_ended_still_gets_the_rows(
     tmp_path: Path, meta: RunMeta, disk: Disk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(background, "BACKLOG_BYTES", 1 << 20)
-    monkeypatch.setattr(background, "GIVE_UP_S", LONG_S)
+    monkeypatch.setattr(writing, "BACKLOG_BYTES", 1 << 20)
+    monkeypatch.setattr(writing, "GIVE_UP_S", LONG_S)
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
     writer.append(servo_block(0, 10))
     assert disk.asked.wait(LONG_S)
@@ -206,7 +207,7 @@ def test_a_disk_that_comes_back_after_the_job_was_ended_still_gets_the_rows(
 def test_a_virtual_machine_waits_for_a_slow_disk(
     tmp_path: Path, meta: RunMeta, disk: Disk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(background, "BACKLOG_BYTES", 1 << 20)
+    monkeypatch.setattr(writing, "BACKLOG_BYTES", 1 << 20)
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta, waits=True)
     writer.append(servo_block(0, 10))
     assert disk.asked.wait(LONG_S)
@@ -237,7 +238,7 @@ def test_an_error_of_the_disk_is_raised_once_and_later_rows_are_ignored(
     def full(descriptor: int, offset: int, length: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(background, "BACKLOG_BYTES", 1000)
+    monkeypatch.setattr(writing, "BACKLOG_BYTES", 1000)
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta, waits=waits)
     monkeypatch.setattr(os, "posix_fallocate", full)
     writer.append(TOUCH)
@@ -297,12 +298,12 @@ def test_an_existing_run_is_refused_before_any_thread(run_path: Path, meta: RunM
 HANGING_JOB = """
 import os, sys, threading
 from edmctl.app import main
-from edmctl.record import background
-background.SYNC_INTERVAL_S = 0.0
-background.BACKLOG_BYTES = 20_000
-background.GIVE_UP_S = 0.05
-create = background.BackgroundWriter.create
-background.BackgroundWriter.create = lambda path, meta, waits: create(path, meta)
+from edmctl.record import writer as writing
+writing.SYNC_INTERVAL_S = 0.0
+writing.BACKLOG_BYTES = 20_000
+writing.GIVE_UP_S = 0.05
+create = writing.BackgroundWriter.create
+writing.BackgroundWriter.create = lambda path, meta, waits: create(path, meta)
 os.fsync = lambda descriptor: threading.Event().wait()
 code = main(sys.argv[1:])
 sys.stdout.flush()

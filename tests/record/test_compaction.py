@@ -7,9 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import h5py
-import numpy as np
 
-from edmctl.record.compaction import compact
+from edmctl.record.writer import RunWriter
+from tests.record.samples import a_meta, fill
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,12 +30,9 @@ def test_no_thread_is_waited_for_with_the_lock_of_h5py(
         free.append(not other.is_alive())
         return submit(self, *args)
 
-    with h5py.File(tmp_path / "a.h5", "w") as source:
-        for name in ("gap", "time"):
-            source.create_dataset(f"entry/servo/{name}", data=np.arange(200_000.0), chunks=(1000,))
-        monkeypatch.setattr(ThreadPoolExecutor, "submit", checked)
-        compact(source, tmp_path / "b.h5")
+    monkeypatch.setattr(ThreadPoolExecutor, "submit", checked)
+    writer = RunWriter.create(tmp_path / "run.h5", a_meta())
+    fill(writer)
+    writer.finish("done", 0)
     assert free
     assert all(free)
-    with h5py.File(tmp_path / "b.h5") as copied:
-        assert copied["entry/servo/time"][-1] == 199_999.0

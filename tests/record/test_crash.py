@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 
 from edmctl.errors import RunFileError
-from edmctl.record import compaction
+from edmctl.record import recovery
 from edmctl.record.reader import open_run
 from edmctl.record.writer import RunWriter
 from tests.record.samples import fill
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
-    from edmctl.record.run_meta import RunMeta
+    from edmctl.record.rows import RunMeta
 
 ROOT = Path(__file__).parents[2]
 
@@ -73,7 +73,7 @@ failures = []
 for k in range(10, 4000):
     try:
         writer.append(servo_block(100 * k, 100))
-        writer.append(SlowRow(k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 1.0, 1.0, 0.1))
+        writer.append(SlowRow(k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, depth_um=1.0, wear_um=1.0, power_w=0.1))
         if k % 7 == 0:
             writer.flush()
     except RunFileError as error:
@@ -170,10 +170,10 @@ def test_a_disk_full_just_before_the_end_is_an_error_and_no_crash(tmp_path: Path
 def test_a_file_that_is_not_compressed_for_want_of_space_keeps_none_that_was_reserved(
     tmp_path: Path, meta: RunMeta, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def no_room(source: object, target: Path) -> None:
+    def no_room(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(compaction, "compact", no_room)
+    monkeypatch.setattr(recovery, "write_anew", no_room)
     writer = RunWriter.create(tmp_path / "run.h5", meta)
     fill(writer)
     content = writer.finish("done", 0).read_bytes()

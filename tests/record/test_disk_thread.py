@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from edmctl.errors import LinkLost, MachineFault, RunFileError
-from edmctl.record import disk_thread
-from edmctl.record.disk_thread import DiskThread
+from edmctl.record import disk as disks
+from edmctl.record.disk import DiskThread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -38,7 +38,7 @@ class Line:
 
 @pytest.fixture
 def line(monkeypatch: pytest.MonkeyPatch) -> Iterator[Line]:
-    monkeypatch.setattr(disk_thread, "PROMPT_S", 0.0)
+    monkeypatch.setattr(disks, "PROMPT_S", 0.0)
     line = Line()
     yield line
     line.free.set()
@@ -93,14 +93,14 @@ def test_what_a_write_raises_comes_out(line: Line) -> None:
 
 
 def test_a_disk_that_hangs_ends_the_job(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(disk_thread, "GIVE_UP_S", 0.05)
+    monkeypatch.setattr(disks, "GIVE_UP_S", 0.05)
     line.frees_at = 10**12
     disk = DiskThread(line.attend)
     with pytest.raises(RunFileError, match=r"a\.journal is not written") as hung:
         disk.run(PATH, line.write)
     assert hung.value.code == "E9009"
     begun_s = time.monotonic()
-    monkeypatch.setattr(disk_thread, "GIVE_UP_S", LONG_S)
+    monkeypatch.setattr(disks, "GIVE_UP_S", LONG_S)
     with pytest.raises(RunFileError, match="is not written"):
         disk.run(PATH, line.write)
     disk.close()
@@ -163,7 +163,7 @@ def test_a_write_that_begins_while_the_line_is_read_is_waited_for_by_the_next(li
 
 
 def test_a_disk_that_comes_back_takes_what_is_left(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(disk_thread, "GIVE_UP_S", 0.05)
+    monkeypatch.setattr(disks, "GIVE_UP_S", 0.05)
     line.frees_at = 10**12
     disk, written = DiskThread(line.attend), list[int]()
     with pytest.raises(RunFileError, match="is not written"):
@@ -172,7 +172,7 @@ def test_a_disk_that_comes_back_takes_what_is_left(line: Line, monkeypatch: pyte
     for thread in threading.enumerate():
         if thread.name == "disk":
             thread.join(LONG_S)
-    monkeypatch.setattr(disk_thread, "GIVE_UP_S", LONG_S)
-    monkeypatch.setattr(disk_thread, "PROMPT_S", 0.01)
+    monkeypatch.setattr(disks, "GIVE_UP_S", LONG_S)
+    monkeypatch.setattr(disks, "PROMPT_S", 0.01)
     disk.run(PATH, lambda: written.append(1))
     assert written == [1]

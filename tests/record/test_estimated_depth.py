@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.record.events import RecordedCode
-from edmctl.record.reader import open_run
+from edmctl.record.reader import RecordedCode, open_run
 from edmctl.record.rows import EventLevel, EventRow, SlowRow
 from edmctl.record.run_index import estimated_depth, read_head
 from edmctl.record.writer import RunWriter
@@ -23,7 +22,19 @@ def machined(writer: RunWriter, from_s: float, to_depth_um: float) -> None:
     """Ten rows of a hole, the last without an estimate."""
     for k in range(1, 11):
         depth_um = math.nan if k == 10 else to_depth_um * k / 9
-        row = SlowRow(from_s + 0.1 * k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, depth_um, 0.5, math.nan)
+        row = SlowRow(
+            from_s + 0.1 * k,
+            1.0,
+            0.8,
+            0.8,
+            0.2,
+            0.7,
+            0.1,
+            0.0,
+            depth_um=depth_um,
+            wear_um=0.5,
+            power_w=math.nan,
+        )
         writer.append(replace(row, depth_u95_um=0.04 * depth_um))
 
 

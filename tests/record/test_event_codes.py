@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from edmctl.machine.interface import EventCode, MachineState
-from edmctl.record.events import RecordedCode, RecordedState
+from edmctl.record.reader import RecordedCode, RecordedState
 from edmctl.record.rows import RunEvent
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from edmctl.record.events import RecordedCode, recorded_events
+from edmctl.record.reader import RecordedCode, recorded_events
 
 if TYPE_CHECKING:
     from edmctl.record.reader import RunFile

@@ -12,7 +12,7 @@ from edmctl.errors import EdmError, RunFileError
 from edmctl.jobs.runs.opening import recover_file
 from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.columns import read_record
-from edmctl.record.integrity import Checksum, verify_checksum
+from edmctl.record.opening import Checksum, verify_checksum
 from edmctl.record.reader import open_run
 from edmctl.record.run_index import heads_of, read_head
 from edmctl.results.run_file import Unreadable

@@ -13,7 +13,7 @@ import pytest
 from edmctl.errors import RunFileError
 from edmctl.labels import Basis, Verdict
 from edmctl.record.layout import RESULTS
-from edmctl.record.reader import open_run, reading_unverified
+from edmctl.record.reader import open_run, reading
 from edmctl.record.rows import TouchRow
 from edmctl.record.run_index import read_head, sites_of
 from edmctl.record.writer import RunWriter
@@ -67,7 +67,7 @@ def test_a_result_is_read_as_it_was_written(tmp_path: Path) -> None:
 
 def test_columns_that_a_file_does_not_have_are_unknown(tmp_path: Path) -> None:
     path = older(a_run(tmp_path, a_site_row()), "wear_basis", "face", "stops")
-    with reading_unverified(path) as run:
+    with reading(path, verify=False) as run:
         (site,) = sites_of(run)
     assert (site.wear_basis, site.measuring_stops, site.depth_um) == (Basis.ESTIMATED, 0, 180.0)
     assert math.isnan(site.face_um)
@@ -77,7 +77,7 @@ def test_an_earlier_layout_is_refused(tmp_path: Path) -> None:
     path = a_run(tmp_path, a_site_row())
     with h5py.File(path, "r+") as file:
         file.attrs["schema"] = "edmctl-run/1"
-    with pytest.raises(RunFileError, match="earlier version") as refused, reading_unverified(path):
+    with pytest.raises(RunFileError, match="earlier version") as refused, reading(path, verify=False):
         pass
     assert refused.value.code == "E9006"
     assert "export" in refused.value.hint

@@ -11,15 +11,14 @@ import pytest
 
 from edmctl.record import layout, rows
 from edmctl.record.reader import open_run
-from edmctl.record.rows import EventRow
-from edmctl.record.run_meta import profile_leaves, unit_of
+from edmctl.record.rows import EventRow, profile_leaves, unit_of
 from edmctl.record.writer import RunWriter
 from edmctl.results.telemetry import PulseBlockBatch
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from edmctl.record.run_meta import RunMeta
+    from edmctl.record.rows import RunMeta
 
 
 def test_every_described_path_exists_and_nothing_else_does(run_path: Path) -> None:

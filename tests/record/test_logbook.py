@@ -25,9 +25,9 @@ from edmctl.record.ledger import (
     SiteMachined,
     ToolChanged,
     WearMeasured,
+    history_of,
     text_of,
 )
-from edmctl.record.tool_account import history_of
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,13 +15,11 @@ import pytest
 
 from edmctl.errors import RunFileError
 from edmctl.record import layout, recovery
-from edmctl.record.compaction import compact
 from edmctl.record.create import compound_dtype
-from edmctl.record.integrity import SEAL_BYTES, Checksum, verify_checksum
 from edmctl.record.locks import is_live
-from edmctl.record.opening import open_file
+from edmctl.record.opening import SEAL_BYTES, Checksum, open_file, verify_checksum
 from edmctl.record.reader import open_run
-from edmctl.record.recovery import is_complete, recover, recover_damaged
+from edmctl.record.recovery import is_complete, recover, recover_damaged, write_anew
 from edmctl.record.writer import RunWriter
 from tests.golden import once
 from tests.record.samples import a_meta, fill
@@ -251,16 +249,16 @@ def test_a_file_that_claims_more_rows_than_it_can_hold_is_damaged(killed: Path) 
 
 def test_two_recoveries_at_once_do_not_meet(killed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The second begins and ends while the first copies."""
-    first_copy = compact
+    first_copy = write_anew
 
     def interleaved(*arguments: Any) -> None:
-        monkeypatch.setattr(recovery, "compact", first_copy)
+        monkeypatch.setattr(recovery, "write_anew", first_copy)
         monkeypatch.setattr(os, "getpid", lambda: 4242)
         second = recover(killed)
         assert verify_checksum(second.path) is Checksum.FITS
         first_copy(*arguments)
 
-    monkeypatch.setattr(recovery, "compact", interleaved)
+    monkeypatch.setattr(recovery, "write_anew", interleaved)
     with pytest.raises(RunFileError) as refusal:
         recover(killed)
     assert refusal.value.code == "E9001"
@@ -283,7 +281,7 @@ def test_a_full_disk_is_not_called_damage(
     def full(*arguments: object) -> None:
         raise error
 
-    monkeypatch.setattr(recovery, "compact", full)
+    monkeypatch.setattr(recovery, "write_anew", full)
     with pytest.raises(RunFileError) as refusal:
         recover(killed)
     assert str(refusal.value).endswith("run.h5: No space left on device.")

@@ -14,7 +14,7 @@ from edmctl.machine.interface import MachineIdentity
 from edmctl.profile.setup import Setup
 
 if TYPE_CHECKING:
-    from edmctl.record.run_meta import RunMeta
+    from edmctl.record.rows import RunMeta
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 

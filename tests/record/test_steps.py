@@ -15,7 +15,7 @@ from tests.record.samples import train
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from edmctl.record.run_meta import RunMeta
+    from edmctl.record.rows import RunMeta
 
 
 def test_pulses_that_wait_while_whole_chunks_are_written_keep_their_values(

@@ -14,7 +14,7 @@ from edmctl.record.writer import RunWriter
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from edmctl.record.run_meta import RunMeta
+    from edmctl.record.rows import RunMeta
 
 
 def test_a_map_is_read_back_with_its_axes_and_viewers_find_it(tmp_path: Path, meta: RunMeta) -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from edmctl.record.run_meta import RunMeta
+    from edmctl.record.rows import RunMeta
 
 
 class Clock:

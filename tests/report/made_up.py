@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from edmctl.record.events import RecordedCode
-from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SlowRow, TouchRow
-from edmctl.record.run_meta import profile_leaves
+from edmctl.record.reader import RecordedCode
+from edmctl.record.rows import EventLevel, EventRow, ServoBlock, SlowRow, TouchRow, profile_leaves
 from edmctl.record.writer import RunWriter
 from edmctl.results.telemetry import PulseBlockBatch, PulseTrain
 from tests.record.samples import a_meta, a_site_row
@@ -55,8 +54,8 @@ def cut(writer: RunWriter, start_s: float, from_um: float = 0.0, to_um: float = 
         depth_um = from_um + (to_um - from_um) * k / (10 * CUT_S - 1)
         writer.append(
             SlowRow(
-                start_s + 0.1 * k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, depth_um, 0.1 * depth_um, 0.1,
-                jump_period_s=5.0, depth_u95_um=0.5,
+                start_s + 0.1 * k, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0,
+                depth_um=depth_um, depth_u95_um=0.5, wear_um=0.1 * depth_um, jump_period_s=5.0, power_w=0.1,
             )
         )  # fmt: skip
 

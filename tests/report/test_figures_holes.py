@@ -14,8 +14,7 @@ pytest.importorskip("matplotlib")
 
 from edmctl.labels import Basis
 from edmctl.process import channel as ways
-from edmctl.record.events import RecordedCode
-from edmctl.record.reader import open_run
+from edmctl.record.reader import RecordedCode, open_run
 from edmctl.record.rows import SlowRow, Summary, TouchRow, TruthMap
 from edmctl.report.figures.channel import Channel, channel_figure
 from edmctl.report.figures.holes import scale_of, sections_of, short_names
@@ -123,7 +122,19 @@ def test_a_target_far_above_what_was_cut_does_not_squash_it(
 
 def test_the_highest_feed_is_told_with_its_time_wherever_it_is(tmp_path: Path) -> None:
     rows = [
-        SlowRow(0.1 * k, 0.5 if k < 920 else 6.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, 0.1 * k, 0.01 * k, 0.1)
+        SlowRow(
+            0.1 * k,
+            0.5 if k < 920 else 6.0,
+            0.8,
+            0.8,
+            0.2,
+            0.7,
+            0.1,
+            0.0,
+            depth_um=0.1 * k,
+            wear_um=0.01 * k,
+            power_w=0.1,
+        )  # fmt: skip
         for k in range(1000)
     ]
     told = texts("erosion", finished(tmp_path, *rows))

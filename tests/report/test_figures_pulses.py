@@ -10,8 +10,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from edmctl.record.events import RecordedCode, RecordedState
-from edmctl.record.reader import open_run
+from edmctl.record.reader import RecordedCode, RecordedState, open_run
 from edmctl.record.rows import EventLevel, EventRow
 from edmctl.report.figures.pulses import since_the_last
 from edmctl.report.pulse_statistics import delays, pulse_counts, random_ignition, rows_at, spark_energies

@@ -11,8 +11,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from edmctl.record.events import RecordedState
-from edmctl.record.reader import open_run
+from edmctl.record.reader import RecordedState, open_run
 from edmctl.record.rows import SlowRow
 from edmctl.report.figures.servo import segment_size, welch
 from edmctl.report.signals import Spans, envelopes, rows_worked
@@ -55,7 +54,19 @@ def test_the_gap_figure_shows_reference_jumps_and_readings(run_file: Path) -> No
 
 def test_a_reference_that_follows_the_duty_factor_is_in_volts(tmp_path: Path) -> None:
     rows = [
-        SlowRow(0.1 * k, 1.0, 0.8, 0.8 if k < 100 else 0.9, 0.2, 0.7, 0.1, 0.0, 0.0, 0.0, 0.1)
+        SlowRow(
+            0.1 * k,
+            1.0,
+            0.8,
+            0.8 if k < 100 else 0.9,
+            0.2,
+            0.7,
+            0.1,
+            0.0,
+            depth_um=0.0,
+            wear_um=0.0,
+            power_w=0.1,
+        )  # fmt: skip
         for k in range(200)
     ]
     time_s, reference_v = line_called(drawn("gap", finished(tmp_path, a_cut(20.0), *rows)), "reference")

@@ -11,7 +11,7 @@ import pytest
 
 from edmctl.errors import PreconditionError
 from edmctl.jobs.plan import MachineAddress
-from edmctl.record.appended_rows import SUFFIX
+from edmctl.record.json_rows import SUFFIX
 from edmctl.study.folder import open_folder
 from edmctl.study.results import Judgement, RunKind, RunState
 from edmctl.study.rows import MACHINE, bench_of

@@ -28,8 +28,7 @@ from edmctl.planning.rules.sites import unreachable
 from edmctl.procedures.job import CalibratedActuator, Job, job_of
 from edmctl.profile.findings import PAD_MARGIN_UM
 from edmctl.profile.model import Profile
-from edmctl.record.ledger import Ledger, SiteMachined
-from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
+from edmctl.record.ledger import Ledger, MachineHistory, SiteMachined, ToolAccount, history_of
 from edmctl.wording import coordinates, length
 
 WALL_UM = 50.0

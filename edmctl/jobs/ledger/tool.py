@@ -20,8 +20,7 @@ from edmctl.profile.model import Profile, Tool
 from edmctl.profile.read import Merged, apply_overrides, put
 from edmctl.profile.setup import Setup
 from edmctl.record.journal import SUFFIX, read_journal
-from edmctl.record.ledger import Ledger, ReferenceTouched, ToolNamed
-from edmctl.record.tool_account import MachineHistory, ToolAccount, history_of
+from edmctl.record.ledger import Ledger, MachineHistory, ReferenceTouched, ToolAccount, ToolNamed, history_of
 from edmctl.wording import coordinates, length
 
 if TYPE_CHECKING:
@@ -331,13 +330,13 @@ def with_recipe_of(plan: Plan, folder: Path, run_file: str) -> Plan:
 
     Raises PreconditionError E8063 if the recipe cannot be read, RunFileError E9016 if another program has its file.
     """
-    from edmctl.record.reader import present_name, reading_unverified
+    from edmctl.record.reader import present_name, reading
 
     if plan.names_tool or not run_file:
         return plan
     path = present_name(folder / run_file)
     try:
-        with reading_unverified(path) as run:
+        with reading(path, verify=False) as run:
             values, text = run.profile_values(), run.text("/entry/profile/toml")
             sha256 = run.text("/entry/profile/recipe_sha256")
         table: dict[str, object] = {}

@@ -13,8 +13,7 @@ from edmctl.labels import PAD
 from edmctl.link.faults import FAULTS
 from edmctl.machine.interface import EventCode
 from edmctl.record.create import NO_EXIT_CODE
-from edmctl.record.events import error_code_of, recorded_events
-from edmctl.record.reader import RunFile
+from edmctl.record.reader import RunFile, error_code_of, recorded_events
 from edmctl.record.rows import RunEvent
 from edmctl.results.run_file import FileEvent, Sentence
 from edmctl.wording import duration, earlier, ended_as, facts, plain_number, plural, with_u95

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from edmctl.array_types import Array
 from edmctl.record import layout
-from edmctl.record.events import RecordedCode, RecordedState, recorded_events
-from edmctl.record.reader import RunFile
+from edmctl.record.reader import RecordedCode, RecordedState, RunFile, recorded_events
 from edmctl.report import panels, style
 from edmctl.report.panels import Block, note_above, shared_legend
 from edmctl.report.pulse_statistics import (

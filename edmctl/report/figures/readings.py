@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.labels import Basis
-from edmctl.record.events import RecordedCode, RecordedState
-from edmctl.record.reader import RunFile
+from edmctl.record.reader import RecordedCode, RecordedState, RunFile
 from edmctl.record.run_index import has_sensor, sites_of
 from edmctl.report import panels
 from edmctl.report.panels import Block

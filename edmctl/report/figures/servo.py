@@ -16,8 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from edmctl.array_types import Array
-from edmctl.record.events import RecordedState
-from edmctl.record.reader import RunFile
+from edmctl.record.reader import RecordedState, RunFile
 from edmctl.report import panels
 from edmctl.report.panels import Block, legend_above, note_above
 from edmctl.report.signals import (

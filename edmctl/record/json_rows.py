@@ -1,23 +1,88 @@
-"""Rows on disk: one JSON object a line, appended and synced; each writer has a file of its own.
+"""Records and rows as JSON: dataclasses out of plain values, and rows appended to files, one JSON object a line.
 
-A network disk keeps such files whole without locks: nobody changes a line, and nobody writes into another's file.
-A line that a crash has cut off is no row.
+Each writer of rows has a file of its own, and nobody changes a line: a network disk keeps such files whole without
+locks. A line that a crash has cut off is no row.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import math
 import os
 import secrets
 import socket
 from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
+from enum import Enum
+from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from types import NoneType, UnionType
+from typing import Any, Self, TypeVar, get_args, get_origin, get_type_hints
 
 from edmctl import failures
 from edmctl.files import json_of, open_descriptor, read_bytes
+from edmctl.results.job import SiteResult
+
+T = TypeVar("T")
+_LARGEST_INT = 1 << 1000
+"""A float holds it."""
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
+def record_of(kind: type[T], values: Mapping[str, Any]) -> T:
+    """Return the record whose fields are kept as plain values, as JSON has them: None for a float is NaN.
+
+    Raises TypeError or ValueError if the values are not those of such a record.
+    """
+    hints = _hints(kind)  # type: ignore[arg-type]
+    if unknown := values.keys() - hints.keys():
+        raise TypeError(f"{kind.__name__} has no {', '.join(sorted(map(str, unknown)))}")
+    return kind(**{name: typed(hints[name], value, name) for name, value in values.items()})
+
+
+def typed(kind: Any, value: Any, name: str) -> Any:
+    """Return a plain value as the type of its field. Raises TypeError or ValueError for another one."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is UnionType:
+        one = next(one for one in parts if one is not NoneType)
+        return None if value is None else typed(one, value, name)
+    if origin is tuple and isinstance(value, list | tuple):
+        kinds = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
+        return tuple(typed(one, part, name) for one, part in zip(kinds, value, strict=True))
+    if origin is Mapping and isinstance(value, Mapping):
+        return {str(key): typed(parts[1], part, name) for key, part in value.items()}
+    if kind is object:
+        return value
+    if kind is float and value is None:
+        return math.nan
+    if kind is float and type(value) is int and abs(value) < _LARGEST_INT:
+        return float(value)
+    if dataclasses.is_dataclass(kind) and isinstance(value, Mapping):
+        return record_of(kind, value)  # type: ignore[arg-type]
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return kind(value)
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        raise TypeError(f"{name} is no {getattr(kind, '__name__', kind)}")
+    return value
+
+
+def site_result_of(mapping: Mapping[str, object]) -> SiteResult:
+    """Return the result that a journal has kept, estimated if without a basis. Raises TypeError for other values."""
+    return record_of(SiteResult, {"depth_basis": "estimated", "wear_basis": "estimated"} | dict(mapping))
+
+
+def write_through(descriptor: int, data: bytes) -> None:
+    """Write all of `data`, and come back when the disk has it. Raises OSError."""
+    while data:
+        data = data[os.write(descriptor, data) :]
+    os.fsync(descriptor)
+
 
 SUFFIX = ".jsonl"
 ROWS_BYTES = 100_000_000
@@ -43,10 +108,7 @@ class RowWriter:
                 self._descriptor = self._open()
             self._newest = when = later_than(self._newest)
             line = json.dumps({"row": kind, "when": when, **values}, ensure_ascii=False, allow_nan=False)
-            data = f"{line}\n".encode()
-            while data:
-                data = data[os.write(self._descriptor, data) :]
-            os.fsync(self._descriptor)
+            write_through(self._descriptor, f"{line}\n".encode())
         except OSError as refused:
             raise failures.row_not_written(folder=self._folder, reason=refused.strerror) from refused
 
