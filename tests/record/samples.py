@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from edmctl.record.rows import RunMeta, ServoBlock, SlowRow, SourceText, Summary, TouchRow, profile_leaves
+from edmctl.record.writer import RunWriter
 from edmctl.results.job import SiteResult
 from edmctl.results.telemetry import PulseBlockBatch, PulseShares, PulseTrain, TelemetryBlock
 
 if TYPE_CHECKING:
-    from edmctl.record.rows import Recorder
+    from pathlib import Path
+
+    from edmctl.record.rows import Recorder, Row
 
 PROFILE = {"servo": {"reference": 0.8, "forward_um_s": 5.0}, "meta": {"name": "cu270"}, "jump": {"on": True}}
 
@@ -92,6 +95,19 @@ def fill(writer: Recorder, rows: int = 10_000, block: int = 100) -> None:
     )
     writer.append(train(0, 300, 0.0))
     writer.append(black_box(2048))
-    writer.append(TouchRow(1.0, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0))
+    writer.append(a_touch())
     writer.append(a_site_row())
     writer.append(Summary('{"ok": true}'))
+
+
+def a_touch(time_s: float = 1.0) -> TouchRow:
+    """An accepted reading of the pad."""
+    return TouchRow(time_s, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0)
+
+
+def finished(path: Path, *rows: Row, meta: RunMeta | None = None, end: tuple[str, int] = ("done", 0)) -> Path:
+    """A run file with these rows, which has come to its end."""
+    writer = RunWriter.create(path, meta or a_meta())
+    for row in rows:
+        writer.append(row)
+    return writer.finish(*end)

@@ -19,20 +19,18 @@ from edmctl.errors import RunFileError
 from edmctl.record import layout
 from edmctl.record import writer as writing
 from edmctl.record.reader import open_run
-from edmctl.record.rows import EventLevel, EventRow, Summary, TouchRow
-from edmctl.record.writer import FLUSH_INTERVAL_S, BackgroundWriter, RunWriter
-from tests.record.samples import a_site_row, fill, servo_block, slow_row, train
+from edmctl.record.rows import EventLevel, EventRow, Summary
+from edmctl.record.writer import BackgroundWriter, RunWriter
+from tests.record.samples import a_site_row, a_touch, fill, servo_block, slow_row, train
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from edmctl.record.rows import RunMeta
+    from edmctl.record.rows import Row, RunMeta
 
 ROOT = Path(__file__).parents[2]
 LONG_S = 30.0
 """Of a wait that ends with an event long before, unless something is broken."""
-
-TOUCH = TouchRow(1.0, "Z1", "A1", 20.0, 50.0, 49.0, 3, 0.3, 0.0, 1.0)
 
 
 class Disk:
@@ -78,95 +76,84 @@ def of_this_file() -> list[str]:
     return [thread.name for thread in threading.enumerate() if thread.name == "run file"]
 
 
-def test_the_file_holds_the_same_rows_as_one_that_is_waited_for(tmp_path: Path, meta: RunMeta) -> None:
-    fill(waited := RunWriter.create(tmp_path / "a.h5", meta))
-    fill(handed := BackgroundWriter.create(tmp_path / "b.h5", meta))
-    with h5py.File(waited.finish("done", 0)) as one, h5py.File(handed.finish("done", 0)) as other:
-        for table in layout.TABLES:
-            paths = [table.path] if table.is_compound else [f"{table.path}/{c.name}" for c in table.columns]
-            for path in paths:
-                assert one[path][()].tobytes() == other[path][()].tobytes(), path
+@pytest.fixture
+def writer(tmp_path: Path, meta: RunMeta) -> BackgroundWriter:
+    return BackgroundWriter.create(tmp_path / "run.h5", meta)
+
+
+@pytest.fixture
+def hung(writer: BackgroundWriter, disk: Disk) -> BackgroundWriter:
+    """A writer of ten rows whose disk hangs."""
+    writer.append(servo_block(0, 10))
+    assert disk.asked.wait(LONG_S)
+    return writer
+
+
+def test_the_file_holds_the_same_rows_as_one_that_is_waited_for(
+    write_run: Callable[[str], Path], writer: BackgroundWriter
+) -> None:
+    fill(writer)
+    with h5py.File(write_run("waited.h5")) as one, h5py.File(writer.finish("done", 0)) as other:
+        for path in (path for table in layout.TABLES for path in table.datasets):
+            assert one[path][()].tobytes() == other[path][()].tobytes(), path
     assert of_this_file() == []
 
 
 @pytest.mark.parametrize(
-    ("hand_over", "path"),
+    ("row", "path", "flush_s"),
     [
-        (lambda writer: writer.append(TOUCH), "/entry/touches"),
-        (lambda writer: writer.append(a_site_row()), "/entry/results"),
-        (lambda writer: writer.append(EventRow(0.1, 3001, EventLevel.WARNING, "arc")), "/entry/events"),
+        (a_touch(), "/entry/touches", LONG_S),
+        (a_site_row(), "/entry/results", LONG_S),
+        (EventRow(0.1, 3001, EventLevel.WARNING, "arc"), "/entry/events", LONG_S),
+        (slow_row(1), "/entry/slow", writing.FLUSH_INTERVAL_S),
     ],
 )
-def test_what_must_not_be_lost_is_flushed_without_a_further_call(
+def test_rows_are_flushed_without_a_further_call_and_urgent_ones_at_once(
     tmp_path: Path,
     meta: RunMeta,
     monkeypatch: pytest.MonkeyPatch,
     flushed: threading.Event,
-    hand_over: Callable[[BackgroundWriter], None],
+    row: Row,
     path: str,
+    flush_s: float,
 ) -> None:
-    monkeypatch.setattr(writing, "FLUSH_INTERVAL_S", LONG_S)
+    monkeypatch.setattr(writing, "FLUSH_INTERVAL_S", flush_s)
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
-    hand_over(writer)
+    writer.append(row)
     assert flushed.wait(LONG_S / 2)
     with open_run(writer.path) as run:
-        assert len(run.table(path)) == 1
+        assert run.rows(path) == 1
     writer.finish("done", 0)
 
 
-def test_rows_are_flushed_when_nothing_more_comes(
-    tmp_path: Path, meta: RunMeta, flushed: threading.Event
-) -> None:
-    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
-    writer.append(servo_block(0, 10))
-    assert flushed.wait(LONG_S)
-    with open_run(writer.path) as run:
-        assert len(run.column("/entry/servo", "time")) == 10
-    writer.finish("done", 0)
-
-
-def test_a_kill_loses_a_second_at_most() -> None:
-    # A row waits for the thread to wake, and for one flush.
-    assert FLUSH_INTERVAL_S <= 0.5
-
-
-def test_the_disk_is_asked_to_keep_what_it_has(tmp_path: Path, meta: RunMeta, disk: Disk) -> None:
-    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
-    writer.append(servo_block(0, 10))
-    assert disk.asked.wait(LONG_S)
-    with open_run(writer.path) as run:
-        assert len(run.column("/entry/servo", "time")) == 10
+def test_the_disk_is_asked_to_keep_what_it_has(hung: BackgroundWriter, disk: Disk, tmp_path: Path) -> None:
+    with open_run(hung.path) as run:
+        assert run.rows("/entry/servo") == 10
     disk.free.set()
-    assert writer.finish("done", 0) == tmp_path / "run.h5"
+    assert hung.finish("done", 0) == tmp_path / "run.h5"
 
 
 def test_a_disk_that_hangs_holds_up_nobody_and_loses_nothing(
-    tmp_path: Path, meta: RunMeta, disk: Disk, monkeypatch: pytest.MonkeyPatch
+    hung: BackgroundWriter, disk: Disk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(writing, "GIVE_UP_S", LONG_S)
-    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
-    writer.append(servo_block(0, 10))
-    assert disk.asked.wait(LONG_S)
     for first in range(10, 5000, 10):
-        writer.append(servo_block(first, 10))
-        writer.append(TOUCH)
+        hung.append(servo_block(first, 10))
+        hung.append(a_touch())
     disk.free.set()
-    with open_run(writer.finish("done", 0)) as run:
+    with open_run(hung.finish("done", 0)) as run:
         np.testing.assert_array_equal(run.column("/entry/servo", "time"), 0.01 * np.arange(5000))
         assert len(run.table("/entry/touches")) == 499
 
 
 def test_a_backlog_beyond_its_bound_ends_a_real_job_once(
-    tmp_path: Path, meta: RunMeta, disk: Disk, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, hung: BackgroundWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(writing, "BACKLOG_BYTES", 1 << 20)
-    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
-    writer.append(servo_block(0, 10))
-    assert disk.asked.wait(LONG_S)
     block, handed, errors = servo_block(10, 1000), 0, []
     for _ in range(100):
         try:
-            writer.append(block)
+            hung.append(block)
         except RunFileError as raised:
             errors.append(raised)
         handed += not errors
@@ -175,30 +162,27 @@ def test_a_backlog_beyond_its_bound_ends_a_real_job_once(
     assert handed == 15
     assert (error.code, error.exit_code) == ("E9009", 9)
     assert "1 MB wait" in error.message
-    assert str(writer.path) in error.hint
-    writer.append(Summary("{}"))
+    assert str(hung.path) in error.hint
+    hung.append(Summary("{}"))
     with pytest.raises(RunFileError) as refusal:
-        writer.finish("done", 0)
+        hung.finish("done", 0)
     assert refusal.value is error
-    assert writer.abandon("run file or disk", 9) == tmp_path / "run.h5.partial"
-    with open_run(writer.path) as run:
-        assert len(run.column("/entry/servo", "time")) == 10
+    assert hung.abandon("run file or disk", 9) == tmp_path / "run.h5.partial"
+    with open_run(hung.path) as run:
+        assert run.rows("/entry/servo") == 10
 
 
 def test_a_disk_that_comes_back_after_the_job_was_ended_still_gets_the_rows(
-    tmp_path: Path, meta: RunMeta, disk: Disk, monkeypatch: pytest.MonkeyPatch
+    hung: BackgroundWriter, disk: Disk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(writing, "BACKLOG_BYTES", 1 << 20)
     monkeypatch.setattr(writing, "GIVE_UP_S", LONG_S)
-    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
-    writer.append(servo_block(0, 10))
-    assert disk.asked.wait(LONG_S)
     for k in range(15):
-        writer.append(servo_block(10 + 1000 * k, 1000))
+        hung.append(servo_block(10 + 1000 * k, 1000))
     with pytest.raises(RunFileError, match="has not taken rows"):
-        writer.append(servo_block(15_010, 1000))
+        hung.append(servo_block(15_010, 1000))
     disk.free.set()
-    with open_run(writer.abandon("run file or disk", 9)) as run:
+    with open_run(hung.abandon("run file or disk", 9)) as run:
         assert (run.text("/entry/status"), run.number("/entry/exit_code")) == ("run file or disk", 9)
         np.testing.assert_array_equal(run.column("/entry/servo", "time"), 0.01 * np.arange(15_010))
     assert of_this_file() == []
@@ -241,7 +225,7 @@ def test_an_error_of_the_disk_is_raised_once_and_later_rows_are_ignored(
     monkeypatch.setattr(writing, "BACKLOG_BYTES", 1000)
     writer = BackgroundWriter.create(tmp_path / "run.h5", meta, waits=waits)
     monkeypatch.setattr(os, "posix_fallocate", full)
-    writer.append(TOUCH)
+    writer.append(a_touch())
     writer._thread.join(LONG_S)
     with pytest.raises(RunFileError, match="No space left on device") as refusal:
         writer.append(servo_block(0, 10))
@@ -253,8 +237,7 @@ def test_an_error_of_the_disk_is_raised_once_and_later_rows_are_ignored(
     assert of_this_file() == []
 
 
-def test_a_mistake_in_the_rows_reaches_the_caller(tmp_path: Path, meta: RunMeta) -> None:
-    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
+def test_a_mistake_in_the_rows_reaches_the_caller(writer: BackgroundWriter) -> None:
     good = servo_block(0, 3)
     writer.append(type(good)(good.time_s[:2], *[getattr(good, n) for n in good.__slots__[1:]]))
     with pytest.raises(TypeError, match="differ in length"):
@@ -262,36 +245,22 @@ def test_a_mistake_in_the_rows_reaches_the_caller(tmp_path: Path, meta: RunMeta)
     assert of_this_file() == []
 
 
-def test_an_abandoned_run_has_its_rows_and_its_status(tmp_path: Path, meta: RunMeta) -> None:
-    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
-    for k in range(30):
-        writer.append(slow_row(k))
-    writer.append(train(0, 300, 0.0))
-    writer.append(Summary('{"ok": false}'))
-    path = writer.abandon("interrupted", 130)
-    assert path == tmp_path / "run.h5"
-    assert writer.abandon("again", 1) == path
-    with open_run(path) as run:
-        assert (run.text("/entry/status"), run.number("/entry/exit_code")) == ("interrupted", 130)
-        assert len(run.column("/entry/slow", "time")) == 30
-        assert len(run.column("/entry/pulses/full", "td")) == 300
-        assert run.summary() == {"ok": False}
-
-
-def test_what_the_caller_does_to_its_values_afterwards_changes_no_event(
-    tmp_path: Path, meta: RunMeta
+def test_an_abandoned_run_has_its_rows_as_they_were_handed_over_and_its_status(
+    writer: BackgroundWriter, tmp_path: Path, meta: RunMeta
 ) -> None:
-    writer = BackgroundWriter.create(tmp_path / "run.h5", meta)
     args: dict[str, float | int | str | bool] = {"depth_um": 1.0}
     writer.append(EventRow(0.1, 1, EventLevel.INFO, "depth", args))
     args["depth_um"] = 2.0
-    with open_run(writer.finish("done", 0)) as run:
+    writer.append(train(0, 300, 0.0))
+    writer.append(Summary('{"ok": false}'))
+    path = writer.abandon("interrupted", 130)
+    assert path == writer.abandon("again", 1) == tmp_path / "run.h5"
+    with open_run(path) as run:
+        assert (run.text("/entry/status"), run.number("/entry/exit_code")) == ("interrupted", 130)
         assert run.table("/entry/events")["args"][0] == b'{"depth_um":1.0}'
-
-
-def test_an_existing_run_is_refused_before_any_thread(run_path: Path, meta: RunMeta) -> None:
+        assert (run.rows("/entry/pulses/full"), run.summary()) == (300, {"ok": False})
     with pytest.raises(RunFileError, match="exists already"):
-        BackgroundWriter.create(run_path, meta)
+        BackgroundWriter.create(path, meta)
     assert of_this_file() == []
 
 
@@ -311,6 +280,7 @@ os._exit(code)
 """
 
 
+@pytest.mark.usefixtures("real_run")  # its job builds the controller, which asks the disk to keep it
 def test_a_disk_that_hangs_ends_the_job_safely(tmp_path: Path) -> None:
     arguments = ["machine", "--profile", "cu270", "--seed", "1", "--run-id", "r", "--json", "--out", "runs"]
     done = subprocess.run(

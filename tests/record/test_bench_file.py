@@ -44,7 +44,7 @@ def refusal(path: Path) -> RunFileError:
     return caught.value
 
 
-def test_what_goes_in_comes_out(path: Path) -> None:
+def test_what_goes_in_comes_out_until_a_newer_state_takes_its_place(path: Path) -> None:
     state = read_bench(path)
     plant = state["plant"]
     assert isinstance(plant, dict)
@@ -53,42 +53,35 @@ def test_what_goes_in_comes_out(path: Path) -> None:
     assert plant["holes"].shape == (0, 3)
     np.testing.assert_array_equal(plant["plays"], np.arange(6.0).reshape(2, 3))
     assert (state["serial"], state["fault"]) == ("SIM-µ", 2001)
-
-
-def test_a_newer_state_takes_the_place_of_the_old_one_and_leaves_nothing_else(path: Path) -> None:
     write_bench(path, {**STATE, "fault": 0})
     assert read_bench(path)["fault"] == 0
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_what_is_no_bench_is_refused_and_never_written_over(tmp_path: Path) -> None:
+def test_what_is_no_bench_is_refused_unopened_and_never_written_over(tmp_path: Path) -> None:
     text, empty, run = tmp_path / "notes.txt", tmp_path / "empty", tmp_path / "run.h5"
+    pipe, folder, device = tmp_path / "pipe", tmp_path / "folder", tmp_path / "device"
     text.write_text("my notes")
     empty.write_bytes(b"")
     with h5py.File(run, "w") as file:
         file.attrs["schema"] = "edmctl-run/1"
-    for other in (text, empty, run):
-        before = other.read_bytes()
-        assert refusal(other).code == "E9020"
-        with pytest.raises(RunFileError):
-            write_bench(other, STATE)
-        assert other.read_bytes() == before
-
-
-def test_a_pipe_a_folder_and_a_device_are_refused_unopened(tmp_path: Path) -> None:
-    pipe, folder, device = tmp_path / "pipe", tmp_path / "folder", tmp_path / "device"
     os.mkfifo(pipe)
     folder.mkdir()
     device.symlink_to(os.devnull)
     for other, what in (
+        (text, "it is not an HDF5 file"),
+        (empty, "it is not an HDF5 file"),
+        (run, "not the file of a bench"),
         (pipe, "it is a pipe, a device or a socket"),
         (folder, "it is a folder"),
         (device, "it is a pipe, a device or a socket"),
     ):
+        before = other.read_bytes() if other.is_file() else b""
         error = refusal(other)
-        assert (error.code, error.message) == ("E9020", f"The bench {other} cannot be read: {what}.")
+        assert (error.code, what in error.message) == ("E9020", True)
         with pytest.raises(RunFileError, match=what):
             write_bench(other, STATE)
+        assert not before or other.read_bytes() == before
     assert pipe.is_fifo()
 
 
@@ -130,17 +123,11 @@ def test_what_hdf5_allows_and_a_bench_never_has_is_refused_in_words(
     assert error.message.endswith(("its parts are not those of a bench.", "and does not contain them."))
 
 
-def test_a_damaged_file_is_refused(path: Path) -> None:
+def test_a_damaged_or_cut_file_is_refused_in_words(path: Path) -> None:
     whole = path.read_bytes()
     at = whole.index(np.arange(6.0).tobytes()) + 20
     path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
     assert "check sum" in refusal(path).message
-    path.write_bytes(whole[: len(whole) // 2])
-    assert refusal(path).code == "E9020"
-
-
-def test_every_cut_file_is_refused_in_words(path: Path) -> None:
-    whole = path.read_bytes()
     for length in range(0, len(whole), len(whole) // 40):
         path.write_bytes(whole[:length])
         assert refusal(path).code == "E9020"

@@ -82,15 +82,10 @@ def test_a_table_is_read_however_it_is_written(tmp_path: Path, text: str | bytes
     assert record.y_um.flags.c_contiguous
 
 
-def test_a_record_knows_its_file_and_what_came_before(tmp_path: Path) -> None:
-    path = written(tmp_path, HEADER + ROWS, "morning.csv")
-    assert read_record(path).name == "morning.csv"
-    assert read_record(path).previous_v is None
-    assert read_record(path, 75.0).previous_v == 75.0
-
-
-def test_numbers_that_are_not_finite_are_left_to_the_checks(tmp_path: Path) -> None:
-    record = read_record(written(tmp_path, HEADER + "0,1,nan\n1,inf,2\n"))
+def test_a_record_knows_its_file_and_leaves_numbers_to_the_checks(tmp_path: Path) -> None:
+    path = written(tmp_path, HEADER + "0,1,nan\n1,inf,2\n", "morning.csv")
+    record = read_record(path)
+    assert (record.name, record.previous_v, read_record(path, 75.0).previous_v) == ("morning.csv", None, 75.0)
     assert np.isnan(record.y_um[0])
     assert np.isinf(record.u_v[1])
 
@@ -231,52 +226,31 @@ def test_what_a_voltage_does_not_need_is_not_read(tmp_path: Path) -> None:
     assert refusal.value.hint == "Needed: u_V (actuator voltage in V). Other columns are ignored."
 
 
-@pytest.mark.parametrize("name", ["gone.csv", "a\0b.csv", "x" * 5000])
-def test_a_file_that_is_not_there_is_named(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", ["gone.csv", "a\0b.csv", "x" * 5000, ""])
+def test_a_file_that_is_not_there_or_a_folder_is_named(tmp_path: Path, name: str) -> None:
     assert refused(tmp_path / name).code == "E3601"
 
 
-def test_a_folder_is_no_record(tmp_path: Path) -> None:
-    assert refused(tmp_path).code == "E3601"
-
-
 @pytest.mark.parametrize("name", ["columns.csv", "columns.h5"])
-def test_written_columns_are_read_back_exactly(tmp_path: Path, name: str) -> None:
+def test_written_columns_are_read_back_exactly_and_never_overwritten(tmp_path: Path, name: str) -> None:
     rng = np.random.default_rng(1)
     t_s, u_v, y_um = np.cumsum(rng.random(50)), rng.normal(size=50), rng.normal(size=50)
     path = tmp_path / name
-    write_columns(path, {"t_s": t_s, "u_V": u_v, "extra": u_v, "y_um": y_um})
-    record = read_record(path)
-    np.testing.assert_array_equal(record.t_s, t_s)
-    np.testing.assert_array_equal(record.u_v, u_v)
-    np.testing.assert_array_equal(record.y_um, y_um)
-
-
-def test_written_datasets_carry_their_unit(tmp_path: Path) -> None:
-    columns = {name: np.zeros(3) for name in ("t_s", "u_V", "truth_um", "waveform")}
-    write_columns(tmp_path / "x.h5", columns)
-    with h5py.File(tmp_path / "x.h5") as file:
-        assert {name: file[name].attrs["units"] for name in file} == {
-            "t_s": "s",
-            "u_V": "V",
-            "truth_um": "um",
-            "waveform": "1",
-        }
-
-
-@pytest.mark.parametrize("name", ["x.csv", "x.h5"])
-def test_a_file_is_never_overwritten(tmp_path: Path, name: str) -> None:
-    path = written(tmp_path, "mine", name)
+    columns = {"t_s": t_s, "u_V": u_v, "waveform": u_v, "y_um": y_um}
+    write_columns(path, columns)
+    before, record = path.read_bytes(), read_record(path)
+    for read, stored in ((record.t_s, t_s), (record.u_v, u_v), (record.y_um, y_um)):
+        np.testing.assert_array_equal(read, stored)
     with pytest.raises(RunFileError) as refusal:
-        write_columns(path, {"t_s": np.zeros(3)})
-    assert refusal.value.code == "E9011"
-    assert path.read_text() == "mine"
-
-
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+        write_columns(path, columns)
+    assert (refusal.value.code, path.read_bytes()) == ("E9011", before)
     with pytest.raises(RunFileError, match="No such file or directory") as refusal:
-        write_columns(tmp_path / "none" / "x.h5", {"t_s": np.zeros(3)})
+        write_columns(tmp_path / "none" / name, columns)
     assert refusal.value.code == "E9012"
+    if name == "columns.h5":
+        with h5py.File(path) as file:
+            units = {name: file[name].attrs["units"] for name in file}
+        assert units == {"t_s": "s", "u_V": "V", "waveform": "1", "y_um": "um"}
 
 
 def hdf5(path: Path, **datasets: object) -> Path:
@@ -321,73 +295,50 @@ def test_hdf5_without_one_set_of_columns_is_refused(
     assert remedy in error.hint
 
 
-def test_a_record_of_no_samples_in_hdf5_is_refused(tmp_path: Path) -> None:
-    assert refused(hdf5(tmp_path / "x.h5", t_s=[0.0], u_V=[0.0], y_um=[0.0])).code == "E3605"
-
-
-def test_hdf5_that_leads_nowhere_is_refused(tmp_path: Path) -> None:
-    path = hdf5(tmp_path / "x.h5", t_s=[0.0, 1.0], u_V=h5py.Empty("f8"), y_um=[0.0, 1.0])
+def test_hdf5_without_samples_or_damaged_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.h5"
+    assert refused(hdf5(path, t_s=[0.0], u_V=[0.0], y_um=[0.0])).code == "E3605"
+    path = hdf5(path, t_s=[0.0, 1.0], u_V=h5py.Empty("f8"), y_um=[0.0, 1.0])
     assert "shape None" in refused(path).message
     with h5py.File(path, "a") as file:
         del file["u_V"]
         file["u_V"] = h5py.SoftLink("/gone")
     assert refused(path).code == "E3606"
+    hdf5(path, **{name: np.zeros(1000) for name in ("t_s", "u_V", "y_um")})
+    cut = written(tmp_path, path.read_bytes()[: path.stat().st_size // 2], "cut.h5")
+    text = written(tmp_path, HEADER + ROWS, "text.h5")
+    assert [refused(cut).code, refused(text).code] == ["E3606", "E3606"]
 
 
-def test_a_cut_hdf5_file_is_refused(tmp_path: Path) -> None:
-    write_columns(tmp_path / "x.h5", {name: np.zeros(1000) for name in ("t_s", "u_V", "y_um")})
-    content = (tmp_path / "x.h5").read_bytes()
-    error = refused(written(tmp_path, content[: len(content) // 2], "cut.h5"))
-    assert error.code == "E3606"
-
-
-def test_text_under_the_name_of_an_hdf5_file_is_refused(tmp_path: Path) -> None:
-    assert refused(written(tmp_path, HEADER + ROWS, "x.h5")).code == "E3606"
-
-
-def test_any_run_is_a_record(run_path: Path) -> None:
-    with open_run(run_path) as run:
+@pytest.mark.parametrize("name", ["run.h5", "run.dat", "run.csv", "run", "run.h5.partial"])
+def test_any_run_is_a_record_whatever_its_name(write_run: Callable[[str], Path], name: str) -> None:
+    record = read_record(write_run(name))
+    with open_run(write_run("other.h5")) as run:
         servo = run.columns(SERVO.path)
-    record = read_record(run_path)
     assert record.t_s.dtype == record.y_um.dtype == np.float64
     np.testing.assert_array_equal(record.t_s, servo["time"])
     np.testing.assert_array_equal(record.u_v, servo["v_cmd"])
     np.testing.assert_array_equal(record.y_um, servo["z_sensor"])
 
 
-@pytest.mark.parametrize("name", ["run.dat", "run.csv", "run", "run.h5.partial"])
-def test_a_run_file_is_known_whatever_its_name(write_run: Callable[[str], Path], name: str) -> None:
-    record = read_record(write_run(name))
-    with open_run(write_run("other.h5")) as run:
-        np.testing.assert_array_equal(record.y_um, run.columns(SERVO.path)["z_sensor"])
-
-
 def test_an_exported_servo_table_is_known_by_its_columns(run_path: Path) -> None:
     table = run_path.with_name("servo.csv")
     assert main(["run", "export", str(run_path), "--table", "servo", "--out", str(table)]) == 0
     exported, direct = read_record(table), read_record(run_path)
-    np.testing.assert_allclose(exported.t_s, direct.t_s)
-    np.testing.assert_allclose(exported.y_um, direct.y_um)
-    np.testing.assert_allclose(exported.u_v, direct.u_v)
+    for name in ("t_s", "y_um", "u_v"):
+        np.testing.assert_allclose(getattr(exported, name), getattr(direct, name))
 
 
 def test_what_else_edmctl_writes_is_named_for_what_it_is(tmp_path: Path, run_path: Path) -> None:
-    blind = replace(a_cut(5.0), sensor_um=np.full(500, np.nan))
-    later = run_path.with_name("later.h5")
-    later.write_bytes(run_path.read_bytes())
-    with h5py.File(later, "r+") as file:
-        file.attrs["schema"] = "edmctl-run/99"
+    blind = finished(tmp_path, replace(a_cut(5.0), sensor_um=np.full(500, np.nan)), name="blind.h5")
     cut = written(tmp_path, run_path.read_bytes()[:-5000], "cut.h5")
     bench = tmp_path / "bench.h5"
-    with h5py.File(bench, "w") as file:
+    with h5py.File(run_path, "r+") as later, h5py.File(bench, "w") as file:
+        later.attrs["schema"] = "edmctl-run/99"
         file.attrs["kind"] = "edmctl-bench"
     for path, code, what in (
-        (
-            finished(tmp_path, blind, name="blind.h5"),
-            "E3606",
-            "without a displacement sensor",
-        ),
-        (later, "E3606", "later version"),
+        (blind, "E3606", "without a displacement sensor"),
+        (run_path, "E3606", "later version"),
         (cut, "E3606", "is damaged"),
         (bench, "E3606", "a virtual machine that is kept"),
         (written(tmp_path, 'schema = "edmctl-calibration/1"\n', "a.toml"), "E3602", "is a calibration"),

@@ -113,15 +113,10 @@ print(writer.abandon("disk full", 9))
 
 
 def start(script: str, path: Path, **values: object) -> subprocess.Popen[str]:
-    text = (COMMON + script).format(path=str(path), **values)
+    command = [sys.executable, "-c", (COMMON + script).format(path=str(path), **values)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.Popen(
-        [sys.executable, "-c", text],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment,
-    )
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=environment)
 
 
 @pytest.mark.parametrize("flushes", tiers(4, slow=(1, 15)))
@@ -196,108 +191,75 @@ def test_a_file_system_that_cannot_reserve_will_do(
         assert run.is_finished
 
 
-def test_a_link_to_nowhere_under_the_name_is_refused_at_the_start(tmp_path: Path, meta: RunMeta) -> None:
-    (tmp_path / "run.h5").symlink_to(tmp_path / "nowhere.h5")
-    with pytest.raises(RunFileError, match="exists already") as refusal:
-        RunWriter.create(tmp_path / "run.h5", meta)
-    assert refusal.value.code == "E9001"
-    assert [p.name for p in tmp_path.iterdir()] == ["run.h5"]
-
-
-@pytest.mark.parametrize("hard_links", [True, False])
-def test_a_partial_file_deleted_meanwhile_leaves_no_empty_run(
-    tmp_path: Path, meta: RunMeta, monkeypatch: pytest.MonkeyPatch, hard_links: bool
+@pytest.mark.parametrize(
+    ("taken", "name", "code", "message", "hint"),
+    [
+        ("run.h5", "run.h5", "E9001", "exists already", "--run-id"),
+        ("run.h5.partial", "run.h5", "E9001", "exists already", "--run-id"),
+        ("link.h5", "link.h5", "E9001", "exists already", "--run-id"),
+        ("file", "file/run.h5", "E9002", "is not a folder", "--out"),
+        ("file", "x" * 300 + ".h5", "E9002", "name too long", "--out"),
+    ],
+)
+def test_a_name_that_is_taken_or_impossible_is_refused_at_the_start(
+    tmp_path: Path, meta: RunMeta, taken: str, name: str, code: str, message: str, hint: str
 ) -> None:
-    if not hard_links:
-        monkeypatch.setattr(os, "link", _refuse_link)
-    writer = RunWriter.create(tmp_path / "run.h5", meta)
-    (tmp_path / "run.h5.partial").unlink()
-    with pytest.raises(RunFileError, match="No such file") as refusal:
-        writer.finish("done", 0)
-    assert refusal.value.code == "E9004"
-    assert "was moved or deleted" in refusal.value.hint
-    assert list(tmp_path.iterdir()) == []
+    if taken == "link.h5":
+        (tmp_path / taken).symlink_to(tmp_path / "nowhere.h5")
+    else:
+        (tmp_path / taken).write_text("mine")
+    with pytest.raises(RunFileError, match=message) as refusal:
+        RunWriter.create(tmp_path / name, meta)
+    assert refusal.value.code == code
+    assert hint in refusal.value.hint
+    assert [p.name for p in tmp_path.iterdir()] == [taken]
+    assert taken == "link.h5" or (tmp_path / taken).read_text() == "mine"
 
 
-def test_an_existing_run_is_refused(run_path: Path, meta: RunMeta) -> None:
-    before = run_path.read_bytes()
-    with pytest.raises(RunFileError, match="exists already") as refusal:
-        RunWriter.create(run_path, meta)
-    assert refusal.value.code == "E9001"
-    assert "--run-id" in refusal.value.hint
-    assert run_path.read_bytes() == before
-
-
-def test_a_second_writer_is_refused_while_the_first_goes_on(tmp_path: Path, meta: RunMeta) -> None:
-    first = RunWriter.create(tmp_path / "run.h5", meta)
+def test_a_second_writer_is_refused_while_the_first_goes_on_in_a_new_folder(
+    tmp_path: Path, meta: RunMeta
+) -> None:
+    path = tmp_path / "a" / "b" / "run.h5"
+    first = RunWriter.create(path, meta)
     with pytest.raises(RunFileError, match="exists already"):
-        RunWriter.create(tmp_path / "run.h5", meta)
-    assert first.finish("done", 0) == tmp_path / "run.h5"
+        RunWriter.create(path, meta)
+    assert first.finish("done", 0) == path
 
 
-@pytest.mark.parametrize("hard_links", [True, False])
-def test_a_name_taken_meanwhile_is_not_overwritten(
-    tmp_path: Path, meta: RunMeta, monkeypatch: pytest.MonkeyPatch, hard_links: bool
-) -> None:
-    if not hard_links:
-        monkeypatch.setattr(os, "link", _refuse_link)
-    writer = RunWriter.create(tmp_path / "run.h5", meta)
-    (tmp_path / "run.h5").write_text("somebody else's")
+@pytest.fixture(params=[True, False], ids=["links", "no links"])
+def hard_links(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """File systems with and without them."""
+
+    def refuse(source: Path, target: Path) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    if not request.param:
+        monkeypatch.setattr(os, "link", refuse)
+
+
+@pytest.mark.usefixtures("hard_links")
+def test_the_end_takes_no_name_from_others_and_makes_no_empty_run(tmp_path: Path, meta: RunMeta) -> None:
+    path, partial = tmp_path / "run.h5", tmp_path / "run.h5.partial"
+    gone = RunWriter.create(path, meta)
+    partial.unlink()
+    with pytest.raises(RunFileError, match="No such file") as refusal:
+        gone.finish("done", 0)
+    assert (refusal.value.code, "was moved or deleted" in refusal.value.hint) == ("E9004", True)
+    assert list(tmp_path.iterdir()) == []
+    writer = RunWriter.create(path, meta)
+    path.write_text("somebody else's")
     with pytest.raises(RunFileError) as refusal:
         writer.finish("done", 0)
-    assert refusal.value.code == "E9004"
-    assert "run.h5.partial" in refusal.value.hint
-    assert (tmp_path / "run.h5").read_text() == "somebody else's"
-    with open_run(tmp_path / "run.h5.partial") as run:
+    assert (refusal.value.code, "run.h5.partial" in refusal.value.hint) == ("E9004", True)
+    assert path.read_text() == "somebody else's"
+    with open_run(partial) as run:
         assert run.text("/entry/status") == "done"
-
-
-def _refuse_link(source: Path, target: Path) -> None:
-    raise PermissionError(1, "Operation not permitted")
-
-
-def test_a_file_system_without_hard_links_will_do(
-    tmp_path: Path, meta: RunMeta, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(os, "link", _refuse_link)
-    path = RunWriter.create(tmp_path / "run.h5", meta).finish("done", 0)
+    for file in (path, partial):
+        file.unlink()
+    assert RunWriter.create(path, meta).abandon("interrupted", 130) == path
     with open_run(path) as run:
-        assert run.is_finished
-    assert [p.name for p in tmp_path.iterdir()] == ["run.h5"]
-
-
-def test_an_abandoned_run_is_finished_with_its_status(tmp_path: Path, meta: RunMeta) -> None:
-    path = RunWriter.create(tmp_path / "run.h5", meta).abandon("interrupted", 130)
-    assert path == tmp_path / "run.h5"
-    with open_run(path) as run:
-        assert run.text("/entry/status") == "interrupted"
-        assert run.number("/entry/exit_code") == 130
-
-
-def test_finishing_twice_changes_nothing(tmp_path: Path, meta: RunMeta) -> None:
-    writer = RunWriter.create(tmp_path / "run.h5", meta)
-    path = writer.finish("done", 0)
-    assert writer.abandon("interrupted", 130) == path
-    with open_run(path) as run:
-        assert run.text("/entry/status") == "done"
-
-
-def test_folders_are_made(tmp_path: Path, meta: RunMeta) -> None:
-    assert RunWriter.create(tmp_path / "a" / "b" / "run.h5", meta).finish("done", 0).exists()
-
-
-def test_an_impossible_folder_is_refused(tmp_path: Path, meta: RunMeta) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(RunFileError, match="is not a folder") as refusal:
-        RunWriter.create(tmp_path / "file" / "run.h5", meta)
-    assert refusal.value.code == "E9002"
-    assert "--out" in refusal.value.hint
-
-
-def test_a_name_that_the_disk_cannot_hold_is_refused(tmp_path: Path, meta: RunMeta) -> None:
-    with pytest.raises(RunFileError, match="name too long") as refusal:
-        RunWriter.create(tmp_path / ("x" * 300 + ".h5"), meta)
-    assert refusal.value.code == "E9002"
+        assert (run.text("/entry/status"), run.number("/entry/exit_code")) == ("interrupted", 130)
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize("limit", tiers(3000, slow=(0, 20_000)))

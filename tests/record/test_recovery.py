@@ -6,6 +6,8 @@ import os
 import random
 import shutil
 import signal
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +24,7 @@ from edmctl.record.reader import open_run
 from edmctl.record.recovery import is_complete, recover, recover_damaged, write_anew
 from edmctl.record.writer import RunWriter
 from tests.golden import once
-from tests.record.samples import a_meta, fill
+from tests.record.samples import a_meta, fill, finished, servo_block
 from tests.record.test_crash import KILLED, start
 from tests.tiers import tiers
 
@@ -309,3 +311,22 @@ def test_salvage_of_any_damage_ends_in_a_file_or_an_error(run_path: Path, tmp_pa
         assert not new.exists()
     assert broken.read_bytes() == bytes(content)
     assert {p.name for p in tmp_path.iterdir()} <= {"run.h5", "broken.h5", "broken.recovered.h5"}
+
+
+def test_no_thread_of_the_closing_is_waited_for_with_the_lock_of_h5py(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A thread that collected a handle as it started, while the copy held the lock, kept `machine` for ever."""
+    submit, free = ThreadPoolExecutor.submit, list[bool]()
+
+    def checked(self: ThreadPoolExecutor, *args: Any) -> Any:
+        other = threading.Thread(target=h5py.h5s.create_simple, args=((3,),), daemon=True)
+        other.start()
+        other.join(20.0)
+        free.append(not other.is_alive())
+        return submit(self, *args)
+
+    monkeypatch.setattr(ThreadPoolExecutor, "submit", checked)
+    finished(tmp_path / "run.h5", servo_block(0, 1000))
+    assert free
+    assert all(free)
