@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.errors import LinkLost, MachineFault, RunFileError
+from edmctl.errors import EdmError, LinkLost, MachineFault, RunFileError
 from edmctl.record import disk as disks
 from edmctl.record.disk import DiskThread
 
@@ -42,6 +43,10 @@ def line(monkeypatch: pytest.MonkeyPatch) -> Iterator[Line]:
     line = Line()
     yield line
     line.free.set()
+    join_disk()
+
+
+def join_disk() -> None:
     for thread in threading.enumerate():
         if thread.name == "disk":
             thread.join(LONG_S)
@@ -54,27 +59,19 @@ def test_the_line_is_attended_to_until_the_disk_has_it(line: Line) -> None:
     assert "disk" not in {thread.name for thread in threading.enumerate()}
 
 
-def test_what_nothing_waits_for_is_left_out_while_the_disk_stands(line: Line) -> None:
-    disk, written = DiskThread(line.attend), list[int]()
-    assert disk.start(line.write)
-    assert not disk.start(lambda: written.append(1))
-    line.free.set()
-    disk.close()
-    assert disk.start(lambda: written.append(2))
-    disk.close()
-    assert written == [2]
-
-
-def test_writes_keep_their_order(line: Line) -> None:
+def test_writes_keep_their_order_and_what_nothing_waits_for_is_left_out(line: Line) -> None:
     disk, written = DiskThread(line.attend), list[int]()
 
     def slowly() -> None:
         line.write()
         written.append(1)
 
-    disk.start(slowly)
+    assert disk.start(slowly)
+    assert not disk.start(lambda: written.append(-1))
     disk.run(PATH, lambda: written.append(2))
-    assert written == [1, 2]
+    assert disk.start(lambda: written.append(3))
+    disk.close()
+    assert written == [1, 2, 3]
 
 
 def refused() -> None:
@@ -92,10 +89,12 @@ def test_what_a_write_raises_comes_out(line: Line) -> None:
     assert disk.start(lambda: None)
 
 
-def test_a_disk_that_hangs_ends_the_job(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_hangs_ends_the_job_and_takes_what_is_left_when_it_comes_back(
+    line: Line, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(disks, "GIVE_UP_S", 0.05)
     line.frees_at = 10**12
-    disk = DiskThread(line.attend)
+    disk, written = DiskThread(line.attend), list[int]()
     with pytest.raises(RunFileError, match=r"a\.journal is not written") as hung:
         disk.run(PATH, line.write)
     assert hung.value.code == "E9009"
@@ -105,6 +104,11 @@ def test_a_disk_that_hangs_ends_the_job(line: Line, monkeypatch: pytest.MonkeyPa
         disk.run(PATH, line.write)
     disk.close()
     assert time.monotonic() - begun_s < LONG_S
+    line.free.set()
+    join_disk()
+    monkeypatch.setattr(disks, "PROMPT_S", 0.01)
+    disk.run(PATH, lambda: written.append(1))
+    assert written == [1]
 
 
 def test_where_time_stands_still_nothing_runs_beside(line: Line) -> None:
@@ -115,29 +119,19 @@ def test_where_time_stands_still_nothing_runs_beside(line: Line) -> None:
     assert ran_in == [threading.get_ident()] * 2
 
 
-def test_a_line_that_is_lost_meanwhile_stops_no_write(line: Line) -> None:
-    def lost(_: Callable[[], bool]) -> None:
+@pytest.mark.parametrize("error", [LinkLost("gone"), MachineFault("a fault")])
+def test_what_the_line_raises_meanwhile_stops_no_write(line: Line, error: EdmError) -> None:
+    def attend(_: Callable[[], bool]) -> None:
         line.free.set()
-        raise LinkLost("gone")
+        raise error
 
-    disk, written = DiskThread(lost), list[int]()
+    disk, written = DiskThread(attend), list[int]()
     disk.start(line.write)
-    disk.run(PATH, lambda: written.append(1))
-    disk.run(PATH, lambda: written.append(2))
-    assert written == [1, 2]
-
-
-def test_what_the_line_tells_meanwhile_comes_out_after_the_write(line: Line) -> None:
-    def faulted(_: Callable[[], bool]) -> None:
-        line.free.set()
-        raise MachineFault("a fault")
-
-    disk, written = DiskThread(faulted), list[int]()
-    disk.start(line.write)
-    with pytest.raises(MachineFault, match="a fault"):
+    with nullcontext() if isinstance(error, LinkLost) else pytest.raises(MachineFault, match="a fault"):
         disk.run(PATH, lambda: written.append(1))
     assert written == [1]
     disk.run(PATH, lambda: written.append(2))
+    assert written == [1, 2]
 
 
 def test_a_write_that_begins_while_the_line_is_read_is_waited_for_by_the_next(line: Line) -> None:
@@ -160,19 +154,3 @@ def test_a_write_that_begins_while_the_line_is_read_is_waited_for_by_the_next(li
     disk.run(PATH, line.write)
     disk.run(PATH, lambda: written.append(3))
     assert written == [1, 2, 3]
-
-
-def test_a_disk_that_comes_back_takes_what_is_left(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(disks, "GIVE_UP_S", 0.05)
-    line.frees_at = 10**12
-    disk, written = DiskThread(line.attend), list[int]()
-    with pytest.raises(RunFileError, match="is not written"):
-        disk.run(PATH, line.write)
-    line.free.set()
-    for thread in threading.enumerate():
-        if thread.name == "disk":
-            thread.join(LONG_S)
-    monkeypatch.setattr(disks, "GIVE_UP_S", LONG_S)
-    monkeypatch.setattr(disks, "PROMPT_S", 0.01)
-    disk.run(PATH, lambda: written.append(1))
-    assert written == [1]

@@ -7,8 +7,9 @@ import json
 import math
 import multiprocessing
 import os
+import re
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -30,53 +31,40 @@ from edmctl.record.ledger import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+
+    from edmctl.record.ledger import Entry, MachineHistory
 
 SERIAL = "SIM-1"
 LINES_EACH = 40
 
 
-def reference(
-    tool: str = "Cu", z_um: float = 50.0, run_file: str = "r.h5", time_s: float = 40.0
-) -> ReferenceTouched:
-    return ReferenceTouched(
-        tool=tool,
-        run_file=run_file,
-        z_um=z_um,
-        sd_um=0.1,
-        touches=3,
-        model_um=z_um + 1.0,
-        sensor=True,
-        x_um=0.0,
-        y_um=0.0,
-        speed_um_s=1.0,
-        time_s=time_s,
-        truth={"tool_wear_um": 2.5},
-    )
+def reference(z_um: float = 50.0, **other: Any) -> ReferenceTouched:
+    made = ReferenceTouched(
+        tool="Cu", run_file="r.h5", z_um=z_um, sd_um=0.1, touches=3, model_um=z_um + 1.0, sensor=True,
+        x_um=0.0, y_um=0.0, speed_um_s=1.0, time_s=40.0, truth={"tool_wear_um": 2.5},
+    )  # fmt: skip
+    return replace(made, **other)
 
 
-def site(
-    name: str = "a",
-    x_um: float = 500.0,
-    *,
-    tool: str = "Cu",
-    wear_um: float = 10.0,
-    z3_um: float = math.nan,
-    status: str = "done",
-) -> SiteMachined:
-    return SiteMachined(
-        tool=tool,
-        run_file=f"{name}.h5",
-        name=name,
-        x_um=x_um,
-        y_um=0.0,
-        radius_um=143.0,
-        status=status,
-        depth_um=20.0,
-        wear_um=wear_um,
-        wear_u95_um=0.6,
-        z3_um=z3_um,
-    )
+def site(name: str = "a", x_um: float = 500.0, **other: Any) -> SiteMachined:
+    made = SiteMachined(
+        tool="Cu", run_file=f"{name}.h5", name=name, x_um=x_um, y_um=0.0, radius_um=143.0, status="done",
+        depth_um=20.0, wear_um=10.0, wear_u95_um=0.6,
+    )  # fmt: skip
+    return replace(made, **other)
+
+
+def refused(call: Callable[[], object]) -> RunFileError:
+    with pytest.raises(RunFileError) as caught:
+        call()
+    assert caught.value.hint
+    return caught.value
+
+
+def history(*entries: Entry) -> MachineHistory:
+    return history_of([Line(SERIAL, 1.0, entry) for entry in entries], SERIAL)
 
 
 END, REFERENCE, SITE = (
@@ -86,6 +74,7 @@ END, REFERENCE, SITE = (
 
 
 def test_what_is_appended_is_read_again(tmp_path: Path) -> None:
+    assert Ledger.open(tmp_path / "runs").lines == ()
     entries = (
         ToolChanged("Cu"),
         reference(),
@@ -99,10 +88,6 @@ def test_what_is_appended_is_read_again(tmp_path: Path) -> None:
     assert [line.serial for line in lines] == [SERIAL] * len(entries)
     # NaN is not itself; its text is.
     assert [repr(line.entry) for line in lines] == [repr(entry) for entry in entries]
-
-
-def test_a_folder_without_a_ledger_knows_nothing(tmp_path: Path) -> None:
-    assert Ledger.open(tmp_path / "runs").lines == ()
 
 
 def test_a_torn_last_line_is_left_out_and_nothing_is_glued_to_it(tmp_path: Path) -> None:
@@ -145,12 +130,9 @@ def test_a_damaged_line_is_refused_with_its_number(tmp_path: Path, damage: str) 
     with book.path.open("a", encoding="utf-8") as file:
         file.write(damage + "\n")
     book.append(SERIAL, site())
-    with pytest.raises(RunFileError) as caught:
-        Ledger.open(tmp_path)
-    assert caught.value.code == "E9031"
-    assert f"{FILE_NAME}:2:" in caught.value.message
-    caught.value.message.encode()
-    assert caught.value.hint
+    error = refused(lambda: Ledger.open(tmp_path))
+    assert (error.code, f"{FILE_NAME}:2:" in error.message) == ("E9031", True)
+    error.message.encode()
 
 
 @pytest.mark.parametrize("torn", ['"serial": ' + "[" * 100_000, END.replace("1.5", "9" * 400)])
@@ -164,22 +146,15 @@ def test_a_last_line_that_nobody_can_read_is_left_out_and_taken_away(tmp_path: P
     assert len(Ledger.open(tmp_path).lines) == 2
 
 
-def test_a_line_of_a_later_version_is_told_from_damage(tmp_path: Path) -> None:
-    (tmp_path / FILE_NAME).write_text('{"v": 5, "kind": "dream"}\n', encoding="utf-8")
-    with pytest.raises(RunFileError) as caught:
-        Ledger.open(tmp_path)
-    assert caught.value.code == "E9032"
-
-
-def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / FILE_NAME).mkdir()
-    with pytest.raises(RunFileError) as caught:
-        Ledger.open(tmp_path)
-    assert caught.value.code == "E9030"
-    (tmp_path / "file").touch()
-    with pytest.raises(RunFileError) as caught:
-        Ledger(tmp_path / "file" / FILE_NAME, ()).append(SERIAL, site())
-    assert caught.value.code == "E9033"
+def test_what_is_no_file_or_of_a_later_version_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / FILE_NAME
+    path.write_text('{"v": 5, "kind": "dream"}\n', encoding="utf-8")
+    assert refused(lambda: Ledger.open(tmp_path)).code == "E9032"
+    inside = Ledger(path / FILE_NAME, ())
+    assert refused(lambda: inside.append(SERIAL, site())).code == "E9033"
+    path.unlink()
+    path.mkdir()
+    assert refused(lambda: Ledger.open(tmp_path)).code == "E9030"
 
 
 def test_a_ledger_that_stays_locked_is_refused_before_a_job(
@@ -189,9 +164,9 @@ def test_a_ledger_that_stays_locked_is_refused_before_a_job(
     Ledger.open(tmp_path).append(SERIAL, site())
     with (tmp_path / FILE_NAME).open() as held:
         fcntl.flock(held, fcntl.LOCK_EX)
-        with pytest.raises(RunFileError, match=f"process {os.getpid()}.* has it open for writing") as caught:
-            Ledger.open(tmp_path)
-        assert caught.value.code == "E9030"
+        error = refused(lambda: Ledger.open(tmp_path))
+        assert error.code == "E9030"
+        assert re.search(f"process {os.getpid()}.* has it open for writing", error.message)
     assert len(Ledger.open(tmp_path).lines) == 1
 
 
@@ -214,116 +189,87 @@ def test_two_writers_lose_nothing(tmp_path: Path) -> None:
         assert times_s == [float(number) for number in range(LINES_EACH)]
 
 
-def test_wear_is_carried_from_the_reference_on(tmp_path: Path) -> None:
-    book = Ledger.open(tmp_path)
-    book.append(SERIAL, reference(), site(), site("b", 1000.0, z3_um=71.0))
-    book.append("SIM-2", site("d", tool="W"))
-    history = history_of(book.lines, SERIAL)
-    account = history.account("Cu")
+def test_wear_is_carried_from_the_reference_on() -> None:
+    entries: list[Entry] = [reference(), site(), site("b", 1000.0, z3_um=71.0)]
+    other = Line("SIM-2", 1.0, site("d", tool="W"))
+    machine = history_of([*(Line(SERIAL, 1.0, entry) for entry in entries), other], SERIAL)
+    account = machine.account("Cu")
     assert (account.worn_um, account.lost_um, account.pad_um) == (20.0, 20.0, 71.0)
     assert account.worn_u95_um == pytest.approx(0.6 * math.sqrt(2.0))
-    assert [hole.name for hole in history.holes] == ["a", "b"]
-    assert (history.tool, account.replaced_by) == ("Cu", "")
-    book.append(SERIAL, reference(z_um=72.0))
-    account = history_of(book.lines, SERIAL).account("Cu")
+    assert [hole.name for hole in machine.holes] == ["a", "b"]
+    assert (machine.tool, account.replaced_by) == ("Cu", "")
+    account = history(*entries, reference(72.0)).account("Cu")
     assert (account.worn_um, account.lost_um, account.pad_um) == (0.0, 20.0, 72.0)
-    book.append(SERIAL, ToolChanged("Cu"))
-    account = history_of(book.lines, SERIAL).account("Cu")
+    account = history(*entries, reference(72.0), ToolChanged("Cu")).account("Cu")
     assert (account.reference, account.lost_um, len(account.holes)) == (None, 0.0, 0)
 
 
-def test_a_tool_that_was_replaced_has_no_reference_before_it_is_touched_again(tmp_path: Path) -> None:
-    book = Ledger.open(tmp_path)
+def test_a_tool_that_was_replaced_has_no_reference_before_it_is_touched_again() -> None:
     begun = JobBegun("W", "w.h5", 143.0, (("c", 1500.0, 0.0),))
-    book.append(SERIAL, reference(), site(), begun, RunEnded("w.h5", "done", 1.0))
-    account = history_of(book.lines, SERIAL).account("Cu")
-    assert (account.reference, account.replaced_by, account.worn_um, account.lost_um) == (
-        None,
-        "W",
-        0.0,
-        10.0,
-    )
+    entries = (reference(), site(), begun, RunEnded("w.h5", "done", 1.0))
+    account = history(*entries).account("Cu")
+    assert (account.reference, account.replaced_by) == (None, "W")
+    assert (account.worn_um, account.lost_um) == (0.0, 10.0)
     assert math.isnan(account.pad_um)
-    book.append(SERIAL, reference(z_um=64.0), site("d", 2000.0, wear_um=5.0))
-    account = history_of(book.lines, SERIAL).account("Cu")
+    account = history(*entries, reference(64.0), site("d", 2000.0, wear_um=5.0)).account("Cu")
     assert (account.replaced_by, account.worn_um, account.lost_um) == ("", 5.0, 15.0)
     assert account.reference is not None
 
 
-def test_the_tool_touches_later_by_a_wear_that_was_not_measured(tmp_path: Path) -> None:
-    book = Ledger.open(tmp_path)
-    book.append(SERIAL, reference(), site(wear_um=7.0, status=UNFINISHED))
-    assert history_of(book.lines, SERIAL).account("Cu").pad_um == 57.0
-    book.append(SERIAL, WearMeasured("Cu", "w.h5", 58.5, 8.5, 1.0))
-    assert history_of(book.lines, SERIAL).account("Cu").pad_um == 58.5
+def test_the_tool_touches_later_by_a_wear_that_was_not_measured() -> None:
+    entries = (reference(), site(wear_um=7.0, status=UNFINISHED))
+    assert history(*entries).account("Cu").pad_um == 57.0
+    assert history(*entries, WearMeasured("Cu", "w.h5", 58.5, 8.5, 1.0)).account("Cu").pad_um == 58.5
 
 
-def test_a_hole_that_was_taken_up_again_counts_once(tmp_path: Path) -> None:
-    book = Ledger.open(tmp_path)
-    book.append(SERIAL, reference(), site(wear_um=4.0, status=UNFINISHED), site(wear_um=9.0, z3_um=59.0))
-    history = history_of(book.lines, SERIAL)
-    assert [hole.status for hole in history.holes] == ["done"]
-    assert (history.account("Cu").worn_um, history.account("Cu").pad_um) == (9.0, 59.0)
+def test_a_hole_that_was_taken_up_again_counts_once() -> None:
+    entries = (reference(), site(wear_um=4.0, status=UNFINISHED), site(wear_um=9.0, z3_um=59.0))
+    machine = history(*entries)
+    assert [hole.status for hole in machine.holes] == ["done"]
+    assert (machine.account("Cu").worn_um, machine.account("Cu").pad_um) == (9.0, 59.0)
     # Also when the reference was touched anew between the two.
-    book.append(SERIAL, reference(z_um=59.0), site(wear_um=12.0))
-    account = history_of(book.lines, SERIAL).account("Cu")
-    assert account.lost_um == 12.0
+    assert history(*entries, reference(59.0), site(wear_um=12.0)).account("Cu").lost_um == 12.0
 
 
-def test_a_hole_that_is_told_of_once_more_is_no_news_of_the_tool(tmp_path: Path) -> None:
-    book = Ledger.open(tmp_path)
-    measured = site("a", z3_um=60.0)
-    book.append(SERIAL, reference(), measured, site("b", 1000.0, wear_um=4.0, status=UNFINISHED))
-    book.append(SERIAL, measured, site("b", 1000.0, wear_um=6.0, status=UNFINISHED))
-    history = history_of(book.lines, SERIAL)
-    assert (history.account("Cu").pad_um, history.account("Cu").lost_um) == (66.0, 16.0)
+def test_a_hole_that_is_told_of_once_more_is_no_news_of_the_tool() -> None:
+    measured = site(z3_um=60.0)
+    entries: list[Entry] = [reference()]
+    for wear_um in (4.0, 6.0):
+        entries += [measured, site("b", 1000.0, wear_um=wear_um, status=UNFINISHED)]
+    account = history(*entries).account("Cu")
+    assert (account.pad_um, account.lost_um) == (66.0, 16.0)
     # Nor does it make the hole one that was machined after a later reference, or after those of other jobs.
-    book.append(SERIAL, reference(z_um=66.0), site("c", 1500.0, z3_um=76.0), measured)
-    account = history_of(book.lines, SERIAL).account("Cu")
+    account = history(*entries, reference(66.0), site("c", 1500.0, z3_um=76.0), measured).account("Cu")
     assert (account.pad_um, account.worn_um, account.lost_um) == (76.0, 10.0, 26.0)
     assert account.holes[-1].name == "c"
 
 
-def test_places_of_a_job_that_never_ended_are_taken(tmp_path: Path) -> None:
-    book = Ledger.open(tmp_path)
+def test_places_of_a_job_that_never_ended_are_taken() -> None:
     begun = JobBegun("Cu", "a.h5", 143.0, (("a", 500.0, 0.0), ("b", 1000.0, 0.0)))
-    book.append(SERIAL, begun, site())
-    holes = history_of(book.lines, SERIAL).holes
+    holes = history(begun, site()).holes
     assert [(hole.name, hole.status) for hole in holes] == [("a", "done"), ("b", UNFINISHED)]
     assert math.isnan(holes[1].depth_um)
-    book.append(SERIAL, RunEnded("a.h5", "interrupted", 10.0))
-    assert [hole.name for hole in history_of(book.lines, SERIAL).holes] == ["a"]
+    ended = history(begun, site(), RunEnded("a.h5", "interrupted", 10.0))
+    assert [hole.name for hole in ended.holes] == ["a"]
 
 
-def test_the_time_of_a_bench_stands_in_its_lines(tmp_path: Path) -> None:
+def test_lines_are_json_with_the_time_of_the_bench(tmp_path: Path) -> None:
     Ledger.open(tmp_path).append(SERIAL, reference(), bench_s=1234.5)
-    Ledger.open(tmp_path).append(SERIAL, replace(site(), home_um=3.0))
-    history = history_of(Ledger.open(tmp_path).lines, SERIAL)
-    assert history.account("Cu").reference_bench_s == 1234.5
-    assert math.isnan(history.homes[-1].bench_s)
-
-
-def test_lines_are_json_that_anybody_reads(tmp_path: Path) -> None:
-    Ledger.open(tmp_path).append(SERIAL, site())
-    (text,) = (tmp_path / FILE_NAME).read_text(encoding="utf-8").splitlines()
-    line = json.loads(text)
+    Ledger.open(tmp_path).append(SERIAL, site(home_um=3.0))
+    machine = history_of(Ledger.open(tmp_path).lines, SERIAL)
+    assert machine.account("Cu").reference_bench_s == 1234.5
+    assert math.isnan(machine.homes[-1].bench_s)
+    line = json.loads((tmp_path / FILE_NAME).read_text(encoding="utf-8").splitlines()[1])
     assert (line["v"], line["kind"], line["serial"], line["tool"]) == (4, "site", SERIAL, "Cu")
-    assert line["z3_um"] is None
+    assert (line["z3_um"], line["home_um"]) == (None, 3.0)
 
 
-def test_where_a_touch_was_counts_from_home(tmp_path: Path) -> None:
-    book = Ledger.open(tmp_path)
-    book.append(SERIAL, replace(reference(), z_um=80.0, home_um=30.0))
-    assert history_of(book.lines, SERIAL).account("Cu").pad_um == 50.0
-    book.append(SERIAL, replace(site(), z3_um=97.0, home_um=33.0))
-    assert history_of(Ledger.open(tmp_path).lines, SERIAL).account("Cu").pad_um == 64.0
-
-
-def test_lines_of_before_home_was_told_count_from_zero(tmp_path: Path) -> None:
-    Ledger.open(tmp_path).append(SERIAL, reference())
+def test_where_a_touch_was_counts_from_home_and_from_zero_before_home_was_told(tmp_path: Path) -> None:
+    touched = reference(80.0, home_um=30.0)
+    assert history(touched).account("Cu").pad_um == 50.0
+    assert history(touched, site(z3_um=97.0, home_um=33.0)).account("Cu").pad_um == 64.0
     file = tmp_path / FILE_NAME
-    line = json.loads(file.read_text(encoding="utf-8"))
+    line = json.loads(text_of(Line(SERIAL, 1.0, touched)))
     del line["home_um"]
     file.write_text(json.dumps({**line, "v": 1}) + "\n", encoding="utf-8")
-    history = history_of(Ledger.open(tmp_path).lines, SERIAL)
-    assert history.account("Cu").pad_um == reference().z_um
+    assert history_of(Ledger.open(tmp_path).lines, SERIAL).account("Cu").pad_um == 80.0

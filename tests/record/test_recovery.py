@@ -56,33 +56,27 @@ def flipped(path: Path, bit: int, new: Path) -> Path:
     return new
 
 
-def test_a_killed_run_becomes_a_complete_file(killed: Path) -> None:
+def test_a_killed_run_becomes_a_complete_file_with_every_row(killed: Path) -> None:
     before = killed.read_bytes()
     made = recover(killed)
-    assert made.path == killed.with_suffix("")
-    assert made.lost_rows == {}
+    assert (made.path, made.lost_rows, made.unread_rows) == (killed.with_suffix(""), {}, {})
     assert killed.read_bytes() == before
     assert sorted(p.name for p in killed.parent.iterdir()) == ["run.h5", "run.h5.partial"]
     assert verify_checksum(made.path) is Checksum.FITS
     assert is_complete(made.path)
-    with h5py.File(made.path), open_run(made.path) as run:
-        assert run.is_finished
-        assert run.text("/entry/status") == "recovered"
-        assert run.number("/entry/exit_code") == -1
-        assert run.text("/entry/recovery").startswith("from run.h5.partial by edmctl")
-        assert run.text("/entry/end_time")[:2] == "20"
-
-
-def test_every_row_of_a_killed_run_is_in_the_new_file(killed: Path) -> None:
-    with open_run(killed) as old, open_run(recover(killed).path) as new:
+    with h5py.File(made.path), open_run(made.path) as new, open_run(killed) as old:
+        assert new.is_finished
+        assert (new.text("/entry/status"), new.number("/entry/exit_code")) == ("recovered", -1)
+        assert new.text("/entry/recovery").startswith("from run.h5.partial by edmctl")
+        assert new.text("/entry/end_time")[:2] == "20"
+        assert new.profile_values() == old.profile_values()
         for table in layout.TABLES:
+            assert new.rows(table.path) == old.rows(table.path)
             if table.is_compound:
                 assert old.table(table.path).tobytes() == new.table(table.path).tobytes()
             else:
                 for name, column in old.columns(table.path).items():
                     np.testing.assert_array_equal(column, new.column(table.path, name))
-            assert new.rows(table.path) == old.rows(table.path)
-        assert new.profile_values() == old.profile_values()
 
 
 def test_columns_that_a_kill_left_unequal_are_cut_to_the_shortest(tmp_path: Path) -> None:
@@ -131,20 +125,16 @@ def test_a_file_that_is_there_is_not_overwritten(killed: Path) -> None:
 
 
 def test_a_run_that_died_while_it_was_closed_keeps_its_status(killed: Path) -> None:
+    begun = killed.with_name("run.h5.closing")
+    begun.write_bytes(b"half a file")
     made = recover(killed).path
+    assert not begun.exists()
     with h5py.File(made, "r+") as ended:
         ended["/entry/status"][()] = b"machine fault"
         ended["/entry/exit_code"][()] = 6
     with open_run(recover(made.rename(killed.with_name("closing.h5.partial"))).path) as run:
         assert run.text("/entry/status") == "machine fault"
         assert run.number("/entry/exit_code") == 6
-
-
-def test_what_is_left_of_a_closing_that_was_killed_goes(killed: Path) -> None:
-    begun = killed.with_name("run.h5.closing")
-    begun.write_bytes(b"half a file")
-    recover(killed)
-    assert not begun.exists()
 
 
 def test_any_flipped_bit_of_a_finished_file_is_found_before_it_is_read(
@@ -171,17 +161,20 @@ def test_a_file_cut_short_anywhere_is_refused(run_path: Path, tmp_path: Path) ->
         assert refusal.value.code in ("E9005", "E9007"), length
 
 
+def with_damaged_chunk(path: Path, column: str, new: Path) -> Path:
+    with h5py.File(path) as run:
+        chunk = run[column].id.get_chunk_info(0)
+    return flipped(path, 8 * (chunk.byte_offset + chunk.size // 2), new)
+
+
 def test_a_damaged_column_costs_that_column(write_run: Callable[[str], Path], tmp_path: Path) -> None:
     path = write_run("whole.h5")
-    with h5py.File(path) as run:
-        chunk = run["/entry/servo/v_cmd"].id.get_chunk_info(0)
-    broken = flipped(path, 8 * (chunk.byte_offset + chunk.size // 2), tmp_path / "broken.h5")
+    broken = with_damaged_chunk(path, "/entry/servo/v_cmd", tmp_path / "broken.h5")
     with pytest.raises(RunFileError) as refusal:
         recover(broken)
     assert refusal.value.code == "E9007"
     made = recover_damaged(broken)
-    assert made.path == tmp_path / "broken.recovered.h5"
-    assert made.lost_rows == {}
+    assert (made.path, made.lost_rows) == (tmp_path / "broken.recovered.h5", {})
     assert made.unread_rows == {"/entry/servo/v_cmd": 10_000}  # all in one chunk
     with open_run(path) as old, open_run(made.path) as new:
         assert new.text("/entry/status") == "recovered"
@@ -196,12 +189,8 @@ def test_a_damaged_column_costs_that_column(write_run: Callable[[str], Path], tm
                 assert new.text(scalar.path) == old.text(scalar.path), scalar.path
 
 
-def test_rows_whose_time_is_lost_end_the_table(write_run: Callable[[str], Path], tmp_path: Path) -> None:
-    path = write_run("whole.h5")
-    with h5py.File(path) as run:
-        chunk = run["/entry/servo/time"].id.get_chunk_info(0)
-    broken = flipped(path, 8 * (chunk.byte_offset + chunk.size // 2), tmp_path / "broken.h5")
-    made = recover_damaged(broken)
+def test_rows_whose_time_is_lost_end_the_table(run_path: Path, tmp_path: Path) -> None:
+    made = recover_damaged(with_damaged_chunk(run_path, "/entry/servo/time", tmp_path / "broken.h5"))
     assert (made.rows["/entry/servo"], made.lost_rows) == (0, {"/entry/servo": 10_000})
     assert made.rows["/entry/slow"] == 30
 

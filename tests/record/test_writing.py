@@ -60,7 +60,7 @@ def test_rows_come_back_as_they_went_in(run_path: Path) -> None:
     np.testing.assert_array_equal(servo["time"], 0.01 * k)
     np.testing.assert_array_equal(servo["v_gap_avg"], (k + 0.4).astype(np.float32))
     np.testing.assert_array_equal(servo["dir"], k % 3 - 1)
-    assert (servo["dir"].dtype, servo["state"].dtype) == (np.int8, np.uint8)
+    assert [servo["dir"].dtype.name, servo["state"].dtype.name] == ["int8", "uint8"]
     np.testing.assert_array_equal(box["time"], 0.001 * k[:2048])
     np.testing.assert_array_equal(box["n_short"], k[:2048] % 5)
     np.testing.assert_array_equal(box["flags"], k[:2048] % 32)
