@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ from typing import Any
 import h5py
 import pytest
 
+from edmctl.app import main
 from edmctl.jobs.runs.explanation import event_sentences, holes_of
 from edmctl.results.run_file import FileEvent
 from tests.cli.commands import CU270, Here
 from tests.faults.workshop import Workshop
+from tests.golden import once
 
 QUICK = (
     'target={kind="feed",feed_um=25.0}',
@@ -47,35 +50,35 @@ def jump(
     )
 
 
-def machined(here: Here, tmp_path: Path, *overrides: str) -> tuple[int, Path]:
-    """Run a quick job; its exit code, and its run file."""
-    options = [word for value in (*QUICK, *overrides) for word in ("--set", value)]
-    said = here(
-        "machine",
-        "--profile",
-        CU270,
-        *options,
-        "--seed",
-        "1",
-        "--out",
-        str(tmp_path),
-        "--run-id",
-        "one",
-        "--quiet",
-    )
-    return said.exit_code, tmp_path / "one.h5"
+def words(*overrides: str) -> list[str]:
+    return [word for value in (*QUICK, *overrides) for word in ("--set", value)]
 
 
-def test_a_run_is_told_from_what_was_wanted_to_its_end(here: Here, tmp_path: Path) -> None:
-    exit_code, file = machined(here, tmp_path, 'jump.mode="fixed"')
-    assert exit_code == 0
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of a quick job."""
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("EDMCTL_HOME", str(folder / "home"))
+            options = ["--seed", "1", "--out", str(folder), "--run-id", "one", "--quiet"]
+            assert main(["machine", "--profile", CU270, *words('jump.mode="fixed"'), *options]) == 0
+
+    return once(tmp_path_factory, "explained-run", make) / "one.h5"
+
+
+@pytest.fixture
+def file(recorded: Path, tmp_path: Path) -> Path:
+    """A copy of it in a folder of its own."""
+    return Path(shutil.copy(recorded, tmp_path / "one.h5"))
+
+
+def test_a_run_is_told_from_what_was_wanted_to_its_end(here: Here, file: Path) -> None:
     said = here("run", "explain", str(file))
     assert said.exit_code == 0
     lines = said.out.splitlines()
-    assert (
-        "cu270-cu: wanted was a feed of 25 µm in Cu with a Cu tool of 270 µm, with a jump every 10 s"
-        in lines[0]
-    )
+    wanted = "cu270-cu: wanted was a feed of 25 µm in Cu with a Cu tool of 270 µm, with a jump every 10 s"
+    assert wanted in lines[0]
     (cut,) = (i for i, line in enumerate(lines) if "Cut 1: feed 25.0 µm" in line)
     (jumps,) = (i for i, line in enumerate(lines) if "it jumped" in line)
     (ended,) = (i for i, line in enumerate(lines) if "Cut 1 ended after" in line)
@@ -83,10 +86,6 @@ def test_a_run_is_told_from_what_was_wanted_to_its_end(here: Here, tmp_path: Pat
     assert cut < jumps < ended < depth < len(lines) - 1
     assert "as its period asks for" in lines[jumps]
     assert "The run came to its end after" in lines[-1]
-
-
-def test_json_gives_time_text_and_code_of_each_sentence(here: Here, tmp_path: Path) -> None:
-    _, file = machined(here, tmp_path)
     document = here("run", "explain", str(file), "--json").document
     assert (document["command"], document["ok"], document["run_file"]) == ("run explain", True, str(file))
     told = document["result"]["story"]
@@ -101,9 +100,9 @@ def test_a_run_that_ended_early_is_told_with_what_to_do(
     here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("edmctl.simulator.open_bench", Workshop("WIRE_SHORT@sparks+5"))
-    exit_code, file = machined(here, tmp_path)
-    assert exit_code == 6
-    out = here("run", "explain", str(file)).out
+    options = ("--seed", "1", "--out", str(tmp_path), "--run-id", "one", "--quiet")
+    assert here("machine", "--profile", CU270, *words(), *options).exit_code == 6
+    out = here("run", "explain", str(tmp_path / "one.h5")).out
     assert "a short has lasted" in out
     assert "A short did not clear while the tool retracted" in out
     assert "Look for a debris bridge" in out
@@ -111,8 +110,7 @@ def test_a_run_that_ended_early_is_told_with_what_to_do(
     assert out.rstrip().endswith(", see above.")
 
 
-def test_a_file_without_an_end_is_told_as_far_as_it_goes(here: Here, tmp_path: Path) -> None:
-    _, file = machined(here, tmp_path)
+def test_a_file_without_an_end_is_told_as_far_as_it_goes(here: Here, file: Path) -> None:
     partial = file.with_name("one.h5.partial")
     file.rename(partial)
     with h5py.File(partial, "r+") as run:
@@ -163,25 +161,13 @@ def test_a_hole_ends_with_its_target_and_the_pad_is_none() -> None:
     assert holes_of(events) == ["a (1)"] * 5 + ["", "b", "b"]
 
 
-def test_a_run_that_was_refused_at_once_says_that_its_file_holds_no_reason(
-    here: Here, tmp_path: Path
-) -> None:
-    _, file = machined(here, tmp_path)
+def test_a_run_that_was_refused_at_once_says_that_its_file_holds_no_reason(here: Here, file: Path) -> None:
     with h5py.File(file, "r+") as run:
         run["/entry/exit_code"][()] = 8
         run["/entry/status"][()] = b"precondition"
     last = here("run", "explain", str(file)).out.splitlines()[-1]
     assert "exit code 8 (precondition)" in last
     assert "The file does not hold the reason" in last
-
-
-@pytest.mark.parametrize("content", [None, b"no HDF5"])
-def test_what_is_no_run_file_is_refused(here: Here, tmp_path: Path, content: bytes | None) -> None:
-    file = tmp_path / "some.h5"
-    if content is not None:
-        file.write_bytes(content)
-    said = here("run", "explain", str(file), "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9005")
 
 
 def test_jumps_of_one_kind_make_one_sentence_with_their_reason() -> None:
@@ -202,16 +188,9 @@ def test_jumps_are_not_grouped_over_a_change_of_the_gap() -> None:
     assert [sentence.code for sentence in told] == ["JUMPED", "REFERENCE_CHANGED", "JUMPED"]
 
 
-def test_single_steps_are_left_out() -> None:
-    events = [
-        event(1.0, "MOVE_DONE", 0, "MOVE_DONE"),
-        event(2.0, "READING", 1, "Z1"),
-        event(3.0, "LINK", 1, "Link"),
-    ]
-    assert event_sentences(events, period_s=10.0) == []
-
-
-def test_a_file_of_an_earlier_version_knows_no_reasons() -> None:
+def test_single_steps_are_left_out_and_an_earlier_version_knows_no_reasons() -> None:
+    steps = [event(1.0, "MOVE_DONE", 0), event(2.0, "READING"), event(3.0, "LINK")]
+    assert event_sentences(steps, period_s=10.0) == []
     told = event_sentences([event(10.0, "JUMPED", 0, "jump", {"height_um": 60.0})], period_s=10.0)
     assert [sentence.text for sentence in told] == ["It jumped once, as its period asks for."]
 
