@@ -134,7 +134,7 @@ def test_the_highest_feed_is_told_with_its_time_wherever_it_is(tmp_path: Path) -
             depth_um=0.1 * k,
             wear_um=0.01 * k,
             power_w=0.1,
-        )  # fmt: skip
+        )
         for k in range(1000)
     ]
     told = texts("erosion", finished(tmp_path, *rows))

@@ -66,7 +66,7 @@ def test_a_reference_that_follows_the_duty_factor_is_in_volts(tmp_path: Path) ->
             depth_um=0.0,
             wear_um=0.0,
             power_w=0.1,
-        )  # fmt: skip
+        )
         for k in range(200)
     ]
     time_s, reference_v = line_called(drawn("gap", finished(tmp_path, a_cut(20.0), *rows)), "reference")
