@@ -123,14 +123,9 @@ def test_a_full_disk_ends_the_job_safely(tmp_path: Path) -> None:
     limit = 3_000_000
     done = subprocess.run(
         command(
-            "machine",
+            *["machine", "--seed", "1", "--run-id", "r", "--json"],
             "--profile",
             CU270,
-            "--seed",
-            "1",
-            "--run-id",
-            "r",
-            "--json",
             "--set",
             'log.pulses="full"',
         ),

@@ -24,10 +24,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         patch.chdir(folder)
         for name, seed, reference in (("one", "4", "0.8"), ("two", "5", "0.78")):
             setting = f"servo.reference={reference}"
-            assert (
-                main(("machine", *SHALLOW, "--set", setting, "--seed", seed, "--run-id", name, "--quiet"))
-                == 0
-            )
+            options = ("--set", setting, "--seed", seed, "--run-id", name, "--quiet")
+            assert main(("machine", *SHALLOW, *options)) == 0
     return folder / "runs" / "one.h5", folder / "runs" / "two.h5"
 
 
@@ -38,21 +36,19 @@ def runs(recorded: tuple[Path, Path], tmp_path: Path) -> tuple[Path, Path]:
     return one, two
 
 
-def with_depth(path: Path, depth_um: float, u95_um: float) -> None:
-    """Make the measured depth of a run another."""
+def with_results(path: Path, **values: float) -> None:
+    """Change the result of a run."""
     with h5py.File(path, "r+") as file:
         rows = file["/entry/results"][:]
-        rows["depth"], rows["depth_u95"] = depth_um, u95_um
+        for name, value in values.items():
+            rows[name] = value
         file["/entry/results"][...] = rows
 
 
-def made_through(path: Path) -> None:
-    """Make the hole of a run one that goes through its work."""
-    with h5py.File(path, "r+") as file:
-        rows = file["/entry/results"][:]
-        rows["through"] = 1
-        rows["depth"] = rows["depth_u95"] = np.nan
-        file["/entry/results"][...] = rows
+@pytest.fixture
+def unsealed_runs(runs: tuple[Path, Path]) -> tuple[Path, Path]:
+    one, two = (unsealed(run, run.with_name(f"open-{run.name}")) for run in runs)
+    return one, two
 
 
 def unsealed(source: Path, target: Path) -> Path:
@@ -76,11 +72,11 @@ def test_runs_differ_in_what_was_set_and_in_nothing_else(here: Here, runs: tuple
 
 @pytest.mark.parametrize(("second_um", "beyond"), [(8.9, False), (9.1, True), (7.1, False), (6.9, True)])
 def test_a_difference_counts_beyond_the_uncertainty_of_both(
-    here: Here, runs: tuple[Path, Path], second_um: float, beyond: bool
+    here: Here, unsealed_runs: tuple[Path, Path], second_um: float, beyond: bool
 ) -> None:
-    one, two = (unsealed(run, run.with_name(f"open-{run.name}")) for run in runs)
-    with_depth(one, 8.0, 0.6)
-    with_depth(two, second_um, 0.8)
+    one, two = unsealed_runs
+    with_results(one, depth=8.0, depth_u95=0.6)
+    with_results(two, depth=second_um, depth_u95=0.8)
     result = here("run", "compare", str(one), str(two), "--json").document["result"]
     (depth,) = (quantity for quantity in result["quantities"] if quantity["key"] == "depth_um")
     first, second = depth["amounts"]
@@ -96,11 +92,10 @@ def test_a_difference_counts_beyond_the_uncertainty_of_both(
     assert row.endswith("*") is beyond
 
 
-def test_a_hole_through_a_sheet_has_no_depth_to_compare(here: Here, runs: tuple[Path, Path]) -> None:
-    one, two = (unsealed(run, run.with_name(f"open-{run.name}")) for run in runs)
-    with_depth(one, 8.0, 0.1)
-    with_depth(two, 80.0, 0.1)
-    made_through(two)
+def test_a_hole_through_a_sheet_has_no_depth_to_compare(here: Here, unsealed_runs: tuple[Path, Path]) -> None:
+    one, two = unsealed_runs
+    with_results(one, depth=8.0, depth_u95=0.1)
+    with_results(two, through=1, depth=np.nan, depth_u95=np.nan)
     quantities = here("run", "compare", str(one), str(two), "--json").document["result"]["quantities"]
     found = {quantity["key"]: quantity for quantity in quantities}
     second = found["depth_um"]["amounts"][1]
@@ -135,14 +130,14 @@ def test_more_than_four_runs_have_a_row_each(here: Here, runs: tuple[Path, Path]
     assert [letter(number) for number in (0, 25, 26, 52)] == ["A", "Z", "A2", "A3"]
 
 
-def test_numbers_are_grouped_and_what_is_unknown_is_a_dash(here: Here, runs: tuple[Path, Path]) -> None:
-    one, two = (unsealed(run, run.with_name(f"open-{run.name}")) for run in runs)
+def test_numbers_are_grouped_and_what_is_unknown_is_a_dash(
+    here: Here, unsealed_runs: tuple[Path, Path]
+) -> None:
+    one, two = unsealed_runs
     with h5py.File(two, "r+") as file:
         file["/entry/seed"][...] = -1
         file["/entry/profile/values"].attrs["jump.height_um"] = 61.5
-        rows = file["/entry/results"][:]
-        rows["pulses"] = 1_981_705
-        file["/entry/results"][...] = rows
+    with_results(two, pulses=1_981_705)
     out = here("run", "compare", str(one), str(two)).out.splitlines()
     (seed,) = (line for line in out if line.startswith("seed "))
     assert seed.split() == ["seed", "4", "–"]
@@ -152,14 +147,10 @@ def test_numbers_are_grouped_and_what_is_unknown_is_a_dash(here: Here, runs: tup
     assert "1 981 705" in pulses
 
 
-def test_truth_is_named_as_such(here: Here, runs: tuple[Path, Path]) -> None:
-    out = here("run", "compare", *map(str, runs)).out
-    assert "true depth (simulated), µm" in out
-
-
 def test_runs_that_were_the_same_differ_in_nothing(here: Here, runs: tuple[Path, Path]) -> None:
     said = here("run", "compare", str(runs[0]), str(runs[0]))
     assert "Nothing was set differently in A, B." in said.out
+    assert "true depth (simulated), µm" in said.out
     assert " *" not in said.out.partition("\n± is")[0]
 
 

@@ -73,24 +73,21 @@ def test_results_of_a_simulated_run_have_its_truth(here: Here) -> None:
         assert [round(float(cell), 3) for cell in columns[f"truth_{name}"]] == [site["truth"][name]]
 
 
-def test_texts_with_commas_and_quotes_stay_one_cell(here: Here, run: Path) -> None:
-    columns = columns_of(here("run", "export", str(run), "--table", "events").out)
+def test_texts_and_unknown_values_keep_their_form(here: Here, run: Path) -> None:
+    def exported(*options: str) -> str:
+        return here("run", "export", str(run), *options).out
+
+    columns = columns_of(exported("--table", "events"))
     assert columns["message"] == ['Cut 1: "feed", then touch']
     assert columns["name"] == ["CUT_PLANNED"]
     assert json.loads(columns["args"][0]) == {"cut": 1, "feed_um": 20.5}
-
-
-def test_json_knows_null_and_values_of_events(here: Here, run: Path) -> None:
-    rows = json.loads(here("run", "export", str(run), "-t", "servo", "--format", "json").out)
+    rows = json.loads(exported("-t", "servo", "--format", "json"))
     assert rows[1000]["z_sensor_um"] is None
     assert np.float32(rows[1001]["z_sensor_um"]) == np.float32(0.1)
-    (event,) = json.loads(here("run", "export", str(run), "-t", "events", "--format", "json").out)
+    (event,) = json.loads(exported("-t", "events", "--format", "json"))
     assert event["args"] == {"cut": 1, "feed_um": 20.5}
-    assert json.loads(here("run", "export", str(run), "-t", "link", "--format", "json").out) == []
-
-
-def test_json_lines_are_a_row_each(here: Here, run: Path) -> None:
-    lines = here("run", "export", str(run), "-t", "slow", "--format", "jsonl").out.splitlines()
+    assert json.loads(exported("-t", "link", "--format", "json")) == []
+    lines = exported("-t", "slow", "--format", "jsonl").splitlines()
     assert [json.loads(line)["time_s"] for line in lines] == pytest.approx([0.1 * k for k in range(30)])
 
 
@@ -124,26 +121,24 @@ def test_every_column_of_every_table_goes_to_every_format(here: Here, run: Path,
             assert len(set(table["columns"])) == len(table["columns"])
 
 
-def test_without_a_place_files_stand_beside_the_run(here: Here, run: Path) -> None:
+def test_without_a_place_files_stand_beside_the_run_and_nothing_is_overwritten(here: Here, run: Path) -> None:
+    there = run.parent / "one-results.csv"
+    there.write_text("mine")
     said = here("run", "export", str(run))
-    assert said.exit_code == 0
-    assert (run.parent / "one-servo.csv").exists()
-    assert str(run.parent / "one-results.csv") in said.out
-
-
-def test_nothing_is_overwritten(here: Here, run: Path) -> None:
-    (run.parent / "one-results.csv").write_text("mine")
-    said = here("run", "export", str(run))
-    assert said.exit_code == 9
-    assert "E9011" in said.err
-    assert (run.parent / "one-results.csv").read_text() == "mine"
+    assert (said.exit_code, "E9011" in said.err) == (9, True)
+    assert "--overwrite" in said.err
+    assert there.read_text() == "mine"
     assert not (run.parent / "one-servo.csv").exists()
+    there.unlink()
+    said = here("run", "export", str(run))
+    assert (said.exit_code, str(there) in said.out) == (0, True)
+    assert (run.parent / "one-servo.csv").exists()
 
 
 @pytest.mark.parametrize(
     ("code", "options"),
     [
-        ("E2080", ["-t", "srevo"]),
+        ("Did you mean servo?", ["-t", "srevo"]),
         ("E2081", ["--format", "xlsx"]),
         ("E2081", ["-o", "touches.xlsx"]),
         ("E2081", ["-t", "touches", "-o", "touches.xlsx", "--format", "csv"]),
@@ -170,14 +165,14 @@ def test_a_file_is_replaced_where_that_is_wanted_and_stays_where_it_fails(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     there = run.parent / "one-results.csv"
+    command = ("run", "export", str(run), "-t", "results", "-o", str(there), "--overwrite")
     there.write_text("mine")
-    assert "--overwrite" in here("run", "export", str(run)).err
-    said = here("run", "export", str(run), "-t", "results", "-o", str(there), "--overwrite")
+    said = here(*command)
     assert (said.exit_code, said.err) == (0, "")
     assert there.read_text().startswith("site,")
     there.write_text("mine")
     monkeypatch.setattr("edmctl.jobs.output_files._opened", lambda path: FullDisk())
-    assert here("run", "export", str(run), "-t", "results", "-o", str(there), "--overwrite").exit_code == 9
+    assert here(*command).exit_code == 9
     assert there.read_text() == "mine"
 
 
@@ -192,10 +187,6 @@ def test_a_log_that_the_run_did_not_keep_leads_to_the_one_it_kept(here: Here, tm
     assert (said.exit_code, len(said.out.splitlines())) == (0, 1)
     assert "-t blocks" in said.err
     assert here("run", "export", str(run), "-t", "blocks").err == ""
-
-
-def test_the_nearest_table_is_named(here: Here, run: Path) -> None:
-    assert "Did you mean servo?" in here("run", "export", str(run), "-t", "srevo").err
 
 
 def test_parquet_without_its_library_says_how_to_get_it(

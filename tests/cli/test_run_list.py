@@ -100,22 +100,22 @@ def test_files_that_cannot_be_read_are_rows_too(here: Here, tmp_path: Path) -> N
     ]
 
 
-def test_a_live_run_is_told_from_a_killed_one(here: Here, tmp_path: Path) -> None:
-    writer = begun(tmp_path, "living")
-    killed(tmp_path, "dead")
-    runs = here("run", "list", str(tmp_path), "--json").document["result"]["runs"]
-    writer.finish("done", 0)
-    assert {run["run_id"]: (run["status"], run["exit_code"]) for run in runs} == {
-        "living": ("running", None),
-        "dead": ("interrupted", None),
+def test_a_live_run_is_told_from_a_killed_one_and_a_recovered_run_is_listed_once(
+    here: Here, tmp_path: Path
+) -> None:
+    writer, left = begun(tmp_path, "living"), killed(tmp_path, "dead")
+
+    def listed() -> dict[str, tuple[str, int | None, str]]:
+        runs = here("run", "list", str(tmp_path), "--json").document["result"]["runs"]
+        return {run["run_id"]: (run["status"], run["exit_code"], Path(run["path"]).name) for run in runs}
+
+    assert listed() == {
+        "living": ("running", None, "living.h5.partial"),
+        "dead": ("interrupted", None, "dead.h5.partial"),
     }
-
-
-def test_a_recovered_run_is_listed_once(here: Here, tmp_path: Path) -> None:
-    left = killed(tmp_path, "dead")
+    writer.finish("done", 0)
     here("run", "recover", str(left))
-    (run,) = here("run", "list", str(tmp_path), "--json").document["result"]["runs"]
-    assert (run["path"], run["status"]) == (str(tmp_path / "dead.h5"), "recovered")
+    assert listed() == {"living": ("done", 0, "living.h5"), "dead": ("recovered", None, "dead.h5")}
 
 
 def test_listing_does_not_read_the_rows(here: Here, tmp_path: Path) -> None:
@@ -144,12 +144,10 @@ def test_the_folder_has_the_name_that_it_has_where_runs_are_made(here: Here, tmp
     said = here("run", "list", "elsewhere", "--out", str(tmp_path), "--json")
     assert (said.exit_code, said.document["error"]["code"]) == (2, "E2063")
     assert "elsewhere" in said.document["error"]["message"]
-
-
-def test_a_folder_that_is_not_there_is_an_error(here: Here, tmp_path: Path) -> None:
-    said = here("run", "list", str(tmp_path / "typo"), "--json")
-    assert said.exit_code == 9
-    assert said.document["error"]["code"] == "E9005"
+    for name in ("nowhere", str(tmp_path / "typo")):
+        said = here("run", "list", name, "--json")
+        assert (said.exit_code, said.document["error"]["code"]) == (9, "E9005")
+        assert f"neither a folder nor a run {name}" in said.document["error"]["message"]
 
 
 @pytest.mark.parametrize("columns", [60, 80, 140])
@@ -173,19 +171,10 @@ def test_where_nothing_else_can_go_status_and_names_get_shorter(tmp_path: Path) 
         assert f"{shown}   exit 7" in text
 
 
-def test_a_text_out_of_a_file_cannot_command_the_terminal(tmp_path: Path) -> None:
-    assert start_utc("\x1b[2J") == "?[2J"
-
-
 @pytest.mark.parametrize(
     ("size_bytes", "text"),
     [(0, "0 B"), (999, "999 B"), (1000, "1.0 kB"), (215_640, "216 kB"), (2_092_156, "2.1 MB")],
 )
 def test_sizes_are_read_at_a_glance(size_bytes: int, text: str) -> None:
     assert file_size(size_bytes) == text
-
-
-def test_a_folder_that_is_not_there_is_named_as_such(here: Here) -> None:
-    said = here("run", "list", "nowhere", "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9005")
-    assert "neither a folder nor a run nowhere" in said.document["error"]["message"]
+    assert start_utc("\x1b[2J") == "?[2J", "a text out of a file cannot command the terminal"

@@ -212,32 +212,21 @@ def test_what_does_not_fit_together_is_a_usage_error(
     assert names_in(run.parent) == ["one.h5"]
 
 
-def test_an_unknown_kind_is_told_the_nearest_and_all(here: Here, run: Path) -> None:
+def test_help_hint_and_the_page_of_instructions_name_every_kind(here: Here, run: Path) -> None:
     hint = here("run", "plot", str(run), "--kind", "wavefroms", "--json").document["error"]["hint"]
     assert hint.startswith("Did you mean waveforms? ")
-    assert all(name in hint for name in NAMES)
-
-
-def test_help_names_every_kind(here: Here) -> None:
     out = here("run", "plot", "--help").out
-    assert all(f"  {name} " in out for name in NAMES)
-
-
-def test_the_page_of_instructions_names_every_kind() -> None:
+    assert all(name in hint and f"  {name} " in out for name in NAMES)
     page = (ROOT / "docs/how-to.md").read_text(encoding="utf-8")
     section = page.partition("## Draw a run")[2].partition("\n## ")[0]
     assert re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE) == list(NAMES)
 
 
-def test_the_file_of_a_killed_run_is_refused(here: Here, run: Path) -> None:
+def test_a_live_run_is_drawn_as_far_as_it_goes_and_a_killed_one_is_refused(here: Here, run: Path) -> None:
     partial = unfinished(run)
     said = here("run", "plot", str(partial), "--json")
     assert (said.exit_code, said.document["error"]["code"]) == (9, "E9008")
     assert names_in(run.parent) == ["one.h5.partial"]
-
-
-def test_a_live_run_is_drawn_as_far_as_it_goes(here: Here, run: Path) -> None:
-    partial = unfinished(run)
     lock = hold(partial)
     try:
         said = here("run", "plot", str(partial), "--kind", "gap")
@@ -277,17 +266,12 @@ def test_what_a_damaged_file_brings_about_is_its_own_fault(
     assert found == ["E9007", "E9007"]
 
 
-def test_a_file_that_is_no_run_is_refused(here: Here, tmp_path: Path) -> None:
-    other = tmp_path / "other.h5"
-    other.write_bytes(b"no HDF5")
-    said = here("run", "plot", str(other), "--json")
+def test_a_file_that_is_no_run_and_a_folder_that_cannot_be_made_are_refused(here: Here, run: Path) -> None:
+    taken = run.parent / "taken"
+    taken.write_bytes(b"no HDF5")
+    said = here("run", "plot", str(taken), "--json")
     assert (said.exit_code, said.document["error"]["code"]) == (9, "E9005")
-
-
-def test_a_folder_that_cannot_be_made_is_said(here: Here, run: Path) -> None:
-    (run.parent / "taken").write_bytes(b"")
-    out = str(run.parent / "taken" / "figures")
-    said = here("run", "plot", str(run), "--kind", "gap", "--out", out, "--json")
+    said = here("run", "plot", str(run), "--kind", "gap", "--out", str(taken / "figures"), "--json")
     assert (said.exit_code, said.document["error"]["code"]) == (9, "E9012")
     assert said.document["result"] is None
 

@@ -77,16 +77,13 @@ def test_a_job_is_shown_with_the_figures_of_its_own_result(here: Here) -> None:
     assert shown["result"]["rows"]["servo"] > 1000
 
 
-def test_what_is_left_of_a_killed_run_is_shown_and_called_so(here: Here, tmp_path: Path) -> None:
-    left = killed(tmp_path, "dead")
-    said = here("run", "show", str(left), "--json")
-    assert said.exit_code == 9
-    assert said.document["error"]["code"] == "E9008"
+def test_a_live_run_is_shown_under_its_coming_name_and_a_killed_one_is_called_so(
+    here: Here, tmp_path: Path
+) -> None:
+    said = here("run", "show", str(killed(tmp_path, "dead")), "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9008")
     assert said.document["result"]["status"] == "interrupted"
     assert said.document["result"]["sites"][0]["depth_um"] == 180.0
-
-
-def test_the_name_without_partial_will_do(here: Here, tmp_path: Path) -> None:
     writer = begun(tmp_path, "living")
     said = here("run", "show", str(tmp_path / "living.h5"))
     writer.finish("done", 0)
@@ -136,19 +133,7 @@ def test_a_look_takes_every_row_since_the_one_before(tmp_path: Path) -> None:
         writer.append(ServoBlock(time_s, z_um / 3, z_um, z_um, gap_v, level, level, level.astype(int), state))
         for now_s in time_s[9::10]:
             fed_um = 0.3 * (now_s - 100.0)
-            row = SlowRow(
-                now_s,
-                0.3,
-                0.8,
-                0.8,
-                0.2,
-                0.7,
-                0.1,
-                0.0,
-                depth_um=fed_um / 1.5,
-                wear_um=fed_um / 3.0,
-                power_w=math.nan,
-            )
+            row = replace(slow(now_s), feed_um_s=0.3, depth_um=fed_um / 1.5, wear_um=fed_um / 3.0)
             writer.append(replace(row, wear_u95_um=0.7))
         writer.flush()
 
@@ -200,24 +185,13 @@ def test_every_command_finds_a_run_by_its_id_and_by_its_coming_name(here: Here, 
 
 
 def servo(time_s: float) -> ServoBlock:
-    one = np.ones(1)
-    return ServoBlock(
-        one * time_s,
-        one * 20.0,
-        one * 60.0,
-        one * 59.0,
-        one * 9.6,
-        one * 0.8,
-        one * 0.02,
-        one.astype(int),
-        one.astype(int) * 4,
-    )
+    values = (time_s, 20.0, 60.0, 59.0, 9.6, 0.8, 0.02, 1, 4)
+    return ServoBlock(*(np.array([value]) for value in values))
 
 
 def slow(time_s: float) -> SlowRow:
-    return SlowRow(
-        time_s, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, depth_um=time_s / 2, wear_um=0.5, power_w=math.nan
-    )
+    shares = (1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0)
+    return SlowRow(time_s, *shares, depth_um=time_s / 2, wear_um=0.5, power_w=math.nan)
 
 
 def test_a_finished_run_is_not_waited_for(
