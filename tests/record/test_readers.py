@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 PLOTS = [table for table in layout.TABLES if table.signal]
-LONG_NAMES = {table.path: {c.name: c.long_name for c in table.columns} for table in layout.TABLES}
 
 
 @pytest.fixture(scope="module")
@@ -56,66 +55,38 @@ def rows(path: Path, name: str) -> int:
         return int(file[name].shape[0])
 
 
-def test_h5py_finds_a_unit_on_every_dataset(path: Path) -> None:
-    numbers: dict[str, object] = {}
-
-    def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        if isinstance(item, h5py.Dataset):
-            numbers[name] = item.attrs.get("units")
-
+def test_h5py_finds_a_unit_on_every_dataset_and_str_for_texts(path: Path) -> None:
+    items: dict[str, h5py.Dataset | h5py.Group] = {}
     with h5py.File(path) as file:
-        file.visititems(visit)
-        fields = {name: file[name].dtype.names for name in numbers if file[name].dtype.names}
-        text_or_number = {name: file[name].dtype.kind for name in numbers if name not in fields}
-    assert len(numbers) > 100
-    for name, kind in text_or_number.items():
-        if name != "entry/summary":
-            assert (numbers[name] == "") == (kind == "S"), name
-    for name, columns in fields.items():
-        assert len(list(numbers[name])) == len(columns), name  # type: ignore[call-overload]
-
-
-def test_h5py_gives_str_for_every_attribute_that_is_a_text(path: Path) -> None:
-    odd: list[str] = []
-
-    def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        ours = set(item.attrs) - {"CLASS", "NAME"}  # of HDF5's own dimension scales
-        odd.extend(f"{name}@{key}" for key in ours if isinstance(item.attrs[key], bytes))
-
-    with h5py.File(path) as file:
-        file.visititems(visit)
-    assert odd == []
+        file.visititems(items.__setitem__)
+        for name, item in items.items():
+            ours = set(item.attrs) - {"CLASS", "NAME"}  # of HDF5's own dimension scales
+            assert not [key for key in ours if isinstance(item.attrs[key], bytes)], name
+        datasets = {name: item for name, item in items.items() if isinstance(item, h5py.Dataset)}
+        assert len(datasets) > 100
+        for name, dataset in datasets.items():
+            units = dataset.attrs["units"]
+            if dataset.dtype.names:
+                assert len(units) == len(dataset.dtype.names), name
+            elif name != "entry/summary":
+                assert (units == "") == (dataset.dtype.kind == "S"), name
 
 
 @pytest.mark.needs("nexusformat")
-def test_nexusformat_finds_the_default_plot(path: Path) -> None:
-    from nexusformat.nexus import nxload
-
-    plot = nxload(path).plottable_data
-    assert plot.nxpath == "/entry/data"
-    assert plot.nxsignal.nxname == "z_sensor"
-    assert plot.nxsignal.attrs["units"] == "um"
-    assert [axis.nxname for axis in plot.nxaxes] == ["time"]
-    assert plot.nxsignal.shape == (rows(path, "/entry/servo/time"),)
-
-
-@pytest.mark.needs("nexusformat")
-@pytest.mark.parametrize("table", PLOTS, ids=lambda table: table.path)
-def test_nexusformat_plots_every_group_of_columns(path: Path, table: layout.Table) -> None:
-    from nexusformat.nexus import nxload
-
-    group = nxload(path)[table.path]
-    assert group.nxclass == "NXdata"
-    assert group.plottable_data.nxsignal.nxname == table.signal
-    if table.axis:
-        assert [axis.nxname for axis in group.plottable_data.nxaxes] == [table.axis]
-
-
-@pytest.mark.needs("nexusformat")
-def test_nexusformat_reads_texts_and_tables(path: Path) -> None:
+def test_nexusformat_finds_plots_texts_and_tables(path: Path) -> None:
     from nexusformat.nexus import nxload
 
     root = nxload(path)
+    plot = root.plottable_data
+    assert (plot.nxpath, plot.nxsignal.nxname) == ("/entry/data", "z_sensor")
+    assert plot.nxsignal.attrs["units"] == "um"
+    assert [axis.nxname for axis in plot.nxaxes] == ["time"]
+    assert plot.nxsignal.shape == (rows(path, "/entry/servo/time"),)
+    for table in PLOTS:
+        group = root[table.path]
+        assert (group.nxclass, group.plottable_data.nxsignal.nxname) == ("NXdata", table.signal)
+        axes = [axis.nxname for axis in group.plottable_data.nxaxes or []]
+        assert not table.axis or axes == [table.axis]
     with h5py.File(path) as file:
         assert root["entry/title"].nxvalue == file["entry/title"].asstr()[()]
         assert root["entry/profile/toml"].nxvalue == file["entry/profile/toml"].asstr()[()].strip()
@@ -123,7 +94,7 @@ def test_nexusformat_reads_texts_and_tables(path: Path) -> None:
 
 
 @pytest.mark.needs("silx")
-def test_silx_finds_the_default_plot(path: Path) -> None:
+def test_silx_finds_every_plot(path: Path) -> None:
     from silx.io import open as silx_open
     from silx.io.nxdata import get_default
 
@@ -131,43 +102,27 @@ def test_silx_finds_the_default_plot(path: Path) -> None:
         plot = get_default(file)
         assert plot.is_valid
         assert plot.is_curve
-        assert plot.signal_dataset_name == "z_sensor"
-        assert plot.signal.attrs["units"] == "um"
-        assert plot.axes_dataset_names == ["time"]
-        assert plot.axes[0].attrs["units"] == "s"
+        assert (plot.signal_dataset_name, plot.signal.attrs["units"]) == ("z_sensor", "um")
+        assert (plot.axes_dataset_names, plot.axes[0].attrs["units"]) == (["time"], "s")
         assert plot.auxiliary_signals_dataset_names == ["z_model"]
         assert {signal.attrs["units"] for signal in plot.auxiliary_signals} == {"um"}
+        for table in PLOTS:
+            plot = get_default(file[table.path])
+            assert plot.is_valid
+            names = {column.name: column.long_name for column in table.columns}
+            assert (plot.signal_dataset_name, plot.signal_name) == (table.signal, names[table.signal])
+            assert plot.axes_dataset_names == [table.axis or None]
+            assert plot.auxiliary_signals_dataset_names == list(table.auxiliary)
 
 
-@pytest.mark.needs("silx")
-@pytest.mark.parametrize("table", PLOTS, ids=lambda table: table.path)
-def test_silx_plots_every_group_of_columns(path: Path, table: layout.Table) -> None:
-    from silx.io import open as silx_open
-    from silx.io.nxdata import get_default
-
-    with silx_open(str(path)) as file:
-        plot = get_default(file[table.path])
-        assert plot.is_valid
-        assert plot.signal_dataset_name == table.signal
-        assert plot.signal_name == LONG_NAMES[table.path][table.signal]
-        assert plot.axes_dataset_names == [table.axis or None]
-        assert plot.auxiliary_signals_dataset_names == list(table.auxiliary)
-
-
-@pytest.mark.parametrize("table", [*PLOTS, layout.SEGMENTS], ids=lambda table: table.path)
-def test_pandas_takes_the_columns_of_a_group(path: Path, table: layout.Table) -> None:
+def test_pandas_takes_groups_of_columns_and_compound_tables(path: Path) -> None:
     import pandas as pd
 
     with h5py.File(path) as file:
-        frame = pd.DataFrame({name: column[:] for name, column in file[table.path].items()})
-    assert sorted(frame) == sorted(column.name for column in table.columns)
-    assert len(frame) == rows(path, f"{table.path}/{table.columns[0].name}")
-
-
-def test_pandas_takes_compound_tables(path: Path) -> None:
-    import pandas as pd
-
-    with h5py.File(path) as file:
+        for table in (*PLOTS, layout.SEGMENTS):
+            frame = pd.DataFrame({name: column[:] for name, column in file[table.path].items()})
+            assert sorted(frame) == sorted(column.name for column in table.columns)
+            assert len(frame) == len(file[table.datasets[0]])
         touches = pd.DataFrame.from_records(file["/entry/touches"][:])
     assert list(touches) == [column.name for column in layout.TOUCHES.columns]
     assert "Z1" in touches["kind"].str.decode("utf-8").tolist()
@@ -175,25 +130,19 @@ def test_pandas_takes_compound_tables(path: Path) -> None:
 
 
 @pytest.mark.needs("xarray")
-@pytest.mark.parametrize("table", [t for t in PLOTS if t.axis], ids=lambda table: table.path)
-def test_xarray_finds_time_and_units(path: Path, table: layout.Table) -> None:
-    import xarray as xr
-
-    with xr.open_dataset(path, engine="h5netcdf", group=table.path, phony_dims="sort") as dataset:
-        assert dict(dataset.sizes) == {"time": rows(path, f"{table.path}/time")}
-        assert list(dataset.coords) == ["time"]
-        assert dataset["time"].attrs["units"] == "s"
-        for column in table.columns:
-            assert dataset[column.name].dims == ("time",)
-            assert dataset[column.name].attrs["units"] == column.units
-
-
-@pytest.mark.needs("xarray")
-def test_xarray_takes_the_whole_file_for_a_tree(path: Path) -> None:
+def test_xarray_finds_times_and_units_and_takes_the_whole_file_for_a_tree(path: Path) -> None:
     import xarray as xr
 
     with xr.open_datatree(path, engine="h5netcdf", phony_dims="sort") as tree:
         assert {table.path for table in PLOTS} <= set(tree.groups)
+    for table in (table for table in PLOTS if table.axis):
+        with xr.open_dataset(path, engine="h5netcdf", group=table.path, phony_dims="sort") as dataset:
+            assert dict(dataset.sizes) == {"time": rows(path, f"{table.path}/time")}
+            assert list(dataset.coords) == ["time"]
+            assert dataset["time"].attrs["units"] == "s"
+            for column in table.columns:
+                assert dataset[column.name].dims == ("time",)
+                assert dataset[column.name].attrs["units"] == column.units
 
 
 @pytest.mark.needs("nexusformat", "silx", "xarray")
