@@ -31,24 +31,23 @@ for _name in ("SIGINT", "SIGTERM", "SIGHUP"):
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Share among all workers, and take away at the end: builds of the firmware, and bytecode.
+    """Share builds of the firmware among all workers, and bytecode among the processes that tests start.
 
-    Where a folder for builds is named already, they are kept there. Bytecode is kept beside the tree where none is
-    to be written: each process compiled it all.
+    A folder for builds that is named already is kept. With PYTHONDONTWRITEBYTECODE each of these processes would compile
+    all that it imports.
     """
     if hasattr(config, "workerinput"):
-        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+        if "PYTHONPYCACHEPREFIX" in os.environ:
+            sys.pycache_prefix, sys.dont_write_bytecode = None, True
         return
     if not os.environ.get(CACHE_VARIABLE):
         builds = TemporaryDirectory(prefix="edmctl-firmware-")
         os.environ[CACHE_VARIABLE] = builds.name
         config.add_cleanup(builds.cleanup)
-    if os.environ.pop("PYTHONDONTWRITEBYTECODE", None) is None:
-        return
-    folder = TemporaryDirectory(prefix="edmctl-bytecode-")
-    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = folder.name
-    sys.dont_write_bytecode = False
-    config.add_cleanup(folder.cleanup)
+    if os.environ.pop("PYTHONDONTWRITEBYTECODE", None) is not None:
+        bytecode = TemporaryDirectory(prefix="edmctl-bytecode-")
+        os.environ["PYTHONPYCACHEPREFIX"] = bytecode.name
+        config.add_cleanup(bytecode.cleanup)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
