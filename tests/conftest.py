@@ -33,8 +33,8 @@ for _name in ("SIGINT", "SIGTERM", "SIGHUP"):
 def pytest_configure(config: pytest.Config) -> None:
     """Share builds of the firmware among all workers, and bytecode among the processes that tests start.
 
-    A folder for builds that is named already is kept. With PYTHONDONTWRITEBYTECODE each of these processes would compile
-    all that it imports.
+    A folder for builds that is named already is kept. With PYTHONDONTWRITEBYTECODE each of these processes would
+    compile all that it imports.
     """
     if hasattr(config, "workerinput"):
         if "PYTHONPYCACHEPREFIX" in os.environ:
