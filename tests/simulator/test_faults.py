@@ -198,28 +198,6 @@ def test_travel_limit_no_spark_and_stage_limit_keep_their_time(rig: RigMaker) ->
     assert r.bench.plant.reported[0] == pytest.approx(-5000.0 + 1000.0 * 1.123, abs=5.0)
 
 
-def test_an_emergency_stop_dominates_whatever_is_latched(rig: RigMaker) -> None:
-    r = rig(NEAR)
-    r.arm()
-    r.session.abort()
-    r.session.pump(1.0)
-    controller = r.bench.controller
-    assert controller.fault == FaultCode.ABORT_RUN
-    r.bench.inject(parse_injection("ESTOP@0"))
-    r.session.pump(0.3)
-    assert (controller.state, controller.fault) == (m.State.ESTOP, FaultCode.ESTOP)
-    assert [f.code for f in r.faults] == [FaultCode.ABORT_RUN, FaultCode.ESTOP]
-    for fault in (FaultCode.ABORT_RUN, FaultCode.ESTOP):
-        with pytest.raises(CommandRefused):
-            r.session.request(m.ClearFault(fault))
-    r.bench.inject(parse_injection("DOOR@0"))
-    r.session.pump(0.3)
-    assert controller.fault == FaultCode.ESTOP
-    r.bench.clear_injections()
-    r.session.request(m.ClearFault(FaultCode.ESTOP))
-    assert controller.state is m.State.IDLE
-
-
 def test_an_idle_machine_obeys_the_emergency_stop_and_nothing_else(rig: RigMaker) -> None:
     r = rig()
     r.bench.inject(parse_injection("DOOR@0"))

@@ -12,10 +12,9 @@ import pytest
 
 from edmctl.link import messages as m
 from edmctl.link.faults import FaultCode
-from edmctl.link.session import CommandRefused, Session
+from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig
 from edmctl.simulator.injection import parse_injection
-from edmctl.simulator.plant_interface import TICK_NS
 from edmctl.simulator.saving import bench_state, restored_bench
 
 if TYPE_CHECKING:
@@ -124,33 +123,6 @@ def test_the_waveforms_are_those_of_the_pulses_that_telemetry_told(rig: RigMaker
     assert lit >= 10
 
 
-def test_the_time_kept_is_64_pulses_before_the_fault_and_16_periods_after(rig: RigMaker) -> None:
-    r = cutting(rig)
-    kept = stopped(r)
-    fault_us = r.faults[0].t_us
-    assert 63 * PERIOD_US - 1.0 <= fault_us - kept.t0_us <= 64 * PERIOD_US + 1.0
-    end_us = kept.t0_us + len(kept.v)
-    assert end_us - fault_us == pytest.approx(16 * PERIOD_US, abs=SAMPLE_US)
-    dead = fault_us - kept.t0_us + 10
-    assert np.abs(kept.a[dead:]).max() < 0.005, "current 10 µs after the fault"
-    assert np.abs(kept.v[dead + 20 :]).max() < 0.5
-
-
-def test_a_pulse_that_the_fault_meets_is_cut_off_within_10_us(rig: RigMaker) -> None:
-    r = cutting(rig)
-    for _ in range(40):  # until a fault falls into a pulse
-        r.session.pump(0.001)
-        into_ns = r.bench.controller.tick * TICK_NS - r.bench.plant.scope.array("start_ns").max()
-        if 20_000.0 < into_ns < 80_000.0:
-            break
-    r.bench.controller.raise_fault(FaultCode.DOOR)
-    r.session.pump(0.1)
-    kept = read(r.session)
-    fault = r.faults[0].t_us - kept.t0_us
-    assert kept.v[fault - 1] > 0.5
-    assert np.abs(kept.a[fault + 10 :]).max() < 0.005
-
-
 def test_the_samples_are_the_same_whatever_telemetry_tells_and_without_it_too(rig: RigMaker) -> None:
     full, off = (stopped(cutting(rig, log)) for log in (m.PulseLog.FULL, m.PulseLog.OFF))
     assert np.array_equal(full.v, off.v)
@@ -169,22 +141,6 @@ def test_drawing_takes_no_random_number_from_the_machine(rig: RigMaker) -> None:
     after = bench_state(r.bench)
     assert before["plant"]["random"]["_noise"] == after["plant"]["random"]["_noise"]  # type: ignore[index]
     assert before["plant"]["stage_noise"] == after["plant"]["stage_noise"]  # type: ignore[index]
-
-
-def test_a_fault_freezes_them_until_it_is_cleared(rig: RigMaker) -> None:
-    r = cutting(rig)
-    r.bench.controller.raise_fault(FaultCode.DOOR)
-    with pytest.raises(CommandRefused) as early:
-        r.session.request(m.WaveformRead(0))
-    assert early.value.status == m.Status.BUSY
-    r.session.pump(0.1)
-    first = read(r.session)
-    r.bench.controller.raise_fault(FaultCode.ESTOP)
-    r.session.pump(1.0)
-    again = read(r.session)
-    assert (again.t0_us, again.v.tolist()) == (first.t0_us, first.v.tolist())
-    r.session.request(m.ClearFault(FaultCode.ESTOP))
-    assert r.session.request(m.WaveformRead(0)).total == 0
 
 
 def test_nothing_is_kept_without_a_fault_or_long_after_the_last_pulse(rig: RigMaker) -> None:
@@ -209,20 +165,6 @@ def test_a_cut_that_stopped_just_before_the_fault_leaves_the_pulses_that_there_w
     assert before_us <= 64 * PERIOD_US
     assert (starts_us >= kept.t0_us - 1.5).sum() == pytest.approx(64 - 10_000 / PERIOD_US, abs=4)
     assert np.abs(kept.a[before_us - 9_000 :]).max() < 0.005
-
-
-def test_slow_pulses_fill_no_more_than_the_memory(rig: RigMaker) -> None:
-    r = rig(NEAR)
-    r.arm()
-    r.session.request(m.PulseConfig(3000.0, 7000.0, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0))
-    r.to_pad()
-    r.start_sparking()
-    r.session.pump(1.0)
-    kept = stopped(r)
-    assert 50_000 < len(kept.v) <= 65_536
-    before_us = r.faults[0].t_us - kept.t0_us
-    assert 40_000 < before_us <= 52_429
-    assert len(kept.v) - before_us == 13_107
 
 
 def test_another_setting_of_the_generator_begins_anew(rig: RigMaker) -> None:
