@@ -27,6 +27,7 @@ from edmctl.simulator.injection import WIRING_MISTAKES, parse_injection
 from edmctl.simulator.serve import ActsFile
 from tests.cli.commands import ROOT, Here, Said
 from tests.serving import serving
+from tests.tiers import tiers
 from tools.generate.circuits.break_chain import hardware_break
 from tools.generate.circuits.common import Needs
 
@@ -129,24 +130,21 @@ def test_a_sound_machine_passes_under_every_controller(here: Here, wired: Any, c
 
 
 @pytest.mark.parametrize("mistake", NAMED)
-def test_it_is_the_same_under_the_firmware(here: Here, wired: Any, mistake: str) -> None:
-    wired(mistake)
-    said = here("first-start", "--yes", "--json", "--quiet", "--seed", "4", "--controller", "firmware-float")
-    assert statuses(said, "fail") == [NAMED[mistake][0]], said.err
-
-
-@pytest.mark.parametrize("mistake", NAMED)
-def test_a_mistake_is_named_and_nothing_else_is_blamed(here: Here, wired: Any, mistake: str) -> None:
+@pytest.mark.parametrize(
+    ("controller", "seed"), tiers(("firmware", "1"), slow=[("firmware", "2"), ("firmware-float", "7")])
+)
+def test_a_mistake_is_named_and_nothing_else_is_blamed(
+    here: Here, wired: Any, mistake: str, controller: str, seed: str
+) -> None:
     key, nets, words = NAMED[mistake]
-    for seed in ("1", "2", "7"):
-        bench = wired(mistake)
-        said = here("first-start", "--yes", "--json", "--quiet", "--seed", seed)
-        assert (said.exit_code, said.document["error"]["code"]) == (8, "E8049"), said.err
-        assert statuses(said, "fail") == [key]
-        found = items(said)[key]
-        assert {net for cause in found["causes"] for net in cause["nets"]} == nets
-        assert words in " ".join(cause["text"] for cause in found["causes"])
-        assert bench.is_off()
+    bench = wired(mistake)
+    said = here("first-start", "--yes", "--json", "--quiet", "--seed", seed, "--controller", controller)
+    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8049"), said.err
+    assert statuses(said, "fail") == [key]
+    found = items(said)[key]
+    assert {net for cause in found["causes"] for net in cause["nets"]} == nets
+    assert words in " ".join(cause["text"] for cause in found["causes"])
+    assert bench.is_off()
 
 
 def test_readings_tell_what_is_judged(here: Here, wired: Any) -> None:

@@ -28,6 +28,13 @@ if TYPE_CHECKING:
     from edmctl.core.build import Build
 
 
+@pytest.fixture
+def _quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let compilers optimise nothing."""
+    monkeypatch.setattr(build, "_FLAGS", tuple(flag.replace("-O3", "-O0") for flag in build._FLAGS))
+    monkeypatch.setattr(build, "_WHOLE", "-g0")
+
+
 def test_what_was_built_is_found_again(core: Build) -> None:
     again = build.built()
     assert not again.is_new
@@ -113,21 +120,16 @@ def test_a_folder_that_takes_no_library_is_told(tmp_path: Path) -> None:
     assert (caught.value.code, build.CACHE_VARIABLE in caught.value.hint) == ("E8094", True)
 
 
+@pytest.mark.usefixtures("_quickly")
 def test_a_damaged_library_is_built_anew_and_a_false_one_told(
     core: Build, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
     monkeypatch.setattr(build, "packaged", lambda *_: tmp_path / "none")  # that of an editable installation
-    place, other = tmp_path / core.path.name, build.built("float")
-    whole = core.path.read_bytes()
-    spoiled = {
-        "truncated": whole[:20_000],
-        "zeros": whole[:20_000] + bytes(20_000) + whole[40_000:],
-        "other": other.path.read_bytes(),
-    }
-    for content in spoiled.values():
-        place.write_bytes(content)
-        build.hash_file(place).write_bytes(build.hash_file(core.path).read_bytes())
+    place = build.built().path
+    whole = place.read_bytes()
+    for spoilt in (whole[:20_000], whole[:20_000] + bytes(20_000) + whole[40_000:], core.path.read_bytes()):
+        place.write_bytes(spoilt)
         assert not build.is_whole(place)
     again = loaded.__wrapped__("double")
     assert (again.build.is_new, again.real_bytes(), build.is_whole(place)) == (True, 8, True)
@@ -169,6 +171,7 @@ def test_a_whole_library_that_cannot_be_read_for_the_moment_stays(
     assert build.is_whole(core.path)
 
 
+@pytest.mark.usefixtures("_quickly")
 def test_sources_are_regular_files_and_absent_ones_are_reported(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -188,6 +191,7 @@ def test_sources_are_regular_files_and_absent_ones_are_reported(
     assert (caught.value.code, "--force-reinstall edmctl" in caught.value.hint) == ("E8094", True)
 
 
+@pytest.mark.usefixtures("_quickly")
 def test_a_blank_cc_is_none_and_old_folders_of_builds_are_removed(tmp_path: Path) -> None:
     old, new = tmp_path / "building-old", tmp_path / "building-new"
     for folder in (old, new):
