@@ -41,6 +41,11 @@ BACKUP_REGISTERS = slice(
 WWDG_TICKS = 3  # 1.56 ms after the last feed, in whole ticks from the one that was fed last
 
 
+def registers_of(rig: Rig) -> Any:
+    """The module of the emulator with the numbers of the chip's registers."""
+    return sys.modules[rig.controller._loop.__globals__["run"].__module__].reg
+
+
 def emulator_of(part: object) -> Any:
     """The module of the emulator that a part of it comes from."""
     return sys.modules[type(part).__module__]
@@ -120,6 +125,13 @@ class Rig:
                 return str(self.chip.resets[-1].name)
         raise AssertionError(f"no reset within {ticks} ms")
 
+    def starts_anew(self, cause: str = "WATCHDOG", *, moves: bool = True) -> None:
+        """Mended, it tells the cause of its reset by one BOOT and has the fault of a reset."""
+        self.mend()
+        self.boot_tells(cause)
+        self.peer.hello()
+        self.latched(RESET, moves=moves)
+
     def boot_tells(self, cause: str) -> None:
         """Nothing but one BOOT, of that cause."""
         assert self.peer.wait(lambda: self.peer.boots, 0.5, 0.001)
@@ -166,32 +178,38 @@ def rig(shared_rig: Rig) -> Iterator[Rig]:
 
 
 # ------------------------------------------------------------------------------------------ faults of the program
-def test_a_main_loop_that_hangs_loses_the_gate_with_the_next_tick(rig: Rig) -> None:
-    rig.derail(HANGS)
-    assert rig.ticks_until_off(3) == 1
-    assert rig.reset_within(WWDG_TICKS) == "WINDOW_WATCHDOG"
-    rig.boot_tells("WATCHDOG")
-    rig.peer.hello()
-    rig.latched(RESET)
+def hang_in_the_handler_of_a_fault(rig: Rig) -> None:
+    rig.patch("startup_crash", UNDEFINED)
+    rig.derail(UNDEFINED)
 
 
-def test_a_main_loop_that_hangs_with_interrupts_off_is_ended_by_the_watchdog(rig: Rig) -> None:
-    rig.derail(HANGS_WITH_INTERRUPTS_OFF)
-    assert rig.ticks_until_off(3) == 2
-    assert rig.chip.resets[-1].name == "WINDOW_WATCHDOG"
-    rig.boot_tells("WATCHDOG")
-    rig.peer.hello()
-    rig.latched(RESET)
+def halt_by_a_debugger(rig: Rig) -> None:
+    """OpenOCD sets the bits of both watchdogs when it comes: the image takes them away."""
+    rig.chip.r[registers_of(rig).DEBUG_FREEZE] = 1 << 11 | 1 << 12 | 1 << 5
+    rig.controller.advance(2)
+    assert rig.chip.r[registers_of(rig).DEBUG_FREEZE] == 1 << 5
+    rig.bench.halted = 1
 
 
-def test_a_tick_that_hangs_is_ended_by_the_watchdog(rig: Rig) -> None:
-    rig.patch("main_tick", HANGS[2:])
-    assert rig.ticks_until_off(3) == 1
-    assert rig.chip.resets[-1].name == "WINDOW_WATCHDOG"
-    rig.mend()
-    rig.boot_tells("WATCHDOG")
-    rig.peer.hello()
-    rig.latched(RESET)
+HANGS_OF: dict[str, tuple[Callable[[Rig], None], int]] = {
+    "main loop": (lambda rig: rig.derail(HANGS), 1),
+    "interrupts off": (lambda rig: rig.derail(HANGS_WITH_INTERRUPTS_OFF), 2),
+    "tick": (lambda rig: rig.patch("main_tick", HANGS[2:]), 1),
+    "handler of a fault": (hang_in_the_handler_of_a_fault, 2),
+    "debugger": (halt_by_a_debugger, 1),
+}
+"""Programs that go on no more, and in which millisecond the gate is off."""
+
+
+@pytest.mark.parametrize("name", HANGS_OF)
+def test_a_program_that_hangs_loses_the_gate_and_is_ended_by_the_watchdog(rig: Rig, name: str) -> None:
+    hang, off_after = HANGS_OF[name]
+    hang(rig)
+    resets = len(rig.chip.resets)
+    assert rig.ticks_until_off(3) == off_after
+    rig.controller.advance(0 if len(rig.chip.resets) > resets else WWDG_TICKS)
+    assert [reset.name for reset in rig.chip.resets[resets:]] == ["WINDOW_WATCHDOG"]
+    rig.starts_anew()
 
 
 @pytest.mark.parametrize(
@@ -206,10 +224,8 @@ def test_a_program_that_faults_is_off_at_once_and_started_anew(rig: Rig, code: b
     assert rig.ticks_until_off(1) == 0
     assert rig.chip.resets[-1].name == "SOFTWARE"
     assert (rig.chip.sram[at:end] == guard).all()
-    rig.boot_tells("WATCHDOG")
+    rig.starts_anew()
     assert rig.memory("crash_before").view("<u4")[0] == crash
-    rig.peer.hello()
-    rig.latched(RESET)
 
 
 @pytest.mark.parametrize("code", [RECURSES[2:], TAKES_1100_BYTES], ids=["for ever", "a little"])
@@ -221,26 +237,8 @@ def test_a_tick_beyond_its_stack_is_off_at_once(rig: Rig, code: bytes) -> None:
     assert rig.ticks_until_off(1) == 0
     assert rig.chip.resets[-1].name == "SOFTWARE"
     assert (rig.chip.sram[at : at + 64] == 0xA5).all()
-    rig.mend()
-    rig.boot_tells("WATCHDOG")
+    rig.starts_anew()
     assert rig.memory("crash_before").view("<u4")[0] == CRASH_MEMORY
-    rig.peer.hello()
-    rig.latched(RESET)
-
-
-def test_a_debugger_cannot_stop_the_watchdogs_with_the_core(rig: Rig) -> None:
-    """OpenOCD sets both bits when it comes; halted, the core leaves the gate to its timer."""
-    registers = sys.modules[rig.controller._loop.__globals__["run"].__module__].reg
-    rig.chip.r[registers.DEBUG_FREEZE] = 1 << 11 | 1 << 12 | 1 << 5
-    rig.controller.advance(2)
-    assert rig.chip.r[registers.DEBUG_FREEZE] == 1 << 5
-    rig.bench.halted = 1
-    assert rig.ticks_until_off(3) == 1
-    assert rig.chip.resets[-1].name == "WINDOW_WATCHDOG"
-    rig.mend()
-    rig.boot_tells("WATCHDOG")
-    rig.peer.hello()
-    rig.latched(RESET)
 
 
 def test_a_program_that_faults_again_and_again_never_switches_on(rig: Rig) -> None:
@@ -256,17 +254,6 @@ def test_a_program_that_faults_again_and_again_never_switches_on(rig: Rig) -> No
     rig.controller.advance(20)
     rig.peer.hello()
     rig.latched(RESET, moves=False)
-
-
-def test_a_fault_in_the_handler_of_a_fault_is_ended_by_a_watchdog(rig: Rig) -> None:
-    rig.patch("startup_crash", UNDEFINED)
-    rig.derail(UNDEFINED)
-    assert rig.ticks_until_off(3) == 2
-    assert rig.chip.resets[-1].name == "WINDOW_WATCHDOG"
-    rig.mend()
-    rig.boot_tells("WATCHDOG")
-    rig.peer.hello()
-    rig.latched(RESET)
 
 
 # ------------------------------------------------------------------------------------------------ memory and supply
@@ -321,18 +308,7 @@ def test_memory_spoilt_in_any_way_starts_no_pulse(rig: Rig) -> None:
 def test_a_brown_out_is_told_and_latched(rig: Rig) -> None:
     rig.controller.reset(ResetCause.BROWN_OUT)
     assert rig.ticks_until_off(1) == 0
-    rig.boot_tells("BROWN_OUT")
-    rig.peer.hello()
-    rig.latched(RESET)
-
-
-def works(rig: Rig) -> None:
-    """The program is in its main loop."""
-
-
-def hangs(rig: Rig) -> None:
-    """The program is in its main loop for good."""
-    rig.derail(HANGS)
+    rig.starts_anew("BROWN_OUT")
 
 
 def hangs_in_the_tick(rig: Rig) -> None:
@@ -342,7 +318,11 @@ def hangs_in_the_tick(rig: Rig) -> None:
     assert rig.pulses_on
 
 
-@pytest.mark.parametrize("program", [works, hangs, hangs_in_the_tick])
+@pytest.mark.parametrize(
+    "program",
+    [lambda rig: None, lambda rig: rig.derail(HANGS), hangs_in_the_tick],
+    ids=["works", "hangs", "hangs in the tick"],
+)
 def test_a_supply_that_drops_takes_the_pulses_at_once(rig: Rig, program: Callable[[Rig], None]) -> None:
     """Whatever the program does; nothing starts before the supply is there again, then cause and fault are told."""
     program(rig)
@@ -354,11 +334,8 @@ def test_a_supply_that_drops_takes_the_pulses_at_once(rig: Rig, program: Callabl
     assert rig.memory("crash_word").view("<u4")[0] == CRASH_SUPPLY
     assert not rig.peer.boots
     assert not rig.pulses_on
-    rig.mend()
-    rig.boot_tells("BROWN_OUT")
+    rig.starts_anew("BROWN_OUT")
     assert rig.memory("crash_before").view("<u4")[0] == CRASH_SUPPLY
-    rig.peer.hello()
-    rig.latched(RESET)
     assert rig.plant.drive.pulse_starts == starts
 
 
@@ -368,10 +345,7 @@ def test_a_supply_that_is_not_there_is_waited_for_until_the_watchdog_comes(rig: 
     resets = len(rig.chip.resets)
     rig.controller.advance(600)
     assert {reset.name for reset in rig.chip.resets[resets:]} == {"INDEPENDENT_WATCHDOG"}
-    rig.mend()
-    rig.boot_tells("BROWN_OUT")
-    rig.peer.hello()
-    rig.latched(RESET)
+    rig.starts_anew("BROWN_OUT")
 
 
 def test_a_supply_that_drops_in_the_start_lets_no_pulse_out(rig: Rig) -> None:
@@ -387,10 +361,7 @@ def test_a_supply_that_drops_in_the_start_lets_no_pulse_out(rig: Rig) -> None:
     assert len(rig.chip.resets) == resets + 1
     rig.peer.pump(0.002)  # the BOOT of the start that was ended
     rig.peer.boots.clear()
-    rig.mend()
-    rig.boot_tells("BROWN_OUT")
-    rig.peer.hello()
-    rig.latched(RESET, moves=False)
+    rig.starts_anew("BROWN_OUT", moves=False)
     assert rig.plant.drive.pulse_starts == starts
 
 
@@ -414,18 +385,10 @@ def open_door(rig: Rig) -> None:
     rig.plant.door_open = True
 
 
-def trip_over_current(rig: Rig) -> None:
-    rig.bench.over_current = 1
-
-
-def break_for_a_moment(rig: Rig) -> None:
-    rig.bench.breaks = 1
-
-
 BREAK_US = 10_000  # BREAK_TICKS of the image
 BREAKS: dict[str, tuple[Callable[[Rig], None], int, int, int]] = {
-    "over-current": (trip_over_current, GEN_FAULT, 0, BREAK_US),
-    "moment": (break_for_a_moment, GEN_FAULT, 0, BREAK_US),
+    "over-current": (lambda rig: setattr(rig.bench, "over_current", 1), GEN_FAULT, 0, BREAK_US),
+    "moment": (lambda rig: setattr(rig.bench, "breaks", 1), GEN_FAULT, 0, BREAK_US),
     "estop": (press_estop, ESTOP, layouts.enum("Interlocks")["ESTOP"], 0),
     "door": (open_door, DOOR, layouts.enum("Interlocks")["DOOR"], 0),
 }
@@ -480,7 +443,7 @@ def test_an_input_that_is_there_before_its_break_is_told(rig: Rig, name: str, ch
 
 
 def test_an_emergency_stop_behind_an_over_current_is_told(rig: Rig) -> None:
-    trip_over_current(rig)
+    rig.bench.over_current = 1
     rig.controller.advance(4)
     assert rig.controller.fault == 0
     press_estop(rig)
@@ -491,7 +454,7 @@ def test_an_emergency_stop_behind_an_over_current_is_told(rig: Rig) -> None:
 def test_nothing_opens_the_gate_until_the_break_is_told(rig: Rig) -> None:
     """An over-current that is over with its pulses, and a host that asks for the next ones at once."""
     starts = rig.plant.drive.pulse_starts
-    break_for_a_moment(rig)
+    rig.bench.breaks = 1
     rig.controller.advance(1)
     peer = rig.peer
     assert peer.command("SERVO_STOP").status == STATUS["OK"]
@@ -533,28 +496,22 @@ def test_a_break_while_the_gate_is_being_opened_lets_no_pulse_out(rig: Rig) -> N
     rig.latched(GEN_FAULT)
 
 
-def test_a_jump_may_be_asked_for_until_the_break_is_told(rig: Rig) -> None:
+@pytest.mark.parametrize(("command", "values"), [("JUMP", JUMP), ("DISARM", {})])
+def test_what_the_host_asks_for_before_a_break_is_told_changes_nothing_of_it(
+    rig: Rig, command: str, values: dict[str, float]
+) -> None:
     rig.bench.input_ms = 8
     open_door(rig)
     rig.controller.advance(1)
-    assert rig.peer.command("JUMP", **JUMP).status == STATUS["OK"]
+    assert rig.peer.command(command, **values).status == STATUS["OK"]
     assert rig.controller.fault == 0
-    assert rig.peer.fault(0.5)["code"] == DOOR
-    rig.latched(DOOR)
-
-
-def test_a_door_that_opens_as_the_host_disarms_is_told_as_the_door(rig: Rig) -> None:
-    rig.bench.input_ms = 8
-    open_door(rig)
-    rig.controller.advance(1)
-    assert rig.peer.command("DISARM").status == STATUS["OK"]
     assert rig.peer.fault(0.5)["code"] == DOOR
     rig.latched(DOOR)
 
 
 def test_the_waveforms_of_an_over_current_are_those_about_its_break(rig: Rig) -> None:
     peer = rig.peer
-    trip_over_current(rig)
+    rig.bench.over_current = 1
     rig.controller.advance(1)
     break_us = rig.controller.time_us
     assert peer.fault(0.5)["code"] == GEN_FAULT
@@ -573,26 +530,18 @@ def test_the_break_chain_needs_no_program(rig: Rig) -> None:
     assert rig.ticks_until_off(1) == 0
     assert rig.reset_within(WWDG_TICKS) == "WINDOW_WATCHDOG"
     starts = rig.plant.drive.pulse_starts
-    rig.bench.over_current = 0
-    rig.boot_tells("WATCHDOG")
-    rig.peer.hello()
-    rig.latched(RESET)
+    rig.starts_anew()
     assert rig.plant.drive.pulse_starts == starts
 
 
 # ------------------------------------------------------------------------------------------- converters and lines
-def test_fast_converters_that_stop_are_a_gap_sensor_that_failed(rig: Rig) -> None:
-    rig.bench.adc_stuck = 1
+@pytest.mark.parametrize(("converter", "fault"), [("adc_stuck", GAP_SENSOR), ("slow_stuck", PIEZO_OV)])
+def test_converters_that_stop_are_a_sensor_that_failed(rig: Rig, converter: str, fault: int) -> None:
+    """The fast ones that of the gap, the slow ones that of the amplifier."""
+    setattr(rig.bench, converter, 1)
     assert rig.ticks_until_off(5) == 1  # with the end of the millisecond that they did not measure
-    assert rig.peer.fault(0.5)["code"] == GAP_SENSOR
-    rig.latched(GAP_SENSOR)
-
-
-def test_a_slow_converter_that_stops_is_an_amplifier_that_failed(rig: Rig) -> None:
-    rig.bench.slow_stuck = 1
-    assert rig.ticks_until_off(5) == 1
-    assert rig.peer.fault(0.5)["code"] == PIEZO_OV
-    rig.latched(PIEZO_OV)
+    assert rig.peer.fault(0.5)["code"] == fault
+    rig.latched(fault)
 
 
 @pytest.mark.parametrize("phase", range(0, 10_500, 700))
@@ -713,7 +662,7 @@ def test_a_contact_that_comes_and_goes_by_itself_is_told(shared_rig: Rig) -> Non
 def test_a_clock_that_goes_with_the_plug_leaves_nobody_near_the_work(rig: Rig) -> None:
     """The chip's own oscillator takes the tool back; gate and high voltage stay off until the clock is back."""
     assert rig.plant.state.amplifier_v > 1.0
-    registers = sys.modules[rig.controller._loop.__globals__["run"].__module__].reg
+    registers = registers_of(rig)
     rig.chip.r[registers.CLOCK_LOST] = 1
     rig.chip.core[emulator_of(rig.chip).PC] = rig.chip.image.symbols["nmi_handler"][0] & ~1
     starts, before = rig.plant.drive.pulse_starts, len(rig.chip.resets)
@@ -746,7 +695,7 @@ def test_a_clock_that_goes_with_the_plug_leaves_nobody_near_the_work(rig: Rig) -
 
 
 def test_a_board_without_a_clock_begins_when_it_comes(rig: Rig) -> None:
-    registers = sys.modules[rig.controller._loop.__globals__["run"].__module__].reg
+    registers = registers_of(rig)
     rig.chip.r[registers.CLOCK_LOST] = 1
     rig.controller.reset(ResetCause.POWER_ON)
     rig.controller.advance(100)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 pytestmark = EMULATOR
 
+RETREAT_MS = 1500  # of the start, so that ARM would be taken
 IMAGE_CHECK_AT = 20  # in `edm_image`
 SLEW_STEP_V = 0.5  # a millisecond of the usual retreat, and a bit of the amplifier's own lag
 
@@ -164,11 +165,6 @@ def replay(rig: Rig, frames: list[bytes]) -> int:
     return int(rig.plant.drive.pulse_starts - starts)
 
 
-def retreated(rig: Rig) -> None:
-    """Let the start's retreat end, so that ARM would be taken."""
-    rig.controller.advance(1500)
-
-
 @pytest.mark.parametrize("copy", [0, 1])
 @pytest.mark.parametrize("bit", [0, 3, 5])
 def test_one_bit_forgets_no_session(rig: Rig, copy: int, bit: int) -> None:
@@ -177,7 +173,7 @@ def test_one_bit_forgets_no_session(rig: Rig, copy: int, bit: int) -> None:
     half = len(memory) // 2
     memory[copy * half + 20 + bit] ^= 1 << bit
     rig.controller.reset(ResetCause.EXTERNAL)
-    retreated(rig)
+    rig.controller.advance(RETREAT_MS)
     assert rig.controller.fault == 0
     assert replay(rig, frames) == 0
     assert rig.controller.state == STATE["IDLE"]
@@ -190,26 +186,23 @@ def test_without_any_nonce_nothing_starts_before_somebody_has_looked(rig: Rig) -
     memory[20] ^= 1
     memory[len(memory) // 2 + 20] ^= 1
     rig.controller.reset(ResetCause.EXTERNAL)
-    retreated(rig)
+    rig.controller.advance(RETREAT_MS)
     assert replay(rig, frames) == 0
     assert rig.controller.fault == RESET
     rig.peer.hello()
     rig.latched(RESET)
 
 
-def test_a_supply_that_goes_takes_the_nonces_without_a_fault(rig: Rig) -> None:
-    rig.controller.reset(ResetCause.POWER_ON)
-    rig.controller.advance(30)
-    assert rig.controller.fault == 0
-    rig.peer.hello()
-
-
-def test_a_reset_between_two_stores_keeps_fault_and_boots(rig: Rig) -> None:
-    """The registers are written in their order; at every place the copy before or the one behind is right."""
+def latch_an_emergency_stop(rig: Rig) -> None:
     rig.plant.estop = True
     rig.peer.pump(0.05)
     rig.plant.estop = False
     assert rig.controller.fault == ESTOP
+
+
+def test_a_reset_between_two_stores_keeps_fault_and_boots(rig: Rig) -> None:
+    """The registers are written in their order; at every place the copy before or the one behind is right."""
+    latch_an_emergency_stop(rig)
     registers = rig.chip.r
     for count in range(9):
         before = registers[BACKUP_REGISTERS].copy()
@@ -227,9 +220,7 @@ def test_a_reset_between_two_stores_keeps_fault_and_boots(rig: Rig) -> None:
 
 @pytest.mark.parametrize("register", range(8))
 def test_one_wrong_register_loses_nothing(rig: Rig, register: int) -> None:
-    rig.plant.estop = True
-    rig.peer.pump(0.05)
-    rig.plant.estop = False
+    latch_an_emergency_stop(rig)
     boots = rig.controller.boot_count
     rig.chip.r[BACKUP_REGISTERS][register] ^= 1 << 16
     rig.controller.reset(ResetCause.EXTERNAL)
@@ -242,9 +233,7 @@ def test_a_reset_while_a_fault_is_being_latched_leaves_one(rig: Rig) -> None:
     """The first store is of the fault: from there on one is latched, its own number or 5001."""
     registers = rig.chip.r
     before = registers[BACKUP_REGISTERS].copy()
-    rig.plant.estop = True
-    rig.peer.pump(0.05)
-    rig.plant.estop = False
+    latch_an_emergency_stop(rig)
     after = registers[BACKUP_REGISTERS].copy()
     for count in range(1, 9):
         registers[BACKUP_REGISTERS][:count] = after[:count]

@@ -187,26 +187,6 @@ def test_a_path_waits_for_stages_that_are_slower(stages: Stages) -> None:
 
 
 # -------------------------------------------------------------------------------------------------------- stops
-def _is_pressed(stages: Stages) -> None:
-    stages.plant.estop = True
-
-
-def _opens(stages: Stages) -> None:
-    stages.plant.door_open = True
-
-
-def _aborts(stages: Stages) -> None:
-    stages.peer.write(bytes(8))
-
-
-def _closes(stages: Stages) -> None:
-    stages.plant.limit_switch = True
-
-
-def _is_silent(stages: Stages) -> None:
-    stages.controller.advance(300)
-
-
 def _sends(command: str) -> Callable[[Stages], None]:
     return lambda stages: stages.peer.write(_frame(stages, command))
 
@@ -217,13 +197,14 @@ def _frame(stages: Stages, command: str) -> bytes:
     return wire.encode(layouts.NAMES[command], seq, peer.session, b"")
 
 
-FAULTS = [
-    pytest.param(_is_pressed, ESTOP, id="estop"),
-    pytest.param(_opens, DOOR, id="door"),
-    pytest.param(_aborts, ABORT_RUN, id="abort"),
-    pytest.param(_is_silent, HOST_SILENT, id="host-silent"),
-    pytest.param(_closes, STAGE_LIMIT, id="limit-switch"),
-]
+FAULTS: dict[str, tuple[Callable[[Stages], object], int]] = {
+    "estop": (lambda stages: setattr(stages.plant, "estop", True), ESTOP),
+    "door": (lambda stages: setattr(stages.plant, "door_open", True), DOOR),
+    "abort": (lambda stages: stages.peer.write(bytes(8)), ABORT_RUN),
+    "host-silent": (lambda stages: stages.controller.advance(300), HOST_SILENT),
+    "limit-switch": (lambda stages: setattr(stages.plant, "limit_switch", True), STAGE_LIMIT),
+}
+COMMANDS = {name: (_sends(name), 0) for name in ("SERVO_STOP", "STAGE_STOP", "DISARM")}
 
 
 def stands_where_it_says(stages: Stages, place: float, made: float) -> None:
@@ -244,15 +225,11 @@ def stands_where_it_says(stages: Stages, place: float, made: float) -> None:
     assert stages.controller.state == STATE["MACHINING"]
 
 
-@pytest.mark.parametrize(
-    ("stop", "fault"),
-    [*FAULTS, *(pytest.param(_sends(name), 0, id=name) for name in ("SERVO_STOP", "DISARM"))],
-)
+@pytest.mark.parametrize("end", [*FAULTS, "SERVO_STOP", "DISARM"])
 @pytest.mark.parametrize("ahead", [False, True], ids=["", "ahead"])
-def test_what_ends_a_scan_stops_the_stages(
-    stages: Stages, stop: Callable[[Stages], None], fault: int, ahead: bool
-) -> None:
+def test_what_ends_a_scan_stops_the_stages(stages: Stages, end: str, ahead: bool) -> None:
     """At the greatest speed, and on a path that the stages cannot follow."""
+    stop, fault = (FAULTS | COMMANDS)[end]
     if ahead:
         stages.patch("stages_judge_speed", ANY_SPEED)
     place, made = stages.place(X), stages.steps[X]
@@ -268,14 +245,10 @@ def test_what_ends_a_scan_stops_the_stages(
     stands_where_it_says(stages, place, made)
 
 
-@pytest.mark.parametrize(
-    ("stop", "fault"),
-    [*FAULTS, *(pytest.param(_sends(name), 0, id=name) for name in ("STAGE_STOP", "DISARM"))],
-)
+@pytest.mark.parametrize("end", [*FAULTS, "STAGE_STOP", "DISARM"])
 @pytest.mark.parametrize("per_ms", [7.3, MOST_STEPS, 5 * MOST_STEPS])
-def test_what_ends_a_travel_tells_where_the_stage_stands(
-    stages: Stages, stop: Callable[[Stages], None], fault: int, per_ms: float
-) -> None:
+def test_what_ends_a_travel_tells_where_the_stage_stands(stages: Stages, end: str, per_ms: float) -> None:
+    stop, fault = (FAULTS | COMMANDS)[end]
     if per_ms > MOST_STEPS:
         stages.patch("stages_judge_speed", ANY_SPEED)
     place, made = stages.place(X), stages.steps[X]
