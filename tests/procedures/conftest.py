@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -16,12 +18,20 @@ import pytest
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import sampled, slow_legs
-from edmctl.errors import EdmError
+from edmctl.errors import EdmError, Interrupted
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.job import CalibratedActuator, Job, JobTally, StateStore, job_of
+from edmctl.procedures.job import (
+    CalibratedActuator,
+    Job,
+    JobState,
+    JobTally,
+    StateStore,
+    job_of,
+    job_state,
+)
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import JobRun, JobStateKeeper
@@ -97,18 +107,28 @@ class Seen(NullRecorder):
         elif isinstance(row, RejectedTouch):
             (i,) = (i for i, touch in enumerate(self.touches) if touch.time_s == row.time_s)
             self.touches[i] = replace(self.touches[i], accepted=False)
-        elif (kept := self._kept().get(type(row))) is not None:
-            kept.append(row)
+        else:
+            kept: dict[type, list[Any]] = {
+                ServoBlock: self.servo,
+                PulseBlockBatch: self.pulses,
+                SlowRow: self.slow,
+                TouchRow: self.touches,
+                SiteResult: self.sites,
+                LinkRow: self.links,
+            }
+            kept.get(type(row), []).append(row)
 
-    def _kept(self) -> dict[type, list[Any]]:
-        return {
-            ServoBlock: self.servo,
-            PulseBlockBatch: self.pulses,
-            SlowRow: self.slow,
-            TouchRow: self.touches,
-            SiteResult: self.sites,
-            LinkRow: self.links,
-        }
+
+@dataclass(slots=True)
+class Kept:
+    """A journal in memory; states travel through plain values, as they do through a file."""
+
+    states: list[JobState] = field(default_factory=list)
+    urgent: list[bool] = field(default_factory=list)
+
+    def keep(self, state: JobState, *, urgent: bool = False) -> None:
+        self.states.append(job_state(state.as_mapping()))
+        self.urgent.append(urgent)
 
 
 @contextmanager
@@ -198,6 +218,35 @@ class Shop:
                 self.told.when[Phase.MACHINING] = look
 
         self.told.when[Phase.MACHINING] = look
+
+    def left(self, when: Callable[[Progress], bool]) -> JobState:
+        """Stop the job at the first state of a cut that `when` picks; what its journal keeps."""
+        self.stop_when(when)
+        kept = Kept()
+        with pytest.raises(Interrupted):
+            self.run_job(journal=kept)
+        return kept.states[-1]
+
+    def taken_up(self, state: JobState, pause_s: float = 0.0) -> Shop:
+        """The same bench and another process, which resumes the job."""
+        after = copy(self)
+        after.seen, after.told, after.tally, after.stop = Seen(), Told(), JobTally(), StopRequest()
+        after.machine = LinkMachine(self.session, after.stop)
+        after.job = replace(self.job, resumed=state, pause_s=pause_s)
+        return after
+
+    def true_depth_um(self, site: SiteResult) -> float:
+        """The depth of the hole nearest to a site."""
+        holes = self.bench.truth()
+        return min(holes, key=lambda h: math.hypot(h.x_um - site.x_um, h.y_um - site.y_um)).depth_um
+
+    def holds(self, site: SiteResult, below_um: float = math.inf) -> bool:
+        """Whether the interval of a depth holds the truth, and half of it is below a bound."""
+        return abs(self.true_depth_um(site) - site.depth_um) <= site.depth_u95_um < below_um
+
+    def holds_wear(self, site: SiteResult, below_um: float = math.inf) -> bool:
+        """The same of the wear of a tool that has made one hole."""
+        return abs(self.bench.tool_wear_um - site.wear_um) <= site.wear_u95_um < below_um
 
     def run(self) -> JobRun:
         """What single procedures take, on a machine that nobody has configured."""

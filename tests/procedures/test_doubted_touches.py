@@ -20,25 +20,20 @@ Z1_TOUCH, Z2_TOUCH, Z3_TOUCH = 1, 3, 4
 """Which touch-off of a quick job begins the reading."""
 
 
-def doubts(shop: Shop) -> list[str]:
-    """What was told of doubted touches."""
-    return shop.seen.doubts
-
-
 @pytest.mark.parametrize("size_um", tiers(8.0, slow=(2.0, 18.0)))
 @pytest.mark.parametrize("touch", tiers(Z1_TOUCH, Z3_TOUCH, slow=(Z1_TOUCH + 1, Z3_TOUCH + 1)))
 def test_a_chip_on_the_pad_costs_a_spot_and_no_accuracy(touch: int, size_um: float) -> None:
     shop = Shop(seed=3001)
     shop.bench.inject(parse_injection(f"CHIP_{size_um:g}@touch{touch}+0"))
     (site,) = shop.run_job().sites
-    told = doubts(shop)
+    told = shop.seen.doubts
     touched_before = 1 if touch < Z2_TOUCH else 0
     assert len(told) == touched_before + site.measuring_stops  # the chip stays where it is
     assert all("two spots of the pad agree" in one for one in told)
     refused = [row.kind for row in shop.seen.touches if not row.accepted]
     assert refused == ["Z1"] * touched_before + ["Z3"] * site.measuring_stops
-    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
-    assert abs(site.wear_um - shop.bench.tool_wear_um) <= site.wear_u95_um
+    assert shop.holds(site)
+    assert shop.holds_wear(site)
 
 
 @pytest.mark.parametrize("size_um", tiers(8.0, slow=(3.0, 14.0)))
@@ -46,8 +41,8 @@ def test_a_chip_that_stays_on_the_bottom_widens_the_interval(size_um: float) -> 
     shop = Shop(seed=3002)
     shop.bench.inject(parse_injection(f"CHIP_{size_um:g}@touch{Z2_TOUCH}+0"))
     (site,) = shop.run_job().sites
-    assert any("is taken to be at" in told for told in doubts(shop))
-    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
+    assert any("is taken to be at" in told for told in shop.seen.doubts)
+    assert shop.holds(site)
 
 
 @pytest.mark.parametrize(("chip", "in_doubt"), [(f"CHIP_8@touch{Z2_TOUCH}+0", True), ("", False)])
@@ -65,10 +60,10 @@ def test_a_loose_chip_on_the_bottom_is_washed_away() -> None:
     shop = Shop(seed=3003)
     shop.bench.inject(parse_injection(f"LOOSE_CHIP_8@touch{Z2_TOUCH}+0"))
     (site,) = shop.run_job().sites
-    assert doubts(shop)
-    assert not any("is taken to be at" in told for told in doubts(shop))
+    assert shop.seen.doubts
+    assert not any("is taken to be at" in told for told in shop.seen.doubts)
     assert {row.kind for row in shop.seen.touches if not row.accepted} == {"Z2"}
-    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
+    assert shop.holds(site)
 
 
 @pytest.mark.slow
@@ -76,7 +71,7 @@ def test_a_clean_job_doubts_nothing() -> None:
     for seed in range(3010, 3016):
         shop = Shop(seed=seed)
         shop.run_job()
-        assert doubts(shop) == []
+        assert shop.seen.doubts == []
 
 
 def test_touches_that_repeat_to_the_last_digit_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,7 +109,7 @@ def test_touches_that_are_equal_by_chance_are_touched_again(
     if believed:
         found = read_pad(run, "Z1", "hole", 50.0, 3.0)
         assert found.reading.touches == 3
-        assert ["touched again" in told for told in doubts(shop)] == [True]
+        assert ["touched again" in told for told in shop.seen.doubts] == [True]
         assert [row.accepted for row in shop.seen.touches] == [True, False, True]
     else:
         with refused("E7021", "to the last digit"):

@@ -1,4 +1,4 @@
-"""A sensor whose zero walks: what may move goes by the tool's home, and intervals say how far it may be off."""
+"""A sensor whose zero walks: stages move by the tool's home, and intervals hold how far it may be off."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from edmctl.jobs.connected_machine import CALENDAR, Now, with_home, with_home_le
 from edmctl.link import messages as m
 from edmctl.machine.controller import LinkMachine
 from edmctl.machine.interface import Axis
-from edmctl.machine.stop import StopRequest
-from edmctl.procedures.job import REPORT_DELAY_S, JobState, JobTally
+from edmctl.procedures.job import REPORT_DELAY_S, JobState
 from edmctl.procedures.monitoring.drift import (
     CREEP_SHARE,
     CREEP_UM,
@@ -27,6 +26,7 @@ from edmctl.procedures.monitoring.drift import (
     contradicting_between_jobs_um_s,
     first_home_um,
 )
+from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import Home, _is_home_set, _is_on_a_spot, move_to, retract
 from edmctl.procedures.touch.spots import drift_between
 from edmctl.process.rest_drift import TIME_CONSTANTS_S, DriftModel, Rest
@@ -36,13 +36,12 @@ from edmctl.record.json_rows import site_result_of
 from edmctl.record.ledger import HomeSeen, MachineHistory
 from edmctl.results.progress import Phase
 from edmctl.simulator.plant_interface import TICK_S
-from tests.procedures.conftest import Shop, armed, refused
-from tests.procedures.test_resuming import Kept
-from tests.procedures.test_resuming import left as left_at
+from tests.procedures.conftest import Kept, Shop, armed, refused
 from tests.tiers import tiers
 
 FAST_UM_S = 0.005
-"""Three times what the setup believes of its sensor: the worst of some hundred machines."""
+"""Three times what the setup states of its sensor: the worst of some hundred machines."""
+EITHER_WAY = pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
 
 
 def drifting(rate_um_s: float, hours: float = 0.0, overrides: tuple[str, ...] = ()) -> Shop:
@@ -53,7 +52,7 @@ def drifting(rate_um_s: float, hours: float = 0.0, overrides: tuple[str, ...] = 
 
 
 def later(shop: Shop, hours: float) -> Shop:
-    """Let an idle machine be some hours older; nothing but the clock and what drifts with it is another."""
+    """Let an idle machine be some hours older; only the clock and what drifts with it change."""
     shop.bench.plant.readings.tick += round(hours * 3600.0 / TICK_S)
     controller = shop.bench.controller
     kept, seen = controller.kept(), controller.seen
@@ -70,7 +69,7 @@ def known_since(shop: Shop, age_s: float) -> Shop:
 
 
 def over_the_pad(shop: Shop) -> Shop:
-    """Stand over the pad, where every job that touches ends. Meanwhile the sensor does not drift."""
+    """Place the tool over the pad, where every job that touches ends. Meanwhile the sensor does not drift."""
     unit, session, crc = shop.bench.plant.unit, shop.session, m.param_crc({})
     rate_um_s, unit.sensor_drift_um_s = unit.sensor_drift_um_s, 0.0
     for request in (m.CommitProfile(crc), m.Arm(crc), m.StageMove(m.Axis.X, 0, 50_000_000)):
@@ -85,35 +84,40 @@ def over_the_pad(shop: Shop) -> Shop:
     return shop
 
 
-@pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
+def rested(shop: Shop) -> JobRun:
+    """Arm the machine, and let it rest."""
+    run = armed(shop)
+    run.machine.rest(0.5)
+    return run
+
+
+def home_found_um(shop: Shop) -> float:
+    """Where a first retraction finds home."""
+    retract(rested(shop))
+    return shop.tally.home_um
+
+
+@EITHER_WAY
 def test_a_sensor_that_has_drifted_for_eight_hours_ends_no_job(rate_um_s: float) -> None:
     shop = known_since(drifting(rate_um_s, hours=8.0), 1800.0)
     (site,) = shop.run_job().sites
-    (hole,) = shop.bench.truth()
     assert abs(site.z1_um - 50.0 - rate_um_s * 8.0 * 3600.0) < 15.0
-    assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
+    assert shop.holds(site)
     assert shop.tally.home_um == pytest.approx(rate_um_s * 8.0 * 3600.0, abs=5.0)
 
 
-def test_the_controller_is_told_where_home_is() -> None:
-    shop = known_since(drifting(FAST_UM_S, hours=3.0), 1200.0)
-    run = armed(shop)
-    run.machine.rest(0.5)
+@pytest.mark.parametrize("hours", [0.0, 3.0])
+def test_the_controller_gets_home_if_the_sensor_has_drifted(hours: float) -> None:
+    shop = known_since(drifting(FAST_UM_S, hours=hours), 1200.0) if hours else Shop()
+    run = rested(shop)
     move_to(run, run.job.parking)
-    assert shop.bench.controller.seen.zero_um == pytest.approx(FAST_UM_S * 3.0 * 3600.0, abs=1.0)
+    home_um = FAST_UM_S * hours * 3600.0
+    assert shop.bench.controller.seen.zero_um == (pytest.approx(home_um, abs=1.0) if hours else 0.0)
     assert run.machine.status().x_um == pytest.approx(run.job.parking.x_um)
 
 
-def test_without_drift_the_controller_is_told_nothing() -> None:
-    shop = Shop()
-    run = armed(shop)
-    run.machine.rest(0.5)
-    move_to(run, run.job.parking)
-    assert shop.bench.controller.seen.zero_um == 0.0
-
-
 def test_a_tool_that_creep_holds_low_waits_for_a_controller_that_takes_no_such_home() -> None:
-    """SET_ZERO is refused where the tool rests 25 µm from home; a home told before may still do."""
+    """SET_ZERO is refused where the tool rests 25 µm from home; a home sent before may still do."""
     shop = drifting(0.0)
     run = armed(shop)
     retract(run)
@@ -126,60 +130,61 @@ def test_a_tool_that_creep_holds_low_waits_for_a_controller_that_takes_no_such_h
     assert not _is_home_set(run, Home(low_um - 28.0), 28.0)
 
 
-def test_a_rest_that_jumps_is_a_tool_that_is_held() -> None:
-    shop = Shop()
-    run = armed(shop)
+def rest_at(run: JobRun, zero_um: float) -> None:
+    """Retract where the zero of the sensor reads so much."""
+    run.watch.zero_um = lambda: zero_um  # type: ignore[method-assign]
+    retract(run)
+    run.watch.rests.note(run.machine.time_s, zero_um)
+
+
+@pytest.mark.parametrize("zeros_um", [(25.0,), (2.0, 6.0, 10.0, 14.0)])
+def test_a_rest_that_jumps_or_comes_out_little_by_little_is_a_held_tool(zeros_um: tuple[float, ...]) -> None:
+    run = rested(Shop())
     move_to(run, run.job.parking)
     run.watch.rests.note(run.machine.time_s, 0.0)
-    run.watch.zero_um = lambda: 25.0  # type: ignore[method-assign]
-    with refused("E8020", r"has moved by 25\.0 µm"):
-        retract(run)
+    sent_um: list[float] = []
+    run.machine.set_zero = sent_um.append  # type: ignore[method-assign,assignment]
+    for zero_um in zeros_um[:-1]:
+        rest_at(run, zero_um)
+    with refused("E8020", rf"has moved by {zeros_um[-1]:.1f} µm".replace(".", r"\.")):
+        rest_at(run, zeros_um[-1])
     assert run.machine.status().displacement_um < 10.0
+    assert max(sent_um, default=0.0) < 12.0
 
 
-def test_rests_that_the_setup_explains_widen_no_interval() -> None:
-    """Drift of one standard deviation, and creep anywhere in its bounds, over two minutes and over an hour."""
-    for span_s, way_um in ((150.0, 50.0), (3600.0, 250.0)):
-        for creep_um in (-0.5 * CREEP_UM, CREEP_UM + CREEP_SHARE * way_um):
-            rests = Rests()
-            rests.note(0.0, 2.0)
-            rests.reach(0.0, way_um)
-            rests.note(span_s, 2.0 + 0.0017 * span_s + creep_um)
-            assert rests.contradicting_um_s(0.0017) == 0.0
+@pytest.mark.parametrize(("span_s", "way_um"), [(150.0, 50.0), (3600.0, 250.0)])
+def test_rests_that_the_setup_explains_widen_no_interval(span_s: float, way_um: float) -> None:
+    """Drift of one standard deviation, and creep anywhere in its bounds."""
+    for creep_um in (-0.5 * CREEP_UM, CREEP_UM + CREEP_SHARE * way_um):
+        rests = Rests()
+        rests.note(0.0, 2.0)
+        rests.reach(0.0, way_um)
+        rests.note(span_s, 2.0 + 0.0017 * span_s + creep_um)
+        assert rests.contradicting_um_s(0.0017) == 0.0
 
 
 def test_rests_that_drift_faster_than_the_setup_states_widen_intervals() -> None:
-    rests = Rests()
-    assert rests.contradicting_um_s(0.0017) == 0.0
-    rests.note(0.0, 2.0)
-    rests.note(1000.0, 7.0)
-    assert rests.contradicting_um_s(0.0017) == pytest.approx(0.005)
-    rests.note(2000.0, 7.0)
-    assert rests.contradicting_um_s(0.0017) == 0.0
-    rests.note(2600.0, 13.0)
-    assert rests.contradicting_um_s(0.0017) == pytest.approx(6.0 / 600.0)
-
-
-def test_a_drift_that_was_seen_widens_what_the_setup_believes_and_never_narrows_it() -> None:
     run = Shop().run()
-    believed = run.uncertainty.drift_u_um_per_s
-    assert believed == run.setup.sensor.drift_um_per_s
-    run.watch.rests.note(0.0, 0.0)
-    run.watch.rests.note(1000.0, 1.0)
-    assert run.uncertainty.drift_u_um_per_s == believed
-    run.watch.rests.note(2000.0, 20.0)
-    assert run.uncertainty.drift_u_um_per_s == pytest.approx(19.0 / 1000.0)
+    rests, stated = run.watch.rests, run.setup.sensor.drift_um_per_s
+    for time_s, zero_um, faster_um_s in (
+        (0.0, 2.0, 0.0),
+        (1000.0, 7.0, 0.005),
+        (2000.0, 7.0, 0.0),
+        (2600.0, 13.0, 6.0 / 600.0),
+    ):
+        rests.note(time_s, zero_um)
+        assert rests.contradicting_um_s(0.0017) == pytest.approx(faster_um_s)
+        assert run.uncertainty.drift_u_um_per_s == pytest.approx(max(stated, faster_um_s))
 
 
 def test_a_drift_between_tool_and_work_that_was_measured_widens_what_no_rest_shows() -> None:
-    """By the setup's drift alone a wear was stated within 4 µm, where a file told of 10 nm/s; it was off by 13."""
+    """By the setup's drift alone a wear was stated within 4 µm, where a file had 10 nm/s; it was off by 13."""
     shop, n = Shop(), len(TIME_CONSTANTS_S)
     shop.job = replace(shop.job, drift=DriftModel(np.zeros(n), np.eye(n) * 1e-6, 1.0, 0.5, 0.01, 0.01))
     run = shop.run()
-    assert run.uncertainty.drift_u_um_per_s == pytest.approx(
-        math.hypot(0.01, run.setup.sensor.drift_um_per_s)
-    )
-    # Rests that tell less than the setup correct nothing, and what is between tool and work stays unknown.
+    stated_um_s = math.hypot(0.01, run.setup.sensor.drift_um_per_s)
+    assert run.uncertainty.drift_u_um_per_s == pytest.approx(stated_um_s)
+    # Rests that show less than the setup correct nothing, and what is between tool and work stays unknown.
     first = SimpleNamespace(time_s=0.0, rest=Rest(0.0, 0.0, 0.0, np.zeros(n), np.zeros(n)))
     for crept_um, corrects in ((0.0, True), (2000.0, False)):
         later_on = Rest(1000.0, 1.0, 0.0, np.full(n, crept_um), np.zeros(n))
@@ -192,79 +197,61 @@ def test_the_wear_of_a_long_array_holds_a_fast_drift() -> None:
     sites = 'sites=[{kind="grid",name="hole",x_um=600,y_um=-400,columns=4,rows=3,dx_um=400,dy_um=400}]'
     shop = drifting(FAST_UM_S, overrides=(sites, "target.tolerance_um=15.0", "limits.max_time_s=7200"))
     shop.run_job()
-    holes = shop.bench.truth()
     for site in shop.tally.sites.values():
-        true_um = min(holes, key=lambda h: math.hypot(h.x_um - site.x_um, h.y_um - site.y_um)).depth_um
-        assert abs(site.depth_um - true_um) <= 3.0 * site.depth_u_um
+        assert abs(site.depth_um - shop.true_depth_um(site)) <= 3.0 * site.depth_u_um
     assert shop.bench.controller.fault == 0
 
 
 def test_stages_stand_still_while_the_tool_is_low() -> None:
-    shop = drifting(-FAST_UM_S, hours=3.0)
-    run = armed(shop)
-    run.machine.rest(0.5)
+    run = rested(drifting(-FAST_UM_S, hours=3.0))
     move_to(run, run.job.parking)
     run.machine.ramp(40.0, 300.0)
     with pytest.raises(PreconditionError):
         run.machine.move_stage(Axis.X, 0.0, 1000.0)
 
 
-def stand_out(shop: Shop, by_um: float) -> None:
-    """Let the actuator hold the tool that far out although its voltage is 0; the sensor shows it."""
-    shop.bench.plant.unit.actuator_zero_um -= by_um
-
-
-@pytest.mark.parametrize("out_um", [35.0, 60.0])
-def test_a_tool_that_stands_out_at_the_start_is_not_moved(out_um: float) -> None:
-    shop = Shop()
-    stand_out(shop, out_um)
+def refuses_to_move(shop: Shop, out_um: float, code: str = "E8020") -> EdmError:
+    """Let the actuator hold the tool that far out although its voltage is 0, and run the job; the refusal."""
+    shop.bench.plant.unit.actuator_zero_um -= out_um
     before = shop.bench.plant.position_um.copy()
-    with refused("E8020"):
+    with refused(code) as caught:
         shop.run_job()
     assert (shop.bench.plant.position_um == before).all()
+    return caught.value
 
 
-@pytest.mark.parametrize("out_um", [35.0, 60.0, 150.0])
-@pytest.mark.parametrize("hours", tiers(8.0, slow=(4.0, 72.0)))
-@pytest.mark.parametrize("drift_um_s", [None, 0.0, FAST_UM_S])
+@pytest.mark.parametrize("out_um", tiers(35.0, 150.0, slow=(60.0,)))
+@pytest.mark.parametrize("hours", tiers(8.0, slow=(0.0, 4.0, 72.0)))
+@pytest.mark.parametrize("drift_um_s", tiers(None, FAST_UM_S, slow=(0.0,)))
 def test_a_tool_that_stands_out_is_not_moved_however_long_the_sensor_may_have_drifted(
     out_um: float, hours: float, drift_um_s: float | None
 ) -> None:
     shop = Shop()
     if drift_um_s is not None:
         shop.bench.plant.unit.sensor_drift_um_s = drift_um_s
-    later(shop, hours)
-    stand_out(shop, out_um)
-    before = shop.bench.plant.position_um.copy()
-    with refused("E8020", "could stand") as caught:
-        shop.run_job()
-    assert "displacement sensor to zero" in caught.value.hint
-    assert (shop.bench.plant.position_um == before).all()
+    error = refuses_to_move(later(shop, hours), out_um)
+    if hours:
+        assert "could stand" in error.message
+        assert "displacement sensor to zero" in error.hint
 
 
-@pytest.mark.parametrize("out_um", [35.0, 60.0, 150.0])
+@pytest.mark.parametrize("out_um", tiers(60.0, slow=(35.0, 150.0)))
 @pytest.mark.parametrize("hours", tiers(8.0, slow=(4.0, 72.0)))
 def test_a_home_that_was_known_hours_ago_does_not_excuse_a_tool_that_stands_out(
     out_um: float, hours: float
 ) -> None:
     shop = known_since(drifting(-FAST_UM_S, hours=hours), 3600.0 * hours)
-    stand_out(shop, out_um)
-    before = shop.bench.plant.position_um.copy()
-    with refused("E8020") as caught:
-        shop.run_job()
-    assert "was started" not in caught.value.message
-    assert (shop.bench.plant.position_um == before).all()
+    assert "was started" not in refuses_to_move(shop, out_um).message
 
 
 @pytest.mark.parametrize(("home_um", "age_s"), [(-100.0, 60.0), (0.0, 20_000.0)])
 @pytest.mark.parametrize("simulated", [True, False])
-def test_a_controller_that_was_started_since_home_was_known_is_told(
+def test_a_controller_that_was_started_since_home_was_known_is_named(
     monkeypatch: pytest.MonkeyPatch, *, simulated: bool, home_um: float, age_s: float
 ) -> None:
     shop = Shop()
     shop.job = replace(shop.job, home_um=home_um, home_age_s=age_s + REPORT_DELAY_S)
-    run = armed(shop)
-    run.machine.rest(0.5)
+    run = rested(shop)
     monkeypatch.setattr(LinkMachine, "identity", replace(run.machine.identity, simulated=simulated))
     with refused("E8020", r"was started 1 min 0\d s ago; home was known before") as caught:
         retract(run)
@@ -272,44 +259,38 @@ def test_a_controller_that_was_started_since_home_was_known_is_told(
 
 
 @pytest.mark.parametrize("hours", tiers(72.0, slow=(8.0,)))
-@pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
-def test_over_the_pad_a_touch_tells_where_home_is(rate_um_s: float, hours: float) -> None:
+@EITHER_WAY
+def test_over_the_pad_a_touch_measures_home(rate_um_s: float, hours: float) -> None:
     shop = over_the_pad(drifting(rate_um_s, hours=hours))
     (site,) = shop.run_job().sites
-    (hole,) = shop.bench.truth()
-    assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
+    assert shop.holds(site)
     assert shop.tally.home_um == pytest.approx(rate_um_s * hours * 3600.0, abs=10.0)
 
 
-def test_over_the_pad_a_touch_tells_where_a_controller_just_started_cannot() -> None:
+def test_over_the_pad_a_touch_measures_home_where_a_controller_just_started_cannot() -> None:
     shop = over_the_pad(drifting(FAST_UM_S, hours=12.0))
     shop.job = replace(shop.job, home_um=0.0, home_age_s=10.0)
-    run = armed(shop)
-    run.machine.rest(0.5)
-    retract(run)
-    assert shop.tally.home_um == pytest.approx(FAST_UM_S * 12.0 * 3600.0, abs=5.0)
+    assert home_found_um(shop) == pytest.approx(FAST_UM_S * 12.0 * 3600.0, abs=5.0)
 
 
-@pytest.mark.parametrize("hours", [0.0, 4.0])
-def test_a_tool_that_stands_out_over_the_pad_is_never_taken_for_one_at_home(hours: float) -> None:
-    shop = over_the_pad(later(Shop(), hours))
-    stand_out(shop, 42.0)
-    with refused("E8020"):
-        shop.run_job()
-
-
-@pytest.mark.parametrize("out_um", [35.0, 60.0])
-@pytest.mark.parametrize("hours", tiers(8.0, slow=(4.0, 72.0)))
-def test_over_the_pad_a_touch_finds_a_tool_that_stands_out(out_um: float, hours: float) -> None:
-    shop = over_the_pad(drifting(-FAST_UM_S, hours=hours))
-    stand_out(shop, out_um)
-    before = shop.bench.plant.position_um.copy()
-    with pytest.raises(EdmError) as caught:
-        shop.run_job()
-    assert caught.value.code == (
-        "E8020" if out_um < 50.0 else "E63003"
-    )  # on the pad the controller sees a short
-    assert (shop.bench.plant.position_um == before).all()
+@pytest.mark.parametrize(
+    ("rate_um_s", "hours", "out_um", "code"),
+    tiers(
+        (0.0, 0.0, 42.0, "E8020"),
+        (-FAST_UM_S, 8.0, 35.0, "E8020"),
+        (-FAST_UM_S, 8.0, 60.0, "E63003"),  # on the pad the controller sees a short
+        slow=(
+            (0.0, 4.0, 42.0, "E8020"),
+            *((-FAST_UM_S, hours, 35.0, "E8020") for hours in (4.0, 72.0)),
+            *((-FAST_UM_S, hours, 60.0, "E63003") for hours in (4.0, 72.0)),
+        ),
+    ),
+)
+def test_over_the_pad_a_touch_finds_a_tool_that_stands_out(
+    rate_um_s: float, hours: float, out_um: float, code: str
+) -> None:
+    shop = drifting(rate_um_s, hours=hours) if rate_um_s else later(Shop(), hours)
+    refuses_to_move(over_the_pad(shop), out_um, code)
 
 
 TWO_DEEP_HOLES = (
@@ -323,14 +304,7 @@ TWO_DEEP_HOLES = (
 def states_on_a_worn_tool() -> tuple[Shop, tuple[JobState, ...]]:
     """A shop that has stopped in its second hole, and all states that its journal has kept."""
     shop, kept = Shop(TWO_DEEP_HOLES), Kept()
-
-    def look() -> None:
-        if shop.told.states[-1].sites_done == 1 and shop.told.states[-1].depth_um > 50.0:
-            shop.stop.request(signal.SIGINT)
-        else:
-            shop.told.when[Phase.MACHINING] = look
-
-    shop.told.when[Phase.MACHINING] = look
+    shop.stop_when(lambda p: p.sites_done == 1 and p.depth_um > 50.0)
     with pytest.raises(Interrupted):
         shop.run_job(journal=kept)
     return shop, tuple(kept.states)
@@ -355,58 +329,48 @@ def test_the_next_morning_a_worn_tool_over_the_pad_finds_its_home(
     state = next(state for state in reversed(states) if when(state))
     assert left.bench.tool_wear_um > 25.0
     shop = Shop(TWO_DEEP_HOLES)
-    shop.bench.plant.state.wear_um = state.wear_um + math.fsum(
-        float(str(done["wear_um"])) for done in state.done
-    )
+    done = [site_result_of(one) for one in state.done]
+    shop.bench.plant.state.wear_um = state.wear_um + math.fsum(site.wear_um for site in done)
     over_the_pad(shop)
     shop.bench.plant.unit.sensor_drift_um_s = rate_um_s
     later(shop, 12.0)
     shop.job = replace(shop.job, resumed=state, pause_s=12.0 * 3600.0)
-    run = armed(shop)
-    shop.tally.sites.update({site.name: site for site in map(site_result_of, state.done)})
-    run.machine.rest(0.5)
-    retract(run)
-    assert shop.tally.home_um == pytest.approx(rate_um_s * 12.0 * 3600.0, abs=10.0)
+    shop.tally.sites.update({site.name: site for site in done})
+    assert home_found_um(shop) == pytest.approx(rate_um_s * 12.0 * 3600.0, abs=10.0)
 
 
-@pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
-def test_over_a_place_that_is_not_cut_yet_a_touch_tells_too(rate_um_s: float) -> None:
-    """Stopped above its first hole, before that began; hours later nobody knows the sensor's zero."""
-    shop = Shop()
+@EITHER_WAY
+def test_over_a_place_that_is_not_cut_yet_a_touch_measures_home_too(rate_um_s: float) -> None:
+    """Stopped above its first hole, before that began; hours later the sensor's zero is unknown."""
+    shop, kept = Shop(), Kept()
     shop.told.when[Phase.APPROACHING] = lambda: shop.stop.request(signal.SIGINT)
-    kept = Kept()
     with pytest.raises(Interrupted):
         shop.run_job(journal=kept)
     assert not kept.states[-1].begun
     shop.bench.plant.unit.sensor_drift_um_s = rate_um_s
-    later(shop, 6.0)
-    shop.job = replace(shop.job, resumed=kept.states[-1], pause_s=6.0 * 3600.0)
-    shop.tally, shop.machine = JobTally(), LinkMachine(shop.session, StopRequest())
-    (site,) = shop.run_job().sites
-    (hole,) = shop.bench.truth()
-    assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um
+    after = later(shop, 6.0).taken_up(kept.states[-1], 6.0 * 3600.0)
+    (site,) = after.run_job().sites
+    assert after.holds(site)
 
 
-@pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
-def test_a_run_that_was_killed_between_two_holes_goes_on_by_the_home_of_its_journal(rate_um_s: float) -> None:
+@EITHER_WAY
+def test_a_run_that_was_killed_between_two_holes_continues_by_the_home_of_its_journal(
+    rate_um_s: float,
+) -> None:
     _, states = states_on_a_worn_tool()
     state = next(state for state in reversed(states) if left_between_holes(state))
     assert 0.0 <= state.home_age_s < 600.0
     shop = known_since(drifting(rate_um_s, hours=10.0, overrides=TWO_DEEP_HOLES), 9.0 * 3600.0)
     home_um = rate_um_s * 10.0 * 3600.0
-    shop.job = replace(shop.job, resumed=replace(state, home_um=home_um), pause_s=60.0)
-    shop.job = with_home_left(shop.job)
-    run = armed(shop)
-    run.machine.rest(0.5)
-    retract(run)
-    assert shop.tally.home_um == pytest.approx(home_um, abs=3.0)
+    shop.job = with_home_left(replace(shop.job, resumed=replace(state, home_um=home_um), pause_s=60.0))
+    assert home_found_um(shop) == pytest.approx(home_um, abs=3.0)
 
 
 @pytest.mark.parametrize(
     ("home_age_s", "pause_s", "known_age_s"),
     [(math.nan, 60.0, 30000.0), (20.0, math.inf, 30000.0), (20.0, 60.0, 300.0)],
 )
-def test_a_home_of_the_journal_that_is_older_or_unknown_is_not_taken(
+def test_a_home_of_the_journal_that_is_older_or_unknown_is_not_used(
     home_age_s: float, pause_s: float, known_age_s: float
 ) -> None:
     state = JobState("machining", 100.0, "tool", home_um=33.0, home_age_s=home_age_s)
@@ -414,8 +378,8 @@ def test_a_home_of_the_journal_that_is_older_or_unknown_is_not_taken(
     assert with_home_left(job) is job
 
 
-def test_a_home_of_the_ledger_from_the_future_has_no_age_and_is_not_taken() -> None:
-    """The clock was set back meanwhile: a night may have passed."""
+def test_a_home_of_the_ledger_from_the_future_has_no_age_and_is_not_used() -> None:
+    """The clock was set back meanwhile: a night may have passed. How fast home moved is known all the same."""
     job, now_s = Shop().job, time.time()
     history = MachineHistory(homes=[HomeSeen(2.0, now_s - 7200.0, 0.0)])
     assert with_home(job, history, CALENDAR).home_age_s == pytest.approx(7200.0 + REPORT_DELAY_S, abs=5.0)
@@ -424,45 +388,40 @@ def test_a_home_of_the_ledger_from_the_future_has_no_age_and_is_not_taken() -> N
     assert with_home(job, history, Now(10.0)).home_age_s == 10.0 + REPORT_DELAY_S
     history.homes = [HomeSeen(2.0, now_s, math.nan)]
     assert with_home(job, history, Now(10.0)) == job
-
-
-def test_how_fast_home_moved_is_known_where_the_clock_was_set_back_since() -> None:
-    job, now_s = Shop().job, time.time()
-    homes = [HomeSeen(0.0045 * at_s, now_s + at_s, at_s) for at_s in (2000.0, 4000.0, 6000.0)]
-    known = with_home(job, MachineHistory(homes=homes), CALENDAR)
+    history.homes = [HomeSeen(0.0045 * at_s, now_s + at_s, at_s) for at_s in (2000.0, 4000.0, 6000.0)]
+    known = with_home(job, history, CALENDAR)
     assert known.drift_seen_um_s == pytest.approx(0.0045)
     assert math.isnan(known.home_age_s) == math.isnan(job.home_age_s)
 
 
 @pytest.mark.parametrize("rate_um_s", [-0.0045, 0.0045])
-def test_a_drift_that_earlier_jobs_show_is_in_the_intervals_from_the_start(rate_um_s: float) -> None:
+@pytest.mark.parametrize("now", [CALENDAR, Now(4800.0)])
+def test_a_drift_that_earlier_jobs_show_is_in_the_intervals_from_the_start(
+    rate_um_s: float, now: Now
+) -> None:
     """Either way: creep hides a sensor that drifts back, as it enlarges one that drifts on."""
-    now_s = time.time()
-    homes = [
-        HomeSeen(2.0 + rate_um_s * at_s, now_s - 6000.0 + at_s, at_s)
-        for at_s in (0.0, 1500.0, 3000.0, 4500.0)
-    ]
-    for now in (CALENDAR, Now(4800.0)):
-        shop = Shop()
-        shop.job = with_home(shop.job, MachineHistory(homes=homes), now)
-        run = armed(shop)
-        assert half_width(run.uncertainty.drift_u_um_per_s) >= abs(rate_um_s)
+    shop, begin_s = Shop(), time.time() - 6000.0
+    homes = [HomeSeen(2.0 + rate_um_s * at_s, begin_s + at_s, at_s) for at_s in (0.0, 1500.0, 3000.0, 4500.0)]
+    shop.job = with_home(shop.job, MachineHistory(homes=homes), now)
+    assert half_width(shop.run().uncertainty.drift_u_um_per_s) >= abs(rate_um_s)
 
 
-def test_homes_of_a_sensor_without_drift_widen_nothing() -> None:
-    homes = [(0.0, 1.0), (1200.0, 0.2), (2400.0, 1.1), (3600.0, 0.4)]
-    for known in (homes, homes[:1], [(0.0, 1.0), (300.0, 3.0)]):
-        assert contradicting_between_jobs_um_s(known, 1.0 / 600.0) == 0.0
-
-
-@pytest.mark.parametrize("break_s", [1000.0, -1000.0])
-def test_a_sensor_that_was_set_anew_or_a_clock_that_was_set_back_is_no_drift(break_s: float) -> None:
-    homes = [(0.0, 80.0), (2000.0, 79.0), (2000.0 + break_s, 0.5), (5000.0, 0.3)]
+@pytest.mark.parametrize(
+    "homes",
+    [
+        pytest.param([(0.0, 1.0), (1200.0, 0.2), (2400.0, 1.1), (3600.0, 0.4)], id="no drift"),
+        pytest.param([(0.0, 1.0)], id="one home"),
+        pytest.param([(0.0, 1.0), (300.0, 3.0)], id="too short a time"),
+        pytest.param([(0.0, 80.0), (2000.0, 79.0), (3000.0, 0.5), (5000.0, 0.3)], id="set anew"),
+        pytest.param([(0.0, 80.0), (2000.0, 79.0), (1000.0, 0.5), (5000.0, 0.3)], id="clock set back"),
+    ],
+)
+def test_homes_that_show_no_drift_widen_nothing(homes: list[tuple[float, float]]) -> None:
     assert contradicting_between_jobs_um_s(homes, 1.0 / 600.0) == 0.0
 
 
 @pytest.mark.parametrize("new", [(2000.0, 12.5), (7300.0, 80.0), (math.nan, 12.0)])
-def test_homes_before_a_break_tell_until_those_after_it_do(new: tuple[float, float]) -> None:
+def test_homes_before_a_break_count_until_there_are_enough_after_it(new: tuple[float, float]) -> None:
     homes = [(0.0, 0.0), (3600.0, 6.0), (7200.0, 12.0)]
     before_um_s = contradicting_between_jobs_um_s(homes, 0.0005)
     assert before_um_s > 0.0015
@@ -470,54 +429,28 @@ def test_homes_before_a_break_tell_until_those_after_it_do(new: tuple[float, flo
 
 
 @pytest.mark.parametrize("deeper_um", [0.0, 6.0, 18.0])
-def test_home_by_a_hole_that_was_left_tells_how_much_deeper_that_may_be(deeper_um: float) -> None:
+def test_home_by_a_hole_that_was_left_includes_how_much_deeper_that_may_be(deeper_um: float) -> None:
     shop = Shop()
-    state = left_at(shop, 6.0)
+    state = shop.left(lambda p: p.depth_um > 6.0)
     shop.bench.plant.unit.sensor_drift_um_s = FAST_UM_S
     drifted_um = FAST_UM_S * TICK_S * shop.bench.plant.readings.tick + FAST_UM_S * 12.0 * 3600.0
-    later(shop, 12.0)
-    believed = replace(state, depth_um=state.depth_um - deeper_um, feed_u_um=deeper_um / 2.0)
-    shop.job = replace(shop.job, resumed=believed, pause_s=12.0 * 3600.0)
-    shop.tally, shop.machine = JobTally(), LinkMachine(shop.session, StopRequest())
-    run = armed(shop)
-    run.machine.rest(0.5)
+    expected = replace(state, depth_um=state.depth_um - deeper_um, feed_u_um=deeper_um / 2.0)
+    after = later(shop, 12.0).taken_up(expected, 12.0 * 3600.0)
+    run = rested(after)
     retract(run)
-    assert abs(shop.tally.home_um - drifted_um) < 5.0 + run.watch.rests.hidden_um
-    assert deeper_um < run.watch.rests.hidden_um < 3.0 * deeper_um + 15.0
-
-
-def test_a_tool_that_comes_out_little_by_little_is_not_followed() -> None:
-    shop = Shop()
-    run = armed(shop)
-    run.machine.rest(0.5)
-    move_to(run, run.job.parking)
-    run.watch.rests.note(run.machine.time_s, 0.0)
-    zeros_um = [2.0, 6.0, 10.0, 14.0]
-    sent_um: list[float] = []
-    run.machine.set_zero = sent_um.append  # type: ignore[method-assign,assignment]
-
-    def rest_at(zero_um: float) -> None:
-        run.watch.zero_um = lambda: zero_um  # type: ignore[method-assign]
-        retract(run)
-        run.watch.rests.note(run.machine.time_s, zero_um)
-
-    for zero_um in zeros_um[:3]:
-        rest_at(zero_um)
-    with refused("E8020"):
-        rest_at(zeros_um[3])
-    assert max(sent_um) < 12.0
+    hidden_um = run.watch.rests.hidden_um
+    assert abs(after.tally.home_um - drifted_um) < 5.0 + hidden_um
+    assert deeper_um < hidden_um < 3.0 * deeper_um + 15.0
 
 
 def test_home_that_was_known_minutes_ago_bounds_what_may_be_drift() -> None:
-    assert first_home_um(60.0, 50.0, 4.08) == pytest.approx(54.08)
-    assert first_home_um(52.0, 50.0, 4.08) == 52.0
-    assert first_home_um(-80.0, 50.0, 4.08) == -80.0
+    for rest_um, home_um in ((60.0, 54.08), (52.0, 52.0), (-80.0, -80.0)):
+        assert first_home_um(rest_um, 50.0, 4.08) == pytest.approx(home_um)
 
 
 def test_a_tool_that_touches_something_at_rest_is_not_moved() -> None:
     shop = Shop()
-    run = armed(shop)
-    run.machine.rest(0.5)
+    run = rested(shop)
     shop.bench.plant.obstacle_um = -1.0
     shop.bench.plant.set_surface()
     run.machine.rest(0.5)
@@ -529,10 +462,13 @@ def test_a_spot_beside_a_place_is_known_face_and_nothing_else_is() -> None:
     shop = Shop()
     shop.job = replace(shop.job, sites=(Place("a", 500.0, 0.0), Place("b", 1100.0, 0.0)))
     beside_um, run = shop.job.spot_distance_um, shop.run()
-    assert _is_on_a_spot(run, (500.0, beside_um))
-    assert _is_on_a_spot(run, (1100.0, -beside_um))
-    assert not _is_on_a_spot(run, (500.0, 0.0))
-    assert not _is_on_a_spot(run, (500.0, 0.5 * beside_um))
-    assert not _is_on_a_spot(run, (-5000.0, 0.0))
+    for here, is_spot in (
+        ((500.0, beside_um), True),
+        ((1100.0, -beside_um), True),
+        ((500.0, 0.0), False),
+        ((500.0, 0.5 * beside_um), False),
+        ((-5000.0, 0.0), False),
+    ):
+        assert _is_on_a_spot(run, here) is is_spot
     shop.job = replace(shop.job, sites=(*shop.job.sites, Place("c", 500.0, beside_um + 20.0)))
     assert not _is_on_a_spot(shop.run(), (500.0, beside_um))

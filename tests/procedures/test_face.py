@@ -31,8 +31,7 @@ def tilted(*overrides: str, seed: int = 1) -> Shop:
 def test_a_hole_far_from_the_pad_is_as_deep_as_is_stated(away_um: float) -> None:
     shop = tilted(f"measure.site_dx_um={away_um}")
     (site,) = shop.run_job().sites
-    (hole,) = shop.bench.truth()
-    assert abs(site.depth_um - hole.depth_um) <= site.depth_u95_um < 1.6
+    assert shop.holds(site, 1.6)
     assert site.face_um == pytest.approx(1e-3 * TILT_MRAD * away_um, abs=1.0)
     assert [touch.kind for touch in shop.seen.touches].count("Zr") == SPOTS
 
@@ -70,10 +69,6 @@ def test_a_face_that_slopes_more_than_was_believed_is_believed() -> None:
     assert found.height_u_um(0.0, 10_000.0) == pytest.approx(20.0, rel=0.05)
 
 
-def doubts(shop: Shop) -> list[str]:
-    return shop.seen.doubts
-
-
 @pytest.mark.parametrize("touch", tiers(ZR_TOUCH, slow=(ZR_TOUCH + 1,)))
 @pytest.mark.parametrize("size_um", tiers(12.0, slow=(3.0, 20.0)))
 @pytest.mark.parametrize("name", ["CHIP", "LOOSE_CHIP"])
@@ -81,8 +76,8 @@ def test_a_chip_on_the_face_costs_a_spot_and_no_accuracy(name: str, size_um: flo
     shop = Shop(("measure.site_dx_um=5000",), seed=3101)
     shop.bench.inject(parse_injection(f"{name}_{size_um:g}@touch{touch}+0"))
     (site,) = shop.run_job().sites
-    assert any("two spots of the face agree" in told for told in doubts(shop))
-    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um < 1.6
+    assert any("two spots of the face agree" in told for told in shop.seen.doubts)
+    assert shop.holds(site, 1.6)
     assert shop.bench.controller.fault == 0
 
 
@@ -106,8 +101,8 @@ def test_a_steep_face_is_touched_halfway_before_it_is_believed() -> None:
     shop.bench.plant._tilt_mrad[:] = 2.5, 0.0
     (site,) = shop.run_job().sites
     assert [touch.kind for touch in shop.seen.touches].count("Zr") == 2 * SPOTS
-    assert doubts(shop) == []
-    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um < 1.6
+    assert shop.seen.doubts == []
+    assert shop.holds(site, 1.6)
 
 
 def move_the_far_face(shop: Shop, by_um: float, after_touches: int = 0, beyond_um: float = 4000.0) -> None:
@@ -129,7 +124,7 @@ def test_a_step_of_the_face_is_told_and_widens_what_counts_from_it() -> None:
     move_the_far_face(shop, 12.0)
     with refused("E7013"):
         shop.run_job()
-    assert any("halfway to the pad" in told for told in doubts(shop))
+    assert any("halfway to the pad" in told for told in shop.seen.doubts)
 
 
 def test_first_sparks_that_contradict_the_face_leave_the_depth_unshown() -> None:
@@ -137,6 +132,6 @@ def test_first_sparks_that_contradict_the_face_leave_the_depth_unshown() -> None
     move_the_far_face(shop, 9.0, after_touches=SPOTS)
     with refused("E7013"):
         shop.run_job()
-    assert any(told.startswith("Sparks began") for told in doubts(shop))
+    assert any(told.startswith("Sparks began") for told in shop.seen.doubts)
     (site,) = shop.tally.sites.values()
-    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
+    assert shop.holds(site)

@@ -9,9 +9,8 @@ from edmctl.errors import EdmWarning
 from edmctl.record.rows import RunEvent
 from tests.tiers import tiers
 
-from .conftest import Shop, refused
-from .test_face import SPOTS, doubts, move_the_far_face
-from .test_resuming import Kept, left, taken_up
+from .conftest import Kept, Shop, refused
+from .test_face import SPOTS, move_the_far_face
 
 STRONG = (
     "pulse.current_a=1",
@@ -25,7 +24,7 @@ TWO_HOLES = 'sites=[{kind="grid",name="hole",x_um=1000,y_um=0,columns=2,rows=1,d
 
 
 def withdrawn(shop: Shop) -> list[str]:
-    """What was told of doubts that are none any more."""
+    """The reports of withdrawn doubts."""
     return shop.seen.messages(RunEvent.DOUBT_WITHDRAWN)
 
 
@@ -33,18 +32,18 @@ def withdrawn(shop: Shop) -> list[str]:
 def test_a_higher_open_voltage_alone_puts_nothing_in_doubt(voltage_v: float) -> None:
     shop = Shop((f"pulse.open_voltage_v={voltage_v:g}",), seed=3201)
     (site,) = shop.run_job().sites
-    assert doubts(shop) == []
-    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um < 1.0
+    assert shop.seen.doubts == []
+    assert shop.holds(site, 1.0)
 
 
 @pytest.mark.parametrize("gap_um", tiers(14.0, slow=(10.0, 20.0)))
 def test_a_wrong_belief_of_the_gap_is_doubted_until_a_stop_has_measured_it(gap_um: float) -> None:
     shop = Shop((f"measure.expected_gap_um={gap_um:g}",), seed=3202)
     (site,) = shop.run_job().sites
-    (told,) = doubts(shop)
+    (told,) = shop.seen.doubts
     assert f"or the working gap is not the {gap_um:.1f} µm believed" in told
     assert len(withdrawn(shop)) == 1
-    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um < 1.0
+    assert shop.holds(site, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -55,28 +54,29 @@ def test_a_belief_somewhat_wrong_leaves_nothing_in_doubt_at_the_end(voltage_v: f
     overrides = (f"pulse.open_voltage_v={voltage_v:g}", f"measure.expected_gap_um={gap_um:g}")
     shop = Shop(overrides, seed=3203)
     (site,) = shop.run_job().sites
-    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um < 1.0
+    assert shop.holds(site, 1.0)
 
 
 def test_a_wrong_belief_of_the_gap_costs_no_hole_of_an_array() -> None:
     shop = Shop((TWO_HOLES, "measure.expected_gap_um=20"), seed=3204)
     sites = shop.run_job().sites
     assert len(withdrawn(shop)) == 1
-    for site, true in zip(sites, shop.bench.truth(), strict=True):
-        assert abs(site.depth_um - true.depth_um) <= site.depth_u95_um < 2.0
+    assert len(sites) == 2
+    assert all(shop.holds(site, 2.0) for site in sites)
 
 
 def test_a_doubt_of_a_face_that_nobody_touched_outlives_the_run() -> None:
     shop = Shop(seed=3206)
     move_the_far_face(shop, 9.0, beyond_um=250.0)
-    state = left(shop, 6.0)
-    assert any(told.startswith("Sparks began") for told in doubts(shop))
+    state = shop.left(lambda p: p.depth_um > 6.0)
+    assert any(told.startswith("Sparks began") for told in shop.seen.doubts)
     assert state.face == ()
     assert state.face_doubt_u_um > 3.0
+    after = shop.taken_up(state)
     with refused("E7013"):
-        taken_up(shop, state)
-    (site,) = shop.tally.sites.values()
-    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
+        after.run_job()
+    (site,) = after.tally.sites.values()
+    assert after.holds(site)
 
 
 def test_a_doubt_that_is_withdrawn_leaves_the_journal_too() -> None:
@@ -97,7 +97,7 @@ def test_a_gap_that_does_not_explain_the_first_sparks_withdraws_nothing(gap_um: 
     assert "Clean tool and work" in caught.value.hint
     assert withdrawn(shop) == []
     (site,) = shop.tally.sites.values()
-    assert abs(site.depth_um - shop.bench.truth()[0].depth_um) <= site.depth_u95_um
+    assert shop.holds(site)
 
 
 @pytest.mark.parametrize("seed", tiers(4, slow=(5, 6, 7)))

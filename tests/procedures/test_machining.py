@@ -182,7 +182,7 @@ def test_an_interrupt_in_any_phase_ends_retracted_and_idle(
         assert s.tally.time_s > 20.0
         (site,) = result.sites
         assert (site.depth_basis, site.cuts, site.finished) == (Basis.ESTIMATED, 1, False)
-        assert abs(site.depth_um - s.bench.truth()[0].depth_um) <= site.depth_u95_um
+        assert s.holds(site)
 
 
 def test_a_job_stopped_in_the_middle_of_a_cut_says_how_far_it_came() -> None:

@@ -345,7 +345,7 @@ def test_a_way_through_ends_behind_the_sheet_whatever_was_believed_of_wear_and_r
     assert s.bench.truth()[0].through
     assert math.isnan(site.depth_um)
     assert abs(site.beyond_exit_um - (tip.below_um - 40.0)) <= site.beyond_exit_u95_um
-    assert abs(site.wear_um - s.bench.tool_wear_um) <= site.wear_u95_um
+    assert s.holds_wear(site)
 
 
 def test_coming_back_from_a_jump_is_no_breakthrough() -> None:

@@ -38,7 +38,7 @@ def test_depth_and_wear_hold_the_truth_within_their_uncertainty(seed: int) -> No
     (site,) = s.run_job().sites
     truth_um = s.bench.truth()[0].depth_um
     assert abs(site.depth_um - truth_um) <= site.depth_u95_um
-    assert abs(site.wear_um - s.bench.tool_wear_um) <= site.wear_u95_um
+    assert s.holds_wear(site)
     assert site.depth_um == pytest.approx(truth_um, abs=1.0)
 
 

@@ -4,39 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
 
 from edmctl.errors import Interrupted
-from edmctl.procedures.job import PERIOD_S, JobState, JobTally, job_state
+from edmctl.procedures.job import PERIOD_S, JobState, JobTally
 from edmctl.procedures.run import JobStateKeeper
 from edmctl.procedures.servo.limits import rise_um, stroke_left_um
 from edmctl.procedures.session import condition
 from edmctl.procedures.stages import retract
 from edmctl.record.rows import RunEvent
-from edmctl.results.job import ObjectiveMissed, SiteResult
+from edmctl.results.job import ObjectiveMissed
 from edmctl.results.progress import Phase
 from tests.record.samples import a_site_row
 from tests.tiers import tiers
 
-from .conftest import Shop, armed, refused
+from .conftest import Kept, Shop, armed, refused
 
 GRID = 'sites=[{kind="grid",x_um=500.0,columns=2,rows=2,dx_um=400.0,dy_um=400.0}]'
 DEPTH_UM = 12.0
-
-
-@dataclass(slots=True)
-class Kept:
-    """A journal in memory; states travel through plain values, as they do through a file."""
-
-    states: list[JobState] = field(default_factory=list)
-    urgent: list[bool] = field(default_factory=list)
-
-    def keep(self, state: JobState, *, urgent: bool = False) -> None:
-        self.states.append(job_state(state.as_mapping()))
-        self.urgent.append(urgent)
 
 
 def test_the_result_of_a_finished_site_is_converted_once() -> None:
@@ -60,11 +48,6 @@ def test_the_result_of_a_finished_site_is_converted_once() -> None:
     assert states[-1].as_mapping()["done"] is third
 
 
-def true_depth_um(shop: Shop, site: SiteResult) -> float:
-    holes = shop.bench.truth()
-    return min(holes, key=lambda h: math.hypot(h.x_um - site.x_um, h.y_um - site.y_um)).depth_um
-
-
 @pytest.fixture(scope="module")
 def array() -> Shop:
     shop = Shop([GRID])
@@ -72,33 +55,24 @@ def array() -> Shop:
     return shop
 
 
-def test_every_hole_of_an_array_comes_out_as_deep_as_wanted(array: Shop) -> None:
-    assert len(array.tally.sites) == 4
-    for site in array.tally.sites.values():
-        assert true_depth_um(array, site) == pytest.approx(DEPTH_UM, abs=2.0)
-        assert abs(true_depth_um(array, site) - site.depth_um) <= 1.5 * site.depth_u95_um
+def test_every_hole_of_an_array_comes_out_as_deep_as_wanted_with_fewer_stops(array: Shop) -> None:
+    sites = list(array.tally.sites.values())
+    assert len(sites) == 4
+    for site in sites:
+        assert array.true_depth_um(site) == pytest.approx(DEPTH_UM, abs=2.0)
+        assert abs(array.true_depth_um(site) - site.depth_um) <= 1.5 * site.depth_u95_um
         assert site.feed_um == pytest.approx(site.depth_um + site.wear_um)
         assert site.z2_um - site.z3_um - site.face_um == pytest.approx(site.depth_um)
         assert site.z3_um - site.z1_um == pytest.approx(site.wear_um)
-
-
-def test_later_holes_are_measured_less(array: Shop) -> None:
-    stops = [site.measuring_stops for site in array.tally.sites.values()]
-    assert stops[0] >= 1
-    assert stops[-1] >= 1
-    assert sum(stops) <= 3
-
-
-def test_the_wear_is_carried_from_hole_to_hole(array: Shop) -> None:
-    worn_um = math.fsum(site.wear_um for site in array.tally.sites.values())
-    assert worn_um == pytest.approx(array.bench.tool_wear_um, abs=2.0)
-    surfaces = [site.z1_um for site in array.tally.sites.values()]
+    assert sites[0].measuring_stops >= 1
+    assert sites[-1].measuring_stops >= 1
+    assert sum(site.measuring_stops for site in sites) <= 3
+    assert math.fsum(site.wear_um for site in sites) == pytest.approx(array.bench.tool_wear_um, abs=2.0)
+    surfaces = [site.z1_um for site in sites]
     assert surfaces == sorted(surfaces)
-
-
-def test_the_face_is_touched_before_an_array(array: Shop) -> None:
     assert [row.kind for row in array.seen.touches].count("Zr") == 6  # three places, two spots each
     assert RunEvent.FACE_FITTED in array.seen.codes
+    assert [(row.name, row.depth_um) for row in array.seen.sites] == [(s.name, s.depth_um) for s in sites]
 
 
 def test_the_live_view_names_the_hole_where_the_tool_is(array: Shop) -> None:
@@ -112,12 +86,6 @@ def test_the_live_view_names_the_hole_where_the_tool_is(array: Shop) -> None:
         }
         assert shown <= {place if place.startswith("grid-") else ""}
     assert "grid-1" in {state.site for state in array.told.states}
-
-
-def test_every_result_is_written_once_in_the_order_of_machining(array: Shop) -> None:
-    assert [row.name for row in array.seen.sites] == list(array.tally.sites)
-    for row in array.seen.sites:
-        assert row.depth_um == array.tally.sites[row.name].depth_um
 
 
 def test_a_tool_that_may_wear_no_further_ends_the_job_and_says_what_is_left() -> None:
@@ -181,103 +149,72 @@ def test_wear_of_earlier_jobs_counts() -> None:
 
 def interrupted(shop: Shop, when: Callable[[JobState], bool]) -> JobState:
     """Stop the shop's job at the first state that `when` picks; the last state that was kept."""
-    kept = Kept()
-
-    def look() -> None:
-        if kept.states and when(kept.states[-1]):
-            shop.stop.request(2)
 
     class Watching(Kept):
         def keep(self, state: JobState, *, urgent: bool = False) -> None:
-            kept.keep(state, urgent=urgent)
-            look()
+            super().keep(state, urgent=urgent)
+            if when(self.states[-1]):
+                shop.stop.request(2)
 
+    kept = Watching()
     with pytest.raises(Interrupted):
-        shop.run_job(journal=Watching())
+        shop.run_job(journal=kept)
     return kept.states[-1]
 
 
-def taken_up(shop: Shop, state: JobState) -> Shop:
-    """Another process on the same bench."""
-    after = Shop([GRID]) if len(shop.job.sites) > 1 else Shop()
-    after.bench, after.session, after.machine = shop.bench, shop.session, shop.machine
-    object.__setattr__(shop.stop, "_signal_number", None)
-    after.job = replace(shop.job, resumed=state, pause_s=60.0)
-    return after
+def in_a_cut(least_um: float = 0.0, done: int = 0) -> Callable[[JobState], bool]:
+    return lambda s: len(s.done) == done and s.phase == "machining" and s.depth_um >= least_um
 
 
-@pytest.mark.parametrize("least_um", tiers(3.0, slow=(0.0, 8.0)))
-def test_a_hole_left_in_the_middle_is_finished_from_what_is_there(least_um: float) -> None:
-    first = Shop(["pulse.current_a=0.2"])
-    state = interrupted(first, lambda s: s.phase == "machining" and s.depth_um >= least_um)
-    assert state.begun
-    after = taken_up(first, state)
-    result = after.run_job()
-    (site,) = result.sites
-    assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=1.5)
-    assert site.wear_um == pytest.approx(after.bench.tool_wear_um, abs=1.5)
-    assert site.pulses >= sum(state.counts)
-    assert RunEvent.RESUMED in after.seen.codes
+SLOWER = "pulse.current_a=0.2"
+DEEPER_UM = 30.0
+DEEPER = f'target={{kind="depth",depth_um={DEEPER_UM},tolerance_um=2.0}}'
+
+
+@pytest.mark.parametrize(
+    ("overrides", "depth_um", "when"),
+    tiers(
+        ((SLOWER,), DEPTH_UM, in_a_cut(3.0)),
+        ((), DEPTH_UM, lambda s: s.site != "" and not s.begun),
+        slow=(
+            *(((SLOWER,), DEPTH_UM, in_a_cut(least_um)) for least_um in (0.0, 8.0)),
+            ((GRID,), DEPTH_UM, in_a_cut(done=2)),
+            ((GRID,), DEPTH_UM, in_a_cut(4.0)),
+            ((GRID, DEEPER), DEEPER_UM, lambda s: len(s.done) == 3 and not s.begun),
+        ),
+    ),
+)
+def test_a_job_left_anywhere_is_finished_from_what_is_there(
+    overrides: tuple[str, ...], depth_um: float, when: Callable[[JobState], bool]
+) -> None:
+    first = Shop(overrides)
+    state = interrupted(first, when)
+    after = first.taken_up(state, 60.0)
+    sites = after.run_job().sites
+    assert len(sites) == len(first.job.sites)
+    assert [site.name for site in sites[: len(state.done)]] == [str(done["name"]) for done in state.done]
+    assert [row.name for row in after.seen.sites] == list(after.tally.sites)
+    for site in sites:
+        assert after.true_depth_um(site) == pytest.approx(depth_um, abs=2.0 if len(sites) > 1 else 1.5)
+        assert abs(after.true_depth_um(site) - site.depth_um) <= 1.5 * site.depth_u95_um
+    if state.begun:
+        assert RunEvent.RESUMED in after.seen.codes
+        assert sum(site.pulses for site in sites) >= sum(state.counts)
+    if len(sites) == 1:
+        assert sites[0].wear_um == pytest.approx(after.bench.tool_wear_um, abs=1.5)
 
 
 def test_a_job_that_is_stopped_again_while_it_measures_is_taken_up_again() -> None:
     first = Shop(["pulse.current_a=0.2"])
     state = interrupted(first, lambda s: s.phase == "machining" and s.depth_um >= 8.0)
-    second = taken_up(first, state)
-    second.stop = first.stop
+    second = first.taken_up(state, 60.0)
     again = interrupted(second, lambda s: s.begun and s.phase == "measuring")
     assert again.depth_um == pytest.approx(state.depth_um)
     assert again.wear_um == pytest.approx(state.wear_um)
     assert again.counts == state.counts
-    third = taken_up(second, again)
+    third = second.taken_up(again, 60.0)
     (site,) = third.run_job().sites
-    assert true_depth_um(third, site) == pytest.approx(DEPTH_UM, abs=1.5)
-
-
-def test_a_hole_that_was_not_begun_is_begun() -> None:
-    first = Shop()
-    state = interrupted(first, lambda s: s.site != "" and not s.begun)
-    after = taken_up(first, state)
-    (site,) = after.run_job().sites
-    assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=1.5)
-
-
-@pytest.mark.slow
-def test_an_array_goes_on_with_the_hole_that_was_left() -> None:
-    first = Shop([GRID])
-    state = interrupted(first, lambda s: len(s.done) == 2 and s.phase == "machining")
-    after = taken_up(first, state)
-    result = after.run_job()
-    assert len(result.sites) == 4
-    assert [site.name for site in result.sites[:2]] == [str(done["name"]) for done in state.done]
-    for site in result.sites:
-        assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=2.0)
-
-
-@pytest.mark.slow
-def test_a_hole_left_in_the_middle_teaches_the_later_ones_nothing_wrong() -> None:
-    first = Shop([GRID])
-    state = interrupted(first, lambda s: not s.done and s.phase == "machining" and s.depth_um >= 4.0)
-    assert sum(state.counts) > 0
-    assert state.energy_j > 0.0
-    after = taken_up(first, state)
-    for site in after.run_job().sites:
-        assert true_depth_um(after, site) == pytest.approx(DEPTH_UM, abs=2.0)
-        assert abs(true_depth_um(after, site) - site.depth_um) <= 1.5 * site.depth_u95_um
-    assert [row.name for row in after.seen.sites] == list(after.tally.sites)
-
-
-@pytest.mark.slow
-def test_an_array_left_between_two_holes_finds_the_pad_with_a_worn_tool() -> None:
-    deeper = 'target={kind="depth",depth_um=30.0,tolerance_um=2.0}'
-    first = Shop([GRID, deeper])
-    state = interrupted(first, lambda s: len(s.done) == 3 and not s.begun)
-    assert first.bench.tool_wear_um > 30.0
-    after = taken_up(first, state)
-    result = after.run_job()
-    assert len(result.sites) == 4
-    assert true_depth_um(after, result.sites[-1]) == pytest.approx(30.0, abs=2.0)
-    assert len(after.seen.sites) == 4
+    assert third.true_depth_um(site) == pytest.approx(DEPTH_UM, abs=1.5)
 
 
 def test_a_tool_that_is_up_for_a_jump_is_not_taken_for_a_shallow_hole() -> None:
