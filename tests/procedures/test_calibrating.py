@@ -127,29 +127,24 @@ def test_fast_legs_come_in_the_same_record_at_their_own_rate() -> None:
     assert (u_v[quick[-1] + 2 :].max(), u_v[-1]) == (20.0, 0.0)
 
 
-def test_it_ends_retracted_and_idle() -> None:
+def test_it_ends_retracted_and_idle_and_no_pulse_is_possible_meanwhile() -> None:
     rig = Rig()
-    rig.measure()
-    assert rig.machine.status().state is MachineState.IDLE
-    assert rig.applied_v == 0.0
-
-
-def test_no_pulse_is_possible_meanwhile() -> None:
-    rig = Rig()
-    seen: list[tuple[int, int]] = []
+    seen: set[tuple[int, int]] = set()
 
     class Watching(Told):
         def progress(self, p: Progress) -> None:
-            seen.append(
-                (
-                    rig.bench.controller.seen.pulses_allowed,
-                    rig.bench.plant.drive.pulses_on,
-                )
-            )
+            Told.progress(self, p)
+            seen.add((rig.bench.controller.seen.pulses_allowed, rig.bench.plant.drive.pulses_on))
 
     rig.told = Watching()
     rig.measure()
-    assert set(seen) == {(0, 0)}
+    assert seen == {(0, 0)}
+    assert rig.machine.status().state is MachineState.IDLE
+    assert rig.applied_v == 0.0
+    left_s = [p.time_left_s for p in rig.told.states if p.phase is Phase.CALIBRATING]
+    assert left_s[0] == pytest.approx(SHORT.duration_s, abs=0.1 + VIRTUAL_SLICE_S)  # of the first report
+    assert left_s == sorted(left_s, reverse=True)
+    assert left_s[-1] < 0.3
 
 
 def test_a_machine_armed_without_pulses_refuses_to_cut() -> None:
@@ -178,31 +173,22 @@ def test_a_tool_that_hangs_too_low_is_not_moved(monkeypatch: pytest.MonkeyPatch)
     assert rig.machine.status().state is MachineState.IDLE
 
 
-def test_the_time_left_is_told() -> None:
+@pytest.mark.parametrize(
+    ("act", "error", "state"),
+    [
+        (lambda rig: setattr(rig.bench.plant, "estop", True), MachineFault, MachineState.ESTOP),
+        (lambda rig: rig.stop.request(signal.SIGINT), Interrupted, MachineState.IDLE),
+    ],
+)
+def test_an_emergency_stop_or_ctrl_c_retracts_first(
+    act: Callable[[Rig], None], error: type[Exception], state: MachineState
+) -> None:
     rig = Rig()
-    rig.measure()
-    left_s = [p.time_left_s for p in rig.told.states if p.phase is Phase.CALIBRATING]
-    assert left_s[0] == pytest.approx(SHORT.duration_s, abs=0.1 + VIRTUAL_SLICE_S)  # of the first report
-    assert left_s == sorted(left_s, reverse=True)
-    assert left_s[-1] < 0.3
-
-
-def test_an_emergency_stop_ends_in_the_safe_state() -> None:
-    rig = Rig()
-    rig.when_calibrating(lambda: setattr(rig.bench.plant, "estop", True))
-    with pytest.raises(MachineFault):
+    rig.when_calibrating(lambda: act(rig))
+    with pytest.raises(error):
         rig.measure()
     assert rig.applied_v == 0.0
-    assert rig.machine.status().state is MachineState.ESTOP
-
-
-def test_ctrl_c_retracts_first() -> None:
-    rig = Rig()
-    rig.when_calibrating(lambda: rig.stop.request(signal.SIGINT))
-    with pytest.raises(Interrupted):
-        rig.measure()
-    assert rig.applied_v == 0.0
-    assert rig.machine.status().state is MachineState.IDLE
+    assert rig.machine.status().state is state
 
 
 def test_a_lost_line_leaves_the_machine_to_its_watchdog() -> None:

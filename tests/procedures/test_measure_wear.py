@@ -70,30 +70,24 @@ def touched() -> Touched:
     return Touched(shop, found, hole.depth_um)
 
 
-def test_feed_is_depth_and_wear(touched: Touched) -> None:
-    found = touched.found
+def test_feed_is_depth_and_wear_and_the_intervals_hold_the_truth(touched: Touched) -> None:
+    found, bench = touched.found, touched.shop.bench
     assert found.feed_um == pytest.approx(found.depth_um + found.wear_um, abs=1e-9)
     assert found.feed_um == pytest.approx(found.z2_um - found.z1_um, abs=1e-9)
     assert found.z3_um == pytest.approx(0.5 * (found.z3_before_um + found.z3_after_um), abs=1e-9)
     assert found.drift_um == pytest.approx(found.z3_after_um - found.z3_before_um, abs=1e-9)
-
-
-def test_what_is_stated_holds_the_truth(touched: Touched) -> None:
-    found, bench = touched.found, touched.shop.bench
     assert abs(found.depth_um - touched.true_depth_um) <= found.depth_u95_um
     assert abs(found.wear_um - bench.tool_wear_um) <= found.wear_u95_um
     assert abs(found.wear_model_um - bench.tool_wear_um) <= 10.0
+    assert bench.is_safe
+    assert {row.kind for row in touched.shop.seen.touches} == {"Z1", "Z2", "Z3"}
 
 
 def test_the_budget_adds_up_to_what_is_stated(touched: Touched) -> None:
     found = touched.found
-    for name, u95_um in (
-        ("wear_um", found.wear_u95_um),
-        ("depth_um", found.depth_u95_um),
-        ("feed_um", found.feed_u95_um),
-    ):
-        combined_um = math.hypot(*(getattr(part, name) for part in found.budget))
-        assert 1.95 <= u95_um / combined_um <= 2.5, name
+    for name in ("wear", "depth", "feed"):
+        combined_um = math.hypot(*(getattr(part, f"{name}_um") for part in found.budget))
+        assert 1.95 <= getattr(found, f"{name}_u95_um") / combined_um <= 2.5, name
 
 
 def test_an_older_reference_knows_the_wear_less_well(touched: Touched) -> None:
@@ -130,12 +124,6 @@ def test_a_home_that_contradicts_the_measured_drift_rules_it_out() -> None:
     sensor_u = Displacement(drift_u_um_per_s=0.0017)
     assert drift_since(reference, 12.0, 1000.0, sensor_u) is not None
     assert drift_since(reference, 5.0, 10_000.0, sensor_u) is None
-
-
-def test_the_machine_is_retracted_idle_and_made_no_pulse(touched: Touched) -> None:
-    bench = touched.shop.bench
-    assert bench.is_safe
-    assert {row.kind for row in touched.shop.seen.touches} == {"Z1", "Z2", "Z3"}
 
 
 def test_touching_needs_no_dielectric() -> None:

@@ -18,17 +18,13 @@ from edmctl.procedures.servo.limits import JUMP_AFTER_S, STALL_S, Breakthrough, 
 from edmctl.procedures.settings import OPEN_LOST_S, controller_settings
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS
 from edmctl.record.rows import RunEvent
-from edmctl.simulator import BenchConfig
 from edmctl.simulator.injection import parse_injection
+from tests.tiers import tiers
 
 from .conftest import Shop, eroding, refused
 
 SLICE_S = 0.1
 SHEET = ('target={kind="through",completion_um=20.0}', 'work.kind="through"', "work.thickness_um=40.0")
-
-
-def codes(s: Shop) -> list[int]:
-    return s.seen.codes
 
 
 def injected(
@@ -40,7 +36,7 @@ def injected(
     read = s.bench.transport.read
 
     def read_and_repair(timeout_s: float) -> bytes:
-        if until is not None and codes(s).count(until[0]) == until[1]:
+        if until is not None and s.seen.codes.count(until[0]) == until[1]:
             s.bench.clear_injections()
         return read(timeout_s)
 
@@ -48,12 +44,17 @@ def injected(
     return s
 
 
-def test_a_single_burn_costs_the_way_back_and_no_more() -> None:
-    s = injected("CARBON@sparks+5", until=(RunEvent.ARC_BURN_RECOVERY, 1))
-    result = s.run_job()
-    assert result.sites[0].depth_um == pytest.approx(12.0, abs=2.0)
-    assert codes(s).count(RunEvent.ARC_BURN_RECOVERY) == 1
-    assert RunEvent.REFERENCE_CHANGED not in codes(s)
+@pytest.mark.parametrize("burns", [1, 2])
+def test_a_burn_costs_the_way_back_and_the_second_a_wider_gap_and_longer_pauses(burns: int) -> None:
+    s = injected("CARBON@sparks+5", until=(RunEvent.ARC_BURN_RECOVERY, burns))
+    (site,) = s.run_job().sites
+    assert site.depth_um == pytest.approx(12.0, abs=2.0)
+    assert s.seen.codes.count(RunEvent.ARC_BURN_RECOVERY) == burns
+    second = burns > 1
+    changes = s.seen.args(RunEvent.REFERENCE_CHANGED), s.seen.args(RunEvent.DUTY_CHANGED)
+    assert [change["to"] for kind in changes for change in kind] == pytest.approx([0.85, 0.24] * second)
+    # The next approach and the next cut start with the recipe's own pulses.
+    assert s.bench.controller.seen.duty_v == pytest.approx(s.profile.pulse.duty_voltage_v)
     assert s.bench.controller.fault == 0
 
 
@@ -114,48 +115,40 @@ def test_the_ramp_back_from_a_burn_ends_above_where_the_bottom_can_be(
     assert ways_um == [pytest.approx(spark_um + BEYOND_BOTTOM_UM + UNKNOWN_SDS * unknown_um)]
 
 
-def test_after_the_second_burn_the_gap_is_kept_wider_and_the_pauses_longer() -> None:
-    s = injected("CARBON@sparks+5", until=(RunEvent.ARC_BURN_RECOVERY, 2))
-    result = s.run_job()
-    assert result.sites[0].depth_um == pytest.approx(12.0, abs=2.0)
-    found = codes(s)
-    assert found.count(RunEvent.ARC_BURN_RECOVERY) == 2
-    changes = s.seen.args(RunEvent.REFERENCE_CHANGED)
-    assert [change["to"] for change in changes] == pytest.approx([0.85])
-    duties = s.seen.args(RunEvent.DUTY_CHANGED)
-    assert [duty["to"] for duty in duties] == pytest.approx([0.24])
-    # The next approach and the next cut start with the recipe's own pulses.
-    assert s.bench.controller.seen.duty_v == pytest.approx(s.profile.pulse.duty_voltage_v)
+DEEP = 'target={kind="depth",depth_um=60.0,tolerance_um=5.0}'
 
 
-def test_a_spot_that_burns_at_once_again_is_given_up_with_the_fault() -> None:
-    s = injected("CARBON@sparks+5")
-    with refused("E63002"):
+@pytest.mark.parametrize(
+    ("fault", "overrides", "code", "recovery", "times"),
+    [
+        ("CARBON", (), "E63002", RunEvent.ARC_BURN_RECOVERY, 2),
+        ("GENERATOR_LEAK", (), "E63004", RunEvent.ARC_BURN_RECOVERY, 0),
+        # While shorted the tool retreats as well; from a greater height there is way left for every jump.
+        ("WIRE_SHORT", ("approach.offset_um=80.0",), "E63001", RunEvent.SHORT_RECOVERY, MOST_JUMPS),
+        ("STALL", (), "E7010", RunEvent.STALL_JUMP, 1),
+        ("TOOL_LOST", (DEEP,), "E63005", RunEvent.ARC_BURN_RECOVERY, 0),
+    ],
+)
+def test_what_stays_wrong_ends_the_cut_after_the_recoveries_that_it_has(
+    fault: str, overrides: tuple[str, ...], code: str, recovery: RunEvent, times: int
+) -> None:
+    s = injected(f"{fault}@sparks+5", overrides=overrides)
+    with refused(code) as caught:
         s.run_job()
-    assert codes(s).count(RunEvent.ARC_BURN_RECOVERY) == 2 < MOST_BURNS
-    controller = s.bench.controller
-    assert (controller.fault, controller.loop.command_v) == (3002, 0.0)
-
-
-def test_any_other_fault_ends_the_cut_at_once() -> None:
-    s = injected("GENERATOR_LEAK@sparks+5")
-    with pytest.raises(MachineFault):
-        s.run_job()
-    assert RunEvent.ARC_BURN_RECOVERY not in codes(s)
+    assert s.seen.codes.count(recovery) == times
+    if fault == "CARBON":
+        assert (s.bench.controller.fault, s.bench.controller.loop.command_v) == (3002, 0.0)
+    if fault == "STALL":
+        assert s.seen.codes.index(recovery) < s.seen.codes.index(RunEvent.CUT_GIVEN_UP)
+    if fault == "TOOL_LOST":
+        assert "`edmctl reset --ack 3005`" in caught.value.hint
+        assert "`edmctl approach --contact`" in caught.value.hint
 
 
 def test_a_short_that_lasts_is_jumped_away_from() -> None:
     s = injected("WIRE_SHORT@sparks+5", until=(RunEvent.SHORT_RECOVERY, 1))
     assert s.run_job().sites[0].depth_um == pytest.approx(12.0, abs=2.0)
-    assert 1 <= codes(s).count(RunEvent.SHORT_RECOVERY) <= MOST_JUMPS
-
-
-def test_a_short_that_stays_is_left_to_the_controller() -> None:
-    # While shorted the tool retreats as well; from a greater height there is way left for every jump.
-    s = injected("WIRE_SHORT@sparks+5", overrides=("approach.offset_um=80.0",))
-    with refused("E63001"):
-        s.run_job()
-    assert codes(s).count(RunEvent.SHORT_RECOVERY) == MOST_JUMPS
+    assert 1 <= s.seen.codes.count(RunEvent.SHORT_RECOVERY) <= MOST_JUMPS
 
 
 def test_after_a_healthy_while_a_short_is_a_new_one() -> None:
@@ -180,14 +173,6 @@ def test_a_few_pulses_among_the_shorts_are_no_lasting_short() -> None:
     assert shorts.due() == ""
 
 
-def test_a_stall_is_answered_by_a_jump_before_the_verdict() -> None:
-    s = injected("STALL@sparks+5")
-    with refused("E7010"):
-        s.run_job()
-    times_s = {code: time_s for time_s, code, _, _, _ in s.seen.events}
-    assert times_s[RunEvent.STALL_JUMP] < times_s[RunEvent.CUT_GIVEN_UP]
-
-
 def test_a_jump_that_frees_the_tool_starts_the_clock_of_a_stall_anew() -> None:
     stall = StallDetection(0.3)
     i = 0
@@ -200,45 +185,27 @@ def test_a_jump_that_frees_the_tool_starts_the_clock_of_a_stall_anew() -> None:
         assert not stall.update(SLICE_S * j, 50.0 + 0.02 * (j - i))
 
 
-def test_lost_sparks_come_with_a_way_to_tell_a_lost_tool_from_missing_pulses() -> None:
-    s = injected("TOOL_LOST@sparks+5", overrides=('target={kind="depth",depth_um=60.0,tolerance_um=5.0}',))
-    with refused("E63005") as caught:
-        s.run_job()
-    assert "`edmctl reset --ack 3005`" in caught.value.hint
-    assert "`edmctl approach --contact`" in caught.value.hint
-
-
 @pytest.mark.parametrize(
-    ("depth_um", "code"),
-    [
-        pytest.param(12.0, "E62005", id="the feed comes to its end, and no touch finds anything"),
-        pytest.param(60.0, "E63005", id="the controller misses the sparks"),
-    ],
+    ("fault", "overrides", "code"),
+    tiers(
+        ("TOOL_LOST@sparks+20", (), "E62005"),  # the feed comes to its end, and no touch finds anything
+        ("TOOL_LOST@sparks+20", (DEEP,), "E63005"),  # the controller misses the sparks
+        ("ESTOP@sparks+0.3", (), "E64001"),
+        slow=(
+            *((f"TOOL_LOST@sparks+{sparks_s}", (), "E62005") for sparks_s in (10, 30)),
+            *((f"TOOL_LOST@sparks+{sparks_s}", (DEEP,), "E63005") for sparks_s in (10, 30)),
+            *((f"ESTOP@sparks+{sparks_s}", (), "E64001") for sparks_s in (0.05, 1.0)),
+        ),
+    ),
 )
-@pytest.mark.parametrize("sparks_s", [10, 20, 30])
-def test_a_hole_whose_tool_is_lost_is_as_deep_as_it_was_then(
-    depth_um: float, code: str, sparks_s: int
+def test_a_hole_that_a_fault_ends_is_as_deep_as_it_was_then(
+    fault: str, overrides: tuple[str, ...], code: str
 ) -> None:
-    s = injected(
-        f"TOOL_LOST@sparks+{sparks_s}",
-        overrides=(f'target={{kind="depth",depth_um={depth_um},tolerance_um=5.0}}',),
-    )
-    with pytest.raises(MachineFault) as caught:
+    """Nothing is known exactly of one that has hardly begun."""
+    s = injected(fault, overrides=overrides)
+    with refused(code):
         s.run_job()
-    assert caught.value.code == code
-    (left,) = s.tally.sites.values()
-    (hole,) = s.bench.truth()
-    assert left.depth_um == pytest.approx(hole.depth_um, abs=left.depth_u95_um)
-    assert left.wear_um == pytest.approx(s.bench.tool_wear_um, abs=left.wear_u95_um)
-
-
-@pytest.mark.parametrize("sparks_s", [0.05, 0.3, 1.0])
-def test_nothing_is_known_exactly_of_a_hole_that_has_hardly_begun(sparks_s: float) -> None:
-    s = injected(f"ESTOP@sparks+{sparks_s}")
-    with pytest.raises(MachineFault):
-        s.run_job()
-    (left,) = s.tally.sites.values()
-    (hole,) = s.bench.truth()
+    (left,), (hole,) = s.tally.sites.values(), s.bench.truth()
     assert left.depth_um == pytest.approx(hole.depth_um, abs=left.depth_u95_um)
     assert left.wear_um == pytest.approx(s.bench.tool_wear_um, abs=left.wear_u95_um)
     assert left.wear_u95_um > 0.1
@@ -268,29 +235,27 @@ class Sheet:
 def test_more_feed_and_more_open_pulses_at_the_right_depth_are_a_breakthrough() -> None:
     sheet = Sheet()
     assert sheet.cut(180.0) is None
-    seen_s = sheet.cut(10.0, feed_um_s=1.0, opens=0.55)
-    assert seen_s is not None
-    assert seen_s < 5.0
+    assert (sheet.cut(10.0, feed_um_s=1.0, opens=0.55) or math.inf) < 5.0
     assert sheet.seen.at_um == pytest.approx(sheet.z_um, abs=0.5)
     assert "open pulses from 3" in sheet.seen.message
 
 
 @pytest.mark.parametrize(
-    ("before_s", "feed_um_s", "opens"),
-    [(60.0, 1.0, 0.55), (180.0, 0.3, 0.55), (180.0, 1.0, 0.3)],
-    ids=["too early", "no faster", "not more open"],
+    ("u_um", "before_s", "feed_um_s", "opens", "found"),
+    [
+        pytest.param(0.0, 60.0, 1.0, 0.55, False, id="too early"),
+        pytest.param(0.0, 180.0, 0.3, 0.55, False, id="no faster"),
+        pytest.param(0.0, 180.0, 1.0, 0.3, False, id="not more open"),
+        pytest.param(4.0, 130.0, 1.0, 0.55, True, id="early, of an uncertain depth"),
+        pytest.param(10.0, 300.0, 1.0, 0.55, True, id="late, of an uncertain depth"),
+    ],
 )
-def test_two_of_the_three_signs_are_not_enough(before_s: float, feed_um_s: float, opens: float) -> None:
-    sheet = Sheet()
-    sheet.cut(before_s)
-    assert sheet.cut(5.0, feed_um_s=feed_um_s, opens=opens) is None
-
-
-@pytest.mark.parametrize(("before_s", "u_um"), [(130.0, 4.0), (300.0, 10.0)], ids=["early", "late"])
-def test_a_depth_that_is_not_known_well_makes_room_for_the_back(before_s: float, u_um: float) -> None:
+def test_all_three_signs_are_needed_as_well_as_the_depth_is_known(
+    u_um: float, before_s: float, feed_um_s: float, opens: float, *, found: bool
+) -> None:
     sheet = Sheet(u_um)
     assert sheet.cut(before_s) is None
-    assert sheet.cut(5.0, feed_um_s=1.0, opens=0.55) is not None
+    assert (sheet.cut(5.0, feed_um_s=feed_um_s, opens=opens) is not None) is found
 
 
 def test_where_the_feed_has_no_room_to_rise_the_end_of_all_sparks_tells() -> None:
@@ -329,16 +294,12 @@ class Tip:
 
 @pytest.mark.parametrize(
     ("wear", "removal"),
-    [(1.0, 1.0), (2.0, 1.0), (0.3, 1.0), (1.0, 4.0)],
-    ids=["as believed", "wears more", "wears less", "erodes fast"],
+    tiers((2.0, 1.0), (1.0, 4.0), slow=((1.0, 1.0), (0.3, 1.0))),
 )
 def test_a_way_through_ends_behind_the_sheet_whatever_was_believed_of_wear_and_removal(
     wear: float, removal: float
 ) -> None:
-    def changed(config: BenchConfig) -> BenchConfig:
-        return replace(eroding(config, wear, removal), thickness_um=40.0)
-
-    s = Shop(SHEET, seed=7, changed=changed)
+    s = Shop(SHEET, seed=7, changed=lambda c: replace(eroding(c, wear, removal), thickness_um=40.0))
     tip = Tip(s)
     (site,) = s.run_job(journal=tip).sites
     assert site.through
