@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 
 import pytest
 
@@ -50,10 +49,11 @@ class Cut:
         return sum(change.code is code for change in self.law.changes)
 
 
-def test_without_evidence_the_first_jump_comes_after_the_period(profile: Profile) -> None:
+def test_without_evidence_the_period_stays_and_decides(profile: Profile) -> None:
     cut = Cut(profile)
-    cut.spark(10.5, arcs=0.03)
-    assert cut.jumps_s == pytest.approx([10.0], abs=0.15)
+    cut.spark(3.0 * CLEAN_S, arcs=0.035)
+    assert cut.jumps_s[0] == pytest.approx(10.0, abs=0.15)
+    assert cut.law.period_s == profile.jump.period_s
 
 
 @pytest.mark.parametrize("share", ["arcs", "shorts"])
@@ -85,12 +85,6 @@ def test_the_period_keeps_between_its_ends(profile: Profile) -> None:
     assert cut.law.period_s == LONGEST_SHARE * profile.jump.period_s
 
 
-def test_between_the_thresholds_the_period_stays(profile: Profile) -> None:
-    cut = Cut(profile)
-    cut.spark(3.0 * CLEAN_S, arcs=0.035)
-    assert cut.law.period_s == profile.jump.period_s
-
-
 def test_nothing_is_judged_during_a_jump_and_shortly_after(profile: Profile) -> None:
     law = AdaptiveControl(profile, 0.0)
     for _ in range(20):
@@ -114,16 +108,11 @@ def test_only_where_jumps_do_not_help_the_gap_is_widened_and_then_the_pauses_gro
     assert cut.law.duty == pytest.approx(profile.adaptive.duty_min)
 
 
-def test_each_step_waits_for_some_jumps(profile: Profile) -> None:
-    cut = Cut(profile)
-    cut.spark(60.0, arcs=0.2)
-    steps = cut.changes(RunEvent.REFERENCE_CHANGED)
-    assert 0 < steps <= len(cut.jumps_s) / PATIENCE
-
-
 def test_in_a_clean_gap_the_remedies_are_taken_back_the_last_one_first(profile: Profile) -> None:
     cut = Cut(profile)
-    cut.spark(200.0, arcs=0.2)
+    cut.spark(60.0, arcs=0.2)
+    assert 0 < cut.changes(RunEvent.REFERENCE_CHANGED) <= len(cut.jumps_s) / PATIENCE
+    cut.spark(140.0, arcs=0.2)
     cut.law.changes.clear()
     cut.spark(1000.0)
     codes = list(dict.fromkeys(change.code for change in cut.law.changes))
@@ -131,17 +120,17 @@ def test_in_a_clean_gap_the_remedies_are_taken_back_the_last_one_first(profile: 
     assert (cut.law.reference, cut.law.duty) == (profile.servo.reference, profile.pulse.duty)
 
 
-def test_fixed_jumps_do_not_heed_the_gap(profile: Profile) -> None:
-    cut = Cut(load_profile(CU270, ('jump.mode="fixed"', "jump.period_s=10")).profile)
+@pytest.mark.parametrize(
+    ("overrides", "jumps_s"),
+    [(('jump.mode="fixed"', "jump.period_s=10"), [10.0, 20.0]), (('jump.mode="off"',), [])],
+)
+def test_jumps_that_are_not_adaptive_do_not_heed_the_gap(
+    overrides: tuple[str, ...], jumps_s: list[float]
+) -> None:
+    cut = Cut(load_profile(CU270, overrides).profile)
     cut.spark(20.5, arcs=0.5, shorts=0.3)
-    assert cut.jumps_s == pytest.approx([10.0, 20.0], abs=0.25)
+    assert cut.jumps_s == pytest.approx(jumps_s, abs=0.25)
     assert cut.law.changes == []
-
-
-def test_jumps_that_are_off_stay_off() -> None:
-    cut = Cut(load_profile(CU270, ('jump.mode="off"',)).profile)
-    cut.spark(60.0, arcs=0.5)
-    assert cut.jumps_s == []
 
 
 FEED_30 = ('target={kind="feed",feed_um=30.0}', ADAPTIVE, "pulse.current_a=0.12", "jump.height_um=30")
@@ -153,12 +142,10 @@ def test_a_badly_flushed_cut_jumps_more_often_and_says_why() -> None:
     clean.run_job()
     dirty.run_job()
 
-    def jumps(s: Shop) -> list[Mapping[str, float | int | str | bool]]:
-        return s.seen.args(RunEvent.JUMPED)
-
-    assert len(jumps(dirty)) > 3 * len(jumps(clean))
+    jumps = dirty.seen.args(RunEvent.JUMPED)
+    assert len(jumps) > 3 * clean.seen.codes.count(RunEvent.JUMPED)
     limits = dirty.profile.adaptive
-    asked = [args for args in jumps(dirty) if args["asked"]]
+    asked = [args for args in jumps if args["asked"]]
     assert asked
     for args in asked:
         names = str(args["asked"]).split(" and ")
@@ -197,33 +184,24 @@ def test_a_wider_gap_and_longer_pauses_reach_the_machine_in_the_middle_of_a_cut(
 SEEKING = ("adaptive.seek_reference=true",)
 
 
-def target_of(profile: Profile) -> float:
-    assert profile.adaptive.arc_target is not None
-    return profile.adaptive.arc_target
-
-
 @pytest.fixture
 def seeking() -> Profile:
     """Return cu270 with an adaptive reference and no jumps."""
     return load_profile(CU270, ('jump.mode="off"', *SEEKING)).profile
 
 
-def test_the_reference_falls_while_there_are_few_arcs_and_rises_while_there_are_many(
-    seeking: Profile,
+@pytest.mark.parametrize(
+    ("arcs", "shorts", "sign", "changes"), [(0.5, 0.0, -1.0, 5), (2.0, 0.0, 1.0, 5), (0.75, 0.25, 0.0, 0)]
+)
+def test_the_reference_follows_arcs_and_shorts_to_its_target(
+    seeking: Profile, arcs: float, shorts: float, sign: float, changes: int
 ) -> None:
-    low, high = Cut(seeking), Cut(seeking)
-    low.spark(20.0, arcs=0.5 * target_of(seeking))
-    high.spark(20.0, arcs=2.0 * target_of(seeking))
-    assert low.law.reference < seeking.servo.reference - 0.05
-    assert high.law.reference > seeking.servo.reference + 0.05
-    assert low.changes(RunEvent.REFERENCE_CHANGED) == 5
-    assert "% arcs and shorts" in high.law.changes[0].message
-
-
-def test_the_reference_rests_at_its_target_and_shorts_count_as_arcs(seeking: Profile) -> None:
-    cut = Cut(seeking)
-    cut.spark(60.0, arcs=0.75 * target_of(seeking), shorts=0.25 * target_of(seeking))
-    assert cut.changes(RunEvent.REFERENCE_CHANGED) == 0
+    cut, target = Cut(seeking), seeking.adaptive.arc_target
+    assert target is not None
+    cut.spark(20.0, arcs=arcs * target, shorts=shorts * target)
+    assert sign * (cut.law.reference - seeking.servo.reference) >= 0.05 * abs(sign)
+    assert cut.changes(RunEvent.REFERENCE_CHANGED) == changes
+    assert all("% arcs and shorts" in change.message for change in cut.law.changes)
 
 
 @pytest.mark.parametrize("arcs", [0.0, 1.0])

@@ -80,7 +80,6 @@ def test_the_first_cut_is_not_too_deep_even_of_a_tool_that_does_not_wear() -> No
     assert first.feed_um == pytest.approx(180.0)
     assert first.z_limit_um == pytest.approx(50.0 + first.feed_um - 3.4)
     assert first.measured
-    assert first_plan(profile("wear.first_fraction=0.5"), SURFACE).feed_um == pytest.approx(90.0 * 1.389)
 
 
 def test_what_a_touch_has_contradicted_is_not_relied_on_in_the_next_hole() -> None:
@@ -106,14 +105,18 @@ def test_drift_until_the_end_of_a_cut_counts_before_it() -> None:
     assert later.depth_u_um == pytest.approx(math.hypot(still.depth_u_um, 2.0))
 
 
-def test_a_single_cut_goes_for_the_whole_depth() -> None:
-    first = first_plan(profile('wear.remeasure="never"'), SURFACE)
-    assert first.feed_um == pytest.approx(180.0 * 1.389)
-
-
-def test_a_feed_target_counts_from_contact_to_contact() -> None:
-    first = first_plan(profile('target={kind="feed",feed_um=250}'), SURFACE)
-    assert first.z_limit_um == pytest.approx(50.0 + 250.0 - 3.4)
+@pytest.mark.parametrize(
+    ("override", "feed_um"),
+    [
+        ('wear.remeasure="never"', 180.0 * 1.389),  # a single cut goes for the whole depth
+        ('target={kind="feed",feed_um=250}', 250.0),  # from contact to contact
+        ("wear.first_fraction=0.5", 90.0 * 1.389),
+    ],
+)
+def test_the_recipe_sets_the_feed_of_the_first_cut(override: str, feed_um: float) -> None:
+    first = first_plan(profile(override), SURFACE)
+    assert first.feed_um == pytest.approx(feed_um)
+    assert first.z_limit_um == pytest.approx(50.0 + feed_um - 3.4)
 
 
 def test_a_place_may_have_a_depth_of_its_own() -> None:

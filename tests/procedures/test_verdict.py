@@ -54,11 +54,18 @@ def test_a_depth_is_judged_by_its_value_and_then_by_its_interval(
     assert verdict_of(goal, depth_um, u95_um, through=False) is verdict
 
 
-def test_a_feed_is_not_judged_and_a_way_through_by_being_one() -> None:
-    assert verdict_of(HoleTarget("feed", math.nan, 20.0, math.nan), 3.0, 9.0, through=False) is None
-    way = HoleTarget("through", 50.0, math.nan, 5.0)
-    assert verdict_of(way, 80.0, 9.0, through=True) is Verdict.SHOWN
-    assert verdict_of(way, 50.0, 0.1, through=False) is Verdict.MISSED
+@pytest.mark.parametrize(
+    ("goal", "depth_um", "u95_um", "through", "verdict"),
+    [
+        (HoleTarget("feed", math.nan, 20.0, math.nan), 3.0, 9.0, False, None),
+        (HoleTarget("through", 50.0, math.nan, 5.0), 80.0, 9.0, True, Verdict.SHOWN),
+        (HoleTarget("through", 50.0, math.nan, 5.0), 50.0, 0.1, False, Verdict.MISSED),
+    ],
+)
+def test_a_feed_is_not_judged_and_a_way_through_by_being_one(
+    goal: HoleTarget, depth_um: float, u95_um: float, *, through: bool, verdict: Verdict | None
+) -> None:
+    assert verdict_of(goal, depth_um, u95_um, through=through) is verdict
 
 
 def test_a_depth_that_nobody_knows_well_enough_ends_the_job_short_of_its_objective() -> None:
@@ -74,11 +81,6 @@ def test_a_depth_that_nobody_knows_well_enough_ends_the_job_short_of_its_objecti
     assert [row.verdict for row in s.seen.sites] == ["not shown"]
     assert RunEvent.VERDICT in s.seen.codes
     assert s.bench.is_safe
-
-
-def test_a_depth_that_is_right_and_known_is_shown(done: Done) -> None:
-    (site,) = done.result.sites
-    assert (site.verdict, done.shop.seen.sites[0].verdict) == (Verdict.SHOWN, "shown")
 
 
 def after_corrections(shop: Shop, depths: dict[str, tuple[float, float]]) -> Decision | None:
@@ -147,10 +149,10 @@ def test_what_ended_the_job_stays_its_reason_and_the_others_are_told_behind_it(r
     assert both.code == "E7099"
 
 
-def test_the_end_of_a_single_hole_is_touched(done: Done) -> None:
-    (site,) = done.result.sites
+def test_the_end_of_a_single_hole_is_touched_and_shown_to_be_right(done: Done) -> None:
+    (site,), (row,) = done.result.sites, done.shop.seen.sites
     assert (site.depth_basis, site.wear_basis, site.estimated_um) == (Basis.TOUCHED, Basis.TOUCHED, 0.0)
-    assert done.shop.seen.sites[0].depth_basis == "touched"
+    assert (site.verdict, row.verdict, row.depth_basis) == (Verdict.SHOWN, "shown", "touched")
 
 
 def test_a_sparing_recipe_leaves_a_small_last_cut_estimated_and_says_so() -> None:
@@ -200,29 +202,30 @@ def test_a_result_travels_through_a_journal_and_an_older_one_claims_no_touch(don
 
 
 @pytest.mark.parametrize(
-    ("depth_um", "remedy"), [(9.0, "wear.max_cuts"), (15.0, "Set wear.expected_ratio to ")]
+    ("changed", "remedy"),
+    [
+        ({"depth_um": 9.0, "depth_u95_um": 0.5}, "wear.max_cuts"),
+        ({"depth_um": 15.0, "depth_u95_um": 0.5}, "Set wear.expected_ratio to "),
+        # A doubted bottom makes it estimated, a doubted face does not; a touch of the same kind would show no more.
+        *(
+            (
+                {"depth_u95_um": 3.1, "depth_basis": basis, "in_doubt": True},
+                "Clean tool and work, and measure",
+            )
+            for basis in (Basis.TOUCHED, Basis.ESTIMATED)
+        ),
+    ],
 )
-def test_the_remedy_of_a_missed_hole_goes_by_its_side(done: Done, depth_um: float, remedy: str) -> None:
-    shop = Shop()
-    (result,) = done.result.sites
-    result = replace(result, depth_um=depth_um, depth_u95_um=0.5)
+def test_the_remedy_of_a_hole_depends_on_what_is_wrong_with_it(
+    done: Done, changed: dict[str, object], remedy: str
+) -> None:
+    shop, (result,) = Shop(), done.result.sites
+    assert not result.in_doubt
+    result = replace(result, **changed)  # type: ignore[arg-type]
     shop.tally.sites[result.name] = judged(shop.job, result)
     decision = judge_holes(shop.run(), None)
     assert decision is not None
     assert remedy in decision.hint
-
-
-@pytest.mark.parametrize("basis", [Basis.TOUCHED, Basis.ESTIMATED])
-def test_a_hole_whose_touches_are_in_doubt_is_to_be_measured_again(done: Done, basis: Basis) -> None:
-    """Its bottom makes it estimated, its face does not; another touch of the same kind would tell no more."""
-    shop = Shop()
-    (result,) = done.result.sites
-    assert not result.in_doubt
-    result = replace(result, depth_u95_um=3.1, depth_basis=basis, in_doubt=True)
-    shop.tally.sites[result.name] = judged(shop.job, result)
-    decision = judge_holes(shop.run(), None)
-    assert decision is not None
-    assert "Clean tool and work, and measure the hole again" in decision.hint
 
 
 def test_cutting_more_is_told_by_the_key_that_limits_the_cuts() -> None:
