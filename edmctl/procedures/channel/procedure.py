@@ -51,153 +51,23 @@ from edmctl.procedures.monitoring.drift import pause_drift_u_um
 from edmctl.procedures.run import MACHINING, MEASURING, JobRun
 from edmctl.procedures.servo.limits import TimeLimits
 from edmctl.procedures.touch.reading import BEYOND_SIGMAS, NO_CONTACT
-from edmctl.procedures.touch.spots import drift_between, pad_u_um
 from edmctl.procedures.touch.surface_plane import SurfacePlane
-from edmctl.process.channel import HeldTool, Way, channel_width_um, layer_depths_um, wearing_uj
+from edmctl.process.channel import HeldTool, channel_width_um, layer_depths_um, wearing_uj
 from edmctl.process.discharge import first_gap_u_um, mrr_mm3_min
 from edmctl.process.next_cut import NOISE_FLOOR_SIGMAS
-from edmctl.process.touches import TOUCH_PRIOR_DOF, TOUCH_U_UM, DepthAndWear, Drift, share_u
+from edmctl.process.touches import TOUCH_U_UM, share_u
 from edmctl.profile.places import Place
-from edmctl.quantity import Value
 from edmctl.record.rows import RunEvent
 from edmctl.results.declared import shared
 from edmctl.results.job import ChannelResult, SiteResult
 from edmctl.results.telemetry import pulse_shares
 from edmctl.wording import length, plural, signed
 
-TOUCH_LEAST_SD_UM = 0.1  # least standard deviation of touches: better agreement is by chance
-
-
-def channel_result(
-    run: JobRun,
-    length_um: float,
-    surface: ChannelSurface,
-    found: FloorReading,
-    layers: Layers,
-    stops: int,
-    uneven_um: float = 0.0,
-) -> ChannelResult:
-    """Return the result of a measurement cycle and all passes before it.
-
-    After a pass that ended early the floor may be deeper by `uneven_um` where the tool was, which is at none of the
-    touched places: the mean of the floor may be off by that.
-    """
-    job, z1, sums = run.job, surface.z1, layers.sums
-    seconds, by_rests = found.pad.time_s - z1.time_s, drift_between(run, z1, found.pad)
-    drift = by_rests or Drift(0.0, run.uncertainty.drifted_u_um(seconds))
-    depth, wear, feed = _lengths(run, surface, found, uneven_um, drift)
-    return ChannelResult(
-        name=job.profile.meta.name,
-        length_um=length_um,
-        width_um=channel_width_um(job.profile.tool.diameter_um, job.profile.work.side_gap_um),
-        layers=layers.layers,
-        **_columns(depth, wear, feed),
-        **_sums(sums),
-        floor_sd_um=found.sd_um,
-        z1_um=z1.z_um,
-        z3_um=found.pad.z_um - drift.um,
-        working_gap_um=layers.gap_um,
-        measuring_stops=stops,
-        floor=found.places,
-        depth_basis=job.touch_basis,
-        wear_basis=job.touch_basis,
-        drift_correction_um=drift.um,
-        drift_left_u_um=drift.left_u_um,
-        drift_by_rests=by_rests is not None,
-    )
-
-
-def channel_left(measured: ChannelResult, layers: Layers, depth_um: float) -> ChannelResult:
-    """Return the estimate of a channel that was cut to about `depth_um` since it was measured, and then left.
-
-    It may be as deep as the layer under way in places. The wear is by the energy of whole passes, and per depth at
-    least as much as before. What was not touched may be wrong by all of it, and by as much per depth as the
-    measurement; a tool does not lose more than it cuts. A pass that was broken off is in no sum.
-    """
-    wear_um = layers.wear.um(layers.since_uj)
-    cut_um = max(depth_um, layers.aim_um) - measured.depth_um
-    per_um = 1.0 / measured.depth_um if measured.depth_um > 0.0 else 0.0
-    worn_um = max(wear_um - measured.wear_um, measured.wear_um * per_um * cut_um, 0.0)
-    missed_um = cut_um * min(measured.wear_u_um * per_um, 1.0) if per_um else cut_um
-    wear_u_um = math.hypot(measured.wear_u_um + missed_um, worn_um)
-    feed_um = depth_um + measured.wear_um + worn_um
-    return replace(
-        measured,
-        layers=layers.layers,
-        **_columns(
-            Value(depth_um, math.hypot(measured.depth_u_um, cut_um)),
-            Value(measured.wear_um + worn_um, wear_u_um),
-            Value(feed_um, math.hypot(measured.depth_u_um, cut_um, wear_u_um)),
-        ),
-        **_sums(layers.sums),
-        floor_sd_um=math.nan,
-        z3_um=math.nan,
-        floor=(),
-        depth_basis=Basis.ESTIMATED,
-        wear_basis=Basis.ESTIMATED,
-    )
-
-
-def _columns(depth: Value, wear: Value, feed: Value) -> dict[str, Any]:
-    return DepthAndWear(depth, wear, feed, depth_noise_um=math.nan).columns()
-
-
-def _sums(sums: CutTotals) -> dict[str, Any]:
-    return {
-        "passes": sums.number,
-        "machining_time_s": sums.time_s,
-        "pulses": sum(sums.counts),
-        "ratios": pulse_shares(*sums.counts),
-        "energy_j": sums.energy_j,
-    }
-
-
-def _lengths(
-    run: JobRun, surface: ChannelSurface, found: FloorReading, uneven_um: float, drift: Drift
-) -> tuple[Value, Value, Value]:
-    """Return mean depth, wear and feed.
-
-    The scatter of the floor from place to place counts too, as only some were touched. The pad is touched before and
-    after the floor, so a steady drift is no part of the depth.
-    """
-    sensor_u, z1, setup = run.uncertainty, surface.z1, run.setup
-    face_u_um = max(surface.plane.height_u_um(place.x_um, place.y_um) for place in found.places)
-    pads = (z1, found.pad_before, found.pad)
-    dof = TOUCH_PRIOR_DOF + sum(r.reading.touches - 1 for r in (*pads, *found.floor))
-    meeting_u_um = pad_u_um(setup)
-    z1_u_um, before_u_um, after_u_um = (
-        max(r.reading.sd_um, TOUCH_LEAST_SD_UM) / math.sqrt(r.reading.touches) for r in pads
-    )
-    depth_u_um = math.hypot(
-        found.sd_um / math.sqrt(len(found.floor)),
-        0.5 * uneven_um,
-        before_u_um / 2.0,
-        after_u_um / 2.0,
-        sensor_u.length_u_um(found.depth_um),
-        face_u_um,
-        surface.doubt_u_um,
-        meeting_u_um,
-        math.fsum(z2.doubt_u_um for z2 in found.floor) / len(found.floor),
-        0.5 * (found.pad_before.doubt_u_um + found.pad.doubt_u_um),
-    )
-    wear_um = found.pad.z_um - drift.um - z1.z_um
-    wear_u_um = math.hypot(
-        z1_u_um,
-        after_u_um,
-        sensor_u.length_u_um(wear_um),
-        drift.left_u_um,
-        meeting_u_um,
-        z1.doubt_u_um,
-        found.pad.doubt_u_um,
-    )
-    feed_um, feed_u_um = found.depth_um + wear_um, math.hypot(depth_u_um, wear_u_um)
-    return (
-        Value(found.depth_um, depth_u_um, dof),
-        Value(wear_um, wear_u_um, dof),
-        Value(feed_um, feed_u_um, dof),
-    )
-
-
+FACE_SD_UM = 0.5  # a floor that differs by more from place to place is no untouched surface
+LEAST_SUNK_SHARE = 0.25
+"""A layer that takes more passes than it may is measured: the workpiece may erode more slowly, or the tool wear less
+than expected, so that the tool is held too deep to get there. If the floor has not even sunk by this share of the
+layer, the tool has stopped advancing."""
 _UNKNOWN = (
     *("depth_model_um", "wear_model_um", "zero_drift_um"),
     *("feed_model_error_max_um", "feed_model_error_rms_um"),
@@ -226,92 +96,13 @@ def channel_row(run: JobRun, result: ChannelResult) -> SiteResult:
     )
 
 
-FACE_SD_UM = 0.5  # a floor that differs by more from place to place is no untouched surface
-
-
-class ChannelLeft:
-    """The channel that an earlier run left, by its journal.
-
-    `stops` is the number of its measurement cycles, `is_gap_learned` whether one has measured the gap of a held
-    tool.
-    """
-
-    def __init__(self, run: JobRun, state: JobState) -> None:
-        self._run, self._state, self._channel = run, state, state.channel
-        self.stops, self.is_gap_learned = int(state.channel["stops"]), bool(state.channel["gap_learned"])
-        self._step_um = state.channel["aim_um"] - state.channel["depth_um"]
-        # A held tool cuts no deeper than its layer in the end.
-        unseen_um = self._step_um
-        if state.machining_time_s >= PERIOD_S:
-            unseen_um = FASTER * PERIOD_S * (state.depth_um + state.wear_um) / state.machining_time_s
-        self._expected = ExpectedHole(estimate_left(state), unseen_um)
-
-    def surface(self) -> ChannelSurface:
-        """Return the surface and the pad as the earlier run has touched them."""
-        surface = SurfacePlane(self._run)
-        restore_surface(self._run, surface, self._state)
-        return ChannelSurface(z1_left_by(self._run, self._state), surface.plane, surface.doubt_u_um)
-
-    def restore(self, layers: Layers, way: Way) -> tuple[PassPlan, PassResult]:
-        """Set the layers by estimate; return the last pass as far as it is known, with a tool that was not held."""
-        state, left, tally = self._state, self._channel, self._run.tally
-        layers.sums = CutTotals(state.cuts, state.counts, state.energy_j, state.machining_time_s)
-        layers.layers, layers.gap_um = int(left["layers"]), left["gap_um"]
-        layers.depth_um, layers.aim_um = left["depth_um"], left["aim_um"]
-        layers.wear.per_uj, layers.wear.u_rel = left["wear_per_uj"], left["wear_u_rel"]
-        layers.wear.restart(state.wear_um)
-        tally.depth_um, tally.unmeasured_site = state.depth_um, self._run.profile.meta.name
-        held = HeldTool(layers.surface.z1.z_um, layers.surface.plane, layers.aim_um, layers.gap_um)
-        limits_um = np.array([held.z_um((float(x), float(y)), state.wear_um) for x, y in way.points])
-        plan = PassPlan(way, 0.0, held, uj_per_um=0.0, since_uj=0.0, rest_s=0.0)
-        return plan, PassResult(limits_um, np.zeros(len(way.points)))
-
-    def unknown(self) -> ExtraUncertainty:
-        """Return how far pad and floor may be from where they are expected: a mistake is found, not missed."""
-        expected = self._expected
-        drift_um = STANDARD_UNCERTAINTIES * pause_drift_u_um(self._run.job)
-        return ExtraUncertainty(
-            pad_u_um=(expected.reach_um(expected.estimate.wear) + drift_um + BEYOND_UM) / BEYOND_SIGMAS,
-            floor_u_um=(expected.depth_reach_um + BEYOND_UM) / BEYOND_SIGMAS,
-            step_u_um=share_u(0.5 * self._step_um),
-        )
-
-    def add_hint(self, fault: MachineFault) -> None:
-        """Add to the fault of a touch what a missing surface may mean."""
-        if fault.code == NO_CONTACT:
-            fault.hint += " Workpiece, place or tool may differ from those in the journal."
-
-    def refuse_other(self, surface: ChannelSurface, result: ChannelResult, uneven_um: float) -> None:
-        """Record what was found if it can be the channel; the floor may be uneven by `uneven_um` between its places.
-
-        Raises PreconditionError E8060, E8061 if it cannot.
-        """
-        run = self._run
-        even = DepthAndWear(
-            depth=Value(result.depth_um, result.depth_u_um),
-            wear=Value(result.wear_um, result.wear_u_um),
-            feed=Value(result.feed_um, result.feed_u_um),
-            depth_noise_um=result.depth_u_um,
-        )
-        found = replace(even, depth=even.depth.widened(uneven_um), feed=even.feed.widened(uneven_um))
-        untouched = is_untouched(even) and result.floor_sd_um < FACE_SD_UM
-        path = run.profile.path
-        assert path is not None
-        site = Place(result.name, path.x_um, path.y_um)
-        refuse_other(run, site, self._expected, found, untouched=untouched, begun=False)
-        if untouched:
-            # Hardly begun, or another workpiece, of whose surface only the floor is known.
-            doubt_u_um = math.hypot(share_u(found.depth_um), found.depth_noise_um)
-            surface.doubt_u_um = math.hypot(surface.doubt_u_um, doubt_u_um)
-            keeper = run.keeper
-            keeper.surface_doubt_u_um = math.hypot(keeper.surface_doubt_u_um, doubt_u_um)
-        report_resumed(run, self._expected.estimate, found.depth_um, found.wear_um)
-
-
-LEAST_SUNK_SHARE = 0.25
-"""A layer that takes more passes than it may is measured: the workpiece may erode more slowly, or the tool wear less
-than expected, so that the tool is held too deep to get there. If the floor has not even sunk by this share of the
-layer, the tool has stopped advancing."""
+def expected_of_left_channel(state: JobState) -> ExpectedHole:
+    """Return what to expect of the channel that an earlier run left."""
+    # A held tool cuts no deeper than its layer in the end.
+    unseen_um = state.channel["aim_um"] - state.channel["depth_um"]
+    if state.machining_time_s >= PERIOD_S:
+        unseen_um = FASTER * PERIOD_S * (state.depth_um + state.wear_um) / state.machining_time_s
+    return ExpectedHole(estimate_left(state), unseen_um)
 
 
 class ChannelProcedure:
@@ -326,8 +117,13 @@ class ChannelProcedure:
         run.tally.depth_um, run.tally.open_site = 0.0, run.profile.meta.name
         run.tally.depth_target_um = self._target.depth_um
         state = run.job.resumed
-        self._left = ChannelLeft(run, state) if state is not None and state.begun else None
-        self._surface = self._left.surface() if self._left else touch_untouched(run, self._way)
+        self._left = state if state is not None and state.begun else None
+        if self._left is None:
+            self._surface = touch_untouched(run, self._way)
+        else:
+            surface = SurfacePlane(run)
+            restore_surface(run, surface, self._left)
+            self._surface = ChannelSurface(z1_left_by(run, self._left), surface.plane, surface.doubt_u_um)
         self._layers = Layers(run, limits, self._way, self._surface, path.speed_um_s)
         self._layers.keep = self._keep_state
         self._result: ChannelResult | None = None
@@ -459,28 +255,90 @@ class ChannelProcedure:
         self._is_gap_learned |= done.held
         return self._keep_result(found, uneven_um)
 
-    def _resume(self, left: ChannelLeft) -> ChannelResult:
+    def _resume(self, state: JobState) -> ChannelResult:
         """Touch floor and pad as an earlier run left them; the journal's state remains until then.
 
         Raises PreconditionError E8060, E8061 if they are not as they were left.
         """
-        run, layers = self._run, self._layers
-        self._stops, self._is_gap_learned = left.stops, left.is_gap_learned
-        plan, done = left.restore(layers, self._way)
-        args = run, self._surface, plan, done, layers.wear, 0.0, PLACES_AT_THE_END, left.unknown()
+        run, layers, expected = self._run, self._layers, expected_of_left_channel(state)
+        plan, done = self._restore(state)
+        step_um = layers.aim_um - layers.depth_um
+        drift_um = STANDARD_UNCERTAINTIES * pause_drift_u_um(run.job)
+        # A mistake is to be found, not missed.
+        unknown = ExtraUncertainty(
+            pad_u_um=(expected.reach_um(expected.estimate.wear) + drift_um + BEYOND_UM) / BEYOND_SIGMAS,
+            floor_u_um=(expected.depth_reach_um + BEYOND_UM) / BEYOND_SIGMAS,
+            step_u_um=share_u(0.5 * step_um),
+        )
         try:
-            found = measure_floor(*args)
+            found = measure_floor(
+                run, self._surface, plan, done, layers.wear, 0.0, PLACES_AT_THE_END, unknown
+            )
         except MachineFault as fault:
-            left.add_hint(fault)
+            if fault.code == NO_CONTACT:
+                fault.hint += " Workpiece, place or tool may differ from those in the journal."
             raise
-        uneven_um = layers.aim_um - layers.depth_um
-        left.refuse_other(self._surface, self._result_of(found, 0.0), uneven_um)
+        self._refuse_other(expected, found, step_um)
         layers.resume(found)
-        return self._keep_result(found, uneven_um)
+        return self._keep_result(found, step_um)
+
+    def _restore(self, state: JobState) -> tuple[PassPlan, PassResult]:
+        """Set the layers by estimate; return the last pass as far as it is known, with a tool that was not held."""
+        layers, left, tally = self._layers, state.channel, self._run.tally
+        self._stops, self._is_gap_learned = int(left["stops"]), bool(left["gap_learned"])
+        layers.sums = CutTotals(state.cuts, state.counts, state.energy_j, state.machining_time_s)
+        layers.layers, layers.gap_um = int(left["layers"]), left["gap_um"]
+        layers.depth_um, layers.aim_um = left["depth_um"], left["aim_um"]
+        layers.wear.per_uj, layers.wear.u_rel = left["wear_per_uj"], left["wear_u_rel"]
+        layers.wear.restart(state.wear_um)
+        tally.depth_um, tally.unmeasured_site = state.depth_um, self._run.profile.meta.name
+        held = HeldTool(self._surface.z1.z_um, self._surface.plane, layers.aim_um, layers.gap_um)
+        limits_um = np.array([held.z_um((float(x), float(y)), state.wear_um) for x, y in self._way.points])
+        plan = PassPlan(self._way, 0.0, held, uj_per_um=0.0, since_uj=0.0, rest_s=0.0)
+        return plan, PassResult(limits_um, np.zeros(len(self._way.points)))
+
+    def _refuse_other(self, expected: ExpectedHole, found: FloorReading, step_um: float) -> None:
+        """Record what was found if it can be the channel, whose floor has a step of `step_um` between its places."""
+        run, surface = self._run, self._surface
+        even = found.lengths(run, surface)
+        widened = replace(even, depth=even.depth.widened(step_um), feed=even.feed.widened(step_um))
+        untouched = is_untouched(even) and found.sd_um < FACE_SD_UM
+        site = Place(run.profile.meta.name, self._path.x_um, self._path.y_um)
+        refuse_other(run, site, expected, widened, untouched=untouched, begun=False)
+        if untouched:
+            # Hardly begun, or another workpiece, of whose surface only the floor is known.
+            doubt_u_um = math.hypot(share_u(found.depth_um), even.depth.u)
+            surface.doubt_u_um = math.hypot(surface.doubt_u_um, doubt_u_um)
+            keeper = run.keeper
+            keeper.surface_doubt_u_um = math.hypot(keeper.surface_doubt_u_um, doubt_u_um)
+        report_resumed(run, expected.estimate, found.depth_um, even.wear_um)
 
     def _result_of(self, found: FloorReading, uneven_um: float) -> ChannelResult:
-        return channel_result(
-            self._run, self._way.length_um, self._surface, found, self._layers, self._stops + 1, uneven_um
+        """Return the result of a measurement cycle and all passes before it.
+
+        After a pass that ended early the floor may be deeper by `uneven_um` where the tool was, which is at none of
+        the touched places: the mean of the floor may be off by that.
+        """
+        job, layers = self._run.job, self._layers
+        measured = found.lengths(self._run, self._surface, uneven_um)
+        return ChannelResult(
+            name=job.profile.meta.name,
+            length_um=self._way.length_um,
+            width_um=channel_width_um(job.profile.tool.diameter_um, job.profile.work.side_gap_um),
+            layers=layers.layers,
+            **measured.columns(),
+            **_sums(layers.sums),
+            floor_sd_um=found.sd_um,
+            z1_um=self._surface.z1.z_um,
+            z3_um=found.pad.z_um - measured.drift_um,
+            working_gap_um=layers.gap_um,
+            measuring_stops=self._stops + 1,
+            floor=found.places,
+            depth_basis=job.touch_basis,
+            wear_basis=job.touch_basis,
+            drift_correction_um=measured.drift_um,
+            drift_left_u_um=measured.drift_left_u_um,
+            drift_by_rests=measured.drift_by_rests,
         )
 
     def _keep_result(self, found: FloorReading, uneven_um: float) -> ChannelResult:
@@ -552,12 +410,49 @@ class ChannelProcedure:
         return with_cuts(state, cut, layers.sums, cuts, estimate)
 
     def leave(self) -> None:
-        """Report by estimate what was cut since the last stop, if the channel ends before the next one."""
-        tally, layers = self._run.tally, self._layers
-        if self._result is not None and tally.unmeasured_site:
-            # A short may have pulled the tool back; the floor stays where it is.
-            tally.depth_um = max(tally.depth_um, layers.depth_um, self._result.depth_um)
-            self.keep(channel_left(self._result, layers, tally.depth_um))
+        """Report by estimate what was cut since the last stop, if the channel ends before the next one.
+
+        It may be as deep as the layer under way in places. The wear is by the energy of whole passes, and per depth
+        at least as much as before. What was not touched may be wrong by all of it, and by as much per depth as the
+        measurement; a tool does not lose more than it cuts. A pass that was broken off is in no sum.
+        """
+        tally, layers, measured = self._run.tally, self._layers, self._result
+        if measured is None or not tally.unmeasured_site:
+            return
+        # A short may have pulled the tool back; the floor stays where it is.
+        tally.depth_um = depth_um = max(tally.depth_um, layers.depth_um, measured.depth_um)
+        cut_um = max(depth_um, layers.aim_um) - measured.depth_um
+        per_um = 1.0 / measured.depth_um if measured.depth_um > 0.0 else 0.0
+        more_um = layers.wear.um(layers.since_uj) - measured.wear_um
+        worn_um = max(more_um, measured.wear_um * per_um * cut_um, 0.0)
+        missed_um = cut_um * min(measured.wear_u_um * per_um, 1.0) if per_um else cut_um
+        depth_u_um = math.hypot(measured.depth_u_um, cut_um)
+        wear_u_um = math.hypot(measured.wear_u_um + missed_um, worn_um)
+        feed_u_um = math.hypot(measured.depth_u_um, cut_um, wear_u_um)
+        estimate = lengths(depth_um, depth_u_um, measured.wear_um + worn_um, wear_u_um, feed_u_um)
+        self.keep(
+            replace(
+                measured,
+                layers=layers.layers,
+                **estimate.columns(),
+                **_sums(layers.sums),
+                floor_sd_um=math.nan,
+                z3_um=math.nan,
+                floor=(),
+                depth_basis=Basis.ESTIMATED,
+                wear_basis=Basis.ESTIMATED,
+            )
+        )
+
+
+def _sums(sums: CutTotals) -> dict[str, Any]:
+    return {
+        "passes": sums.number,
+        "machining_time_s": sums.time_s,
+        "pulses": sum(sums.counts),
+        "ratios": pulse_shares(*sums.counts),
+        "energy_j": sums.energy_j,
+    }
 
 
 def machine_path(run: JobRun) -> Decision | None:

@@ -14,17 +14,26 @@ from edmctl.procedures.run import JobRun
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import ExpectedBottom, read_expected
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
-from edmctl.procedures.touch.spots import OFFSET_U_UM, ToolLength, read_pad, refuse_grown_tool
+from edmctl.procedures.touch.spots import (
+    OFFSET_U_UM,
+    ToolLength,
+    drift_between,
+    pad_u_um,
+    read_pad,
+    refuse_grown_tool,
+)
 from edmctl.procedures.touch.surface_plane import SurfacePlane
 from edmctl.process.channel import ToolWear, Way, even_places
 from edmctl.process.plane import Plane
-from edmctl.process.touches import against_sparks, is_short
+from edmctl.process.touches import TOUCH_PRIOR_DOF, DepthAndWear, Drift, against_sparks, is_short
 from edmctl.profile.places import Place
+from edmctl.quantity import Value
 from edmctl.record.rows import RejectedTouch, RunEvent
 from edmctl.results.job import FloorPlace
 
 FACE_CANDIDATES = 24  # places of the path from which those for the plane are chosen
 FLOOR_U_UM = 1.0  # standard uncertainty of the floor before it is touched: gap and unevenness [assumed]
+TOUCH_LEAST_SD_UM = 0.1  # least standard deviation of touches: better agreement is by chance
 PAD_U_SHARE = 0.15  # standard uncertainty of the pad, as a share of the wear since its last touch
 UNEVEN_U_UM = 0.5  # standard uncertainty of the height of an evened floor from place to place [assumed]
 
@@ -77,6 +86,53 @@ class FloorReading:
         """Standard deviation of the depths; 0 of a single one."""
         return (
             float(np.std([place.depth_um for place in self.places], ddof=1)) if len(self.places) > 1 else 0.0
+        )
+
+    def lengths(self, run: JobRun, surface: ChannelSurface, uneven_um: float = 0.0) -> DepthAndWear:
+        """Return mean depth, wear and feed, of a floor that may be deeper by `uneven_um` between its places.
+
+        The scatter of the floor from place to place counts too, as only some were touched. The pad is touched before
+        and after the floor, so a steady drift is no part of the depth.
+        """
+        sensor_u, z1, places = run.uncertainty, surface.z1, len(self.floor)
+        by_rests = drift_between(run, z1, self.pad)
+        drift = by_rests or Drift(0.0, sensor_u.drifted_u_um(self.pad.time_s - z1.time_s))
+        pads = (z1, self.pad_before, self.pad)
+        dof = TOUCH_PRIOR_DOF + sum(r.reading.touches - 1 for r in (*pads, *self.floor))
+        meeting_u_um = pad_u_um(run.setup)
+        z1_u_um, before_u_um, after_u_um = (
+            max(r.reading.sd_um, TOUCH_LEAST_SD_UM) / math.sqrt(r.reading.touches) for r in pads
+        )
+        depth_u_um = math.hypot(
+            self.sd_um / math.sqrt(places),
+            0.5 * uneven_um,
+            before_u_um / 2.0,
+            after_u_um / 2.0,
+            sensor_u.length_u_um(self.depth_um),
+            max(surface.plane.height_u_um(place.x_um, place.y_um) for place in self.places),
+            surface.doubt_u_um,
+            meeting_u_um,
+            math.fsum(z2.doubt_u_um for z2 in self.floor) / places,
+            0.5 * (self.pad_before.doubt_u_um + self.pad.doubt_u_um),
+        )
+        wear_um = self.pad.z_um - drift.um - z1.z_um
+        wear_u_um = math.hypot(
+            z1_u_um,
+            after_u_um,
+            sensor_u.length_u_um(wear_um),
+            drift.left_u_um,
+            meeting_u_um,
+            z1.doubt_u_um,
+            self.pad.doubt_u_um,
+        )
+        return DepthAndWear(
+            depth=Value(self.depth_um, depth_u_um, dof),
+            wear=Value(wear_um, wear_u_um, dof),
+            feed=Value(self.depth_um + wear_um, math.hypot(depth_u_um, wear_u_um), dof),
+            depth_noise_um=depth_u_um,
+            drift_um=drift.um,
+            drift_left_u_um=drift.left_u_um,
+            drift_by_rests=by_rests is not None,
         )
 
 
