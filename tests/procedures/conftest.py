@@ -13,7 +13,9 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
@@ -35,6 +37,7 @@ from edmctl.procedures.job import (
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import JobRun, JobStateKeeper
+from edmctl.procedures.session import condition
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.record.rows import (
@@ -95,6 +98,10 @@ class Seen(NullRecorder):
     def messages(self, code: int) -> list[str]:
         """The messages of the events with a code."""
         return [event[3] for event in self.events if event[1] == code]
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """One column of the recorded samples."""
+        return np.concatenate([getattr(block, name) for block in self.servo])
 
     @property
     def doubts(self) -> list[str]:
@@ -255,13 +262,15 @@ class Shop:
         return JobRun(self.machine, self.job, watch, self.seen, self.told, self.tally, journal)
 
 
-def armed(shop: Shop) -> JobRun:
-    """Configure and arm the shop's machine for single procedures."""
+def armed(shop: Shop, *, conditioned: bool = False) -> JobRun:
+    """Configure and arm the shop's machine for single procedures, and condition it if asked to."""
     run = shop.run()
     settings = controller_settings(shop.profile, shop.job.setup)
     shop.machine.configure(settings, pulse_settings(shop.profile))
     shop.machine.start_telemetry(telemetry_settings(shop.profile, shop.job.setup), run.watch)
     shop.machine.arm()
+    if conditioned:
+        condition(run)
     return run
 
 

@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from edmctl.actuator.model import Estimator
 from edmctl.machine.interface import EventCode, MachineState
 from edmctl.procedures.hole.cut import CLEARANCE_UM, jump_request
+from edmctl.procedures.job import CalibratedActuator
 from edmctl.procedures.machining import machine_sites
-from edmctl.procedures.session import condition
 from edmctl.procedures.touch.approach import lower_to, raise_by
 from edmctl.profile.places import Place
 from edmctl.record.rows import RunEvent
+from tests.tiers import tiers
 
 from .conftest import Done, Shop, armed, calibrated, refused
 
@@ -27,38 +27,37 @@ def run() -> Done:
     return Done(shop, shop.run_job())
 
 
-def test_a_calibration_of_something_else_is_refused_before_the_work() -> None:
+def scaled(factor: float, zero_um: float = 0.0) -> CalibratedActuator:
+    """The calibration of an actuator with another gain and zero."""
     own = calibrated()
     model = replace(
         own.model,
-        slopes_um_per_v=4.0 * own.model.slopes_um_per_v,
-        creep_um_per_v=4.0 * own.model.creep_um_per_v,
+        slopes_um_per_v=factor * own.model.slopes_um_per_v,
+        creep_um_per_v=factor * own.model.creep_um_per_v,
+        zero_um=own.model.zero_um + zero_um,
     )
-    shop = Shop(calibration=replace(own, model=model))
-    run = armed(shop)
+    return replace(own, model=model)
+
+
+def test_a_calibration_of_something_else_is_refused_before_the_work() -> None:
     with refused("E8038", "is not this actuator's"):
-        condition(run)
+        armed(Shop(calibration=scaled(4.0)), conditioned=True)
 
 
-def column(shop: Shop, name: str) -> NDArray[np.float64]:
-    return np.concatenate([getattr(block, name) for block in shop.seen.servo])
-
-
-def test_the_model_alone_measures_the_hole_as_the_sensor_does(run: Done) -> None:
-    (site,) = run.result.sites
+def test_the_model_alone_measures_the_hole_with_the_error_of_the_recorded_samples(run: Done) -> None:
+    (site,), seen = run.result.sites, run.shop.seen
     assert site.depth_model_um == pytest.approx(site.depth_um, abs=site.depth_u95_um)
     assert site.depth_model_um != site.depth_um
-
-
-def test_the_feed_error_of_the_result_is_that_of_the_recorded_samples(run: Done) -> None:
-    (site,) = run.result.sites
-    error_um = column(run.shop, "model_um") - column(run.shop, "displacement_um")
-    machining = column(run.shop, "state") == MachineState.MACHINING
+    error_um = seen.column("model_um") - seen.column("displacement_um")
+    machining = seen.column("state") == MachineState.MACHINING
     with_noise_um = np.hypot(site.feed_model_error_rms_um, 0.15)  # of single samples
     assert with_noise_um == pytest.approx(np.sqrt(np.mean(error_um[machining] ** 2)), rel=0.02)
     assert site.feed_model_error_rms_um < site.feed_model_error_max_um < 1.5
     assert site.feed_model_error_max_pct == pytest.approx(100 * site.feed_model_error_max_um / site.feed_um)
-    assert run.shop.seen.sites[-1].feed_model_error_max_um == site.feed_model_error_max_um
+    assert seen.sites[-1].feed_model_error_max_um == site.feed_model_error_max_um
+    assert seen.sites[-1].zero_drift_um == site.zero_drift_um
+    assert 0.0 < abs(site.zero_drift_um) < 3.0
+    assert site.wear_model_um == pytest.approx(site.wear_um, abs=0.8)
 
 
 def test_the_gain_is_that_of_the_swings_and_the_zero_moves_at_rests_only(run: Done) -> None:
@@ -66,12 +65,12 @@ def test_the_gain_is_that_of_the_swings_and_the_zero_moves_at_rests_only(run: Do
     (homed,) = run.shop.seen.args(RunEvent.CONDITIONED)
     rests = [code for code in run.shop.seen.codes if code == RunEvent.STAGE_MOVED]
     calibration = calibrated()
-    times_s, volts = column(run.shop, "time_s"), column(run.shop, "actuator_v")
+    times_s, volts = run.shop.seen.column("time_s"), run.shop.seen.column("actuator_v")
     again = Estimator(calibration.model)
     again.state.t_s = float(times_s[0])
     again.correct(float(homed["gain"]), float(homed["offset_um"]))
     alone_um = again.advance(times_s, volts)
-    estimated_um = column(run.shop, "model_um")
+    estimated_um = run.shop.seen.column("model_um")
     seen = np.isfinite(estimated_um)
     assert seen.mean() > 0.9
     zeros_um = np.round((estimated_um - alone_um)[seen], 6)
@@ -79,23 +78,9 @@ def test_the_gain_is_that_of_the_swings_and_the_zero_moves_at_rests_only(run: Do
     assert np.abs(volts[seen][1:][np.diff(zeros_um) != 0.0]).max() < 0.01
 
 
-def test_the_drift_of_the_zero_is_told(run: Done) -> None:
-    (site,) = run.result.sites
-    assert run.shop.seen.sites[-1].zero_drift_um == site.zero_drift_um
-    assert 0.0 < abs(site.zero_drift_um) < 3.0
-    assert site.wear_model_um == pytest.approx(site.wear_um, abs=0.8)
-
-
 def test_a_moved_gain_and_zero_of_the_day_are_found_at_home() -> None:
     """The calibration is of another day: 3 % more gain, another zero."""
-    truth = calibrated()
-    other = replace(
-        truth.model,
-        slopes_um_per_v=1.03 * truth.model.slopes_um_per_v,
-        creep_um_per_v=1.03 * truth.model.creep_um_per_v,
-        zero_um=truth.model.zero_um + 40.0,
-    )
-    s = Shop(calibration=replace(truth, model=other))
+    s = Shop(calibration=scaled(1.03, 40.0))
     (site,) = s.run_job().sites
     (homed,) = s.seen.args(RunEvent.CONDITIONED)
     assert float(homed["gain"]) == pytest.approx(1 / 1.03, abs=2e-3)
@@ -105,8 +90,7 @@ def test_a_moved_gain_and_zero_of_the_day_are_found_at_home() -> None:
 
 def test_touches_correct_the_gain_only_between_holes() -> None:
     s = Shop(('target={kind="feed",feed_um=6.0}',), calibration=calibrated())
-    run = armed(s)
-    condition(run)
+    run = armed(s, conditioned=True)
     tracker = run.watch.tracker()
     assert tracker is not None
 
@@ -120,11 +104,10 @@ def test_touches_correct_the_gain_only_between_holes() -> None:
     assert tracker.estimator.gain != homed
 
 
-@pytest.mark.parametrize("target_um", [200.0, 300.0])
+@pytest.mark.parametrize("target_um", tiers(300.0, slow=(200.0,)))
 def test_lowering_by_the_model_takes_two_steps_and_stays_short(target_um: float) -> None:
     s = Shop(calibration=calibrated())
-    run = armed(s)
-    condition(run)
+    run = armed(s, conditioned=True)
     before = len(s.seen.events)
     lower_to(run, target_um)
     ramps = [code for _, code, _, _, _ in s.seen.events[before:] if code == EventCode.MOVE_DONE]
@@ -138,8 +121,8 @@ def test_lowering_by_the_model_takes_two_steps_and_stays_short(target_um: float)
 def test_a_jump_is_as_high_as_the_profile_says() -> None:
     s = Shop(('jump.mode="fixed"', "jump.period_s=3.0", "jump.height_um=40.0"), calibration=calibrated())
     s.run_job()
-    volts, heights_um = column(s, "actuator_v"), column(s, "displacement_um")
-    jumping = np.flatnonzero(column(s, "state") == MachineState.JUMP)
+    volts, heights_um = s.seen.column("actuator_v"), s.seen.column("displacement_um")
+    jumping = np.flatnonzero(s.seen.column("state") == MachineState.JUMP)
     found = []
     for jump in np.split(jumping, np.flatnonzero(np.diff(jumping) > 1) + 1):
         top = jump[volts[jump] <= volts[jump].min() + 0.003]

@@ -168,18 +168,6 @@ def test_a_well_known_tool_is_measured_less_often(make: Callable[..., Made]) -> 
     assert seldom.found.measuring_stops < often.found.measuring_stops
 
 
-def test_the_result_adds_up(make: Callable[..., Made]) -> None:
-    found = make(current_a=0.03).found
-    assert found.feed_um == pytest.approx(found.depth_um + found.wear_um)
-    assert found.wear_um == pytest.approx(found.z3_um - found.z1_um)
-    assert found.length_um == pytest.approx(2.0 * np.pi * 300.0, rel=1e-3)
-    assert found.width_um == 166.0
-    assert found.depth_u95_um > 0.1
-    assert found.passes >= found.layers
-    assert found.ratios.open > 0.9
-    assert found.energy_j == pytest.approx(22.0 * 0.03 * found.machining_time_s, rel=0.02)
-
-
 def test_a_rest_after_the_last_layer_is_cut_once_more(make: Callable[..., Made]) -> None:
     done = make("target.depth_um=4.0", 'jump.mode="off"', "measure.expected_gap_um=5.5", current_a=0.0)
     assert done.kept[0].depth_um < 3.0

@@ -41,7 +41,7 @@ from tests.tiers import tiers
 
 FAST_UM_S = 0.005
 """Three times what the setup states of its sensor: the worst of some hundred machines."""
-EITHER_WAY = pytest.mark.parametrize("rate_um_s", [FAST_UM_S, -FAST_UM_S])
+EITHER_WAY = pytest.mark.parametrize("rate_um_s", tiers(-FAST_UM_S, slow=(FAST_UM_S,)))
 
 
 def drifting(rate_um_s: float, hours: float = 0.0, overrides: tuple[str, ...] = ()) -> Shop:

@@ -227,7 +227,7 @@ def test_a_latched_fault_brings_the_black_box_into_the_run_file() -> None:
     burning_a = seen.gap.current_a[(seen.gap.time_s < fault_s) & (seen.gap.current_a > 0.1)]
     assert np.median(burning_a) == pytest.approx(0.5, rel=0.1)
     assert seen.gap.current_a[seen.gap.time_s > fault_s + 1e-5].max() < 0.01
-    retreat = np.concatenate([block.time_s for block in seen.servo])
+    retreat = seen.column("time_s")
     assert retreat[-1] > fault_s
     assert RunEvent.LINK in seen.codes
 

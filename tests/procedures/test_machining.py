@@ -68,10 +68,7 @@ def test_the_stages_only_move_with_the_tool_up(done: Done) -> None:
 
 
 def test_every_sample_reaches_the_recorder_once_and_in_order(done: Done) -> None:
-    times, states, direction = (
-        np.concatenate([getattr(block, name) for block in done.shop.seen.servo])
-        for name in ("time_s", "state", "direction")
-    )
+    times, states, direction = map(done.shop.seen.column, ("time_s", "state", "direction"))
     assert np.diff(times) == pytest.approx(0.01, abs=1e-6)
     machining = states == MachineState.MACHINING
     assert set(np.unique(direction[machining])) == {-1, 1}

@@ -215,7 +215,7 @@ def kept() -> tuple[Shop, Reference, Bottom, float]:
 
 
 @pytest.mark.parametrize("size_um", tiers(8.0, slow=(3.0, 15.0)))
-@pytest.mark.parametrize("name", ["CHIP", "LOOSE_CHIP"])
+@pytest.mark.parametrize("name", tiers("CHIP", slow=("LOOSE_CHIP",)))
 def test_a_chip_on_the_bottom_is_told_and_covered(
     kept: tuple[Shop, Reference, Bottom, float], name: str, size_um: float
 ) -> None:

@@ -92,7 +92,7 @@ def test_regimes_and_an_adaptive_reference_go_together() -> None:
     assert is_right(edmctl.connect("sim:", seed=8).machine("cu270", overrides=overrides))
 
 
-@pytest.mark.parametrize("remeasure", ["sparing", 2])
+@pytest.mark.parametrize("remeasure", tiers("sparing", slow=(2,)))
 def test_the_next_regime_follows_however_little_is_measured(remeasure: object) -> None:
     overrides = {**JOB, "target.depth_um": 14, "wear.remeasure": remeasure}
     report = edmctl.connect("sim:", seed=3).machine("cu270", overrides=overrides, warn=lambda _: None)

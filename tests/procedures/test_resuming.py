@@ -9,6 +9,7 @@ import pytest
 
 from edmctl.simulator.injection import parse_injection
 from tests.cli.left_jobs import swap_work
+from tests.tiers import tiers
 
 from .conftest import Shop
 
@@ -16,7 +17,7 @@ BOTTOM_TOUCH = 3
 """Which touch-off of a run reads the bottom first: after two spots of the pad."""
 
 
-@pytest.mark.parametrize("size_um", [10.0, 14.0])
+@pytest.mark.parametrize("size_um", tiers(14.0, slow=(10.0,)))
 def test_a_loose_chip_under_the_tool_is_washed_away_before_the_work_is_refused(size_um: float) -> None:
     first = Shop(("target.depth_um=25.0",), seed=3101)
     after = first.taken_up(first.left(lambda p: p.depth_um > 20.0))

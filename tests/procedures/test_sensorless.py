@@ -53,8 +53,8 @@ def test_the_uncertainty_is_wider_by_what_the_model_does_not_know(blind: Done, d
 
 def test_every_displacement_is_the_estimate_and_none_is_recorded_as_a_sensor_s(blind: Done) -> None:
     seen, (site,) = blind.shop.seen, blind.result.sites
-    assert np.isnan(np.concatenate([block.displacement_um for block in seen.servo])).all()
-    estimates_um = np.concatenate([block.model_um for block in seen.servo])
+    assert np.isnan(seen.column("displacement_um")).all()
+    estimates_um = seen.column("model_um")
     assert estimates_um.min() == pytest.approx(0.0, abs=1.0)
     assert estimates_um.max() > 300.0  # the conditioning swings
     assert all(math.isnan(touch.displacement_um) for touch in seen.touches)
@@ -69,8 +69,8 @@ def test_the_host_ends_a_cut_where_the_estimate_reaches_its_limit(blind: Done) -
     planned = seen.args(RunEvent.CUT_PLANNED)
     ended_s = [time_s for time_s, code, _, _, _ in seen.events if code == EventCode.STOPPED]
     assert len(planned) == len(ended_s) == blind.result.sites[0].cuts
-    times_s = np.concatenate([block.time_s for block in seen.servo])
-    estimates_um = np.concatenate([block.model_um for block in seen.servo])
+    times_s = seen.column("time_s")
+    estimates_um = seen.column("model_um")
     for cut, end_s in zip(planned, ended_s, strict=True):
         last_um = estimates_um[(times_s > end_s - 0.2) & (times_s <= end_s)].mean()
         assert last_um == pytest.approx(float(cut["z_limit_um"]), abs=0.5)
@@ -92,7 +92,7 @@ def test_without_a_calibration_nothing_moves() -> None:
     assert s.seen.events == []
 
 
-@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("known", tiers(True, slow=(False,)))
 def test_a_sensor_that_should_be_there_and_is_not_is_refused(*, known: bool) -> None:
     s = Shop(calibration=calibrated() if known else None)
     s.bench.plant.unit.sensor_gain = 0.0

@@ -13,7 +13,6 @@ from edmctl.errors import Interrupted
 from edmctl.procedures.job import PERIOD_S, JobState, JobTally
 from edmctl.procedures.run import JobStateKeeper
 from edmctl.procedures.servo.limits import rise_um, stroke_left_um
-from edmctl.procedures.session import condition
 from edmctl.procedures.stages import retract
 from edmctl.record.rows import RunEvent
 from edmctl.results.job import ObjectiveMissed
@@ -129,8 +128,7 @@ def test_a_job_that_ends_early_names_the_holes_that_it_did_not_come_to() -> None
 def test_a_slow_rise_goes_further_than_a_step_by_its_creep(time_s: float) -> None:
     """The plant rises as slowly as a hole is fed; the estimate made before that is its end."""
     s = Shop()
-    run = armed(s)
-    condition(run)
+    run = armed(s, conditioned=True)
     retract(run)
     estimator = run.watch.estimator()
     assert estimator is not None

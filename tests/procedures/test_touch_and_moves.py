@@ -10,43 +10,40 @@ import pytest
 
 from edmctl.errors import ObjectiveNotReached, PreconditionError
 from edmctl.machine.interface import EventCode, TelemetryBlock, TelemetryFlag
-from edmctl.procedures.run import JobRun
-from edmctl.procedures.session import condition
 from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, find_gap, lower_to, raise_by
 from edmctl.procedures.touch.reading import take_reading
 from edmctl.record.rows import RunEvent
 from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.plant_interface import TICK_S
+from tests.tiers import tiers
 
 from .conftest import Shop, armed, refused
 
 
-def test_a_reading_is_the_mean_of_its_touches_beside_the_model() -> None:
+@pytest.mark.parametrize("conditioned", [False, True])
+def test_a_reading_is_the_mean_of_its_touches_beside_the_model_if_there_is_one(*, conditioned: bool) -> None:
     s = Shop(("measure.touches=3",))
-    run = armed(s)
-    condition(run)
+    run = armed(s, conditioned=conditioned)
     move_to(run, run.job.pad)
     found = take_reading(run, "Z1", "hole", 50.0, 10.0)
     touched = s.seen.args(EventCode.TOUCH)
     assert found.z_um == pytest.approx(np.mean([args["displacement_um"] for args in touched]))
     assert found.reading.touches == 3
-    assert found.model_um == pytest.approx(found.z_um, abs=4.0)
     assert s.seen.touches[-1].accepted
-    assert f"(model {found.model_um:.1f} µm)" in s.told.notes[-1]
+    model = f" (model {found.model_um:.1f} µm)" if conditioned else ""
+    assert found.model_um == pytest.approx(found.z_um if conditioned else math.nan, abs=4.0, nan_ok=True)
+    assert s.told.notes[-1].startswith(f"Z1 = {found.z_um:.2f} µm{model}, ")
 
 
-def test_a_touch_before_there_is_a_model_tells_none() -> None:
-    s = Shop()
-    run = armed(s)
+@pytest.mark.parametrize("held_s", tiers(0.5, slow=(0.2, 2.0)))
+def test_a_touch_is_judged_by_its_dwell_however_late_it_is_heard_of(
+    monkeypatch: pytest.MonkeyPatch, held_s: float
+) -> None:
+    """Samples of the way back, or of the next touch, are in by then."""
+    s = Shop(("measure.touches=2",), seed=1101)
+    run = armed(s, conditioned=True)
     move_to(run, run.job.pad)
-    found = take_reading(run, "Z1", "hole", 50.0, 10.0)
-    assert math.isnan(found.model_um)
-    assert s.told.notes[-1].startswith(f"Z1 = {found.z_um:.2f} µm, ")
-
-
-def held_up(s: Shop, monkeypatch: pytest.MonkeyPatch, held_s: float) -> None:
-    """Let the host be busy elsewhere for so long at every event: what comes meanwhile is read with it."""
     pump_until = s.session.pump_until
 
     def late(predicate: Callable[[], bool], timeout_s: float, *, wakes: bool = False) -> bool:
@@ -56,18 +53,6 @@ def held_up(s: Shop, monkeypatch: pytest.MonkeyPatch, held_s: float) -> None:
         return came
 
     monkeypatch.setattr(s.session, "pump_until", late)
-
-
-@pytest.mark.parametrize("held_s", [0.2, 0.5, 2.0])
-def test_a_touch_is_judged_by_its_dwell_however_late_it_is_heard_of(
-    monkeypatch: pytest.MonkeyPatch, held_s: float
-) -> None:
-    """Samples of the way back, or of the next touch, are in by then."""
-    s = Shop(("measure.touches=2",), seed=1101)
-    run = armed(s)
-    condition(run)
-    move_to(run, run.job.pad)
-    held_up(s, monkeypatch, held_s)
     take_reading(run, "Z1", "hole", 50.0, 10.0)
     assert [row.accepted for row in s.seen.touches] == [True]
 
@@ -77,8 +62,7 @@ def test_where_the_tool_is_now_is_not_where_it_was_while_the_host_was_held_up(
 ) -> None:
     """A block of seconds, with the end of a ramp in it, tells the present place by its own end."""
     s = Shop(seed=1102)
-    run = armed(s)
-    condition(run)
+    run = armed(s, conditioned=True)
     s.machine.ramp(60.0, 200.0)
     move_to(run, run.job.parking)
     at_home_um = run.watch.zero_um()
@@ -131,8 +115,8 @@ def test_a_move_retracts_first_and_arrives_from_below() -> None:
     move_to(run, run.job.parking)
     stages = [time_s for time_s, code, _, _, _ in s.seen.events if code == EventCode.STAGE_DONE]
     assert len(stages) == 3  # one to the pad; two back, because that is against the direction
-    volts = np.concatenate([block.actuator_v for block in s.seen.servo])
-    times = np.concatenate([block.time_s for block in s.seen.servo])
+    volts = s.seen.column("actuator_v")
+    times = s.seen.column("time_s")
     assert volts[times > stages[0] - 0.05].max() == 0.0
     assert s.machine.status().x_um == pytest.approx(-5000.0, abs=3.0)
 
@@ -141,7 +125,7 @@ def test_lowering_stops_short_of_its_goal_and_never_beyond() -> None:
     s = Shop()
     run = armed(s)
     lower_to(run, 200.0)
-    heights_um = np.concatenate([block.displacement_um for block in s.seen.servo])
+    heights_um = s.seen.column("displacement_um")
     assert heights_um.max() < 201.0
     assert run.watch.displacement_um == pytest.approx(200.0, abs=ABOVE_BOTTOM_UM / 3)
     raise_by(run, 60.0)
@@ -151,14 +135,13 @@ def test_lowering_stops_short_of_its_goal_and_never_beyond() -> None:
 
 def test_conditioning_identifies_the_model_and_starts_it_where_the_actuator_is() -> None:
     s = Shop()
-    run = armed(s)
-    condition(run)
+    armed(s, conditioned=True)
     (said,) = s.seen.args(RunEvent.CONDITIONED)
     assert 0.0 < float(said["rms_um"]) < 3.0
     s.machine.ramp(60.0, 60.0)
     s.machine.rest(0.5)
-    model_um = np.concatenate([block.model_um for block in s.seen.servo])
-    sensor_um = np.concatenate([block.displacement_um for block in s.seen.servo])
+    model_um = s.seen.column("model_um")
+    sensor_um = s.seen.column("displacement_um")
     assert np.isnan(model_um[:100]).all()
     assert np.abs(model_um - sensor_um)[-30:].max() < 5.0
     assert sensor_um.max() > 300.0  # the whole stroke, beside the work
@@ -172,10 +155,12 @@ def test_an_approach_slower_than_erosion_ends_at_the_first_sparks() -> None:
     assert s.bench.truth()[0].depth_um < 2.0
 
 
-def deaf_after_ramps(s: Shop, run: JobRun, monkeypatch: pytest.MonkeyPatch, deaf_s: float) -> None:
-    """Let all samples get lost for a while from the beginning of each ramp."""
-    hear, ramp = run.watch.telemetry, s.machine.ramp
-    until_s = 0.0
+def test_a_tool_is_not_lowered_by_samples_from_before_the_last_ramp(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All samples get lost for a while from the beginning of each ramp."""
+    s = Shop()
+    run = armed(s, conditioned=True)
+    move_to(run, run.job.pad)
+    hear, ramp, until_s = run.watch.telemetry, s.machine.ramp, 0.0
 
     def telemetry(block: TelemetryBlock) -> None:
         if block.time_s[0] > until_s:
@@ -183,19 +168,11 @@ def deaf_after_ramps(s: Shop, run: JobRun, monkeypatch: pytest.MonkeyPatch, deaf
 
     def deafening(actuator_v: float, slew_v_s: float) -> None:
         nonlocal until_s
-        until_s = s.machine.time_s + deaf_s
+        until_s = s.machine.time_s + 2.0
         ramp(actuator_v, slew_v_s)
 
     monkeypatch.setattr(run.watch, "telemetry", telemetry)
     monkeypatch.setattr(s.machine, "ramp", deafening)
-
-
-def test_a_tool_is_not_lowered_by_samples_from_before_the_last_ramp(monkeypatch: pytest.MonkeyPatch) -> None:
-    s = Shop()
-    run = armed(s)
-    condition(run)
-    move_to(run, run.job.pad)
-    deaf_after_ramps(s, run, monkeypatch, 2.0)
     lower_to(run, 30.0)
     assert run.watch.displacement_um == pytest.approx(30.0, abs=4.0)
     assert float(s.bench.controller.loop.displacement_um) < 31.0
@@ -203,8 +180,7 @@ def test_a_tool_is_not_lowered_by_samples_from_before_the_last_ramp(monkeypatch:
 
 def test_a_line_without_samples_ends_the_lowering() -> None:
     s = Shop()
-    run = armed(s)
-    condition(run)
+    run = armed(s, conditioned=True)
     move_to(run, run.job.pad)
     s.bench.inject(parse_injection(f"SAMPLES_LOST@{s.bench.controller.tick * TICK_S}"))
     with refused("E4022"):
