@@ -53,13 +53,12 @@ import edmctl
 from edmctl.errors import ProfileError
 from edmctl.jobs.plan import check
 from edmctl.profile.folders import shipped_studies
-from edmctl.study.analysis import analysis_of, expected_at
+from edmctl.study.analysis import analysis_of, expected_at, predicted
 from edmctl.study.design import coded, value_at
 from edmctl.study.folder import open_folder
 from edmctl.study.planning import plan_study, request_of
 from edmctl.study.responses import responses_of
 from edmctl.study.statistics.designs import sobol_points
-from edmctl.study.statistics.linear_model import Settings
 from edmctl.study.study_file import read_study
 from edmctl.study.table import OF_EXECUTION
 
@@ -67,7 +66,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from concurrent.futures import Executor
 
-    from edmctl.study.results import Recommendation, Value
+    from edmctl.study.results import Interval, Recommendation, Value
 
 HURRIED = (
     'set = ["target.depth_um={depth:g}", "log.pulses=\'off\'", "approach.speed_um_s=5", "measure.fast_um_s=50", '
@@ -104,21 +103,38 @@ def shipped_text(name: str, seed: int) -> str:
     return text.replace("seed = 1\n", f"seed = {seed}\n")
 
 
-LEAST_HOLES, LEAST_SHARE = 60, 0.88
+LEAST_SHARE = 0.88
+Hits = dict[str, bool | None]
+"""By response: whether an interval held a hole; None for a hole without a value."""
 
 
-def held_line(title: str, held: Sequence[bool | None], has_bar: bool = True) -> tuple[bool | None, str]:
-    """How many holes an interval held; None is a hole without a value, which does not count."""
-    values = [one for one in held if one is not None]
-    share = sum(values) / max(1, len(values))
-    without = f", {len(held) - len(values)} without a value" if len(values) < len(held) else ""
-    line = f"{title}: held {sum(values)} of {len(values)}, {100 * share:.1f} %{without}"
-    if not has_bar:
-        return None, line
-    return (
-        share >= LEAST_SHARE and len(values) >= LEAST_HOLES,
-        f"{line} ({100 * LEAST_SHARE:.0f} % of {LEAST_HOLES} or more)",
-    )
+def hits(expected: Mapping[str, Interval | None], new: Mapping[str, float]) -> Hits:
+    """Compare the responses of a new hole with the intervals that were expected."""
+    found: Hits = {}
+    for name, interval in expected.items():
+        if interval is not None:
+            _, low, high = interval
+            found[name] = bool(low <= new[name] <= high) if name in new else None
+    return found
+
+
+def held_lines(
+    title: str, found: Sequence[Hits], least_holes: int = 60, *, has_bar: bool = True
+) -> list[tuple[bool | None, str]]:
+    """How many holes the intervals of each response held."""
+    rows: list[tuple[bool | None, str]] = []
+    for name in dict.fromkeys(name for one in found for name in one):
+        held = [one[name] for one in found if name in one]
+        values = [one for one in held if one is not None]
+        share = sum(values) / max(1, len(values))
+        without = f", {len(held) - len(values)} without a value" if len(values) < len(held) else ""
+        line = f"{title}, {name}: held {sum(values)} of {len(values)}, {100 * share:.1f} %{without}"
+        if has_bar:
+            bar = f"{100 * LEAST_SHARE:.0f} % of {least_holes} or more"
+            rows.append((share >= LEAST_SHARE and len(values) >= least_holes, f"{line} ({bar})"))
+        else:
+            rows.append((None, line))
+    return rows
 
 
 # --- null -----------------------------------------------------------------------------------------------------
@@ -243,8 +259,8 @@ def one_hole(case: tuple[float, dict[str, float], int], *, hurried: bool = True)
     return {name: value for name, value in values.items() if value is not None and report.error is None}
 
 
-def after_suggestions(case: tuple[int, int]) -> list[tuple[bool, str, bool | None]]:
-    """Whether new holes lie in the intervals of an optimised study: (is near what it recommends, response, held)."""
+def after_suggestions(case: tuple[int, int]) -> list[tuple[bool, Hits]]:
+    """Whether the intervals of an optimised study hold new holes, near what it recommends and anywhere."""
     seed, holes = case
     rng, found = random.Random(seed), []
     with started(shipped_text("fastest-clean-hole", 1000 * seed)) as (study, out):
@@ -257,15 +273,14 @@ def after_suggestions(case: tuple[int, int]) -> list[tuple[bool, str, bool | Non
                 low, high = (max(place - NEAR, -1.0), min(place + NEAR, 1.0)) if is_near else (-1.0, 1.0)
                 settings[factor.key] = float(value_at(factor, rng.uniform(low, high)))
             new = one_hole((20.0, settings, 1000 * seed + 100 + n), hurried=False)
-            for name, (_, low, high) in expected_at(state, (), settings).items():
-                found.append((is_near, name, low <= new[name] <= high if name in new else None))
+            found.append((is_near, hits(expected_at(state, (), settings), new)))
     return found
 
 
 def intervals(args: argparse.Namespace) -> int:
     """Intervals of predictions hold new holes on new machines."""
     rng = random.Random(args.seed)
-    places = [
+    places: list[dict[str, float]] = [
         {
             "servo.reference": round(rng.uniform(0.62, 0.88), 4),
             "pulse.duty": round(rng.uniform(0.12, 0.55), 4),
@@ -277,41 +292,33 @@ def intervals(args: argparse.Namespace) -> int:
         new = list(pool.map(one_hole, [(20.0, s, 50_000 * args.seed + n) for n, s in enumerate(places)]))
         for title, design in DESIGNS.items():
             text = study_text(20.0, SURFACE.format(design=f"[design]\n{design}\nseed = {args.seed}"))
-            with started(text) as (study, _):
+            with started(text) as (study, out):
                 study.run(workers=2)
-                for name in ("machining_time_s", "wear_ratio_lin", "arc_share", "energy_j"):
-                    fitted = study.fit(name)
-                    assert fitted.model is not None
-                    at = Settings(
-                        {
-                            "reference": [2 * (s["servo.reference"] - 0.62) / 0.26 - 1 for s in places],
-                            "duty": [2 * (s["pulse.duty"] - 0.12) / 0.43 - 1 for s in places],
-                        }
-                    )
-                    _, lows, highs = fitted.model.predict(at)
-                    held = [
-                        bool(low <= one[name] <= high) if name in one else None
-                        for one, low, high in zip(new, lows, highs, strict=True)
-                    ]
-                    is_one = title == ONE_MACHINE
-                    why = ", the interval is of that machine alone" if is_one else ""
-                    rows.append(
-                        held_line(f"{title}, {name}, R² {fitted.r2:.4f}{why}", held, has_bar=not is_one)
-                    )
+                models = {
+                    one.name: one.model for one in analysis_of(open_folder(out).read()).responses if one.model
+                }
+                found = []
+                for one, settings in zip(new, places, strict=True):
+                    expected = {
+                        name: predicted(study.plan(), model, settings) for name, model in models.items()
+                    }
+                    found.append(hits(expected, one))
+            is_one = title == ONE_MACHINE
+            why = " (the interval is of that machine alone)" if is_one else ""
+            rows += held_lines(f"{title}{why}", found, has_bar=not is_one)
         cases = [(args.seed + n, -(-args.holes // OPTIMISED)) for n in range(OPTIMISED)]
-        processes = [one for study in pool.map(after_suggestions, cases) for one in study]
+        processes = [one for of_study in pool.map(after_suggestions, cases) for one in of_study]
     for is_near, place in ((True, "near the recommendation"), (False, "anywhere")):
-        for name in dict.fromkeys(one[1] for one in processes):
-            held = [one[2] for one in processes if one[0] is is_near and one[1] == name]
-            rows.append(held_line(f"{OPTIMISED} optimised studies, {place}, {name}", held))
+        found = [one for near, one in processes if near is is_near]
+        rows += held_lines(f"{OPTIMISED} optimised studies, {place}", found)
     return told(rows)
 
 
 # --- points ---------------------------------------------------------------------------------------------------
 
 
-def at_own_points(case: tuple[int, int]) -> list[tuple[bool, str, bool]]:
-    """Whether new holes lie in the intervals of one study's points: (is recommended, response, held)."""
+def at_own_points(case: tuple[int, int]) -> list[tuple[bool, Hits]]:
+    """Whether the intervals of one study's points hold new holes, at the recommended point and at others."""
     seed, holes = case
     found = []
     with started(shipped_text("taguchi-l9", 1000 * seed)) as (study, out):
@@ -321,31 +328,26 @@ def at_own_points(case: tuple[int, int]) -> list[tuple[bool, str, bool]]:
         others = {run.point: run.settings for run in study.plan().runs if run.settings != best.settings}
         chosen = [best.settings, *(random.Random(seed).choice(list(others.values())) for _ in range(2))]
         for n, settings in enumerate(chosen):
-            expected = expected_at(state, analyses, settings)
+            expected, plain = expected_at(state, analyses, settings), plain_settings(settings)
             for hole in range(holes):
-                new = one_hole(
-                    (20.0, {key: float(v) for key, v in settings.items()}, 1000 * seed + 100 + 10 * n + hole),
-                    hurried=False,
-                )
-                found += [
-                    (n == 0, name, low <= new[name] <= high)
-                    for name, (_, low, high) in expected.items()
-                    if name in new
-                ]
+                new = one_hole((20.0, plain, 1000 * seed + 100 + 10 * n + hole), hurried=False)
+                found.append((n == 0, hits(expected, new)))
     return found
+
+
+def plain_settings(settings: Mapping[str, Value]) -> dict[str, float]:
+    """Settings of numbers."""
+    return {key: float(value) for key, value in settings.items()}
 
 
 def points(args: argparse.Namespace) -> int:
     """Intervals at points that were run hold new holes on new machines, also where the point was chosen."""
     with ProcessPoolExecutor() as pool:
         results = pool.map(at_own_points, [(args.seed + n, 4) for n in range(args.repeats)])
-        found = [one for study in results for one in study]
+        found = [one for of_study in results for one in of_study]
     rows = []
     for is_best, title in ((True, "recommended"), (False, "another point")):
-        for name in dict.fromkeys(one[1] for one in found):
-            held = [one[2] for one in found if one[0] is is_best and one[1] == name]
-            share = sum(held) / len(held)
-            rows.append((share >= 0.88, f"{title}, {name}: held {sum(held)} of {len(held)} (88 %)"))
+        rows += held_lines(title, [one for best, one in found if best is is_best], 1)
     return told(rows)
 
 
@@ -372,7 +374,7 @@ def fastest(seed: int) -> Recommendation:
 
 def plain_hole(case: tuple[Mapping[str, Value], int]) -> tuple[float, float]:
     """Machining time and share of arcs of a hole of the shipped study; one that fails takes for ever."""
-    found = one_hole((20.0, {key: float(value) for key, value in case[0].items()}, case[1]), hurried=False)
+    found = one_hole((20.0, plain_settings(case[0]), case[1]), hurried=False)
     return found.get("machining_time_s", math.inf), found.get("arc_share", 1.0)
 
 
@@ -528,20 +530,14 @@ def table_text(folder: Path) -> str:
 
 def rows_of(folder: Path) -> set[str]:
     """Every whole line of the rows."""
-    lines: set[str] = set()
-    for file in (folder / "rows").glob("*.jsonl"):
-        lines |= {line for line in file.read_text(encoding="utf-8").splitlines() if line.endswith("}")}
-    return lines
+    texts = [file.read_text(encoding="utf-8") for file in (folder / "rows").glob("*.jsonl")]
+    return {line for text in texts for line in text.splitlines() if line.endswith("}")}
 
 
 def runs_in(folder: Path) -> list[tuple[int, int]]:
     """Run and attempt of every row of a run; the same twice where it was made twice."""
-    found = []
-    for line in rows_of(folder):
-        row = json.loads(line)
-        if row["row"] == "run":
-            found.append((int(row["number"]), int(row["attempt"])))
-    return found
+    rows = map(json.loads, rows_of(folder))
+    return [(int(row["number"]), int(row["attempt"])) for row in rows if row["row"] == "run"]
 
 
 def workers_of(pid: int) -> list[int]:
@@ -557,44 +553,43 @@ def workers_of(pid: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Case:
-    """Who is disturbed, what runs the study then, and what goes on with it."""
+    """A victim, how the study runs then, and how it continues.
+
+    victim : parent or worker (kill -9), or Ctrl-C, which a terminal sends to all processes of the command
+    is_optimised : the design is made undisturbed, and the suggestions are disturbed
+    """
 
     victim: str
-    """parent or worker (kill -9), or Ctrl-C, which a terminal sends to all processes of the command."""
-    making: tuple[str, ...]
-    again: tuple[str, ...]
+    making: str
+    again: str
     is_optimised: bool = False
-    """The design is made in peace, and the suggestions are disturbed."""
+
+    def options(self, how: str, address: str) -> list[str]:
+        """The options of a command that makes runs so."""
+        return ["--dask", address] if how == "dask" else ["--workers", how]
 
     @property
     def title(self) -> str:
-        """What the line says."""
-        how = "optimize " if self.is_optimised else ""
-        return f"{self.victim}, {how}{_words(self.making)}, then {_words(self.again)}"
+        """The case in words."""
+        optimise = "optimize " if self.is_optimised else ""
+        return f"{self.victim}, {optimise}workers: {self.making}, then {self.again}"
 
 
-def _words(making: Sequence[str]) -> str:
-    return "dask" if making[0] == "--dask" else f"{making[1]} worker{'s' * (making[1] != '1')}"
-
-
-def cases_of(address: str) -> list[Case]:
-    """All cases, with a dask cluster at an address."""
-    one, two, dask = ("--workers", "1"), ("--workers", "2"), ("--dask", address)
-    return [
-        Case("parent", one, one),
-        Case("parent", two, two),
-        Case("worker", two, two),
-        Case("Ctrl-C", one, two),
-        Case("Ctrl-C", two, one),
-        Case("parent", dask, dask),
-        Case("parent", dask, two),
-        Case("worker", dask, dask),
-        Case("Ctrl-C", dask, two),
-        Case("parent", one, one, is_optimised=True),
-        Case("worker", two, two, is_optimised=True),
-        Case("Ctrl-C", two, one, is_optimised=True),
-        Case("worker", dask, two),
-    ]
+CASES = [
+    Case("parent", "1", "1"),
+    Case("parent", "2", "2"),
+    Case("worker", "2", "2"),
+    Case("Ctrl-C", "1", "2"),
+    Case("Ctrl-C", "2", "1"),
+    Case("parent", "dask", "dask"),
+    Case("parent", "dask", "2"),
+    Case("worker", "dask", "dask"),
+    Case("Ctrl-C", "dask", "2"),
+    Case("parent", "1", "1", is_optimised=True),
+    Case("worker", "2", "2", is_optimised=True),
+    Case("Ctrl-C", "2", "1", is_optimised=True),
+    Case("worker", "dask", "2"),
+]
 
 
 class Disturbance:
@@ -604,8 +599,9 @@ class Disturbance:
         self._case, self._folder, self._cluster = case, folder, cluster
         first = ["optimize", str(folder)] if case.is_optimised else ["run", str(file), "--out", str(folder)]
         then = "optimize" if case.is_optimised else "resume"
-        self._begin = [*first, *case.making]
-        self._again = [then, str(folder), *case.again]
+        address = str(cluster.scheduler_address)
+        self._begin = [*first, *case.options(case.making, address)]
+        self._again = [then, str(folder), *case.options(case.again, address)]
         self.was_disturbed = self.was_orderly = self.was_kept = self.went_on = False
         self.at = 0
         """Rows at the instant."""
@@ -651,7 +647,7 @@ class Disturbance:
         return False
 
     def _workers(self, pid: int) -> list[int]:
-        if self._case.making[0] == "--dask":
+        if self._case.making == "dask":
             return [one.pid for one in self._cluster.workers.values() if one.pid]
         return workers_of(pid)
 
@@ -704,9 +700,9 @@ def kills(args: argparse.Namespace) -> int:
         _finished("optimize", str(best), "--workers", "1")
         wanted = {False: table_text(calm), True: table_text(best)}
         totals = {False: len(runs_in(calm)), True: len(runs_in(best))}
-        cases, counts, n = cases_of(cluster.scheduler_address), Counter[str](), 0
+        counts, n = Counter[str](), 0
         while counts["disturbed"] < args.kills and n < 2 * args.kills:
-            case, folder = cases[n % len(cases)], Path(place, f"study{n}")
+            case, folder = CASES[n % len(CASES)], Path(place, f"study{n}")
             if case.is_optimised:
                 shutil.copytree(calm, folder)
             client.wait_for_workers(2)
@@ -806,13 +802,17 @@ def planning(args: argparse.Namespace) -> int:
 
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
-    "null": null,
-    "intervals": intervals,
-    "points": points,
-    "optimum": optimum,
-    "kills": kills,
-    "throughput": throughput,
-    "planning": planning,
+    one.__name__: one for one in (null, intervals, points, optimum, kills, throughput, planning)
+}
+NUMBERS = {
+    "seed": 1,
+    "studies": 200,
+    "holes": 66,
+    "repeats": 8,
+    "dense": 300,
+    "judges": 6,
+    "kills": 20,
+    "runs": 400,
 }
 
 
@@ -822,14 +822,8 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("what", choices=list(COMMANDS))
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--studies", type=int, default=200)
-    parser.add_argument("--holes", type=int, default=66)
-    parser.add_argument("--repeats", type=int, default=8)
-    parser.add_argument("--dense", type=int, default=300)
-    parser.add_argument("--judges", type=int, default=6)
-    parser.add_argument("--kills", type=int, default=20)
-    parser.add_argument("--runs", type=int, default=400)
+    for name, default in NUMBERS.items():
+        parser.add_argument(f"--{name}", type=int, default=default)
     args = parser.parse_args()
     return COMMANDS[args.what](args)
 

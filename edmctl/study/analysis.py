@@ -12,7 +12,6 @@ from edmctl.dataclasses import dataclass
 from edmctl.quantity import half_width
 from edmctl.study.design import (
     AS_LEVELS,
-    BLOCK,
     SENSITIVITY,
     settings_key,
     settings_matrix,
@@ -25,7 +24,7 @@ from edmctl.study.results import (
     TRUTH,
     Choice,
     ConfirmedLimit,
-    ConstraintInfo,
+    Interval,
     ResponseInfo,
     RunKind,
     RunState,
@@ -33,12 +32,11 @@ from edmctl.study.results import (
     StudyRun,
     Value,
 )
-from edmctl.study.study_file import Response
+from edmctl.study.statistics.linear_model import BLOCK
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from edmctl.study.statistics.choice import SobolIndices
-    from edmctl.study.statistics.gaussian_process import GaussianProcess
     from edmctl.study.statistics.response_analysis import ResponseAnalysis, ResponseModel, Runs
 
 
@@ -60,35 +58,43 @@ def fitting_runs(state: StudyState) -> list[StudyRun]:
     ]
 
 
+def values_of(runs: Sequence[StudyRun], response: str) -> list[float]:
+    """Return the values of the runs that have one."""
+    return [float(value) for run in runs if (value := run.value(response)) is not None]
+
+
 def expected_at(
     state: StudyState,
     analyses: Sequence[ResponseAnalysis],
     settings: Mapping[str, Value],
     runs: Sequence[StudyRun] | None = None,
-) -> dict[str, tuple[float, float, float]]:
+) -> dict[str, Interval]:
     """Return, by response, what is expected of a run and the bounds of its 95 % interval; none without a model.
 
-    After suggestions, which crowd where it is good, Gaussian processes tell; else the runs that were made at these
+    After suggestions, which crowd where it is good, by Gaussian processes; else by the runs that were made at these
     settings, or the models of the analysis. What cannot be is cut off: a share below zero, or what a manual response
-    cannot be told. `runs` are those that processes learn from; without, all that count.
+    cannot have. `runs` are those that processes are fitted to; by default all that count.
     """
+    found: dict[str, Interval] = {}
     if has_suggestions(state):
-        found = _by_processes(state, settings, fitting_runs(state) if runs is None else runs)
+        found = _by_processes(state.plan, settings, fitting_runs(state) if runs is None else runs)
     else:
         done = [run for run in fitting_runs(state) if run.state is RunState.DONE]
-        found = {
-            one.name: expected for one in analyses if (expected := _by_analysis(state, one, done, settings))
-        }
+        for one in analyses:
+            if expected := _by_analysis(state.plan, one, done, settings):
+                found[one.name] = expected
     asked = {one.name: one for one in state.folder.source.file.responses}
-    return {name: _possible(asked[name], values) for name, values in found.items()}
+    for name, values in found.items():
+        least, most = range_of(name)
+        least = least if (low := asked[name].low) is None else low
+        most = most if (high := asked[name].high) is None else high
+        found[name] = tuple(min(max(one, least), most) for one in values)  # type: ignore[assignment]
+    return found
 
 
 def _by_analysis(
-    state: StudyState,
-    analysis: ResponseAnalysis,
-    runs: Sequence[StudyRun],
-    settings: Mapping[str, Value],
-) -> tuple[float, float, float] | None:
+    plan: StudyPlan, analysis: ResponseAnalysis, runs: Sequence[StudyRun], settings: Mapping[str, Value]
+) -> Interval | None:
     """What runs at these settings say, where they were repeated; else the model, if it knows their levels."""
     key, points = settings_key(settings), len({run.planned.point for run in runs})
     own = [
@@ -96,32 +102,11 @@ def _by_analysis(
         for run in runs
         if settings_key(run.planned.settings) == key and (value := run.value(analysis.name)) is not None
     ]
-    return analysis.at_point(own, points) or (
-        predicted(state.folder.plan, analysis.model, settings) if analysis.model is not None else None
-    )
+    by_runs = analysis.at_point(own, points)
+    return by_runs or (predicted(plan, analysis.model, settings) if analysis.model is not None else None)
 
 
-def _possible(response: Response, values: tuple[float, float, float]) -> tuple[float, float, float]:
-    least, most = range_of(response.name)
-    least = least if response.low is None else response.low
-    most = most if response.high is None else response.high
-    value, low, high = (min(max(one, least), most) for one in values)
-    return value, low, high
-
-
-def tells_little(state: StudyState, expected: Mapping[str, tuple[float, float, float]]) -> list[str]:
-    """Return the responses whose interval is wider than all that was measured of them."""
-    found = []
-    for name, (_, low, high) in expected.items():
-        values = [value for run in fitting_runs(state) if (value := run.value(name)) is not None]
-        if values and high - low > max(values) - min(values):
-            found.append(name)
-    return found
-
-
-def predicted(
-    plan: StudyPlan, model: ResponseModel, settings: Mapping[str, Value]
-) -> tuple[float, float, float] | None:
+def predicted(plan: StudyPlan, model: ResponseModel, settings: Mapping[str, Value]) -> Interval | None:
     """Return what a model of the analysis expects of a run at settings, and the bounds of its 95 % interval.
 
     None where the model has seen no run at one of the levels.
@@ -134,17 +119,15 @@ def predicted(
 
 
 def _by_processes(
-    state: StudyState, settings: Mapping[str, Value], runs: Sequence[StudyRun]
-) -> dict[str, tuple[float, float, float]]:
+    plan: StudyPlan, settings: Mapping[str, Value], runs: Sequence[StudyRun]
+) -> dict[str, Interval]:
     """Return, by response, what a Gaussian process expects of a run on a new machine, and the 95 % interval."""
-    from edmctl.study.statistics.gaussian_process import fit_process
+    from edmctl.study.statistics.surrogates import fit_process
 
-    plan = state.folder.plan
-    at = unit_points(plan.factors, [settings])
-    found = {}
+    found: dict[str, Interval] = {}
     for response in plan.responses:
         having = [run for run in runs if run.value(response.name) is not None]
-        values = [float(run.value(response.name) or 0.0) for run in having]
+        values = values_of(having, response.name)
         if len(having) < LEAST_RUNS:
             continue
         is_log = response.is_log and min(values) > 0
@@ -153,17 +136,21 @@ def _by_processes(
             [math.log(value) for value in values] if is_log else values,
             blocks=[run.block for run in having],
         )
-        found[response.name] = _interval(process, at, is_log=is_log)
+        mean, sd = (float(one[0]) for one in process.predict(unit_points(plan.factors, [settings])))
+        half = half_width(math.sqrt(sd**2 + process.noise_sd**2 + process.block_sd**2))
+        bounds = (mean, mean - half, mean + half)
+        found[response.name] = tuple(map(math.exp, bounds)) if is_log else bounds  # type: ignore[assignment]
     return found
 
 
-def _interval(
-    process: GaussianProcess, at: Sequence[Sequence[float]], *, is_log: bool
-) -> tuple[float, float, float]:
-    mean, sd = (float(one[0]) for one in process.predict(at))
-    half = half_width(math.sqrt(sd**2 + process.noise_sd**2 + process.block_sd**2))
-    bounds = (mean, mean - half, mean + half)
-    return tuple(math.exp(one) for one in bounds) if is_log else bounds  # type: ignore[return-value]
+def wide_intervals(state: StudyState, expected: Mapping[str, Interval]) -> list[str]:
+    """Return the responses whose interval is wider than all that was measured of them."""
+    found = []
+    for name, (_, low, high) in expected.items():
+        values = values_of(fitting_runs(state), name)
+        if values and high - low > max(values) - min(values):
+            found.append(name)
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,29 +174,22 @@ class StudyAnalysis:
 
 def analysis_of(state: StudyState) -> StudyAnalysis:
     """Analyse the runs that are done. Raises PreconditionError E8206 if there are none."""
-    plan = state.folder.plan
-    done = tuple(run for run in state.runs if run.state is RunState.DONE)
+    plan = state.plan
+    done = [run for run in state.runs if run.state is RunState.DONE]
     if not done:
         raise failures.study_without_runs(folder=state.folder.path)
     designed = tuple(run for run in done if plan.is_of_design(run.planned))
-    added = tuple(
-        run
-        for run in done
-        if not plan.is_of_design(run.planned) and run.planned.kind is not RunKind.CONFIRMATION
-    )
+    others = (run for run in done if not plan.is_of_design(run.planned))
+    added = tuple(run for run in others if run.planned.kind is not RunKind.CONFIRMATION)
     runs = doe_runs(plan, designed)
     analyses, truths, indices = [], {}, {}
     for response in plan.responses:
         analyses.append(_analysis(plan, response.name, response, designed, runs))
-        is_measured = (
-            response.name in TRUTHS and not response.is_manual
-        )  # a hand may mean something else by it
-        if is_measured and any(run.row and run.row.truth for run in designed):
+        has_truth = response.name in TRUTHS and not response.is_manual  # a manual one may be something else
+        if has_truth and any(run.row and run.row.truth for run in designed):
             truths[response.name] = _analysis(plan, f"{TRUTH}{response.name}", response, designed, runs)
-        if plan.model == SENSITIVITY:
-            found = _indices(plan, response, designed)
-            if found is not None:
-                indices[response.name] = found
+        if plan.model == SENSITIVITY and (found := _indices(plan, response, designed)) is not None:
+            indices[response.name] = found
     return StudyAnalysis(
         plan,
         designed,
@@ -223,7 +203,7 @@ def analysis_of(state: StudyState) -> StudyAnalysis:
 
 
 def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
-    """Return runs in the form that `doe` reads.
+    """Return runs in the form that the statistics read.
 
     Runs that share no block with another have no block term: the difference between machines is in their error.
     """
@@ -233,13 +213,13 @@ def doe_runs(plan: StudyPlan, runs: Sequence[StudyRun]) -> Runs:
     blocks = [run.block for run in runs]
     if len(set(blocks)) == len(blocks):
         blocks = [0] * len(blocks)
+    design = {run.planned.point for run in runs if run.planned.kind is RunKind.DESIGN}
     return Runs(
         settings_matrix(plan.factors, settings, blocks, as_levels=plan.model in AS_LEVELS),
         {factor.name: [one[factor.key] for one in settings] for factor in plan.factors},
         [run.planned.point for run in runs],
         blocks,
-        frozenset(run.planned.point for run in runs if run.planned.kind is not RunKind.DESIGN)
-        - {run.planned.point for run in runs if run.planned.kind is RunKind.DESIGN},
+        frozenset(run.planned.point for run in runs) - design,
         is_one_machine=is_one_machine(runs),
     )
 
@@ -254,18 +234,15 @@ def _analysis(
 ) -> ResponseAnalysis:
     from edmctl.study.statistics.response_analysis import analyse
 
-    values = [_number(run.value(name)) for run in designed]
     model = "main" if plan.model == SENSITIVITY else plan.model
-    terms = terms_of(model, plan.factors, blocks=BLOCK in runs.settings.categories)
-    u = [_number(run.row.u.get(name) if run.row is not None else None) for run in designed]
     return analyse(
         name,
         runs,
-        values,
-        terms,
+        [_number(run.value(name)) for run in designed],
+        terms_of(model, plan.factors, blocks=BLOCK in runs.settings.categories),
         response.better,  # type: ignore[arg-type]
         is_log=response.is_log,
-        u=u,
+        u=[_number(run.row.u.get(name) if run.row is not None else None) for run in designed],
     )
 
 
@@ -273,14 +250,12 @@ def _indices(plan: StudyPlan, response: ResponseInfo, runs: Sequence[StudyRun]) 
     """Sobol indices over the points in their order, means over replicates; None if there are too few."""
     from edmctl.study.statistics.choice import sobol_indices
 
-    values: dict[int, list[float]] = {}
+    values: dict[int, list[float]] = {run.point: [] for run in plan.runs if run.kind is RunKind.DESIGN}
     for run in runs:
         if run.planned.kind is RunKind.DESIGN:
-            values.setdefault(run.planned.point, []).append(_number(run.value(response.name)))
-    points = sorted({run.point for run in plan.runs if run.kind is RunKind.DESIGN})
-    means = [_mean(values.get(point, [])) for point in points]
+            values[run.planned.point].append(_number(run.value(response.name)))
     try:
-        return sobol_indices(means, len(plan.factors))
+        return sobol_indices([_mean(values[point]) for point in sorted(values)], len(plan.factors))
     except ValueError:
         return None
 
@@ -297,46 +272,38 @@ def _choices(
 
     from edmctl.study.statistics.choice import grey_relational_grade, pareto_front, topsis_closeness
 
-    plan, broken = state.folder.plan, broken_limits(state)
+    plan, broken = state.plan, broken_limits(state)
     by_point: dict[int, list[StudyRun]] = {}
     for run in runs:
         by_point.setdefault(run.planned.point, []).append(run)
-    names = ranked_by(plan)
-    weights = [weight for _, weight in plan.objectives] or [1.0] * len(names)
-    infos = {one.name: one for one in plan.responses}
-    means = {
-        point: {
+    ranked = [info for name in ranked_by(plan) if (info := plan.response(name)) is not None]
+    weights = dict(plan.objectives)
+    means, upper, feasible = [], [], []
+    for members in by_point.values():
+        of_point = {
             one.name: _mean([one.without_block(_number(run.value(one.name)), run.block) for run in members])
             for one in analyses
         }
-        for point, members in by_point.items()
-    }
-    table = np.array([[cost_of(infos[name], means[point][name]) for name in names] for point in by_point])
-    smaller = ["smaller"] * len(names)
-    upper = {
-        point: upper_bounds(plan, members, means[point], analyses) for point, members in by_point.items()
-    }
-    feasible = [
-        all(
-            ConfirmedLimit(bound, means[point][bound.response], upper[point][str(bound)]).is_shown
-            for bound in plan.constraints
-        )
-        and not broken.get(settings_key(members[0].planned.settings))
-        for point, members in by_point.items()
-    ]
-    front = pareto_front(np.where(np.array(feasible)[:, None], table, np.nan), smaller)  # type: ignore[arg-type]
+        bounds = limits_of(plan, members, of_point, analyses)
+        is_broken = bool(broken.get(settings_key(members[0].planned.settings)))
+        means.append(of_point)
+        upper.append({str(one.constraint): one.upper for one in bounds})
+        feasible.append(all(one.is_shown for one in bounds) and not is_broken)
+    table = np.array([[cost_of(info, of_point[info.name]) for info in ranked] for of_point in means])
+    front = pareto_front(np.where(np.array(feasible)[:, None], table, np.nan))
     whole = np.isfinite(table).all(axis=1)
     grades, closeness = np.full(len(table), np.nan), np.full(len(table), np.nan)
     if whole.sum() > 1:
-        grades[whole] = grey_relational_grade(table[whole], smaller, weights)  # type: ignore[arg-type]
-        closeness[whole] = topsis_closeness(table[whole], smaller, weights)  # type: ignore[arg-type]
+        shares = [weights.get(info.name, 1.0) for info in ranked]
+        grades[whole] = grey_relational_grade(table[whole], shares)
+        closeness[whole] = topsis_closeness(table[whole], shares)
     return tuple(
         Choice(
             point=point,
             settings=members[0].planned.settings,
             runs=len(members),
-            means={name: _or_none(value) for name, value in means[point].items()},
-            upper=upper[point],
+            means={name: _or_none(value) for name, value in means[n].items()},
+            upper=upper[n],
             is_feasible=feasible[n],
             is_pareto=bool(front[n]),
             grey_grade=_or_none(float(grades[n])),
@@ -347,7 +314,7 @@ def _choices(
 
 
 def ranked_by(plan: StudyPlan) -> list[str]:
-    """Return the responses that points are ranked by: the objectives, else all of which it is said what is good."""
+    """Return the responses that points are ranked by: the objectives, else all with a direction."""
     return [name for name, _ in plan.objectives] or [
         one.name
         for one in plan.responses
@@ -356,48 +323,47 @@ def ranked_by(plan: StudyPlan) -> list[str]:
 
 
 def cost_of(info: ResponseInfo, value: float) -> float:
-    """Return what is wanted small of a response."""
+    """Return a response as a cost: the smaller the better."""
     if info.better == "larger":
         return -value
     return abs(value - info.target) if info.better == "nominal" and info.target is not None else value
 
 
-def upper_bounds(
+def limits_of(
     plan: StudyPlan,
     runs: Sequence[StudyRun],
-    means: Mapping[str, float],
-    analyses: Sequence[ResponseAnalysis],
-    constraints: Sequence[ConstraintInfo] | None = None,
-) -> dict[str, float | None]:
-    """Return, by constraint, the bound of the 95 % interval of a point's mean on the side of the limit.
+    means: Mapping[str, float] | None = None,
+    analyses: Sequence[ResponseAnalysis] = (),
+) -> tuple[ConfirmedLimit, ...]:
+    """Return each constraint with the mean of a point's runs, and the bound of its 95 % interval towards the limit.
 
-    Of several runs half of it is after Student, of their values as they were measured; of a single one that of its
-    own interval, or of a run there by the model. None where neither is known.
+    Of several runs half of the interval is after Student, of their values as they were measured; of a single one
+    that of its own interval, or of a run there by the model. The bound is None where neither is known. Without
+    `means` they are those of the measured values, and constraints without any are left out.
     """
     from scipy import special
 
-    found: dict[str, float | None] = {}
+    found = []
     models = {one.name: one.model for one in analyses}
-    for bound in plan.constraints if constraints is None else constraints:
+    for bound in plan.constraints:
         having = [run for run in runs if run.value(bound.response) is not None]
-        values = [_number(run.value(bound.response)) for run in having]
-        first = having[0].row if having else None
-        own = _number(first.u95.get(bound.response) if first is not None else None)
+        values = values_of(having, bound.response)
+        if means is None and not values:
+            continue
+        mean = _mean(values) if means is None else means[bound.response]
+        own = _number(having[0].row.u95.get(bound.response) if having and having[0].row else None)
         model = models.get(bound.response)
+        half = own
         if len(values) > 1:
-            sd = statistics.stdev(values)
-            half = float(special.stdtrit(len(values) - 1, 0.95)) * sd / math.sqrt(len(values))
-            half = max(half, own / math.sqrt(len(values)) if math.isfinite(own) else 0.0)
-        elif math.isfinite(own):
-            half = own
-        elif model is not None and values:
+            root = math.sqrt(len(values))
+            half = float(special.stdtrit(len(values) - 1, 0.95)) * statistics.stdev(values) / root
+            half = max(half, own / root if math.isfinite(own) else 0.0)
+        elif not math.isfinite(own) and model is not None and values:
             there = predicted(plan, model, runs[0].planned.settings)
             expected, low, high = there or (math.nan, math.nan, math.nan)
             half = high - expected if bound.sign > 0 else expected - low
-        else:
-            half = math.nan
-        found[str(bound)] = _or_none(means[bound.response] + bound.sign * half)
-    return found
+        found.append(ConfirmedLimit(bound, mean, _or_none(mean + bound.sign * half)))
+    return tuple(found)
 
 
 def confirmed_settings(state: StudyState) -> dict[str, list[StudyRun]]:
@@ -409,22 +375,10 @@ def confirmed_settings(state: StudyState) -> dict[str, list[StudyRun]]:
     return found
 
 
-def limits_of(plan: StudyPlan, runs: Sequence[StudyRun]) -> tuple[ConfirmedLimit, ...]:
-    """Return each constraint with the mean of its response over runs, and the bound of the mean's interval."""
-    found = []
-    for bound in plan.constraints:
-        values = [_number(v) for run in runs if (v := run.value(bound.response)) is not None]
-        if values:
-            upper = upper_bounds(plan, runs, {bound.response: _mean(values)}, (), [bound])
-            found.append(ConfirmedLimit(bound, _mean(values), upper[str(bound)]))
-    return tuple(found)
-
-
 def broken_limits(state: StudyState) -> dict[str, tuple[str, ...]]:
     """Return, by settings, the constraints that the mean of confirmation runs did not keep; no others."""
-    plan = state.folder.plan
     found = {
-        key: tuple(str(one.constraint) for one in limits_of(plan, runs) if not one.is_kept)
+        key: tuple(str(one.constraint) for one in limits_of(state.plan, runs) if not one.is_kept)
         for key, runs in confirmed_settings(state).items()
     }
     return {key: texts for key, texts in found.items() if texts}
@@ -432,7 +386,7 @@ def broken_limits(state: StudyState) -> dict[str, tuple[str, ...]]:
 
 def _notes(state: StudyState, designed: Sequence[StudyRun], added: Sequence[StudyRun]) -> tuple[str, ...]:
     """What a reader has to know before the tables."""
-    plan, notes = state.folder.plan, []
+    plan, notes = state.plan, []
     left = [run for run in state.runs if run.state is RunState.OPEN]
     failed = [run for run in state.runs if run.state is RunState.FAILED]
     if left:

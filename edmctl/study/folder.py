@@ -9,29 +9,46 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import secrets
 import shlex
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from edmctl import failures
-from edmctl.dataclasses import dataclass, replace
+from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, PreconditionError, ProfileError, RunFileError, UsageError
 from edmctl.files import json_of, open_descriptor, read_bytes, user_path
 from edmctl.jobs.output_files import make_folder, unwritable, write
-from edmctl.jobs.plan import JobRequest
+from edmctl.jobs.plan import SIMULATOR, JobRequest, MachineAddress
 from edmctl.profile.folders import find_profile
 from edmctl.profile.read import parse, read_chain, read_source
+from edmctl.record.json_rows import RowWriter, read_lines
 from edmctl.record.locks import exclusive
-from edmctl.study.planning import PlannedStudy, base_request, check_plan
-from edmctl.study.results import PlanDocument, StudyPlan, StudyRun
-from edmctl.study.rows import Rows, StudyWriter, is_run_of, need, read_rows
+from edmctl.study.design import SENSITIVITY, factors_of, is_within
+from edmctl.study.planning import LADDERS, PlannedStudy, base_request, stated_in
+from edmctl.study.responses import LARGEST
+from edmctl.study.results import (
+    FactorInfo,
+    Interval,
+    Judgement,
+    PlanDocument,
+    PlannedRun,
+    RunKind,
+    RunRow,
+    StudyPlan,
+    StudyRun,
+)
 from edmctl.study.study_file import StudySource, study_of
 from edmctl.version import __version__
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
 
 SCHEMA = "edmctl-study/2"
 PLAN_BYTES = 40_000_000
@@ -39,20 +56,217 @@ PLAN_BYTES = 40_000_000
 MOMENT_S, LOOKS_EVERY_S = 0.5, 0.02
 ADDING_S = 30.0
 """Runs are added one after the other: reading all rows takes a moment."""
-STUDY, PROFILE, SETUP, CALIBRATION, PLAN, ROWS, RUNS = (
-    "study.toml",
-    "profile.toml",
-    "setup.toml",
-    "calibration.toml",
-    "plan.json",
-    "rows",
-    "runs",
-)
+STUDY, PROFILE, SETUP, CALIBRATION = "study.toml", "profile.toml", "setup.toml", "calibration.toml"
+PLAN, ROWS, RUNS = "plan.json", "rows", "runs"
+RUN, TOLD, JUDGED, PLANNED, PAUSED, MACHINE = "run", "told", "judged", "planned", "paused", "machine"
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """Values that were reported of an attempt; None withdraws one."""
+
+    number: int
+    values: Mapping[str, float | None]
+    attempt: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A judgement of an attempt."""
+
+    number: int
+    attempt: int
+    judgement: Judgement
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Added:
+    """Runs that are not in the plan; `expected` is what confirmation runs are to confirm."""
+
+    runs: tuple[PlannedRun, ...]
+    expected: Mapping[str, Interval] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Paused:
+    """Why the study stopped before a run on a machine that lasts."""
+
+    number: int
+    why: str
+    worn_tool: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class OnMachine:
+    """The machine that lasts on which the runs are made, with the whole path of a virtual bench."""
+
+    port: str
+    bench: str = ""
+
+    @property
+    def port_from_here(self) -> str:
+        """The port; the bench by its whole path where its name leads to another one from here."""
+        is_same = not self.bench or bench_of(self.port) == self.bench
+        return self.port if is_same else f"{SIMULATOR}{self.bench}"
+
+
+class StudyWriter(RowWriter):
+    """Appends the rows of a study."""
+
+    def run(self, row: RunRow) -> None:
+        """Append the outcome of a run."""
+        self.append(RUN, asdict(row))
+
+    def told(self, run: StudyRun, values: Mapping[str, float | None]) -> None:
+        """Append reported values of a run, of its first attempt where it is not made yet; None withdraws."""
+        attempt = run.row.attempt if run.row is not None else 1
+        self.append(TOLD, asdict(Told(run.planned.number, values, attempt)))
+
+    def judged(self, run: StudyRun, judgement: Judgement, reason: str) -> None:
+        """Append a judgement of a run's last attempt."""
+        self.append(JUDGED, asdict(Judged(run.planned.number, run.attempts, judgement, reason)))
+
+    def paused(self, run: StudyRun, why: str, worn_tool: int | None = None) -> None:
+        """Append why the study stops before a run."""
+        self.append(PAUSED, asdict(Paused(run.planned.number, why, worn_tool)))
+
+    def on_machine(self, port: str) -> None:
+        """Append the port of the machine on which the runs are made."""
+        self.append(MACHINE, asdict(OnMachine(port, bench_of(port))))
+
+    def planned(self, runs: Sequence[PlannedRun], expected: Mapping[str, Interval] | None = None) -> None:
+        """Append runs that are not in the plan, suggestions or confirmations: all of them in one line, or none.
+
+        `expected` is stored with confirmations: later runs do not change it.
+        """
+        row: dict[str, object] = {"runs": [asdict(run) for run in runs]}
+        if expected is not None:
+            row["expected"] = {name: one for name, one in expected.items() if all(map(math.isfinite, one))}
+        self.append(PLANNED, row)
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """All rows of a study: attempts by run, later knowledge, added runs and damaged lines (`torn`).
+
+    reports : what was told and judged, by run, in the order of time
+    expected : of confirmations, by run
+    port : of the machine that lasts on which the runs are made, if they are made on one
+    """
+
+    attempts: Mapping[int, tuple[RunRow, ...]]
+    reports: Mapping[int, Sequence[Told | Judged]]
+    added: tuple[PlannedRun, ...]
+    expected: Mapping[int, Mapping[str, Interval]]
+    paused: Paused | None = None
+    port: str = ""
+    torn: int = 0
+
+    def of(self, planned: PlannedRun) -> StudyRun:
+        """Return a run with all that is known of it."""
+        last = next(iter(self.attempts.get(planned.number, ())[::-1]), None)
+        attempt = last.attempt if last else 0
+        told: dict[str, float | None] = {}
+        judgement, reason = None, ""
+        for one in self.reports.get(planned.number, ()):
+            if isinstance(one, Judged):
+                if one.attempt == attempt:
+                    judgement, reason = one.judgement, one.reason
+            elif one.attempt == max(1, attempt):
+                told.update(one.values)
+        known = {name: value for name, value in told.items() if value is not None}
+        return StudyRun(planned, last, known, judgement, reason, attempt)
+
+
+@cache
+def _schemas() -> dict[str, TypeAdapter[Any]]:
+    from pydantic import TypeAdapter
+
+    kinds = {RUN: RunRow, TOLD: Told, JUDGED: Judged, PLANNED: Added, PAUSED: Paused, MACHINE: OnMachine}
+    return {kind: TypeAdapter(schema) for kind, schema in kinds.items()}
+
+
+def read_rows(folder: Path) -> Rows:
+    """Read the rows of a study. Raises RunFileError E9111 if a file cannot be read."""
+    lines, torn = read_lines(folder)
+    attempts: dict[int, dict[int, RunRow]] = {}
+    reports: dict[int, list[Told | Judged]] = {}
+    added: dict[int, PlannedRun] = {}
+    expected: dict[int, Mapping[str, Interval]] = {}
+    paused, port = None, ""
+    for values in lines:
+        schema = _schemas().get(values.pop("row"))
+        if schema is None:
+            continue  # of another version
+        try:
+            row = schema.validate_json(json.dumps(values), strict=True)
+            need(all(abs(number) <= LARGEST for number in _numbers(row)))
+        except (ValueError, OverflowError):
+            torn += 1
+            continue
+        if isinstance(row, RunRow):
+            attempts.setdefault(row.number, {}).setdefault(row.attempt, row)
+        elif isinstance(row, Told | Judged):
+            reports.setdefault(row.number, []).append(row)
+        elif isinstance(row, Added):
+            for run in row.runs:
+                if added.setdefault(run.number, run) is run and row.expected is not None:
+                    expected[run.number] = row.expected
+        elif isinstance(row, Paused):
+            paused = row
+        else:
+            port = row.port_from_here
+    by_number = {number: tuple(found[n] for n in sorted(found)) for number, found in attempts.items()}
+    in_order = tuple(added[number] for number in sorted(added))
+    return Rows(by_number, reports, in_order, expected, paused, port, torn)
+
+
+def _numbers(row: object) -> Iterator[float]:
+    """The measured numbers of a row, which have a largest value. Raises ValueError for a count that cannot be."""
+    if isinstance(row, RunRow):
+        counts = (row.number, row.point, row.replicate, row.block, row.tool, row.attempt, row.order)
+        need(_are_counts(*counts, row.seed or 0))
+        yield from (row.duration_s, *(row.site_um or ()))
+    named = (row.responses, row.u, row.u95, row.truth) if isinstance(row, RunRow) else ()
+    for values in (row.values,) if isinstance(row, Told) else named:
+        yield from (value for value in values.values() if value is not None)
+    if isinstance(row, Added):
+        for interval in (row.expected or {}).values():
+            yield from interval
+
+
+def need(is_right: bool) -> None:
+    """Raise ValueError if something in the folder of a study is not as this version writes it."""
+    if not is_right:
+        raise ValueError("not of this version")
+
+
+def _are_counts(*values: int) -> bool:
+    return all(0 <= value < 2**63 for value in values)
+
+
+def is_run_of(run: PlannedRun, factors: Sequence[FactorInfo]) -> bool:
+    """Return whether a run has a value of each factor, and numbers that can be."""
+    return (
+        _are_counts(run.number, run.point, run.replicate, run.block, run.seed, run.tool)
+        and run.settings.keys() == {factor.key for factor in factors}
+        and all(is_within(factor, run.settings[factor.key]) for factor in factors)
+    )
+
+
+def bench_of(port: str) -> str:
+    """Return the whole path of the file of a virtual bench; empty for every other machine."""
+    file = MachineAddress(port).bench_file
+    return "" if file is None else str(file.resolve())
 
 
 @dataclass(frozen=True, slots=True)
 class StudyFolder:
-    """A study that is run, or was: what it is never changes, `state` tells how far it has come."""
+    """A study that is run, or was: its fields never change, `read` returns its progress.
+
+    changes : hold for every run beside what the file says
+    """
 
     path: Path
     source: StudySource
@@ -60,7 +274,6 @@ class StudyFolder:
     recipes: Mapping[int, tuple[str, str]]
     version: str
     changes: tuple[str, ...] = ()
-    """What holds for every run beside what the file says."""
     has_setup: bool = False
 
     @property
@@ -86,12 +299,11 @@ class StudyFolder:
         return shlex.join(["edmctl", "study", name, str(self.path), *words])
 
     def read(self) -> StudyState:
-        """Return how far the study has come, by the rows that are there now."""
+        """Return the state of the study by its rows."""
         rows = read_rows(self.rows)
         planned, factors = len(self.plan.runs), self.plan.factors
         added = [run for run in rows.added if run.number > planned and is_run_of(run, factors)]
-        runs = (*self.plan.runs, *added)
-        return StudyState(self, rows, tuple(map(rows.of, runs)))
+        return StudyState(self, rows, tuple(map(rows.of, (*self.plan.runs, *added))))
 
     def writer(self) -> StudyWriter:
         """Return a new writer of rows."""
@@ -115,14 +327,19 @@ class StudyFolder:
                         time.sleep(LOOKS_EVERY_S)
                         continue
                 except OSError as refused:
-                    raise failures.study_folder_not_locked(path=path, reason=refused.strerror) from refused
-                raise failures.study_is_running(path=self.path, command=self.command("status"))
+                    raise RunFileError(
+                        f"Cannot lock {path}: {refused.strerror}.", hint="Check the folder.", code="E9110"
+                    ) from refused
+                raise PreconditionError(
+                    f"Another command is running the study in {self.path}.",
+                    hint=f"Wait for it, or stop it; `{self.command('status')}` prints its progress.",
+                    code="E8201",
+                )
             yield
 
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-
     descriptor = open_descriptor(path, os.O_CREAT | os.O_RDWR)
     try:
         with exclusive(descriptor):
@@ -139,6 +356,11 @@ class StudyState:
     rows: Rows
     runs: tuple[StudyRun, ...]
 
+    @property
+    def plan(self) -> StudyPlan:
+        """The plan of the study."""
+        return self.folder.plan
+
     def making_command(self, name: str, *words: str) -> str:
         """Return a command that makes runs, at the port of the machine on which they are made."""
         port = ["--port", self.rows.port] if self.rows.port else []
@@ -148,8 +370,10 @@ class StudyState:
         """Return a run by its number. Raises UsageError E2104 where there is none."""
         found = next((run for run in self.runs if run.planned.number == number), None)
         if found is None:
-            raise failures.study_run_unknown(
-                number=number, runs_count=len(self.runs), command=self.folder.command("status")
+            raise UsageError(
+                f"The study has no run {number}.",
+                hint=f"Its runs are 1 to {len(self.runs)}; `{self.folder.command('status')}` lists them.",
+                code="E2104",
             )
         return found
 
@@ -179,72 +403,72 @@ def create_folder(path: Path, planned: PlannedStudy) -> StudyFolder:
     return open_folder(path)
 
 
-def _is_same(there: StudyFolder, planned: PlannedStudy) -> bool:
-    said = (planned.plan, planned.source.text, planned.changes)
-    return (there.plan, there.source.text, there.changes) == said
-
-
 def _taken(path: Path, planned: PlannedStudy) -> RunFileError:
-    """Return the error of a folder that holds something: this study, another one, or no study at all."""
+    """Return the error of a folder that contains something: this study, another one, or no study at all."""
     if not (path / PLAN).exists():
-        return failures.study_folder_not_empty(path=path)
+        return RunFileError(f"{path} is not empty.", hint="Choose another folder with --out.", code="E9101")
     try:
         there = open_folder(path)
     except EdmError as error:
-        return failures.folder_has_unreadable_study(path=path, message=error.message)
-    if _is_same(there, planned):
-        return failures.folder_has_this_study(path=path, command=there.command("status"))
+        return RunFileError(
+            f"{path} has a study already, and it cannot be read: {error.message}",
+            hint="Choose another folder with --out.",
+            code="E9101",
+        )
+    has_same_file = there.source.text == planned.source.text
+    if has_same_file and (there.plan, there.changes) == (planned.plan, planned.changes):
+        hint = f"Go on with it as `{there.command('status')}` says, or choose another folder with --out."
+        return RunFileError(f"{path} has this study already.", hint=hint, code="E9101")
     what = f"another study, {there.plan.name}"
-    if there.source.text == planned.source.text:
+    if has_same_file:
         what = "a study of the same file with another plan: its profile or setup was changed since"
     if there.changes != planned.changes:
         what = f"a study with {' '.join(there.changes) or 'nothing changed'}"
-    return failures.folder_has_another_study(path=path, what=what, command=there.command("status"))
+    return RunFileError(
+        f"{path} has {what}.",
+        hint=f"Choose another folder with --out; `{there.command('status')}` shows what is there.",
+        code="E9101",
+    )
 
 
 def _files(planned: PlannedStudy) -> dict[str, bytes]:
     """All files of a folder, the plan with the hashes of the others."""
-    texts = _texts(planned)
+    contents = {name: text.encode() for name, text in _texts(planned).items()}
     document = {
         "schema": SCHEMA,
         "edmctl": __version__,
-        "sha256": {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()},
+        "sha256": {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()},
         "recipes": {str(point): list(one) for point, one in planned.recipes.items()},
-        "plan": planned.plan.as_mapping(),
+        "plan": asdict(planned.plan),
     }
     if planned.changes:
         document["changes"] = list(planned.changes)
     body = json.dumps(document, ensure_ascii=False, allow_nan=False)
     digest = hashlib.sha256(body.encode()).hexdigest()
     written = json.dumps({"sha256": digest, "study": document}, ensure_ascii=False, indent=1, allow_nan=False)
-    return {**{name: text.encode() for name, text in texts.items()}, PLAN: f"{written}\n".encode()}
+    return {**contents, PLAN: f"{written}\n".encode()}
 
 
 def _texts(planned: PlannedStudy) -> dict[str, str]:
-    """The files that a study stands on, each complete by itself."""
+    """The files that a study is based on, each complete by itself."""
+    import tomli_w
+
     assert planned.base.profile is not None
     chain = read_chain(find_profile(planned.base.profile))
     texts = {STUDY: planned.source.text, PROFILE: chain.sources[0].text}
     if len(chain.sources) > 1:
-        texts[PROFILE] = _toml(chain.table)
+        texts[PROFILE] = tomli_w.dumps(chain.table)
     if planned.base.setup is not None:
         source = read_source(planned.base.setup)
         table = parse(source)
         actuator = table.get("actuator")
         texts[SETUP] = source.text
         if isinstance(actuator, dict) and isinstance(actuator.get("calibration"), str):
-            texts[CALIBRATION] = read_source(
-                user_path(actuator["calibration"], planned.base.setup.parent)
-            ).text
+            calibration = user_path(actuator["calibration"], planned.base.setup.parent)
+            texts[CALIBRATION] = read_source(calibration).text
             actuator["calibration"] = CALIBRATION
-            texts[SETUP] = _toml(table)
+            texts[SETUP] = tomli_w.dumps(table)
     return texts
-
-
-def _toml(table: dict[str, object]) -> str:
-    import tomli_w
-
-    return tomli_w.dumps(table)
 
 
 def open_folder(path: Path) -> StudyFolder:
@@ -256,7 +480,11 @@ def open_folder(path: Path) -> StudyFolder:
     try:
         content = read_bytes(path / PLAN, PLAN_BYTES)
     except OSError as refused:
-        raise failures.folder_without_study(path=path, plan=PLAN, reason=refused.strerror) from refused
+        raise UsageError(
+            f"{path} has no study: {PLAN}: {refused.strerror}.",
+            hint="Name the folder that `edmctl study run FILE --out DIR` has made.",
+            code="E2101",
+        ) from refused
     try:
         document = json_of(content)
         study = document["study"]
@@ -270,7 +498,11 @@ def open_folder(path: Path) -> StudyFolder:
         return _folder_of(path, body)
     except (ValueError, ProfileError, UsageError) as refused:
         made_by = study.get("edmctl") if isinstance(study, dict) else None
-        raise failures.plan_of_another_version(path=path / PLAN, made_by=made_by) from refused
+        raise PreconditionError(
+            f"{path / PLAN} is not a plan of this version of edmctl.",
+            hint=f"Open the folder with the version that made it ({made_by}), or plan the study into a new folder.",
+            code="E8202",
+        ) from refused
 
 
 def _folder_of(path: Path, body: bytes) -> StudyFolder:
@@ -288,18 +520,31 @@ def _folder_of(path: Path, body: bytes) -> StudyFolder:
             raise _changed(path, name) from None
         if hashlib.sha256(texts[name]).hexdigest() != digest:
             raise _changed(path, name)
-    source = study_of(texts[STUDY].decode(), path / STUDY)
-    check_plan(study.plan, source)
-    need(study.recipes.keys() == {run.point for run in study.plan.runs})
-    return StudyFolder(path, source, study.plan, study.recipes, study.edmctl, study.changes, SETUP in names)
+    plan, source = study.plan, study_of(texts[STUDY].decode(), path / STUDY)
+    factors, wrong = factors_of(source)
+    points = {run.point for run in plan.runs}
+    need(not wrong and replace(plan, **stated_in(source, factors)) == plan)
+    need(plan.model in (SENSITIVITY, *LADDERS[0], *LADDERS[1]))
+    need((plan.model == SENSITIVITY) == (source.file.design.kind == SENSITIVITY))
+    need(plan.points == len(points) > 0 and study.recipes.keys() == points)
+    for number, run in enumerate(plan.runs, 1):
+        need(run.number == number and is_run_of(run, factors) and run.replicate <= plan.replicates)
+        need(run.kind in (RunKind.DESIGN, RunKind.CENTER))
+    return StudyFolder(path, source, plan, study.recipes, study.edmctl, study.changes, SETUP in names)
 
 
 def _changed(path: Path, name: str) -> PreconditionError:
-    return failures.study_file_changed(path=path / name)
+    return PreconditionError(
+        f"{path / name} is not what it was when the study began.",
+        hint="Put it back as it was; a changed study is a new one, in another folder.",
+        code="E8202",
+    )
 
 
 def version_warning(folder: StudyFolder) -> list[Diagnostic]:
     """Return a warning where another version began the study."""
     if folder.version == __version__:
         return []
-    return [failures.study_of_another_version(version=folder.version, version__=__version__)]
+    message = f"The study began with edmctl {folder.version}; this is {__version__}."
+    hint = "Compare runs of both versions with care, or go on with the version that began it."
+    return [Diagnostic("W8203", message, hint, is_warning=True)]

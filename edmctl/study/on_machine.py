@@ -1,7 +1,7 @@
 """Running a study on a machine that lasts: hole after hole at the next free place, tool after tool.
 
-Whatever goes wrong stops the study, and leaves nothing behind that the next command could not go on from: an
-interrupted hole is resumed, one that was finished without a row is read from its run file.
+Any error stops the study in a state from which the next command continues: an interrupted hole is resumed, one that
+was finished without a row is read from its run file.
 """
 
 from __future__ import annotations
@@ -9,11 +9,10 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
-from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import (
     Diagnostic,
@@ -25,18 +24,17 @@ from edmctl.errors import (
 )
 from edmctl.files import path_variable
 from edmctl.jobs.ledger.prepared_job import WALL_UM
-from edmctl.jobs.plan import JobRequest, Plan, check
+from edmctl.jobs.plan import Plan, check
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.surroundings import Surroundings, Warn
 from edmctl.jsonout import JsonValue, to_json_value
 from edmctl.profile.folders import SETUP_VARIABLE
 from edmctl.record.ledger import JobBegun, Ledger, SiteMachined, ToolChanged
 from edmctl.results.progress import SeriesObserver
-from edmctl.study.folder import StudyFolder, StudyState
+from edmctl.study.folder import StudyFolder, StudyState, StudyWriter
 from edmctl.study.planning import grid_of, request_of
 from edmctl.study.results import RunKind, RunRow, RunState, StudyRun
-from edmctl.study.rows import MACHINE, PAUSED, StudyWriter, bench_of
-from edmctl.study.running import refuse_other_recipe, row_of, run_name
+from edmctl.study.running import bare_row, refuse_other_recipe, row_of, run_name
 from edmctl.study.suggestions import opening_run
 from edmctl.wording import coordinates, plural, settings_words
 
@@ -49,9 +47,10 @@ JOB_RESUMED = re.compile(r"Go on with `edmctl machine --resume[^`]*`[^.]*\.")
 class MachineRuns:
     """How the runs of a study are made on one machine.
 
-    `approve` is asked before sparks of a run that has to be approved; `new_tool` says that the electrode was changed
-    since the last run, `homed` that the stages are where the
-    restarted controller counts them.
+    approve : is called before sparks of a run that has to be approved
+    new_tool : the electrode was changed since the last run
+    homed : the stages are where the restarted controller counts them
+    command : the one that continues where these runs stop
     """
 
     port: str
@@ -63,7 +62,6 @@ class MachineRuns:
     homed: bool = False
     most: int | None = None
     command: str = "resume"
-    """The command that goes on where these runs stop."""
 
 
 def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesObserver) -> int:
@@ -76,32 +74,36 @@ def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesOb
         raise without_machine()
     with folder.claimed(), folder.writer() as writer:
         if folder.read().rows.port != options.port:
-            bench = bench_of(options.port)
-            writer.append(MACHINE, {"port": options.port, **({"bench": bench} if bench else {})})
+            writer.on_machine(options.port)
         return _Series(folder, options, observer, writer).run()
 
 
 def without_machine() -> UsageError:
     """Return the error of a study that was not planned for a machine that lasts."""
-    return failures.study_without_machine()
+    return UsageError(
+        "The study says nothing of a machine.",
+        hint="Add [machine] to the study file (holes_per_tool, the grid of places), and plan it anew; without it "
+        "every run has a virtual machine of its own.",
+        code="E2103",
+    )
 
 
 def without_port(folder: StudyFolder) -> list[Diagnostic]:
     """Return a warning where a study that says a machine is made on virtual ones."""
     if folder.source.file.machine is None:
         return []
-    return [failures.study_on_virtual_machines()]
+    message = "The study has a [machine], and no port is named: its runs are made on virtual machines."
+    hint = "Name the machine with --port; runs of both are never mixed."
+    return [Diagnostic("W8215", message, hint, is_warning=True)]
 
 
 class _Series:
     def __init__(
         self, folder: StudyFolder, options: MachineRuns, observer: SeriesObserver, writer: StudyWriter
     ) -> None:
+        assert folder.source.file.machine is not None
         self._folder, self._options, self._observer, self._writer = folder, options, observer, writer
-        machine = folder.source.file.machine
-        assert machine is not None
-        self._machine = machine
-        self._new_tool = options.new_tool
+        self._machine, self._new_tool = folder.source.file.machine, options.new_tool
 
     def run(self) -> int:
         made = 0
@@ -118,60 +120,57 @@ class _Series:
         return made
 
     def _make(self, run: StudyRun) -> None:
-        attempt = run.attempts + 1
-        name = run_name(self._folder.runs, run.planned, attempt, datetime.now(UTC))
-        begin_s = time.time()
+        name = run_name(self._folder.runs, run.planned, run.attempts + 1, datetime.now(UTC))
+        bare = bare_row(run.planned, run.attempts + 1, None, datetime.now(UTC))
         left = self._left(run, name)
         if isinstance(left, tuple):
-            result, files = left
-            self._keep(run, attempt, result, files, None, begin_s, tool=self._tool_of_begun(run))
+            self._keep(run, replace(bare, tool=self._tool_of_begun(run)), *left, None)
             return
         if left is not None and self._new_tool:
-            raise failures.new_tool_in_interrupted_hole(number=run.planned.number, run=self._giving_up(run))
+            raise UsageError(
+                f"Run {run.planned.number} was interrupted; another tool cannot go on with its hole.",
+                hint=f"Leave --new-tool out; or give the hole up: `{self._giving_up(run)}`, and make it anew with "
+                "--new-tool.",
+                code="E2108",
+            )
         tool = self._look_at_tool(run) if left is None else self._tool_of_begun(run)
         if left is None and (opening := self._opening_run(run, tool)) is not None:
             self._make(opening)
             return
         begun = left if left is not None else self._fresh(run, name)
-        plan, name, site_um = begun.plan, begun.name, begun.site_um
-        if left is None and self._wants_approval(run) and not self._options.approve(run, plan):
-            raise failures.run_not_approved(number=run.planned.number, value=self._command())
+        if left is None and self._wants_approval(run) and not self._options.approve(run, begun.plan):
+            raise PreconditionError(
+                f"Run {run.planned.number} is not approved.",
+                hint=f"Approve it and go on: `{self._command()} --yes`.",
+                code="E8205",
+            )
         from edmctl.jobs.job import carry_out
 
         what = "resuming" if left is not None else "making"
-        self._observer.note(
-            f"{what} run {run.planned.number}: {settings_words(run.planned.settings)}, at {coordinates(*site_um)}"
-        )
-        report = carry_out(
-            plan,
-            self._folder.source.file.design.seed,
-            self._observer,
-            name,
-            self._options.warn,
-            self._serial(),
-        )
+        where = f"{settings_words(run.planned.settings)}, at {coordinates(*begun.site_um)}"
+        self._observer.note(f"{what} run {run.planned.number}: {where}")
+        seed, warn = self._folder.source.file.design.seed, self._options.warn
+        report = carry_out(begun.plan, seed, self._observer, begun.name, warn, self._serial())
         if report.error is not None and not isinstance(report.error, ObjectiveNotReached):
             self._stop(run, report.error)
         self._new_tool = False
-        files = (report.run_file,) if report.run_file else ()
-        self._keep(run, attempt, report.to_dict(), files, report.error, begin_s, site_um, tool)
+        made = replace(bare, tool=tool, site_um=begun.site_um)
+        self._keep(run, made, report.to_dict(), report.run_file, report.error)
 
-    def _left(
-        self, run: StudyRun, name: RunName
-    ) -> _Begun | tuple[dict[str, JsonValue], tuple[Path, ...]] | None:
-        """What an earlier command left of an attempt: a hole to resume, a result without a row, or nothing."""
+    def _left(self, run: StudyRun, name: RunName) -> _Begun | tuple[dict[str, JsonValue], Path] | None:
+        """Return what an earlier command left of an attempt: a hole to resume, a result without a row, or None."""
         from edmctl.jobs.resume import checked, find_run, name_of_resumed
         from edmctl.jobs.runs.opening import recovered_before
 
+        options = self._options
         try:
-            resumption = find_run(name.run_id, self._folder.runs, homed=self._options.homed)
+            resumption = find_run(name.run_id, self._folder.runs, homed=options.homed)
         except PreconditionError as error:
             if error.code == "E8051":
                 return _finished(name)
             if error.code != "E8050":
                 raise
             return None
-        options = self._options
         try:
             plan = checked(resumption, options.port, options.wait_s, options.surroundings)
         except PreconditionError as error:
@@ -186,17 +185,13 @@ class _Series:
         options, planned = self._options, run.planned
         setup = self._folder.base.setup or path_variable(SETUP_VARIABLE, options.surroundings.environ)
         base = replace(self._folder.base, setup=setup, port=options.port, wait_s=options.wait_s)
-        recipe = self._folder.recipes.get(planned.point)
-        without_place = check(request_of(base, planned.settings), options.surroundings)
-        refuse_other_recipe(without_place, recipe, planned)
-        site_um = self._next_free_um(without_place)
-        return _Begun(check(self._request(base, run, site_um), options.surroundings), name, site_um)
-
-    def _request(self, base: JobRequest, run: StudyRun, site_um: tuple[float, float]) -> JobRequest:
-        x_um, y_um = site_um
-        at = f'sites=[{{x_um={x_um!r}, y_um={y_um!r}, name="run{run.planned.number:04d}"}}]'
-        request = request_of(base, run.planned.settings)
-        return replace(request, overrides=(*request.overrides, at), new_tool=self._new_tool)
+        request = request_of(base, planned.settings)
+        without_place = check(request, options.surroundings)
+        refuse_other_recipe(without_place, self._folder.recipes.get(planned.point), planned)
+        x_um, y_um = self._next_free_um(without_place)
+        at = f'sites=[{{x_um={x_um!r}, y_um={y_um!r}, name="run{planned.number:04d}"}}]'
+        request = replace(request, overrides=(*request.overrides, at), new_tool=self._new_tool)
+        return _Begun(check(request, options.surroundings), name, (x_um, y_um))
 
     def _next_free_um(self, plan: Plan) -> tuple[float, float]:
         """The first place of the grid that is clear of every hole that was made or begun."""
@@ -206,7 +201,11 @@ class _Series:
         for x_um, y_um in grid_of(self._machine):
             if all(math.hypot(x_um - x, y_um - y) >= radius_um + own + WALL_UM / 2 for x, y, own in taken):
                 return x_um, y_um
-        raise failures.grid_full()
+        raise PreconditionError(
+            "No place of the study's grid is free any more.",
+            hint="A study on new work is another one, in another folder; give its grid more columns or rows.",
+            code="E8207",
+        )
 
     def _tool_of_begun(self, run: StudyRun) -> int:
         """Return the number of the tool that began a hole: that of the row before, or the one changed for it."""
@@ -233,9 +232,11 @@ class _Series:
             return max(tool + 1, run.planned.tool)
         if is_of_next_tool(state, run):
             holes = sum(row.tool == tool for row in made)
-            self._writer.append(PAUSED, {"number": run.planned.number, "why": f"tool {tool} is done"})
-            raise failures.tool_change_due(
-                tool=tool, holes=plural(holes, "hole"), number=run.planned.number, value=self._command()
+            self._writer.paused(run, f"tool {tool} is done")
+            raise PreconditionError(
+                f"Tool {tool} has made its {plural(holes, 'hole')}; run {run.planned.number} is of the next one.",
+                hint=f"Change or dress it, and go on with `{self._command()} --new-tool`.",
+                code="E8204",
             )
         return tool
 
@@ -265,10 +266,8 @@ class _Series:
 
     def _stop(self, run: StudyRun, error: EdmError) -> None:
         """Say how the study goes on, and end it."""
-        values: dict[str, object] = {"number": run.planned.number, "why": f"{error.code}: {error.message}"}
-        if error.code == WORN_OUT:
-            values["worn_tool"] = _tool_in_use(self._folder.read(), run)
-        self._writer.append(PAUSED, values)
+        worn_tool = _tool_in_use(self._folder.read(), run) if error.code == WORN_OUT else None
+        self._writer.paused(run, f"{error.code}: {error.message}", worn_tool)
         command = self._command() + (" --homed" if "--homed" in error.hint else "")
         if error.code == WORN_OUT:
             hint = f"Dress or change it, and go on with `{command} --new-tool`."
@@ -280,30 +279,23 @@ class _Series:
     def _keep(
         self,
         run: StudyRun,
-        attempt: int,
+        bare: RunRow,
         result: dict[str, JsonValue],
-        files: Sequence[Path],
+        file: Path | None,
         error: EdmError | None,
-        begin_s: float,
-        site_um: tuple[float, float] | None = None,
-        tool: int | None = None,
     ) -> None:
         base = replace(self._folder.base, port=self._options.port)
         plan = check(request_of(base, run.planned.settings), self._options.surroundings)
-        row = row_of(
-            run.planned,
-            attempt,
-            result,
-            plan,
-            error=error,
-            seed=None,
-            files=tuple(files),
-            started=datetime.fromtimestamp(begin_s, UTC),
-            duration_s=time.time() - begin_s,
-            site_um=site_um if site_um is not None else _place_of(result),
-            tool=tool,
+        duration_s = (datetime.now(UTC) - datetime.fromisoformat(bare.started)).total_seconds()
+        row = row_of(bare, plan, result, file, error)
+        self._writer.run(
+            replace(
+                row,
+                site_um=row.site_um or _place_of(result),
+                duration_s=round(duration_s, 3),
+                order=next_order(self._folder.read()),
+            )
         )
-        self._writer.run(replace(row, order=next_order(self._folder.read())))
 
     def _pause(self) -> None:
         """Wait between two runs; a signal ends that as it ends a job."""
@@ -342,9 +334,9 @@ def wants_new_tool(state: StudyState) -> bool:
     run = next_run(state)
     if run is None or not state.rows.port or is_begun(state.folder, run):
         return False
-    last = state.rows.paused[-1] if state.rows.paused else {}
-    is_worn = last.get("number") == run.planned.number and last.get("worn_tool") == _tool_in_use(state, run)
-    return is_worn or is_of_next_tool(state, run)
+    last = state.rows.paused
+    worn = (last.number, last.worn_tool) if last is not None else (0, None)
+    return worn == (run.planned.number, _tool_in_use(state, run)) or is_of_next_tool(state, run)
 
 
 def is_of_next_tool(state: StudyState, run: StudyRun) -> bool:
@@ -353,7 +345,7 @@ def is_of_next_tool(state: StudyState, run: StudyRun) -> bool:
     if not made:
         return False
     # The plan has a run for a later tool than all before: also where a tool was changed early.
-    planned = {one.number: one.tool for one in state.folder.plan.runs}
+    planned = {one.number: one.tool for one in state.plan.runs}
     before = [planned[row.number] for row in made if row.number in planned]
     begins_a_block = bool(before) and planned.get(run.planned.number, 0) > max(before)
     return run.planned.tool > made[-1].tool or begins_a_block
@@ -382,7 +374,7 @@ class _Begun:
     site_um: tuple[float, float]
 
 
-def _finished(name: RunName) -> tuple[dict[str, JsonValue], tuple[Path, ...]] | None:
+def _finished(name: RunName) -> tuple[dict[str, JsonValue], Path] | None:
     """The result in the run file of a hole that was finished before its row was written."""
     from edmctl.record.reader import open_run
 
@@ -394,7 +386,7 @@ def _finished(name: RunName) -> tuple[dict[str, JsonValue], tuple[Path, ...]] | 
         except (RunFileError, OSError):
             continue
         if summary is not None:
-            return {name: to_json_value(value, name) for name, value in summary.items()}, (file,)
+            return {name: to_json_value(value, name) for name, value in summary.items()}, file
     return None
 
 

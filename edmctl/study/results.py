@@ -1,39 +1,41 @@
-"""Designed experiments: the runs that are planned, the rows that they leave, and how far a study has come."""
+"""The records of a study: what was asked, the runs that are planned, their rows, and what follows from them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Any
 
 from edmctl.dataclasses import dataclass, field
 
 Value = bool | int | float | str
+Interval = tuple[float, float, float]
+"""An expected value, and the bounds of its 95 % interval."""
+
+TRUTH = "truth."
+"""Begins the names of what only a virtual machine knows."""
 
 
 class RunKind(StrEnum):
-    """Why a run is made."""
+    """Why a run is made; a centre run, in the middle of all factors, shows curvature, drift and a worn tool."""
 
     DESIGN = "design"
     CENTER = "center"
-    """In the middle of all factors, to see curvature, drift and a worn tool."""
     SUGGESTED = "suggested"
     CONFIRMATION = "confirmation"
 
 
 class RunState(StrEnum):
-    """How far a run has come."""
+    """How far a run has come; one that ended with an error has failed, until it is judged."""
 
     OPEN = "open"
     DONE = "done"
     FAILED = "failed"
-    """It ended with an error; its responses count where somebody accepts them."""
     REJECTED = "rejected"
 
 
 class Judgement(StrEnum):
-    """What somebody says of a run."""
+    """An operator's verdict on a run."""
 
     ACCEPT = "accept"
     REJECT = "reject"
@@ -41,31 +43,15 @@ class Judgement(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class PlannedRun:
-    """One run: runs of one `point` have equal settings; `number` is its place in the order of all runs.
-
-    `block` says what it shares with others beside its settings: a machine (seed) or a tool. `tool` is 0 where every
-    run has a machine of its own.
-    """
-
-    number: int
-    kind: RunKind
-    point: int
-    replicate: int
-    block: int
-    seed: int
-    settings: Mapping[str, Value]
-    tool: int = 0
-
-
-@dataclass(frozen=True, slots=True)
 class FactorInfo:
-    """A factor as it was varied: its values or bounds, and how they are coded."""
+    """A factor as it was varied.
+
+    values : levels or categories; the two bounds of a range
+    """
 
     key: str
     name: str
     values: tuple[Value, ...]
-    """Levels or categories; of a range its two bounds."""
     is_number: bool
     is_log: bool = False
     is_range: bool = False
@@ -84,7 +70,7 @@ class ResponseInfo:
 
     @property
     def label(self) -> str:
-        """Name with its unit, where that does not stand in the name."""
+        """Name with its unit, unless that ends the name."""
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
 
@@ -99,15 +85,108 @@ class ConstraintInfo:
     def __str__(self) -> str:
         return f"{self.response} {'≤' if self.sign > 0 else '≥'} {self.limit:g}"
 
+    def excess(self, value: float) -> float:
+        """Return by how much a value breaks the constraint; negative for one that keeps it."""
+        return self.sign * (value - self.limit)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRun:
+    """One run: runs of one `point` have equal settings; `number` is its place in the order of all runs.
+
+    block : what it shares with others beside its settings, a machine (seed) or a tool
+    tool : 0 where every run has a machine of its own
+    """
+
+    number: int
+    kind: RunKind
+    point: int
+    replicate: int
+    block: int
+    seed: int
+    settings: Mapping[str, Value]
+    tool: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PlanCosts:
+    """What the runs of a study will take, by the forecasts of each.
+
+    tool_wear_um : of each tool; most_wear_um : what one tool may lose
+    places : on the grid of a machine that lasts
+    """
+
+    time_s: float
+    machining_time_s: float
+    tool_wear_um: tuple[float, ...]
+    most_wear_um: float
+    places: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class StudyPlan:
+    """A study as it will be run. Without `costs` it was not checked.
+
+    kind : the design in words, `Taguchi L9 (3^4)`
+    objectives : responses with their weights
+    dof : degrees of freedom by term; `error` is what is left
+    """
+
+    name: str
+    description: str
+    kind: str
+    factors: tuple[FactorInfo, ...]
+    responses: tuple[ResponseInfo, ...]
+    constraints: tuple[ConstraintInfo, ...]
+    objectives: tuple[tuple[str, float], ...]
+    runs: tuple[PlannedRun, ...]
+    points: int
+    replicates: int
+    model: str
+    dof: Mapping[str, int]
+    aliases: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    costs: PlanCosts | None = None
+
+    def is_of_design(self, run: PlannedRun) -> bool:
+        """Return whether a run is one of the design: planned, or of a replicate or fold-over that was added.
+
+        Suggested and confirmation runs are not, nor the centre runs that open and close their tools.
+        """
+        is_planned = run.number <= len(self.runs) or run.replicate > self.replicates
+        return is_planned and run.kind in (RunKind.DESIGN, RunKind.CENTER)
+
+    def response(self, name: str) -> ResponseInfo | None:
+        """Return a response by its name; None for one that the study does not ask for."""
+        return next((one for one in self.responses if one.name == name), None)
+
+
+@dataclass(frozen=True, slots=True)
+class PlanDocument:
+    """The contents of `plan.json`. The annotations are its schema.
+
+    edmctl : version that planned the study
+    sha256 : hash of each other file, by name
+    recipes : by point, hashes of the recipe and of the `[sim]` table in effect
+    """
+
+    schema: str
+    edmctl: str
+    sha256: Mapping[str, str]
+    recipes: Mapping[int, tuple[str, str]]
+    plan: StudyPlan
+    changes: tuple[str, ...] = ()
+
 
 @dataclass(frozen=True, slots=True)
 class RunRow:
-    """What one attempt at a run came to. A response without a value is None.
+    """The outcome of one attempt at a run. A response without a value is None. The annotations are its schema.
 
-    `u` are standard uncertainties, `u95` halves of 95 % intervals.
+    Fields of time and computer come last: in all others the rows of two executions of one study are equal.
 
-    `truth` is what a virtual machine knows and no estimate has seen. Fields of time and computer stand last: in
-    everything before them the rows of two executions of one study are equal.
+    u, u95 : standard uncertainties, and halves of 95 % intervals
+    truth : what a virtual machine knows and no estimate has seen
+    order : place in the order in which runs were made on a machine that lasts, from 1
     """
 
     number: int
@@ -120,15 +199,14 @@ class RunRow:
     seed: int | None
     attempt: int
     settings: Mapping[str, Value]
-    exit_code: int
-    error: str | None
-    responses: Mapping[str, float | None]
-    u: Mapping[str, float | None]
-    u95: Mapping[str, float | None]
-    bases: Mapping[str, str]
-    truth: Mapping[str, float | None]
+    exit_code: int = 0
+    error: str | None = None
+    responses: Mapping[str, float | None] = field(default_factory=dict)
+    u: Mapping[str, float | None] = field(default_factory=dict)
+    u95: Mapping[str, float | None] = field(default_factory=dict)
+    bases: Mapping[str, str] = field(default_factory=dict)
+    truth: Mapping[str, float | None] = field(default_factory=dict)
     order: int = 0
-    """Place in the order in which runs were made on a machine that lasts, from 1; of virtual ones their number."""
     run_files: tuple[str, ...] = ()
     run_sha256: str = ""
     started: str = ""
@@ -143,7 +221,7 @@ class RunRow:
 
 @dataclass(frozen=True, slots=True)
 class StudyRun:
-    """A planned run with all that is known of it by now: its last attempt, what was told and judged."""
+    """A planned run with its last attempt and what was reported of that later."""
 
     planned: PlannedRun
     row: RunRow | None = None
@@ -173,95 +251,37 @@ class StudyRun:
         return RunState.DONE if self.row.ok or self.judgement is Judgement.ACCEPT else RunState.FAILED
 
     def value(self, response: str) -> float | None:
-        """Return a response of the run, None where there is none; `truth.NAME` is what the virtual machine knows."""
-        if self.state is not RunState.DONE or self.row is None:
-            return None
+        """Return a response of a run that is done, None where there is none; `truth.NAME` is of virtual machines."""
+        return self.recorded(response) if self.state is RunState.DONE else None
+
+    def recorded(self, response: str) -> float | None:
+        """Return a response of a run in any state."""
         if response in self.told:
             return self.told[response]
+        if self.row is None:
+            return None
         if response.startswith(TRUTH):
             return self.row.truth.get(response.removeprefix(TRUTH))
         return self.row.responses.get(response)
 
-
-TRUTH = "truth."
-"""Begins the names of what only a virtual machine knows."""
-
-
-@dataclass(frozen=True, slots=True)
-class PlanCosts:
-    """What the runs of a study will take, by the forecasts of each; `tool_wear_um` is that of each tool."""
-
-    time_s: float
-    machining_time_s: float
-    tool_wear_um: tuple[float, ...]
-    most_wear_um: float
-    """What one tool may lose."""
-    places: int = 0
-    """On the grid of a machine that lasts."""
-
-
-@dataclass(frozen=True, slots=True)
-class StudyPlan:
-    """A study as it will be run. Without `costs` it was not checked."""
-
-    name: str
-    description: str
-    kind: str
-    """Design in words: `Taguchi L9 (3^4)`."""
-    factors: tuple[FactorInfo, ...]
-    responses: tuple[ResponseInfo, ...]
-    constraints: tuple[ConstraintInfo, ...]
-    objectives: tuple[tuple[str, float], ...]
-    runs: tuple[PlannedRun, ...]
-    points: int
-    replicates: int
-    model: str
-    dof: Mapping[str, int]
-    """Degrees of freedom by term; `error` is what is left."""
-    aliases: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    costs: PlanCosts | None = None
-
-    def is_of_design(self, run: PlannedRun) -> bool:
-        """Return whether a run is one of the design: planned, or of a replicate or fold-over that was added.
-
-        Suggested and confirmation runs are not, nor the centre runs that open and close their tools.
-        """
-        is_planned = run.number <= len(self.runs) or run.replicate > self.replicates
-        return is_planned and run.kind in (RunKind.DESIGN, RunKind.CENTER)
-
-    def as_mapping(self) -> dict[str, Any]:
-        """Return the `result` of the JSON object."""
-        from dataclasses import asdict
-
-        return asdict(self)
-
-
-@dataclass(frozen=True, slots=True)
-class PlanDocument:
-    """The contents of `plan.json`. The annotations are its schema."""
-
-    schema: str
-    edmctl: str
-    """Version that planned the study."""
-    sha256: Mapping[str, str]
-    """Hash of each other file, by name."""
-    recipes: Mapping[int, tuple[str, str]]
-    """By point: hashes of the recipe and of the `[sim]` table in effect."""
-    plan: StudyPlan
-    changes: tuple[str, ...] = ()
+    def u95(self, response: str) -> float | None:
+        """Return half of the 95 % interval that the run itself gives; None for what was measured by hand."""
+        is_measured = self.row is not None and response not in self.told
+        return self.row.u95.get(response) if is_measured and self.row is not None else None
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """One point beside the others: means of its objectives, whether it keeps the constraints, rankings."""
+    """One point beside the others: means of its objectives, whether it keeps the constraints, rankings.
+
+    upper : by constraint, the bound of the 95 % interval on the side of the limit
+    """
 
     point: int
     settings: Mapping[str, Value]
     runs: int
     means: Mapping[str, float | None]
     upper: Mapping[str, float | None]
-    """Of constrained responses: the bound of the 95 % interval on the side of the limit."""
     is_feasible: bool
     is_pareto: bool
     grey_grade: float | None
@@ -279,17 +299,16 @@ class Recommendation:
     is_feasible: bool
     basis: str
     constraints: tuple[str, ...] = ()
-    """Those that it has to keep."""
 
     @property
-    def intervals(self) -> dict[str, tuple[float, float, float]]:
+    def intervals(self) -> dict[str, Interval]:
         """What is expected, and the bounds of its 95 % interval, by response."""
         return {name: (value, self.low[name], self.high[name]) for name, value in self.expected.items()}
 
 
 @dataclass(frozen=True, slots=True)
 class ConfirmedResponse:
-    """A response at settings that were run anew on other machines, against what the models had expected of a run."""
+    """A response at settings that were run anew on other machines, and what the models had expected of a run."""
 
     name: str
     expected: float
@@ -304,15 +323,15 @@ class ConfirmedResponse:
 
     @property
     def held(self) -> int:
-        """How many of the runs lay within the interval."""
+        """The number of runs within the interval."""
         return sum(self.low <= value <= self.high for value in self.measured)
 
 
 @dataclass(frozen=True, slots=True)
 class ConfirmedLimit:
-    """A constraint at settings that were run anew: the mean of the runs, and the 95 % bound of that mean.
+    """A constraint with the mean of runs, and the 95 % bound of that mean on the side of the limit.
 
-    upper : on the side of the limit; None for a single run, which tells no scatter.
+    upper : None for a single run, which has no scatter
     """
 
     constraint: ConstraintInfo
@@ -322,12 +341,12 @@ class ConfirmedLimit:
     @property
     def is_kept(self) -> bool:
         """Whether the mean keeps it."""
-        return self.constraint.sign * (self.mean - self.constraint.limit) <= 0
+        return self.constraint.excess(self.mean) <= 0
 
     @property
     def is_shown(self) -> bool:
         """Whether the bound keeps it too."""
-        return self.upper is not None and self.constraint.sign * (self.upper - self.constraint.limit) <= 0
+        return self.upper is not None and self.constraint.excess(self.upper) <= 0
 
     @property
     def verdict(self) -> str:

@@ -23,11 +23,10 @@ from edmctl.jobs.surroundings import NONE, Unobserved
 from edmctl.jsonout import JsonValue
 from edmctl.results.progress import SeriesObserver
 from edmctl.start_up import collect_garbage
-from edmctl.study.folder import StudyFolder, StudyState
+from edmctl.study.folder import StudyFolder, StudyState, bench_of
 from edmctl.study.planning import request_of
 from edmctl.study.responses import responses_of, truth_of
 from edmctl.study.results import PlannedRun, RunRow, RunState, StudyRun
-from edmctl.study.rows import bench_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +40,19 @@ class RunTask:
     folder: Path | None
 
 
+def task_of(folder: StudyFolder, run: StudyRun) -> RunTask:
+    """Return the next attempt at a run as a task for any worker."""
+    return RunTask(
+        run.planned,
+        run.attempts + 1,
+        request_of(folder.base, run.planned.settings),
+        folder.recipes.get(run.planned.point),
+        folder.runs if folder.source.file.study.run_files else None,
+    )
+
+
 def evaluate(task: RunTask, program: Program | None = None) -> RunRow:
-    """Make a run on a fresh virtual machine, and return its row, whatever became of it.
+    """Make a run on a fresh virtual machine, and return its row, also if the job failed.
 
     Raises Interrupted, RunFileError, and PreconditionError E8203 where the recipe is not the planned one.
     """
@@ -60,17 +70,14 @@ def evaluate(task: RunTask, program: Program | None = None) -> RunRow:
     report = carry_out(plan, task.run.seed, Unobserved(), name)
     if isinstance(report.error, Interrupted | RunFileError):
         raise report.error
-    return row_of(
-        task.run,
-        task.attempt,
-        report.to_dict(),
+    row = row_of(
+        bare_row(task.run, task.attempt, task.run.seed, started),
         plan,
-        error=report.error,
-        seed=task.run.seed,
-        files=(report.run_file,) if report.run_file else (),
-        started=started,
-        duration_s=time.perf_counter() - begin_s,
+        report.to_dict(),
+        report.run_file,
+        report.error,
     )
+    return replace(row, duration_s=round(time.perf_counter() - begin_s, 3))
 
 
 def run_name(folder: Path, run: PlannedRun, attempt: int, start: datetime) -> RunName:
@@ -86,26 +93,16 @@ def refuse_other_recipe(plan: Plan, recipe: tuple[str, str] | None, run: Planned
 
 
 def row_of(
-    run: PlannedRun,
-    attempt: int,
-    result: Mapping[str, JsonValue],
-    plan: Plan,
-    *,
-    error: EdmError | None,
-    seed: int | None,
-    files: tuple[Path, ...],
-    started: datetime,
-    duration_s: float,
-    site_um: tuple[float, float] | None = None,
-    tool: int | None = None,
+    bare: RunRow, plan: Plan, result: Mapping[str, JsonValue], file: Path | None, error: EdmError | None
 ) -> RunRow:
-    """Return the row of an attempt whose result is `result`."""
-    target = plan.loaded.profile.target
-    values, u, u95, bases = responses_of(result, getattr(target, "depth_um", None))
+    """Return the row of an attempt with the result of its job."""
+    values, u, u95, bases = responses_of(result, getattr(plan.loaded.profile.target, "depth_um", None))
+    digest = ""
+    if file is not None:
+        with open_regular(file) as opened:
+            digest = hashlib.file_digest(opened, "sha256").hexdigest()
     return replace(
-        bare_row(run, attempt, seed, started),
-        tool=run.tool if tool is None else tool,
-        site_um=site_um,
+        bare,
         exit_code=error_exit_code(error) if error is not None else 0,
         error=f"{error.code}: {error.message}" if error is not None else None,
         responses=values,
@@ -113,9 +110,8 @@ def row_of(
         u95=u95,
         bases=bases,
         truth=truth_of(result),
-        run_files=tuple(file.name for file in files),
-        run_sha256=_sha256(files[-1]) if files else "",
-        duration_s=round(duration_s, 3),
+        run_files=(file.name,) if file is not None else (),
+        run_sha256=digest,
     )
 
 
@@ -137,21 +133,9 @@ def bare_row(run: PlannedRun, attempt: int, seed: int | None, started: datetime)
         seed=seed,
         attempt=attempt,
         settings=run.settings,
-        exit_code=0,
-        error=None,
-        responses={},
-        u={},
-        u95={},
-        bases={},
-        truth={},
         started=started.isoformat(timespec="milliseconds"),
         host=socket.gethostname(),
     )
-
-
-def _sha256(file: Path) -> str:
-    with open_regular(file) as opened:
-        return hashlib.file_digest(opened, "sha256").hexdigest()
 
 
 def refuse_mixture(state: StudyState, where: MachineAddress, command: str = "resume") -> None:
@@ -168,17 +152,6 @@ def refuse_mixture(state: StudyState, where: MachineAddress, command: str = "res
         raise failures.study_bench_gone(bench=bench)
     if lasting and not port and is_made:
         raise failures.study_has_virtual_runs()
-
-
-def task_of(folder: StudyFolder, run: StudyRun) -> RunTask:
-    """Return the next attempt at a run as a task for any worker."""
-    return RunTask(
-        run.planned,
-        run.attempts + 1,
-        request_of(folder.base, run.planned.settings),
-        folder.recipes.get(run.planned.point),
-        folder.runs if folder.source.file.study.run_files else None,
-    )
 
 
 def run_virtual(

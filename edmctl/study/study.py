@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from contextlib import suppress
 from datetime import UTC, datetime
 from numbers import Real
 from operator import index
 from typing import TYPE_CHECKING, Any, Self, SupportsIndex
 
-from edmctl import failures
+from edmctl.dataclasses import replace
+from edmctl.errors import UsageError
 from edmctl.files import user_path
 from edmctl.jobs.job import Report
 from edmctl.jobs.parallel import pool_of, process_pool, silent_program
@@ -25,7 +26,7 @@ from edmctl.study.design import value_within
 from edmctl.study.folder import ADDING_S, StudyFolder, StudyState, create_folder, open_folder
 from edmctl.study.on_machine import without_port
 from edmctl.study.planning import PlannedStudy, plan_study, request_of
-from edmctl.study.results import PlannedRun, Recommendation, RunRow, RunState, StudyPlan, StudyRun, Value
+from edmctl.study.results import PlannedRun, Recommendation, RunRow, RunState, StudyPlan, Value
 from edmctl.study.running import bare_row, row_of, run_virtual
 from edmctl.study.study_file import read_study
 from edmctl.study.suggestions import extension_runs, next_batch, recommended, suggested_runs, suggestions
@@ -38,14 +39,6 @@ if TYPE_CHECKING:
     import pandas
 
     from edmctl.study.statistics.response_analysis import ResponseAnalysis
-
-
-def _number(value: object) -> float:
-    """Return a number as a float; NaN for anything else, and for one that no float can represent."""
-    try:
-        return float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
-    except OverflowError:
-        return math.nan
 
 
 class _Uncounted(Unobserved):
@@ -92,7 +85,7 @@ class Study:
     def start(self, out: str | PathLike[str]) -> Self:
         """Make the folder of the study. Raises RunFileError E9101 where one is there."""
         if self._planned is None:
-            raise failures.study_has_folder(value=self)
+            raise UsageError(f"{self!r} has its folder already.", hint="Load the study file.", code="E2109")
         self._folder = create_folder(user_path(out), self._planned)
         return self
 
@@ -125,7 +118,7 @@ class Study:
         Raises UsageError if `count` is below 1, PreconditionError E8209 to E8211 if nothing can be suggested.
         """
         if count < 1:
-            raise failures.run_count_too_small(count=count)
+            raise UsageError(f"{count} runs cannot be asked for.", hint="Ask for 1 or more.")
         left = [run.planned for run in self._state().runs if run.state is RunState.OPEN][:count]
         return left or self._added(lambda state: suggestions(state, count))
 
@@ -144,7 +137,9 @@ class Study:
         factors = folder.plan.factors
         keys = [factor.key for factor in factors]
         if sorted(settings) != sorted(keys):
-            raise failures.settings_incomplete(keys=", ".join(keys))
+            raise UsageError(
+                f"Settings have a value of each of {', '.join(keys)}.", hint="Leave others out.", code="E2110"
+            )
         own = {factor.key: value_within(factor, settings[factor.key]) for factor in factors}
         check(request_of(folder.base, own))
         return self._added(lambda state: suggested_runs(state, [own]))[-1]
@@ -187,9 +182,16 @@ class Study:
         folder = self._started()
         found = self._state().run(run.number if isinstance(run, PlannedRun) else index(run))
         if isinstance(run, PlannedRun) and run.settings != found.planned.settings:
-            raise failures.run_has_other_settings(number=run.number)
+            raise UsageError(
+                f"Run {run.number} of the study has other settings.",
+                hint="It is of another study, or of a folder that was planned anew.",
+                code="E2104",
+            )
+        row = bare_row(found.planned, found.attempts + 1, None, datetime.now(UTC))
         if isinstance(result, Report):
-            row = self._row(found, result)
+            plan = check(request_of(folder.base, found.planned.settings))
+            row = replace(row, seed=result.seed)
+            row = row_of(row, plan, result.to_dict(), result.run_file, result.error)
         else:
             values = self._values(result)
             if found.row is not None and found.state is not RunState.OPEN:
@@ -197,11 +199,7 @@ class Study:
                 with folder.writer() as writer:
                     writer.told(found, values)
                 return
-            row = replace(
-                bare_row(found.planned, found.attempts + 1, None, datetime.now(UTC)),
-                responses=values,
-                bases=dict.fromkeys(values, "told"),
-            )
+            row = replace(row, responses=values, bases=dict.fromkeys(values, "told"))
         with folder.writer() as writer:
             writer.run(row)
 
@@ -221,7 +219,9 @@ class Study:
         """
         found = {one.name: one for one in analysis_of(self._state()).responses}
         if response not in found:
-            raise failures.response_unknown(response=response, found=", ".join(found))
+            raise UsageError(
+                f"The study has no response {response}.", hint=f"There are {', '.join(found)}.", code="E2105"
+            )
         return found[response]
 
     def recommend(self) -> Recommendation:
@@ -237,7 +237,7 @@ class Study:
 
     def _started(self) -> StudyFolder:
         if self._folder is None:
-            raise failures.study_without_folder(value=self)
+            raise UsageError(f"{self!r} has no folder yet.", hint='Make it with .start("out").', code="E2109")
         return self._folder
 
     def _state(self) -> StudyState:
@@ -247,34 +247,30 @@ class Study:
         asked = {one.name: one for one in self._started().source.file.responses}
         values: dict[str, float] = {}
         for name, value in given.items():
-            number, (low, high) = _number(value), responses.range_of(name)
+            number, (low, high) = math.nan, responses.range_of(name)
+            if isinstance(value, Real) and not isinstance(value, bool):
+                with suppress(OverflowError):
+                    number = float(value)
             is_possible = abs(number) <= responses.LARGEST and low <= number <= high
             if (name not in asked and name not in responses.KNOWN) or not is_possible:
-                raise failures.response_value_wrong(name=name, value=value, asked=", ".join(sorted(asked)))
+                raise UsageError(
+                    f"{name} = {value!r} is no value of a response of the study.",
+                    hint=f"Give a possible number alone. Responses: {', '.join(sorted(asked))}.",
+                    code="E2105",
+                )
             values[name] = number
             if name in asked:
                 refuse_untellable(asked[name], values[name])
         if not values:
-            raise failures.no_response_given(asked=", ".join(sorted(asked)))
+            raise UsageError("Nothing is told.", hint=f"Responses: {', '.join(sorted(asked))}.", code="E2105")
         return values
 
     def _refuse_measured(self, row: RunRow, values: Mapping[str, float]) -> None:
         manual = {one.name for one in self.plan().responses if one.is_manual}
         for name in values:
             if name not in manual and row.bases.get(name) != "told":
-                raise failures.response_measured_by_run(number=row.number, name=name)
-
-    def _row(self, run: StudyRun, report: Report) -> RunRow:
-        plan = check(request_of(self._started().base, run.planned.settings))
-        files = (report.run_file,) if report.run_file else ()
-        return row_of(
-            run.planned,
-            run.attempts + 1,
-            report.to_dict(),
-            plan,
-            error=report.error,
-            seed=report.seed,
-            files=files,
-            started=datetime.now(UTC),
-            duration_s=0.0,
-        )
+                raise UsageError(
+                    f"Run {row.number} has measured {name} itself.",
+                    hint="Tell manual responses; or judge the run, and make it again.",
+                    code="E2105",
+                )

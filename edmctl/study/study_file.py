@@ -155,10 +155,10 @@ class StudyFile(Table):
 
 @dataclass(frozen=True, slots=True)
 class StudySource:
-    """A study file that was read, and where each of its values stands.
+    """A study file with the positions of its values.
 
-    Of a file with wrong keys or values `file` has what else stands there, and `wrong` says what is wrong; `damaged`
-    are the tables with gaps, whose contents nobody should judge.
+    wrong : diagnostics of wrong keys and values, which are not in `file`
+    damaged : the tables that lack such a value; their contents are not checked
     """
 
     file: StudyFile
@@ -171,6 +171,11 @@ class StudySource:
     def text(self) -> str:
         """The file verbatim."""
         return self.sources.file.text
+
+    @property
+    def steps(self) -> dict[str, float | None]:
+        """The step of each factor, by its key."""
+        return {factor.key: factor.step for factor in self.file.factors}
 
     def refusal(self, path: KeyPath, message: str, hint: str) -> Diagnostic:
         """Return what is wrong with the value at `path`."""
@@ -227,7 +232,7 @@ def study_of(text: str, path: Path) -> StudySource:
 
 
 _STAND_INS = {"kind": "full"}
-"""What stands for a required text that is missing or wrong, in a table that nobody judges; else `unknown`."""
+"""Stands for a required text that is missing or wrong in a damaged table; else `unknown`."""
 
 
 def _without(table: TomlTable, problems: Iterable[KeyPath]) -> TomlTable:

@@ -8,11 +8,10 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from edmctl import failures
-from edmctl.errors import PreconditionError, ProfileError
+from edmctl.dataclasses import replace
+from edmctl.errors import PreconditionError, ProfileError, UsageError
 from edmctl.jobs.plan import check
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.study.analysis import (
@@ -27,7 +26,8 @@ from edmctl.study.analysis import (
     is_one_machine,
     limits_of,
     ranked_by,
-    tells_little,
+    values_of,
+    wide_intervals,
 )
 from edmctl.study.design import coded, settings_key, unit_points, value_at
 from edmctl.study.folder import StudyState
@@ -36,8 +36,8 @@ from edmctl.study.results import (
     Choice,
     Confirmation,
     ConfirmedResponse,
-    ConstraintInfo,
     FactorInfo,
+    Interval,
     PlannedRun,
     Recommendation,
     ResponseInfo,
@@ -51,39 +51,45 @@ from edmctl.study.statistics.designs import sobol_points
 from edmctl.wording import plural
 
 if TYPE_CHECKING:
-    from numpy.random import Generator
-
+    from edmctl.study.statistics.surrogates import Surrogates
 
 MOST_NAMED = 5
 FRESH_SEEDS = 1_000_003
-"""Machines of confirmation runs are so far from those of the design that no study's seeds come near."""
+"""From the seeds of the design to those of confirmation runs: beyond any number of runs."""
+CANDIDATES = 1024
+AROUND, BEST, NEAR = 64, 4, 0.15
+"""Candidates about each of the runs with the best objectives, within this share of half a factor's range."""
+MOST_REFUSED = 200
 
 
 def confirmations_of(state: StudyState) -> list[Confirmation]:
-    """Return what the confirmation runs that are done came to, by their settings and what was expected of them then.
+    """Return the results of confirmation runs, by their settings and what was expected of them then.
 
     Limits are of all runs at the settings.
     """
     found = []
     for there in confirmed_settings(state).values():
-        settings, limits = there[0].planned.settings, limits_of(state.folder.plan, there)
-        kept = [state.rows.expected.get(run.planned.number) for run in there]
-        for expected in [one for n, one in enumerate(kept) if one not in kept[:n]]:
-            members = [run for run, own in zip(there, kept, strict=True) if own == expected]
+        limits = limits_of(state.plan, there)
+        groups: list[tuple[Mapping[str, Interval], list[StudyRun]]] = []
+        for run in there:
+            expected = state.rows.expected.get(run.planned.number, {})
+            members = next((runs for other, runs in groups if other == expected), None)
+            if members is None:
+                groups.append((expected, members := []))
+            members.append(run)
+        for expected, members in groups:
+            responses = [
+                ConfirmedResponse(one.name, *expected.get(one.name, (math.nan,) * 3), tuple(measured))
+                for one in state.plan.responses
+                if (measured := values_of(members, one.name))
+            ]
             numbers = tuple(run.planned.number for run in members)
-            of_then = expected or {}
-            responses = []
-            for name in (one.name for one in state.folder.plan.responses):
-                measured = tuple(value for run in members if (value := run.value(name)) is not None)
-                if measured:
-                    interval = of_then.get(name, (math.nan, math.nan, math.nan))
-                    responses.append(ConfirmedResponse(name, *interval, measured))
-            found.append(Confirmation(settings, numbers, tuple(responses), limits))
+            found.append(Confirmation(there[0].planned.settings, numbers, tuple(responses), limits))
     return found
 
 
 def confirmation_runs(state: StudyState, settings: Mapping[str, Value], runs: int) -> list[PlannedRun]:
-    """Return new runs at settings, each on a machine of its own that the study has not seen.
+    """Return new runs at settings, each on a machine of its own that the study has not used.
 
     Raises PreconditionError E8207 where a machine that lasts has no place for them.
     """
@@ -94,7 +100,7 @@ def confirmation_runs(state: StudyState, settings: Mapping[str, Value], runs: in
 
 
 def refuse_without_room(state: StudyState, count: int) -> None:
-    """Raise PreconditionError E8207 where so many more runs have no place on the grid of a machine."""
+    """Raise PreconditionError E8207 where the grid of a machine has no place for more runs."""
     machine = state.folder.source.file.machine
     if machine is None or not state.rows.port:
         return
@@ -102,7 +108,12 @@ def refuse_without_room(state: StudyState, count: int) -> None:
     left = sum(run.state is RunState.OPEN for run in state.runs)
     free = len(grid_of(machine)) - taken - left
     if free < count:
-        raise failures.grid_too_small(places=plural(max(0, free), "place"), runs=plural(count, "more run"))
+        raise PreconditionError(
+            f"The study's grid has {plural(max(0, free), 'place')} left beside those of the runs to make, and "
+            f"{plural(count, 'more run')} need one each.",
+            hint="Add fewer runs; a study on new work is another one, in another folder.",
+            code="E8207",
+        )
 
 
 def suggested_runs(state: StudyState, settings: Sequence[Mapping[str, Value]]) -> list[PlannedRun]:
@@ -124,29 +135,26 @@ def extension_runs(
     not have two levels of a factor, ProfileError if the rules refuse a recipe, PreconditionError E8207 if the grid
     has no room.
     """
-    import numpy as np
-
-    plan, file = state.folder.plan, state.folder.source.file
+    plan, file = state.plan, state.folder.source.file
     first = [run for run in plan.runs if run.replicate == 1]
     refuse_without_room(state, len(first))
     replicate = max(plan.replicates, *(run.planned.replicate for run in state.runs)) + 1
-    runs = (
-        _shuffled(first, np.random.default_rng([file.design.seed, replicate]))
-        if file.design.order == "random"
-        else first
-    )
+    runs = _shuffled(first, [file.design.seed, replicate]) if file.design.order == "random" else first
     points = {settings_key(run.planned.settings): run.planned.point for run in state.runs}
     last = max(run.planned.number for run in state.runs)
     seeds = _renumbered((run.seed for run in first), _next_seed(state))
     blocks = _renumbered((run.block for run in first), max(run.planned.block for run in state.runs) + 1)
     tools = _renumbered((run.tool for run in first), max(run.tool for run in state.runs) + 1)
     are_blocks = file.machine is not None and file.machine.holes_per_tool is not None
-    design = [run for run in first if run.kind is RunKind.DESIGN]
+    levels = {
+        one.key: {run.settings[one.key] for run in first if run.kind is RunKind.DESIGN}
+        for one in plan.factors
+    }
     found = []
     for number, run in enumerate(runs, last + 1):
         settings, point = run.settings, run.point
         if is_folded and run.kind is RunKind.DESIGN:
-            settings = {one.key: _other_level(one, settings[one.key], design) for one in plan.factors}
+            settings = {one.key: _other_level(one, run, levels[one.key]) for one in plan.factors}
             check(request_of(state.folder.base, settings), surroundings)
             point = points.setdefault(settings_key(settings), max(points.values()) + 1)
         tool = tools[run.tool] if are_blocks else run.tool
@@ -155,9 +163,11 @@ def extension_runs(
     return found
 
 
-def _shuffled(runs: Sequence[PlannedRun], rng: Generator) -> list[PlannedRun]:
+def _shuffled(runs: Sequence[PlannedRun], seed: Sequence[int]) -> list[PlannedRun]:
     """Return runs with the settings of the design runs shuffled in each block; centre runs keep their places."""
-    found = list(runs)
+    import numpy as np
+
+    rng, found = np.random.default_rng(seed), list(runs)
     for block in dict.fromkeys(run.block for run in runs):
         places = [n for n, run in enumerate(runs) if run.block == block and run.kind is RunKind.DESIGN]
         for place, other in zip(places, rng.permutation(places).tolist(), strict=True):
@@ -169,11 +179,14 @@ def _renumbered(numbers: Iterable[int], first: int) -> dict[int, int]:
     return {number: first + n for n, number in enumerate(dict.fromkeys(numbers))}
 
 
-def _other_level(factor: FactorInfo, value: Value, design: Iterable[PlannedRun]) -> Value:
-    levels = {run.settings[factor.key] for run in design}
+def _other_level(factor: FactorInfo, run: PlannedRun, levels: set[Value]) -> Value:
     if len(levels) != 2:
-        raise failures.fold_over_needs_two_levels(levels_count=len(levels), factor=factor.name)
-    return next(level for level in levels if level != value)
+        raise UsageError(
+            f"A fold-over exchanges two levels of every factor; the design has {len(levels)} of {factor.name}.",
+            hint="Add a replicate instead: leave out --fold-over.",
+            code="E2114",
+        )
+    return next(level for level in levels if level != run.settings[factor.key])
 
 
 def opening_run(state: StudyState, tool: int) -> PlannedRun:
@@ -206,11 +219,10 @@ def _added(
         found.append(PlannedRun(last + len(found) + 1, kind, point, 1, own, seed, dict(one), tool))
 
     center = next((run.planned.settings for run in state.runs if run.planned.kind is RunKind.CENTER), None)
-    has_centers = (
-        kind is RunKind.SUGGESTED and holes is not None and machine is not None and machine.center_runs
-    )
+    if kind is not RunKind.SUGGESTED or machine is None or not machine.center_runs:
+        center = None
     for one in settings:
-        if has_centers and center is not None and holes is not None:
+        if center is not None and holes is not None:
             if tools.count(max(tools)) == holes - 1:
                 add(RunKind.CENTER, center)  # the last hole of this tool
             if tools.count(max(tools)) >= holes:
@@ -228,7 +240,7 @@ def violation(plan: StudyPlan, choice: Choice) -> float:
             value = choice.means.get(bound.response)
         if value is None:
             return math.inf
-        worst = max(worst, bound.sign * (value - bound.limit) / (abs(bound.limit) or 1.0))
+        worst = max(worst, bound.excess(value) / (abs(bound.limit) or 1.0))
     return worst
 
 
@@ -239,56 +251,63 @@ def best_of_points(state: StudyState) -> Recommendation:
     PreconditionError E8206 without runs, E8208 where no response can be judged, E8217 where confirmation has refuted
     all of them.
     """
-    analysis, refuted = analysis_of(state), broken_limits(state)
-    plan = state.folder.plan
+    analysis, refuted, plan = analysis_of(state), broken_limits(state), state.plan
     names = [name for name, _ in plan.objectives] or ranked_by(plan)[:1]
     candidates = [one for one in analysis.choices if all(one.means.get(name) is not None for name in names)]
     if not candidates or not names:
-        raise failures.no_point_with_values(names=", ".join(names))
+        raise PreconditionError(
+            f"No point has a value of {', '.join(names)}.",
+            hint="Tell manual responses with `edmctl study tell`, or make the runs.",
+            code="E8208",
+        )
     candidates = [one for one in candidates if settings_key(one.settings) not in refuted]
     if not candidates:
         raise nothing_left(state, "recommend")
-    feasible = [one for one in candidates if one.is_feasible]
-    ranked = feasible or candidates
-    if not feasible:
-        best = min(candidates, key=lambda one: violation(plan, one))
-        if not math.isfinite(violation(plan, best)):
-            raise failures.no_point_known_to_keep(str=", ".join(map(str, plan.constraints)))
-        basis = "No point that was run is known to keep every constraint; this one comes nearest."
-    elif len(names) == 1:
-        info = next(one for one in plan.responses if one.name == names[0])
-
-        def cost(one: Choice) -> float:
-            return cost_of(info, float(one.means[names[0]] or 0.0))
-
-        best = min(ranked, key=cost)
-        basis = f"The point with the best mean of {names[0]} among those that were run{_known_to_keep(plan)}."
-        better = [one for one in candidates if cost(one) < cost(best) and _may_keep(plan, one)]
-        if better:
-            points = ", ".join(str(one.point) for one in sorted(better, key=cost)[:MOST_NAMED])
-            basis += f" Points with a better mean that keep it by their mean alone: {points}. Add runs there."
-    else:
-        best = max(ranked, key=lambda one: one.grey_grade if one.grey_grade is not None else -math.inf)
-        basis = (
-            f"The point with the highest grey relational grade of those that were run{_known_to_keep(plan)}: a "
-            "preference by weights."
-        )
-    basis += refuted_words(state)
+    best, basis = _best_of(plan, candidates, names)
     expected = expected_at(state, analysis.responses, best.settings)
+    basis += refuted_words(state)
     if expected and is_one_machine(analysis.runs):
         basis += " What is expected is of runs on the one machine of the study: others may differ by more."
     return recommendation(state, best.settings, expected, basis, is_feasible=best.is_feasible)
 
 
+def _best_of(plan: StudyPlan, candidates: Sequence[Choice], names: Sequence[str]) -> tuple[Choice, str]:
+    """Return the best of some points by responses, and why it is that."""
+    feasible = [one for one in candidates if one.is_feasible]
+    limits = ", ".join(map(str, plan.constraints))
+    if not feasible:
+        best = min(candidates, key=lambda one: violation(plan, one))
+        if not math.isfinite(violation(plan, best)):
+            raise PreconditionError(
+                f"No point is known to keep {limits}, or by how much it does not.",
+                hint="Tell manual responses with `edmctl study tell`, or make the runs.",
+                code="E8208",
+            )
+        return best, "No point that was run is known to keep every constraint; this one comes nearest."
+    kept = f" and are known to keep {limits}" if limits else ""
+    if len(names) > 1:
+        best = max(feasible, key=lambda one: one.grey_grade if one.grey_grade is not None else -math.inf)
+        grade = "The point with the highest grey relational grade of those that were run"
+        return best, f"{grade}{kept}: a preference by weights."
+    info = plan.response(names[0])
+    assert info is not None
+
+    def cost(one: Choice) -> float:
+        return cost_of(info, float(one.means[names[0]] or 0.0))
+
+    best = min(feasible, key=cost)
+    basis = f"The point with the best mean of {names[0]} among those that were run{kept}."
+    better = [one for one in candidates if cost(one) < cost(best) and _may_keep(plan, one)]
+    if better:
+        points = ", ".join(str(one.point) for one in sorted(better, key=cost)[:MOST_NAMED])
+        basis += f" Points with a better mean that keep it by their mean alone: {points}. Add runs there."
+    return best, basis
+
+
 def _may_keep(plan: StudyPlan, choice: Choice) -> bool:
     """Whether no mean of a point breaks a constraint; a response without a mean breaks none."""
     means = ((bound, choice.means.get(bound.response)) for bound in plan.constraints)
-    return all(mean is None or bound.sign * (mean - bound.limit) <= 0.0 for bound, mean in means)
-
-
-def _known_to_keep(plan: StudyPlan) -> str:
-    texts = ", ".join(map(str, plan.constraints))
-    return f" and are known to keep {texts}" if texts else ""
+    return all(mean is None or bound.excess(mean) <= 0.0 for bound, mean in means)
 
 
 def refuted_words(state: StudyState) -> str:
@@ -305,13 +324,13 @@ def nothing_left(state: StudyState, what: str) -> PreconditionError:
             f"`{state.folder.command('suggest')}` looks for settings that were not run; without any, "
             f"{hint[0].lower()}{hint[1:]}"
         )
-    return failures.nothing_left_to_suggest(what=what, state=refuted_words(state), remedy=hint)
+    return PreconditionError(f"Nothing is left to {what}.{refuted_words(state)}", hint=hint, code="E8217")
 
 
 def recommendation(
     state: StudyState,
     settings: Mapping[str, Value],
-    expected: Mapping[str, tuple[float, float, float]],
+    expected: Mapping[str, Interval],
     basis: str,
     *,
     is_feasible: bool,
@@ -319,26 +338,14 @@ def recommendation(
     """Return settings that are recommended with what `expected_at` says of them."""
     if not expected:
         basis += " The runs do not tell what is to be expected there."
-    if wide := tells_little(state, expected):
+    if wide := wide_intervals(state, expected):
         basis += (
             f" The interval of {', '.join(wide)} is wider than all that was measured: the runs tell little of what "
             "a new one will do; replicates and more points would."
         )
-    return Recommendation(
-        settings=settings,
-        expected={name: value for name, (value, _, _) in expected.items()},
-        low={name: low for name, (_, low, _) in expected.items()},
-        high={name: high for name, (_, _, high) in expected.items()},
-        is_feasible=is_feasible,
-        basis=basis,
-        constraints=tuple(map(str, state.folder.plan.constraints)),
-    )
-
-
-CANDIDATES = 1024
-AROUND, BEST, NEAR = 64, 4, 0.15
-"""So many candidates about each of the runs with the best objectives, within this share of half a factor's range."""
-MOST_REFUSED = 200
+    values, lows, highs = ({name: one[n] for name, one in expected.items()} for n in range(3))
+    limits = tuple(map(str, state.plan.constraints))
+    return Recommendation(settings, values, lows, highs, is_feasible, basis, limits)
 
 
 def next_batch(state: StudyState, surroundings: Surroundings = NONE) -> list[PlannedRun]:
@@ -351,11 +358,11 @@ def next_batch(state: StudyState, surroundings: Surroundings = NONE) -> list[Pla
     if waiting := [run for run in _untold(state) if run.planned.kind is RunKind.SUGGESTED]:
         number = waiting[0].planned.number
         names = [name for name in _by_hand(state) if waiting[0].value(name) is None]
-        raise failures.suggested_run_not_measured(
-            number=number,
-            names=", ".join(names),
-            command=state.folder.command("tell", str(number), f"{names[0]}=VALUE"),
-            making_command=state.making_command("optimize"),
+        raise PreconditionError(
+            f"Run {number} was suggested and waits for {', '.join(names)}: nothing follows from it before.",
+            hint=f"Measure it: `{state.folder.command('tell', str(number), f'{names[0]}=VALUE')}`, then go on with "
+            f"`{state.making_command('optimize')}`.",
+            code="E8216",
         )
     left = min(optimize.batch, optimize.runs - counted(state))
     return suggestions(state, left, surroundings) if left > 0 else []
@@ -363,7 +370,7 @@ def next_batch(state: StudyState, surroundings: Surroundings = NONE) -> list[Pla
 
 def counted(state: StudyState) -> int:
     """Return how many runs count against the number in [optimize]: those of the design, and suggestions."""
-    is_of_design = state.folder.plan.is_of_design
+    is_of_design = state.plan.is_of_design
     return sum(run.planned.kind is RunKind.SUGGESTED or is_of_design(run.planned) for run in state.runs)
 
 
@@ -374,33 +381,28 @@ def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE
     few runs have a response, E8211 the rules refuse whatever is suggested, E8217 confirmation has refuted all
     settings.
     """
-    from edmctl.study.statistics.suggestion import suggest
-
-    plan, file = state.folder.plan, state.folder.source.file
+    plan = state.plan
     runs, objective, constraints = _data(state)
     settings = _candidates(state, runs, objective)
     pending = [run for run in state.runs if run.state is RunState.OPEN] + _untold(state)
     refuse_without_room(state, count)
-    budget = max(file.optimize.runs, len(runs) + count)
+    budget = max(state.folder.source.file.optimize.runs, len(runs) + count)
+    waiting = unit_points(plan.factors, [run.planned.settings for run in pending])
+    fitted = _fitted(plan, runs, objective, constraints)
     for _ in range(MOST_REFUSED):
-        found = suggest(
-            unit_points(plan.factors, [run.planned.settings for run in runs]),
-            objective,
-            constraints,
-            unit_points(plan.factors, settings),
-            runs=count,
-            pending=unit_points(plan.factors, [run.planned.settings for run in pending]) if pending else (),
-            budget=budget,
-            blocks=[run.block for run in runs],
-        )
-        chosen = [settings[one.candidate] for one in found]
+        found = fitted.suggest(unit_points(plan.factors, settings), count, waiting, budget)
+        chosen = [settings[candidate] for candidate, _ in found]
         refused = [one for one in chosen if not _is_allowed(state, one, surroundings)]
         if not refused:
             return suggested_runs(state, chosen)
         settings = [one for one in settings if one not in refused]
         if not settings:
             break
-    raise failures.suggestions_all_refused()
+    raise PreconditionError(
+        "The rules of recipes refuse whatever is suggested.",
+        hint="Narrow the factors: `edmctl study plan` tells which settings are refused.",
+        code="E8211",
+    )
 
 
 def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recommendation:
@@ -410,20 +412,13 @@ def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recomme
     """
     if not has_suggestions(state):
         return best_of_points(state)
-    from edmctl.study.statistics.suggestion import recommend
-
-    plan = state.folder.plan
+    plan = state.plan
     runs, objective, constraints = _data(state)
     settings = _candidates(state, runs, objective)
+    fitted = _fitted(plan, runs, objective, constraints)
     while True:
-        found = recommend(
-            unit_points(plan.factors, [run.planned.settings for run in runs]),
-            objective,
-            constraints,
-            unit_points(plan.factors, settings),
-            blocks=[run.block for run in runs],
-        )
-        chosen = settings[found.least_violating]
+        outlook = fitted.outlook(unit_points(plan.factors, settings))
+        chosen = settings[outlook.nearest]
         if _is_allowed(state, chosen, surroundings) or len(settings) == 1:
             break
         settings = [one for one in settings if one is not chosen]
@@ -433,39 +428,57 @@ def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recomme
         f"Best expected {names} by Gaussian processes over {len(runs)} runs ({designed} of the design, "
         f"{len(runs) - designed} suggested or added).{refuted_words(state)}"
     )
-    return recommendation(
-        state,
-        chosen,
-        expected_at(state, (), chosen, runs),
-        basis,
-        is_feasible=found.candidate is not None,
-    )
+    expected = expected_at(state, (), chosen, runs)
+    return recommendation(state, chosen, expected, basis, is_feasible=outlook.best is not None)
+
+
+def _fitted(
+    plan: StudyPlan,
+    runs: Sequence[StudyRun],
+    objective: Sequence[float],
+    constraints: Sequence[tuple[list[float], float]],
+) -> Surrogates:
+    from edmctl.study.statistics.surrogates import Surrogates
+
+    points = unit_points(plan.factors, [run.planned.settings for run in runs])
+    return Surrogates.fit(points, objective, constraints, [run.block for run in runs])
 
 
 def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[list[float], float]]]:
     """The runs, the objective to be minimised, and each constraint's values with the limit they shall not exceed."""
-    plan = state.folder.plan
+    plan = state.plan
     if not plan.objectives:
-        raise failures.study_without_objective()
-    wanted = _wanted(plan)
-    # A value that nobody has told yet is not known; only a run that failed tells where runs fail.
+        raise PreconditionError(
+            "The study has no objective.",
+            hint="Add [[objectives]] with a response to the study file, and plan it anew.",
+            code="E8209",
+        )
+    # Confirmation runs that broke a constraint confirm nothing any more, and count as others do.
+    broken = broken_limits(state)
+    disproving = [run for key, runs in confirmed_settings(state).items() if key in broken for run in runs]
+    # A value that is still to be measured is unknown; only a run that failed shows where runs fail.
     runs = [
         run
-        for run in (*fitting_runs(state), *_disproving(state))
-        if run.state is RunState.FAILED or all(run.value(name) is not None for name in wanted)
+        for run in (*fitting_runs(state), *disproving)
+        if run.state is RunState.FAILED or all(run.value(name) is not None for name in _wanted(plan))
     ]
-    infos = {one.name: one for one in plan.responses}
-    objective = _objective(plan.objectives, infos, runs)
+    objective = _objective(plan, runs)
     known = sum(math.isfinite(value) for value in objective)
     if known < LEAST_RUNS:
-        raise failures.too_few_runs_to_suggest(
-            runs=plural(known, "run"),
-            least_runs=LEAST_RUNS,
-            remedy=f"Make the design's runs first: `{state.making_command('resume')}`."
+        raise PreconditionError(
+            f"{plural(known, 'run')} of {LEAST_RUNS} that a suggestion needs have a value of every objective.",
+            hint=f"Make the design's runs first: `{state.making_command('resume')}`."
             if any(run.state is RunState.OPEN for run in state.runs)
             else f"Tell responses that are measured by hand: `{state.folder.command('tell')} RUN NAME=VALUE`.",
+            code="E8210",
         )
-    return runs, objective, [_constraint(bound, infos[bound.response], runs) for bound in plan.constraints]
+    constraints = []
+    for bound in plan.constraints:
+        values = [run.value(bound.response) for run in runs]
+        is_log = bound.limit > 0 and _is_log(plan.response(bound.response), values)
+        scaled = [math.nan if value is None else bound.sign * _scaled(value, is_log) for value in values]
+        constraints.append((scaled, bound.sign * _scaled(bound.limit, is_log)))
+    return runs, objective, constraints
 
 
 def _wanted(plan: StudyPlan) -> list[str]:
@@ -475,35 +488,32 @@ def _wanted(plan: StudyPlan) -> list[str]:
 
 def _untold(state: StudyState) -> list[StudyRun]:
     """Runs that were made and lack a value that people measure."""
-    wanted = _by_hand(state)
     return [
         run
         for run in fitting_runs(state)
-        if run.state is RunState.DONE and any(run.value(name) is None for name in wanted)
+        if run.state is RunState.DONE and any(run.value(name) is None for name in _by_hand(state))
     ]
 
 
 def _by_hand(state: StudyState) -> list[str]:
     """Names of the responses that a suggestion is about and people measure."""
-    manual = {one.name for one in state.folder.plan.responses if one.is_manual}
-    return [name for name in dict.fromkeys(_wanted(state.folder.plan)) if name in manual]
+    manual = {one.name for one in state.plan.responses if one.is_manual}
+    return [name for name in dict.fromkeys(_wanted(state.plan)) if name in manual]
 
 
-def _disproving(state: StudyState) -> list[StudyRun]:
-    """Confirmation runs that broke a constraint: they confirm nothing any more, and teach as others do."""
-    broken = broken_limits(state)
-    return [run for key, runs in confirmed_settings(state).items() if key in broken for run in runs]
-
-
-def _objective(
-    objectives: Sequence[tuple[str, float]], infos: Mapping[str, ResponseInfo], runs: Sequence[StudyRun]
-) -> list[float]:
-    """One cost a run: of a single objective its own scale, of several the weighted sum of standardised ones."""
-    columns = [_costs(infos[name], [run.value(name) for run in runs]) for name, _ in objectives]
+def _objective(plan: StudyPlan, runs: Sequence[StudyRun]) -> list[float]:
+    """One cost a run, NaN where it is unknown: of several objectives the weighted sum of standardised ones."""
+    columns = []
+    for name, _ in plan.objectives:
+        info, values = plan.response(name), [run.value(name) for run in runs]
+        assert info is not None
+        has_target = info.better == "nominal" and info.target is not None
+        is_log = not has_target and _is_log(info, values)
+        columns.append([math.nan if v is None else cost_of(info, _scaled(v, is_log)) for v in values])
     if len(columns) == 1:
         return columns[0]
     whole = [0.0] * len(runs)
-    for column, (_, weight) in zip(columns, objectives, strict=True):
+    for column, (_, weight) in zip(columns, plan.objectives, strict=True):
         known = [value for value in column if math.isfinite(value)]
         mean = math.fsum(known) / max(1, len(known))
         sd = math.sqrt(math.fsum((value - mean) ** 2 for value in known) / max(1, len(known) - 1)) or 1.0
@@ -511,26 +521,14 @@ def _objective(
     return whole
 
 
-def _costs(info: ResponseInfo, values: Sequence[float | None]) -> list[float]:
-    """What is wanted small of a response, NaN where there is no value: logarithms where all of them have one."""
+def _is_log(info: ResponseInfo | None, values: Sequence[float | None]) -> bool:
+    """Whether a response is modelled as its logarithm, and all of its values have one."""
     known = [value for value in values if value is not None]
-    wants_target = info.better == "nominal" and info.target is not None
-    is_log = info.is_log and not wants_target and bool(known) and min(known) > 0
-    scaled = [value if value is None or not is_log else math.log(value) for value in values]
-    return [math.nan if value is None else cost_of(info, value) for value in scaled]
+    return info is not None and info.is_log and bool(known) and min(known) > 0
 
 
-def _constraint(
-    bound: ConstraintInfo, info: ResponseInfo, runs: Sequence[StudyRun]
-) -> tuple[list[float], float]:
-    values = [run.value(bound.response) for run in runs]
-    known = [value for value in values if value is not None]
-    is_log = info.is_log and bound.limit > 0 and bool(known) and min(known) > 0
-
-    def scaled(value: float) -> float:
-        return bound.sign * (math.log(value) if is_log else value)
-
-    return [math.nan if value is None else scaled(value) for value in values], scaled(bound.limit)
+def _scaled(value: float, is_log: bool) -> float:
+    return math.log(value) if is_log else value
 
 
 def _candidates(
@@ -538,35 +536,32 @@ def _candidates(
 ) -> list[dict[str, Value]]:
     """Settings that may be suggested, but for those whose confirmation has broken a constraint.
 
-    A Sobol sequence over the factors; ends and middles of the factors, where the best often lies and no inner point
+    A Sobol sequence over the factors; ends and middles of the factors, where the best often is and no inner point
     reaches; the surroundings of the runs with the best objectives; and all that were run.
     """
-    plan, file = state.folder.plan, state.folder.source.file
-    steps = {factor.key: factor.step for factor in file.factors}
+    source, plan = state.folder.source, state.plan
+    seed, steps = source.file.design.seed, source.steps
     ranges = [
         replace(factor, is_number=False) if factor.is_number and not factor.is_range else factor
         for factor in plan.factors
     ]
-
-    def settings_at(row: Sequence[float]) -> dict[str, Value]:
-        return {
-            f.key: value_at(f, min(max(x, -1.0), 1.0), steps[f.key]) for f, x in zip(ranges, row, strict=True)
-        }
-
-    rows = sobol_points(len(ranges), CANDIDATES, file.design.seed).tolist()
-    rows += _ends(ranges)
-    around = sobol_points(len(ranges), AROUND, file.design.seed + 1).tolist()
-    best = sorted(
-        (n for n, value in enumerate(objective) if math.isfinite(value)), key=lambda n: objective[n]
-    )
-    centres = {settings_key(runs[n].planned.settings): runs[n].planned.settings for n in best[:BEST]}
-    for centre in centres.values():
+    rows = sobol_points(len(ranges), CANDIDATES, seed).tolist() + _ends(ranges)
+    around = sobol_points(len(ranges), AROUND, seed + 1).tolist()
+    known = [n for n, value in enumerate(objective) if math.isfinite(value)]
+    best = [runs[n].planned.settings for n in sorted(known, key=lambda n: objective[n])[:BEST]]
+    for centre in {settings_key(one): one for one in best}.values():
         here = [coded(f, centre[f.key]) if f.is_number else None for f in ranges]
         rows += [
             [x if at is None else at + NEAR * x for at, x in zip(here, row, strict=True)] for row in around
         ]
-    made = [dict(run.planned.settings) for run in state.runs if run.planned.kind is not RunKind.CONFIRMATION]
-    found = {settings_key(one): one for one in (*map(settings_at, rows), *made)}
+    found: dict[str, dict[str, Value]] = {}
+    for row in rows:
+        places = zip(ranges, row, strict=True)
+        one = {f.key: value_at(f, min(max(x, -1.0), 1.0), steps[f.key]) for f, x in places}
+        found[settings_key(one)] = one
+    for run in state.runs:
+        if run.planned.kind is not RunKind.CONFIRMATION:
+            found[settings_key(run.planned.settings)] = dict(run.planned.settings)
     broken = broken_limits(state)
     left = [one for key, one in found.items() if key not in broken]
     if not left:

@@ -8,11 +8,10 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
-from edmctl import failures
 from edmctl.csv_text import number_of, table_text
 from edmctl.errors import RecordError, UsageError
-from edmctl.record.delimited import read_table
 from edmctl.record.rows import unit_of as unit_in_name
+from edmctl.record.delimited import read_table
 from edmctl.study.folder import StudyState
 from edmctl.study.on_machine import wants_new_tool
 from edmctl.study.responses import KNOWN, LARGEST, RESPONSES, TRUTHS, unit_of
@@ -39,8 +38,8 @@ def table_of(state: StudyState) -> list[dict[str, Cell]]:
 
 
 def _row(state: StudyState, run: StudyRun, with_u95: set[str]) -> dict[str, Cell]:
-    planned, row, plan = run.planned, run.row, state.folder.plan
-    site = row.site_um if row is not None else None
+    planned, row, plan = run.planned, run.row, state.plan
+    x_um, y_um = (row and row.site_um) or (None, None)
     cells: dict[str, Cell] = {
         "run": planned.number,
         "kind": str(planned.kind),
@@ -48,10 +47,10 @@ def _row(state: StudyState, run: StudyRun, with_u95: set[str]) -> dict[str, Cell
         "replicate": planned.replicate,
         "block": run.block,
         "tool": run.tool or None,
-        "x_um": site[0] if site else None,
-        "y_um": site[1] if site else None,
+        "x_um": x_um,
+        "y_um": y_um,
         "seed": row.seed if row is not None else planned.seed,
-        "attempt": row.attempt if row is not None else None,
+        "attempt": getattr(row, "attempt", None),
         "order": (row.order or planned.number) if row is not None else None,
         "state": str(run.state),
         "judgement": str(run.judgement) if run.judgement else None,
@@ -59,29 +58,24 @@ def _row(state: StudyState, run: StudyRun, with_u95: set[str]) -> dict[str, Cell
     }
     for factor in plan.factors:
         cells[factor.key] = planned.settings[factor.key]
-    cells["exit_code"] = row.exit_code if row is not None else None
-    cells["error"] = row.error if row is not None else None
+    cells |= {name: getattr(row, name, None) for name in ("exit_code", "error")}
     asked = [response.name for response in plan.responses if not response.name.startswith(TRUTH)]
     for name in dict.fromkeys((*asked, *RESPONSES)):
-        told = run.told.get(name)
-        cells[name] = told if told is not None else (row.responses.get(name) if row is not None else None)
+        cells[name] = run.recorded(name)
         if name in with_u95:
-            cells[f"{name}{U95}"] = row.u95.get(name) if row is not None else None
-    for name in ("depth_um", "wear_um"):
-        cells[f"{name.removesuffix('_um')}_basis"] = row.bases.get(name) if row is not None else None
+            cells[f"{name}{U95}"] = run.u95(name)
+    for name in ("depth", "wear"):
+        cells[f"{name}_basis"] = row.bases.get(f"{name}_um") if row is not None else None
     for name in TRUTHS:
-        cells[f"{TRUTH}{name}"] = row.truth.get(name) if row is not None else None
+        cells[f"{TRUTH}{name}"] = run.recorded(f"{TRUTH}{name}")
     cells["run_file"] = " ".join(row.run_files) or None if row is not None else None
     cells["run_sha256"] = row.run_sha256 or None if row is not None else None
-    cells["started"] = row.started if row is not None else None
-    cells["duration_s"] = row.duration_s if row is not None else None
-    cells["host"] = row.host if row is not None else None
-    return cells
+    return cells | {name: getattr(row, name, None) for name in ("started", "duration_s", "host")}
 
 
 def columns_of(state: StudyState) -> dict[str, tuple[str, str]]:
     """Return the unit and the meaning of columns that have one, as Parquet keeps them; `1` is a pure number."""
-    plan = state.folder.plan
+    plan = state.plan
     found = {name: (unit_of(name) or "1", known.text) for name, known in KNOWN.items()}
     found |= {one.name: (one.unit or "1", one.name) for one in plan.responses if one.is_manual}
     found |= {
@@ -148,10 +142,10 @@ def told_values(state: StudyState, texts: Sequence[str]) -> dict[str, float | No
         name, equals, value = text.partition("=")
         if not equals:
             example = next(iter(manual), "ra_um")
-            raise failures.response_unreadable(text=text, example=example)
+            raise UsageError(f"{text} is no NAME=VALUE.", hint=f"Say e.g. {example}=0.31.", code="E2105")
         name = name.strip()
         if name in found:
-            raise failures.response_given_twice(name=name)
+            raise UsageError(f"{name} is told twice.", hint="Say it once.", code="E2105")
         found[name] = _value(name, value.strip(), manual)
     return found
 
@@ -165,19 +159,20 @@ def _value(name: str, text: str, manual: Mapping[str, Response]) -> float | None
         hint = (
             f"It is told {', '.join(manual)}." if manual else 'None of its responses has source = "manual".'
         )
-        raise failures.response_not_manual(name=name, remedy=hint)
+        raise UsageError(f"The study asks nobody for {name}.", hint=hint, code="E2105")
     if text == WITHDRAWN:
         return None
     withdraws = f"{name}={WITHDRAWN} withdraws what was told"
     if not text:
-        raise failures.response_value_missing(name=name, withdraws=withdraws)
+        hint = f"Say e.g. {name}=0.31; {withdraws}."
+        raise UsageError(f"{name} has no value.", hint=hint, code="E2105")
     value = number_of(text)
     if value is None:
         unit = f", in {manual[name].unit}" if manual[name].unit else ""
         hint = f"Give the number alone{unit}; {withdraws}."
         if number_of(text, decimal_commas=True) is not None:
             hint = "Write a decimal point."
-        raise failures.response_not_a_number(name=name, text=text, remedy=hint)
+        raise UsageError(f"{name}={text}: that is no number.", hint=hint, code="E2105")
     refuse_untellable(manual[name], value)
     return value
 
@@ -186,12 +181,20 @@ def refuse_untellable(response: Response, value: float) -> None:
     """Raise UsageError E2105 where a value is no number, or lies beyond what a response can be told."""
     name, unit = response.name, f" {response.unit}" if response.unit else ""
     if not abs(value) <= LARGEST:
-        raise failures.response_not_measured(name=name, value=value)
+        raise UsageError(
+            f"{name}={value}: that is no measured value.",
+            hint="Leave out what is not measured: a run without it is not in its tables.",
+            code="E2105",
+        )
     low, high = response.low, response.high
     if (low is not None and value < low) or (high is not None and value > high):
         bounds = [f"at least {low:g}"] if low is not None else []
         bounds += [f"at most {high:g}"] if high is not None else []
-        raise failures.response_out_of_bounds(name=name, value=value, unit=unit, bounds=" and ".join(bounds))
+        raise UsageError(
+            f"{name} = {value:g}{unit} is not possible: the study says {' and '.join(bounds)}{unit}.",
+            hint="Look at the sign, the decimal point and the unit.",
+            code="E2105",
+        )
 
 
 def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | None]]:
@@ -213,49 +216,60 @@ def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | Non
             raise table.without(missing, f"{named}; {writes}.")
         rows = list(table.rows())
     except RecordError as error:
-        raise failures.import_unreadable(problem=error.message, remedy=error.hint) from None
+        raise UsageError(error.message, hint=error.hint, code="E2106") from None
     found: dict[int, dict[str, float | None]] = {}
     for line, row in rows:
         values = {one: row[one] for one in there if row[one]}
         if not values:
             continue
         try:
-            number = _run_number(row["run"])
+            number = number_of(row["run"])
+            if number is None or not number.is_integer():  # programs write a column of whole numbers as 1.0
+                message = f"{row['run']!r} is no number of a run."
+                raise UsageError(message, hint="Correct it.", code="E2104")
             told = {one: _value(one, value, manual) for one, value in values.items()}
-            _same_attempt(made_run(state, number), row.get("attempt", ""))
+            _refuse_other_attempt(made_run(state, int(number)), row.get("attempt", ""))
         except UsageError as error:
             raise UsageError(
                 f"{name}, line {line}: {error.message}", hint=error.hint, code=error.code
             ) from None
         if number in found:
-            raise failures.import_run_twice(name=name, line=line, number=number)
-        found[number] = told
+            raise UsageError(
+                f"{name}, line {line}: run {int(number)} stands in the table twice.",
+                hint="Keep one.",
+                code="E2106",
+            )
+        found[int(number)] = told
     if not found:
-        raise failures.import_without_values(name=name, there=" or ".join(there))
+        raise UsageError(
+            f"{name} tells nothing: no row has a value of {' or '.join(there)}.",
+            hint="Fill it in, and save it as CSV again.",
+            code="E2106",
+        )
     return found
 
 
-def _same_attempt(run: StudyRun, text: str) -> None:
-    """Refuse what was measured of an attempt that has been repeated since: on a machine that is another hole."""
+def _refuse_other_attempt(run: StudyRun, text: str) -> None:
+    """Refuse a measurement of an attempt that has been repeated since: on a machine that is another hole."""
     if text and number_of(text) is None:
-        raise failures.attempt_unreadable(text=text)
+        raise UsageError(f"{text!r} is no number of an attempt.", hint="Correct it.", code="E2107")
     if text and number_of(text) != run.attempts:
-        raise failures.attempt_not_the_last(number=run.planned.number, attempts=run.attempts, text=text)
-
-
-def _run_number(text: str) -> int:
-    """The number of a run, as `1.0` too, which programs make of a column of whole numbers."""
-    number = number_of(text)
-    if number is None or not number.is_integer():
-        raise failures.run_number_unreadable(text=text)
-    return int(number)
+        raise UsageError(
+            f"The last attempt at run {run.planned.number} is {run.attempts}, and this is of {text}.",
+            hint="Measure the last attempt, and write its number there; or leave the cell empty.",
+            code="E2107",
+        )
 
 
 def made_run(state: StudyState, number: int) -> StudyRun:
     """Return a run that something can be told of. Raises UsageError E2104 for none, E2107 for one not made yet."""
     run = state.run(number)
     if run.row is None:
-        raise failures.measured_run_not_made(number=number, command=state.folder.command("status"))
+        raise UsageError(
+            f"Run {number} is not made yet: nothing of it can be measured.",
+            hint=f"Check the number with `{state.folder.command('status')}`.",
+            code="E2107",
+        )
     return run
 
 
@@ -266,7 +280,7 @@ def counts_of(state: StudyState) -> dict[str, int]:
 
 def missing_manual(state: StudyState) -> list[tuple[int, tuple[str, ...]]]:
     """Return the runs that are done, and which manual responses they lack."""
-    manual = [response.name for response in state.folder.plan.responses if response.is_manual]
+    manual = [response.name for response in state.plan.responses if response.is_manual]
     lacking = [
         (run.planned.number, tuple(name for name in manual if name not in run.told))
         for run in state.runs
@@ -306,10 +320,8 @@ def what_next(state: StudyState, command: str = "resume") -> list[str]:
             f"Runs that failed: {_numbers(failed)}. Judge each: `{study('judge')} RUN accept|reject|repeat "
             "REASON`."
         )
-    if state.rows.paused and open_runs:
-        last = state.rows.paused[-1]
-        if last.get("number") in open_runs:
-            found.append(f"It paused before run {last['number']}: {last['why']}")
+    if (last := state.rows.paused) is not None and last.number in open_runs:
+        found.append(f"It paused before run {last.number}: {last.why}")
     if open_runs:
         when = ", with another tool or that one dressed" if wants_new_tool(state) else ""
         found.append(f"{plural(len(open_runs), 'run')} to make{when}: `{way_on(state, command)}`.")
@@ -336,7 +348,7 @@ def what_next(state: StudyState, command: str = "resume") -> list[str]:
 
 def not_yet_known(state: StudyState, numbers: Collection[int]) -> list[str]:
     """Return which constraints some runs cannot be judged by before people tell what they have measured."""
-    bounds = {bound.response: str(bound) for bound in state.folder.plan.constraints}
+    bounds = {bound.response: str(bound) for bound in state.plan.constraints}
     lacking: dict[str, list[int]] = {}
     for number, names in missing_manual(state):
         for name in names:

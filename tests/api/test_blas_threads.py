@@ -43,7 +43,7 @@ for name in ("qr", "solve", "lstsq", "inv", "cholesky", "matrix_rank"):
 watched(scipy.linalg, "cholesky")
 
 from edmctl.actuator import Record, identify
-from edmctl.study.statistics.gaussian_process import fit_process
+from edmctl.study.statistics.surrogates import fit_process
 from edmctl.study.statistics.response_analysis import Runs, analyse
 from edmctl.study.statistics.linear_model import Settings
 from tests.process.test_rest_drift import measured
@@ -54,7 +54,7 @@ y_um = 3.0 * u_v + 0.01 * np.sin(40.0 * t_s)
 identify([Record(t_s, u_v, y_um)], resamples=5)
 points = np.random.default_rng(1).random((12, 2))
 process = fit_process(points, points.sum(axis=1), blocks=[0, 1] * 6)
-process.with_runs(points[:2], [0.0, 1.0]).left_out(range(14))
+process.believing(points[:2]).predict(points)
 measured(0.0025, 0.0)
 runs = Runs(Settings({"x": np.arange(8.0)}, {}, {}), {}, range(8), [0] * 8)
 analyse("depth", runs, [1.0, 3.0, 2.0, 5.0, 4.0, 6.0, 8.0, 7.0], [(), (("x", 1),)], "smaller")

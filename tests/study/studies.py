@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
+from edmctl.dataclasses import replace
 from edmctl.study.folder import create_folder
 from edmctl.study.planning import plan_study
 from edmctl.study.results import RunState
-from edmctl.study.running import evaluate, task_of
+from edmctl.study.running import bare_row, evaluate, task_of
 from edmctl.study.study_file import read_study
 from edmctl.study.table import OF_EXECUTION, table_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from edmctl.study.folder import StudyFolder, StudyState
+    from edmctl.study.results import PlannedRun
 
 HURRIED = """
 set = [
@@ -39,6 +43,15 @@ key = "pulse.duty"
 name = "duty"
 levels = [0.2, 0.4]
 """
+THREE_FACTORS = f"""{TWO_FACTORS}
+[[factors]]
+key = "pulse.frequency_hz"
+name = "frequency"
+levels = [1500, 3100]
+"""
+RANGES = TWO_FACTORS.replace("levels = [0.7, 0.8]", "low = 0.7\nhigh = 0.8").replace(
+    "levels = [0.2, 0.4]", "low = 0.2\nhigh = 0.4"
+)
 RESPONSES = """
 [[responses]]
 name = "machining_time_s"
@@ -60,6 +73,8 @@ FULL = """
 kind = "full"
 """
 SMALL = HEAD + TWO_FACTORS + FULL + RESPONSES
+MACHINE = SMALL + "\n[machine]\nholes_per_tool = 4\n"
+TIME = "[[responses]]\nname = 'machining_time_s'\n"
 
 
 class Unseen:
@@ -93,6 +108,15 @@ def make_some(study: StudyFolder, *numbers: int) -> None:
         for run in study.read().runs:
             if run.planned.number in numbers and run.state is RunState.OPEN:
                 writer.run(evaluate(task_of(study, run)))
+
+
+def come_to(folder: StudyFolder, law: Callable[[PlannedRun], Mapping[str, float | None]]) -> None:
+    """Write the rows of the open runs by a law of their responses."""
+    with folder.writer() as writer:
+        for run in folder.read().runs:
+            if run.row is None:
+                row = bare_row(run.planned, 1, run.planned.seed, datetime.now(UTC))
+                writer.run(replace(row, responses=law(run.planned)))
 
 
 def outcome(state: StudyState) -> list[dict[str, object]]:

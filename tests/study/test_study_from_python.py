@@ -10,19 +10,18 @@ import numpy as np
 import pytest
 
 from edmctl.errors import UsageError
+from edmctl.study.results import Judgement
 from edmctl.study.study import Study
-from tests.study.studies import SMALL, made, make_some, written
+from tests.study.studies import FULL, HEAD, RANGES, RESPONSES, made, make_some, written
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-RANGES = SMALL.replace("levels = [0.7, 0.8]", "low = 0.7\nhigh = 0.8").replace(
-    "levels = [0.2, 0.4]", "low = 0.2\nhigh = 0.4"
-)
+IN_RANGES = f"{HEAD}{RANGES}{FULL}{RESPONSES}"
 
 
 def test_runs_that_several_threads_add_keep_their_settings(tmp_path: Path) -> None:
-    folder = made(tmp_path, RANGES.replace('"full"', '"lhs"\nruns = 4'))
+    folder = made(tmp_path, IN_RANGES.replace('"full"', '"lhs"\nruns = 4'))
 
     def one(reference: float) -> tuple[int, float]:
         study = Study.load(folder.path)
@@ -42,12 +41,12 @@ def test_runs_that_several_threads_add_keep_their_settings(tmp_path: Path) -> No
 
 
 def test_a_fold_over_exchanges_the_bounds_that_a_design_uses_alone(tmp_path: Path) -> None:
-    study = Study.load(made(tmp_path, RANGES).path)
+    study = Study.load(made(tmp_path, IN_RANGES).path)
     before = [tuple(run.settings.values()) for run in study.plan().runs]
     added = [tuple(run.settings.values()) for run in study.extend(fold_over=True)]
     assert sorted(added) == sorted(before) == [(0.7, 0.2), (0.7, 0.4), (0.8, 0.2), (0.8, 0.4)]
     (tmp_path / "lhs").mkdir()
-    other = made(tmp_path / "lhs", RANGES.replace('"full"', '"lhs"\nruns = 5'))
+    other = made(tmp_path / "lhs", IN_RANGES.replace('"full"', '"lhs"\nruns = 5'))
     with pytest.raises(UsageError, match="the design has 5 of reference") as refused:
         Study.load(other.path).extend(fold_over=True)
     assert refused.value.code == "E2114"
@@ -75,8 +74,7 @@ def test_what_was_measured_is_not_told_over_but_a_repeated_run_is_told_anew(tmp_
     study.tell(first, {"machining_time_s": 21.0})  # what was told may be corrected
     assert folder.read().run(1).value("machining_time_s") == 21.0
     with folder.writer() as writer:
-        words = {"number": 1, "attempt": 1, "judgement": "repeat", "reason": "a chip"}
-        writer.append("judged", words)
+        writer.judged(folder.read().run(1), Judgement.REPEAT, "a chip")
     assert study.ask()[0].number == 1
     study.tell(first, {"machining_time_s": 19.0})
     run = folder.read().run(1)
@@ -92,7 +90,7 @@ def test_what_was_measured_is_not_told_over_but_a_repeated_run_is_told_anew(tmp_
 
 
 def test_settings_beyond_the_bounds_are_not_added(tmp_path: Path) -> None:
-    folder = made(tmp_path, RANGES.replace('"full"', '"lhs"\nruns = 4'))
+    folder = made(tmp_path, IN_RANGES.replace('"full"', '"lhs"\nruns = 4'))
     study = Study.load(folder.path)
     for reference in (0.6, "0.7", True):
         with pytest.raises(UsageError) as refused:

@@ -18,15 +18,15 @@ from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import parse_injection
 from edmctl.study.analysis import analysis_of
 from edmctl.study.on_machine import MachineRuns, run_on_machine
+from edmctl.study.report import StudyReport
 from edmctl.study.report.page import render_study_page
-from edmctl.study.reporting import StudyReport
 from edmctl.study.results import RunState
 from edmctl.study.running import refuse_mixture
 from edmctl.study.study import Study
 from edmctl.study.suggestions import confirmation_runs
 from edmctl.study.table import what_next
 from tests.serving import serving
-from tests.study.studies import HEAD, SMALL, Unseen, made
+from tests.study.studies import HEAD, MACHINE, SMALL, Unseen, made
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,15 +38,9 @@ if TYPE_CHECKING:
     from edmctl.study.folder import StudyFolder
     from edmctl.study.results import StudyRun
 
-MACHINE = SMALL + "\n[machine]\nholes_per_tool = 4\n"
-
 
 def agree(run: StudyRun, plan: Plan) -> bool:
     return True
-
-
-def refuse(run: StudyRun, plan: Plan) -> bool:
-    return False
 
 
 def options(folder: StudyFolder, **more: object) -> MachineRuns:
@@ -54,8 +48,25 @@ def options(folder: StudyFolder, **more: object) -> MachineRuns:
         """Nobody listens."""
 
     port = f"sim:{folder.path.parent / 'machine.bench'}"
-    given = {"surroundings": Surroundings(), "approve": agree, "warn": warn, **more}
-    return MachineRuns(port, **given)  # type: ignore[arg-type]
+    given = {"port": port, "surroundings": Surroundings(), "approve": agree, "warn": warn, **more}
+    return MachineRuns(**given)  # type: ignore[arg-type]
+
+
+def interrupted(folder: StudyFolder, **more: object) -> Interrupted:
+    """The error of a run that is stopped while its hole is cut."""
+    seen = Interrupting()
+    with pytest.raises(Interrupted) as stopped:
+        run_on_machine(
+            folder, options(folder, surroundings=Surroundings(stop=lambda _: seen.stop), **more), seen
+        )
+    return stopped.value
+
+
+def refused(folder: StudyFolder, **more: object) -> str:
+    """The code of the error that keeps the study from running."""
+    with pytest.raises(PreconditionError) as error:
+        run_on_machine(folder, options(folder, **more), Unseen())
+    return error.value.code
 
 
 class Interrupting(Unseen):
@@ -72,12 +83,8 @@ class Interrupting(Unseen):
 @pytest.mark.slow
 def test_tools_change_between_blocks_and_an_interrupted_hole_is_resumed(tmp_path: Path) -> None:
     folder = made(tmp_path, MACHINE)
-    seen = Interrupting()
-    stopping = Surroundings(stop=lambda _: seen.stop)
     assert run_on_machine(folder, options(folder, most=1), Unseen()) == 1
-    with pytest.raises(Interrupted) as stopped:
-        run_on_machine(folder, options(folder, surroundings=stopping), seen)
-    assert "study resume" in stopped.value.hint
+    assert "study resume" in interrupted(folder).hint
     assert folder.read().run(2).row is None
     with pytest.raises(PreconditionError) as worn:
         run_on_machine(folder, options(folder), Unseen())
@@ -101,9 +108,7 @@ def test_tools_change_between_blocks_and_an_interrupted_hole_is_resumed(tmp_path
 
 def test_a_begun_hole_is_given_up_and_made_anew_with_another_tool(tmp_path: Path) -> None:
     folder = made(tmp_path, MACHINE)
-    seen = Interrupting()
-    with pytest.raises(Interrupted):
-        run_on_machine(folder, options(folder, surroundings=Surroundings(stop=lambda _: seen.stop)), seen)
+    interrupted(folder)
     with pytest.raises(UsageError) as other_tool:
         run_on_machine(folder, options(folder, new_tool=True), Unseen())
     assert other_tool.value.code == "E2108"
@@ -123,14 +128,8 @@ def test_a_tool_that_is_changed_early_begins_with_a_centre_run_and_ends_with_its
 ) -> None:
     folder = made(tmp_path, MACHINE)
     assert run_on_machine(folder, options(folder, most=2), Unseen()) == 2
-    seen = Interrupting()  # in the opening run of the new tool
-    with pytest.raises(Interrupted):
-        run_on_machine(
-            folder, options(folder, new_tool=True, surroundings=Surroundings(stop=lambda _: seen.stop)), seen
-        )
-    with pytest.raises(PreconditionError) as done:
-        run_on_machine(folder, options(folder), Unseen())
-    assert done.value.code == "E8204"
+    interrupted(folder, new_tool=True)  # in the opening run of the new tool
+    assert refused(folder) == "E8204"
     rows = sorted((run.row for run in folder.read().runs if run.row), key=lambda row: row.started)
     assert [row.number for row in rows] == [1, 2, 9, 3, 4]
     assert [row.kind for row in rows] == ["center", "design", "center", "design", "center"]
@@ -141,32 +140,15 @@ def test_a_tool_that_is_changed_early_begins_with_a_centre_run_and_ends_with_its
     assert (run.tool, run.block, run.planned.tool) == (3, 3, 2)
 
 
-def test_another_machine_at_the_port_makes_no_run(tmp_path: Path) -> None:
+def test_another_machine_at_the_port_makes_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = made(tmp_path, MACHINE)
     assert run_on_machine(folder, options(folder, most=1), Unseen()) == 1
     file = tmp_path / "machine.bench"
     file.unlink()
-    assert (
-        main(
-            [
-                "machine",
-                "--profile",
-                "cu270",
-                "--port",
-                f"sim:{file}",
-                "--seed",
-                "99",
-                "--set",
-                "target.depth_um=5",
-                "--out",
-                str(tmp_path / "elsewhere.h5"),
-            ]
-        )
-        == 0
-    )
-    with pytest.raises(PreconditionError) as other:
-        run_on_machine(folder, options(folder), Unseen())
-    assert other.value.code == "E8214"
+    job = f"machine --profile cu270 --port sim:{file} --seed 99 --set target.depth_um=5 --out elsewhere.h5"
+    monkeypatch.chdir(tmp_path)
+    assert main(job.split()) == 0
+    assert refused(folder) == "E8214"
     assert [run.state for run in folder.read().runs].count(RunState.DONE) == 1
 
 
@@ -202,9 +184,7 @@ def test_a_hole_whose_row_was_lost_is_of_the_tool_that_made_it(tmp_path: Path) -
 
 def test_a_run_that_is_under_way_is_not_given_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = made(tmp_path, MACHINE)
-    seen = Interrupting()
-    with pytest.raises(Interrupted):
-        run_on_machine(folder, options(folder, surroundings=Surroundings(stop=lambda _: seen.stop)), seen)
+    interrupted(folder)
     judge = ["study", "judge", str(folder.path), "1", "repeat"]
     with folder.claimed("all"):
         assert main([*judge, "odd"]) == 8
@@ -227,7 +207,7 @@ def test_a_run_without_room_is_not_added_and_one_may_be_rejected_unmade(tmp_path
 def test_a_study_of_a_machine_is_not_mixed_from_python(tmp_path: Path) -> None:
     folder = made(tmp_path, MACHINE)
     with folder.writer() as writer:
-        writer.append("machine", {"port": "sim:there.bench"})
+        writer.on_machine("sim:there.bench")
     with pytest.warns(EdmWarning, match="W8215"), pytest.raises(UsageError) as mixed:
         Study.load(folder.path).run()
     assert mixed.value.code == "E2108"
@@ -247,9 +227,7 @@ def test_a_study_stays_on_its_bench(tmp_path: Path) -> None:
 
 def test_nobody_approves_no_sparks(tmp_path: Path) -> None:
     folder = made(tmp_path, MACHINE.replace("holes_per_tool = 4", 'holes_per_tool = 4\napproval = "each"'))
-    with pytest.raises(PreconditionError) as waiting:
-        run_on_machine(folder, options(folder, approve=refuse), Unseen())
-    assert waiting.value.code == "E8205"
+    assert refused(folder, approve=lambda run, plan: False) == "E8205"
     assert folder.read().run(1).row is None
     assert not folder.runs.exists() or not list(folder.runs.glob("*.h5"))
 
@@ -261,17 +239,13 @@ def test_a_fault_stops_the_study_and_the_hole_is_resumed_once_it_is_mended(tmp_p
     bench.inject(parse_injection("ESTOP@sparks+2"))
     with serving(bench) as port:
         with pytest.raises(MachineFault) as fault:
-            run_on_machine(folder, replace(options(folder), port=port), Unseen())
+            run_on_machine(folder, options(folder, port=port), Unseen())
         assert "study resume" in fault.value.hint
         assert folder.read().run(1).row is None
         bench.clear_injections()
-        with pytest.raises(PreconditionError) as latched:
-            run_on_machine(folder, replace(options(folder), port=port), Unseen())
-        assert latched.value.code == "E8010"
+        assert refused(folder, port=port) == "E8010"
         assert main(["reset", "--ack", "4001", "--port", port]) == 0
-        with pytest.raises(PreconditionError) as changed:
-            run_on_machine(folder, replace(options(folder), port=port), Unseen())
-        assert changed.value.code == "E8204"
+        assert refused(folder, port=port) == "E8204"
     rows = [run.row for run in folder.read().runs]
     assert rows[0] is not None
     assert rows[0].run_files == ("run0001-r1.h5",)
@@ -285,24 +259,15 @@ def test_a_study_without_a_machine_says_so(tmp_path: Path) -> None:
     assert refused.value.code == "E2103"
 
 
-L9 = (
-    HEAD
-    + """
-[[factors]]
-key = "servo.reference"
-name = "reference"
-levels = [0.70, 0.75, 0.80]
-
-[[factors]]
-key = "pulse.duty"
-name = "duty"
-levels = [0.2, 0.3, 0.4]
-
-[[factors]]
-key = "pulse.frequency_hz"
-name = "frequency"
-levels = [1800.0, 2300.0, 2800.0]
-
+FACTORS = "".join(
+    f"[[factors]]\nkey = '{key}'\nname = '{name}'\nlevels = {levels}\n"
+    for key, name, levels in (
+        ("servo.reference", "reference", [0.70, 0.75, 0.80]),
+        ("pulse.duty", "duty", [0.2, 0.3, 0.4]),
+        ("pulse.frequency_hz", "frequency", [1800.0, 2300.0, 2800.0]),
+    )
+)
+L9 = f"""{HEAD}{FACTORS}
 [design]
 kind = "taguchi"
 array = "L9"
@@ -318,7 +283,6 @@ name = "wear_um"
 [machine]
 holes_per_tool = 11
 """
-)
 
 
 @pytest.mark.full
@@ -327,16 +291,11 @@ def test_an_array_with_replicates_is_made_through_a_line_with_a_tool_change_and_
 ) -> None:
     folder = made(tmp_path, L9)
     bench = open_bench(BenchConfig(), 11)
-    seen = Interrupting()
     with serving(bench) as port:
-        first = replace(options(folder, surroundings=Surroundings(stop=lambda _: seen.stop)), port=port)
-        assert run_on_machine(folder, replace(options(folder), port=port, most=3), Unseen()) == 3
-        with pytest.raises(Interrupted):
-            run_on_machine(folder, first, seen)
-        with pytest.raises(PreconditionError) as done:
-            run_on_machine(folder, replace(options(folder), port=port), Unseen())
-        assert done.value.code == "E8204"
-        assert run_on_machine(folder, replace(options(folder), port=port, new_tool=True), Unseen()) == 11
+        assert run_on_machine(folder, options(folder, port=port, most=3), Unseen()) == 3
+        interrupted(folder, port=port)
+        assert refused(folder, port=port) == "E8204"
+        assert run_on_machine(folder, options(folder, port=port, new_tool=True), Unseen()) == 11
     state = folder.read()
     assert all(run.state is RunState.DONE for run in state.runs)
     assert len(state.runs) == 22

@@ -7,6 +7,7 @@ import math
 import re
 import warnings
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from functools import cache, partial
 from html.parser import HTMLParser
 from typing import TYPE_CHECKING
@@ -18,11 +19,11 @@ from edmctl.report.html import picture_of
 from edmctl.report.style import NothingToDraw
 from edmctl.study.analysis import StudyAnalysis, doe_runs
 from edmctl.study.design import terms_of
+from edmctl.study.report import StudyReport
 from edmctl.study.report import figures as drawn
 from edmctl.study.report.page import render_study_page
 from edmctl.study.report.tables import all_runs
 from edmctl.study.report.words import p_text, p_words
-from edmctl.study.reporting import StudyReport
 from edmctl.study.results import (
     Choice,
     Confirmation,
@@ -38,6 +39,7 @@ from edmctl.study.results import (
     StudyPlan,
     StudyRun,
 )
+from edmctl.study.running import bare_row
 from edmctl.study.statistics.choice import SobolIndices, pareto_front
 from edmctl.study.statistics.response_analysis import analyse
 from edmctl.wording import significant, to_its_u95
@@ -167,25 +169,12 @@ def made(factors: tuple[FactorInfo, ...], model: str, points: Sequence[tuple[obj
 
 def row_of(run: PlannedRun, values: dict[str, float | None]) -> RunRow:
     """The row of a run that came to its end."""
-    return RunRow(
-        number=run.number,
-        kind=str(run.kind),
-        point=run.point,
-        replicate=run.replicate,
-        block=run.block,
-        tool=0,
-        site_um=None,
-        seed=run.seed,
-        attempt=1,
-        settings=run.settings,
-        exit_code=0,
-        error=None,
+    return replace(
+        bare_row(run, 1, run.seed, datetime(2026, 11, 24, tzinfo=UTC)),
         responses=values,
         u={"wear_um": 0.125},
         u95={"wear_um": 0.25},
-        bases={},
         truth={"wear_um": values["wear_um"]},
-        started="2026-11-24T11:32:43.085+00:00",
     )
 
 
@@ -193,7 +182,7 @@ def choices_of(runs: Sequence[StudyRun]) -> tuple[Choice, ...]:
     """Every point, by its first run."""
     first = [run for run in runs if run.planned.replicate == 1]
     table = [[run.value("time_s"), run.value("wear_um") or math.nan] for run in first]
-    front = pareto_front(np.array(table, float), ["smaller", "smaller"])
+    front = pareto_front(np.array(table, float))
     return tuple(
         Choice(
             point=run.planned.point,

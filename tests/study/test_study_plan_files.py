@@ -9,15 +9,15 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edmctl.errors import EdmError, PreconditionError
 from edmctl.study.analysis import analysis_of
 from edmctl.study.commands.tables import render_plan, render_status
 from edmctl.study.folder import open_folder
+from edmctl.study.report import StudyReport, mapping_of
 from edmctl.study.report.text import render_report
-from edmctl.study.reporting import StudyReport, mapping_of
 from edmctl.study.suggestions import (
     confirmation_runs,
     confirmations_of,
@@ -28,6 +28,7 @@ from edmctl.study.suggestions import (
 from edmctl.study.table import columns_of, in_words, table_bytes, table_of, what_next
 from tests.study.studies import FULL, SMALL, made
 from tests.study.test_study_tables import add, make
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -156,32 +157,9 @@ def test_what_has_no_hash_was_changed(whole: Path, text: str) -> None:
     assert refused.value.code == "E8202"
 
 
-HOSTILE: st.SearchStrategy[Any] = st.sampled_from(
-    [
-        None,
-        True,
-        0,
-        -1,
-        1.5,
-        1e308,
-        -1e308,
-        float("nan"),
-        float("inf"),
-        10**30,
-        10**400,
-        "",
-        "design",
-        "0.2",
-        "\x1b[2J",
-        "\ud800",
-        "../..",
-        [],
-        [1],
-        [[]],
-        {},
-        {"a": 1},
-    ]
-)
+NUMBERS = (0, -1, 1.5, 1e308, -1e308, float("nan"), float("inf"), 10**30, 10**400)
+TEXTS = ("", "design", "0.2", "\x1b[2J", "\ud800", "../..")
+HOSTILE: st.SearchStrategy[Any] = st.sampled_from([None, True, *NUMBERS, *TEXTS, [], [1], [[]], {}, {"a": 1}])
 
 
 def paths_of(value: object, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
@@ -212,17 +190,20 @@ def mutated(document: Any, data: st.DataObject) -> Any:
     return document
 
 
-ANY = settings(
-    max_examples=150,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@pytest.mark.parametrize("examples", tiers(15, slow=[150]))
+@pytest.mark.parametrize("part", ["plan", "row"])
+def test_no_change_of_a_file_is_an_internal_error(whole: Path, part: str, examples: int) -> None:
+    change = change_plan if part == "plan" else change_row
+
+    @settings(max_examples=examples, deadline=None, derandomize=True)
+    @given(data=st.data())
+    def tried(data: st.DataObject) -> None:
+        change(whole, data)
+
+    tried()
 
 
-@ANY
-@given(data=st.data())
-def test_no_change_of_a_plan_is_an_internal_error(whole: Path, data: st.DataObject) -> None:
+def change_plan(whole: Path, data: st.DataObject) -> None:
     kept = (whole / "plan.json").read_bytes()
     try:
         seal(whole, mutated(json.loads(kept)["study"], data))
@@ -230,6 +211,20 @@ def test_no_change_of_a_plan_is_an_internal_error(whole: Path, data: st.DataObje
             used(whole)
     finally:
         (whole / "plan.json").write_bytes(kept)
+
+
+def change_row(whole: Path, data: st.DataObject) -> None:
+    file = data.draw(st.sampled_from(sorted((whole / "rows").glob("*.jsonl"))))
+    kept = file.read_bytes()
+    lines = kept.splitlines()
+    number = data.draw(st.integers(0, len(lines) - 1))
+    changed = json.dumps(mutated(json.loads(lines[number]), data)).encode()
+    try:
+        file.write_bytes(b"".join(line + b"\n" for line in (*lines[:number], changed, *lines[number + 1 :])))
+        with suppress(EdmError):
+            used(whole)
+    finally:
+        file.write_bytes(kept)
 
 
 @pytest.mark.parametrize(
@@ -255,19 +250,3 @@ def test_a_wrong_value_in_a_row_is_no_internal_error(
                 used(whole)
         finally:
             file.write_bytes(kept)
-
-
-@ANY
-@given(data=st.data())
-def test_no_change_of_a_row_is_an_internal_error(whole: Path, data: st.DataObject) -> None:
-    file = data.draw(st.sampled_from(sorted((whole / "rows").glob("*.jsonl"))))
-    kept = file.read_bytes()
-    lines = kept.splitlines()
-    number = data.draw(st.integers(0, len(lines) - 1))
-    changed = json.dumps(mutated(json.loads(lines[number]), data)).encode()
-    try:
-        file.write_bytes(b"".join(line + b"\n" for line in (*lines[:number], changed, *lines[number + 1 :])))
-        with suppress(EdmError):
-            used(whole)
-    finally:
-        file.write_bytes(kept)

@@ -18,10 +18,9 @@ import pytest
 
 from edmctl.errors import PreconditionError, RunFileError, UsageError
 from edmctl.jobs.parallel import FEEDER, Lost, Pool, perform, pool_of
-from edmctl.study.folder import create_folder, open_folder
+from edmctl.study.folder import create_folder, open_folder, read_rows
 from edmctl.study.planning import plan_study
 from edmctl.study.results import Judgement, RunState
-from edmctl.study.rows import read_rows
 from edmctl.study.running import run_virtual
 from edmctl.study.study_file import read_study
 from edmctl.study.table import missing_manual, table_bytes, table_of, told_table, told_values
@@ -199,9 +198,7 @@ def test_people_tell_and_judge(tmp_path: Path) -> None:
         (Judgement.REPEAT, RunState.OPEN),
     ):
         with study.writer() as writer:
-            writer.append(
-                "judged", {"number": number, "attempt": 1, "judgement": str(judgement), "reason": "a chip"}
-            )
+            writer.judged(study.read().run(number), judgement, "a chip")
         assert study.read().run(number).state is state
     make_some(study, 1, 3)
     again = study.read().run(number)

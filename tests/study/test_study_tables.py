@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -12,14 +11,16 @@ import numpy as np
 import pytest
 
 from edmctl.app import main
+from edmctl.dataclasses import replace
 from edmctl.study.analysis import analysis_of
 from edmctl.study.design import value_at
+from edmctl.study.report import StudyReport, mapping_of, report_of
 from edmctl.study.report.page import render_study_page
 from edmctl.study.report.words import what_matters
-from edmctl.study.reporting import StudyReport, mapping_of, report_of
-from edmctl.study.running import bare_row
+from edmctl.study.running import bare_row, lost_row
 from edmctl.study.suggestions import confirmation_runs, suggested_runs
-from tests.study.studies import HEAD, RESPONSES, made
+from tests.study.studies import FULL, HEAD, RESPONSES, SMALL, come_to, made
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -83,11 +84,7 @@ def law(run: PlannedRun) -> dict[str, float]:
 
 def make(folder: StudyFolder) -> None:
     """Make rows of all open runs."""
-    with folder.writer() as writer:
-        for run in folder.read().runs:
-            if run.row is None:
-                row = bare_row(run.planned, 1, run.planned.seed, datetime.now(UTC))
-                writer.run(replace(row, responses=law(run.planned)))
+    come_to(folder, law)
 
 
 def add(folder: StudyFolder, count: int) -> None:
@@ -112,13 +109,16 @@ def tables(folder: StudyFolder) -> str:
     return json.dumps(kept, default=lambda one: {name: getattr(one, name) for name in one.__slots__})
 
 
-@pytest.mark.parametrize("kind", DESIGNS)
+CHEAP = ("full", "tools", "taguchi", "sensitivity")
+
+
+@pytest.mark.parametrize("kind", tiers(*CHEAP, slow=[kind for kind in DESIGNS if kind not in CHEAP]))
 def test_further_runs_leave_the_design_tables_unchanged(tmp_path: Path, kind: str) -> None:
     folder = study(tmp_path, kind)
     make(folder)
     before, choices = tables(folder), analysis_of(folder.read()).choices
     total = 0
-    for count in (1, 15, 24):
+    for count in (1, 24):
         add(folder, count)
         total += count
         state = folder.read()
@@ -247,3 +247,35 @@ def test_table_page_and_json_name_the_runs_that_they_use(
     page = render_study_page(StudyReport(found, state.runs, notes=found.notes))
     assert note in page
     assert "8 of 8 runs of the design have a value" in page
+
+
+TWICE = SMALL.replace(FULL, f"{FULL}replicates = 2\n")
+
+
+def test_a_manual_response_is_not_set_beside_a_truth_of_that_name(tmp_path: Path) -> None:
+    folder = made(tmp_path, TWICE)
+    with folder.writer() as writer:
+        for n, run in enumerate(folder.read().runs):
+            own = {"machining_time_s": 40.0 + n % 3, "wear_ratio_lin": 0.3 + n % 4 / 100}
+            truth = {"wear_ratio_lin": 0.3 + n % 5 / 100, "ra_um": 0.2 + n % 3 / 100}
+            row = bare_row(run.planned, 1, run.planned.seed, datetime.now(UTC))
+            writer.run(replace(row, responses=own, truth=truth))
+            writer.told(run, {"ra_um": 0.4 + n % 3 / 100})
+    assert set(analysis_of(folder.read()).truths) == {"wear_ratio_lin"}
+
+
+def test_a_factor_with_one_level_left_has_no_table_of_levels(tmp_path: Path) -> None:
+    folder = made(tmp_path, TWICE)
+    with folder.writer() as writer:
+        for run in folder.read().runs:
+            if run.planned.settings["pulse.duty"] == 0.4:
+                writer.run(lost_row(run.planned, 1, "E4001: a short", 4))
+    come_to(folder, lambda run: {"machining_time_s": 40.0 + run.number % 3})
+    state = folder.read()
+    found = analysis_of(state)
+    time = found.responses[0]
+    assert [one.factor for one in time.level_means] == ["reference"]
+    assert [one.factor for one in time.noise_means] == ["reference"]
+    assert not time.interactions
+    assert "only one level of duty has a value" in time.notes
+    assert "too many different values" not in render_study_page(StudyReport(found, state.runs))

@@ -1,23 +1,287 @@
-"""`edmctl study`: designed experiments, on virtual machines and on the real one."""
+"""`edmctl study`: designed experiments. Here are the commands that make no runs."""
 
-from edmctl.cli.options import command_group
-from edmctl.study.commands import execute, look
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from edmctl.cli.options import NOTES, command, command_group
+from edmctl.cli.outcome import Outcome, stream_style, watching
+from edmctl.cli.render.layout import render_columns
+from edmctl.cli.signals import shell
+from edmctl.dataclasses import asdict, replace
+from edmctl.errors import UsageError
+from edmctl.profile.folders import shipped_studies
+from edmctl.study.commands import execute
+from edmctl.study.commands.execute import (
+    FolderArgument,
+    RunNumberArgument,
+    StudyArgument,
+    checks_told,
+    opened,
+    study_source,
+)
+from edmctl.study.results import Judgement
+from edmctl.wording import plural
+
+
+@command("study list")
+def list_studies(outcome: Outcome) -> None:
+    """List the shipped studies."""
+    from edmctl.study.study_file import read_study
+
+    found = [(name, read_study(path).file) for name, path in shipped_studies().items()]
+    outcome.result = {
+        "studies": [
+            {
+                "study": name,
+                "name": file.study.name,
+                "description": file.study.description,
+                "design": file.design.kind,
+            }
+            for name, file in found
+        ]
+    }
+    rows = [[name, file.design.kind, file.study.description or file.study.name] for name, file in found]
+    outcome.text = render_columns(["study", "design", "what it asks"], rows, stream_style(sys.stdout), "<")
+
+
+@command("study plan", NOTES)
+def plan(outcome: Outcome, file: StudyArgument) -> None:
+    """Check a study and show every run of it, what the runs will take, and what they can tell.
+
+    Every run is checked as a job is; nothing moves and nothing is written.
+    """
+    from edmctl.study.commands.tables import render_plan
+    from edmctl.study.planning import plan_study
+
+    source = study_source(outcome, file)
+    with watching(outcome.output) as reporter:
+        planned = plan_study(source, shell(), checks_told(reporter.note))
+    outcome.warn(planned.warnings)
+    outcome.result = asdict(planned.plan)
+    way_on = f"Run it: `edmctl study run {shlex.quote(file)} --out DIR`"
+    outcome.text = f"{render_plan(planned.plan, stream_style(sys.stdout))}\n\n{way_on}"
+
+
+@command("study status")
+def status(outcome: Outcome, folder: FolderArgument) -> None:
+    """Show every run of a study with its responses, and what the study waits for."""
+    from edmctl.study.commands.tables import render_status
+    from edmctl.study.folder import version_warning
+    from edmctl.study.table import counts_of, in_words, missing_manual, table_of, what_next
+
+    study = opened(folder)
+    outcome.warn(version_warning(study))
+    state = study.read()
+    outcome.result = {
+        "study": study.plan.name,
+        "runs": len(state.runs),
+        "counts": counts_of(state),
+        "missing": [{"run": number, "responses": list(names)} for number, names in missing_manual(state)],
+        "torn_lines": state.rows.torn,
+        "table": table_of(state),
+    }
+    style = stream_style(sys.stdout)
+    outcome.text = render_status(study.plan, state.runs, in_words(state), what_next(state), style)
+
+
+PageOption = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="PAGE", help="HTML page with all tables and figures. Default: none."),
+]
+TableOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", "-o", metavar="TABLE", help="File: .csv, .json, .jsonl or .parquet. Default: CSV to stdout."
+    ),
+]
+FormatOption = Annotated[
+    str | None,
+    typer.Option("--format", metavar="FORMAT", help="csv, json, jsonl or parquet, whatever the ending."),
+]
+ProfilesOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--profiles", metavar="FOLDER", help="Write a profile for each point of the Pareto front instead."
+    ),
+]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace files of the same name.")]
+
+
+@command("study report")
+def report(
+    outcome: Outcome, folder: FolderArgument, out: PageOption = None, overwrite: OverwriteOption = False
+) -> None:
+    """Say what matters, by analysis of variance, models and the Pareto front; --out writes a page of it."""
+    from edmctl.jobs import output_files
+    from edmctl.study.report import mapping_of, report_of
+    from edmctl.study.report.page import render_study_page
+    from edmctl.study.report.text import render_report
+
+    found = report_of(opened(folder).read(), shell())
+    outcome.result = mapping_of(found)
+    outcome.text = render_report(found, stream_style(sys.stdout))
+    if out is not None:
+        content = render_study_page(found, source=str(folder)).encode()
+        output_files.make_folder(out.parent)
+        hint = "Choose another name, or replace it with --overwrite."
+        output_files.write(out, content, hint, overwrite=overwrite)
+        outcome.text += f"\n\nPage {out}"
+
+
+@command("study export")
+def export(
+    outcome: Outcome,
+    folder: FolderArgument,
+    out: TableOption = None,
+    form: FormatOption = None,
+    profiles: ProfilesOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write the table of runs: a row a run, a column a factor key and response. Or profiles of the best points."""
+    from edmctl.jobs import output_files
+    from edmctl.jobs.runs.export import REPLACE_HINT, export_request
+    from edmctl.study.report import write_profiles
+    from edmctl.study.table import columns_of, table_bytes, table_of
+
+    study = opened(folder)
+    state = study.read()
+    if profiles is not None:
+        written = write_profiles(state, profiles, overwrite=overwrite)
+        outcome.result = {"profiles": [str(path) for path in written]}
+        outcome.text = "\n".join(map(str, written))
+        return
+    request = export_request(
+        "table", folder, ["runs"], ["runs"], form, out, as_json=outcome.output.json, overwrite=overwrite
+    )
+    content = table_bytes(table_of(state), str(request.form), columns_of(state))
+    if request.to_stdout:
+        from edmctl.cli.run.export import stdout
+
+        with stdout() as sink:
+            sink.write(content)
+        return
+    path = request.path_of("runs")
+    output_files.write(path, content, REPLACE_HINT, overwrite=overwrite)
+    outcome.result = {"file": str(path), "rows": len(state.runs), "bytes": len(content)}
+    outcome.text = f"{path}: {plural(len(state.runs), 'row')}"
+
+
+ValuesArgument = Annotated[
+    list[str], typer.Argument(metavar="NAME=VALUE...", help="Manual responses of the run, e.g. ra_um=0.31.")
+]
+TableArgument = Annotated[
+    Path, typer.Argument(metavar="TABLE.csv", help="A column run, and one for each manual response.")
+]
+JudgementArgument = Annotated[Judgement, typer.Argument(metavar="accept|reject|repeat", show_default=False)]
+ReasonArgument = Annotated[str, typer.Argument(metavar="REASON", help="Kept with the run.")]
+
+
+@command("study tell")
+def tell(outcome: Outcome, folder: FolderArgument, run: RunNumberArgument, values: ValuesArgument) -> None:
+    """Tell responses that were measured by hand, such as a roughness from a profilometer.
+
+    Told again, the later value counts, and `NAME=none` withdraws it; all of them stay in the rows.
+    """
+    from edmctl.study.table import made_run, told_values
+
+    study = opened(folder)
+    state = study.read()
+    found = made_run(state, run)
+    told = told_values(state, values)
+    with study.writer() as writer:
+        writer.told(found, told)
+    outcome.result = {"run": run, "told": told}
+    words = (f"{name} {'is withdrawn' if v is None else f'= {v:g}'}" for name, v in told.items())
+    outcome.text = f"Run {run}: {', '.join(words)}"
+
+
+@command("study import")
+def import_table(outcome: Outcome, folder: FolderArgument, table: TableArgument) -> None:
+    """Tell the manual responses of many runs by a CSV table; all of it or, where a line is wrong, nothing.
+
+    An empty cell tells nothing, and `none` withdraws what was told.
+    """
+    from edmctl.study.table import told_table
+
+    study = opened(folder)
+    state = study.read()
+    told = told_table(state, table)
+    with study.writer() as writer:
+        for number, values in told.items():
+            writer.told(state.run(number), values)
+    outcome.result = {"runs": len(told), "told": {str(number): values for number, values in told.items()}}
+    outcome.text = f"Told responses of {plural(len(told), 'run')}."
+    withdrawn = [number for number, values in told.items() if None in values.values()]
+    if withdrawn:
+        outcome.text += f" Withdrawn: of {plural(len(withdrawn), 'run')}, {', '.join(map(str, withdrawn))}."
+
+
+@command("study judge")
+def judge(
+    outcome: Outcome,
+    folder: FolderArgument,
+    run: RunNumberArgument,
+    judgement: JudgementArgument,
+    reason: ReasonArgument,
+) -> None:
+    """Judge a run: accept one that failed, reject one that shall not count, or have it repeated.
+
+    Nothing is deleted: the row stays, with the judgement and its reason.
+    """
+    from edmctl.study.on_machine import is_begun, next_order
+    from edmctl.study.running import lost_row
+    from edmctl.study.table import way_on
+
+    study = opened(folder)
+    if not reason.strip():
+        raise UsageError("The reason is empty.", hint='Say why, e.g. "chip under the tool".', code="E2107")
+    found = study.read().run(run)
+    if found.row is None and judgement is Judgement.REPEAT and is_begun(study, found):
+        with study.claimed(), study.writer() as writer:  # nobody is making it
+            # The hole stays where it is, and the next attempt takes another place.
+            lost = lost_row(found.planned, found.attempts + 1, f"E1300: given up: {reason}", 130)
+            writer.run(replace(lost, order=next_order(study.read())))
+        found = study.read().run(run)
+    if found.row is None and judgement is not Judgement.REJECT:
+        raise UsageError(
+            f"Run {run} is not made yet.",
+            hint=f"Make it with `{way_on(study.read())}`, then judge it; one that shall not be made is rejected.",
+            code="E2107",
+        )
+    with study.writer() as writer:
+        writer.judged(found, judgement, reason)
+    outcome.result = {"run": run, "attempt": found.attempts, "judgement": str(judgement), "reason": reason}
+    state = study.read()
+    again = "and a virtual machine makes it the same"
+    if state.rows.port:
+        again = "as another hole at the next free place"
+    after = {
+        Judgement.ACCEPT: "its responses count",
+        Judgement.REJECT: "it does not count; the row stays",
+        Judgement.REPEAT: f"`{way_on(state)}` makes it again, {again}",
+    }
+    outcome.text = f"Run {run}: {judgement} ({reason}); {after[judgement]}."
+
 
 app = command_group(
     "Plan, run and analyse designed experiments.\n\n"
     "A study file names factors, a design and responses. A folder contains the plan and a row of each run."
 )
-app.command("list")(look.list_studies)
-app.command("plan")(look.plan)
+app.command("list")(list_studies)
+app.command("plan")(plan)
 app.command("run")(execute.run)
 app.command("resume")(execute.resume)
-app.command("status")(look.status)
-app.command("tell")(look.tell)
-app.command("import")(look.import_table)
-app.command("judge")(look.judge)
-app.command("report")(look.report)
+app.command("status")(status)
+app.command("tell")(tell)
+app.command("import")(import_table)
+app.command("judge")(judge)
+app.command("report")(report)
 app.command("suggest")(execute.suggest)
 app.command("extend")(execute.extend)
 app.command("optimize")(execute.optimize)
 app.command("confirm")(execute.confirm)
-app.command("export")(look.export)
+app.command("export")(export)

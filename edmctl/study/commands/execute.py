@@ -1,33 +1,165 @@
-"""`edmctl study run`, `resume`, `suggest`, `optimize` and `confirm`: all that makes runs."""
+"""`edmctl study run`, `resume`, `suggest`, `extend`, `optimize` and `confirm`: all that makes runs."""
 
 import sys
+import time
+from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from edmctl import failures
-from edmctl.cli.options import PROGRESS, ControllerOption, command, controlled_by
+from edmctl.cli import completion
+from edmctl.cli.options import (
+    PROGRESS,
+    ControllerOption,
+    NewToolOption,
+    PortOption,
+    WaitOption,
+    command,
+    controlled_by,
+)
 from edmctl.cli.outcome import Outcome, stream_style, tell, watching
 from edmctl.cli.render.layout import USUAL_COLUMNS, wrapped
 from edmctl.cli.render.progress import Reporter
 from edmctl.cli.signals import begin_worker, shell
-from edmctl.study.commands.options import (
-    FolderArgument,
-    Making,
-    StudyArgument,
-    checks_told,
-    opened,
-    study_source,
-)
+from edmctl.dataclasses import dataclass, replace
+from edmctl.errors import ObjectiveNotReached, UsageError
+from edmctl.profile.folders import find_profile, find_study
 from edmctl.study.results import PlannedRun, RunKind, RunState, StudyRun
 from edmctl.wording import plural, settings_words
 
 if TYPE_CHECKING:
     from edmctl.jobs.plan import MachineAddress, Plan
     from edmctl.study.folder import StudyFolder, StudyState
+    from edmctl.study.study_file import StudySource
+
+StudyArgument: TypeAlias = Annotated[
+    str,
+    typer.Argument(
+        metavar="FILE",
+        help="A study file (TOML), or the name of a shipped study.",
+        autocompletion=completion.studies,
+    ),
+]
+FolderArgument: TypeAlias = Annotated[
+    Path, typer.Argument(metavar="DIR", help="The folder of a study, as `edmctl study run` made it.")
+]
+
+
+def _run_number(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise typer.BadParameter(f"{text!r} is no number of a run, such as 3")
+    return int(text)
+
+
+RunNumberArgument: TypeAlias = Annotated[
+    int, typer.Argument(metavar="RUN", help="Number of a run.", parser=_run_number)
+]
+WorkersOption: TypeAlias = Annotated[
+    int | None,
+    typer.Option(
+        "--workers",
+        metavar="N",
+        min=1,
+        max=1024,
+        help="Processes side by side. Default: as many as processors.",
+    ),
+]
+DaskOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--dask", metavar="ADDRESS", help="Make the runs on a dask cluster whose scheduler is there."
+    ),
+]
+HomedOption: TypeAlias = Annotated[
+    bool,
+    typer.Option("--homed", help="Confirm that the stages are where the restarted controller counts them."),
+]
+YesOption: TypeAlias = Annotated[
+    bool, typer.Option("--yes", help="Approve every run that the study wants approved.")
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Making:
+    """How runs are made: on the machine at `where`, or on virtual ones by so many workers or a cluster."""
+
+    workers: WorkersOption = None
+    dask: DaskOption = None
+    port: PortOption = None
+    wait: WaitOption = 0.0
+    new_tool: NewToolOption = False
+    homed: HomedOption = False
+    yes: YesOption = False
+
+    def refuse(self, setup: Path | None, *, has_machine: bool) -> None:
+        """Refuse options that do not go together, before anything is made. Raises UsageError E2103, E2108."""
+        if self.where(setup).lasting:
+            if self.workers is not None or self.dask is not None:
+                raise UsageError(
+                    "One machine makes one run at a time: --workers and --dask are for virtual ones.",
+                    hint="Leave them out.",
+                    code="E2108",
+                )
+            if not has_machine:
+                from edmctl.study.on_machine import without_machine
+
+                raise without_machine()
+        elif self.new_tool or self.homed:
+            raise UsageError(
+                "--new-tool and --homed are about a machine that lasts, and none is named.",
+                hint="Say --port, or leave them out.",
+                code="E2108",
+            )
+        if self.dask is not None and self.workers is not None:
+            raise UsageError(
+                "--dask has the workers of its cluster.", hint="Leave --workers or --dask out.", code="E2108"
+            )
+
+    def where(self, setup: Path | None) -> "MachineAddress":
+        """Return the machine that is named; a fresh virtual one where none is."""
+        from edmctl.jobs.plan import where_is
+        from edmctl.profile.setup import load_setup
+
+        return where_is(self.port, load_setup(setup), self.wait)
+
+
+CHECKS_EVERY_S = 2.0
+"""Interval of the notes on a long plan."""
+
+
+def checks_told(note: "Callable[[str], None]") -> "Callable[[int, int], None]":
+    """Return an observer of a plan that says now and then how many settings are checked."""
+    due_s = time.monotonic() + CHECKS_EVERY_S
+
+    def observe(done: int, total: int) -> None:
+        nonlocal due_s
+        if time.monotonic() >= due_s and done < total:
+            due_s = time.monotonic() + CHECKS_EVERY_S
+            note(f"checked {done} of {total} settings")
+
+    return observe
+
+
+def study_source(outcome: "Outcome", file: str) -> "StudySource":
+    """Read a study file, and report which one and which profile it uses. Raises UsageError E2001, E2100."""
+    from edmctl.study.planning import base_request
+    from edmctl.study.study_file import read_study
+
+    source = read_study(find_study(file))
+    profile = base_request(source).profile
+    assert profile is not None
+    outcome.uses(study=source.path, profile=find_profile(profile))
+    return source
+
+
+def opened(folder: Path) -> "StudyFolder":
+    """Open a study's folder. Raises UsageError E2101, PreconditionError E8202."""
+    from edmctl.study.folder import open_folder  # loads numpy
+
+    return open_folder(folder)
+
 
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="New folder of the study.")]
 CountOption = Annotated[
@@ -73,11 +205,7 @@ def run(
 
 
 @command("study resume", PROGRESS)
-def resume(
-    outcome: Outcome,
-    folder: FolderArgument,
-    making: Making,
-) -> None:
+def resume(outcome: Outcome, folder: FolderArgument, making: Making) -> None:
     """Go on with a study: make the runs that are left, resume a hole that was interrupted."""
     from edmctl.study.folder import version_warning
 
@@ -150,14 +278,7 @@ def _on_machine(
         return making.yes or _asked(run, plan)
 
     options = MachineRuns(
-        port,
-        shell(),
-        approve,
-        outcome.warn,
-        making.wait,
-        new_tool=making.new_tool,
-        homed=making.homed,
-        command=command,
+        port, shell(), approve, outcome.warn, making.wait, making.new_tool, making.homed, command=command
     )
     run_on_machine(study, options, reporter)
 
@@ -197,11 +318,10 @@ def _raise_failed(study: "StudyFolder", kind: "RunKind | None" = None) -> None:
     if failed:
         first = failed[0]
         assert first.row is not None
-        raise failures.study_runs_failed(
-            runs=plural(len(failed), "run"),
-            number=first.planned.number,
-            error=first.row.error,
-            command=study.command("judge"),
+        raise ObjectiveNotReached(
+            f"{plural(len(failed), 'run')} failed; the first, run {first.planned.number}: {first.row.error}",
+            hint=f"Judge each: `{study.command('judge')} RUN accept|reject|repeat REASON`.",
+            code="E7910",
         )
 
 
@@ -254,11 +374,7 @@ def _suggested(run: "PlannedRun", state: "StudyState", which: str = "") -> str:
 
 
 @command("study optimize", PROGRESS)
-def optimize(
-    outcome: Outcome,
-    folder: FolderArgument,
-    making: Making,
-) -> None:
+def optimize(outcome: Outcome, folder: FolderArgument, making: Making) -> None:
     """Make runs where the models expect most, one after the other, up to the number in [optimize]; recommend one.
 
     The design comes first. Every suggestion is checked as a job is, and on a machine that lasts approved.
@@ -296,12 +412,7 @@ def optimize(
 
 
 @command("study confirm", PROGRESS)
-def confirm(
-    outcome: Outcome,
-    folder: FolderArgument,
-    making: Making,
-    runs: ConfirmRunsOption = 3,
-) -> None:
+def confirm(outcome: Outcome, folder: FolderArgument, making: Making, runs: ConfirmRunsOption = 3) -> None:
     """Run the recommended settings anew, on machines no model has seen, and say whether the expectation held."""
     from edmctl.study.report.text import render_confirmation, render_recommendation
     from edmctl.study.suggestions import confirmation_runs, confirmations_of, recommended
@@ -330,18 +441,17 @@ def confirm(
     assert isinstance(outcome.result, dict)
     outcome.result["confirmations"] = found
     style = stream_style(sys.stdout)
-    outcome.text = (
-        told
-        + outcome.text
-        + "\n\n"
-        + "\n\n".join(render_confirmation(study.plan, one, style) for one in found)
-    )
+    shown = (render_confirmation(study.plan, one, style) for one in found)
+    outcome.text = told + "\n\n".join([outcome.text, *shown])
     numbers = {run.number for run in asked}
     mine = [one for one in found if numbers.intersection(one.runs)]
     outcome.text += "".join(f"\n{line}" for line in not_yet_known(after, numbers))
     broken = dict.fromkeys(str(limit.constraint) for one in mine for limit in one.limits if not limit.is_kept)
     if broken:
-        raise failures.recommendation_breaks_limits(
-            broken=", ".join(broken), command=study.command("suggest", "--add")
+        raise ObjectiveNotReached(
+            f"The recommended settings do not keep {', '.join(broken)}: the mean of the confirmation runs does not.",
+            hint=f"The report says so too. Make more runs (`{study.command('suggest', '--add')}`, then "
+            "`resume`), or ask a new study for a stricter limit.",
+            code="E7911",
         )
     _raise_failed(study, RunKind.CONFIRMATION)

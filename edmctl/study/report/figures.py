@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import special
 
 from edmctl.report.panels import (
@@ -35,6 +35,7 @@ from edmctl.report.style import (
     VERMILION,
     NothingToDraw,
 )
+from edmctl.study.design import uncoded
 from edmctl.study.report.words import factor_label, in_order, level_text, wanted
 from edmctl.study.results import Choice, FactorInfo, ResponseInfo, RunKind, StudyPlan, StudyRun
 from edmctl.study.statistics.choice import SobolIndices
@@ -51,8 +52,10 @@ LETTER_MM, SMALL_LETTER_MM = 1.45, 1.35
 """Mean widths of a letter of a label, and of a tick."""
 AXIS_MM = 14.0
 """What the labels of the vertical axis take."""
-MOST_COLUMNS, ROW_MM = 4, 38.0
+MOST_COLUMNS, ROW_MM = 4, 41.0
 MOST_INTERACTIONS = 6
+MOST_LETTERS = 20
+"""Of a level below a panel or in a legend."""
 LEVEL_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY)
 LEVEL_MARKS = "os^Dv<>P"
 _MANY_LEVELS = "Means by level need factors of a few levels, and these runs have none."
@@ -64,7 +67,7 @@ def wrapped(text: str, mm: float) -> str:
 
 
 def plain_ticks(*panels: Axes) -> None:
-    """Write every tick out: a power of ten above a panel would lie on what stands there."""
+    """Write every tick in full: a power of ten above a panel would cover other text."""
     for axes in panels:
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_formatter("{x:g}")
@@ -76,6 +79,34 @@ def check_varies(one: ResponseAnalysis) -> None:
         raise NothingToDraw("No run has a value.")
     if min(one.values) == max(one.values):
         raise NothingToDraw("All runs have the same value.")
+
+
+def _panels(count: int, most: int, row_mm: float, label: str) -> tuple[Figure, list[Axes]]:
+    """A figure of panels in rows that share their vertical axis, with its label before each row."""
+    columns = min(most, count)
+    rows = math.ceil(count / columns)
+    figure = new_figure(row_mm * rows)
+    panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel().tolist()
+    for axes in panels[::columns]:
+        axes.set_ylabel(wrapped(label, 30.0))
+    for axes in panels[count:]:
+        axes.remove()
+    plain_ticks(*panels[:count])
+    return figure, panels[:count]
+
+
+def _levels_across(axes: Axes, levels: Sequence[object], width_mm: float) -> None:
+    """Write the levels of a factor below a panel, upright where they need more than its width."""
+    texts = [level_text(level) for level in levels]
+    is_turned = _is_turned(levels, width_mm)
+    shown = [text if len(text) <= MOST_LETTERS else f"{text[: MOST_LETTERS - 1]}…" for text in texts]
+    axes.set_xticks(range(len(texts)), shown, rotation=90.0 if is_turned else 0.0)
+    axes.grid(visible=False, axis="x")
+
+
+def _is_turned(levels: Sequence[object], width_mm: float) -> bool:
+    longest = max(len(level_text(level)) for level in levels)
+    return (SMALL_LETTER_MM * longest + 1.5) * len(levels) > width_mm
 
 
 def draw_main_effects(
@@ -128,52 +159,32 @@ def _means(
     if not table:
         raise NothingToDraw(_MANY_LEVELS)
     labels = {factor.name: factor_label(factor) for factor in plan.factors}
-    columns = min(MOST_COLUMNS, len(table))
-    width_mm = (COLUMN_MM - AXIS_MM) / columns
-    rows = math.ceil(len(table) / columns)
+    levels = {name: [level for level, _ in pairs] for name, pairs in table.items()}
+    width_mm = (COLUMN_MM - AXIS_MM) / min(MOST_COLUMNS, len(table))
     names = {name: wrapped(labels.get(name, name), width_mm) for name in table}
-    turned = any(
-        (SMALL_LETTER_MM * max(len(level_text(level)) for level, _ in pairs) + 1.5) * len(pairs)
-        > width_mm - 2.0
-        for pairs in table.values()
-    )
-    longest = max(len(level_text(level)) for pairs in table.values() for level, _ in pairs)
-    lines = max(text.count("\n") for text in names.values())
-    row_mm = ROW_MM + 2.7 * lines + (SMALL_LETTER_MM * min(longest, 20) if turned else 0.0)
-    figure = new_figure(6.0 + row_mm * rows)
-    panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
-    for axes, (name, pairs) in zip(panels, table.items(), strict=False):
-        plain_ticks(axes)
-        means = np.array([mean for _, mean in pairs])
+    row_mm = ROW_MM + 2.7 * max(text.count("\n") for text in names.values())
+    if any(_is_turned(of, width_mm - 2.0) for of in levels.values()):
+        longest = max(len(level_text(level)) for of in levels.values() for level in of)
+        row_mm += SMALL_LETTER_MM * min(longest, MOST_LETTERS)
+    figure, panels = _panels(len(table), MOST_COLUMNS, row_mm, label)
+    for axes, (name, pairs) in zip(panels, table.items(), strict=True):
+        means, half = np.array([mean for _, mean in pairs]), np.asarray(halves.get(name, [math.nan]))
+        bars = np.array([means * (1 - np.exp(-half)), means * (np.exp(half) - 1)]) if is_log else half
         axes.axhline(middle, color=GREY, linewidth=0.6, linestyle=DASHED)
         axes.plot(range(len(means)), means, color=BLUE)
-        draw_points(axes, range(len(means)), means, _bars(means, halves.get(name), is_log), BLUE)
-        texts = [level_text(level) for level, _ in pairs]
-        axes.set_xticks(range(len(means)), [text if len(text) <= 20 else f"{text[:19]}…" for text in texts])
-        axes.tick_params(axis="x", rotation=90.0 if turned else 0.0)
+        draw_points(axes, range(len(means)), means, bars if np.isfinite(half).all() else None, BLUE)
+        _levels_across(axes, levels[name], width_mm - 2.0)
         axes.set_xlim(-0.4, len(means) - 0.6)
-        axes.grid(visible=False, axis="x")
         axes.set_xlabel(names[name])
-    for axes in panels[len(table) :]:
-        axes.remove()
-    for axes in panels[::columns]:
-        axes.set_ylabel(wrapped(label, 30.0))
     return figure
-
-
-def _bars(means: np.ndarray, halves: list[float] | None, is_log: bool) -> np.ndarray | None:
-    if halves is None or not np.isfinite(halves).all():
-        return None
-    half = np.asarray(halves)
-    return np.array([means * (1 - np.exp(-half)), means * (np.exp(half) - 1)]) if is_log else half
 
 
 def departure(one: Interaction) -> float:
     """Return how far the lines of two factors are from parallel: the rms of what is left of the means."""
     cells = np.asarray(one.means)
-    rest = cells - np.nanmean(cells) if np.isfinite(cells).all() else np.full((1, 1), math.nan)
-    if not np.isfinite(rest).all():
+    if not np.isfinite(cells).all():
         return -1.0
+    rest = cells - cells.mean()
     rest = rest - rest.mean(axis=0) - rest.mean(axis=1)[:, None]
     return float(np.sqrt((rest**2).mean()))
 
@@ -187,49 +198,34 @@ def draw_interactions(plan: StudyPlan, info: ResponseInfo, one: ResponseAnalysis
         )
     chosen = sorted(one.interactions, key=lambda pair: -departure(pair))[:MOST_INTERACTIONS]
     labels = {factor.name: factor_label(factor) for factor in plan.factors}
-    columns = min(2, len(chosen))
-    width_mm = (COLUMN_MM - AXIS_MM) / columns
-    rows = math.ceil(len(chosen) / columns)
-    legend_lines = 1 + max(
-        math.ceil(len(pair.other_levels) / _legend_columns(pair, width_mm)) for pair in chosen
-    )
-    figure = new_figure(4.0 + rows * (34.0 + 3.0 * legend_lines))
-    panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
-    for axes, pair in zip(panels, chosen, strict=False):
-        _draw_interaction(axes, pair, labels, width_mm)
-    for axes in panels[len(chosen) :]:
-        axes.remove()
-    for axes in panels[::columns]:
-        axes.set_ylabel(wrapped(printable(info.label), 30.0))
+    width_mm = (COLUMN_MM - AXIS_MM) / min(2, len(chosen))
+    lines = max(math.ceil(len(pair.other_levels) / _legend_columns(pair, width_mm)) for pair in chosen)
+    figure, panels = _panels(len(chosen), 2, 37.0 + 3.0 * (1 + lines), printable(info.label))
+    for axes, pair in zip(panels, chosen, strict=True):
+        at = range(len(pair.one_levels))
+        for n, level in enumerate(pair.other_levels):
+            colour, mark = LEVEL_COLOURS[n % len(LEVEL_COLOURS)], LEVEL_MARKS[n % len(LEVEL_MARKS)]
+            # A legend hides names that begin with an underscore.
+            axes.plot(
+                at, [row[n] for row in pair.means], color=colour, marker=mark, markersize=2.8, linewidth=0.7,
+                label=f" {level_text(level)[:MOST_LETTERS]}",
+            )  # fmt: skip
+        _levels_across(axes, pair.one_levels, width_mm - 6.0)
+        axes.set_xlim(-0.3, len(at) - 0.7)
+        axes.set_xlabel(wrapped(labels.get(pair.one, pair.one), width_mm))
+        axes.legend(
+            title=wrapped(labels.get(pair.other, pair.other), width_mm), title_fontsize=6.5, alignment="left",
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=_legend_columns(pair, width_mm),
+            handlelength=1.2, columnspacing=0.7, handletextpad=0.2, borderaxespad=0.0, borderpad=0.2,
+            labelspacing=0.2,
+        )  # fmt: skip
     return figure
 
 
 def _legend_columns(pair: Interaction, width_mm: float) -> int:
-    entry_mm = 5.0 + SMALL_LETTER_MM * min(20, max(len(level_text(level)) for level in pair.other_levels))
+    longest = max(len(level_text(level)) for level in pair.other_levels)
+    entry_mm = 5.0 + SMALL_LETTER_MM * min(MOST_LETTERS, longest)
     return max(1, min(len(pair.other_levels), int((width_mm - 2.0) / entry_mm)))
-
-
-def _draw_interaction(axes: Axes, pair: Interaction, labels: dict[str, str], width_mm: float) -> None:
-    plain_ticks(axes)
-    at = range(len(pair.one_levels))
-    for n, level in enumerate(pair.other_levels):
-        colour, mark = LEVEL_COLOURS[n % len(LEVEL_COLOURS)], LEVEL_MARKS[n % len(LEVEL_MARKS)]
-        means = [row[n] for row in pair.means]
-        # A space before it: names that begin with a line are no secret to a legend.
-        text = f" {level_text(level)[:20]}"
-        axes.plot(at, means, color=colour, marker=mark, markersize=2.8, linewidth=0.7, label=text)
-    turned = (max(len(level_text(level)) for level in pair.one_levels) * SMALL_LETTER_MM + 1.5) * len(
-        at
-    ) > width_mm - 6.0
-    axes.set_xticks(at, [level_text(level)[:20] for level in pair.one_levels], rotation=90 if turned else 0)
-    axes.set_xlim(-0.3, len(at) - 0.7)
-    axes.grid(visible=False, axis="x")
-    axes.set_xlabel(wrapped(labels.get(pair.one, pair.one), width_mm))
-    axes.legend(
-        title=wrapped(labels.get(pair.other, pair.other), width_mm), title_fontsize=6.5, alignment="left",
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=_legend_columns(pair, width_mm), handlelength=1.2,
-        columnspacing=0.7, handletextpad=0.2, borderaxespad=0.0, borderpad=0.2, labelspacing=0.2,
-    )  # fmt: skip
 
 
 _NO_MODEL = "No model was fitted to this response."
@@ -308,7 +304,7 @@ def draw_order(info: ResponseInfo, one: ResponseAnalysis, runs: Sequence[StudyRu
         _shade_blocks(axes, mine, is_named=axes is panels[0])
     centre = np.array([run.planned.kind is RunKind.CENTER for run in mine])
     upper = panels[0]
-    u95 = _u95(info, mine)
+    u95 = np.array([plain_number(run.u95(info.name)) for run in mine])
     for chosen, colour, mark, label in ((~centre, BLUE, "o", "run"), (centre, VERMILION, "D", "centre run")):
         if chosen.any():
             bars = u95[chosen] if np.isfinite(u95[chosen]).all() else None
@@ -333,29 +329,17 @@ def draw_order(info: ResponseInfo, one: ResponseAnalysis, runs: Sequence[StudyRu
     return figure
 
 
-def _u95(info: ResponseInfo, runs: Sequence[StudyRun]) -> NDArray[np.float64]:
-    found = [
-        run.row.u95.get(info.name) if run.row is not None and info.name not in run.told else None
-        for run in runs
-    ]
-    return np.array([np.nan if value is None else value for value in found], float)
-
-
 def _shade_blocks(axes: Axes, runs: Sequence[StudyRun], *, is_named: bool) -> None:
     """Shade every second stretch of runs of one block, and name the stretches where there is room."""
     stretches = [
         (block, [run.planned.number for run in members])
-        for block, members in (
-            (k, list(g)) for k, g in itertools.groupby(runs, lambda run: run.planned.block)
-        )
+        for block, members in itertools.groupby(runs, lambda run: run.planned.block)
     ]
-    if len(stretches) < 2:
-        return
     for n, (block, numbers) in enumerate(stretches):
         low, high = numbers[0] - 0.5, numbers[-1] + 0.5
         if n % 2:
             axes.axvspan(low, high, color=LIGHT, alpha=0.6, zorder=0, linewidth=0)
-        if is_named and len(stretches) <= MOST_BLOCKS:
+        if is_named and 2 <= len(stretches) <= MOST_BLOCKS:
             axes.annotate(
                 f"block {block}" if len(stretches) <= 4 else str(block), ((low + high) / 2, 1.0),
                 xycoords=("data", "axes fraction"), xytext=(0, 2), textcoords="offset points",
@@ -370,15 +354,10 @@ LABEL_PT = 5.8
 SURFACE_MAP = "Blues"
 
 
-def shown_objectives(plan: StudyPlan) -> list[ResponseInfo]:
-    """Return the two responses that the front is drawn over: the first objectives, or the first responses."""
-    infos = {info.name: info for info in plan.responses}
-    return [infos[name] for name in ([name for name, _ in plan.objectives] or list(infos))][:2]
-
-
 def draw_front(plan: StudyPlan, choices: Sequence[Choice]) -> Figure:
     """Draw the points over the first two objectives. Raises NothingToDraw."""
-    pair = shown_objectives(plan)
+    names = [name for name, _ in plan.objectives] or [info.name for info in plan.responses]
+    pair = [info for name in names[:2] if (info := plan.response(name)) is not None]
     if len(pair) < 2:
         raise NothingToDraw("A front needs two objectives, and this study has one.")
     x, y = (np.array([plain_number(one.means.get(info.name)) for one in choices]) for info in pair)
@@ -451,22 +430,11 @@ def surface_factors(plan: StudyPlan, one: ResponseAnalysis) -> list[FactorInfo]:
 def others_in_words(plan: StudyPlan, shown: Sequence[FactorInfo]) -> str:
     """Return where a surface holds the factors that it does not show."""
     told = [
-        f"{one.name} = {level_text(_value(one, 0.0) if one.is_number else one.values[0])}"
+        f"{one.name} = {level_text(uncoded(one, 0.0) if one.is_number else one.values[0])}"
         for one in plan.factors
         if one not in shown
     ]
     return f"At {', '.join(told)}." if told else ""
-
-
-def _value(factor: FactorInfo, coded: float) -> float:
-    """The value of a coded number."""
-    return float(_values(factor, np.array([coded]))[0])
-
-
-def _values(factor: FactorInfo, coded: ArrayLike) -> NDArray[np.float64]:
-    numbers = [float(value) for value in factor.values]
-    low, high, share = min(numbers), max(numbers), (np.asarray(coded, float) + 1) / 2
-    return low * (high / low) ** share if factor.is_log else low + (high - low) * share
 
 
 def draw_surface(
@@ -488,7 +456,7 @@ def draw_surface(
     expected = one.model.predict(settings)[0].reshape(GRID, GRID)
     figure = new_figure(66.0)
     axes = figure.subplots()
-    x, y = (_values(factor, coded) for factor in shown)
+    x, y = (uncoded(factor, coded) for factor in shown)
     if np.ptp(expected) <= 1e-9 * max(1.0, float(np.abs(expected).max())):
         raise NothingToDraw("The model is flat over these two numbers.")
     plain_ticks(axes)
@@ -523,19 +491,12 @@ def _held(
     count: int,
 ) -> Settings:
     """Settings of a grid: numbers that are not shown in the middle, categories at their first name."""
-    numbers, categories, names = (
-        dict[str, "ArrayLike"](),
-        dict[str, list[object]](),
-        dict[str, list[object]](),
-    )
-    for factor in plan.factors:
-        if factor.is_number:
-            numbers[factor.name] = shown.get(factor.name, np.zeros(count))
-            continue
+    numbers = {f.name: shown.get(f.name, np.zeros(count)) for f in plan.factors if f.is_number}
+    names = {}
+    for factor in (factor for factor in plan.factors if not factor.is_number):
         there = {runs[row].planned.settings[factor.key] for row in one.used}
         names[factor.name] = [value for value in factor.values if value in there]
-        categories[factor.name] = [names[factor.name][0]] * count
-    return Settings(numbers, categories, names)
+    return Settings(numbers, {name: of[:1] * count for name, of in names.items()}, names)
 
 
 def draw_indices(plan: StudyPlan, found: SobolIndices) -> Figure:

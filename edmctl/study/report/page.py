@@ -1,4 +1,4 @@
-"""One page with all there is to know of a designed experiment: HTML that needs nothing but itself, no script."""
+"""The page of a designed experiment: one HTML file without scripts or other files."""
 
 from __future__ import annotations
 
@@ -6,15 +6,12 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from edmctl.report import html
 from edmctl.report.html import PageTable, Picture
-from edmctl.study.report import tables, words
-from edmctl.study.reporting import StudyReport
-from edmctl.study.results import (
-    RunState,
-)
+from edmctl.study.report import StudyReport, tables, words
+from edmctl.study.results import RunState
 from edmctl.study.statistics.response_analysis import ResponseAnalysis
 from edmctl.wording import plural
 
@@ -22,8 +19,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+Parts: TypeAlias = Sequence[PageTable | str | None]
 FEW_ALIASES = 4
-"""More of them stand behind a line to open."""
+"""More of them are folded."""
 
 
 def render_study_page(
@@ -31,26 +29,37 @@ def render_study_page(
 ) -> str:
     """Return the page of a study that was analysed; `source` is the folder that its foot names."""
     numbers = itertools.count(1)
-    sections: list[tuple[str, str, Sequence[PageTable | str | None]]] = [
+
+    def numbered(pictures: Iterator[Picture]) -> list[str]:
+        """Figures numbered on from those before."""
+        made = list(pictures) if with_figures else []
+        taken = [next(numbers) for picture in made if picture.figure]
+        return html.figures(made, taken[0] if taken else 1)
+
+    analysis = parts.analysis
+    plan = analysis.plan
+    sections: list[tuple[str, str, Parts]] = [
         ("studied", "What was studied", _studied(parts)),
         ("brief", "Result in brief", _brief(parts)),
     ]
-    for n, one in enumerate(parts.analysis.responses, 1):
-        pictures = _pictures(parts, one, f"r{n}") if with_figures else []
-        sections.append((f"response-{n}", one.name, _response(parts, one, pictures, numbers)))
-    pictures = [_front(parts)] if with_figures else []
-    sections.append(("choice", "What to choose", _choice(parts, pictures, numbers)))
-    if parts.analysis.indices:
-        pictures = list(_sobol_pictures(parts)) if with_figures else []
-        sections.append(("sobol", "Sensitivity", _sobol(parts, pictures, numbers)))
-    sections.append(("runs", "All runs", [tables.all_runs(parts.analysis.plan, parts.runs)]))
-    title = title or parts.analysis.plan.name
-    done = sum(run.state is RunState.DONE for run in parts.runs) == len(parts.runs)
+    for n, one in enumerate(analysis.responses, 1):
+        inside = [*_response(parts, one), *numbered(_pictures(parts, one, f"r{n}"))]
+        sections.append((f"response-{n}", one.name, inside))
+    choice = [*_choice(parts), *numbered(_front(parts))]
+    sections.append(("choice", "What to choose", choice))
+    if analysis.indices:
+        shown = [tables.sobol(plan, parts.info(name), found) for name, found in analysis.indices.items()]
+        sections.append(("sobol", "Sensitivity", [*shown, *numbered(_sobol_pictures(parts))]))
+    sections.append(("runs", "All runs", [tables.all_runs(plan, parts.runs)]))
+    title = title or plan.name
+    done = all(run.state is RunState.DONE for run in parts.runs)
     simulated = any(run.row is not None and run.row.truth for run in parts.runs)
     status = f"{words.progress_words(parts.runs)}{' · simulated' if simulated else ''}"
+    started = min((run.row.started for run in parts.runs if run.row and run.row.started), default="")
+    facts = [plan.kind, plural(len(plan.factors), "factor"), plural(len(plan.responses), "response")]
     header = [
         f"<h1>{escape(title)}</h1>",
-        html.paragraph(_subtitle(parts), "sub"),
+        html.paragraph(" · ".join(filter(None, [*facts, started[:16].replace("T", " ")])), "sub"),
         f'<p><span class="status {"done" if done else "other"}">{escape(status)}</span></p>',
     ]
     if words.held(parts.confirmations) is False:
@@ -61,16 +70,7 @@ def render_study_page(
     return html.document(title, header, contents, body, footer)
 
 
-def _subtitle(parts: StudyReport) -> str:
-    plan = parts.analysis.plan
-    started = min(
-        (run.row.started for run in parts.runs if run.row is not None and run.row.started), default=""
-    )
-    facts = [plan.kind, plural(len(plan.factors), "factor"), plural(len(plan.responses), "response")]
-    return " · ".join([*facts, *([started[:16].replace("T", " ")] if started else [])])
-
-
-def _studied(parts: StudyReport) -> list[PageTable | str]:
+def _studied(parts: StudyReport) -> Parts:
     plan = parts.analysis.plan
     found: list[PageTable | str] = [html.paragraph(plan.description)] if plan.description else []
     found += [
@@ -91,7 +91,7 @@ def _studied(parts: StudyReport) -> list[PageTable | str]:
     return found
 
 
-def _brief(parts: StudyReport) -> list[PageTable | str]:
+def _brief(parts: StudyReport) -> Parts:
     plan = parts.analysis.plan
     acting = [" ".join(words.what_matters(parts.info(one.name), one)) for one in parts.analysis.responses]
     found: list[PageTable | str] = [html.sentences(acting)]
@@ -101,9 +101,7 @@ def _brief(parts: StudyReport) -> list[PageTable | str]:
     return found
 
 
-def _response(
-    parts: StudyReport, one: ResponseAnalysis, pictures: Sequence[Picture], numbers: Iterator[int]
-) -> list[PageTable | str | None]:
+def _response(parts: StudyReport, one: ResponseAnalysis) -> Parts:
     plan, info = parts.analysis.plan, parts.info(one.name)
     found: list[PageTable | str | None] = []
     said = [words.wanted(info)]
@@ -132,7 +130,6 @@ def _response(
         tables.response_table(means, plan, one.level_means, note),
         tables.response_table(noise, plan, one.noise_means),
         _beside(tables.coefficients(one), tables.fit_quality(one, info.unit)),
-        *_numbered(pictures, numbers),
     ]
     return found
 
@@ -142,13 +139,7 @@ def _beside(*tables: PageTable | None) -> str:
     return f'<div class="beside">\n{inside}\n</div>' if inside else ""
 
 
-def _numbered(pictures: Sequence[Picture], numbers: Iterator[int]) -> list[str]:
-    """Figures numbered on from those before."""
-    taken = [next(numbers) for picture in pictures if picture.figure]
-    return html.figures(pictures, taken[0] if taken else 1)
-
-
-def _pictures(parts: StudyReport, one: ResponseAnalysis, prefix: str) -> list[Picture]:
+def _pictures(parts: StudyReport, one: ResponseAnalysis, prefix: str) -> Iterator[Picture]:
     """Draw all figures of one response."""
     from edmctl.study.report import figures
 
@@ -207,13 +198,11 @@ def _pictures(parts: StudyReport, one: ResponseAnalysis, prefix: str) -> list[Pi
             partial(figures.draw_surface, plan, info, one, runs),
         ),
     ]
-    return [
-        html.picture_of(f"{prefix}-{kind}", heading, sees, make, formulas=False)
-        for kind, heading, sees, make in drawings
-    ]
+    for kind, heading, sees, make in drawings:
+        yield html.picture_of(f"{prefix}-{kind}", heading, sees, make, formulas=False)
 
 
-def _front(parts: StudyReport) -> Picture:
+def _front(parts: StudyReport) -> Iterator[Picture]:
     from edmctl.study.report import figures
 
     more = len(parts.analysis.plan.objectives or parts.analysis.plan.responses) - 2
@@ -222,7 +211,7 @@ def _front(parts: StudyReport) -> Picture:
         if more > 0
         else ""
     )
-    return html.picture_of(
+    yield html.picture_of(
         "front",
         "Objectives against each other",
         f"Means of the points, numbered on the front: no other point{tables.that_keeps(parts.analysis.plan)} is as "
@@ -232,25 +221,14 @@ def _front(parts: StudyReport) -> Picture:
     )
 
 
-def _choice(
-    parts: StudyReport, pictures: Sequence[Picture], numbers: Iterator[int]
-) -> list[PageTable | str | None]:
-    plan = parts.analysis.plan
-    found: list[PageTable | str | None] = []
-    if parts.recommendation is not None:
-        found.append(tables.expected(plan, parts.recommendation))
-    found += [tables.confirmation(plan, one) for one in parts.confirmations]
-    found += [tables.choices(plan, parts.analysis.choices), tables.preferences(plan, parts.analysis.choices)]
-    found += _numbered(pictures, numbers)
-    return found
-
-
-def _sobol(
-    parts: StudyReport, pictures: Sequence[Picture], numbers: Iterator[int]
-) -> list[PageTable | str | None]:
-    plan, indices = parts.analysis.plan, parts.analysis.indices
-    shown = [tables.sobol(plan, parts.info(name), found) for name, found in indices.items()]
-    return [*shown, *_numbered(pictures, numbers)]
+def _choice(parts: StudyReport) -> Parts:
+    plan, choices = parts.analysis.plan, parts.analysis.choices
+    return [
+        tables.expected(plan, parts.recommendation) if parts.recommendation is not None else None,
+        *(tables.confirmation(plan, one) for one in parts.confirmations),
+        tables.choices(plan, choices),
+        tables.preferences(plan, choices),
+    ]
 
 
 def _sobol_pictures(parts: StudyReport) -> Iterator[Picture]:

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from edmctl.cli.render.layout import USUAL_COLUMNS, render_columns, wrapped
 from edmctl.cli.render.style import PLAIN, Ink, Style
 from edmctl.report.html import PageTable
-from edmctl.study.report import tables, words
-from edmctl.study.reporting import StudyReport
+from edmctl.study.report import StudyReport, tables, words
 from edmctl.study.results import Confirmation, Recommendation, ResponseInfo, StudyPlan
 from edmctl.study.statistics.response_analysis import ResponseAnalysis
 from edmctl.wording import plural, significant

@@ -1,9 +1,9 @@
-"""What a study found, in sentences, and how its settings, levels and probabilities are written."""
+"""The findings of a study in sentences, and how its settings, levels and probabilities are written."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from edmctl.study.results import (
     Confirmation,
@@ -16,11 +16,10 @@ from edmctl.study.results import (
     StudyRun,
     Value,
 )
-from edmctl.study.statistics.anova import Anova, AnovaRow
+from edmctl.study.statistics.linear_model import BLOCK, Anova, AnovaRow
 from edmctl.study.statistics.response_analysis import LevelMeans, ResponseAnalysis
 from edmctl.wording import UNKNOWN, decimal, plural, printable, shortened, significant, unit_in
 
-BLOCK = "block"
 HARD = "\u00a0"
 """A space that a line does not break."""
 SURE = 0.05
@@ -82,9 +81,9 @@ def p_text(p: float) -> str:
 
 
 def p_words(p: float) -> str:
-    """Return a probability as it stands in a sentence: `p < 0.001`, `p = 0.024`."""
+    """Return a probability for a sentence: `p < 0.001`, `p = 0.024`."""
     text = p_text(p)
-    return f"p {text}".replace(" ", HARD) if text.startswith("<") else f"p = {text}".replace(" ", HARD)
+    return (f"p {text}" if text.startswith("<") else f"p = {text}").replace(" ", HARD)
 
 
 def sentence(text: str) -> str:
@@ -99,11 +98,6 @@ def wanted(info: ResponseInfo) -> str:
     if info.better == "nominal":
         return f"nominal is best, {info.target:g}" if info.target is not None else "nominal is best"
     return f"{info.better} is better"
-
-
-def with_unit(text: str, info: ResponseInfo | None) -> str:
-    """Return a number with the unit of its response."""
-    return f"{text} {info.unit}" if info is not None and info.unit else text
 
 
 def design_words(plan: StudyPlan) -> str:
@@ -130,65 +124,65 @@ def unknowns(
     plan: StudyPlan, runs: Sequence[StudyRun], responses: Sequence[ResponseAnalysis], notes: Sequence[str]
 ) -> list[str]:
     """Return what the study cannot know, in plain words: what was noted first."""
-    found = [sentence(note) for note in dict.fromkeys((*notes, *plan.notes))]
-    if plan.aliases:
-        found.append(
-            "Effects that the design mixes (listed below) are not told apart: what is said of one may be of another."
-        )
     points = [run.planned.point for run in runs]
-    if runs and len(set(points)) == len(points):
-        found.append(
-            "No point was run twice: scatter of the runs and what the model misses are one error here."
-        )
-    if any(run.row is not None and run.row.truth for run in runs):
-        found.append(
-            "The runs are of virtual machines: what a real one does beyond the simulator's model is not in them."
-        )
-    found.append(
-        "It tells of settings between the levels below, with all else as the profile has it, and of nothing beyond."
-    )
-    tests = sum(
-        math.isfinite(row.p) for one in responses if one.anova is not None for row in _of_factors(one.anova)
-    )
-    if tests > 1:
-        found.append(
+    of_factors = [row for one in responses if one.anova is not None for row in _of_factors(one.anova)]
+    tests = sum(math.isfinite(row.p) for row in of_factors)
+    cautions = (
+        (
+            bool(plan.aliases),
+            "Effects that the design mixes (listed below) are not told apart: what is said of one may be of "
+            "another.",
+        ),
+        (
+            bool(runs) and len(set(points)) == len(points),
+            "No point was run twice: scatter of the runs and what the model misses are one error here.",
+        ),
+        (
+            any(run.row is not None and run.row.truth for run in runs),
+            "The runs are of virtual machines: what a real one does beyond the simulator's model is not in them.",
+        ),
+        (
+            True,
+            "It tells of settings between the levels below, with all else as the profile has it, and of nothing "
+            "beyond.",
+        ),
+        (
+            tests > 1,
             f"{tests} effects are tested. Were none of them there, about {decimal(tests * SURE, 1)} would still "
-            f"have p < {SURE:g} by chance."
-        )
-    return found
+            f"have p < {SURE:g} by chance.",
+        ),
+    )
+    noted = [sentence(note) for note in dict.fromkeys((*notes, *plan.notes))]
+    return [*noted, *(text for holds, text in cautions if holds)]
 
 
 def what_matters(info: ResponseInfo, one: ResponseAnalysis) -> list[str]:
     """Return what acts on a response, with its share of the variation and its probability."""
     if one.anova is None:
         return [f"{one.name}: not analysed; {'; '.join(one.notes) or 'the runs do not tell'}."]
-    rows = _of_factors(one.anova)
+    rows, error = _of_factors(one.anova), one.anova.error
     of_what = f"the variation of ln {one.name}" if one.is_log else f"the variation of {one.name}"
-    if not one.anova.error.dof or not math.isfinite(one.anova.error.mean_square):
-        shares = ", ".join(f"{row.name} {_share(row)}" for row in _strongest(rows))
+    if not error.dof or not math.isfinite(error.mean_square):
+        shares = ", ".join(f"{row.name} {_share(row)}" for row in rows)
         text = f"{one.name}: of {of_what}, {shares}" if shares else f"{one.name}: no term varies"
         return [
             f"{text}. Nothing is left to estimate the error: none of this is shown to be more than chance."
         ]
     shown = [row for row in rows if row.p < SURE]
-    open_rows = [row for row in rows if not row.p < SURE]
-    large = [row for row in open_rows if row.adjusted_ss >= LARGE * one.anova.error.mean_square]
-    others = [row for row in open_rows if row not in large]
-    found = []
+    large = [row for row in rows if row not in shown and row.adjusted_ss >= LARGE * error.mean_square]
+    others = [row for row in rows if row not in shown and row not in large]
+    found = [f"{one.name}: no effect is shown."]
     if shown:
-        named = ", ".join(
-            f"{row.name} ({_evidence(row)}{_best(info, one, row)})" for row in _strongest(shown)
-        )
-        found.append(f"{one.name}: {named} {'act' if len(shown) > 1 else 'acts'}; shares are of {of_what}.")
-    else:
-        found.append(f"{one.name}: no effect is shown.")
+        named = ", ".join(f"{row.name} ({_evidence(row)}{_best(info, one, row)})" for row in shown)
+        acts = "act" if len(shown) > 1 else "acts"
+        found = [f"{one.name}: {named} {acts}; shares are of {of_what}."]
     found += [
         f"{row.name} is large ({_evidence(row)}): six standard errors or more, but the row that F compares with has "
         f"{plural(one.anova.under(row.name).dof, 'degree')} of freedom. More replicates would decide."
-        for row in _strongest(large)
+        for row in large
     ]
     if others:
-        named = ", ".join(f"{row.name} ({_evidence(row)})" for row in _strongest(others))
+        named = ", ".join(f"{row.name} ({_evidence(row)})" for row in others)
         found.append(f"Not shown to act: {named}.")
     found += [
         f"Blocks (machines or tools) differ: {_evidence(row)}."
@@ -220,11 +214,8 @@ def differing_words(table: Anova) -> str:
 
 
 def _of_factors(table: Anova) -> list[AnovaRow]:
-    """Rows of factors and their products, without blocks and what differs from one to the other."""
-    return [row for row in table.rows if row.name != BLOCK and row not in table.by_block]
-
-
-def _strongest(rows: Iterable[AnovaRow]) -> list[AnovaRow]:
+    """Rows of factors and their products without those of blocks, the strongest first."""
+    rows = [row for row in table.rows if row.name != BLOCK and row not in table.by_block]
     return sorted(rows, key=lambda row: -row.contribution_pct)
 
 
@@ -259,31 +250,25 @@ def recommended(plan: StudyPlan, one: Recommendation | None) -> str:
     """Return what is recommended, and what is expected there."""
     if one is None:
         return "No settings are recommended."
-    infos = {info.name: info for info in plan.responses}
-    expected = "; ".join(
-        f"{name} {interval_text(value, one.low.get(name), one.high.get(name), infos.get(name))}"
-        for name, value in one.expected.items()
-    )
-    kept = ""
+    text = f"Recommended: {settings_text(plan.factors, one.settings)}."
+    expected = [
+        f"{name} {interval_text(*interval, plan.response(name))}" for name, interval in one.intervals.items()
+    ]
+    if expected:
+        text += f" Expected of a new run there: {'; '.join(expected)}."
     if plan.constraints:
-        kept = (
+        text += (
             " The constraints are kept by the 95 % bounds of their means."
             if one.is_feasible
             else " The constraints are NOT kept."
         )
-    basis = f" {sentence(one.basis)}" if one.basis else ""
-    text = f"Recommended: {settings_text(plan.factors, one.settings)}."
-    return (
-        f"{text} Expected of a new run there: {expected}.{kept}{basis}"
-        if expected
-        else f"{text}{kept}{basis}"
-    )
+    return f"{text} {sentence(one.basis)}" if one.basis else text
 
 
-def interval_text(value: float, low: float | None, high: float | None, info: ResponseInfo | None) -> str:
+def interval_text(value: float, low: float, high: float, info: ResponseInfo | None) -> str:
     """Return a value with its 95 % interval: `49.4 s (45.1 to 54.0)`."""
-    text = with_unit(significant(value, 4), info)
-    if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
+    text = significant(value, 4) + (f" {info.unit}" if info is not None and info.unit else "")
+    if not (math.isfinite(low) and math.isfinite(high)):
         return f"{text} (interval unknown)"
     return f"{text} ({significant(low, 4)} to {significant(high, 4)})"
 

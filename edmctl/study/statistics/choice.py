@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,55 +11,41 @@ from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.quantity import coverage_factor
 
-Better = Literal["larger", "smaller"]
+DISTINGUISHING = 0.5
 
 
-def pareto_front(responses: ArrayLike, better: Sequence[Better]) -> NDArray[np.bool_]:
-    """Return which runs no other dominates, of (runs, responses); a run that lacks a response is not among them."""
-    values = _larger_is_better(responses, better)
+def pareto_front(costs: ArrayLike) -> NDArray[np.bool_]:
+    """Return which runs no other dominates, of (runs, costs); a run that lacks a cost is not among them."""
+    values = np.asarray(costs, float)
     whole = np.isfinite(values).all(axis=1)
-    as_good = (values[None, :, :] >= values[:, None, :]).all(axis=2)
-    better_once = (values[None, :, :] > values[:, None, :]).any(axis=2)
+    as_good = (values[None, :, :] <= values[:, None, :]).all(axis=2)
+    better_once = (values[None, :, :] < values[:, None, :]).any(axis=2)
     dominated = np.logical_and(as_good, better_once).any(axis=1)
     return np.asarray(whole & ~dominated)
 
 
-def grey_relational_grade(
-    responses: ArrayLike, better: Sequence[Better], weights: Sequence[float], distinguishing: float = 0.5
-) -> NDArray[np.float64]:
-    """Return the grade of each run, 0 … 1 (Deng, J. Grey Syst. 1, 1989; normalised over the runs at hand)."""
-    values = _larger_is_better(responses, better)
+def grey_relational_grade(costs: ArrayLike, weights: Sequence[float]) -> Array:
+    """Return the grade of each run, 0 … 1 (Deng, J. Grey Syst. 1, 1989; normalised over these runs)."""
+    values = -np.asarray(costs, float)
     low, high = np.nanmin(values, axis=0), np.nanmax(values, axis=0)
-    span = np.where(high > low, high - low, 1.0)
-    missed = (high - values) / span
-    coefficient = distinguishing / (missed + distinguishing)
-    return np.asarray(coefficient @ _shares(weights))
+    missed = (high - values) / np.where(high > low, high - low, 1.0)
+    return np.asarray(DISTINGUISHING / (missed + DISTINGUISHING) @ (np.asarray(weights) / np.sum(weights)))
 
 
-def topsis_closeness(
-    responses: ArrayLike, better: Sequence[Better], weights: Sequence[float]
-) -> NDArray[np.float64]:
+def topsis_closeness(costs: ArrayLike, weights: Sequence[float]) -> Array:
     """Return how close each run is to the ideal, 0 … 1 (Hwang and Yoon, 1981)."""
-    values = _larger_is_better(responses, better)
+    values = -np.asarray(costs, float)
     size = np.sqrt(np.nansum(values**2, axis=0))
-    scaled = values / np.where(size > 0, size, 1.0) * _shares(weights)
+    scaled = values / np.where(size > 0, size, 1.0) * (np.asarray(weights) / np.sum(weights))
     to_best = np.sqrt(((scaled - np.nanmax(scaled, axis=0)) ** 2).sum(axis=1))
     to_worst = np.sqrt(((scaled - np.nanmin(scaled, axis=0)) ** 2).sum(axis=1))
     with np.errstate(invalid="ignore"):
         return np.asarray(to_worst / (to_best + to_worst))
 
 
-def _larger_is_better(responses: ArrayLike, better: Sequence[Better]) -> NDArray[np.float64]:
-    return np.asarray(responses, float) * [1.0 if one == "larger" else -1.0 for one in better]
-
-
-def _shares(weights: Sequence[float]) -> NDArray[np.float64]:
-    return np.asarray(np.asarray(weights, float) / np.sum(weights))
-
-
 @dataclass(frozen=True, slots=True)
 class SobolIndices:
-    """Integers by factor, and half the widths of their 95 % intervals."""
+    """Indices by factor, and half the widths of their 95 % intervals."""
 
     first_order: Array
     total: Array
@@ -99,21 +84,16 @@ def sobol_indices(response: ArrayLike, factors: int, seed: int = 0, resamples: i
     rows = rows[np.isfinite(rows).all(axis=1)]
     if len(rows) < 2:
         raise ValueError("Fewer than two base samples have all their responses.")
-    first, total = _indices(rows[None])
     rng = np.random.default_rng(seed)
-    again = [_indices(rows[rng.integers(len(rows), size=(1, len(rows)))]) for _ in range(resamples)]
-    spread = [np.std([np.ravel(one[n]) for one in again], axis=0) * coverage_factor(0.95) for n in (0, 1)]
-    return SobolIndices(first[0], total[0], spread[0], spread[1])
+    again = [_indices(rows[rng.integers(len(rows), size=len(rows))]) for _ in range(resamples)]
+    return SobolIndices(*_indices(rows), *np.std(again, axis=0) * coverage_factor(0.95))
 
 
 def _indices(rows: Array) -> tuple[Array, Array]:
-    """Return first-order and total indices of samples (…, base, factors + 2)."""
-    a, b, mixed = rows[..., 0], rows[..., 1], rows[..., 2:]
-    both = np.concatenate([a, b], axis=-1)
-    centre = both.mean(axis=-1, keepdims=True)
-    variance = both.var(axis=-1)[..., None]
-    a, b, mixed = a - centre, b - centre, mixed - centre[..., None]
+    """Return first-order and total indices of samples (base, factors + 2)."""
+    variance = rows[:, :2].var()
+    a, b, *mixed = (rows - rows[:, :2].mean()).T
     with np.errstate(divide="ignore", invalid="ignore"):
-        first = (b[..., None] * (mixed - a[..., None])).mean(axis=-2) / variance
-        total = ((a[..., None] - mixed) ** 2).mean(axis=-2) / 2 / variance
-    return first, total
+        first = [(b * (one - a)).mean() / variance for one in mixed]
+        total = [((a - one) ** 2).mean() / 2 / variance for one in mixed]
+    return np.array(first), np.array(total)

@@ -1,24 +1,31 @@
-"""Least squares over terms of a design: coefficients, prediction intervals, lack of fit, leaving points out.
+"""Least squares over the terms of a design, and analysis of variance: what each term explains of a response.
 
 A term is a block of columns of the model matrix. Numbers enter coded to −1 … 1, categories by effects that sum to
 zero, so that what a term explains beyond all others does not depend on the order of the factors. After Montgomery,
 Design and Analysis of Experiments (2017), chapters 10 and 11.
+
+Blocks are machines or tools, which are drawn at random. If a factor acts differently in them, that interaction has a
+row of its own, and the factor is compared with that row instead of the error (mixed model, chapter 13).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass, field
+from edmctl.errors import PreconditionError, installing
 
 Term = tuple[tuple[str, int], ...]
 """Factors with their powers; without any it is the mean. A category has the power 1."""
 
 MEAN: Term = ()
+BLOCK = "block"
+"""The factor that runs of one machine or tool share beside their settings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +40,14 @@ class Settings:
     @property
     def runs(self) -> int:
         return len(np.asarray(next(iter((*self.numbers.values(), *self.categories.values())))))
+
+    def only(self, rows: Sequence[int]) -> Settings:
+        """Return the settings of some runs."""
+        return Settings(
+            {name: np.asarray(values, float)[list(rows)] for name, values in self.numbers.items()},
+            {name: [values[row] for row in rows] for name, values in self.categories.items()},
+            self.names,
+        )
 
     def columns(self, factor: str, power: int) -> Array:
         """Return what a factor puts into a term: (runs, 1), or (runs, names − 1) of a category."""
@@ -66,11 +81,15 @@ def term_name(term: Term) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ModelMatrix:
-    """Columns of a linear model, and which of them belong to which term."""
+    """Columns (runs, columns) of a linear model, and which of them belong to which term."""
 
     columns: Array
-    """(runs, columns)."""
     spans: Mapping[Term, slice]
+
+    def dof(self, term: Term) -> int:
+        """Return the degrees of freedom of a term."""
+        span = self.spans[term]
+        return int(span.stop - span.start)
 
 
 def model_matrix(settings: Settings, terms: Sequence[Term]) -> ModelMatrix:
@@ -95,3 +114,241 @@ def undetermined(model: ModelMatrix) -> list[Term]:
             found.append(term)
         rank = known
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A linear model fitted by statsmodels.
+
+    ols : `statsmodels.regression.linear_model.RegressionResults`
+    """
+
+    model: ModelMatrix
+    ols: Any
+
+    @property
+    def error_variance(self) -> float:
+        """Variance of the error; NaN if no degrees of freedom are left to estimate it."""
+        return float(self.ols.mse_resid) if self.ols.df_resid else float("nan")
+
+    @property
+    def predicted_r2(self) -> float:
+        """Share of the variation that is predicted of runs left out one by one (PRESS); NaN if a run is needed."""
+        left_out = self.left_out_residuals
+        return 1 - float(left_out @ left_out) / float(self.ols.centered_tss)
+
+    @property
+    def left_out_residuals(self) -> Array:
+        """Measured less predicted by a model without that run; NaN if the model needs the run."""
+        influence = self.ols.get_influence()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(influence.hat_matrix_diag < 1 - 1e-9, influence.resid_press, np.nan)
+
+    def adjusted_ss(self, term: Term) -> float:
+        """Return what a term explains beyond all other terms (type III sum of squares)."""
+        span = self.model.spans[term]
+        effect = self.ols.params[span]
+        return float(effect @ np.linalg.solve(self.ols.normalized_cov_params[span, span], effect))
+
+
+def fit(model: ModelMatrix, response: ArrayLike) -> Fit:
+    """Fit `model` to one response a run.
+
+    Raises ValueError if the runs do not determine the terms, PreconditionError E8219 without statsmodels.
+    """
+    try:
+        from statsmodels.regression.linear_model import OLS  # a second, and an optional extra
+    except ImportError:
+        raise PreconditionError(
+            "The analysis of a study needs statsmodels.",
+            hint=f"Install it with {installing('edmctl[study]')}.",
+            code="E8219",
+        ) from None
+    if np.linalg.matrix_rank(model.columns) < model.columns.shape[1]:
+        raise ValueError(f"These runs do not determine {', '.join(map(term_name, undetermined(model)))}.")
+    return Fit(model, OLS(np.asarray(response, float), model.columns).fit())
+
+
+@dataclass(frozen=True, slots=True)
+class LackOfFit:
+    """Whether a model misses more than runs at the same settings differ."""
+
+    dof: int
+    ss: float
+    pure_dof: int
+    pure_ss: float
+
+    @property
+    def f(self) -> float:
+        """Ratio of the variances; NaN where either has no degrees of freedom."""
+        if not self.dof or not self.pure_dof or not self.pure_ss:
+            return float("nan")
+        return (self.ss / self.dof) / (self.pure_ss / self.pure_dof)
+
+    @property
+    def p(self) -> float:
+        """Probability of such a ratio where the model is right."""
+        from scipy import special
+
+        return float(special.fdtrc(self.dof, self.pure_dof, self.f))
+
+
+ERROR = "error"
+STANDS_OUT = 0.05
+"""A product of a factor and the blocks has a row below this probability, shared among all that are tried."""
+LEAST_ERROR_DOF = 3
+EXACT = 1e-20
+"""An error of so small a share of the sum of squares is rounding."""
+
+
+@dataclass(frozen=True, slots=True)
+class AnovaRow:
+    """One line of the table; NaN for what the runs do not determine."""
+
+    name: str
+    dof: int
+    sequential_ss: float
+    """Explained beyond the terms above."""
+    adjusted_ss: float
+    """Explained beyond all other terms."""
+    mean_square: float
+    f: float
+    p: float
+    contribution_pct: float
+    """Share of the total sum of squares, by the sequential one."""
+    pure_pct: float
+    """The same less what error alone would put there (Taguchi's ρ)."""
+    against: str = ERROR
+    """The row that F compares with."""
+
+
+@dataclass(frozen=True, slots=True)
+class Anova:
+    """The table: a row a term, the error and the total."""
+
+    rows: tuple[AnovaRow, ...]
+    error: AnovaRow
+    total: AnovaRow
+    pooled: tuple[str, ...] = ()
+    """Terms that were counted as error, weakest first."""
+
+    def under(self, name: str) -> AnovaRow:
+        """Return the row that F of a term compares with; the error for a name that has no row."""
+        rows = {row.name: row for row in self.rows}
+        return rows.get(rows[name].against, self.error) if name in rows else self.error
+
+    @property
+    def by_block(self) -> tuple[AnovaRow, ...]:
+        """The rows of products of a factor and the blocks."""
+        names = {row.against for row in self.rows}
+        return tuple(row for row in self.rows if row.name in names)
+
+
+def anova(
+    settings: Settings,
+    terms: Sequence[Term],
+    response: ArrayLike,
+    pooled: Sequence[Term] = (),
+    by_block: Sequence[Term] = (),
+) -> Anova:
+    """Return the table of `terms`; those of `pooled` count as error.
+
+    by_block : products of a factor and the blocks (`differing`), rows after the others; F of such a factor is over
+        its own product
+
+    No F is given where nothing is left to estimate the error. Raises ValueError where the runs do not determine a
+    term.
+    """
+    from scipy import special  # the state of a study needs terms, and not this
+
+    model = model_matrix(settings, [*(term for term in terms if term not in pooled), *by_block])
+    fitted = fit(model, response)
+    explained = (np.linalg.qr(model.columns)[0].T @ fitted.ols.model.endog) ** 2
+    total_ss, nan = float(fitted.ols.centered_tss), float("nan")
+    of_error = ERROR, int(fitted.ols.df_resid), fitted.error_variance
+    compared = {}
+    for product in by_block:
+        dof = model.dof(product)
+        compared[product[:1]] = (term_name(product), dof, fitted.adjusted_ss(product) / dof)
+    rows = []
+    for term, span in model.spans.items():
+        if term == MEAN:
+            continue
+        against, rest_dof, rest_ms = compared.get(term, of_error)
+        dof, sequential_ss = model.dof(term), float(explained[span].sum())
+        adjusted_ss = fitted.adjusted_ss(term)
+        f = adjusted_ss / dof / rest_ms if rest_dof and rest_ms else nan
+        rows.append(
+            AnovaRow(
+                name=term_name(term),
+                dof=dof,
+                sequential_ss=sequential_ss,
+                adjusted_ss=adjusted_ss,
+                mean_square=adjusted_ss / dof,
+                f=f,
+                p=float(special.fdtrc(dof, rest_dof, f)) if rest_dof else nan,
+                contribution_pct=100 * sequential_ss / total_ss if total_ss else nan,
+                pure_pct=100 * (sequential_ss - dof * rest_ms) / total_ss if total_ss else nan,
+                against=against,
+            )
+        )
+    error_ss = float(fitted.ols.ssr)
+    error_pct = 100 * error_ss / total_ss if total_ss else nan
+    pure_pct = 100 - sum(row.pure_pct for row in rows)
+    error = AnovaRow(ERROR, of_error[1], error_ss, error_ss, of_error[2], nan, nan, error_pct, pure_pct)
+    total_dof = len(fitted.ols.resid) - 1
+    total = AnovaRow("total", total_dof, total_ss, total_ss, nan, nan, nan, 100.0, 100.0)
+    return Anova(tuple(rows), error, total, tuple(term_name(term) for term in pooled))
+
+
+def differing(settings: Settings, terms: Sequence[Term], response: ArrayLike) -> list[Term]:
+    """Return products of a factor and the blocks that stand out of the error, the strongest first.
+
+    They are taken one by one while the probability is below `STANDS_OUT` over the number of factors, so that chance
+    takes out of the error no more often than that, and while the error keeps `LEAST_ERROR_DOF`.
+    """
+    factors = [term for term in terms if len(term) == 1 and term[0][1] == 1 and term[0][0] != BLOCK]
+    left: list[Term] = [(*term, (BLOCK, 1)) for term in factors] if ((BLOCK, 1),) in terms else []
+    found: list[Term] = []
+    most_p = STANDS_OUT / max(1, len(left))
+    before = fit(model_matrix(settings, terms), response)
+    while left and before.ols.ssr > EXACT * before.ols.centered_tss:
+        tried = []
+        for product in left:
+            model = model_matrix(settings, [*terms, *found, product])
+            if len(before.ols.resid) - model.columns.shape[1] >= LEAST_ERROR_DOF and not undetermined(model):
+                with_it = fit(model, response)
+                tried.append((float(with_it.ols.compare_f_test(before.ols)[1]), product, with_it))
+        p, product, with_it = min(tried, key=lambda one: one[0], default=(1.0, MEAN, before))
+        if p >= most_p:
+            break
+        found.append(product)
+        left.remove(product)
+        before = with_it
+    return found
+
+
+def pooled_anova(
+    settings: Settings, terms: Sequence[Term], response: ArrayLike, by_block: Sequence[Term] = ()
+) -> Anova:
+    """Return the table with the weakest terms counted as error, until that has half of the degrees of freedom.
+
+    A factor that has a product in `by_block`, as in `anova`, is not pooled. That is Taguchi's habit. It makes F of
+    the terms that stay too large, because the weakest of several were chosen: what it finds is a choice of factors
+    for the confirmation run, no proof.
+    """
+    whole = anova(settings, terms, response, by_block=by_block)
+    model = model_matrix(settings, terms)
+    strength = {row.name: row.adjusted_ss / row.dof for row in whole.rows}
+    held = {MEAN, *(product[:1] for product in by_block)}
+    weakest_first = sorted(
+        (term for term in terms if term not in held), key=lambda term: strength[term_name(term)]
+    )
+    pooled: list[Term] = []
+    dof = whole.error.dof
+    for term in weakest_first[: None if by_block else -1]:
+        if dof * 2 >= whole.total.dof:
+            break
+        pooled.append(term)
+        dof += model.dof(term)
+    return anova(settings, terms, response, pooled, by_block)

@@ -1,10 +1,9 @@
-"""One response of a designed experiment, from its values to tables: what matters, how sure that is, what to expect.
+"""One response of a designed experiment, from its values to tables, model and intervals.
 
-A prediction is of a new run on a new machine (block). Its interval holds what a smooth model misses: the error is
-taken from points that were left out one by one, with all of their replicates, never from the replicates of points
-that the model has seen. What models miss, what runs of one point and what machines differ by have a quantile each,
-and their half-widths add as squares: a few machines that happen to be alike shall not make an interval narrow, as
-the degrees of freedom of a sum of variances would (Satterthwaite).
+A prediction is of a new run on a new machine (block). Its interval contains what a smooth model misses: the error is
+that of points left out one by one with all of their replicates. What models miss, what runs of one point and what
+machines differ by have a quantile each, and their half-widths add as squares: with the degrees of freedom of a sum
+of variances (Satterthwaite) a few machines that happen to be alike would make an interval narrow.
 """
 
 from __future__ import annotations
@@ -21,8 +20,21 @@ from scipy import special
 from edmctl.array_types import Array
 from edmctl.blas import one_blas_thread
 from edmctl.dataclasses import dataclass, field, replace
-from edmctl.study.statistics.anova import Anova, Fit, LackOfFit, anova, differing, fit, pooled_anova
-from edmctl.study.statistics.linear_model import Settings, Term, model_matrix, term_name, undetermined
+from edmctl.study.statistics.linear_model import (
+    BLOCK,
+    Anova,
+    Fit,
+    LackOfFit,
+    Settings,
+    Term,
+    anova,
+    differing,
+    fit,
+    model_matrix,
+    pooled_anova,
+    term_name,
+    undetermined,
+)
 
 Better = Literal["larger", "smaller", "nominal"]
 
@@ -76,7 +88,7 @@ def response_table(levels: Mapping[str, Sequence[object]], response: ArrayLike) 
 
 
 MOST_LEVELS = 8
-"""Means by level are given of factors with so many different values; more are a range."""
+"""Factors with more different values are a range, without means by level."""
 MOST_PAIRS = 15
 MANY = 1_000_000
 """Degrees of freedom of what is stated, not estimated."""
@@ -86,8 +98,9 @@ MANY = 1_000_000
 class Runs:
     """What was run, a row a run: settings as the model takes them, plain values, and what runs have in common.
 
-    points : equal where the settings are; blocks : equal on one machine or tool;
-    others : centre runs, which would unbalance the means of levels;
+    points : equal where the settings are
+    blocks : equal on one machine or tool
+    others : points that no mean of a level includes: centre runs would unbalance it
     is_one_machine : whether one machine with one tool made all of them
     """
 
@@ -96,27 +109,22 @@ class Runs:
     points: Sequence[int]
     blocks: Sequence[int]
     others: frozenset[int] = frozenset()
-    """Points that no mean of a level includes."""
     is_one_machine: bool = False
 
     def only(self, rows: Sequence[int]) -> Runs:
         """Return some of the runs."""
-        return Runs(
-            _rows_of(self.settings, rows),
-            {name: [values[row] for row in rows] for name, values in self.plain.items()},
-            [self.points[row] for row in rows],
-            [self.blocks[row] for row in rows],
-            self.others,
-            self.is_one_machine,
+        return replace(
+            self,
+            settings=self.settings.only(rows),
+            plain={name: [values[row] for row in rows] for name, values in self.plain.items()},
+            points=[self.points[row] for row in rows],
+            blocks=[self.blocks[row] for row in rows],
         )
 
-
-def _rows_of(settings: Settings, rows: Sequence[int]) -> Settings:
-    return Settings(
-        {name: np.asarray(values, float)[list(rows)] for name, values in settings.numbers.items()},
-        {name: [values[row] for row in rows] for name, values in settings.categories.items()},
-        settings.names,
-    )
+    @property
+    def distinct(self) -> list[int]:
+        """The points, in the order of their first runs."""
+        return list(dict.fromkeys(self.points))
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,10 +150,7 @@ class Coefficient:
 
 @dataclass(frozen=True, slots=True)
 class Scatter:
-    """What runs differ by, whatever model is fitted: of one point on one machine, and machines.
-
-    A variance is NaN, without degrees of freedom, where the runs do not tell.
-    """
+    """Variance of runs of one point on one machine, and of machines; NaN, without degrees of freedom, if unknown."""
 
     run_variance: float
     run_dof: int
@@ -155,17 +160,16 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True)
 class ResponseModel:
-    """A model that was fitted, and the errors that its predictions hold; on a logarithmic scale where `is_log`.
+    """A fitted model with the errors of its predictions; on a logarithmic scale where `is_log`.
 
-    `miss_variance` is of what a point that was left out is missed by, `replicates` the mean number of runs of a
-    point.
+    names : names of each category that the fit knows, in their order
+    miss_variance : of the error at a point that was left out
+    replicates : mean number of runs of a point
     """
 
     fit: Fit
     terms: tuple[Term, ...]
     names: Mapping[str, Sequence[object]]
-    """Names of each category that the fit knows, in their order."""
-    block: str
     is_log: bool
     miss_variance: float
     miss_dof: int
@@ -177,48 +181,41 @@ class ResponseModel:
 
         Raises ValueError for a category that the fit does not know.
         """
-        columns = self._columns(settings)
+        # Settings name no block: a new machine is as others are on average.
+        own = [term for term in self.terms if not _is_block(term)]
+        matrix = model_matrix(replace(settings, names=self.names), own)
+        columns = np.zeros((settings.runs, self.fit.model.columns.shape[1]))
+        for term in own:
+            columns[:, self.fit.model.spans[term]] = matrix.columns[:, matrix.spans[term]]
         expected = columns @ self.fit.ols.params
         leverage = np.einsum("ij,jk,ik->i", columns, self.fit.ols.normalized_cov_params, columns)
         # Each miss is of a mean over the replicates of its point: the rest of a single run's error comes on top.
-        runs, blocks = self.scatter.run_variance, self.scatter.block_variance
+        scatter, rest = self.scatter, 1 - 1 / self.replicates
         parts = [
             (self.miss_variance * (1 + leverage), self.miss_dof),
-            (np.full(len(leverage), _known(runs) * (1 - 1 / self.replicates)), self.scatter.run_dof),
-            (np.full(len(leverage), _known(blocks)), self.scatter.block_dof),
+            (np.full(len(leverage), np.nan_to_num(scatter.run_variance) * rest), scatter.run_dof),
+            (np.full(len(leverage), np.nan_to_num(scatter.block_variance)), scatter.block_dof),
         ]
         half = np.sqrt(sum(special.stdtrit(dof, 0.975) ** 2 * variance for variance, dof in parts if dof))
-        return (
-            _plain(expected, self.is_log),
-            _plain(expected - half, self.is_log),
-            _plain(expected + half, self.is_log),
-        )
-
-    def _columns(self, settings: Settings) -> Array:
-        """Columns at settings that name no block: a new machine is as others are on average."""
-        own = [term for term in self.terms if not _is_block(term, self.block)]
-        matrix = model_matrix(replace(settings, names=self.names), own)
-        spans = self.fit.model.spans
-        columns = np.zeros((settings.runs, self.fit.model.columns.shape[1]))
-        for term in own:
-            columns[:, spans[term]] = matrix.columns[:, matrix.spans[term]]
-        return columns
+        bounds = expected, expected - half, expected + half
+        return tuple(map(np.exp, bounds)) if self.is_log else bounds
 
 
 @dataclass(frozen=True, slots=True)
 class ResponseAnalysis:
-    """All tables of one response. What the runs do not tell is None, empty or NaN, and `notes` say why.
+    """All tables of one response. What the runs do not determine is None, empty or NaN, and `notes` say why.
 
-    fitted, residuals : one a run of `used`, on the scale of the model
+    used : rows whose value is there; fitted, residuals : one a run of `used`, on the scale of the model
+    noise_means : means of the signal-to-noise ratio by level, dB
     block_effects : by block, its deviation from the average block, on the scale of the model
-    held, left_out : points whose every run lay within the interval of a model without them, of how many
+    held, left_out : points whose every run is within the interval of a model without them, of how many
+    scatter : None if nothing is fitted; model : None also if no point can be left out
     """
 
     name: str
     better: Better
     is_log: bool
     used: tuple[int, ...]
-    """Rows whose value is there."""
     values: tuple[float, ...]
     mean: float
     sd: float
@@ -233,7 +230,6 @@ class ResponseAnalysis:
     lack: LackOfFit | None = None
     level_means: tuple[LevelMeans, ...] = ()
     noise_means: tuple[LevelMeans, ...] = ()
-    """Means of the signal-to-noise ratio by level, dB."""
     interactions: tuple[Interaction, ...] = ()
     fitted: tuple[float, ...] = ()
     residuals: tuple[float, ...] = ()
@@ -241,9 +237,7 @@ class ResponseAnalysis:
     held: int = 0
     left_out: int = 0
     scatter: Scatter | None = None
-    """None if nothing is fitted."""
     model: ResponseModel | None = None
-    """None if nothing is fitted, or if no point can be left out."""
 
     def without_block(self, value: float, block: object) -> float:
         """Return a value corrected by the effect of its block; unchanged if the model has no such block."""
@@ -253,7 +247,7 @@ class ResponseAnalysis:
     def at_point(self, adjusted: ArrayLike, candidates: int) -> tuple[float, float, float] | None:
         """Return what is expected of a new run on a new machine where runs were made, by these; and its interval.
 
-        No model of the settings is in it. The quantile of what runs differ by is that of `candidates` points at once
+        No model of the settings is in it. The quantile of the scatter of runs is that of `candidates` points at once
         (Bonferroni), because the best of many by its mean has been lucky too; where the point's own runs differ by
         more than those of others do, that counts. None for fewer than two runs, and where the scatter of repeated
         runs is known less well than what the model misses.
@@ -271,11 +265,7 @@ class ResponseAnalysis:
         if scatter.block_dof:
             half += special.stdtrit(scatter.block_dof, 0.975) ** 2 * scatter.block_variance
         bounds = np.array([mean, mean - np.sqrt(half), mean + np.sqrt(half)])
-        return tuple(_plain(bounds, self.is_log).tolist())
-
-
-def _plain(values: Array, is_log: bool) -> Array:
-    return np.exp(values) if is_log else values
+        return tuple((np.exp(bounds) if self.is_log else bounds).tolist())
 
 
 @one_blas_thread()
@@ -287,13 +277,11 @@ def analyse(
     better: Better,
     *,
     is_log: bool = False,
-    block: str = "block",
     u: ArrayLike | None = None,
 ) -> ResponseAnalysis:
-    """Analyse a response: one value a run, NaN where there is none. Never raises for what the runs do not tell.
+    """Analyse a response: one value a run, NaN where there is none. Nothing that the runs do not determine raises.
 
-    `u` are standard uncertainties of the values: where all runs are of one machine, what another one
-    would measure may differ by that.
+    u : standard uncertainties of the values; where all runs are of one machine, another one may differ by that
     """
     all_values = np.asarray(response, float)
     used = np.flatnonzero(np.isfinite(all_values)).tolist()
@@ -304,7 +292,6 @@ def analyse(
     if is_log and len(values) and values.min() <= 0:
         notes.append("values at or below zero have no logarithm: the plain values are modelled")
         is_log = False
-    mine = runs.only(used)
     base = ResponseAnalysis(
         name=name,
         better=better,
@@ -316,37 +303,53 @@ def analyse(
     )
     if len(used) < 2:
         return replace(base, notes=(*notes, "fewer than two runs have a value"))
-    rows = [row for row, point in enumerate(mine.points) if point not in mine.others]
-    designed, of_design = mine.only(rows), values[rows]
-    counted = {factor: len(set(map(repr, of_runs))) for factor, of_runs in designed.plain.items()}
-    levels = {
-        factor: list(of_runs)
-        for factor, of_runs in designed.plain.items()
-        if 1 < counted[factor] <= MOST_LEVELS
-    }
-    notes += [f"only one level of {factor} has a value" for factor, many in counted.items() if many == 1]
-    base = replace(
-        base,
-        notes=tuple(notes),
-        level_means=tuple(response_table(levels, of_design)) if levels else (),
-        noise_means=_noise_means(levels, of_design, designed.points, better) if levels else (),
-        interactions=_interactions(levels, of_design),
-    )
+    mine = runs.only(used)
+    base, of_levels = _with_level_means(base, mine, values)
+    notes += of_levels
     if np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())):
         return replace(base, notes=(*notes, "all runs have the same value"))
     own = np.full(len(values), math.nan) if u is None else np.asarray(u, float)[used]
     alone = own / values if is_log else own
     alone_variance = float(np.mean(alone**2)) if mine.is_one_machine else math.nan
-    return _with_model(base, mine, np.log(values) if is_log else values, list(terms), block, alone_variance)
+    logs = np.log(values) if is_log else values
+    return _with_model(replace(base, notes=tuple(notes)), mine, logs, list(terms), alone_variance)
+
+
+def _with_level_means(
+    base: ResponseAnalysis, runs: Runs, values: Array
+) -> tuple[ResponseAnalysis, list[str]]:
+    """Add means by level of the runs that are no centre runs; return what there is to note too."""
+    rows = [row for row, point in enumerate(runs.points) if point not in runs.others]
+    designed, values = runs.only(rows), values[rows]
+    counted = {factor: len(set(map(repr, of_runs))) for factor, of_runs in designed.plain.items()}
+    notes = [f"only one level of {factor} has a value" for factor, many in counted.items() if many == 1]
+    levels = {
+        factor: of_runs for factor, of_runs in designed.plain.items() if 1 < counted[factor] <= MOST_LEVELS
+    }
+    if not levels:
+        return base, notes
+    points = designed.distinct
+    of_point = np.asarray(designed.points)
+    ratios = [signal_to_noise_db(values[of_point == point], base.better) for point in points]
+    noise = []
+    if np.isfinite(ratios).all():
+        first = [designed.points.index(point) for point in points]
+        noise = response_table({name: [of[row] for row in first] for name, of in levels.items()}, ratios)
+    found = replace(
+        base,
+        level_means=tuple(response_table(levels, values)),
+        noise_means=tuple(noise),
+        interactions=_interactions(levels, values),
+    )
+    return found, notes
 
 
 def _with_model(
-    base: ResponseAnalysis, runs: Runs, values: Array, terms: list[Term], block: str, alone_variance: float
+    base: ResponseAnalysis, runs: Runs, values: Array, terms: list[Term], alone_variance: float
 ) -> ResponseAnalysis:
     notes = list(base.notes)
-    if block in runs.settings.categories and len(set(runs.settings.categories[block])) < 2:
-        terms = [term for term in terms if not _is_block(term, block)]
     settings = _named_by(runs.settings)
+    runs = replace(runs, settings=settings)
     terms = [term for term in terms if all(_varies(settings, factor) for factor, _ in term)]
     lost = undetermined(model_matrix(settings, terms))
     if lost:
@@ -354,20 +357,17 @@ def _with_model(
         terms = [term for term in terms if term not in lost]
     try:
         fitted = fit(model_matrix(settings, terms), values)
-        by_block = differing(settings, terms, values, block)
+        by_block = differing(settings, terms, values)
         table = anova(settings, terms, values, by_block=by_block)
         pooled = pooled_anova(settings, terms, values, by_block) if len(terms) > 2 else None
     except ValueError as error:
         return replace(base, notes=(*notes, str(error).rstrip(".")))
     if not fitted.ols.df_resid:
         notes.append("nothing is left to estimate the error: no F of single terms, no interval")
-    scatter = _scatter(fitted, replace(runs, settings=settings), values, block)
+    scatter = _scatter(fitted, runs, values)
     if math.isfinite(alone_variance):
         scatter = replace(scatter, block_variance=alone_variance, block_dof=MANY)
-    model = _model(
-        fitted, terms, replace(runs, settings=settings), values, block, scatter, is_log=base.is_log
-    )
-    held, left_out = _left_out_coverage(terms, replace(runs, settings=settings), values, block)
+    held, left_out = _left_out_coverage(terms, runs, values)
     return replace(
         base,
         anova=table,
@@ -377,35 +377,33 @@ def _with_model(
         adjusted_r2=float(fitted.ols.rsquared_adj) if fitted.ols.df_resid else math.nan,
         predicted_r2=fitted.predicted_r2,
         error_sd=math.sqrt(table.error.mean_square) if table.error.dof else math.nan,
-        lack=_lack(fitted, runs, values),
+        lack=_lack(fitted, scatter),
         fitted=tuple(fitted.ols.fittedvalues.tolist()),
         residuals=tuple(fitted.ols.resid.tolist()),
-        block_effects=_block_effects(fitted, settings, block),
+        block_effects=_block_effects(fitted, settings),
         held=held,
         left_out=left_out,
         scatter=scatter,
-        model=model,
+        model=_model(fitted, terms, runs, scatter, is_log=base.is_log),
         notes=tuple(notes),
     )
 
 
-def _block_effects(fitted: Fit, settings: Settings, block: str) -> dict[object, float]:
-    span = fitted.model.spans.get(((block, 1),))
+def _block_effects(fitted: Fit, settings: Settings) -> dict[object, float]:
+    span = fitted.model.spans.get(((BLOCK, 1),))
     if span is None:
         return {}
     effects = fitted.ols.params[span]
-    return dict(zip(settings.names[block], np.append(effects, -effects.sum()).tolist(), strict=True))
+    return dict(zip(settings.names[BLOCK], np.append(effects, -effects.sum()).tolist(), strict=True))
 
 
-def _lack(fitted: Fit, runs: Runs, values: Array) -> LackOfFit | None:
+def _lack(fitted: Fit, scatter: Scatter) -> LackOfFit | None:
     """Split the error into what runs of one point differ by beyond their blocks, and what the model misses."""
-    pure_variance, pure_dof = _run_variance(runs, values)
-    if not pure_dof:
+    if not scatter.run_dof:
         return None
-    pure_ss = pure_variance * pure_dof
-    return LackOfFit(
-        int(fitted.ols.df_resid) - pure_dof, max(0.0, float(fitted.ols.ssr) - pure_ss), pure_dof, pure_ss
-    )
+    pure_ss = scatter.run_variance * scatter.run_dof
+    dof = int(fitted.ols.df_resid) - scatter.run_dof
+    return LackOfFit(dof, max(0.0, float(fitted.ols.ssr) - pure_ss), scatter.run_dof, pure_ss)
 
 
 def _named_by(settings: Settings) -> Settings:
@@ -414,7 +412,7 @@ def _named_by(settings: Settings) -> Settings:
     for factor, of_runs in settings.categories.items():
         there = set(map(repr, of_runs))
         names[factor] = [name for name in settings.names[factor] if repr(name) in there]
-    return Settings(settings.numbers, settings.categories, names)
+    return replace(settings, names=names)
 
 
 def _varies(settings: Settings, factor: str) -> bool:
@@ -423,116 +421,80 @@ def _varies(settings: Settings, factor: str) -> bool:
     return len(settings.names.get(factor, ())) > 1
 
 
-def _is_block(term: Term, block: str) -> bool:
-    return any(factor == block for factor, _ in term)
+def _is_block(term: Term) -> bool:
+    return any(factor == BLOCK for factor, _ in term)
 
 
-def _known(value: float) -> float:
-    return value if math.isfinite(value) else 0.0
+def _scatter(fitted: Fit, runs: Runs, values: Array) -> Scatter:
+    """Variances within points, by a model of points and blocks, and of a new block about the mean of the others.
 
-
-def _scatter(fitted: Fit, runs: Runs, values: Array, block: str) -> Scatter:
-    return Scatter(*_run_variance(runs, values), *_block_variance(fitted, runs.settings, block))
+    The variance of blocks contains what the error adds to their means. A block of a single run is left out: its
+    effect has the whole error of that run.
+    """
+    points, blocks = np.asarray(runs.points), np.asarray(runs.blocks)
+    columns = [points == one for one in runs.distinct]
+    columns += [blocks == one for one in list(dict.fromkeys(runs.blocks))[1:]]
+    matrix = np.column_stack(columns).astype(float)
+    run_variance, run_dof = math.nan, len(values) - int(np.linalg.matrix_rank(matrix))
+    if len(runs.distinct) == len(points):
+        run_dof = 0
+    if run_dof:
+        rest = values - matrix @ np.linalg.lstsq(matrix, values, rcond=None)[0]
+        run_variance = float(rest @ rest) / run_dof
+    named = list(runs.settings.categories.get(BLOCK, ()))
+    of_blocks = _block_effects(fitted, runs.settings)
+    effects = [effect for name, effect in of_blocks.items() if named.count(name) > 1]
+    if len(effects) < 2:
+        return Scatter(run_variance, run_dof, math.nan, 0)
+    block_variance = float(np.var(effects, ddof=1)) * (1 + 1 / len(effects))
+    return Scatter(run_variance, run_dof, block_variance, len(effects) - 1)
 
 
 def _model(
-    fitted: Fit,
-    terms: Sequence[Term],
-    runs: Runs,
-    values: Array,
-    block: str,
-    scatter: Scatter,
-    *,
-    is_log: bool,
+    fitted: Fit, terms: Sequence[Term], runs: Runs, scatter: Scatter, *, is_log: bool
 ) -> ResponseModel | None:
-    """Return the model with the errors of what it expects; None where no point can be left out."""
-    misses = _misses(fitted, runs, block)
-    if misses is None:
-        return None
-    miss_variance, miss_dof = misses
-    return ResponseModel(
-        fitted,
-        tuple(terms),
-        runs.settings.names,
-        block,
-        is_log,
-        miss_variance,
-        miss_dof,
-        scatter,
-        len(values) / len(set(runs.points)),
-    )
-
-
-def _misses(fitted: Fit, runs: Runs, block: str) -> tuple[float, int] | None:
-    """Variance of what points are missed by that were left out, for leverage 0, and its degrees of freedom."""
+    """Return the model with the variance of its misses at leverage 0; None where no point can be left out."""
     columns, covariance = fitted.model.columns, fitted.ols.normalized_cov_params
-    residuals, points = fitted.ols.resid, np.asarray(runs.points)
-    squares, count = 0.0, 0
-    for point in dict.fromkeys(runs.points):
+    points, squares = np.asarray(runs.points), []
+    for point in runs.distinct:
         rows = np.flatnonzero(points == point)
         own = columns[rows]
         hat = own @ covariance @ own.T
         rest = np.eye(len(rows)) - hat
         if np.linalg.matrix_rank(rest, tol=1e-9) < len(rows):
             continue  # the model needs the point
-        missed = np.linalg.solve(rest, residuals[rows])
+        missed = np.linalg.solve(rest, fitted.ols.resid[rows])
         without = hat + hat @ np.linalg.solve(rest, hat)
-        squares += float(missed.mean()) ** 2 / (1 + float(without.mean()))
-        count += 1
-    blocks = sum(
-        span.stop - span.start for term, span in fitted.model.spans.items() if _is_block(term, block)
-    )
-    dof = len(set(runs.points)) - (columns.shape[1] - blocks)
-    if not count or dof < 1:
+        squares.append(float(missed.mean()) ** 2 / (1 + float(without.mean())))
+    of_blocks = sum(fitted.model.dof(term) for term in fitted.model.spans if _is_block(term))
+    dof = len(runs.distinct) - (columns.shape[1] - of_blocks)
+    if not squares or dof < 1:
         return None
-    return squares / count, dof
+    return ResponseModel(
+        fit=fitted,
+        terms=tuple(terms),
+        names=runs.settings.names,
+        is_log=is_log,
+        miss_variance=sum(squares) / len(squares),
+        miss_dof=dof,
+        scatter=scatter,
+        replicates=len(points) / len(runs.distinct),
+    )
 
 
-def _run_variance(runs: Runs, values: Array) -> tuple[float, int]:
-    """Variance of runs of one point beyond their blocks, by a model of points and blocks."""
-    points, blocks = np.asarray(runs.points), np.asarray(runs.blocks)
-    if len(set(runs.points)) == len(points):
-        return math.nan, 0
-    columns = [np.asarray(points == one, float) for one in dict.fromkeys(runs.points)]
-    columns += [np.asarray(blocks == one, float) for one in list(dict.fromkeys(runs.blocks))[1:]]
-    matrix = np.column_stack(columns)
-    rank = int(np.linalg.matrix_rank(matrix))
-    dof = len(values) - rank
-    if dof < 1:
-        return math.nan, 0
-    rest = values - matrix @ np.linalg.lstsq(matrix, values, rcond=None)[0]
-    return float(rest @ rest) / dof, dof
-
-
-def _block_variance(fitted: Fit, settings: Settings, block: str) -> tuple[float, int]:
-    """Variance of a new block about the mean of those that were run, with what the error puts into their means.
-
-    A block of a single run is left out: its effect has the whole error of that run.
-    """
-    blocks = list(settings.categories.get(block, ()))
-    effects = [
-        effect for name, effect in _block_effects(fitted, settings, block).items() if blocks.count(name) > 1
-    ]
-    if len(effects) < 2:
-        return math.nan, 0
-    return float(np.var(effects, ddof=1)) * (1 + 1 / len(effects)), len(effects) - 1
-
-
-def _left_out_coverage(terms: Sequence[Term], runs: Runs, values: Array, block: str) -> tuple[int, int]:
-    """Points whose runs lay within the interval of a model without them, and how many could be left out."""
+def _left_out_coverage(terms: Sequence[Term], runs: Runs, values: Array) -> tuple[int, int]:
+    """Points whose runs are within the interval of a model without them, and how many could be left out."""
     held = tried = 0
     points = np.asarray(runs.points)
-    for point in dict.fromkeys(runs.points):
-        kept = np.flatnonzero(points != point).tolist()
-        own = np.flatnonzero(points == point).tolist()
-        rest = runs.only(kept)
+    for point in runs.distinct:
+        own = points == point
+        rest = runs.only(np.flatnonzero(~own).tolist())
         try:
-            fitted = fit(model_matrix(rest.settings, terms), values[kept])
-            scatter = _scatter(fitted, rest, values[kept], block)
-            model = _model(fitted, terms, rest, values[kept], block, scatter, is_log=False)
+            fitted = fit(model_matrix(rest.settings, terms), values[~own])
+            model = _model(fitted, terms, rest, _scatter(fitted, rest, values[~own]), is_log=False)
             if model is None:
                 continue
-            _, low, high = model.predict(_rows_of(runs.settings, own))
+            _, low, high = model.predict(runs.settings.only(np.flatnonzero(own).tolist()))
         except (ValueError, np.linalg.LinAlgError):
             continue
         tried += 1
@@ -545,61 +507,30 @@ def _coefficients(fitted: Fit, settings: Settings, table: Anova) -> list[Coeffic
     unscaled = np.diag(fitted.ols.normalized_cov_params)
     found = []
     for term, span in fitted.model.spans.items():
-        width = span.stop - span.start
         under = table.under(term_name(term))
-        errors = np.sqrt(unscaled * under.mean_square) if under.dof else None
+        errors = np.sqrt(unscaled * under.mean_square) if under.dof else np.full(len(unscaled), math.nan)
         quantile = float(special.stdtrit(under.dof, 0.975)) if under.dof else math.nan
+        names = [list(settings.names[factor])[:-1] for factor, _ in term if factor in settings.categories]
+        levels = list(itertools.product(*names))
         for n, column in enumerate(range(span.start, span.stop)):
-            estimate = float(fitted.ols.params[column])
-            name = term_name(term)
-            if width > 1 or any(factor in settings.categories for factor, _ in term):
-                name += f" [{_level(term, settings, n)}]"
-            error = float(errors[column]) if errors is not None else math.nan
+            name, estimate = term_name(term), float(fitted.ols.params[column])
+            if names:
+                name += f" [{', '.join(map(str, levels[n]))}]"
+            error = float(errors[column])
             ratio = abs(estimate) / error if error else math.nan
             p = 2 * float(special.stdtr(under.dof, -ratio)) if math.isfinite(ratio) else math.nan
             found.append(Coefficient(name, estimate, quantile * error, p))
     return found
 
 
-def _level(term: Term, settings: Settings, column: int) -> str:
-    """Which names a column of a term with categories is about."""
-    names = [list(settings.names[factor])[:-1] for factor, _ in term if factor in settings.categories]
-    combinations = list(itertools.product(*names))
-    return ", ".join(map(str, combinations[column])) if column < len(combinations) else str(column)
-
-
-def _noise_means(
-    levels: Mapping[str, list[object]], values: Array, points: Sequence[int], better: Better
-) -> tuple[LevelMeans, ...]:
-    """Means of the signal-to-noise ratio of each point by level; none where one is not defined."""
-    of_point = {
-        point: signal_to_noise_db(values[[one == point for one in points]], better)
-        for point in dict.fromkeys(points)
-    }
-    first = [list(points).index(point) for point in of_point]
-    ratios = list(of_point.values())
-    if not levels or not np.isfinite(ratios).all():
-        return ()
-    return tuple(response_table({name: [of[row] for row in first] for name, of in levels.items()}, ratios))
-
-
-def _interactions(levels: Mapping[str, list[object]], values: Array) -> tuple[Interaction, ...]:
+def _interactions(levels: Mapping[str, Sequence[object]], values: Array) -> tuple[Interaction, ...]:
     found = []
     for one, other in list(itertools.combinations(levels, 2))[:MOST_PAIRS]:
         first, second = (_ordered(levels[name]) for name in (one, other))
-        means = tuple(
-            tuple(
-                float(own.mean())
-                if len(
-                    own := values[
-                        [x == a and y == b for x, y in zip(levels[one], levels[other], strict=True)]
-                    ]
-                )
-                else math.nan
-                for b in second
-            )
-            for a in first
-        )
+        cells: dict[tuple[object, object], list[float]] = {}
+        for pair, value in zip(zip(levels[one], levels[other], strict=True), values, strict=True):
+            cells.setdefault(pair, []).append(value)
+        means = tuple(tuple(float(np.mean(cells.get((a, b), [math.nan]))) for b in second) for a in first)
         found.append(Interaction(one, other, first, second, means))
     return tuple(found)
 

@@ -1,4 +1,4 @@
-"""Signal to noise, response tables, Pareto front and preferences, against worked examples."""
+"""Signal to noise, response tables, Pareto front, preferences and Sobol indices, against worked examples."""
 
 from __future__ import annotations
 
@@ -7,25 +7,40 @@ import math
 import numpy as np
 import pytest
 
-from edmctl.study.statistics.choice import grey_relational_grade, pareto_front, topsis_closeness
-from edmctl.study.statistics.response_analysis import response_table, signal_to_noise_db
+from edmctl.study.statistics.choice import (
+    grey_relational_grade,
+    pareto_front,
+    sensitivity_points,
+    sobol_indices,
+    topsis_closeness,
+)
 
-
-def test_signal_to_noise_ratios() -> None:
-    assert signal_to_noise_db([10, 10], "larger") == pytest.approx(20)
-    assert signal_to_noise_db([0.1, 0.1], "smaller") == pytest.approx(20)
-    assert signal_to_noise_db([9, 11], "nominal") == pytest.approx(10 * math.log10(100 / 2))
-    assert signal_to_noise_db([1, 3], "smaller") == pytest.approx(-10 * math.log10(5))
+FIRST = (0.3139, 0.4424, 0.0)
+TOTAL = (0.5576, 0.4424, 0.2437)
 
 
 @pytest.mark.parametrize(
-    ("values", "better"), [([0, 1], "larger"), ([0, 0], "smaller"), ([5], "nominal"), ([2, 2], "nominal")]
+    ("values", "better", "decibel"),
+    [
+        ([10, 10], "larger", 20.0),
+        ([0.1, 0.1], "smaller", 20.0),
+        ([9, 11], "nominal", 10 * math.log10(100 / 2)),
+        ([1, 3], "smaller", -10 * math.log10(5)),
+        ([0, 1], "larger", math.nan),
+        ([0, 0], "smaller", math.nan),
+        ([5], "nominal", math.nan),
+        ([2, 2], "nominal", math.nan),
+    ],
 )
-def test_a_ratio_that_is_not_defined(values: list[float], better: str) -> None:
-    assert math.isnan(signal_to_noise_db(values, better))  # type: ignore[arg-type]
+def test_signal_to_noise_ratios(values: list[float], better: str, decibel: float) -> None:
+    from edmctl.study.statistics.response_analysis import signal_to_noise_db
+
+    assert signal_to_noise_db(values, better) == pytest.approx(decibel, nan_ok=True)  # type: ignore[arg-type]
 
 
 def test_a_response_table_ranks_by_delta() -> None:
+    from edmctl.study.statistics.response_analysis import response_table
+
     table = response_table(
         {"oil": ["b", "a", "b", "a"], "current": [2.0, 2.0, 1.0, 1.0]}, [1.0, 5.0, 2.0, 7.0]
     )
@@ -36,24 +51,50 @@ def test_a_response_table_ranks_by_delta() -> None:
 
 def test_a_run_is_on_the_front_where_none_is_better_in_all() -> None:
     runs = np.array([[1, 1], [2, 2], [3, 1], [1, 3], [2, 1], [math.nan, 9], [2, 2]])
-    front = pareto_front(runs, ["larger", "larger"])
-    assert front.tolist() == [False, True, True, True, False, False, True]
-    assert pareto_front([[1, 1], [2, 2]], ["larger", "smaller"]).tolist() == [True, True]
-    assert pareto_front([[1, 2], [2, 1]], ["larger", "smaller"]).tolist() == [False, True]
+    assert pareto_front(-runs).tolist() == [False, True, True, True, False, False, True]
+    assert pareto_front([[-1, 1], [-2, 2]]).tolist() == [True, True]
+    assert pareto_front([[-1, 2], [-2, 1]]).tolist() == [False, True]
 
 
-def test_grey_relational_grade_of_best_and_worst() -> None:
-    grade = grey_relational_grade([[1, 10], [2, 5], [3, 1]], ["larger", "smaller"], [1, 1])
+def test_grades_of_best_and_worst_and_weights_are_shares() -> None:
+    costs = [[-1, 10], [-2, 5], [-3, 1]]
+    grade = grey_relational_grade(costs, [1, 1])
     assert grade == pytest.approx([1 / 3, (0.5 + 0.5 / (4 / 9 + 0.5)) / 2, 1])
-
-
-def test_topsis_of_best_and_worst() -> None:
-    closeness = topsis_closeness([[1, 10], [2, 5], [3, 1]], ["larger", "smaller"], [1, 3])
+    closeness = topsis_closeness(costs, [1, 3])
     assert closeness[[0, 2]] == pytest.approx([0, 1])
     assert 0 < closeness[1] < 1
+    assert closeness == pytest.approx(topsis_closeness(costs, [10, 30]))
 
 
-def test_weights_are_shares() -> None:
-    responses = np.random.default_rng(0).uniform(1, 2, (6, 2))
-    one = topsis_closeness(responses, ["larger", "smaller"], [1, 2])
-    assert one == pytest.approx(topsis_closeness(responses, ["larger", "smaller"], [10, 20]))
+def ishigami(points: np.ndarray) -> np.ndarray:
+    """Ishigami and Homma, 1990, with a = 7 and b = 0.1."""
+    x = (points * 2 - 1) * np.pi
+    made: np.ndarray = np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
+    return made
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_sobol_indices_of_ishigami(seed: int) -> None:
+    found = sobol_indices(ishigami(sensitivity_points(3, 1024, seed)), 3)
+    assert found.first_order == pytest.approx(FIRST, abs=0.02)
+    assert found.total == pytest.approx(TOTAL, abs=0.02)
+    assert (np.abs(found.first_order - FIRST) < found.first_order_u95).all()
+    assert (np.abs(found.total - TOTAL) < found.total_u95).all()
+
+
+def test_a_missing_response_takes_one_base_sample_out() -> None:
+    response = ishigami(sensitivity_points(3, 1024, 0))
+    whole = sobol_indices(response, 3)
+    response[1500] = np.nan
+    found = sobol_indices(response, 3)
+    assert found.first_order == pytest.approx(whole.first_order, abs=0.01)
+    assert found.first_order[0] != whole.first_order[0]
+
+
+def test_what_cannot_be_is_refused() -> None:
+    with pytest.raises(ValueError, match="power of two, such as 128"):
+        sensitivity_points(2, 100, 0)
+    with pytest.raises(ValueError, match="no multiple"):
+        sobol_indices(np.ones(9), 2)
+    with pytest.raises(ValueError, match="Fewer than two base samples"):
+        sobol_indices(np.full(8, np.nan), 2)

@@ -3,26 +3,44 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import pytest
-import statsmodels.formula.api as smf
-from statsmodels.stats.anova import anova_lm
 
 from edmctl.errors import PreconditionError
-from edmctl.study.statistics.anova import anova, differing, fit, pooled_anova
 from edmctl.study.statistics.designs import arrays
 from edmctl.study.statistics.linear_model import (
     Settings,
+    anova,
+    differing,
+    fit,
     main_effects,
     model_matrix,
+    pooled_anova,
     second_order,
     term_name,
     with_interactions,
 )
-from edmctl.study.statistics.response_analysis import Runs, analyse
+from tests.tiers import tiers
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+def of_statsmodels(formula: str, columns: Mapping[str, object]) -> Any:
+    """The fit of a formula by statsmodels."""
+    import pandas as pd
+    import statsmodels.formula.api as smf
+
+    return smf.ols(formula, pd.DataFrame(columns)).fit()
+
+
+def table_of(*models: Any, **options: object) -> Any:
+    """The analysis of variance of fits by statsmodels."""
+    from statsmodels.stats.anova import anova_lm
+
+    return anova_lm(*models, **options)
 
 
 def close(value: object) -> Any:
@@ -30,7 +48,7 @@ def close(value: object) -> Any:
     return pytest.approx(value, rel=1e-10, abs=1e-10)
 
 
-def unbalanced(seed: int) -> tuple[Settings, np.ndarray, pd.DataFrame]:
+def unbalanced(seed: int) -> tuple[Settings, np.ndarray, dict[str, object]]:
     """Runs of two numbers and a category, as if some had been lost."""
     rng = np.random.default_rng(seed)
     x, z = rng.uniform(-1, 1, (2, 25))
@@ -45,7 +63,7 @@ def unbalanced(seed: int) -> tuple[Settings, np.ndarray, pd.DataFrame]:
         + rng.normal(0, 0.3, 25)
     )
     settings = Settings({"x": x, "z": z}, {"oil": oil}, {"oil": ("water", "kerosene", "mineral")})
-    return settings, y, pd.DataFrame({"x": x, "z": z, "oil": oil, "y": y})
+    return settings, y, {"x": x, "z": z, "oil": oil, "y": y}
 
 
 FORMULA = "y ~ x + z + C(oil, Sum) + x:z + x:C(oil, Sum) + z:C(oil, Sum) + I(x**2) + I(z**2)"
@@ -55,8 +73,8 @@ FORMULA = "y ~ x + z + C(oil, Sum) + x:z + x:C(oil, Sum) + z:C(oil, Sum) + I(x**
 def test_sums_of_squares_are_those_of_statsmodels(seed: int) -> None:
     settings, y, frame = unbalanced(seed)
     table = anova(settings, second_order(["x", "z"], ["oil"]), y)
-    model = smf.ols(FORMULA, frame).fit()
-    third = anova_lm(model, typ=3)
+    model = of_statsmodels(FORMULA, frame)
+    third = table_of(model, typ=3)
     order = ["x", "z", "C(oil, Sum)", "x:z", "x:C(oil, Sum)", "z:C(oil, Sum)", "I(x ** 2)", "I(z ** 2)"]
     for row, name in zip(table.rows, order, strict=True):
         assert row.dof == third.loc[name, "df"]
@@ -75,7 +93,7 @@ def test_sums_of_squares_are_those_of_statsmodels(seed: int) -> None:
 def test_sequential_sums_of_squares_are_those_of_statsmodels(seed: int) -> None:
     settings, y, frame = unbalanced(seed)
     table = anova(settings, main_effects(["oil", "z", "x"]), y)
-    first = anova_lm(smf.ols("y ~ C(oil, Sum) + z + x", frame).fit(), typ=1)
+    first = table_of(of_statsmodels("y ~ C(oil, Sum) + z + x", frame), typ=1)
     assert [row.sequential_ss for row in table.rows] == close(first["sum_sq"].tolist()[:-1])
 
 
@@ -91,14 +109,15 @@ def test_leaving_a_run_out_is_what_a_fit_without_it_says() -> None:
 
 
 def test_lack_of_fit_is_the_test_between_the_two_models() -> None:
+    from edmctl.study.statistics.response_analysis import Runs, analyse
+
     rng = np.random.default_rng(2)
     x = np.repeat([-1.0, -0.5, 0, 0.5, 1], 3)
     y = 1 + x + 0.8 * x**2 + rng.normal(0, 0.2, 15)
     runs = Runs(Settings({"x": x}), {"x": x.tolist()}, x.tolist(), [0] * 15)
     found = analyse("y", runs, y, main_effects(["x"]), "smaller").lack
     assert found is not None
-    frame = pd.DataFrame({"x": x, "y": y})
-    against = anova_lm(smf.ols("y ~ x", frame).fit(), smf.ols("y ~ C(x)", frame).fit())
+    against = table_of(*(of_statsmodels(formula, {"x": x, "y": y}) for formula in ("y ~ x", "y ~ C(x)")))
     assert (found.dof, found.pure_dof) == (3, 10)
     assert found.f == close(against["F"][1])
     assert found.p == close(against["Pr(>F)"][1])
@@ -170,10 +189,11 @@ def on_machines(seed: int, machines: int, differing_sd: float) -> tuple[Settings
 def test_a_factor_that_differs_between_machines_is_compared_with_that_as_statsmodels_does() -> None:
     settings, y = on_machines(3, 4, 5.0)
     terms = main_effects(BLOCKED)
-    products = differing(settings, terms, y, "block")
+    products = differing(settings, terms, y)
     table = anova(settings, terms, y, by_block=products)
-    frame = pd.DataFrame({**settings.numbers, **settings.categories, "y": y})
-    third = anova_lm(smf.ols("y ~ x + nothing + C(block, Sum) + x:C(block, Sum)", frame).fit(), typ=3)
+    columns = {**settings.numbers, **settings.categories, "y": y}
+    model = of_statsmodels("y ~ x + nothing + C(block, Sum) + x:C(block, Sum)", columns)
+    third = table_of(model, typ=3)
     mean_squares = third["sum_sq"] / third["df"]
     rows = {row.name: row for row in table.rows}
     assert [row.name for row in table.by_block] == ["x × block"]
@@ -184,13 +204,13 @@ def test_a_factor_that_differs_between_machines_is_compared_with_that_as_statsmo
     assert (table.under("x").name, table.under("nothing").name) == ("x × block", "error")
 
 
-@pytest.mark.parametrize("differing_sd", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize("differing_sd", tiers(0.0, slow=[1.0, 3.0]))
 def test_what_one_factor_does_differently_on_machines_is_no_error_of_another(differing_sd: float) -> None:
     count, flagged = 600, 0
     for seed in range(count):
         settings, y = on_machines(seed, 3, differing_sd)
         terms = main_effects(BLOCKED)
-        table = anova(settings, terms, y, by_block=differing(settings, terms, y, "block"))
+        table = anova(settings, terms, y, by_block=differing(settings, terms, y))
         flagged += next(row.p for row in table.rows if row.name == "nothing") < 0.05
     assert 0.02 * count <= flagged <= 0.09 * count
 
@@ -198,7 +218,7 @@ def test_what_one_factor_does_differently_on_machines_is_no_error_of_another(dif
 def test_pooling_keeps_what_a_factor_does_differently_apart() -> None:
     settings, y = on_machines(3, 4, 5.0)
     terms = main_effects(BLOCKED)
-    products = differing(settings, terms, y, "block")
+    products = differing(settings, terms, y)
     whole, pooled = (of(settings, terms, y, by_block=products) for of in (anova, pooled_anova))
     assert [row.name for row in pooled.by_block] == ["x × block"]
     assert "x" not in pooled.pooled
@@ -209,15 +229,16 @@ def test_nothing_stands_out_of_an_error_of_rounding() -> None:
     for seed in range(50):
         settings, _ = on_machines(seed, 3, 0.0)
         x, block = np.asarray(settings.numbers["x"]), np.asarray(settings.categories["block"])
-        assert not differing(settings, main_effects(BLOCKED), 0.1 * x + 0.7 * block, "block")
+        assert not differing(settings, main_effects(BLOCKED), 0.1 * x + 0.7 * block)
 
 
+@pytest.mark.slow
 def test_a_factor_that_does_nothing_on_average_is_seldom_flagged_where_there_are_machines_enough() -> None:
     count, flagged, plainly = 400, 0, 0
     for seed in range(count):
         settings, y = on_machines(seed, 5, 3.0)
         terms = main_effects(BLOCKED)
-        for by_block in (differing(settings, terms, y, "block"), []):
+        for by_block in (differing(settings, terms, y), []):
             p = next(row.p for row in anova(settings, terms, y, by_block=by_block).rows if row.name == "x")
             flagged, plainly = (
                 (flagged + (p < 0.05), plainly) if by_block else (flagged, plainly + (p < 0.05))

@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from edmctl.study.statistics.anova import LackOfFit, anova, fit
 from edmctl.study.statistics.choice import grey_relational_grade, topsis_closeness
 from edmctl.study.statistics.designs import Fraction, arrays, box_behnken
 from edmctl.study.statistics.linear_model import (
+    LackOfFit,
     Settings,
+    anova,
+    fit,
     main_effects,
     model_matrix,
     second_order,
@@ -29,8 +31,7 @@ from edmctl.study.statistics.response_analysis import Runs, analyse, response_ta
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from edmctl.study.statistics.anova import Anova, AnovaRow
-    from edmctl.study.statistics.linear_model import Term
+    from edmctl.study.statistics.linear_model import Anova, AnovaRow, Term
 
 
 def is_printed(value: float, printed: str) -> bool:
@@ -54,6 +55,13 @@ def check(values: Iterable[float], printed: str) -> None:
 
 def by_name(table: Anova) -> dict[str, AnovaRow]:
     return {row.name: row for row in (*table.rows, table.error, table.total)}
+
+
+def check_rows(table: Anova, fields: str, printed: str) -> None:
+    """Compare rows of a printed table, `A × B: 45.5 1 45.5`, with those fields of ours."""
+    named = by_name(table)
+    for name, cells in (line.split(":") for line in printed.strip().splitlines()):
+        check([getattr(named[name.strip()], field) for field in fields.split()], cells)
 
 
 def table_of(text: str) -> list[list[float]]:
@@ -130,26 +138,16 @@ def test_die_sinking_edm_of_three_alloys() -> None:
     ratios = [row[8] for row in rows]
     table = anova(settings, terms, ratios, pooled)
     assert table.pooled == ("A", "D")
-    named = by_name(table)
-    for name, printed in {
-        "B": "2 3.141 3.141 1.5707 3.94 0.051 5.344",
-        "C": "2 49.435 49.435 - 61.96 0.000 -",
-        "E": "2 1.816 1.816 0.9082 2.28 0.149 -",
-        "error": "11 4.388 4.388 0.3989 - - 7.465",
-    }.items():
-        row = named[name]
-        check(
-            (
-                row.dof,
-                row.sequential_ss,
-                row.adjusted_ss,
-                row.mean_square,
-                row.f,
-                row.p,
-                row.contribution_pct,
-            ),
-            printed,
-        )
+    check_rows(
+        table,
+        "dof sequential_ss adjusted_ss mean_square f p contribution_pct",
+        """
+        B: 2 3.141 3.141 1.5707 3.94 0.051 5.344
+        C: 2 49.435 49.435 - 61.96 0.000 -
+        E: 2 1.816 1.816 0.9082 2.28 0.149 -
+        error: 11 4.388 4.388 0.3989 - - 7.465
+        """,
+    )
     assert table.total.dof == 17
     kept = main_effects("BCE")
     fitted = fit(model_matrix(settings, kept), ratios)
@@ -162,10 +160,8 @@ def test_die_sinking_edm_of_three_alloys() -> None:
     # the voltage and the error of 6.656 %: they give 71.00 and 6.661 %. The contribution of the current, 4.766 %,
     # was cut to 4.76 %.
     means = [float(np.mean(row[5:8])) for row in rows]
-    named = by_name(anova(settings, terms, means, pooled))
-    check([named["B"].f, named["B"].p], "3.94 0.051")
-    check([named["C"].p, named["C"].contribution_pct], "0.000 85.98")
-    check([named["E"].f, named["E"].p, named["E"].contribution_pct], "2.14 0.164 2.59")
+    of_means = anova(settings, terms, means, pooled)
+    check_rows(of_means, "f p contribution_pct", "B: 3.94 0.051 -\nC: - 0.000 85.98\nE: 2.14 0.164 2.59")
     fitted = fit(model_matrix(settings, kept), means)
     check([100 * fitted.ols.rsquared, 100 * fitted.ols.rsquared_adj], "93.3 89.7")
 
@@ -237,20 +233,21 @@ def test_surface_roughness_of_a_metal_cut() -> None:
 
     # Sum of squares, degrees of freedom, mean square, F, P. The P of AC and BC, 0.8784 and 0.4548, are misprints:
     # Table 14-18 has 0.877 and 0.446 for the same effects, and so have we.
-    named = by_name(anova(settings, terms, response))
-    for name, printed in {
-        "A": "45.5625 1 45.5625 18.69 0.0025",
-        "B": "10.5625 1 10.5625 4.33 0.0709",
-        "C": "3.0625 1 3.0625 1.26 0.2948",
-        "A × B": "7.5625 1 7.5625 3.10 0.1162",
-        "A × C": "0.0625 1 0.0625 0.03 -",
-        "B × C": "1.5625 1 1.5625 0.64 -",
-        "A × B × C": "5.0625 1 5.0625 2.08 0.1875",
-        "error": "19.5000 8 2.4375 - -",
-        "total": "92.9375 15 - - -",
-    }.items():
-        row = named[name]
-        check((row.adjusted_ss, row.dof, row.mean_square, row.f, row.p), printed)
+    check_rows(
+        anova(settings, terms, response),
+        "adjusted_ss dof mean_square f p",
+        """
+        A: 45.5625 1 45.5625 18.69 0.0025
+        B: 10.5625 1 10.5625 4.33 0.0709
+        C: 3.0625 1 3.0625 1.26 0.2948
+        A × B: 7.5625 1 7.5625 3.10 0.1162
+        A × C: 0.0625 1 0.0625 0.03 -
+        B × C: 1.5625 1 1.5625 0.64 -
+        A × B × C: 5.0625 1 5.0625 2.08 0.1875
+        error: 19.5000 8 2.4375 - -
+        total: 92.9375 15 - - -
+        """,
+    )
 
     # Effect, coefficient, its standard error, t, P.
     points_of_runs = [n for n in range(8) for _ in range(2)]
@@ -295,17 +292,19 @@ def test_adhesion_of_primers() -> None:
     levels = {name: [run[n] for run in runs] for n, name in enumerate(("primer", "method"))}
     settings = Settings({}, levels, {"primer": ["1", "2", "3"], "method": ["dipping", "spraying"]})
     response = [value for values in data.values() for value in values]
-    named = by_name(anova(settings, with_interactions(["primer", "method"]), response))
-    for name, book, printed in [
-        ("primer", "4.58", "2 4.5811 2.2906 27.8581 0.00003097"),
-        ("method", "4.91", "1 4.9089 4.9089 59.7027 0.000005357"),
-        ("primer × method", "0.24", "2 0.2411 0.1206 1.4662 0.2693"),
-        ("error", "0.99", "12 0.9867 0.0822 - -"),
-    ]:
-        row = named[name]
-        check([row.adjusted_ss], book)
-        check((row.dof, row.sequential_ss, row.mean_square, row.f, row.p), printed)
-    check([named["total"].adjusted_ss], "10.72")
+    table = anova(settings, with_interactions(["primer", "method"]), response)
+    check_rows(
+        table,
+        "dof sequential_ss mean_square f p",
+        """
+        primer: 2 4.5811 2.2906 27.8581 0.00003097
+        method: 1 4.9089 4.9089 59.7027 0.000005357
+        primer × method: 2 0.2411 0.1206 1.4662 0.2693
+        error: 12 0.9867 0.0822 - -
+        """,
+    )
+    book = "primer: 4.58\nmethod: 4.91\nprimer × method: 0.24\nerror: 0.99\ntotal: 10.72"
+    check_rows(table, "adjusted_ss", book)
     # Totals of the table: 28.7, 34.1 and 27.0 of six, 40.2 and 49.6 of nine.
     primer, method = response_table(levels, response)
     check([6 * mean for mean in primer.means], "28.7 34.1 27.0")
@@ -366,18 +365,21 @@ def test_central_composite_of_a_chemical_process() -> None:
     response = [76.5, 77, 78, 79.5, 79.9, 80.3, 80.0, 79.7, 79.8, 78.4, 75.6, 78.5, 77]
     settings = Settings({"A": [a for a, _ in points], "B": [b for _, b in points]})
     terms = second_order(["A", "B"])
-    named = by_name(anova(settings, terms, response))
-    for name, printed in {
-        "A": "7.92 1 7.92 111.93",
-        "B": "2.12 1 2.12 30.01",
-        "A²": "13.18 1 13.18 186.22",
-        "B²": "6.97 1 6.97 98.56",
-        "A × B": "0.25 1 0.25 3.53",
-        "error": "0.5 7 0.071 -",
-        "total": "28.74 12 - -",
-    }.items():
-        row = named[name]
-        check((row.adjusted_ss, row.dof, row.mean_square, row.f), printed)
+    table = anova(settings, terms, response)
+    check_rows(
+        table,
+        "adjusted_ss dof mean_square f",
+        """
+        A: 7.92 1 7.92 111.93
+        B: 2.12 1 2.12 30.01
+        A²: 13.18 1 13.18 186.22
+        B²: 6.97 1 6.97 98.56
+        A × B: 0.25 1 0.25 3.53
+        error: 0.5 7 0.071 -
+        total: 28.74 12 - -
+        """,
+    )
+    named = by_name(table)
     check([named["B"].p, named["A × B"].p], "0.0009 0.1022")
     assert max(named[name].p for name in ("A", "A²", "B²")) < 0.0001
     fitted = fit(model_matrix(settings, terms), response)
@@ -432,22 +434,23 @@ def test_box_behnken_of_a_resin() -> None:
     response = [run[3] for run in runs]
     settings = Settings({name: [point[n] for point in points] for n, name in enumerate("ABC")})
     terms = second_order("ABC")
-    named = by_name(anova(settings, terms, response))
-    for name, printed in {
-        "A": "8 1 8.00 0.78 0.4174",
-        "B": "55.12 1 55.12 5.38 0.0681",
-        "C": "45.13 1 45.13 4.40 0.09",
-        "A²": "200.83 1 200.83 19.59 0.0069",
-        "B²": "12.98 1 12.98 1.27 0.3115",
-        "C²": "48.52 1 48.52 4.73 0.0816",
-        "A × B": "16.00 1 16.00 1.56 0.2668",
-        "A × C": "484.00 1 484.00 47.22 0.001",
-        "B × C": "12.25 1 12.25 - 0.3241",
-        "error": "51.25 5 10.25 - -",
-        "total": "933.73 14 - - -",
-    }.items():
-        row = named[name]
-        check((row.adjusted_ss, row.dof, row.mean_square, row.f, row.p), printed)
+    check_rows(
+        anova(settings, terms, response),
+        "adjusted_ss dof mean_square f p",
+        """
+        A: 8 1 8.00 0.78 0.4174
+        B: 55.12 1 55.12 5.38 0.0681
+        C: 45.13 1 45.13 4.40 0.09
+        A²: 200.83 1 200.83 19.59 0.0069
+        B²: 12.98 1 12.98 1.27 0.3115
+        C²: 48.52 1 48.52 4.73 0.0816
+        A × B: 16.00 1 16.00 1.56 0.2668
+        A × C: 484.00 1 484.00 47.22 0.001
+        B × C: 12.25 1 12.25 - 0.3241
+        error: 51.25 5 10.25 - -
+        total: 933.73 14 - - -
+        """,
+    )
     fitted = fit(model_matrix(settings, terms), response)
     explained = fitted.ols.centered_tss - fitted.ols.ssr
     check([explained, explained / 9, explained / 9 / fitted.error_variance], "882.48 98.05 9.57")
@@ -463,15 +466,10 @@ def test_closeness_to_the_ideal() -> None:
     quatrope/scikit-criteria (tests/agg/test_similarity.py). E. Roszkowska, "Multi-criteria decision making models by
     applying the TOPSIS method to crisp and interval data", by gscoppino/topsis (test_topsis.py).
     """
-    closeness = topsis_closeness(
-        [[5, 8, 4], [7, 6, 8], [8, 8, 6], [7, 4, 6]], ["larger"] * 3, [0.3, 0.4, 0.3]
-    )
+    closeness = topsis_closeness(-np.array([[5, 8, 4], [7, 6, 8], [8, 8, 6], [7, 4, 6]]), [0.3, 0.4, 0.3])
     check(closeness, "0.5037 0.6581 0.7482 0.3340")
-    closeness = topsis_closeness(
-        [[7, 21, 4, 7], [7, 24, 6, 4], [14, 25, 3, 8], [14, 26, 9, 3], [21, 35, 4, 4]],
-        ["larger", "smaller", "larger", "larger"],
-        [0.175, 0.425, 0.175, 0.225],
-    )
+    values = [[7, 21, 4, 7], [7, 24, 6, 4], [14, 25, 3, 8], [14, 26, 9, 3], [21, 35, 4, 4]]
+    closeness = topsis_closeness(np.multiply(values, [-1, 1, -1, -1]), [0.175, 0.425, 0.175, 0.225])
     check(closeness, "0.535497 0.434945 0.557491 0.516961 0.370633")
 
 
@@ -490,8 +488,7 @@ def test_grey_relational_grade() -> None:
         [10, 8, 12, 9, 9],
     ]
     grade = grey_relational_grade(
-        np.transpose(criteria),
-        ["smaller", "larger", "smaller", "larger", "larger", "smaller"],
+        np.transpose(criteria) * [1, -1, 1, -1, -1, 1],
         [0.05, 0.20, 0.10, 0.15, 0.10, 0.40],
     )
     check(grade, "0.525 0.70071428571429 0.54642857142857 0.57628205128205 0.65095238095238")

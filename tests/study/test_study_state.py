@@ -1,34 +1,35 @@
-"""Several clocks, benches and people at one study."""
+"""A study in the hands of several clocks, benches and people, and the command that continues it."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.errors import PreconditionError
+from edmctl.app import main
+from edmctl.dataclasses import replace
+from edmctl.errors import PreconditionError, RunFileError, UsageError
 from edmctl.jobs.plan import MachineAddress
 from edmctl.record.json_rows import SUFFIX
-from edmctl.study.folder import open_folder
+from edmctl.study.folder import create_folder, open_folder
+from edmctl.study.on_machine import is_of_next_tool, next_order
+from edmctl.study.planning import plan_study
 from edmctl.study.results import Judgement, RunKind, RunState
-from edmctl.study.rows import MACHINE, bench_of
 from edmctl.study.running import bare_row, refuse_mixture
+from edmctl.study.study_file import read_study
 from edmctl.study.suggestions import next_batch, suggestions
-from edmctl.study.table import what_next
-from tests.study.studies import HEAD, RESPONSES, SMALL, TWO_FACTORS, made
+from edmctl.study.table import way_on, what_next
+from tests.study.studies import HEAD, MACHINE, RANGES, RESPONSES, SMALL, come_to, made, written
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from edmctl.study.folder import StudyFolder
     from edmctl.study.results import PlannedRun
 
-RANGES = TWO_FACTORS.replace("levels = [0.7, 0.8]", "low = 0.7\nhigh = 0.8").replace(
-    "levels = [0.2, 0.4]", "low = 0.2\nhigh = 0.4"
-)
 BY_HAND = (
     HEAD
     + RANGES
@@ -37,22 +38,19 @@ BY_HAND = (
 )
 
 
-def come_to(folder: StudyFolder, runs: list[PlannedRun], time_s: float = 20.0) -> None:
-    """Write the rows of runs that were made."""
-    with folder.writer() as writer:
-        for run in runs:
-            row = bare_row(run, 1, run.seed, datetime.now(UTC))
-            writer.run(replace(row, responses={"machining_time_s": time_s, "wear_ratio_lin": 0.2}))
+def alike(run: PlannedRun) -> dict[str, float | None]:
+    """A law without effects."""
+    return {"machining_time_s": 20.0, "wear_ratio_lin": 0.2}
 
 
-def tell_all(folder: StudyFolder, names: tuple[str, ...] = ("ra_um",)) -> None:
+def tell_all(folder: StudyFolder) -> None:
     """Tell what people measure of every run that was made and lacks it."""
     state = folder.read()
     with folder.writer() as writer:
         for run in state.runs:
             if run.state is RunState.DONE and not run.told:
                 value = 0.2 + float(run.planned.settings["pulse.duty"])
-                writer.told(run, dict.fromkeys(names, value))
+                writer.told(run, {"ra_um": value})
 
 
 def later_by_a_day(folder: StudyFolder) -> None:
@@ -66,7 +64,7 @@ def later_by_a_day(folder: StudyFolder) -> None:
 
 def test_what_is_told_and_judged_last_counts_after_a_clock_was_put_back(tmp_path: Path) -> None:
     folder = made(tmp_path, SMALL)
-    come_to(folder, [run.planned for run in folder.read().runs])
+    come_to(folder, alike)
     tell_all(folder)
     later_by_a_day(folder)
     with folder.writer() as writer:
@@ -77,10 +75,7 @@ def test_what_is_told_and_judged_last_counts_after_a_clock_was_put_back(tmp_path
 
 
 def test_holes_are_in_the_order_in_which_they_were_made_whatever_the_clock_said(tmp_path: Path) -> None:
-    from edmctl.study.on_machine import is_of_next_tool, next_order
-
-    machine = "[machine]\nholes_per_tool = 4\n"
-    folder = made(tmp_path, SMALL.replace('kind = "full"', 'kind = "full"\nreplicates = 2') + machine)
+    folder = made(tmp_path, MACHINE.replace('kind = "full"', 'kind = "full"\nreplicates = 2'))
     runs = [run.planned for run in folder.read().runs]
     now = datetime.now(UTC)
     with folder.writer() as writer:
@@ -98,12 +93,12 @@ def test_holes_are_in_the_order_in_which_they_were_made_whatever_the_clock_said(
 def optimised_once(tmp_path: Path) -> tuple[StudyFolder, list[PlannedRun]]:
     """A study whose design is told, and its first suggestion, made and not told yet."""
     folder = made(tmp_path, BY_HAND)
-    come_to(folder, [run.planned for run in folder.read().runs])
+    come_to(folder, alike)
     tell_all(folder)
     batch = next_batch(folder.read())
     with folder.writer() as writer:
         writer.planned(batch)
-    come_to(folder, batch)
+    come_to(folder, alike)
     return folder, batch
 
 
@@ -120,7 +115,7 @@ def test_an_optimisation_waits_for_what_people_measure(tmp_path: Path) -> None:
 
 def test_a_suggestion_is_not_the_one_that_was_added_and_is_not_made_yet(tmp_path: Path) -> None:
     folder = made(tmp_path, BY_HAND.replace("runs = 9", "runs = 30"))
-    come_to(folder, [run.planned for run in folder.read().runs])
+    come_to(folder, alike)
     tell_all(folder)
     together = [one.settings for one in suggestions(folder.read(), 2)]
     one_by_one = []
@@ -136,13 +131,7 @@ def test_a_suggestion_is_not_the_one_that_was_added_and_is_not_made_yet(tmp_path
 def test_a_rejected_suggestion_is_no_longer_waited_for(tmp_path: Path) -> None:
     folder, batch = optimised_once(tmp_path)
     with folder.writer() as writer:
-        values = {
-            "number": batch[0].number,
-            "attempt": 1,
-            "judgement": str(Judgement.REJECT),
-            "reason": "chip",
-        }
-        writer.append("judged", values)
+        writer.judged(folder.read().run(batch[0].number), Judgement.REJECT, "chip")
     assert [one.kind for one in next_batch(folder.read())] == [RunKind.SUGGESTED]
 
 
@@ -154,8 +143,8 @@ def test_a_bench_is_the_same_file_from_every_folder_and_is_not_replaced(
     bench = tmp_path / "bench.h5"
     bench.touch()
     with folder.writer() as writer:
-        writer.append(MACHINE, {"port": "sim:bench.h5", "bench": bench_of("sim:bench.h5")})
-    come_to(folder, [folder.read().runs[0].planned])
+        writer.on_machine("sim:bench.h5")
+    come_to(folder, alike)
     assert folder.read().rows.port == "sim:bench.h5"
     refuse_mixture(folder.read(), MachineAddress("sim:bench.h5"))
     (tmp_path / "other").mkdir()
@@ -168,3 +157,83 @@ def test_a_bench_is_the_same_file_from_every_folder_and_is_not_replaced(
     with pytest.raises(PreconditionError, match="is gone") as gone:
         refuse_mixture(state, MachineAddress(f"sim:{bench}"))
     assert gone.value.code == "E8214"
+
+
+PORT = "sim:my bench.h5"
+ON = "--port 'sim:my bench.h5'"
+
+
+def begun(folder: Path, numbers: Sequence[int], tool: int = 1) -> StudyFolder:
+    """A study on a machine of which some runs are made."""
+    study = made(folder, MACHINE)
+    with study.writer() as writer:
+        writer.on_machine(PORT)
+        for number in numbers:
+            run = study.read().run(number).planned
+            writer.run(replace(bare_row(run, 1, None, datetime.now(UTC)), tool=tool))
+    return study
+
+
+def test_the_machine_of_a_study_is_named(tmp_path: Path) -> None:
+    study = begun(tmp_path, [1, 2])
+    assert way_on(study.read()) == f"edmctl study resume {study.path} {ON}"
+    assert f"`{way_on(study.read())}`" in " ".join(what_next(study.read()))
+    (study.runs).mkdir()
+    (study.runs / "run0003.journal").touch()  # a hole that was begun
+    assert "--new-tool" not in way_on(study.read())
+
+
+def test_a_tool_that_is_done_is_changed_first(tmp_path: Path) -> None:
+    study = begun(tmp_path, [1, 2, 3, 4])
+    (told,) = [line for line in what_next(study.read(), "optimize") if "to make" in line]
+    assert "with another tool" in told
+    assert f"`edmctl study optimize {study.path} {ON} --new-tool`" in told
+
+
+def test_a_worn_tool_is_changed_until_another_one_was_used(tmp_path: Path) -> None:
+    study = begun(tmp_path, [1, 2])
+    with study.writer() as writer:
+        writer.paused(study.read().run(3), "E8043: worn", 1)
+    assert way_on(study.read()).endswith(" --new-tool")
+    with study.writer() as writer:
+        writer.run(replace(bare_row(study.read().run(3).planned, 1, None, datetime.now(UTC)), tool=2))
+    assert "--new-tool" not in way_on(study.read())
+
+
+def test_the_command_that_was_called_is_named_again(tmp_path: Path) -> None:
+    study = begun(tmp_path, [1])
+    with pytest.raises(UsageError) as refused:
+        refuse_mixture(study.read(), MachineAddress("sim:"), "confirm")
+    assert f"`edmctl study confirm {study.path} {ON}`" in refused.value.hint
+
+
+def test_a_repeated_run_on_a_machine_is_another_hole(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = begun(tmp_path, [1])
+    assert main(["study", "judge", str(study.path), "1", "repeat", "a chip"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"{ON}` makes it again, as another hole" in said
+    assert main(["study", "judge", str(study.path), "2", "repeat", "a chip"]) == 2
+    assert f"`edmctl study resume {study.path} {ON}`" in capsys.readouterr().err
+
+
+def test_nothing_is_added_where_runs_cannot_be_made(tmp_path: Path) -> None:
+    study = begun(tmp_path, [1, 2, 3, 4])
+    assert main(["study", "confirm", str(study.path)]) == 2
+    assert not study.read().rows.added
+
+
+def test_a_folder_says_whether_it_holds_the_same_study(tmp_path: Path) -> None:
+    study = made(tmp_path)
+    same = plan_study(read_study(written(tmp_path)))
+    with pytest.raises(RunFileError, match="this study already") as taken:
+        create_folder(study.path, same)
+    assert f"Go on with it as `edmctl study status {study.path}` says" in taken.value.hint
+    other = plan_study(read_study(written(tmp_path, SMALL.replace("0.7, 0.8", "0.7, 0.82"))))
+    with pytest.raises(RunFileError, match="another study, A small study") as taken:
+        create_folder(study.path, other)
+    assert "resume" not in taken.value.hint
+    (study.path / "study.toml").write_text("changed", encoding="utf-8")
+    with pytest.raises(RunFileError, match="cannot be read"):
+        create_folder(study.path, same)
