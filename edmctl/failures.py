@@ -2047,9 +2047,9 @@ def no_point_with_values(*, names: object) -> PreconditionError:
     )
 
 
-def no_point_known_to_keep(*, str: object) -> PreconditionError:
+def no_point_known_to_keep(*, limits: object) -> PreconditionError:
     return PreconditionError(
-        f"No point is known to keep {str}, or by how much it does not.",
+        f"No point is known to keep {limits}, or by how much it does not.",
         hint="Tell manual responses with `edmctl study tell`, or make the runs.",
         code="E8208",
     )

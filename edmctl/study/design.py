@@ -7,9 +7,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from edmctl import failures
 from edmctl.csv_text import number_of
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import RecordError, UsageError
+from edmctl.errors import RecordError
 from edmctl.files import user_path
 from edmctl.profile.model import ProfileFile
 from edmctl.profile.tables import field_at
@@ -185,11 +186,7 @@ def value_within(factor: FactorInfo, value: object) -> Value:
         allowed = f"a number from {low:g} to {high:g}"
         if not factor.is_number:
             allowed = f"one of {', '.join(map(repr, factor.values))}"
-        raise UsageError(
-            f"{factor.key} = {value!r} is not {allowed}.",
-            hint="The study varies it within that; another study has other bounds.",
-            code="E2110",
-        )
+        raise failures.setting_out_of_range(key=factor.key, value=value, allowed=allowed)
     assert isinstance(plain, bool | int | float | str)
     return plain
 

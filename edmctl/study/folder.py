@@ -21,6 +21,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, PreconditionError, ProfileError, RunFileError, UsageError
 from edmctl.files import json_of, open_descriptor, read_bytes, user_path
@@ -327,14 +328,8 @@ class StudyFolder:
                         time.sleep(LOOKS_EVERY_S)
                         continue
                 except OSError as refused:
-                    raise RunFileError(
-                        f"Cannot lock {path}: {refused.strerror}.", hint="Check the folder.", code="E9110"
-                    ) from refused
-                raise PreconditionError(
-                    f"Another command is running the study in {self.path}.",
-                    hint=f"Wait for it, or stop it; `{self.command('status')}` prints its progress.",
-                    code="E8201",
-                )
+                    raise failures.study_folder_not_locked(path=path, reason=refused.strerror) from refused
+                raise failures.study_is_running(path=self.path, command=self.command("status"))
             yield
 
 
@@ -370,10 +365,8 @@ class StudyState:
         """Return a run by its number. Raises UsageError E2104 where there is none."""
         found = next((run for run in self.runs if run.planned.number == number), None)
         if found is None:
-            raise UsageError(
-                f"The study has no run {number}.",
-                hint=f"Its runs are 1 to {len(self.runs)}; `{self.folder.command('status')}` lists them.",
-                code="E2104",
+            raise failures.study_run_unknown(
+                number=number, runs_count=len(self.runs), command=self.folder.command("status")
             )
         return found
 
@@ -406,29 +399,20 @@ def create_folder(path: Path, planned: PlannedStudy) -> StudyFolder:
 def _taken(path: Path, planned: PlannedStudy) -> RunFileError:
     """Return the error of a folder that contains something: this study, another one, or no study at all."""
     if not (path / PLAN).exists():
-        return RunFileError(f"{path} is not empty.", hint="Choose another folder with --out.", code="E9101")
+        return failures.study_folder_not_empty(path=path)
     try:
         there = open_folder(path)
     except EdmError as error:
-        return RunFileError(
-            f"{path} has a study already, and it cannot be read: {error.message}",
-            hint="Choose another folder with --out.",
-            code="E9101",
-        )
+        return failures.folder_has_unreadable_study(path=path, message=error.message)
     has_same_file = there.source.text == planned.source.text
     if has_same_file and (there.plan, there.changes) == (planned.plan, planned.changes):
-        hint = f"Go on with it as `{there.command('status')}` says, or choose another folder with --out."
-        return RunFileError(f"{path} has this study already.", hint=hint, code="E9101")
+        return failures.folder_has_this_study(path=path, command=there.command("status"))
     what = f"another study, {there.plan.name}"
     if has_same_file:
         what = "a study of the same file with another plan: its profile or setup was changed since"
     if there.changes != planned.changes:
         what = f"a study with {' '.join(there.changes) or 'nothing changed'}"
-    return RunFileError(
-        f"{path} has {what}.",
-        hint=f"Choose another folder with --out; `{there.command('status')}` shows what is there.",
-        code="E9101",
-    )
+    return failures.folder_has_another_study(path=path, what=what, command=there.command("status"))
 
 
 def _files(planned: PlannedStudy) -> dict[str, bytes]:
@@ -480,11 +464,7 @@ def open_folder(path: Path) -> StudyFolder:
     try:
         content = read_bytes(path / PLAN, PLAN_BYTES)
     except OSError as refused:
-        raise UsageError(
-            f"{path} has no study: {PLAN}: {refused.strerror}.",
-            hint="Name the folder that `edmctl study run FILE --out DIR` has made.",
-            code="E2101",
-        ) from refused
+        raise failures.folder_without_study(path=path, plan=PLAN, reason=refused.strerror) from refused
     try:
         document = json_of(content)
         study = document["study"]
@@ -498,11 +478,7 @@ def open_folder(path: Path) -> StudyFolder:
         return _folder_of(path, body)
     except (ValueError, ProfileError, UsageError) as refused:
         made_by = study.get("edmctl") if isinstance(study, dict) else None
-        raise PreconditionError(
-            f"{path / PLAN} is not a plan of this version of edmctl.",
-            hint=f"Open the folder with the version that made it ({made_by}), or plan the study into a new folder.",
-            code="E8202",
-        ) from refused
+        raise failures.plan_of_another_version(path=path / PLAN, made_by=made_by) from refused
 
 
 def _folder_of(path: Path, body: bytes) -> StudyFolder:
@@ -534,17 +510,11 @@ def _folder_of(path: Path, body: bytes) -> StudyFolder:
 
 
 def _changed(path: Path, name: str) -> PreconditionError:
-    return PreconditionError(
-        f"{path / name} is not what it was when the study began.",
-        hint="Put it back as it was; a changed study is a new one, in another folder.",
-        code="E8202",
-    )
+    return failures.study_file_changed(path=path / name)
 
 
 def version_warning(folder: StudyFolder) -> list[Diagnostic]:
     """Return a warning where another version began the study."""
     if folder.version == __version__:
         return []
-    message = f"The study began with edmctl {folder.version}; this is {__version__}."
-    hint = "Compare runs of both versions with care, or go on with the version that began it."
-    return [Diagnostic("W8203", message, hint, is_warning=True)]
+    return [failures.study_of_another_version(version=folder.version, version__=__version__)]

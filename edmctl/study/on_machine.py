@@ -13,6 +13,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
+from edmctl import failures
 from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import (
     Diagnostic,
@@ -80,21 +81,14 @@ def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesOb
 
 def without_machine() -> UsageError:
     """Return the error of a study that was not planned for a machine that lasts."""
-    return UsageError(
-        "The study says nothing of a machine.",
-        hint="Add [machine] to the study file (holes_per_tool, the grid of places), and plan it anew; without it "
-        "every run has a virtual machine of its own.",
-        code="E2103",
-    )
+    return failures.study_without_machine()
 
 
 def without_port(folder: StudyFolder) -> list[Diagnostic]:
     """Return a warning where a study that says a machine is made on virtual ones."""
     if folder.source.file.machine is None:
         return []
-    message = "The study has a [machine], and no port is named: its runs are made on virtual machines."
-    hint = "Name the machine with --port; runs of both are never mixed."
-    return [Diagnostic("W8215", message, hint, is_warning=True)]
+    return [failures.study_on_virtual_machines()]
 
 
 class _Series:
@@ -127,23 +121,14 @@ class _Series:
             self._keep(run, replace(bare, tool=self._tool_of_begun(run)), *left, None)
             return
         if left is not None and self._new_tool:
-            raise UsageError(
-                f"Run {run.planned.number} was interrupted; another tool cannot go on with its hole.",
-                hint=f"Leave --new-tool out; or give the hole up: `{self._giving_up(run)}`, and make it anew with "
-                "--new-tool.",
-                code="E2108",
-            )
+            raise failures.new_tool_in_interrupted_hole(number=run.planned.number, run=self._giving_up(run))
         tool = self._look_at_tool(run) if left is None else self._tool_of_begun(run)
         if left is None and (opening := self._opening_run(run, tool)) is not None:
             self._make(opening)
             return
         begun = left if left is not None else self._fresh(run, name)
         if left is None and self._wants_approval(run) and not self._options.approve(run, begun.plan):
-            raise PreconditionError(
-                f"Run {run.planned.number} is not approved.",
-                hint=f"Approve it and go on: `{self._command()} --yes`.",
-                code="E8205",
-            )
+            raise failures.run_not_approved(number=run.planned.number, value=self._command())
         from edmctl.jobs.job import carry_out
 
         what = "resuming" if left is not None else "making"
@@ -201,11 +186,7 @@ class _Series:
         for x_um, y_um in grid_of(self._machine):
             if all(math.hypot(x_um - x, y_um - y) >= radius_um + own + WALL_UM / 2 for x, y, own in taken):
                 return x_um, y_um
-        raise PreconditionError(
-            "No place of the study's grid is free any more.",
-            hint="A study on new work is another one, in another folder; give its grid more columns or rows.",
-            code="E8207",
-        )
+        raise failures.grid_full()
 
     def _tool_of_begun(self, run: StudyRun) -> int:
         """Return the number of the tool that began a hole: that of the row before, or the one changed for it."""
@@ -233,10 +214,8 @@ class _Series:
         if is_of_next_tool(state, run):
             holes = sum(row.tool == tool for row in made)
             self._writer.paused(run, f"tool {tool} is done")
-            raise PreconditionError(
-                f"Tool {tool} has made its {plural(holes, 'hole')}; run {run.planned.number} is of the next one.",
-                hint=f"Change or dress it, and go on with `{self._command()} --new-tool`.",
-                code="E8204",
+            raise failures.tool_change_due(
+                tool=tool, holes=plural(holes, "hole"), number=run.planned.number, value=self._command()
             )
         return tool
 

@@ -10,8 +10,8 @@ from numbers import Real
 from operator import index
 from typing import TYPE_CHECKING, Any, Self, SupportsIndex
 
+from edmctl import failures
 from edmctl.dataclasses import replace
-from edmctl.errors import UsageError
 from edmctl.files import user_path
 from edmctl.jobs.job import Report
 from edmctl.jobs.parallel import pool_of, process_pool, silent_program
@@ -85,7 +85,7 @@ class Study:
     def start(self, out: str | PathLike[str]) -> Self:
         """Make the folder of the study. Raises RunFileError E9101 where one is there."""
         if self._planned is None:
-            raise UsageError(f"{self!r} has its folder already.", hint="Load the study file.", code="E2109")
+            raise failures.study_has_folder(value=self)
         self._folder = create_folder(user_path(out), self._planned)
         return self
 
@@ -118,7 +118,7 @@ class Study:
         Raises UsageError if `count` is below 1, PreconditionError E8209 to E8211 if nothing can be suggested.
         """
         if count < 1:
-            raise UsageError(f"{count} runs cannot be asked for.", hint="Ask for 1 or more.")
+            raise failures.run_count_too_small(count=count)
         left = [run.planned for run in self._state().runs if run.state is RunState.OPEN][:count]
         return left or self._added(lambda state: suggestions(state, count))
 
@@ -137,9 +137,7 @@ class Study:
         factors = folder.plan.factors
         keys = [factor.key for factor in factors]
         if sorted(settings) != sorted(keys):
-            raise UsageError(
-                f"Settings have a value of each of {', '.join(keys)}.", hint="Leave others out.", code="E2110"
-            )
+            raise failures.settings_incomplete(keys=", ".join(keys))
         own = {factor.key: value_within(factor, settings[factor.key]) for factor in factors}
         check(request_of(folder.base, own))
         return self._added(lambda state: suggested_runs(state, [own]))[-1]
@@ -182,11 +180,7 @@ class Study:
         folder = self._started()
         found = self._state().run(run.number if isinstance(run, PlannedRun) else index(run))
         if isinstance(run, PlannedRun) and run.settings != found.planned.settings:
-            raise UsageError(
-                f"Run {run.number} of the study has other settings.",
-                hint="It is of another study, or of a folder that was planned anew.",
-                code="E2104",
-            )
+            raise failures.run_has_other_settings(number=run.number)
         row = bare_row(found.planned, found.attempts + 1, None, datetime.now(UTC))
         if isinstance(result, Report):
             plan = check(request_of(folder.base, found.planned.settings))
@@ -219,9 +213,7 @@ class Study:
         """
         found = {one.name: one for one in analysis_of(self._state()).responses}
         if response not in found:
-            raise UsageError(
-                f"The study has no response {response}.", hint=f"There are {', '.join(found)}.", code="E2105"
-            )
+            raise failures.response_unknown(response=response, found=", ".join(found))
         return found[response]
 
     def recommend(self) -> Recommendation:
@@ -237,7 +229,7 @@ class Study:
 
     def _started(self) -> StudyFolder:
         if self._folder is None:
-            raise UsageError(f"{self!r} has no folder yet.", hint='Make it with .start("out").', code="E2109")
+            raise failures.study_without_folder(value=self)
         return self._folder
 
     def _state(self) -> StudyState:
@@ -253,24 +245,16 @@ class Study:
                     number = float(value)
             is_possible = abs(number) <= responses.LARGEST and low <= number <= high
             if (name not in asked and name not in responses.KNOWN) or not is_possible:
-                raise UsageError(
-                    f"{name} = {value!r} is no value of a response of the study.",
-                    hint=f"Give a possible number alone. Responses: {', '.join(sorted(asked))}.",
-                    code="E2105",
-                )
+                raise failures.response_value_wrong(name=name, value=value, asked=", ".join(sorted(asked)))
             values[name] = number
             if name in asked:
                 refuse_untellable(asked[name], values[name])
         if not values:
-            raise UsageError("Nothing is told.", hint=f"Responses: {', '.join(sorted(asked))}.", code="E2105")
+            raise failures.no_response_given(asked=", ".join(sorted(asked)))
         return values
 
     def _refuse_measured(self, row: RunRow, values: Mapping[str, float]) -> None:
         manual = {one.name for one in self.plan().responses if one.is_manual}
         for name in values:
             if name not in manual and row.bases.get(name) != "told":
-                raise UsageError(
-                    f"Run {row.number} has measured {name} itself.",
-                    hint="Tell manual responses; or judge the run, and make it again.",
-                    code="E2105",
-                )
+                raise failures.response_measured_by_run(number=row.number, name=name)

@@ -10,8 +10,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from edmctl import failures
 from edmctl.dataclasses import replace
-from edmctl.errors import PreconditionError, ProfileError, UsageError
+from edmctl.errors import PreconditionError, ProfileError
 from edmctl.jobs.plan import check
 from edmctl.jobs.surroundings import NONE, Surroundings
 from edmctl.study.analysis import (
@@ -108,12 +109,7 @@ def refuse_without_room(state: StudyState, count: int) -> None:
     left = sum(run.state is RunState.OPEN for run in state.runs)
     free = len(grid_of(machine)) - taken - left
     if free < count:
-        raise PreconditionError(
-            f"The study's grid has {plural(max(0, free), 'place')} left beside those of the runs to make, and "
-            f"{plural(count, 'more run')} need one each.",
-            hint="Add fewer runs; a study on new work is another one, in another folder.",
-            code="E8207",
-        )
+        raise failures.grid_too_small(places=plural(max(0, free), "place"), runs=plural(count, "more run"))
 
 
 def suggested_runs(state: StudyState, settings: Sequence[Mapping[str, Value]]) -> list[PlannedRun]:
@@ -181,11 +177,7 @@ def _renumbered(numbers: Iterable[int], first: int) -> dict[int, int]:
 
 def _other_level(factor: FactorInfo, run: PlannedRun, levels: set[Value]) -> Value:
     if len(levels) != 2:
-        raise UsageError(
-            f"A fold-over exchanges two levels of every factor; the design has {len(levels)} of {factor.name}.",
-            hint="Add a replicate instead: leave out --fold-over.",
-            code="E2114",
-        )
+        raise failures.fold_over_needs_two_levels(levels_count=len(levels), factor=factor.name)
     return next(level for level in levels if level != run.settings[factor.key])
 
 
@@ -255,11 +247,7 @@ def best_of_points(state: StudyState) -> Recommendation:
     names = [name for name, _ in plan.objectives] or ranked_by(plan)[:1]
     candidates = [one for one in analysis.choices if all(one.means.get(name) is not None for name in names)]
     if not candidates or not names:
-        raise PreconditionError(
-            f"No point has a value of {', '.join(names)}.",
-            hint="Tell manual responses with `edmctl study tell`, or make the runs.",
-            code="E8208",
-        )
+        raise failures.no_point_with_values(names=", ".join(names))
     candidates = [one for one in candidates if settings_key(one.settings) not in refuted]
     if not candidates:
         raise nothing_left(state, "recommend")
@@ -278,11 +266,7 @@ def _best_of(plan: StudyPlan, candidates: Sequence[Choice], names: Sequence[str]
     if not feasible:
         best = min(candidates, key=lambda one: violation(plan, one))
         if not math.isfinite(violation(plan, best)):
-            raise PreconditionError(
-                f"No point is known to keep {limits}, or by how much it does not.",
-                hint="Tell manual responses with `edmctl study tell`, or make the runs.",
-                code="E8208",
-            )
+            raise failures.no_point_known_to_keep(limits=limits)
         return best, "No point that was run is known to keep every constraint; this one comes nearest."
     kept = f" and are known to keep {limits}" if limits else ""
     if len(names) > 1:
@@ -324,7 +308,7 @@ def nothing_left(state: StudyState, what: str) -> PreconditionError:
             f"`{state.folder.command('suggest')}` looks for settings that were not run; without any, "
             f"{hint[0].lower()}{hint[1:]}"
         )
-    return PreconditionError(f"Nothing is left to {what}.{refuted_words(state)}", hint=hint, code="E8217")
+    return failures.nothing_left_to_suggest(what=what, state=refuted_words(state), remedy=hint)
 
 
 def recommendation(
@@ -358,11 +342,11 @@ def next_batch(state: StudyState, surroundings: Surroundings = NONE) -> list[Pla
     if waiting := [run for run in _untold(state) if run.planned.kind is RunKind.SUGGESTED]:
         number = waiting[0].planned.number
         names = [name for name in _by_hand(state) if waiting[0].value(name) is None]
-        raise PreconditionError(
-            f"Run {number} was suggested and waits for {', '.join(names)}: nothing follows from it before.",
-            hint=f"Measure it: `{state.folder.command('tell', str(number), f'{names[0]}=VALUE')}`, then go on with "
-            f"`{state.making_command('optimize')}`.",
-            code="E8216",
+        raise failures.suggested_run_not_measured(
+            number=number,
+            names=", ".join(names),
+            command=state.folder.command("tell", str(number), f"{names[0]}=VALUE"),
+            making_command=state.making_command("optimize"),
         )
     left = min(optimize.batch, optimize.runs - counted(state))
     return suggestions(state, left, surroundings) if left > 0 else []
@@ -398,11 +382,7 @@ def suggestions(state: StudyState, count: int, surroundings: Surroundings = NONE
         settings = [one for one in settings if one not in refused]
         if not settings:
             break
-    raise PreconditionError(
-        "The rules of recipes refuse whatever is suggested.",
-        hint="Narrow the factors: `edmctl study plan` tells which settings are refused.",
-        code="E8211",
-    )
+    raise failures.suggestions_all_refused()
 
 
 def recommended(state: StudyState, surroundings: Surroundings = NONE) -> Recommendation:
@@ -448,11 +428,7 @@ def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[li
     """The runs, the objective to be minimised, and each constraint's values with the limit they shall not exceed."""
     plan = state.plan
     if not plan.objectives:
-        raise PreconditionError(
-            "The study has no objective.",
-            hint="Add [[objectives]] with a response to the study file, and plan it anew.",
-            code="E8209",
-        )
+        raise failures.study_without_objective()
     # Confirmation runs that broke a constraint confirm nothing any more, and count as others do.
     broken = broken_limits(state)
     disproving = [run for key, runs in confirmed_settings(state).items() if key in broken for run in runs]
@@ -465,12 +441,12 @@ def _data(state: StudyState) -> tuple[list[StudyRun], list[float], list[tuple[li
     objective = _objective(plan, runs)
     known = sum(math.isfinite(value) for value in objective)
     if known < LEAST_RUNS:
-        raise PreconditionError(
-            f"{plural(known, 'run')} of {LEAST_RUNS} that a suggestion needs have a value of every objective.",
-            hint=f"Make the design's runs first: `{state.making_command('resume')}`."
+        raise failures.too_few_runs_to_suggest(
+            runs=plural(known, "run"),
+            least_runs=LEAST_RUNS,
+            remedy=f"Make the design's runs first: `{state.making_command('resume')}`."
             if any(run.state is RunState.OPEN for run in state.runs)
             else f"Tell responses that are measured by hand: `{state.folder.command('tell')} RUN NAME=VALUE`.",
-            code="E8210",
         )
     constraints = []
     for bound in plan.constraints:

@@ -8,10 +8,11 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
+from edmctl import failures
 from edmctl.csv_text import number_of, table_text
 from edmctl.errors import RecordError, UsageError
-from edmctl.record.rows import unit_of as unit_in_name
 from edmctl.record.delimited import read_table
+from edmctl.record.rows import unit_of as unit_in_name
 from edmctl.study.folder import StudyState
 from edmctl.study.on_machine import wants_new_tool
 from edmctl.study.responses import KNOWN, LARGEST, RESPONSES, TRUTHS, unit_of
@@ -142,10 +143,10 @@ def told_values(state: StudyState, texts: Sequence[str]) -> dict[str, float | No
         name, equals, value = text.partition("=")
         if not equals:
             example = next(iter(manual), "ra_um")
-            raise UsageError(f"{text} is no NAME=VALUE.", hint=f"Say e.g. {example}=0.31.", code="E2105")
+            raise failures.response_unreadable(text=text, example=example)
         name = name.strip()
         if name in found:
-            raise UsageError(f"{name} is told twice.", hint="Say it once.", code="E2105")
+            raise failures.response_given_twice(name=name)
         found[name] = _value(name, value.strip(), manual)
     return found
 
@@ -159,20 +160,19 @@ def _value(name: str, text: str, manual: Mapping[str, Response]) -> float | None
         hint = (
             f"It is told {', '.join(manual)}." if manual else 'None of its responses has source = "manual".'
         )
-        raise UsageError(f"The study asks nobody for {name}.", hint=hint, code="E2105")
+        raise failures.response_not_manual(name=name, remedy=hint)
     if text == WITHDRAWN:
         return None
     withdraws = f"{name}={WITHDRAWN} withdraws what was told"
     if not text:
-        hint = f"Say e.g. {name}=0.31; {withdraws}."
-        raise UsageError(f"{name} has no value.", hint=hint, code="E2105")
+        raise failures.response_value_missing(name=name, withdraws=withdraws)
     value = number_of(text)
     if value is None:
         unit = f", in {manual[name].unit}" if manual[name].unit else ""
         hint = f"Give the number alone{unit}; {withdraws}."
         if number_of(text, decimal_commas=True) is not None:
             hint = "Write a decimal point."
-        raise UsageError(f"{name}={text}: that is no number.", hint=hint, code="E2105")
+        raise failures.response_not_a_number(name=name, text=text, remedy=hint)
     refuse_untellable(manual[name], value)
     return value
 
@@ -181,20 +181,12 @@ def refuse_untellable(response: Response, value: float) -> None:
     """Raise UsageError E2105 where a value is no number, or lies beyond what a response can be told."""
     name, unit = response.name, f" {response.unit}" if response.unit else ""
     if not abs(value) <= LARGEST:
-        raise UsageError(
-            f"{name}={value}: that is no measured value.",
-            hint="Leave out what is not measured: a run without it is not in its tables.",
-            code="E2105",
-        )
+        raise failures.response_not_measured(name=name, value=value)
     low, high = response.low, response.high
     if (low is not None and value < low) or (high is not None and value > high):
         bounds = [f"at least {low:g}"] if low is not None else []
         bounds += [f"at most {high:g}"] if high is not None else []
-        raise UsageError(
-            f"{name} = {value:g}{unit} is not possible: the study says {' and '.join(bounds)}{unit}.",
-            hint="Look at the sign, the decimal point and the unit.",
-            code="E2105",
-        )
+        raise failures.response_out_of_bounds(name=name, value=value, unit=unit, bounds=" and ".join(bounds))
 
 
 def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | None]]:
@@ -216,7 +208,7 @@ def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | Non
             raise table.without(missing, f"{named}; {writes}.")
         rows = list(table.rows())
     except RecordError as error:
-        raise UsageError(error.message, hint=error.hint, code="E2106") from None
+        raise failures.import_unreadable(problem=error.message, remedy=error.hint) from None
     found: dict[int, dict[str, float | None]] = {}
     for line, row in rows:
         values = {one: row[one] for one in there if row[one]}
@@ -225,8 +217,7 @@ def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | Non
         try:
             number = number_of(row["run"])
             if number is None or not number.is_integer():  # programs write a column of whole numbers as 1.0
-                message = f"{row['run']!r} is no number of a run."
-                raise UsageError(message, hint="Correct it.", code="E2104")
+                raise failures.run_number_unreadable(text=row["run"])
             told = {one: _value(one, value, manual) for one, value in values.items()}
             _refuse_other_attempt(made_run(state, int(number)), row.get("attempt", ""))
         except UsageError as error:
@@ -234,42 +225,26 @@ def told_table(state: StudyState, path: Path) -> dict[int, dict[str, float | Non
                 f"{name}, line {line}: {error.message}", hint=error.hint, code=error.code
             ) from None
         if number in found:
-            raise UsageError(
-                f"{name}, line {line}: run {int(number)} stands in the table twice.",
-                hint="Keep one.",
-                code="E2106",
-            )
+            raise failures.import_run_twice(name=name, line=line, number=int(number))
         found[int(number)] = told
     if not found:
-        raise UsageError(
-            f"{name} tells nothing: no row has a value of {' or '.join(there)}.",
-            hint="Fill it in, and save it as CSV again.",
-            code="E2106",
-        )
+        raise failures.import_without_values(name=name, there=" or ".join(there))
     return found
 
 
 def _refuse_other_attempt(run: StudyRun, text: str) -> None:
     """Refuse a measurement of an attempt that has been repeated since: on a machine that is another hole."""
     if text and number_of(text) is None:
-        raise UsageError(f"{text!r} is no number of an attempt.", hint="Correct it.", code="E2107")
+        raise failures.attempt_unreadable(text=text)
     if text and number_of(text) != run.attempts:
-        raise UsageError(
-            f"The last attempt at run {run.planned.number} is {run.attempts}, and this is of {text}.",
-            hint="Measure the last attempt, and write its number there; or leave the cell empty.",
-            code="E2107",
-        )
+        raise failures.attempt_not_the_last(number=run.planned.number, attempts=run.attempts, text=text)
 
 
 def made_run(state: StudyState, number: int) -> StudyRun:
     """Return a run that something can be told of. Raises UsageError E2104 for none, E2107 for one not made yet."""
     run = state.run(number)
     if run.row is None:
-        raise UsageError(
-            f"Run {number} is not made yet: nothing of it can be measured.",
-            hint=f"Check the number with `{state.folder.command('status')}`.",
-            code="E2107",
-        )
+        raise failures.measured_run_not_made(number=number, command=state.folder.command("status"))
     return run
 
 

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
+from edmctl import failures
 from edmctl.cli.options import NOTES, command, command_group
 from edmctl.cli.outcome import Outcome, stream_style, watching
 from edmctl.cli.render.layout import render_columns
 from edmctl.cli.signals import shell
 from edmctl.dataclasses import asdict, replace
-from edmctl.errors import UsageError
 from edmctl.profile.folders import shipped_studies
 from edmctl.study.commands import execute
 from edmctl.study.commands.execute import (
@@ -238,7 +238,7 @@ def judge(
 
     study = opened(folder)
     if not reason.strip():
-        raise UsageError("The reason is empty.", hint='Say why, e.g. "chip under the tool".', code="E2107")
+        raise failures.judgement_without_reason()
     found = study.read().run(run)
     if found.row is None and judgement is Judgement.REPEAT and is_begun(study, found):
         with study.claimed(), study.writer() as writer:  # nobody is making it
@@ -247,11 +247,7 @@ def judge(
             writer.run(replace(lost, order=next_order(study.read())))
         found = study.read().run(run)
     if found.row is None and judgement is not Judgement.REJECT:
-        raise UsageError(
-            f"Run {run} is not made yet.",
-            hint=f"Make it with `{way_on(study.read())}`, then judge it; one that shall not be made is rejected.",
-            code="E2107",
-        )
+        raise failures.judged_run_not_made(run=run, study=way_on(study.read()))
     with study.writer() as writer:
         writer.judged(found, judgement, reason)
     outcome.result = {"run": run, "attempt": found.attempts, "judgement": str(judgement), "reason": reason}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
+from edmctl import failures
 from edmctl.cli import completion
 from edmctl.cli.options import (
     PROGRESS,
@@ -24,7 +25,6 @@ from edmctl.cli.render.layout import USUAL_COLUMNS, wrapped
 from edmctl.cli.render.progress import Reporter
 from edmctl.cli.signals import begin_worker, shell
 from edmctl.dataclasses import dataclass, replace
-from edmctl.errors import ObjectiveNotReached, UsageError
 from edmctl.profile.folders import find_profile, find_study
 from edmctl.study.results import PlannedRun, RunKind, RunState, StudyRun
 from edmctl.wording import plural, settings_words
@@ -97,25 +97,15 @@ class Making:
         """Refuse options that do not go together, before anything is made. Raises UsageError E2103, E2108."""
         if self.where(setup).lasting:
             if self.workers is not None or self.dask is not None:
-                raise UsageError(
-                    "One machine makes one run at a time: --workers and --dask are for virtual ones.",
-                    hint="Leave them out.",
-                    code="E2108",
-                )
+                raise failures.workers_on_one_machine()
             if not has_machine:
                 from edmctl.study.on_machine import without_machine
 
                 raise without_machine()
         elif self.new_tool or self.homed:
-            raise UsageError(
-                "--new-tool and --homed are about a machine that lasts, and none is named.",
-                hint="Say --port, or leave them out.",
-                code="E2108",
-            )
+            raise failures.machine_options_without_machine()
         if self.dask is not None and self.workers is not None:
-            raise UsageError(
-                "--dask has the workers of its cluster.", hint="Leave --workers or --dask out.", code="E2108"
-            )
+            raise failures.workers_with_dask()
 
     def where(self, setup: Path | None) -> "MachineAddress":
         """Return the machine that is named; a fresh virtual one where none is."""
@@ -318,10 +308,11 @@ def _raise_failed(study: "StudyFolder", kind: "RunKind | None" = None) -> None:
     if failed:
         first = failed[0]
         assert first.row is not None
-        raise ObjectiveNotReached(
-            f"{plural(len(failed), 'run')} failed; the first, run {first.planned.number}: {first.row.error}",
-            hint=f"Judge each: `{study.command('judge')} RUN accept|reject|repeat REASON`.",
-            code="E7910",
+        raise failures.study_runs_failed(
+            runs=plural(len(failed), "run"),
+            number=first.planned.number,
+            error=first.row.error,
+            command=study.command("judge"),
         )
 
 
@@ -448,10 +439,7 @@ def confirm(outcome: Outcome, folder: FolderArgument, making: Making, runs: Conf
     outcome.text += "".join(f"\n{line}" for line in not_yet_known(after, numbers))
     broken = dict.fromkeys(str(limit.constraint) for one in mine for limit in one.limits if not limit.is_kept)
     if broken:
-        raise ObjectiveNotReached(
-            f"The recommended settings do not keep {', '.join(broken)}: the mean of the confirmation runs does not.",
-            hint=f"The report says so too. Make more runs (`{study.command('suggest', '--add')}`, then "
-            "`resume`), or ask a new study for a stricter limit.",
-            code="E7911",
+        raise failures.recommendation_breaks_limits(
+            broken=", ".join(broken), command=study.command("suggest", "--add")
         )
     _raise_failed(study, RunKind.CONFIRMATION)

@@ -8,8 +8,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from edmctl import failures
 from edmctl.dataclasses import asdict, dataclass
-from edmctl.errors import EdmError, PreconditionError
+from edmctl.errors import EdmError
 from edmctl.jobs import output_files
 from edmctl.jobs.run_header import plain_name
 from edmctl.jobs.surroundings import NONE, Surroundings
@@ -117,11 +118,7 @@ def write_profiles(state: StudyState, folder: Path, *, overwrite: bool = False) 
     analysis = analysis_of(state)
     front = [one for one in analysis.choices if one.is_pareto]
     if not front:
-        raise PreconditionError(
-            "No point has a value of every objective and keeps the constraints.",
-            hint="Make more runs, or tell manual responses.",
-            code="E8208",
-        )
+        raise failures.no_point_keeps_constraints()
     chosen = sorted(front, key=lambda one: -(one.grey_grade if one.grey_grade is not None else -math.inf))
     stem, name = file_stem(state.plan.name), state.plan.name
     files = [

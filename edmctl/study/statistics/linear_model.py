@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from edmctl import failures
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass, field
-from edmctl.errors import PreconditionError, installing
+from edmctl.errors import installing
 
 Term = tuple[tuple[str, int], ...]
 """Factors with their powers; without any it is the mean. A category has the power 1."""
@@ -159,11 +160,7 @@ def fit(model: ModelMatrix, response: ArrayLike) -> Fit:
     try:
         from statsmodels.regression.linear_model import OLS  # a second, and an optional extra
     except ImportError:
-        raise PreconditionError(
-            "The analysis of a study needs statsmodels.",
-            hint=f"Install it with {installing('edmctl[study]')}.",
-            code="E8219",
-        ) from None
+        raise failures.statsmodels_missing(install=installing("edmctl[study]")) from None
     if np.linalg.matrix_rank(model.columns) < model.columns.shape[1]:
         raise ValueError(f"These runs do not determine {', '.join(map(term_name, undetermined(model)))}.")
     return Fit(model, OLS(np.asarray(response, float), model.columns).fit())
