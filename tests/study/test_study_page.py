@@ -290,44 +290,36 @@ def test_means_noise_coefficients_and_fit(page: Page) -> None:
     assert one.left_out == 9
 
 
-def test_measured_stands_beside_true(page: Page) -> None:
-    one = levels().one("wear_um")
-    assert one.anova is not None
-    cells = page.cells("Measured and true", DUTY)
-    assert cells["F, measured"] == cells["F, true"] == significant(one.anova.rows[2].f, 4)
-
-
-def test_nothing_left_for_the_error_gives_no_f_and_says_so(page: Page) -> None:
+def test_what_the_runs_do_not_determine_has_its_reason(page: Page) -> None:
+    text = " ".join(page.text)
     one = levels().one("bare")
     assert one.anova is not None
+    assert one.pooled is not None
     assert one.anova.error.dof == 0
     cells = page.cells("Analysis of variance of bare, nothing pooled", DUTY)
     assert (cells["F"], cells["p"]) == ("–", "–")
-    text = " ".join(page.text)
-    assert "No F: no degrees of freedom are left to estimate the error." in text
-    assert "none of this is shown to be more than chance" in text
-    assert "13 of 18 runs have no value" in text
-
-
-def test_a_pooled_table_names_what_it_pools(page: Page) -> None:
-    one = levels().one("bare")
-    assert one.pooled is not None
     (row,) = one.pooled.rows
     caption = f"Analysis of variance of bare, pooled: {one.pooled.pooled[0]} counted as error"
     assert page.cells(caption, row.name)["F"] == significant(row.f, 4)
-    assert "the error has enough degrees of freedom" in " ".join(page.text)
+    for words in (
+        "No F: no degrees of freedom are left to estimate the error.",
+        "none of this is shown to be more than chance",
+        "13 of 18 runs have no value",
+        "the error has enough degrees of freedom",
+        "flat: not analysed; all runs have the same value.",
+    ):
+        assert words in text
 
 
-def test_a_constant_response_is_told_of(page: Page) -> None:
-    assert "flat: not analysed; all runs have the same value." in " ".join(page.text)
-
-
-def test_the_result_in_brief_says_what_acts(page: Page) -> None:
-    one = levels().one("time_s")
+def test_the_result_in_brief_says_what_acts_and_true_values_stand_beside(page: Page) -> None:
+    one, wear = levels().one("time_s"), levels().one("wear_um")
     assert one.anova is not None
+    assert wear.anova is not None
     row = one.anova.rows[1]
     share = f"{row.contribution_pct:.1f}\u00a0%"
     assert f"reference ({share}, {p_words(row.p)}, best mean at 0.7)" in " ".join(page.text)
+    cells = page.cells("Measured and true", DUTY)
+    assert cells["F, measured"] == cells["F, true"] == significant(wear.anova.rows[2].f, 4)
 
 
 def test_names_are_text_and_the_page_needs_nothing_but_itself() -> None:
@@ -354,9 +346,8 @@ def test_what_the_study_cannot_know_comes_first(page: Page) -> None:
 
 def test_recommendation_and_confirmation() -> None:
     settings = {"servo.reference": 0.7, "pulse.duty": 0.4}
-    recommendation = Recommendation(
-        settings, {"time_s": 4.5}, {"time_s": 4.0}, {"time_s": 5.0}, is_feasible=False, basis="the models"
-    )
+    interval = {"time_s": 4.5}, {"time_s": 4.0}, {"time_s": 5.0}
+    recommendation = Recommendation(settings, *interval, is_feasible=False, basis="the models")
     held = ConfirmedResponse("time_s", 4.5, 4.0, 5.0, (4.4, 4.6))
     missed = ConfirmedResponse("wear_um", 6.0, 5.5, 6.5, (6.6, 6.4))
     for responses, words in (
@@ -436,6 +427,12 @@ def test_every_figure_draws_quietly(name: str) -> None:
     assert 25.4 * picture.figure.get_figwidth() == pytest.approx(85.0)
 
 
+def test_sobol_indices_have_a_section() -> None:
+    shares = np.full(2, 0.4)
+    text = levels().page(indices={"time_s": SobolIndices(shares, shares, shares / 10, shares / 10)})
+    assert "Sobol indices of time_s" in text
+
+
 def test_figures_without_data_say_why() -> None:
     small = levels()
     info = RESPONSES[3]
@@ -472,10 +469,3 @@ def test_figures_of_the_page_are_numbered_through() -> None:
     found = re.findall(r"<b>Fig\. (\d+): ", text)
     assert found == [str(n + 1) for n in range(len(found))]
     assert "Not drawn" in text
-
-
-def test_sobol_indices_have_a_section() -> None:
-    plan = levels().plan
-    shares = np.full(len(plan.factors), 0.4)
-    text = levels().page(indices={"time_s": SobolIndices(shares, shares, shares / 10, shares / 10)})
-    assert "Sobol indices of time_s" in text
