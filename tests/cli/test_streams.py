@@ -55,7 +55,7 @@ def test_a_warning_takes_the_picture_away_before_it_is_written(monkeypatch: pyte
     terminal = io.StringIO()
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setattr(
-        outcome, "_reporter", lambda output, style: LiveReporter(terminal, Style(colour=False, live=True))
+        outcome, "_reporter", lambda _: LiveReporter(terminal, Style(colour=False, live=True))
     )
     output = outcome.Output("calibrate")
     with outcome.watching(output) as reporter:
