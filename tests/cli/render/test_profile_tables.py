@@ -1,12 +1,20 @@
-"""Profiles for people: forecasts of a hole, of an array and of a channel, and the list of profiles."""
+"""Profiles for people: as TOML, forecasts of a hole, of an array and of a channel, and the list of profiles."""
 
 from __future__ import annotations
 
-from edmctl.cli.render.profile_tables import render_forecast, render_forecasts, render_profiles
+import tomllib
+from typing import TYPE_CHECKING
+
+import pytest
+
+from edmctl.cli.render.profile_tables import render_forecast, render_forecasts, render_profiles, render_toml
 from edmctl.cli.render.style import Style
 from edmctl.planning.forecast import forecast
 from edmctl.planning.rules.load import load_profile, summaries
 from edmctl.profile.setup import Setup
+
+if TYPE_CHECKING:
+    from edmctl.toml_text import Scalar
 
 
 def table_of(name: str, *overrides: str) -> dict[str, list[str]]:
@@ -17,42 +25,47 @@ def table_of(name: str, *overrides: str) -> dict[str, list[str]]:
     return {row[0].strip(): [cell.strip() for cell in row[1:] if cell.strip()] for row in rows}
 
 
-def test_one_hole_has_no_row_of_holes() -> None:
-    table = table_of("cu270")
-    assert "holes" not in table
-    assert table["depth"] == ["180.00 µm"]
-    assert table["tool wear"] == ["70.02 µm"]
-    assert table["feed"][1].endswith("µm/s")
-    assert table["measuring"][1] == "2 stops"
+@pytest.mark.parametrize(
+    ("job", "rows"),
+    [
+        pytest.param(
+            ("cu270",),
+            {"depth": ["180.00 µm"], "tool wear": ["70.02 µm"], "holes": None},
+            id="one hole",
+        ),
+        pytest.param(
+            ("array-3x3",),
+            {"holes": ["9"], "depth": ["20.00 µm", "each"], "tool wear": ["76.86 µm", "in all"]},
+            id="an array",
+        ),
+        pytest.param(
+            ("array-3x3", "sites=[{x_um=500},{x_um=900,depth_um=12.5},{x_um=1300,depth_um=40}]"),
+            {"depth": ["12.50 to 40.00 µm"]},
+            id="places with depths of their own",
+        ),
+        pytest.param(
+            ("array-3x3", "target.depth_um=100", "limits={stroke_v_max=120}", "tool.max_wear_um=400"),
+            {"stroke": ["356.04 µm", "for the first 4 holes only"]},
+            id="holes that the stroke does not reach",
+        ),
+        pytest.param(
+            ("channel-rectangle",),
+            {"channel": ["2000.00 µm", "10 layers"], "tool wear": ["13.44 µm", "over the whole channel"]},
+            id="a channel",
+        ),
+    ],
+)
+def test_a_forecast_has_the_rows_of_its_job(job: tuple[str, ...], rows: dict[str, list[str] | None]) -> None:
+    table = table_of(*job)
+    assert {name: table.get(name) for name in rows} == rows
 
 
-def test_an_array_tells_its_holes_and_the_wear_of_all() -> None:
-    table = table_of("array-3x3")
-    assert table["holes"] == ["9"]
-    assert table["depth"] == ["20.00 µm", "each"]
-    assert table["tool wear"] == ["76.86 µm", "in all"]
-
-
-def test_places_of_their_own_depths_are_told_as_a_range() -> None:
-    sites = "sites=[{x_um=500},{x_um=900,depth_um=12.5},{x_um=1300,depth_um=40}]"
-    table = table_of("array-3x3", sites)
-    assert table["depth"] == ["12.50 to 40.00 µm"]
-    assert table["feed"][1] == "at most"
-
-
-def test_holes_that_do_not_fit_need_no_stroke_that_there_is_not() -> None:
-    table = table_of("array-3x3", "target.depth_um=100", "limits={stroke_v_max=120}", "tool.max_wear_um=400")
-    assert table["stroke"] == ["356.04 µm", "for the first 4 holes only"]
-
-
-def test_a_channel_tells_its_length_layers_and_wear() -> None:
-    table = table_of("channel-rectangle")
-    assert table["channel"] == ["2000.00 µm", "10 layers"]
-    assert table["tool wear"] == ["13.44 µm", "over the whole channel"]
-    assert "cut" not in table["machining"][1]
-
-
-def test_a_hole_through_a_foil_feeds_on_beyond_it() -> None:
+def test_remarks_beside_the_values_of_a_forecast() -> None:
+    hole = table_of("cu270")
+    assert hole["feed"][1].endswith("µm/s")
+    assert hole["measuring"][1] == "2 stops"
+    assert table_of("array-3x3", "sites=[{x_um=500,depth_um=9},{x_um=900}]")["feed"][1] == "at most"
+    assert "cut" not in table_of("channel-rectangle")["machining"][1]
     assert table_of("foil-through")["feed"][0] == "146.35 µm"
 
 
@@ -67,3 +80,18 @@ def test_the_list_of_profiles_and_a_sweep_fit_a_narrow_terminal() -> None:
         assert columns is None or max(map(len, [*profiles.splitlines(), *forecasts.splitlines()])) <= columns
         assert "17 min 15 s" in profiles
     assert "…" not in profiles
+
+
+TABLES: dict[str, dict[str, Scalar]] = {
+    "meta": {"schema": 1, "name": 'quote " back \\ tab \t µ'},
+    "servo": {"reference": 0.8, "forward_um_s": 5.0, "tiny": 1e-9},
+    "flush": {"required": True},
+}
+
+
+def test_shown_toml_loads_again_with_comments_behind_its_keys() -> None:
+    assert tomllib.loads(render_toml(TABLES, TABLES, {})) == TABLES
+    text = render_toml(TABLES, TABLES, {"servo.reference": "mean gap voltage over its open value"})
+    assert "reference = 0.8" in text
+    assert "# mean gap voltage over its open value" in text
+    assert tomllib.loads(text) == TABLES
