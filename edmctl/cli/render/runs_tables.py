@@ -8,17 +8,17 @@ trust what is measured.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from string import ascii_uppercase
 
 from edmctl.cli.render.layout import narrowed, not_shown, render_columns, render_table, width_of, wrapped
 from edmctl.cli.render.style import PLAIN, Ink, Style
 from edmctl.labels import Basis, marked, meanings
-from edmctl.results.run_file import Amount, ComparedRun, Comparison, Quantity, RunHead, Unreadable
+from edmctl.results.run_file import Amount, Comparison, Quantity, RunHead, Unreadable
 from edmctl.results.simulation import Case, Statistics
 from edmctl.wording import (
     UNKNOWN,
-    count,
     decimal,
     duration,
     ended_as,
@@ -30,6 +30,7 @@ from edmctl.wording import (
     plural,
     printable,
     shortened,
+    signed,
     start_utc,
     with_u95,
 )
@@ -48,73 +49,76 @@ def render_runs(runs: Sequence[RunHead | Unreadable], style: Style = PLAIN) -> s
     columns = style.columns
     heads = [run for run in runs if not isinstance(run, Unreadable)]
     heirs = {run.parent_run: f"continued by {_name(run)}" for run in heads if run.parent_run}
-    cells = {**_COLUMNS, "status": lambda run: heirs.get(run.run_id, _status(run))}
-    table = {name: [_cell(run, name, cell) for run in runs] for name, cell in cells.items()}
+    rows = [_head_cells(run, heirs) if isinstance(run, RunHead) else _unreadable_cells(run) for run in runs]
+    names = list(_head_cells(heads[0], heirs)) if heads else list(rows[0])
+    table = {name: [row.get(name, "") for row in rows] for name in names}
     shown = narrowed(table, columns, FIRST_TO_GO)
     if columns is not None and width_of(shown) > columns:
         shown["status"] = [
-            _cell(run, "status", lambda one: f"exit {one.exit_code}" if one.exit_code else _status(one))
-            for run in runs
+            f"exit {run.exit_code}" if isinstance(run, RunHead) and run.exit_code else status
+            for run, status in zip(runs, table["status"], strict=True)
         ]
-    text = render_table(shown, style, left=_WORDS, cut_first="run")
+    bases = {basis for run in heads for basis in (run.depth_basis, run.wear_basis)}
+    if any(_is_left(run) for run in heads):
+        bases.add(Basis.ESTIMATED)
     notes = [
-        *meanings({basis for run in heads for basis in _bases(run)}),
+        *meanings(bases),
         "Depth and wear of several sites are their means." if any(run.sites > 1 for run in heads) else "",
         not_shown(table, shown),
     ]
     lines = [line for note in notes if note for line in wrapped(note, columns)]
     wrong = [escaped(run.error.message) for run in runs if isinstance(run, Unreadable)]
-    parts = [text, style.paint("\n".join(lines), Ink.FAINT), "\n".join(wrong)]
-    return "\n\n".join(filter(None, parts))
+    text = render_table(shown, style, left=_WORDS, cut_first="run")
+    return "\n\n".join(filter(None, [text, style.paint("\n".join(lines), Ink.FAINT), "\n".join(wrong)]))
 
 
-def _cell(run: RunHead | Unreadable, name: str, cell: Callable[[RunHead], str]) -> str:
-    if not isinstance(run, Unreadable):
-        return cell(run)
-    known = {
+def _head_cells(run: RunHead, heirs: Mapping[str, str]) -> dict[str, str]:
+    status = printable(ended_as(run.status, run.error_code))
+    if run.exit_code:
+        status += f" ({run.exit_code})"
+    seed = "–" if run.seed is None else str(run.seed)
+    return {
+        "run": _name(run),
+        "start (UTC)": start_utc(run.start_time),
+        "status": heirs.get(run.run_id, status),
+        "profile": printable(run.name),
+        "work, tool": printable(f"{run.work}, {run.tool}"),
+        "depth µm": _depth(run),
+        "wear µm": marked(with_u95(run.wear_um, run.wear_u95_um), run.wear_basis),
+        "sites": str(run.sites or "–"),
+        "machining": duration(run.machining_time_s),
+        "seed": seed if run.simulated else "real",
+        "size": file_size(run.size_bytes),
+    }
+
+
+def _unreadable_cells(run: Unreadable) -> dict[str, str]:
+    return {
         "run": _name(run),
         "start (UTC)": start_utc(iso_of(run.changed_s)),
         "status": _UNREADABLE.get(run.error.code, run.error.code),
         "size": file_size(run.size_bytes),
     }
-    return known.get(name, "")
 
 
 def _name(run: RunHead | Unreadable) -> str:
     return escaped(run.path.name.removesuffix(".h5"))
 
 
-def _status(run: RunHead) -> str:
-    status = printable(ended_as(run.status, run.error_code))
-    return f"{status} ({run.exit_code})" if run.exit_code else status
+def _is_left(run: RunHead) -> bool:
+    """Whether the depth is an estimate of a hole that was not finished."""
+    return math.isfinite(run.est_depth_um) and not math.isfinite(run.depth_um)
 
 
 def _depth(run: RunHead) -> str:
-    if not math.isfinite(run.depth_um) and math.isfinite(run.est_depth_um):
+    if _is_left(run):
         return marked(decimal(run.est_depth_um, 1), Basis.ESTIMATED)
     if run.through and run.through == run.sites:
         return "through"
     return marked(with_u95(run.depth_um, run.depth_u95_um), run.depth_basis)
 
 
-def _bases(run: RunHead) -> tuple[str, ...]:
-    left = Basis.ESTIMATED if math.isfinite(run.est_depth_um) and not math.isfinite(run.depth_um) else ""
-    return (run.depth_basis, run.wear_basis, left)
-
-
-_COLUMNS: dict[str, Callable[[RunHead], str]] = {
-    "run": _name,
-    "start (UTC)": lambda run: start_utc(run.start_time),
-    "status": _status,
-    "profile": lambda run: printable(run.name),
-    "work, tool": lambda run: printable(f"{run.work}, {run.tool}"),
-    "depth µm": _depth,
-    "wear µm": lambda run: marked(with_u95(run.wear_um, run.wear_u95_um), run.wear_basis),
-    "sites": lambda run: str(run.sites or "–"),
-    "machining": lambda run: duration(run.machining_time_s),
-    "seed": lambda run: ("–" if run.seed is None else str(run.seed)) if run.simulated else "real",
-    "size": lambda run: file_size(run.size_bytes),
-}
+"""Columns that a narrow terminal does without, one after the other."""
 
 
 MOST_BESIDE = 4
@@ -122,9 +126,8 @@ MOST_BESIDE = 4
 ROW_COLUMNS = 116
 """A table with a row a run is as wide as this at most; what does not fit makes another."""
 MOST_LETTERS = 30
-"""A value longer than this is cut off, on a narrow terminal a shorter one."""
-LEAST_LETTERS = 11
-_HEADING_TIME = 16
+"""A longer value is cut off."""
+_TO_THE_MINUTE = 16
 
 
 def letter(number: int) -> str:
@@ -138,127 +141,110 @@ def render_comparison(comparison: Comparison, style: Style = PLAIN) -> str:
 
     Where runs beside each other are wider than a terminal, they stand below each other.
     """
-    columns = style.columns
-    blocks = [_runs(comparison.runs, style)]
-    both = ((comparison.quantities, "result"), (comparison.sites, "site"))
-    beside = [_quantities(quantities, heading) for quantities, heading in both if quantities]
-    settings = _settings(comparison, columns)
-    fits = columns is None or all(width_of(table) <= columns for table in [settings, *beside])
-    if len(comparison.runs) > MOST_BESIDE or not fits:
-        blocks += _row_a_run(comparison, style, min(columns or ROW_COLUMNS, ROW_COLUMNS))
-    else:
-        letters = list(settings)[1:]
-        blocks.append(render_table(settings, style) if comparison.differs else _nothing_differs(letters))
-        blocks += [render_table(table, style) for table in beside]
-    blocks.append(_reading(comparison))
-    return "\n\n".join(block for block in blocks if block)
-
-
-def _row_a_run(comparison: Comparison, style: Style, columns: int) -> list[str]:
-    """Tables with a row for each run, as many as fit their columns."""
+    runs = comparison.runs
+    letters = [letter(number) for number in range(len(runs))]
     settings = {
         named_with_unit(setting.key, setting.units): [_short(value) for value in setting.values]
         for setting in comparison.differs
     }
+    about = {
+        "": letters,
+        "file": [escaped(run.file) for run in runs],
+        "started": [run.start[:_TO_THE_MINUTE].replace("T", " ") for run in runs],
+        "status": [
+            f"{run.status}{', simulated' if run.simulated else ''}"
+            f"{'' if run.seed is None else f', seed {run.seed}'}"
+            for run in runs
+        ],
+    }
+    blocks = [render_table(about, style, left=list(about), cut_first="file")]
+    if not settings:
+        blocks.append(f"Nothing was set differently in {', '.join(letters)}.")
+    tables = _beside(comparison, letters, settings)
+    columns = style.columns
+    fits = columns is None or all(width_of(table) <= columns for table in tables)
+    if len(runs) > MOST_BESIDE or not fits:
+        tables = _below(comparison, letters, settings, min(columns or ROW_COLUMNS, ROW_COLUMNS))
+    blocks += [render_table(table, style) for table in tables]
+    if any(math.isfinite(a.difference_u95) for q in comparison.quantities for a in q.amounts[1:]):
+        bases = {a.basis for q in (*comparison.quantities, *comparison.sites) for a in q.amounts}
+        reading = [
+            "± is half the 95 % interval of a result, of a difference that of both runs together.",
+            "* marks a difference from A beyond it. How far repeated runs scatter is not in it.",
+            *meanings(bases),
+        ]
+        blocks.append("\n".join(reading))
+    return "\n\n".join(blocks)
+
+
+def _beside(
+    comparison: Comparison, letters: Sequence[str], settings: Mapping[str, Sequence[str]]
+) -> list[dict[str, list[str]]]:
+    """Tables with a column for each run, and one for its differences from the first."""
+    tables: list[dict[str, list[str]]] = []
+    if settings:
+        by_run = zip(*settings.values(), strict=True)
+        tables.append({"what differs": list(settings), **dict(zip(letters, map(list, by_run), strict=True))})
+    for heading, quantities in (("result", comparison.quantities), ("site", comparison.sites)):
+        if not quantities:
+            continue
+        table = {heading: [quantity.name for quantity in quantities]}
+        for number, name in enumerate(letters):
+            amounts = [(quantity, quantity.amounts[number]) for quantity in quantities]
+            table[name] = [_value(*one) for one in amounts]
+            if number:
+                table[f"{name} − A"] = [
+                    f"{_number(quantity, one.difference, one.difference_u95, signed)}{_mark(one)}"
+                    for quantity, one in amounts
+                ]
+        tables.append(table)
+    return tables
+
+
+def _below(
+    comparison: Comparison, letters: list[str], settings: Mapping[str, list[str]], columns: int
+) -> list[dict[str, list[str]]]:
+    """Tables with a row for each run, as many as fit their columns."""
     quantities = {
         quantity.name: [f"{_value(quantity, amount)}{_mark(amount)}" for amount in quantity.amounts]
         for quantity in (*comparison.quantities, *comparison.sites)
     }
-    letters = [letter(number) for number in range(len(comparison.runs))]
     tables: list[dict[str, list[str]]] = []
-    for name, cells in (settings | quantities).items():
+    for name, cells in {**settings, **quantities}.items():
         if not tables or width_of({**tables[-1], name: cells}) > columns:
             tables.append({"": letters})
         tables[-1][name] = cells
-    same = [] if settings else [_nothing_differs(letters)]
-    return [*same, *(render_table(table, style) for table in tables)]
+    return tables
 
 
 def _mark(amount: Amount) -> str:
     return " *" if amount.beyond else "  "
 
 
-def _nothing_differs(letters: Sequence[str]) -> str:
-    return f"Nothing was set differently in {', '.join(letters)}."
-
-
-def _runs(runs: Sequence[ComparedRun], style: Style) -> str:
-    table = {
-        "": [letter(number) for number in range(len(runs))],
-        "file": [escaped(run.file) for run in runs],
-        "started": [run.start[:_HEADING_TIME].replace("T", " ") for run in runs],
-        "status": [
-            run.status
-            + (", simulated" if run.simulated else "")
-            + ("" if run.seed is None else f", seed {run.seed}")
-            for run in runs
-        ],
-    }
-    return render_table(table, style, left=list(table), cut_first="file")
-
-
-def _settings(comparison: Comparison, columns: int | None) -> Mapping[str, Sequence[str]]:
-    names = [named_with_unit(setting.key, setting.units) for setting in comparison.differs]
-    most = MOST_LETTERS
-    if columns is not None:
-        for_each = (columns - max(map(len, names), default=0)) // len(comparison.runs)
-        most = min(MOST_LETTERS, max(LEAST_LETTERS, for_each - 3))
-    table = {"what differs": names}
-    for number in range(len(comparison.runs)):
-        table[letter(number)] = [_short(setting.values[number], most) for setting in comparison.differs]
-    return table
-
-
-def _quantities(quantities: Sequence[Quantity], heading: str) -> Mapping[str, Sequence[str]]:
-    table = {heading: [quantity.name for quantity in quantities]}
-    for number in range(len(quantities[0].amounts)):
-        amounts = [(quantity, quantity.amounts[number]) for quantity in quantities]
-        table[letter(number)] = [_value(quantity, amount) for quantity, amount in amounts]
-        if number:
-            table[f"{letter(number)} − A"] = [
-                f"{_number(quantity, amount.difference, amount.difference_u95, sign=True)}{_mark(amount)}"
-                for quantity, amount in amounts
-            ]
-    return table
-
-
-def _reading(comparison: Comparison) -> str:
-    amounts = [amount for quantity in comparison.quantities for amount in quantity.amounts[1:]]
-    if not any(math.isfinite(amount.difference_u95) for amount in amounts):
-        return ""
-    bases = {a.basis for q in (*comparison.quantities, *comparison.sites) for a in q.amounts}
-    return "\n".join(
-        [
-            "± is half the 95 % interval of a result, of a difference that of both runs together.",
-            "* marks a difference from A beyond it. How far repeated runs scatter is not in it.",
-            *meanings(bases),
-        ]
-    )
-
-
 def _value(quantity: Quantity, amount: Amount) -> str:
-    return marked(_number(quantity, amount.value, amount.u95), amount.basis)
+    return marked(_number(quantity, amount.value, amount.u95, decimal), amount.basis)
 
 
-def _number(quantity: Quantity, value: float, u95: float, *, sign: bool = False) -> str:
+def _number(quantity: Quantity, value: float, u95: float, written: Callable[[float, int], str]) -> str:
+    def text(value: float, written: Callable[[float, int], str]) -> str:
+        number = written(quantity.factor * value, quantity.decimals)
+        return number if quantity.decimals else _THOUSANDS.sub(" ", number)
+
     if not math.isfinite(value):
         return UNKNOWN
-    text = _decimal(quantity.factor * value, quantity.decimals, sign=sign)
-    if math.isfinite(u95):
-        text += f" ± {_decimal(quantity.factor * u95, quantity.decimals)}"
-    return text
+    return text(value, written) + (f" ± {text(u95, decimal)}" if math.isfinite(u95) else "")
 
 
-def _decimal(value: float, decimals: int, *, sign: bool = False) -> str:
-    # Adding zero takes the sign off a rounded zero.
-    rounded = round(value, decimals) + 0.0
-    if not decimals:
-        return f"{'+' if sign and rounded > 0 else ''}{count(int(rounded))}".replace("-", "−")
-    return f"{rounded:{'+' if sign and rounded else ''}.{decimals}f}".replace("-", "−")
+_THOUSANDS = re.compile(r"(?<=\d)(?=(?:\d{3})+$)")
 
 
-def _short(text: str, most: int = MOST_LETTERS) -> str:
-    return shortened(escaped(text) or UNKNOWN, most)
+def _short(text: str) -> str:
+    return shortened(escaped(text) or UNKNOWN, MOST_LETTERS)
+
+
+"""More runs than these have a row each: beside one another they would not fit on a terminal."""
+"""A table with a row a run is as wide as this at most; what does not fit makes another."""
+"""A value longer than this is cut off, on a narrow terminal a shorter one."""
 
 
 _TRUE_NAMES = {"depth_um": "true depth, µm", "wear_um": "true wear, µm"}

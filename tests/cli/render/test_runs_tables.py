@@ -43,14 +43,6 @@ def test_runs_that_do_not_fit_beside_each_other_stand_below_each_other() -> None
     assert sum(line.startswith("D ") for line in below.splitlines()) == 2
 
 
-def test_a_long_value_is_cut_to_the_room_that_there_is() -> None:
-    comparison = made_comparison(2, "a-value-of-many-letters-")
-    whole = render_comparison(comparison)
-    narrow = render_comparison(comparison, Style(colour=False, live=False, columns=60))
-    assert "a-value-of-many-letters-0" in whole
-    assert "a-value-of-many-le…" in narrow
-
-
 def made(mean: float, sd: float = 0.5) -> Statistics:
     return Statistics(mean, sd, 1.0, 9.0)
 
