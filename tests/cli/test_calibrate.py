@@ -117,38 +117,30 @@ def fitted(here: Here, files: Files, *arguments: str) -> Said:
 
 # ------------------------------------------------------------------------------------------------ on a machine
 def test_the_virtual_machine_is_known_within_1_percent_on_blocks_that_the_model_did_not_see(run: Run) -> None:
-    assert run.result["accepted"]
-    assert run.result["held_out"]["max_pct"] <= 1.0
-    assert run.result["held_out"]["rms_pct"] <= 0.3
-    assert run.result["stroke_um"] == pytest.approx(450.0, abs=20.0)
-    assert 0.01 < run.result["gamma_per_decade"] < 0.06
+    result = run.result
+    assert result["accepted"]
+    assert result["held_out"]["max_pct"] <= 1.0
+    assert result["held_out"]["rms_pct"] <= 0.3
+    assert result["stroke_um"] == pytest.approx(450.0, abs=20.0)
+    assert 0.01 < result["gamma_per_decade"] < 0.06
+    line, maxwell = (result["baselines"][name]["rms_um"] for name in ("line", "maxwell"))
+    assert line > 2.0 * maxwell > 10.0 * result["held_out"]["rms_um"]
+    assert result["baselines_on"] == "held-out blocks"
 
 
-def test_simpler_models_are_judged_on_the_same_blocks(run: Run) -> None:
-    line, maxwell = (run.result["baselines"][name]["rms_um"] for name in ("line", "maxwell"))
-    assert line > 2.0 * maxwell > 10.0 * run.result["held_out"]["rms_um"]
-    assert run.result["baselines_on"] == "held-out blocks"
-
-
-def test_the_result_has_the_keys_that_scripts_depend_on(run: Run) -> None:
+def test_the_result_has_the_keys_that_scripts_depend_on_and_nothing_else_is_left(run: Run) -> None:
     result = run.result
     for figures in (result["train"], result["held_out"], *result["baselines"].values()):
         assert set(figures) == FIGURES
     assert (result["validate"], result["validate_files"], result["lever"]) == (None, [], None)
     assert (result["refit"], result["problems"]) == (["zero"], [])
     assert result["bands"]["gamma_sd_per_decade"] > 0.0
-    assert run.document["warnings"] == []
-
-
-def test_a_simulated_calibration_says_so(run: Run) -> None:
-    assert (run.document["simulated"], run.document["seed"]) == (True, SEED)
+    assert (run.document["warnings"], run.document["simulated"], run.document["seed"]) == ([], True, SEED)
     assert "simulated run on the virtual machine, seed 3" in run.err
-    assert load_calibration(Path(run.result["calibration_file"])).made.simulated
-
-
-def test_progress_is_told_in_plain_lines(run: Run) -> None:
     assert "calibrating; 6 min" in run.err
     assert "\r" not in run.err
+    assert load_calibration(Path(result["calibration_file"])).made.simulated
+    assert [path.name for path in run.home.rglob("*") if path.is_file()] == ["SIM-3.toml"]
 
 
 def test_the_file_of_a_fresh_machine_is_used_where_it_is_named(
@@ -168,10 +160,6 @@ def test_the_file_of_a_fresh_machine_is_used_where_it_is_named(
     assert choice.actuator.model.stroke_um == pytest.approx(run.result["stroke_um"], abs=1e-3)
 
 
-def test_nothing_but_the_calibration_is_left(run: Run) -> None:
-    assert [path.name for path in run.home.rglob("*") if path.is_file()] == ["SIM-3.toml"]
-
-
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_result(run: Run, here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("EDMCTL_HOME", str(run.home))
@@ -180,25 +168,35 @@ def test_the_same_seed_gives_the_same_result(run: Run, here: Here, monkeypatch: 
     assert again.err == ""
 
 
-def test_the_machines_own_file_is_replaced(here: Here, quick: None, home: Path) -> None:
-    own = home / "calibration" / "SIM-3.toml"
-    kept = ("calibrate", "--port", "sim:bench.h5", "--seed", "3")
-    assert f"Saved in {own}: " in here(*kept).out
+def test_where_the_file_is_and_how_it_is_used_is_said(
+    here: Here, quick: None, home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own, fresh = home / "calibration" / "SIM-3.toml", home / "calibration" / "fresh" / "SIM-3.toml"
+    kept = ("calibrate", "--port", "sim:bench.h5")
+    assert f"Saved in {own}: " in here(*kept, "--seed", "3").out
     own.write_text("an older one", encoding="utf-8")
     way = "`edmctl machine --profile PROFILE --port sim:bench.h5` uses it on SIM-3 from now on"
-    assert here(*kept[:-2]).out.splitlines()[-1].endswith(f"Replaced {own}: {way}.")
+    assert here(*kept).out.splitlines()[-1].endswith(f"Replaced {own}: {way}.")
     assert load_calibration(own).serial == "SIM-3"
+    way = f"`edmctl machine --profile PROFILE --seed 3 --calibration {fresh}` uses it."
+    for done in ("Saved in", "Replaced"):
+        said = here("calibrate", "--seed", "3").out
+        assert said.splitlines()[-1] == f"Simulated, seed 3. {done} {fresh}: {way}"
+    monkeypatch.setenv("EDMCTL_CALIBRATION", "other.toml")
+    assert "`edmctl machine` uses other.toml" in here(*kept, "--quiet").out
 
 
-def test_how_to_use_the_file_of_a_fresh_machine_is_said(here: Here, quick: None, home: Path) -> None:
-    file = home / "calibration" / "fresh" / "SIM-3.toml"
-    way = f"`edmctl machine --profile PROFILE --seed 3 --calibration {file}` uses it."
-    assert (
-        here("calibrate", "--seed", "3").out.splitlines()[-1] == f"Simulated, seed 3. Saved in {file}: {way}"
-    )
-    assert (
-        here("calibrate", "--seed", "3").out.splitlines()[-1] == f"Simulated, seed 3. Replaced {file}: {way}"
-    )
+def test_a_machines_model_is_validated_on_files_too_and_lost_telemetry_is_doubtful(
+    here: Here, files: Files, quick: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = MeasuredActuator(read_record(files.fit), 2)
+    monkeypatch.setattr(calibration_run, "measure_actuator", lambda *_: done)
+    validated = ("--validate", str(files.jumps), "--previous-voltage", "150")
+    document = here("calibrate", "--seed", "3", *validated, "--json").document
+    assert document["result"]["validate"]["max_pct"] <= 1.0
+    assert document["result"]["calibration_file"].endswith("SIM-3.toml")
+    (warning,) = document["warnings"]
+    assert (warning["code"], warning["message"][:8]) == ("W3611", "2 frames")
 
 
 def test_a_calibration_changes_no_later_run_of_the_same_seed(here: Here, quick: None) -> None:
@@ -227,28 +225,6 @@ def test_a_calibration_in_use_is_not_replaced_by_one_that_is_not_accepted(
     assert said.document["result"]["calibration_file"].endswith("SIM-3-not-accepted.toml")
 
 
-def test_where_setup_or_environment_name_another_calibration_it_is_said(
-    here: Here, monkeypatch: pytest.MonkeyPatch, quick: None
-) -> None:
-    monkeypatch.setenv("EDMCTL_CALIBRATION", "other.toml")
-    kept = ("calibrate", "--port", "sim:bench.h5", "--quiet")
-    assert "`edmctl machine` uses other.toml" in here(*kept, "--seed", "1").out
-
-
-def test_a_machines_model_is_validated_on_files_too(here: Here, files: Files, quick: None) -> None:
-    result = here(
-        "calibrate", "--seed", "3", "--validate", str(files.jumps), "--previous-voltage", "150", "--json"
-    ).document["result"]
-    assert result["validate"]["max_pct"] <= 1.0
-    assert result["calibration_file"].endswith("SIM-3.toml")
-
-
-def test_without_a_sensor_a_machine_is_not_calibrated(here: Here) -> None:
-    Path("setup.toml").write_text("[sensor]\nfitted = false\n", encoding="utf-8")
-    error = refusal(here, "--setup", "setup.toml")
-    assert (error["code"], error["exit_code"]) == ("E8034", 8)
-
-
 # ----------------------------------------------------------------------------- when it comes to no calibration
 @pytest.fixture
 def quick(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -260,33 +236,22 @@ def quick(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_was_measured_is_kept_when_no_model_can_be_fitted(
     here: Here, quick: None, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fail_to_fit(monkeypatch, ValueError("no answer to the voltage"))
-    said = here("calibrate", "--seed", "1", "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (3, "E3619")
-    (warning,) = said.document["warnings"]
-    assert warning["code"] == "W3660"
-    (kept,) = [path for path in home.rglob("*") if path.is_file()]
-    assert str(kept) in warning["message"]
-    monkeypatch.undo()
+    with monkeypatch.context() as patch:
+        fail_to_fit(patch, ValueError("no answer to the voltage"))
+        said = here("calibrate", "--seed", "1", "--json")
+        assert (said.exit_code, said.document["error"]["code"]) == (3, "E3619")
+        (warning,) = said.document["warnings"]
+        assert warning["code"] == "W3660"
+        (kept,) = [path for path in home.rglob("*") if path.is_file()]
+        assert str(kept) in warning["message"]
+        patch.setattr("edmctl.record.disk.write_new", no_space)
+        (warning,) = here("calibrate", "--seed", "1", "--json").document["warnings"]
+        assert warning["message"].startswith("What was measured is lost")
     assert here("calibrate", "--from", str(kept), "--dry-run").exit_code == 0
-
-
-def test_what_was_measured_is_kept_when_ctrl_c_stops_the_fit(
-    here: Here, quick: None, home: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    kept.unlink()
     fail_to_fit(monkeypatch, SignalArrived(2))
-    said = here("calibrate", "--seed", "1", "--json")
-    assert said.exit_code == 130
+    assert here("calibrate", "--seed", "1", "--json").exit_code == 130
     assert [path.suffix for path in home.rglob("*") if path.is_file()] == [".h5"]
-
-
-def test_a_record_that_fits_nowhere_is_said_to_be_lost(
-    here: Here, quick: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fail_to_fit(monkeypatch, ValueError("no answer to the voltage"))
-    monkeypatch.setattr("edmctl.record.disk.write_new", no_space)
-    (warning,) = here("calibrate", "--seed", "1", "--json").document["warnings"]
-    assert warning["message"].startswith("What was measured is lost")
 
 
 def test_a_stop_while_measuring_leaves_nothing(
@@ -315,46 +280,17 @@ def no_space(*_: object) -> NoReturn:
     raise OSError(28, "No space left on device")
 
 
-def test_lost_telemetry_is_doubtful(
-    here: Here, files: Files, quick: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    done = MeasuredActuator(read_record(files.fit), 2)
-    monkeypatch.setattr(calibration_run, "measure_actuator", lambda *_: done)
-    (warning,) = here("calibrate", "--seed", "1", "--json").document["warnings"]
-    assert (warning["code"], warning["message"][:8]) == ("W3611", "2 frames")
-
-
 # ------------------------------------------------------------------------------------------------ measured data
-def test_files_are_fitted_and_validated_without_saving_anything(here: Here, files: Files, home: Path) -> None:
-    said = fitted(here, files, "--validate", str(files.jumps))
+def test_several_validation_files_count_by_their_samples_and_worst_error(
+    here: Here, files: Files, home: Path
+) -> None:
+    said = fitted(here, files, "--validate", str(files.jumps), "--validate", str(files.swings))
     result = said.document["result"]
-    assert result["validate"]["max_pct"] <= 1.0
-    assert result["validate"]["rms_pct"] <= 0.3
-    assert result["calibration_file"] is None
-    assert said.document["simulated"] is None
-    assert "nothing is saved: --output FILE" in said.err
-    assert not list(home.iterdir())
-
-
-def test_validation_is_that_of_the_python_interface(here: Here, files: Files) -> None:
-    found = PLAIN([read_record(files.fit)])
-    judged = validate(found.model, read_record(files.swings), ("gain", "zero"))
-    result = fitted(here, files, "--validate", str(files.swings), "--refit", "zero,gain").document["result"]
-    assert result["refit"] == ["gain", "zero"]
-    assert result["validate"]["max_um"] == pytest.approx(judged.errors.max_um, abs=1e-3)
-    assert result["validate"]["rms_pct"] == pytest.approx(judged.errors.rms_pct, rel=1e-4)
-    (file,) = result["validate_files"]
-    assert file["gain"] == pytest.approx(judged.gain, rel=1e-5)
-    assert file["zero_um"] == pytest.approx(judged.zero_um, abs=1e-3)
-
-
-def test_several_validation_files_count_by_their_samples_and_worst_error(here: Here, files: Files) -> None:
-    result = fitted(here, files, "--validate", str(files.jumps), "--validate", str(files.swings)).document[
-        "result"
-    ]
     each, whole = result["validate_files"], result["validate"]
     assert [file["name"] for file in each] == ["jumps.h5", "swings.csv"]
     assert whole["max_um"] == max(file["max_um"] for file in each)
+    assert whole["max_pct"] <= 1.0
+    assert whole["rms_pct"] <= 0.3
     counts = [
         np.count_nonzero(read_record(path).t_s >= file["judged_from_s"] - 1e-6)
         for path, file in zip((files.jumps, files.swings), each, strict=True)
@@ -363,6 +299,25 @@ def test_several_validation_files_count_by_their_samples_and_worst_error(here: H
     assert whole["rms_um"] == pytest.approx(rms_um, abs=1e-3)
     assert result["baselines_on"] == "validation files"
     assert result["baselines"]["line"]["rms_um"] > result["baselines"]["maxwell"]["rms_um"] > whole["rms_um"]
+    assert (result["calibration_file"], said.document["simulated"]) == (None, None)
+    assert "nothing is saved: --output FILE" in said.err
+    assert not list(home.iterdir())
+
+
+def test_validation_is_that_of_the_python_interface_and_a_clean_file_has_one_figure(
+    here: Here, files: Files
+) -> None:
+    found = PLAIN([read_record(files.fit)])
+    judged = validate(found.model, read_record(files.swings), ("gain", "zero"))
+    options = ("--validate", str(files.swings), "--refit", "zero,gain", "--delay", f"{found.model.delay_s}")
+    result = fitted(here, files, *options).document["result"]
+    assert (result["refit"], result["delay_s"]) == (["gain", "zero"], pytest.approx(found.model.delay_s))
+    assert result["validate"]["max_um"] == pytest.approx(judged.errors.max_um, abs=1e-3)
+    assert result["validate"]["rms_pct"] == pytest.approx(judged.errors.rms_pct, rel=1e-4)
+    (file,) = result["validate_files"]
+    assert file["gain"] == pytest.approx(judged.gain, rel=1e-5)
+    assert file["zero_um"] == pytest.approx(judged.zero_um, abs=1e-3)
+    assert (result["validate_screened"], file["screened"], file["note"]) == (None, None, "")
 
 
 def test_a_start_that_rings_and_outliers_count_and_the_figure_without_them_is_told(
@@ -387,12 +342,6 @@ def test_a_start_that_rings_and_outliers_count_and_the_figure_without_them_is_to
     assert "edmctl, screened" in text
 
 
-def test_a_clean_file_has_one_figure(here: Here, files: Files) -> None:
-    result = fitted(here, files, "--validate", str(files.swings)).document["result"]
-    (file,) = result["validate_files"]
-    assert (result["validate_screened"], file["screened"], file["note"]) == (None, None, "")
-
-
 def test_an_output_is_a_calibration_of_these_files(here: Here, files: Files) -> None:
     said = here("calibrate", "--from", str(files.fit), "--previous-voltage", "0", "--output", "a.toml")
     assert "Saved in a.toml: `edmctl machine --profile PROFILE --calibration a.toml` uses it." in said.out
@@ -412,8 +361,19 @@ def test_wrong_memory_costs_accuracy_and_each_file_has_its_own(here: Here, files
     assert rms_um("150", "0") > 4.0 * rms_um("150", "150")
 
 
-def test_a_fixed_delay_is_kept(here: Here, files: Files) -> None:
-    assert fitted(here, files, "--delay", "0.0125").document["result"]["delay_s"] == 0.0125
+def test_a_lever_factor_alone_moves_nothing_and_may_stand_beside_a_fit(
+    here: Here, files: Files, lever: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = fitted(here, files, "--lever", lever, "--delay", "0.0125").document["result"]
+    assert result["lever"]["factor"] == pytest.approx(18.0, abs=0.02)
+    assert (result["accepted"] is not None, result["delay_s"]) == (True, 0.0125)
+    monkeypatch.setattr(calibration_run, "connected", None)
+    monkeypatch.setenv("EDMCTL_PORT", "sim:")
+    alone = here("calibrate", "--lever", lever, "--json").document["result"]["lever"]
+    assert alone["factor"] == pytest.approx(18.0, abs=alone["u95"])
+    assert 0.0 < alone["u95"] < 0.01
+    assert (alone["offset_um"], alone["samples"]) == (pytest.approx(3.0, abs=0.1), 500)
+    assert here("calibrate", "--lever", lever).out.startswith("lever factor   17.998 ± 0.003")
 
 
 def test_what_is_not_accepted_is_a_warning_and_no_failure(here: Here, files: Files) -> None:
@@ -445,31 +405,6 @@ def lever() -> str:
     x_um = 12.0 * np.sin(np.linspace(0.0, 6.0, 500))
     write_columns(Path("lever.csv"), {"x_um": x_um, "z_um": 18.0 * x_um + 3.0 + rng.normal(0.0, 0.3, 500)})
     return "lever.csv"
-
-
-def test_a_lever_factor_alone_moves_nothing(here: Here, lever: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calibration_run, "connected", None)
-    monkeypatch.setenv("EDMCTL_PORT", "sim:")
-    result = here("calibrate", "--lever", lever, "--json").document["result"]["lever"]
-    assert result["factor"] == pytest.approx(18.0, abs=result["u95"])
-    assert 0.0 < result["u95"] < 0.01
-    assert (result["offset_um"], result["samples"]) == (pytest.approx(3.0, abs=0.1), 500)
-    assert here("calibrate", "--lever", lever).out.startswith("lever factor   17.998 ± 0.003")
-
-
-def test_a_lever_factor_beside_a_fit(here: Here, files: Files, lever: str) -> None:
-    result = fitted(here, files, "--lever", lever).document["result"]
-    assert result["lever"]["factor"] == pytest.approx(18.0, abs=0.02)
-    assert result["accepted"] is not None
-
-
-def test_a_lever_in_other_units_is_named(here: Here) -> None:
-    Path("lever.csv").write_text("x_mm,z_um\n" + "1,2\n" * 20, encoding="utf-8")
-    error = refusal(here, "--lever", "lever.csv")
-    assert (error["code"], error["hint"]) == (
-        "E3603",
-        "Needed: x_um (stack displacement in µm). Other columns are ignored.",
-    )
 
 
 # ----------------------------------------------------------------------------------------------------- dry run
@@ -518,6 +453,9 @@ MISTAKES = [
     (["--seed", "-1"], "E2005", "Seed -1"),
     (["--output", "."], "E9011", ". exists already"),
     (["--output", "file/a.toml"], "E9012", "is no folder that can be written"),
+    (["--from", "a.csv", "--output", "file"], "E9011", "file exists already"),
+    (["--setup", "no-sensor.toml"], "E8034", ""),
+    (["--lever", "millimetres.csv"], "E3603", "x_um"),
 ]
 
 
@@ -526,18 +464,14 @@ def test_a_mistake_is_named_before_anything_moves(
     arguments: list[str], code: str, message: str, here: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(calibration_run, "connected", None)
-    Path("file").touch()
+    Path("file").write_text("precious", encoding="utf-8")
+    Path("no-sensor.toml").write_text("[sensor]\nfitted = false\n", encoding="utf-8")
+    Path("millimetres.csv").write_text("x_mm,z_um\n" + "1,2\n" * 20, encoding="utf-8")
     error = refusal(here, *arguments)
-    assert error["code"] == code
-    assert message in error["message"]
+    assert (error["code"], error["exit_code"]) == (code, int(code[1]))
+    assert message in f"{error['message']} {error['hint']}"
     assert error["hint"]
-
-
-def test_an_output_that_exists_stays_as_it_is(here: Here, files: Files) -> None:
-    Path("a.toml").write_text("precious", encoding="utf-8")
-    error = refusal(here, "--from", str(files.fit), "--output", "a.toml")
-    assert (error["code"], error["exit_code"]) == ("E9011", 9)
-    assert Path("a.toml").read_text(encoding="utf-8") == "precious"
+    assert Path("file").read_text(encoding="utf-8") == "precious"
 
 
 def test_a_home_that_cannot_be_written_is_noticed_before_anything_moves(
