@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import signal
-import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import pytest
 
+from edmctl.errors import RunFileError
+from edmctl.jobs.persistent_simulator import KeptLine
 from edmctl.procedures.channel.scan import PassFollower
 from edmctl.record import journal
 from edmctl.record.bench_file import bench_lock, read_bench, write_bench
@@ -20,6 +22,7 @@ from edmctl.simulator.saving import bench_state, restored_bench
 from tests.cli.commands import CU270, SHALLOW, Here
 from tests.cli.left_jobs import at_time_of_cut, stop
 from tests.cli.test_processes import start
+from tests.golden import once
 from tests.tiers import tiers
 
 if TYPE_CHECKING:
@@ -55,15 +58,20 @@ def test_a_second_job_needs_no_option(here: Here) -> None:
     assert len(bench.truth()) == 2
 
 
-def test_the_seed_makes_a_new_bench_and_does_nothing_to_an_old_one(here: Here) -> None:
-    first = here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "12", "--json").document
-    assert (first["simulated"], first["seed"], first["warnings"]) == (True, 12, [])
-    assert kept().plant.serial == "SIM-12"
-    said = here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "13", "--json")
+def test_the_seed_makes_a_new_bench_and_an_old_one_keeps_machine_and_work(here: Here) -> None:
+    contact = ("approach", "--profile", CU270, "--contact", *KEPT, "--json")
+    first = here(*contact, "--seed", "12")
+    document = first.document
+    assert (document["simulated"], document["seed"], document["warnings"]) == (True, 12, [])
+    assert "its own work" not in first.err
+    said = here(*contact, "--seed", "13", "--set", "sim.flush_time_s=3")
     assert said.document["seed"] is None
     (warning,) = said.document["warnings"]
     assert (warning["code"], "bench.h5" in warning["message"]) == ("W4101", True)
-    assert kept().plant.serial == "SIM-12"
+    assert "the bench keeps its own work, whatever [sim] says: flush_time_s = 0.5" in said.err
+    bench = kept()
+    assert bench.plant.serial == "SIM-12"
+    assert bench.plant.config.discharge.gap.flush_time_s == 0.5
 
 
 @pytest.mark.slow
@@ -121,24 +129,36 @@ def test_one_command_at_a_time_and_another_may_wait(here: Here) -> None:
     assert waiting.returncode == 0, err
 
 
-def test_a_file_that_is_no_bench_is_refused_and_stays(here: Here) -> None:
-    Path("bench.h5").write_bytes(b"precious")
-    said = here("machine", *SHALLOW, *KEPT, "--json")
-    assert said.exit_code == 9
-    assert said.document["error"]["code"] == "E9020"
-    assert Path("bench.h5").read_bytes() == b"precious"
+STM32 = ("--controller", "stm32")
 
 
-def test_a_bench_in_no_folder_is_refused(here: Here) -> None:
-    said = here("measure-wear", "--reference", "--port", "sim:nowhere/bench.h5", "--json")
-    assert said.exit_code == 9
-    assert said.document["error"]["code"] == "E9024"
-
-
-def test_a_port_without_a_name_is_refused(here: Here) -> None:
-    said = here("machine", *SHALLOW, "--port", "", "--json")
-    assert said.exit_code == 2
-    assert said.document["error"]["code"] == "E2006"
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("machine", *SHALLOW, "--port", "sim:precious"), "E9020"),
+        (("machine", *SHALLOW, "--port", "sim:nowhere/b.h5"), "E9024"),
+        (("machine", *SHALLOW, "--port", "sim:nowhere/b.h5", "--dry-run"), "E9024"),
+        (("measure-wear", "--reference", "--port", "sim:nowhere/b.h5"), "E9024"),
+        (("machine", *SHALLOW, "--port", ""), "E2006"),
+        (("measure-wear", "--port", "sim:b.h5"), "E8041"),
+        (("approach", "--profile", CU270, "--port", "sim:b.h5", *STM32), "E2049"),
+        (("machine", "--profile", CU270, "--port", "sim:b.h5", "--set", "sim.controller=stm32"), "E2049"),
+        (("simulate", "serve", *STM32, "--bench", "b.h5", "--link", "edm"), "E2049"),
+        (("first-start", "--yes", "--port", "sim:b.h5", *STM32), "E2049"),
+    ],
+)
+def test_what_cannot_be_kept_is_refused_and_nothing_is_made(
+    here: Here, words: tuple[str, ...], code: str
+) -> None:
+    Path("precious").write_bytes(b"mine")
+    said = here(*words, "--json")
+    error = said.document["error"]
+    assert (said.exit_code, error["code"], said.document["run_file"]) == (int(code[1]), code, None)
+    if code == "E2049":
+        assert "cannot be kept in b.h5" in error["message"]
+        assert "--controller firmware" in error["hint"]
+    assert Path("precious").read_bytes() == b"mine"
+    assert not [path for path in Path().rglob("*") if path.is_file() and path.name != "precious"]
 
 
 @pytest.mark.slow
@@ -150,21 +170,6 @@ def test_another_tool_is_put_in_and_its_wear_is_its_own(here: Here) -> None:
     assert kept().tool_wear_um == 0.0
     assert here("approach", "--profile", CU270, "--contact", *KEPT).exit_code == 0
     assert kept().tool_wear_um == worn_um > 0.0
-
-
-def test_the_work_stays_whatever_the_profile_says(here: Here) -> None:
-    contact = ("approach", "--profile", CU270, "--contact", *KEPT)
-    assert "its own work" not in here(*contact).err
-    said = here(*contact, "--set", "sim.flush_time_s=3")
-    assert "the bench keeps its own work, whatever [sim] says: flush_time_s = 0.5" in said.err
-    assert kept().plant.config.discharge.gap.flush_time_s == 0.5
-
-
-def test_a_fresh_machine_has_no_ledger(here: Here) -> None:
-    for _ in range(2):
-        said = here("machine", *SHALLOW, "--seed", "3", "--json", "--quiet")
-        assert said.document["result"]["sites"][0]["x_um"] == 500.0
-    assert not Path("runs/ledger.jsonl").exists()
 
 
 def test_ctrl_c_keeps_what_was_done(here: Here) -> None:
@@ -232,99 +237,94 @@ def test_the_ledger_tells_of_the_holes_in_the_order_they_were_made(here: Here) -
     assert said.document["result"]["site"]["name"] == "far"
 
 
-def test_a_bench_that_cannot_be_kept_in_the_end_does_not_hide_the_result(
+def test_a_bench_that_cannot_be_kept_does_not_hide_the_result(
     here: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from edmctl.errors import RunFileError
-    from edmctl.jobs.persistent_simulator import KeptLine
-
-    def full(line: KeptLine) -> None:
+    def full(*_: object, **__: object) -> NoReturn:
         raise RunFileError("Cannot keep the bench: no space.", hint="Make room.", code="E9024")
 
-    monkeypatch.setattr(KeptLine, "end", full)
-    said = here("machine", *SHALLOW, *KEPT, "--seed", "3", "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9024")
-    assert len(said.document["result"]["sites"]) == 1
-    assert Path(said.document["run_file"]).exists()
-
-
-def test_a_bench_that_cannot_be_kept_any_more_is_told(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
-    from edmctl.errors import RunFileError
-
-    calls: list[float] = []
-
-    def full(path: Path, state: object, *, is_own: bool = False) -> None:
-        calls.append(time.monotonic())
-        if len(calls) > 1:
-            raise RunFileError("Cannot keep the bench: no space.", hint="Make room.", code="E9024")
-        write_bench(path, state, is_own=is_own)  # type: ignore[arg-type]
-
+    contact = ("approach", "--profile", CU270, "--contact", *KEPT, "--json")
+    with monkeypatch.context() as patch:
+        patch.setattr(KeptLine, "end", full)
+        said = here(*contact, "--seed", "3")
+        assert (said.exit_code, said.document["error"]["code"]) == (9, "E9024")
+        assert said.document["result"]["displacement_um"] > 0.0
+        assert Path(said.document["run_file"]).exists()
     monkeypatch.setattr("edmctl.jobs.persistent_simulator.write_bench", full)
-    said = here("approach", "--profile", CU270, "--contact", *KEPT, "--json")
-    assert said.exit_code == 9
-    assert said.document["error"]["code"] == "E9024"
+    said = here(*contact)
+    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9024")
 
 
-def test_a_refused_command_makes_no_bench_and_no_run_file(here: Here) -> None:
-    said = here("measure-wear", *KEPT, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8041")
-    assert "the tool tool" not in said.err
-    assert said.document["run_file"] is None
-    assert not Path("bench.h5").exists()
-    assert not list(Path().glob("runs/*.h5*"))
+@pytest.fixture
+def begun(here: Here, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Leave a bench with a reference, and a ledger that tells of one hole at 500,0 made since."""
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            reference = ("measure-wear", "--reference", "--profile", CU270)
+            assert here(*reference, *KEPT, "--seed", "3", "--quiet").exit_code == 0
+
+    shutil.copytree(once(tmp_path_factory, "kept-bench", make), Path.cwd(), dirs_exist_ok=True)
+    ledger_goes_on(SiteMachined("Cu 270 µm", "old.h5", "first", 500.0, 0.0, 143.0, "done", 20.0, 8.0))
 
 
-def begun(radius_um: float = 143.0, depth_um: float = 20.0, status: str = "done") -> None:
-    """Leave a bench and a ledger that tells of one hole at 500,0."""
-    here_is = kept()
-    hole = SiteMachined("Cu 270 µm", "old.h5", "first", 500.0, 0.0, radius_um, status, depth_um, 8.0)
-    Ledger.open(Path("runs")).append(here_is.plant.serial, hole)
+def ledger_goes_on(entry: Entry) -> None:
+    Ledger.open(Path("runs")).append("SIM-3", entry)
 
 
-def test_a_new_bench_is_told_that_the_ledger_is_of_another(here: Here) -> None:
-    assert here("measure-wear", "--reference", *KEPT, "--seed", "3", "--quiet").exit_code == 0
-    begun()
-    Path("bench.h5").unlink()
-    there = ("--set", 'sites=[{kind="point",name="there",x_um=520,y_um=0}]')  # refused: no job is needed here
-    said = here("machine", "--profile", CU150, *KEPT, "--seed", "3", *there, "--json")
-    assert "W8116" in {warning["code"] for warning in said.document["warnings"]}, said.out
+SHORT = WearMeasured("Cu 270 µm", "old.h5", 300.0, 250.0, 0.5)
+LEFT = SiteMachined("Cu 270 µm", "old.h5", "left", 500.0, 0.0, 143.0, UNFINISHED, math.nan, 8.0)
+THERE = ("--set", 'sites=[{kind="point",name="there",x_um=520,y_um=0}]')
+ANEW = ("machine", "--profile", CU150, *THERE, "--run-id", "a")
+CLOSE = ("approach", "--profile", CU270, "--site", "520,0")
+DEEP = ("--profile", CU270, "--set", "target.depth_um=75", "--dry-run")
 
 
-def test_a_refused_job_leaves_tool_and_run_id_as_they_were(here: Here) -> None:
-    assert here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "3").exit_code == 0
-    begun()
+@pytest.mark.usefixtures("begun")
+@pytest.mark.parametrize(
+    ("entry", "arguments", "code", "words"),
+    [
+        (None, ANEW, "E8042", "runs/old.h5"),
+        (None, (*ANEW, "--dry-run"), "E8042", "runs/old.h5"),
+        *((None, (*CLOSE, *how), "E8042", "runs/old.h5") for how in ((), ("--contact",), ("--dry-run",))),
+        (SHORT, ("machine", *DEEP), "E8044", ""),
+        (None, ("measure-wear", "--site", "nowhere", "--dry-run"), "E8045", "first at 500,0 of old"),
+        (LEFT, ("measure-wear", "--site", "left", "--dry-run"), "E8045", "how deep left is"),
+    ],
+)
+def test_a_refused_command_leaves_the_bench_as_it_was(
+    here: Here, entry: Entry | None, arguments: tuple[str, ...], code: str, words: str
+) -> None:
+    if entry is not None:
+        ledger_goes_on(entry)
     before = Path("bench.h5").read_bytes()
-    there = ("--set", 'sites=[{kind="point",name="there",x_um=520,y_um=0}]')
-    for dry in ((), ("--dry-run",)):
-        said = here("machine", "--profile", CU150, *KEPT, *there, "--run-id", "a", "--json", *dry)
-        assert (said.exit_code, said.document["error"]["code"]) == (8, "E8042"), said.out
-        assert not list(Path("runs").glob("a.*"))
-    assert kept().tool_label == "Cu 270 µm"
-    assert Path("bench.h5").read_bytes() == before
+    error = here(*arguments, *KEPT, "--json").document["error"]
+    assert error["code"] == code
+    assert words in error["message"]
+    assert entry is not LEFT or "--resume" not in error["hint"]
+    assert (kept().tool_label, Path("bench.h5").read_bytes()) == ("Cu 270 µm", before)
+    assert not list(Path("runs").glob("a.*"))
 
 
-@pytest.mark.parametrize("how", [(), ("--contact",), ("--dry-run",)])
-def test_nothing_approaches_a_hole(here: Here, how: tuple[str, ...]) -> None:
-    assert here("measure-wear", "--reference", *KEPT, "--seed", "3", "--quiet").exit_code == 0
-    begun()
-    before = Path("bench.h5").read_bytes()
-    said = here("approach", "--profile", CU270, *KEPT, "--site", "520,0", *how, "--json")
-    error = said.document["error"]
-    assert (said.exit_code, error["code"]) == (8, "E8042")
-    assert "runs/old.h5" in error["message"]
-    assert Path("bench.h5").read_bytes() == before
+@pytest.mark.usefixtures("begun")
+def test_a_hole_is_named_by_its_run_and_a_short_tool_may_look_for_the_surface(here: Here) -> None:
+    named = ("measure-wear", "--site", "old", "--profile", CU270, "--dry-run")
+    assert here(*named, *KEPT).exit_code == 0
+    ledger_goes_on(SHORT)
+    said = here("approach", *DEEP, *KEPT, "--json")
+    assert said.exit_code == 0, said.out
+    assert said.document["result"]["forecast"]["x_um"] == 1000.0
 
 
+@pytest.mark.usefixtures("begun")
 @pytest.mark.parametrize(
     ("limit", "code"), [("target.depth_um=75", "E8044"), ("tool.max_wear_um=9", "E8043")]
 )
 def test_wear_of_another_bench_with_the_seed_has_its_own_remedy(here: Here, limit: str, code: str) -> None:
-    assert here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "3").exit_code == 0
-    begun()
     job = ("machine", "--profile", CU270, "--set", "target.depth_um=10", "--set", limit, "--seed", "3", *KEPT)
     if code == "E8044":
-        pad = WearMeasured("Cu 270 µm", "old.h5", 300.0, 250.0, 0.5)
-        Ledger.open(Path("runs")).append(kept().plant.serial, pad)
+        ledger_goes_on(SHORT)
     for is_new in (False, True):
         if is_new:
             Path("bench.h5").unlink()
@@ -333,18 +333,10 @@ def test_wear_of_another_bench_with_the_seed_has_its_own_remedy(here: Here, limi
         assert ("--seed" in error["hint"], "--new-tool" in error["hint"]) == (is_new, not is_new)
     own = here("machine", "--profile", CU270, "--set", "tool.max_wear_um=9", "--json").document["error"]
     assert "--seed" not in own["hint"]
-
-
-def test_a_worn_tool_that_is_too_short_for_the_job_may_still_look_for_the_surface(here: Here) -> None:
-    assert here("approach", "--profile", CU270, "--contact", *KEPT, "--seed", "3").exit_code == 0
-    begun()
-    pad = WearMeasured("Cu 270 µm", "old.h5", 300.0, 250.0, 0.5)
-    Ledger.open(Path("runs")).append(kept().plant.serial, pad)
-    deep = ("--profile", CU270, "--set", "target.depth_um=75", "--dry-run", "--json")
-    assert here("machine", *deep, *KEPT).document["error"]["code"] == "E8044"
-    said = here("approach", *deep, *KEPT)
-    assert said.exit_code == 0, said.out
-    assert said.document["result"]["forecast"]["x_um"] == 1000.0
+    said = here(
+        "machine", "--profile", CU150, *KEPT, "--seed", "3", *THERE, "--json"
+    )  # refused: no job is needed
+    assert "W8116" in {warning["code"] for warning in said.document["warnings"]}, said.out
 
 
 def test_a_reference_without_a_profile_is_that_of_the_first_job_with_such_a_tool(here: Here) -> None:
@@ -370,23 +362,6 @@ def test_a_dry_run_says_what_it_did_not_look_at(here: Here) -> None:
     assert "not looked at" in said.err
     assert here("machine", *SHALLOW, "--dry-run", "--json").err.count("\n") == 1
     assert not Path("not-there.h5").exists()
-
-
-def test_a_hole_is_named_by_its_run_too(here: Here) -> None:
-    assert here("measure-wear", "--reference", "--profile", CU270, *KEPT, "--seed", "3").exit_code == 0
-    begun()
-    assert here("measure-wear", "--site", "old", "--profile", CU270, *KEPT, "--dry-run").exit_code == 0
-    said = here("measure-wear", "--site", "nowhere", *KEPT, "--dry-run", "--json")
-    assert said.document["error"]["code"] == "E8045"
-    assert "first at 500,0 of old" in said.document["error"]["message"]
-
-
-def test_nobody_is_told_to_finish_a_run_that_cannot_go_on(here: Here) -> None:
-    assert here("measure-wear", "--reference", "--profile", CU270, *KEPT, "--seed", "3").exit_code == 0
-    begun(depth_um=math.nan, status=UNFINISHED)
-    error = here("measure-wear", "--site", "first", *KEPT, "--dry-run", "--json").document["error"]
-    assert "how deep first is" in error["message"]
-    assert "--resume" not in error["hint"]
 
 
 def test_a_command_without_a_profile_is_filed_under_its_own_name_and_the_tool_it_found(here: Here) -> None:
@@ -432,27 +407,3 @@ def test_a_channel_that_is_stopped_is_told_by_estimate(
     assert {hole.status for hole in history.holes} == {UNFINISHED}
     (tool,) = history.tools.values()
     assert tool.worn_um == pytest.approx(channel["wear_um"], abs=0.01)
-
-
-def test_a_dry_run_is_refused_as_the_job_would_be_where_no_bench_can_be_kept(here: Here) -> None:
-    for more in ((), ("--dry-run",)):
-        said = here("machine", *SHALLOW, "--port", "sim:nosuch/b.h5", "--json", *more)
-        assert (said.exit_code, said.document["error"]["code"]) == (9, "E9024")
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("approach", "--profile", CU270, "--port", "sim:b.h5", "--controller", "stm32"),
-        ("machine", "--profile", CU270, "--port", "sim:b.h5", "--set", "sim.controller=stm32"),
-        ("simulate", "serve", "--controller", "stm32", "--bench", "b.h5", "--link", "edm"),
-        ("first-start", "--yes", "--port", "sim:b.h5", "--controller", "stm32"),
-    ],
-)
-def test_an_emulated_board_is_not_kept_in_a_file(words: tuple[str, ...], here: Here) -> None:
-    said = here(*words, "--json")
-    error = said.document["error"]
-    assert (said.exit_code, error["code"]) == (2, "E2049")
-    assert "cannot be kept in b.h5" in error["message"]
-    assert "--controller firmware" in error["hint"]
-    assert not list(Path.cwd().iterdir())
