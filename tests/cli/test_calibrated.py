@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,8 +25,9 @@ from edmctl.profile.folders import default_path
 from edmctl.record.columns import write_columns
 from edmctl.simulator.actuator import VirtualActuator
 from tests.cli.commands import SHALLOW, Here, Said
+from tests.golden import once
 
-CALIBRATE = r"`edmctl (calibrate --seed \d+)`"
+NO_SENSOR = "[sensor]\nfitted = false\n"
 
 
 def calibrate(path: Path, seed: int, high_v: float = 150.0) -> Path:
@@ -37,23 +37,49 @@ def calibrate(path: Path, seed: int, high_v: float = 150.0) -> Path:
     thin = slice(None, None, 20)
     record = Record(waveform.t_s[thin], driven.applied_v[thin], driven.sensor_um[thin])
     found = identify([record], delay_s=0.0, resamples=1, beyond_plays=high_v == 150.0)
-    made = Made(utc="2026-01-01T00:00:00Z", edmctl="0.1.0", serial=f"SIM-{seed}", simulated=True)
-    save_calibration(path, calibration_of(found, made))
+    save_calibration(path, calibration_of(found, made_for(seed)))
     return path
 
 
-@pytest.fixture(scope="module")
-def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a calibration file of SIM-1."""
-    return calibrate(tmp_path_factory.mktemp("calibrations") / "one.toml", 1)
+def made_for(seed: int) -> Made:
+    return Made(utc="2026-01-01T00:00:00Z", edmctl="0.1.0", serial=f"SIM-{seed}", simulated=True)
+
+
+@pytest.fixture(scope="session")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with calibrations of SIM-1: whole, of a part of the stroke, not accepted, unreadable; and setups."""
+
+    def make(folder: Path) -> None:
+        whole = load_calibration(calibrate(folder / "one.toml", 1))
+        calibrate(folder / "narrow.toml", 1, 60.0)
+        bad = whole.quality.model_copy(update={"accepted": False, "problems": ["A knock: measure again."]})
+        save_calibration(folder / "doubtful.toml", whole.model_copy(update={"quality": bad}))
+        t_s = np.linspace(0.0, 40.0, 2000)
+        u_v = 105.0 - 45.0 * np.cos(2.0 * np.pi * 0.2 * t_s)
+        y_um = 3.0 * u_v + 6.0 * np.sin(2.0 * np.pi * 0.2 * t_s - 1.6)
+        upper = Record(t_s, u_v, y_um + np.random.default_rng(1).normal(0, 0.2, 2000))
+        found = identify([upper], folds=2, resamples=1)
+        save_calibration(folder / "upper.toml", calibration_of(found, made_for(1)))
+        (folder / "broken.toml").write_text("schema = 1\n", encoding="utf-8")
+        (folder / "no-sensor.toml").write_text(NO_SENSOR, encoding="utf-8")
+        (folder / "no-swings.toml").write_text(
+            f"{NO_SENSOR}[actuator]\nconditioning_cycles = 0\n", encoding="utf-8"
+        )
+        (folder / "named.toml").write_text('[actuator]\ncalibration = "none.toml"\n', encoding="utf-8")
+
+    return once(tmp_path_factory, "calibrations", make)
 
 
 @pytest.fixture
-def no_sensor(tmp_path: Path) -> str:
+def first(files: Path) -> Path:
+    """Return a calibration file of SIM-1."""
+    return files / "one.toml"
+
+
+@pytest.fixture
+def no_sensor(files: Path) -> str:
     """Return a setup without a displacement sensor."""
-    path = tmp_path / "no-sensor.toml"
-    path.write_text("[sensor]\nfitted = false\n")
-    return str(path)
+    return str(files / "no-sensor.toml")
 
 
 def machined(here: Here, *more: str) -> Said:
@@ -62,6 +88,57 @@ def machined(here: Here, *more: str) -> Said:
 
 def warned(said: Said) -> list[str]:
     return [warning["code"] for warning in said.document["warnings"]]
+
+
+MODEL_ALONE = ("--setup", "no-sensor.toml", "--allow-model")
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        (("--calibration", "none.toml"), "E3640", ""),
+        (("--calibration", "broken.toml"), "E3642", ""),
+        (("--setup", "named.toml"), "E3640", "none.toml"),
+        (("--setup", "no-sensor.toml"), "E8030", "--allow-model"),
+        (("--setup", "no-sensor.toml", "--dry-run"), "E8030", "--allow-model"),
+        (("--setup", "no-swings.toml", "--allow-model"), "E8035", "conditioning_cycles = 2"),
+        (MODEL_ALONE, "E8031", "`edmctl calibrate --seed 1`"),
+        ((*MODEL_ALONE, "--calibration", "narrow.toml"), "E8032", "60.0 V"),
+        ((*MODEL_ALONE, "--calibration", "narrow.toml"), "E8032", "120.0 V"),
+        ((*MODEL_ALONE, "--calibration", "upper.toml"), "E8032", "covers 60.0 V to 150.0 V"),
+        ((*MODEL_ALONE, "--calibration", "upper.toml", "--dry-run"), "E8032", "covers 60.0 V to 150.0 V"),
+    ],
+)
+def test_a_calibration_that_cannot_serve_is_told_before_anything_moves(
+    here: Here, files: Path, options: tuple[str, ...], code: str, words: str
+) -> None:
+    there = [
+        str(files / word) if word.endswith(".toml") and word != "none.toml" else word for word in options
+    ]
+    said = machined(here, *there)
+    error = said.document["error"]
+    assert (said.exit_code, error["code"]) == (int(code[1]), code)
+    assert words in f"{error['message']} {error['hint']}"
+    assert not list(Path().glob("runs/*"))
+
+
+@pytest.mark.parametrize(
+    ("file", "seed", "code", "words"),
+    [
+        ("one.toml", "2", "W8101", "of SIM-1, not of SIM-2"),
+        ("doubtful.toml", "1", "W8102", "A knock"),
+        ("narrow.toml", "1", "W8104", "covers 0.0 V to 60.0 V; limits.stroke_v_max is 120.0 V"),
+    ],
+)
+def test_a_calibration_that_may_not_fit_is_used_with_a_warning(
+    here: Here, files: Path, monkeypatch: pytest.MonkeyPatch, file: str, seed: str, code: str, words: str
+) -> None:
+    monkeypatch.setenv("EDMCTL_CALIBRATION", str(files / file))  # goes before the setup
+    said = machined(here, "--seed", seed, "--setup", str(files / "named.toml"))
+    assert (said.exit_code, warned(said)) == (0, [code])
+    used = said.document["result"]["calibration"]
+    assert words in f"{said.document['warnings'][0]['message']} {used['text']}"
+    assert (used["path"], used["accepted"]) == (str(files / file), file != "doubtful.toml")
 
 
 def test_without_a_calibration_the_quick_model_is_named(here: Here) -> None:
@@ -105,117 +182,13 @@ def test_the_machine_s_own_calibration_is_found_and_named_everywhere(
     assert f"Actuator model: calibration {own} (sha256 {used['sha256']}, accepted)." in table
 
 
-def test_an_option_goes_before_the_environment_and_that_before_the_setup(
-    here: Here, first: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    setup = tmp_path / "setup.toml"
-    setup.write_text('[actuator]\ncalibration = "none.toml"\n')
-    assert machined(here, "--setup", str(setup)).document["error"]["code"] == "E3640"
-    monkeypatch.setenv("EDMCTL_CALIBRATION", str(first))
-    said = machined(here, "--setup", str(setup))
-    assert said.document["result"]["calibration"]["path"] == str(first)
-    assert machined(here, "--calibration", "none.toml").document["error"]["code"] == "E3640"
-
-
-def test_a_calibration_that_cannot_be_read_is_told_before_anything_moves(here: Here, tmp_path: Path) -> None:
-    broken = tmp_path / "broken.toml"
-    broken.write_text("schema = 1\n")
-    said = machined(here, "--calibration", str(broken))
-    assert said.exit_code == 3
-    assert said.document["error"]["code"] == "E3642"
-    assert not Path("runs").exists()
-
-
-def test_another_machine_s_calibration_is_used_with_a_warning(here: Here, first: Path) -> None:
-    said = here("machine", *SHALLOW, "--seed", "2", "--json", "--calibration", str(first))
-    assert said.exit_code == 0
-    assert warned(said) == ["W8101"]
-    assert "of SIM-1, not of SIM-2" in said.document["result"]["calibration"]["text"]
-
-
-def test_a_calibration_that_was_not_accepted_is_used_with_a_warning(
-    here: Here, first: Path, tmp_path: Path
-) -> None:
-    calibration = load_calibration(first)
-    bad = calibration.quality.model_copy(update={"accepted": False, "problems": ["A knock: measure again."]})
-    doubtful = tmp_path / "doubtful.toml"
-    save_calibration(doubtful, calibration.model_copy(update={"quality": bad}))
-    said = machined(here, "--calibration", str(doubtful))
-    assert warned(said) == ["W8102"]
-    assert "A knock" in said.document["warnings"][0]["message"]
-    assert said.document["result"]["calibration"]["accepted"] is False
-
-
-def test_a_calibration_of_a_part_of_the_stroke_is_used_with_a_warning(here: Here, tmp_path: Path) -> None:
-    narrow = calibrate(tmp_path / "narrow.toml", 1, 60.0)
-    said = machined(here, "--calibration", str(narrow))
-    assert said.exit_code == 0
-    assert warned(said) == ["W8104"]
-    assert "covers 0.0 V to 60.0 V; limits.stroke_v_max is 120.0 V" in said.document["warnings"][0]["message"]
-
-
-def test_no_sensor_is_refused_until_the_model_is_allowed(here: Here, no_sensor: str) -> None:
-    for more in ((), ("--dry-run",)):
-        said = machined(here, "--setup", no_sensor, *more)
-        assert (said.exit_code, said.document["error"]["code"]) == (8, "E8030")
-        assert "--allow-model" in said.document["error"]["hint"]
-
-
-def test_a_calibration_that_does_not_reach_down_to_rest_is_told_of(
-    here: Here, tmp_path: Path, no_sensor: str
-) -> None:
-    t_s = np.linspace(0.0, 40.0, 2000)
-    u_v = 105.0 - 45.0 * np.cos(2.0 * np.pi * 0.2 * t_s)
-    rng = np.random.default_rng(1)
-    upper = Record(
-        t_s, u_v, 3.0 * u_v + 6.0 * np.sin(2.0 * np.pi * 0.2 * t_s - 1.6) + rng.normal(0, 0.2, 2000)
-    )
-    made = Made(utc="2026-01-01T00:00:00Z", edmctl="0.1.0", serial="SIM-1", simulated=True)
-    path = tmp_path / "upper.toml"
-    save_calibration(path, calibration_of(identify([upper], folds=2, resamples=1), made))
-    assert "W8104" in warned(machined(here, "--calibration", str(path)))
-    for more in ((), ("--dry-run",)):
-        said = machined(here, "--setup", no_sensor, "--allow-model", "--calibration", str(path), *more)
-        assert (said.exit_code, said.document["error"]["code"]) == (8, "E8032")
-        assert "covers 60.0 V to 150.0 V" in said.document["error"]["message"]
-
-
-def test_no_sensor_and_no_swings_before_the_job_is_refused(here: Here, no_sensor: str) -> None:
-    with Path(no_sensor).open("a") as setup:
-        setup.write("[actuator]\nconditioning_cycles = 0\n")
-    said = machined(here, "--setup", no_sensor, "--allow-model")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8035")
-    assert "conditioning_cycles = 2" in said.document["error"]["hint"]
-
-
-def test_no_sensor_and_no_calibration_is_refused(here: Here, no_sensor: str) -> None:
-    said = machined(here, "--setup", no_sensor, "--allow-model")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8031")
-    assert re.search(CALIBRATE, said.document["error"]["hint"]) is not None
-    assert list(Path().glob("runs/*")) == []
-
-
 @pytest.mark.slow
 def test_what_is_asked_for_without_a_sensor_is_enough(here: Here, no_sensor: str) -> None:
-    said = machined(here, "--setup", no_sensor, "--allow-model")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8031")
-    command = re.search(CALIBRATE, said.document["error"]["hint"])
-    assert command is not None
-    assert here(*command[1].split()).exit_code == 0
+    assert here("calibrate", "--seed", "1").exit_code == 0
     assert machined(here, "--setup", no_sensor, "--allow-model").exit_code == 8
     (file,) = Path(os.environ["EDMCTL_HOME"]).rglob("SIM-1.toml")
     named = machined(here, "--setup", no_sensor, "--allow-model", "--calibration", str(file))
     assert named.exit_code == 0
-
-
-def test_no_sensor_and_too_small_a_calibration_is_refused_with_both_numbers(
-    here: Here, no_sensor: str, tmp_path: Path
-) -> None:
-    narrow = calibrate(tmp_path / "narrow.toml", 1, 60.0)
-    said = machined(here, "--setup", no_sensor, "--allow-model", "--calibration", str(narrow))
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8032")
-    assert "60.0 V" in said.document["error"]["message"]
-    assert "120.0 V" in said.document["error"]["message"]
 
 
 def test_a_job_on_the_model_alone_says_what_that_costs(here: Here, first: Path, no_sensor: str) -> None:
@@ -295,16 +268,11 @@ def test_a_number_that_nothing_measures_is_named_with_its_sample(
         assert error["hint"]
 
 
-def test_a_number_that_nothing_measures_gives_no_lever_factor(here: Here) -> None:
+def test_a_lever_file_and_values_that_are_not_finite_are_checked_alike(here: Here) -> None:
     write_columns(Path("huge.csv"), {"x_um": U_V, "z_um": 1e300 * U_V})
-    said = here("calibrate", "--lever", "huge.csv", "--json")
-    assert said.document["error"]["code"] == "E3622"
-    assert "of 500 values of z_um cannot have been measured" in said.document["error"]["message"]
-
-
-def test_what_is_not_finite_is_still_said_to_be_so(here: Here) -> None:
+    error = here("calibrate", "--lever", "huge.csv", "--json").document["error"]
+    assert error["code"] == "E3622"
+    assert "of 500 values of z_um cannot have been measured" in error["message"]
     write_columns(Path("inf.csv"), {"t_s": T_S, "u_V": U_V, "y_um": np.where(U_V > 149.0, np.inf, U_V)})
-    assert (
-        "of y_um are not finite"
-        in here("calibrate", "--from", "inf.csv", "--json").document["error"]["message"]
-    )
+    error = here("calibrate", "--from", "inf.csv", "--json").document["error"]
+    assert "of y_um are not finite" in error["message"]

@@ -26,6 +26,7 @@ from tests.faults.workshop import Workshop
 
 if TYPE_CHECKING:
     from edmctl.machine.controller import LinkMachine
+    from edmctl.simulator import VirtualBench
 
 INTERLOCKS = ("emergency stop", "door", "level", "flow", "temperature", "high voltage")
 
@@ -43,33 +44,24 @@ def workshop(here: Here, monkeypatch: pytest.MonkeyPatch) -> Workshop:
     return workshop
 
 
+NAMES = """versions, run folder, setup, port, controller, schema, start, round trip, samples, line, fault, actuator,
+displacement, stages, dielectric, calibration"""
+CALIBRATE = "Run `edmctl calibrate --seed 1`, and name its file with --calibration."
+
+
 def test_a_sound_machine_has_nothing_that_fails(here: Here) -> None:
     said = here("doctor", "--json")
     assert said.exit_code == 0, said.err
     checks = found(said)
-    assert set(checks) == {
-        "versions",
-        "run folder",
-        "setup",
-        "port",
-        "controller",
-        "schema",
-        "start",
-        "round trip",
-        "samples",
-        "line",
-        "fault",
-        "actuator",
-        "displacement",
-        "stages",
-        "dielectric",
-        "calibration",
-        *(f"interlock {name}" for name in INTERLOCKS),
-    }
+    names = [" ".join(name.split()) for name in NAMES.split(",")]
+    assert set(checks) == {*names, *(f"interlock {name}" for name in INTERLOCKS)}
     assert {check["status"] for check in checks.values()} <= {"ok", "warn"}
-    fix = "Run `edmctl calibrate --seed 1`, and name its file with --calibration."
-    assert checks["calibration"]["fix"] == fix
+    assert checks["calibration"]["fix"] == CALIBRATE
     assert "SIM-1" in checks["controller"]["message"]
+    lines = here("doctor").out.splitlines()
+    assert lines[0].startswith("ok    versions")
+    index = next(i for i, line in enumerate(lines) if line.startswith("warn  calibration"))
+    assert lines[index + 1].strip() == f"fix: {CALIBRATE}"
 
 
 def test_frames_that_were_damaged_before_the_look_do_not_blame_the_cable() -> None:
@@ -80,51 +72,55 @@ def test_frames_that_were_damaged_before_the_look_do_not_blame_the_cable() -> No
         assert _line(machine, before).status == status
 
 
-def test_people_get_a_line_for_each_check_and_the_fix_below(here: Here) -> None:
-    said = here("doctor")
-    assert said.exit_code == 0
-    lines = said.out.splitlines()
-    assert lines[0].startswith("ok    versions")
-    index = next(i for i, line in enumerate(lines) if line.startswith("warn  calibration"))
-    fix = "Run `edmctl calibrate --seed 1`, and name its file with --calibration."
-    assert lines[index + 1].strip() == f"fix: {fix}"
+def door(bench: VirtualBench) -> None:
+    bench.plant.door_open = True
 
 
-def door(workshop: Workshop) -> None:
-    workshop.bench.plant.door_open = True
+def hot(bench: VirtualBench) -> None:
+    bench.plant.dielectric_temperature_c = 60.0
 
 
-def hot(workshop: Workshop) -> None:
-    workshop.bench.plant.dielectric_temperature_c = 60.0
+def latched(bench: VirtualBench) -> None:
+    bench.controller.raise_fault(FaultCode.SHORT_STUCK)
 
 
-def latched(workshop: Workshop) -> None:
-    workshop.bench.controller.raise_fault(FaultCode.SHORT_STUCK)
+def monitor(bench: VirtualBench) -> None:
+    bench.plant.unit.monitor_zero_v = 10.0
 
 
-def monitor(workshop: Workshop) -> None:
-    workshop.bench.plant.unit.monitor_zero_v = 10.0
+def injected(text: str) -> Callable[[VirtualBench], None]:
+    return lambda bench: bench.inject(parse_injection(text))
 
 
 @pytest.mark.parametrize(
-    ("break_it", "name", "fix"),
+    ("break_it", "options", "name", "words"),
     [
-        (door, "interlock door", "Close the door."),
-        (hot, "interlock temperature", "cool down"),
-        (latched, "fault", "`edmctl reset --ack 3001`"),
-        (monitor, "actuator", "amplifier"),
+        (door, (), "interlock door", "Close the door."),
+        (hot, (), "interlock temperature", "cool down"),
+        (latched, (), "fault", "`edmctl reset --ack 3001`"),
+        (latched, ("--sensors",), "gap sensor", "in state FAULT"),
+        (monitor, (), "actuator", "amplifier"),
+        (injected("GAP_SENSOR_LOW@arm+0"), ("--sensors",), "gap sensor", "`edmctl reset --ack 3003`"),
+        (injected("SAMPLES_LOST@0"), (), "samples", "0 of 50"),
     ],
 )
 def test_what_fails_on_the_machine_is_a_precondition_with_its_fix(
-    here: Here, workshop: Workshop, break_it: Callable[[Workshop], None], name: str, fix: str
+    here: Here,
+    workshop: Workshop,
+    break_it: Callable[[VirtualBench], None],
+    options: tuple[str, ...],
+    name: str,
+    words: str,
 ) -> None:
-    break_it(workshop)
-    said = here("doctor", "--json")
+    break_it(workshop.bench)
+    said = here("doctor", *options, "--json")
     checks = found(said)
     assert (said.exit_code, said.document["error"]["code"]) == (8, "E8040")
-    assert [check for check in checks if checks[check]["status"] == "fail"] == [name]
-    assert fix in checks[name]["fix"]
+    failed = {check for check in checks if checks[check]["status"] == "fail"}
+    assert name in failed <= {name, "fault"}
+    assert words in f"{checks[name]['message']} {checks[name]['fix']}"
     assert name in said.document["error"]["message"]
+    assert workshop.bench.controller.loop.command_v == 0.0
 
 
 def test_a_controller_that_restarted_by_itself_is_a_warning(here: Here, workshop: Workshop) -> None:
@@ -147,56 +143,25 @@ def test_the_gap_sensor_is_tested_on_demand_and_said_so_before(here: Here, works
     assert workshop.bench.controller.state is State.IDLE
 
 
-def test_a_dead_gap_sensor_fails_and_leaves_the_tool_up(here: Here, workshop: Workshop) -> None:
-    workshop.bench.inject(parse_injection("GAP_SENSOR_LOW@arm+0"))
-    said = here("doctor", "--sensors", "--json")
-    assert said.exit_code == 8
-    check = found(said)["gap sensor"]
-    assert check["status"] == "fail"
-    assert "`edmctl reset --ack 3003`" in check["fix"]
-    assert workshop.bench.controller.loop.command_v == 0.0
-
-
-def test_sensors_are_not_tested_on_a_machine_that_is_not_idle(here: Here, workshop: Workshop) -> None:
-    latched(workshop)
-    said = here("doctor", "--sensors", "--json")
-    assert said.exit_code == 8
-    assert "in state FAULT" in found(said)["gap sensor"]["message"]
-
-
-def test_without_a_port_the_other_checks_are_still_done(here: Here) -> None:
-    said = here("doctor", "--port", "/dev/nothing-of-the-kind", "--json")
-    assert said.exit_code == 4
+def test_a_check_that_fails_leaves_the_others(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    Path("setup.toml").write_text("[sensor]\nfited = true\n", encoding="utf-8")
+    said = here("doctor", "--setup", "setup.toml", "--json")
     checks = found(said)
-    assert checks["port"]["status"] == "fail"
+    assert (said.exit_code, checks["setup"]["status"], checks["controller"]["status"]) == (8, "fail", "ok")
+    said = here("doctor", "--port", "/dev/nothing-of-the-kind", "--json")
+    checks = found(said)
+    assert (said.exit_code, checks["port"]["status"]) == (4, "fail")
     assert checks["port"]["fix"]
-    assert "versions" in checks
-    assert "controller" not in checks
+    assert ("versions" in checks, "controller" in checks) == (True, False)
 
-
-def test_another_protocol_is_told_with_its_own_exit_code(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise ProtocolMismatch("Another version.", hint="Update the firmware.")
 
     monkeypatch.setattr("edmctl.link.session.check_hello", refuse)
     said = here("doctor", "--json")
-    assert said.exit_code == 5
-    assert found(said)["protocol"] == {
-        "name": "protocol",
-        "status": "fail",
-        "message": "Another version.",
-        "fix": "Update the firmware.",
-    }
-
-
-def test_a_setup_that_cannot_be_read_is_one_check_of_many(here: Here, tmp_path: Path) -> None:
-    broken = tmp_path / "setup.toml"
-    broken.write_text("[sensor]\nfited = true\n")
-    said = here("doctor", "--setup", str(broken), "--json")
-    assert said.exit_code == 8
-    checks = found(said)
-    assert checks["setup"]["status"] == "fail"
-    assert checks["controller"]["status"] == "ok"
+    protocol = found(said)["protocol"]
+    assert (said.exit_code, protocol["status"]) == (5, "fail")
+    assert (protocol["message"], protocol["fix"]) == ("Another version.", "Update the firmware.")
 
 
 def test_a_folder_that_cannot_be_written_fails(tmp_path: Path) -> None:
@@ -228,28 +193,20 @@ def system(tmp_path: Path) -> tuple[Path, Path]:
     return tmp_path / "sys", tmp_path / "proc"
 
 
-def test_linux_tells_of_slow_adapters_and_of_modem_manager(system: tuple[Path, Path]) -> None:
-    checks = doctor.line_settings("/dev/ttyUSB0", *system)
-    assert [(check.name, check.status.value) for check in checks] == [
-        ("latency timer", "warn"),
-        ("ModemManager", "warn"),
-    ]
-    assert "16 ms" in checks[0].message
+def test_linux_tells_of_slow_adapters_and_of_modem_manager(system: tuple[Path, Path], tmp_path: Path) -> None:
+    def told(port: str | None) -> list[tuple[str, str]]:
+        return [(check.name, check.status.value) for check in doctor.line_settings(port, *system)]
+
+    (tmp_path / "edm").symlink_to("/dev/ttyUSB0")
+    for port in ("/dev/ttyUSB0", str(tmp_path / "edm")):
+        assert told(port) == [("latency timer", "warn"), ("ModemManager", "warn")]
+    assert "16 ms" in doctor.line_settings("/dev/ttyUSB0", *system)[0].message
     (system[0] / "bus/usb-serial/devices/ttyUSB0/latency_timer").write_text("1\n")
     (system[1] / "4711" / "comm").write_text("bash\n")
-    checks = doctor.line_settings("/dev/ttyUSB0", *system)
-    assert [(check.name, check.status.value) for check in checks] == [("latency timer", "ok")]
-
-
-def test_an_adapter_is_known_by_every_name_of_its_port(system: tuple[Path, Path], tmp_path: Path) -> None:
-    (tmp_path / "edm").symlink_to("/dev/ttyUSB0")
-    assert doctor.line_settings(str(tmp_path / "edm"), *system)[0].name == "latency timer"
-
-
-def test_a_virtual_machine_has_no_adapter(system: tuple[Path, Path], tmp_path: Path) -> None:
-    (tmp_path / "edm").symlink_to("/dev/pts/0")
-    for port in (None, "sim:", "/dev/pts/0", str(tmp_path / "edm"), "socket://127.0.0.1:7321"):
-        assert list(doctor.line_settings(port, *system)) == []
+    assert told("/dev/ttyUSB0") == [("latency timer", "ok")]
+    (tmp_path / "virtual").symlink_to("/dev/pts/0")
+    for name in (None, "sim:", "/dev/pts/0", str(tmp_path / "virtual"), "socket://127.0.0.1:7321"):
+        assert told(name) == []
 
 
 @pytest.mark.parametrize(
@@ -267,11 +224,3 @@ def test_a_slow_line_is_blamed_on_an_adapter_where_there_is_one(
     assert ("FTDI" in check.fix) == is_told
     identity.simulated = True
     assert _round_trip(machine).status is CheckStatus.OK
-
-
-def test_samples_that_do_not_come_are_told(here: Here, workshop: Workshop) -> None:
-    workshop.bench.inject(parse_injection("SAMPLES_LOST@0"))
-    said = here("doctor", "--json")
-    assert said.exit_code == 8
-    assert found(said)["samples"]["status"] == "fail"
-    assert "0 of 50" in found(said)["samples"]["message"]

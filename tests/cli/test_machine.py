@@ -22,22 +22,32 @@ from tests.cli.commands import CU270, SHALLOW, Here, Said, in_process_of_its_own
 if TYPE_CHECKING:
     from edmctl.simulator.config import BenchConfig
 
-SITE_KEYS = [
-    "depth_um",
-    "depth_u95_um",
-    "wear_um",
-    "wear_u95_um",
-    "feed_um",
-    "z1_um",
-    "z2_um",
-    "z3_um",
-    "depth_model_um",
-    "wear_model_um",
-    "zero_drift_um",
-    "machining_time_s",
-    "cuts",
-    "pulses",
-]
+KEYS = "schema command ok exit_code simulated seed run_file files warnings result error"
+SITE_KEYS = """depth_um depth_u95_um wear_um wear_u95_um feed_um z1_um z2_um z3_um depth_model_um wear_model_um
+zero_drift_um machining_time_s cuts pulses"""
+TRUTH_KEYS = "depth_um wear_um side_gap_um taper_um ra_um rz_um corner_um feed_um"
+
+
+def test_json_has_the_documented_keys_and_the_same_seed_gives_the_same_bytes(
+    here: Here, piped: tuple[Said, Path]
+) -> None:
+    document = here("machine", *SHALLOW, "--seed", "7", "--run-id", "one", "--json", "--quiet").document
+    assert list(document) == KEYS.split()
+    assert document["schema"] == "edmctl-result/1"
+    assert not Path("runs/ledger.jsonl").exists()  # a fresh machine has none
+    assert (document["ok"], document["exit_code"], document["simulated"]) == (True, 0, True)
+    assert (document["seed"], document["run_file"], document["error"]) == (7, "runs/one.h5", None)
+    (site,) = document["result"]["sites"]
+    assert set(SITE_KEYS.split()) <= set(site)
+    assert set(site["ratios"]) == {"open", "normal", "arc", "short"}
+    assert set(site["truth"]) == set(TRUTH_KEYS.split())
+    assert abs(site["depth_um"] - 8.0) <= 2.0
+    assert abs(site["truth"]["depth_um"] - 8.0) <= 3.0
+    assert {"time_s", "tool_wear_total_um"} <= set(document["result"])
+    with h5py.File(piped[1]) as file:
+        summary = json.loads(file["/entry/summary"][()].tobytes())
+        assert to_json_value(summary) == document["result"]
+        assert summary["sites"][0]["depth_um"] == file["/entry/results"]["depth"][0]
 
 
 @pytest.fixture(scope="module")
@@ -50,8 +60,8 @@ def piped(tmp_path_factory: pytest.TempPathFactory) -> tuple[Said, Path]:
     return said, folder / "runs" / "r.h5"
 
 
-def test_the_table_is_on_stdout_and_the_rest_on_stderr(piped: tuple[Said, Path]) -> None:
-    said, _ = piped
+def test_a_pipe_gets_the_table_on_stdout_and_the_rest_on_stderr(piped: tuple[Said, Path]) -> None:
+    said, path = piped
     assert "measured     from voltage" in said.out
     assert "Simulated, seed 7. Run file runs/r.h5" in said.out
     assert said.err.startswith(
@@ -59,67 +69,14 @@ def test_the_table_is_on_stdout_and_the_rest_on_stderr(piped: tuple[Said, Path])
         "simulated run on the virtual machine, seed 7, into runs/r.h5; default setup\n"
     )
     assert "machining; gap" in said.err
-
-
-def test_pipes_get_neither_carriage_returns_nor_escape_codes(piped: tuple[Said, Path]) -> None:
-    said, _ = piped
-    for stream in (said.out, said.err):
-        assert "\r" not in stream
-        assert "\x1b" not in stream
-
-
-def test_the_run_file_says_what_it_is(piped: tuple[Said, Path]) -> None:
-    with h5py.File(piped[1]) as file:
+    assert not {"\r", "\x1b"} & {*said.out, *said.err}
+    with h5py.File(path) as file:
         entry = file["/entry"]
         assert entry["status"].asstr()[()] == "done"
-        assert entry["exit_code"][()] == 0
-        assert entry["simulated"][()] == 1
-        assert entry["seed"][()] == 7
+        assert [entry[name][()] for name in ("exit_code", "simulated", "seed")] == [0, 1, 7]
         assert entry["profile/toml"].asstr()[()] == Path(CU270).read_text(encoding="utf-8")
         assert "target.depth_um = 8" in entry["profile/overrides"].asstr()[()]
         assert entry["profile/values"].attrs["pulse.frequency_hz_units"] == "Hz"
-
-
-def test_json_has_the_documented_keys_and_the_same_seed_gives_the_same_bytes(
-    here: Here, piped: tuple[Said, Path]
-) -> None:
-    document = here("machine", *SHALLOW, "--seed", "7", "--run-id", "one", "--json", "--quiet").document
-    assert list(document) == [
-        "schema",
-        "command",
-        "ok",
-        "exit_code",
-        "simulated",
-        "seed",
-        "run_file",
-        "files",
-        "warnings",
-        "result",
-        "error",
-    ]
-    assert document["schema"] == "edmctl-result/1"
-    assert (document["ok"], document["exit_code"], document["simulated"]) == (True, 0, True)
-    assert (document["seed"], document["run_file"], document["error"]) == (7, "runs/one.h5", None)
-    (site,) = document["result"]["sites"]
-    assert set(SITE_KEYS) <= set(site)
-    assert set(site["ratios"]) == {"open", "normal", "arc", "short"}
-    assert set(site["truth"]) == {
-        "depth_um",
-        "wear_um",
-        "side_gap_um",
-        "taper_um",
-        "ra_um",
-        "rz_um",
-        "corner_um",
-        "feed_um",
-    }
-    assert abs(site["depth_um"] - 8.0) <= 2.0
-    assert abs(site["truth"]["depth_um"] - 8.0) <= 3.0
-    assert {"time_s", "tool_wear_total_um"} <= set(document["result"])
-    with h5py.File(piped[1]) as file:
-        summary = json.loads(file["/entry/summary"][()].tobytes())
-        assert to_json_value(summary) == document["result"]
-        assert summary["sites"][0]["depth_um"] == file["/entry/results"]["depth"][0]
 
 
 def test_events_are_json_lines_and_a_seed_nobody_chose_is_reported(here: Here) -> None:
@@ -145,52 +102,52 @@ def test_dry_run_forecasts_and_touches_nothing(here: Here) -> None:
     assert list(Path().iterdir()) == []
 
 
-def test_a_run_is_never_overwritten(here: Here) -> None:
-    Path("runs").mkdir()
-    Path("runs/r.h5").write_bytes(b"precious")
-    said = here("machine", *SHALLOW, "--run-id", "r", "--json")
-    assert said.exit_code == 9
-    assert said.document["error"]["code"] == "E9001"
-    assert "--run-id" in said.document["error"]["hint"]
-    assert said.document["run_file"] is None
-    assert Path("runs/r.h5").read_bytes() == b"precious"
-
-
-def test_the_place_of_the_run_file_is_looked_at_before_the_machine(
+def test_the_place_of_the_run_file_is_looked_at_before_the_machine_and_never_overwritten(
     here: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def no_machine(*_: object) -> None:
-        raise AssertionError("a machine was opened")
-
-    monkeypatch.setattr(run_context, "connected", no_machine)
+    monkeypatch.setattr(run_context, "connected", None)
     Path("file").touch()
-    Path("r.h5.partial").touch()
+    Path("r.h5.partial").write_bytes(b"precious")
     for out, run_id, code in (("file", "r", "E9002"), ("file/in/it", "r", "E9002"), (".", "r", "E9001")):
         said = here("machine", *SHALLOW, "--out", out, "--run-id", run_id, "--json")
-        assert said.exit_code == 9
-        assert said.document["error"]["code"] == code
+        assert (said.exit_code, said.document["error"]["code"]) == (9, code)
+        assert said.document["run_file"] is None
+    assert "--run-id" in said.document["error"]["hint"]
     assert {path.name for path in Path().iterdir()} == {"file", "r.h5.partial"}
+    assert Path("r.h5.partial").read_bytes() == b"precious"
 
 
-@pytest.mark.parametrize("how", ["option", "environment", "setup"])
-def test_a_port_that_is_not_there_is_told(here: Here, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    arguments = ["--port", "/dev/ttyNONE"]
-    if how == "environment":
-        monkeypatch.setenv("EDMCTL_PORT", "/dev/ttyNONE")
-        arguments = []
-    elif how == "setup":
-        Path("setup.toml").write_text('port = "/dev/ttyNONE"\n', encoding="utf-8")
-        arguments = ["--setup", "setup.toml"]
-    said = here("machine", *SHALLOW, *arguments, "--json")
-    assert said.exit_code == 4
-    assert said.document["error"]["code"] == "E4001"
-    assert said.document["error"]["message"] == "There is no port /dev/ttyNONE."
+def test_a_port_is_named_by_option_environment_or_setup_in_this_order(
+    here: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("setup.toml").write_text('port = "/dev/ttyNONE"\n', encoding="utf-8")
+    job: tuple[str, ...] = ("machine", *SHALLOW, "--setup", "setup.toml")
+    for port in ("NONE", "VARIABLE", "OPTION"):
+        if port == "VARIABLE":
+            monkeypatch.setenv("EDMCTL_PORT", "/dev/ttyVARIABLE")
+        elif port == "OPTION":
+            job = (*job, "--port", "/dev/ttyOPTION")
+        said = here(*job, "--json")
+        assert (said.exit_code, said.document["error"]["code"]) == (4, "E4001")
+        assert said.document["error"]["message"] == f"There is no port /dev/tty{port}."
+    assert here(*job, "--port", "sim:", "--dry-run").exit_code == 0
     assert not Path("runs").exists()
 
 
-def test_the_machine_says_itself_whether_it_is_simulated(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = here("machine", *SHALLOW, "--dry-run", "--json").document
-    assert before["simulated"] is True
+def test_a_missed_objective_reports_what_was_reached(here: Here) -> None:
+    said = here(
+        "machine", *SHALLOW, "--set", "limits.max_time_s=100", "--seed", "2", "--run-id", "r", "--json"
+    )
+    assert (said.exit_code, said.document["ok"], said.document["run_file"]) == (7, False, "runs/r.h5")
+    assert said.document["result"]["time_s"] > 0.0
+    with h5py.File("runs/r.h5") as file:
+        assert file["/entry/exit_code"][()] == 7
+
+
+def test_an_open_interlock_is_a_precondition_of_a_machine_that_says_whether_it_is_simulated(
+    here: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert here("machine", *SHALLOW, "--dry-run", "--json").document["simulated"] is True
 
     def pretending(config: BenchConfig, seed: int) -> VirtualBench:
         bench = VirtualBench(config, seed)
@@ -198,9 +155,12 @@ def test_the_machine_says_itself_whether_it_is_simulated(here: Here, monkeypatch
         return bench
 
     monkeypatch.setattr("edmctl.simulator.open_bench", pretending)
-    said = here("machine", *SHALLOW, "--set", "flush.min_flow_lpm=2.0", "--json")
-    assert said.exit_code == 8
-    assert said.document["simulated"] is False
+    said = here("machine", *SHALLOW, "--set", "flush.min_flow_lpm=2.0", "--run-id", "r", "--json")
+    assert (said.exit_code, said.document["simulated"]) == (8, False)
+    assert said.document["error"]["code"].startswith("E8")
+    assert said.document["result"]["sites"] == []
+    with h5py.File("runs/r.h5") as file:
+        assert file["/entry/exit_code"][()] == 8
 
 
 @dataclass
@@ -238,32 +198,6 @@ def test_the_true_hole_of_a_site_is_the_nearest_and_the_wear_its_own() -> None:
     assert math.isnan(unknown.depth_um)
     (tip,) = truths_of([Place("a", 0.0, through=True)], holes, wear)  # type: ignore[list-item]
     assert (math.isnan(tip.depth_um), tip.wear_um) == (True, 7.5)
-
-
-def test_an_option_names_the_port_before_the_environment(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("EDMCTL_PORT", "/dev/ttyACM0")
-    assert here("machine", *SHALLOW, "--port", "sim:", "--dry-run").exit_code == 0
-
-
-def test_a_missed_objective_reports_what_was_reached(here: Here) -> None:
-    said = here(
-        "machine", *SHALLOW, "--set", "limits.max_time_s=100", "--seed", "2", "--run-id", "r", "--json"
-    )
-    assert said.exit_code == 7
-    assert said.document["ok"] is False
-    assert said.document["result"]["time_s"] > 0.0
-    assert said.document["run_file"] == "runs/r.h5"
-    with h5py.File("runs/r.h5") as file:
-        assert file["/entry/exit_code"][()] == 7
-
-
-def test_an_open_interlock_is_a_precondition(here: Here) -> None:
-    said = here("machine", *SHALLOW, "--set", "flush.min_flow_lpm=2.0", "--run-id", "r", "--json")
-    assert said.exit_code == 8
-    assert said.document["error"]["code"].startswith("E8")
-    assert said.document["result"]["sites"] == []
-    with h5py.File("runs/r.h5") as file:
-        assert file["/entry/exit_code"][()] == 8
 
 
 def test_a_bug_is_one_line_and_debug_shows_where(

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -14,8 +13,8 @@ import pytest
 from edmctl.actuator.identification import Identification, identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import sampled, slow_legs
-from edmctl.errors import UsageError, installing
-from edmctl.jobs.actuator_trial import run_trial
+from edmctl.errors import RecordError, UsageError, installing
+from edmctl.jobs.actuator_trial import run_trial, write_data
 from edmctl.jobs.actuator_waveforms import Wanted, Waveform, command_from, waveforms
 from edmctl.procedures.calibration import REST_S, plan_calibration
 from edmctl.profile.calibration import Made, calibration_of, save_calibration
@@ -144,13 +143,40 @@ def test_figure_and_data_are_written_and_the_same_for_the_same_seed(here: Here, 
     assert np.abs(columns[:, 5] - columns[:, 2]).max() == pytest.approx(errors["max_um"], abs=6e-4)
 
 
-def test_data_of_several_waveforms_are_numbered(here: Here, calibration: str) -> None:
-    said = here("simulate", "actuator", "all", "--seed", "3", "--calibration", calibration, "--data", "a.h5")
-    assert said.exit_code == 0
-    with h5py.File("a.h5", "r") as file:
+def test_a_voltage_from_a_file_is_applied_as_straight_lines_as_steep_as_the_machine_can(
+    here: Here, calibration: str
+) -> None:
+    Path("u.csv").write_text("t_s,note,u_V\n10,a,0\n10.5,b,100\n11,c,100\n", encoding="utf-8")
+    u_v = command_from(Path("u.csv"), 60.0)
+    assert u_v.size == RATE_HZ + 1
+    assert u_v[[0, 250, 500, 1000]] == pytest.approx([0.0, 50.0, 100.0, 100.0])
+    Path("u.csv").write_text("t_s,u_V\n0,0\n0.001,100\n2,100\n", encoding="utf-8")
+    known = ("--seed", "3", "--calibration", calibration, "--json")
+    said = here("simulate", "actuator", "csv", "--from", "u.csv", *known)
+    (waveform,) = said.document["result"]["waveforms"]
+    assert (said.exit_code, waveform["name"]) == (0, "u.csv")
+    assert waveform["models"]["ours"]["max_pct"] <= 1.0
+    (warning,) = said.document["warnings"]
+    assert warning["code"] == "W8103"
+    assert "up to 99.0 V away" in warning["message"]
+
+
+def test_data_of_several_waveforms_are_numbered(five: Trial, tmp_path: Path) -> None:
+    write_data(five.traces, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r") as file:
         number, t_s = file["waveform"][:], file["t_s"][:]
     assert np.unique(number).tolist() == [1, 2, 3, 4, 5]
     assert np.array_equal(t_s[np.flatnonzero(np.diff(number)) + 1], np.zeros(4))
+
+
+def test_options_of_a_job_and_of_the_subcommand_are_kept_apart(here: Here) -> None:
+    said = here("simulate", "--runs", "3", "actuator", "sine")
+    assert said.exit_code == 2
+    assert "--runs stands before 'actuator'; options go after it." in said.err
+    assert here("simulate", "--profile", "cu270", "--dry-run", "--json").document["command"] == "simulate"
+    assert "\n  actuator " in here("simulate", "--help").out
+    assert here("simulate", "actuator", "--help").out.startswith("Usage: edmctl simulate actuator ")
+    assert here("simulate", "nonsense", "--json").document["command"] == "simulate nonsense"
 
 
 def test_a_calibration_is_judged_and_another_actuators_is_doubted(here: Here, calibration: str) -> None:
@@ -166,30 +192,6 @@ def test_a_calibration_is_judged_and_another_actuators_is_doubted(here: Here, ca
     assert worse > own["result"]["waveforms"][0]["models"]["ours"]["max_pct"]
 
 
-def test_a_voltage_from_a_file_is_applied_as_straight_lines(here: Here, calibration: str) -> None:
-    Path("u.csv").write_text("t_s,note,u_V\n10,a,0\n10.5,b,100\n11,c,100\n", encoding="utf-8")
-    u_v = command_from(Path("u.csv"), 60.0)
-    assert u_v.size == RATE_HZ + 1
-    assert u_v[[0, 250, 500, 1000]] == pytest.approx([0.0, 50.0, 100.0, 100.0])
-    known = ("--seed", "3", "--calibration", calibration, "--json")
-    result = here("simulate", "actuator", "csv", "--from", "u.csv", *known).document["result"]
-    (waveform,) = result["waveforms"]
-    assert waveform["name"] == "u.csv"
-    assert waveform["models"]["ours"]["max_pct"] <= 1.0
-
-
-def test_a_voltage_steeper_than_the_machine_is_slowed_down_with_a_warning(
-    here: Here, calibration: str
-) -> None:
-    Path("u.csv").write_text("t_s,u_V\n0,0\n0.001,100\n2,100\n", encoding="utf-8")
-    known = ("--seed", "3", "--calibration", calibration, "--json")
-    said = here("simulate", "actuator", "csv", "--from", "u.csv", *known)
-    assert said.exit_code == 0
-    (warning,) = said.document["warnings"]
-    assert warning["code"] == "W8103"
-    assert "up to 99.0 V away" in warning["message"]
-
-
 def test_a_calibration_of_less_than_the_waveform_is_doubted() -> None:
     model = identified(90.0).model
     asked = [Waveform("low", np.linspace(0.0, 90.0, 500)), Waveform("high", np.linspace(0.0, 95.0, 500))]
@@ -198,76 +200,83 @@ def test_a_calibration_of_less_than_the_waveform_is_doubted() -> None:
     assert doubt.message == "high goes up to 95.0 V and the calibration to 90.0 V."
 
 
-BAD_FILES = [
-    ("t_s,u\n0,0\n1,1\n", "E3603", "no column u_V"),
-    ("", "E3602", "is empty"),
-    ("t_s,u_V\n0,0\n", "E3605", "1 row of numbers"),
-    ("t_s,u_V\n0,0\n1,x\n", "E3604", "line 3, column u_V: 'x' is no number"),
-    ("t_s,u_V\nnan,0\n1,1\n", "E3612", "row 1 (nan s, 0 V) is not finite"),
-    ("t_s,u_V\n1,0\n1,1\n", "E3613", "row 2 (1 s, 1 V) is not later than the one before"),
-    ("t_s,u_V\n0,0\n1,151\n", "E3630", "row 2 (1 s, 151 V) is outside 0 to 150 V"),
-    ("t_s,u_V\n0,-1\n1,1\n", "E3630", "row 1 (0 s, -1 V) is outside"),
-    ("t_s,u_V\n0,0\n4000,1\n", "E3631", "lasts 4000 s; 1800 s is the longest"),
-]
-
-
-@pytest.mark.parametrize(("text", "code", "message"), BAD_FILES)
-def test_a_bad_file_is_named_with_what_is_wrong_in_it(text: str, code: str, message: str, here: Here) -> None:
+@pytest.mark.parametrize(
+    ("text", "code", "message"),
+    [
+        ("t_s,u\n0,0\n1,1\n", "E3603", "no column u_V"),
+        ("", "E3602", "is empty"),
+        ("t_s,u_V\n0,0\n", "E3605", "1 row of numbers"),
+        ("t_s,u_V\n0,0\n1,x\n", "E3604", "line 3, column u_V: 'x' is no number"),
+        ("t_s,u_V\nnan,0\n1,1\n", "E3612", "row 1 (nan s, 0 V) is not finite"),
+        ("t_s,u_V\n1,0\n1,1\n", "E3613", "row 2 (1 s, 1 V) is not later than the one before"),
+        ("t_s,u_V\n0,0\n1,151\n", "E3630", "row 2 (1 s, 151 V) is outside 0 to 150 V"),
+        ("t_s,u_V\n0,-1\n1,1\n", "E3630", "row 1 (0 s, -1 V) is outside"),
+        ("t_s,u_V\n0,0\n4000,1\n", "E3631", "lasts 4000 s; 1800 s is the longest"),
+    ],
+)
+def test_a_bad_file_is_named_with_what_is_wrong_in_it(
+    text: str, code: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     Path("u.csv").write_text(text, encoding="utf-8")
-    error = refusal(here, "csv", "--from", "u.csv")
-    assert error["code"] == code
-    assert error["message"].startswith("u.csv")
-    assert message in error["message"]
-    assert "y_um" not in error["message"]
-    assert error["hint"]
+    with pytest.raises(RecordError) as refused:
+        waveforms(Wanted("csv", None, None, None, None, Path("u.csv")))
+    assert refused.value.code == code
+    assert refused.value.message.startswith("u.csv")
+    assert message in refused.value.message
+    assert "y_um" not in refused.value.message
+    assert refused.value.hint
 
 
-MISTAKES = [
-    (["sinus"], "E2000", "'sinus' is not one of"),
-    ([], "E2000", "Missing argument"),
-    (["csv"], "E2010", "No CSV file was named"),
-    (["csv", "--from", "none.csv"], "E3601", "none.csv: there is no such file."),
-    (["csv", "--from", "u.csv", "--high", "90"], "E2010", "--high does not go with csv"),
-    (["sine", "--from", "u.csv"], "E2010", "--from does not go with sine"),
-    (["servo", "--frequency", "2"], "E2010", "--frequency does not go with servo"),
-    (["all", "--cycles", "2"], "E2010", "--cycles does not go with all"),
-    (["sine", "--cycles", "0"], "E2000", "0 is not in the range"),
-    (["sine", "--high", "151"], "E2010", "--high 151 do not ascend within the actuator's 0 to 150 V"),
-    (["sine", "--low", "-5"], "E2010", "--low -5 and"),
-    (["sine", "--low", "50", "--high", "50"], "E2010", "do not ascend"),
-    (["sine", "--low", "nan"], "E2010", "do not ascend"),
-    (["sine", "--frequency", "0"], "E2010", "do not end within 1800 s"),
-    (["sine", "--frequency", "nan"], "E2010", "do not end within 1800 s"),
-    (["sine", "--frequency", "0.001"], "E2010", "5 cycles of 0.001 Hz do not end within 1800 s"),
-    (["sine", "--frequency", "5"], "E2010", "steeper than the machine's 1000 V/s"),
-    (["square", "--frequency", "5"], "E2010", "steeper than the machine's 1000 V/s"),
-    (["sine", "--plot", "a.jpg"], "E2011", "'a.jpg': its name ends in none of .png, .svg, .pdf"),
-    (["sine", "--data", "a.txt"], "E2012", "'a.txt': its name ends in none of .csv, .h5"),
-    (["sine", "--data", "none/a.csv"], "E9012", "there is no folder none"),
-    (["sine", "--seed", "-1"], "E2005", "Seed -1"),
-    (["sine", "--calibration", "none.toml"], "E3640", "none.toml"),
-]
-
-
-@pytest.mark.parametrize(("arguments", "code", "message"), MISTAKES)
-def test_a_mistake_is_named(arguments: list[str], code: str, message: str, here: Here) -> None:
-    error = refusal(here, *arguments)
-    assert error["code"] == code
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        ("sinus", "E2000", "'sinus' is not one of"),
+        ("", "E2000", "Missing argument"),
+        ("csv", "E2010", "No CSV file was named"),
+        ("csv --from none.csv", "E3601", "none.csv: there is no such file."),
+        ("csv --from u.csv --high 90", "E2010", "--high does not go with csv"),
+        ("sine --from u.csv", "E2010", "--from does not go with sine"),
+        ("servo --frequency 2", "E2010", "--frequency does not go with servo"),
+        ("fig4 --frequency 2", "E2010", "--frequency does not go with fig4"),
+        ("all --cycles 2", "E2010", "--cycles does not go with all"),
+        ("sine --cycles 0", "E2000", "0 is not in the range"),
+        ("sine --high 151", "E2010", "--high 151 do not ascend within the actuator's 0 to 150 V"),
+        ("sine --low -5", "E2010", "--low -5 and"),
+        ("sine --low 50 --high 50", "E2010", "do not ascend"),
+        ("sine --low nan", "E2010", "do not ascend"),
+        ("sine --frequency 0", "E2010", "do not end within 1800 s"),
+        ("sine --frequency nan", "E2010", "do not end within 1800 s"),
+        ("sine --frequency 0.001", "E2010", "5 cycles of 0.001 Hz do not end within 1800 s"),
+        ("sine --frequency 5", "E2010", "steeper than the machine's 1000 V/s"),
+        ("square --frequency 5", "E2010", "steeper than the machine's 1000 V/s"),
+        ("sine --plot a.jpg", "E2011", "'a.jpg': its name ends in none of .png, .svg, .pdf"),
+        ("sine --plot there.png", "E9011", "there.png"),
+        ("sine --data a.txt", "E2012", "'a.txt': its name ends in none of .csv, .h5"),
+        ("sine --data there.csv", "E9011", "there.csv"),
+        ("sine --data none/a.csv", "E9012", "there is no folder none"),
+        ("sine --seed -1", "E2005", "Seed -1"),
+        ("sine --calibration none.toml", "E3640", "none.toml"),
+        ("sine --start virgin", "E2010", "--start goes with --model paper"),
+        ("sine --model paper --calibration a.toml", "E2010", "--calibration does not go"),
+    ],
+)
+def test_a_mistake_is_named(words: str, code: str, message: str, here: Here) -> None:
+    for name in ("there.png", "there.csv"):
+        Path(name).write_bytes(b"precious")
+    seed = () if "--seed" in words else ("--seed", "3")
+    said = here("simulate", "actuator", *words.split(), *seed, "--json")
+    error = said.document["error"]
+    assert (said.exit_code, error["code"]) == (int(code[1]), code)
+    assert said.document["command"] in ("simulate actuator", "simulate")
     assert message in error["message"]
     assert error["hint"].endswith((".", "?"))
-
-
-@pytest.mark.parametrize("option", ["--plot", "--data"])
-def test_a_file_that_exists_stays_as_it_is(option: str, here: Here) -> None:
-    name = "a.png" if option == "--plot" else "a.csv"
-    Path(name).write_bytes(b"precious")
-    assert refusal(here, "sine", option, name)["code"] == "E9011"
-    assert Path(name).read_bytes() == b"precious"
+    assert {Path(name).read_bytes() for name in ("there.png", "there.csv")} == {b"precious"}
 
 
 def test_a_figure_without_matplotlib_names_the_remedy(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    error = refusal(here, "sine", "--plot", "a.png")
+    error = here(*SHORT, "--plot", "a.png", "--json").document["error"]
     assert (error["code"], error["hint"]) == ("E8090", f"Install it: {installing('matplotlib')}.")
 
 
@@ -279,28 +288,3 @@ def test_frequencies_and_ranges_as_asked_for() -> None:
     assert square.command_v.size == pytest.approx(1.5 * RATE_HZ, abs=2)
     with pytest.raises(UsageError, match="1800 s"):
         waveforms(Wanted("triangle", 1.0, None, None, 1801, None))
-
-
-def test_options_of_a_job_before_the_subcommand_are_not_lost_in_silence(here: Here) -> None:
-    said = here("simulate", "--runs", "3", "actuator", "sine")
-    assert said.exit_code == 2
-    assert "--runs stands before 'actuator'; options go after it." in said.err
-
-
-def test_jobs_are_simulated_as_before_and_help_names_the_subcommand(here: Here) -> None:
-    assert here("simulate", "--profile", "cu270", "--dry-run", "--json").document["command"] == "simulate"
-    assert "\n  actuator " in here("simulate", "--help").out
-    assert here("simulate", "actuator", "--help").out.startswith("Usage: edmctl simulate actuator ")
-    assert here("simulate", "nonsense", "--json").document["command"] == "simulate nonsense"
-
-
-def refusal(here: Here, *arguments: str) -> Mapping[str, Any]:
-    """The error of a command line that leaves no result."""
-    said = here(
-        "simulate", "actuator", *arguments, *(() if "--seed" in arguments else ("--seed", "3")), "--json"
-    )
-    assert said.exit_code != 0
-    assert not said.document["ok"]
-    assert said.document["command"] in ("simulate actuator", "simulate")
-    error: Mapping[str, Any] = said.document["error"]
-    return error

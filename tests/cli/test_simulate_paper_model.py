@@ -99,17 +99,3 @@ def test_a_figure_is_a_table_keys_with_units_and_files(here: Here) -> None:
     drawn = Path("a.svg").read_text(encoding="utf-8")
     for text in ("sensor", "model of the paper", "model − sensor (µm)", "paper", "ours", "simulated, seed 3"):
         assert f">{text}" in drawn
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("sine", "--start", "virgin"), "--start goes with --model paper"),
-        (("sine", "--model", "paper", "--calibration", "a.toml"), "--calibration does not go"),
-        (("fig4", "--frequency", "2"), "--frequency does not go with fig4"),
-    ],
-)
-def test_what_does_not_fit_together_is_refused(here: Here, arguments: tuple[str, ...], said: str) -> None:
-    refused = here("simulate", "actuator", *arguments, "--seed", "3", "--json")
-    assert (refused.exit_code, refused.document["error"]["code"]) == (2, "E2010")
-    assert said in refused.document["error"]["message"]
