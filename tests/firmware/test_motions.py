@@ -30,9 +30,7 @@ def rests(
 
     Returns how many the ramp took, and in which the next touch began or a fault came.
     """
-    r = Rig(BenchConfig(offset_um=20.0, controller=controller), 1)
-    r.arm()
-    r.to_pad()
+    r = Rig(BenchConfig(offset_um=20.0, controller=controller), 1).arm().to_pad()
     r.session.request(m.TouchOff(FAST_UM_S, -100.0, 5.0, 60.0, back_off_um, 0.1, 2))
     bench, controls = r.bench, r.bench.controller
     before_v, since, ramp = -1.0, 0, 0
@@ -90,8 +88,7 @@ def test_a_single_disturbance_after_the_back_off_costs_50_ms(
 @pytest.mark.parametrize("counts", [2802, 2803, 40022])
 def test_a_ramp_to_the_voltage_applied_feeds_nothing(core: Build, controller: str, counts: int) -> None:
     """Whatever float makes of the voltage of the wire and of that of the converter."""
-    r = Rig(BenchConfig(offset_um=20.0, controller=controller), 1)
-    r.arm()
+    r = Rig(BenchConfig(offset_um=20.0, controller=controller), 1).arm()
     for target in (counts + 400, counts):
         r.session.request(m.PiezoSet(target / 400.0, 300.0))
         r.wait(m.EventCode.MOVE_DONE, 5.0)
@@ -105,10 +102,7 @@ def test_a_ramp_to_the_voltage_applied_feeds_nothing(core: Build, controller: st
 @CONTROLLERS
 def test_a_jump_comes_back_to_a_short_and_not_into_the_work(core: Build, controller: str) -> None:
     """Though the reference is below the voltage of a short, and the clearance is great."""
-    r = Rig(BenchConfig(offset_um=20.0, controller=controller), 1)
-    r.arm()
-    r.to_pad()
-    r.start_sparking()
+    r = Rig(BenchConfig(offset_um=20.0, controller=controller), 1).arm().to_pad().start_sparking()
     r.session.pump(1.0)
     r.session.request(m.ServoStop())
     r.session.request(m.ServoStart(0.0, 500.0, 100.0))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from random import Random
-from typing import TYPE_CHECKING
+from typing import Self
 
 import pytest
 
@@ -26,9 +27,6 @@ from edmctl.machine.interface import (
 )
 from edmctl.machine.stop import StopRequest
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 SETTINGS = ControllerSettings(
     piezo_max_v=120.0,
@@ -102,21 +100,26 @@ class Rig:
         self.machine = LinkMachine(self.session, self.stop)
         self.heard = Heard()
 
-    def ready(self, pulse_log: PulseLog = PulseLog.BLOCKS) -> None:
+    def ready(self, pulse_log: PulseLog = PulseLog.BLOCKS) -> Self:
         """Configure, start telemetry, arm."""
         self.machine.configure(SETTINGS, PULSES)
         telemetry = TelemetrySettings(TELEMETRY.period_us, TELEMETRY.batch, pulse_log)
         self.machine.start_telemetry(telemetry, self.heard)
         self.machine.arm()
+        return self
 
-    def sparking(self, z_limit_um: float = 400.0, max_time_s: float = 1000.0) -> None:
+    def sparking(self, z_limit_um: float = 400.0, max_time_s: float = 1000.0) -> Self:
         """Go over the work, approach, and start a cut."""
         self.machine.move_stage(Axis.X, 0.0, 5000.0)
         self.machine.approach(5.0, 120.0, REFERENCE_V)
         self.machine.start_cut(CutRequest(REFERENCE_V, z_limit_um, max_time_s))
+        return self
+
+
+MakeRig = Callable[[], Rig]
 
 
 @pytest.fixture
-def rig() -> Callable[[], Rig]:
+def rig() -> MakeRig:
     """Return a maker of rigs."""
     return Rig

@@ -26,13 +26,9 @@ from edmctl.machine.interface import (
 from .conftest import PULSES, SETTINGS, TELEMETRY, Heard
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from edmctl.machine.interface import TelemetryBlock
 
-    from .conftest import Rig
-
-    MakeRig = Callable[[], Rig]
+    from .conftest import MakeRig
 
 
 MONITORS = {
@@ -66,8 +62,7 @@ def test_configure_uploads_every_value(rig: MakeRig) -> None:
 
 
 def test_a_ramp_ends_at_its_voltage_and_its_samples_are_in_order(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     r.machine.ramp(12.5, 50.0)
     r.machine.rest(0.3)
     assert r.machine.status().actuator_v == pytest.approx(12.5, abs=0.0025)
@@ -78,8 +73,7 @@ def test_a_ramp_ends_at_its_voltage_and_its_samples_are_in_order(rig: MakeRig) -
 
 
 def test_a_stage_move_with_the_tool_down_is_refused(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     r.machine.ramp(40.0, 100.0)
     with pytest.raises(PreconditionError):
         r.machine.move_stage(Axis.X, -4000.0, 1000.0)
@@ -95,8 +89,7 @@ def test_arming_without_dielectric_is_a_precondition(rig: MakeRig) -> None:
 
 
 def test_touches_find_the_surface_and_leave_the_tool_above_it(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     r.machine.move_stage(Axis.X, 0.0, 5000.0)
     touches = r.machine.touch(TouchRequest(20.0, 40.0, 2.0, 80.0, 5.0, 0.1, 3))
     assert len(touches) == 3
@@ -106,8 +99,7 @@ def test_touches_find_the_surface_and_leave_the_tool_above_it(rig: MakeRig) -> N
 
 
 def test_no_contact_where_it_was_expected_is_a_fault_with_its_remedy(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     with pytest.raises(MachineFault) as caught:
         r.machine.touch(TouchRequest(20.0, 10.0, 5.0, 15.0, 5.0, 0.1, 1))
     assert caught.value.fault == 2005
@@ -117,9 +109,7 @@ def test_no_contact_where_it_was_expected_is_a_fault_with_its_remedy(rig: MakeRi
 
 
 def test_a_cut_ends_at_its_limit(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
-    r.sparking(z_limit_um=50.0)
+    r = rig().ready().sparking(z_limit_um=50.0)
     ended = None
     while ended is None:
         ended = r.machine.watch_cut(0.1)
@@ -129,9 +119,7 @@ def test_a_cut_ends_at_its_limit(rig: MakeRig) -> None:
 
 
 def test_a_cut_without_time_reports_time_up(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
-    r.sparking(max_time_s=1.0)
+    r = rig().ready().sparking(max_time_s=1.0)
     ended = None
     while ended is None:
         ended = r.machine.watch_cut(0.1)
@@ -139,18 +127,14 @@ def test_a_cut_without_time_reports_time_up(rig: MakeRig) -> None:
 
 
 def test_a_cut_can_be_stopped(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
-    r.sparking()
+    r = rig().ready().sparking()
     assert r.machine.watch_cut(0.5) is None
     assert r.machine.stop_cut().code is EventCode.STOPPED
     assert r.machine.status().state is MachineState.ARMED
 
 
 def test_a_jump_lifts_the_tool_and_the_cut_goes_on(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
-    r.sparking()
+    r = rig().ready().sparking()
     for _ in range(10):
         assert r.machine.watch_cut(0.1) is None
     before_um = r.machine.status().displacement_um
@@ -162,9 +146,7 @@ def test_a_jump_lifts_the_tool_and_the_cut_goes_on(rig: MakeRig) -> None:
 
 
 def test_pulse_sums_arrive_with_every_pulse_counted_once(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
-    r.sparking(max_time_s=2.0)
+    r = rig().ready().sparking(max_time_s=2.0)
     while r.machine.watch_cut(0.1) is None:
         pass
     r.machine.disarm()
@@ -187,9 +169,7 @@ def test_pulse_sums_arrive_with_every_pulse_counted_once(rig: MakeRig) -> None:
 
 
 def test_full_pulses_arrive_as_trains_without_a_gap(rig: MakeRig) -> None:
-    r = rig()
-    r.ready(PulseLog.FULL)
-    r.sparking(max_time_s=1.0)
+    r = rig().ready(PulseLog.FULL).sparking(max_time_s=1.0)
     while r.machine.watch_cut(0.1) is None:
         pass
     r.machine.stop_telemetry()
@@ -202,8 +182,7 @@ def test_full_pulses_arrive_as_trains_without_a_gap(rig: MakeRig) -> None:
 
 
 def test_a_stop_request_ends_a_wait_within_one_slice(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     r.machine.rest(0.1)
     before_s = r.bench.transport.now_s()
     r.stop.request(signal.SIGTERM)
@@ -214,9 +193,7 @@ def test_a_stop_request_ends_a_wait_within_one_slice(rig: MakeRig) -> None:
 
 
 def test_a_safe_stop_from_a_cut_puts_pulses_off_and_the_tool_up(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
-    r.sparking()
+    r = rig().ready().sparking()
     r.machine.watch_cut(1.0)
     r.stop.request(signal.SIGINT)
     r.machine.safe_stop()
@@ -226,9 +203,7 @@ def test_a_safe_stop_from_a_cut_puts_pulses_off_and_the_tool_up(rig: MakeRig) ->
 
 
 def test_a_safe_stop_after_a_fault_waits_until_the_tool_is_up(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
-    r.sparking()
+    r = rig().ready().sparking()
     r.machine.watch_cut(1.0)
     r.bench.plant.estop = True
     with pytest.raises(MachineFault) as caught:
@@ -239,8 +214,7 @@ def test_a_safe_stop_after_a_fault_waits_until_the_tool_is_up(rig: MakeRig) -> N
 
 
 def test_a_safe_stop_on_a_dead_line_raises_nothing(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     r.bench.transport.close()
     with pytest.raises(LinkLost):
         r.machine.rest(1.0)
@@ -248,8 +222,7 @@ def test_a_safe_stop_on_a_dead_line_raises_nothing(rig: MakeRig) -> None:
 
 
 def test_a_latched_fault_must_be_cleared_before_a_new_job(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     r.session.abort()
     with pytest.raises(MachineFault):
         r.machine.rest(1.0)
@@ -285,8 +258,7 @@ def test_the_identity_says_that_the_machine_is_virtual(rig: MakeRig) -> None:
 
 
 def test_stages_move_by_the_zero_of_a_sensor_that_has_drifted(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     r.bench.plant.state.walk_um += 40.0
     r.machine.rest(1.0)
     with pytest.raises(CommandRefused, match="INTERLOCK"):

@@ -20,9 +20,7 @@ COLUMNS = [name for name in TelemetryBlock.__slots__ if name != "missing_frames"
 
 def samples_of(*, direct: bool) -> TelemetryBlock:
     """Samples of an approach, a cut and a jump."""
-    r = Rig(direct=direct)
-    r.ready()
-    r.sparking()
+    r = Rig(direct=direct).ready().sparking()
     for _ in range(4):
         r.machine.rest(1.0)
     r.machine.safe_stop()
@@ -37,8 +35,7 @@ def test_samples_without_frames_are_those_of_the_frames() -> None:
 
 
 def test_the_watchdog_hears_a_host_that_waits_and_no_other() -> None:
-    r = Rig(direct=True)
-    r.ready()
+    r = Rig(direct=True).ready()
     r.machine.rest(5.0)
     assert r.bench.controller.fault == 0
     r.bench.controller.advance(600)  # nobody reads
@@ -62,8 +59,7 @@ def test_a_line_that_breaks_while_the_host_waits_trips_the_watchdog_in_time(inje
 
 @pytest.mark.parametrize("first", ["SAMPLES_LOST", "LINE_NOISE"])
 def test_interlocks_are_judged_at_once_whatever_else_is_wrong(first: str) -> None:
-    r = Rig(direct=True)
-    r.ready()
+    r = Rig(direct=True).ready()
     now_s = r.bench.controller.time_us * 1e-6
     for inject in (f"{first}@{now_s + 0.9003}", f"ESTOP@{now_s + 1.2373}"):
         r.bench.inject(parse_injection(inject))
@@ -75,8 +71,7 @@ def test_interlocks_are_judged_at_once_whatever_else_is_wrong(first: str) -> Non
 
 
 def test_a_host_that_falls_silent_is_not_heard() -> None:
-    r = Rig(direct=True)
-    r.ready()
+    r = Rig(direct=True).ready()
     r.session.fall_silent(0.2)
     assert r.bench.controller.fault == 0
     r.session.fall_silent(0.3)
@@ -114,8 +109,7 @@ def test_samples_of_a_long_wait_come_in_order() -> None:
 
 
 def test_a_wait_that_is_interrupted_is_over_for_the_watchdog() -> None:
-    r = Rig(direct=True)
-    r.ready()
+    r = Rig(direct=True).ready()
 
     def interrupt(timeout_s: float) -> None:
         raise KeyboardInterrupt

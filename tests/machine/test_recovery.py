@@ -21,11 +21,7 @@ from edmctl.simulator.injection import parse_injection
 from .conftest import PULSES, SETTINGS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from .conftest import Rig
-
-    MakeRig = Callable[[], Rig]
+    from .conftest import MakeRig, Rig
 
 
 def another_host(r: Rig) -> LinkMachine:
@@ -52,9 +48,7 @@ def test_an_idle_controller_is_left_alone(rig: MakeRig) -> None:
 
 
 def test_a_cut_whose_host_died_has_ended_when_the_next_one_has_said_hello(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
-    r.sparking()
+    r = rig().ready().sparking()
     r.machine.watch_cut(0.5)
     machine = another_host(r)
     assert r.bench.plant.drive.pulses_on == 0
@@ -65,8 +59,7 @@ def test_a_cut_whose_host_died_has_ended_when_the_next_one_has_said_hello(rig: M
 
 
 def test_the_job_after_a_dead_host_is_refused_with_the_command_that_clears_its_fault(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     r.machine.ramp(40.0, 200.0)
     machine = another_host(r)
     machine.wait_for_rest()
@@ -79,8 +72,7 @@ def test_the_job_after_a_dead_host_is_refused_with_the_command_that_clears_its_f
 
 
 def test_a_disarm_whose_host_died_is_waited_for(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     r.machine.ramp(40.0, 200.0)
     r.session.request(Disarm())
     machine = another_host(r)
@@ -139,9 +131,7 @@ def test_a_job_on_a_latched_fault_is_refused_with_the_command_that_clears_it(rig
 
 
 def test_the_black_box_holds_the_two_seconds_before_the_fault(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
-    r.sparking()
+    r = rig().ready().sparking()
     for _ in range(25):
         r.machine.watch_cut(0.1)
     r.bench.controller.raise_fault(FaultCode.DOOR)
@@ -161,9 +151,7 @@ def test_the_black_box_holds_the_two_seconds_before_the_fault(rig: MakeRig) -> N
 
 
 def test_the_waveforms_of_a_fault_cover_it_in_time_with_the_pulses(rig: MakeRig) -> None:
-    r = rig()
-    r.ready(PulseLog.FULL)
-    r.sparking()
+    r = rig().ready(PulseLog.FULL).sparking()
     r.machine.watch_cut(1.0)
     assert r.machine.waveforms() is None
     r.bench.controller.raise_fault(FaultCode.DOOR)
@@ -203,8 +191,7 @@ def test_the_waveforms_of_a_short_memory_are_read_as_far_as_they_go(rig: MakeRig
 
 
 def test_the_self_test_measures_the_mean_gap_voltage(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     assert r.machine.self_test() == pytest.approx(0.3 * 40.0, rel=0.01)
     assert r.machine.status().state is MachineState.ARMED
 
@@ -222,16 +209,14 @@ def test_a_wrong_gap_sensor_is_found_before_anything_moves(rig: MakeRig, broken:
 
 
 def test_a_self_test_with_the_tool_down_is_refused(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     r.machine.ramp(10.0, 100.0)
     with pytest.raises(PreconditionError):
         r.machine.self_test()
 
 
 def test_the_status_shows_the_monitor_and_the_flags(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     r.machine.ramp(20.0, 100.0)
     r.machine.rest(0.1)
     status = r.machine.status()
@@ -240,8 +225,7 @@ def test_the_status_shows_the_monitor_and_the_flags(rig: MakeRig) -> None:
 
 
 def test_the_link_report_counts_both_ways(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     report = r.machine.link_report()
     assert report.frames_sent == r.session.statistics.frames_sent > 40
     assert (report.bad_frames, r.machine.bad_frames) == (0, 0)

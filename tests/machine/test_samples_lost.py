@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from edmctl.link.transport import Transport
 
-    from .conftest import Rig
+    from .conftest import MakeRig, Rig
 
 FOUND_S = OLDEST_SAMPLE_S + 0.2
 """A heartbeat and a slice later than samples become too old, a host has seen it."""
@@ -43,10 +43,8 @@ def watch_on(r: Rig, duration_s: float) -> None:
         assert r.machine.watch_cut(0.1) is None
 
 
-def test_a_cut_without_samples_ends_within_a_second(rig: Callable[[], Rig]) -> None:
-    r = rig()
-    r.ready()
-    r.sparking()
+def test_a_cut_without_samples_ends_within_a_second(rig: MakeRig) -> None:
+    r = rig().ready().sparking()
     r.machine.watch_cut(1.0)
     lost_s = lose(r)
     with pytest.raises(LinkLost, match=r"the newest is 1\.\d s old") as caught:
@@ -70,11 +68,8 @@ MOTIONS: dict[str, Callable[[LinkMachine], object]] = {
 
 
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
-def test_no_motion_goes_on_without_samples(
-    rig: Callable[[], Rig], motion: Callable[[LinkMachine], object]
-) -> None:
-    r = rig()
-    r.ready()
+def test_no_motion_goes_on_without_samples(rig: MakeRig, motion: Callable[[LinkMachine], object]) -> None:
+    r = rig().ready()
     lost_s = lose(r)
     with pytest.raises(LinkLost) as caught:
         motion(r.machine)
@@ -83,11 +78,8 @@ def test_no_motion_goes_on_without_samples(
 
 
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
-def test_no_motion_begins_without_samples(
-    rig: Callable[[], Rig], motion: Callable[[LinkMachine], object]
-) -> None:
-    r = rig()
-    r.ready()
+def test_no_motion_begins_without_samples(rig: MakeRig, motion: Callable[[LinkMachine], object]) -> None:
+    r = rig().ready()
     lose(r)
     with pytest.raises(LinkLost):
         r.machine.rest(3.0)
@@ -100,9 +92,8 @@ def test_no_motion_begins_without_samples(
     assert r.bench.controller.loop.command_v == 0.0
 
 
-def test_without_telemetry_nobody_waits_for_samples(rig: Callable[[], Rig]) -> None:
-    r = rig()
-    r.ready()
+def test_without_telemetry_nobody_waits_for_samples(rig: MakeRig) -> None:
+    r = rig().ready()
     r.machine.stop_telemetry()
     r.machine.ramp(10.0, 5.0)
     r.machine.rest(3.0)
@@ -174,7 +165,7 @@ class NoThread:
 
 
 def test_a_host_that_was_held_up_reads_what_waits_and_goes_on(
-    rig: Callable[[], Rig], monkeypatch: pytest.MonkeyPatch
+    rig: MakeRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     beats: list[NoThread] = []
 
@@ -212,7 +203,7 @@ def test_a_host_that_was_held_up_reads_what_waits_and_goes_on(
     assert line.now - lose_s <= FOUND_S
 
 
-def test_a_fifth_of_all_frames_lost_ends_no_cut(rig: Callable[[], Rig]) -> None:
+def test_a_fifth_of_all_frames_lost_ends_no_cut(rig: MakeRig) -> None:
     r = rig()
     line = Thinned(r.bench.transport, 0.2)
     r.session = Session(line, Random(2))

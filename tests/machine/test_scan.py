@@ -11,17 +11,14 @@ from edmctl.machine.interface import Axis, CutRequest, EventCode, MachineEvent, 
 from tests.machine.conftest import REFERENCE_V
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from tests.machine.conftest import Rig
 
-    MakeRig = Callable[[], Rig]
+    from .conftest import MakeRig
 
 
 def scanning(rig: MakeRig, max_time_s: float = 1000.0) -> Rig:
     """A scan far above the work, without lines."""
-    r = rig()
-    r.ready()
+    r = rig().ready()
     r.machine.move_stage(Axis.X, 0.0, 5000.0)
     r.machine.start_scan(CutRequest(REFERENCE_V, 5.0, max_time_s))
     return r
@@ -63,8 +60,7 @@ def test_a_full_queue_is_told_and_takes_the_line_later(rig: MakeRig) -> None:
 
 
 def test_a_line_outside_a_scan_is_a_precondition(rig: MakeRig) -> None:
-    r = rig()
-    r.ready()
+    r = rig().ready()
     with pytest.raises(PreconditionError, match="refused PATH_MOVE: BAD_STATE"):
         r.machine.path_move(line(10.0))
 

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from edmctl.link.transport import Transport
     from edmctl.machine.controller import LinkMachine
 
-    from .conftest import Rig
+    from .conftest import MakeRig
+
 
 DEFAULTS = {name: param.default for name, param in PARAMS.items()}
 
@@ -74,7 +75,7 @@ def test_an_unknown_fault_is_still_named() -> None:
     assert "9999" in fault_error(9999, DEFAULTS).message
 
 
-def test_a_motion_that_never_ends_is_a_fault_that_names_what_was_waited_for(rig: Callable[[], Rig]) -> None:
+def test_a_motion_that_never_ends_is_a_fault_that_names_what_was_waited_for(rig: MakeRig) -> None:
     r = rig()
     r.machine.configure(replace(SETTINGS, slew_limit_v_s=1.0), PULSES)
     r.machine.start_telemetry(TELEMETRY, r.heard)
@@ -122,9 +123,7 @@ COMMANDS: dict[str, Callable[[LinkMachine], object]] = {
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("late_s", [0.25, 60.0])
-def test_a_refusal_that_overtakes_its_fault_hides_it_not(
-    command: str, late_s: float, rig: Callable[[], Rig]
-) -> None:
+def test_a_refusal_that_overtakes_its_fault_hides_it_not(command: str, late_s: float, rig: MakeRig) -> None:
     r = rig()
     r.session.transport = LateFaults(r.session.transport, late_s)
     r.ready()
@@ -136,7 +135,7 @@ def test_a_refusal_that_overtakes_its_fault_hides_it_not(
     assert "reset --ack 1001" in error.hint
 
 
-def test_a_refusal_without_a_fault_stays_one_and_is_told_at_once(rig: Callable[[], Rig]) -> None:
+def test_a_refusal_without_a_fault_stays_one_and_is_told_at_once(rig: MakeRig) -> None:
     r = rig()
     r.machine.configure(SETTINGS, PULSES)
     before_s = r.session.machine_now_s()

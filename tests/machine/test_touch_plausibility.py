@@ -40,8 +40,7 @@ def test_a_touch_whose_samples_show_no_contact_is_refused(
         block.flags = block.flags & ~np.uint8(TelemetryFlag.CONTACT)
         return block
 
-    r = Rig(direct=direct)
-    r.ready()
+    r = Rig(direct=direct).ready()
     r.machine.move_stage(Axis.X, 0.0, 5000.0)
     request = TouchRequest(20.0, 40.0, 2.0, 80.0, 5.0, dwell_s, 1)
     assert len(r.machine.touch(request)) == 1

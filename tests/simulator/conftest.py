@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from random import Random
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
@@ -38,7 +39,7 @@ class Rig:
         self.session.subscribe(m.PulseBlocks, self.blocks.append)
         self.session.open()
 
-    def arm(self, params: Mapping[str, float] | None = None) -> None:
+    def arm(self, params: Mapping[str, float] | None = None) -> Self:
         """Upload parameters, set 2.3 kHz / 30 % / 40 V / 0.12 A, arm, permit pulses, go to the pad."""
         values = dict(params or {})
         for name, value in values.items():
@@ -49,11 +50,13 @@ class Rig:
         self.session.request(m.PulseConfig(130.435, 304.348, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0))
         self.session.request(m.Arm(crc))
         self.session.request(m.PulseEnable(1))
+        return self
 
-    def to_pad(self) -> None:
+    def to_pad(self) -> Self:
         """Drive the x axis from the parking place over the work."""
         self.session.request(m.StageMove(m.Axis.X, 0, 5_000_000))
         self.wait(m.EventCode.STAGE_DONE, 10.0)
+        return self
 
     def wait(self, code: m.EventCode, timeout_s: float) -> m.Event:
         """Pump until an event of this code, or a fault, has come."""
@@ -71,11 +74,12 @@ class Rig:
         assert self.session.pump_until(lambda: bool(self.faults), timeout_s), "no fault"
         return self.faults[0]
 
-    def start_sparking(self, z_limit_um: float = 500.0, max_time_s: float = 3000.0) -> None:
+    def start_sparking(self, z_limit_um: float = 500.0, max_time_s: float = 3000.0) -> Self:
         """Approach at 2 µm/s and start the servo at 0.8."""
         self.session.request(m.Approach(2.0, 120.0, 0.9 * DUTY_V))
         self.wait(m.EventCode.APPROACH_DONE, 100.0)
         self.session.request(m.ServoStart(0.8 * DUTY_V, z_limit_um, max_time_s))
+        return self
 
     def column(self, name: str) -> NDArray[np.float64]:
         """One column of all telemetry so far, in physical units."""
@@ -83,8 +87,11 @@ class Rig:
         return np.asarray(data[name] * m.Tlm.record_scales()[name], dtype=np.float64)
 
 
+RigMaker = Callable[..., Rig]
+
+
 @pytest.fixture
-def rig() -> Callable[..., Rig]:
+def rig() -> RigMaker:
     """Return a maker of rigs: `rig(config=BenchConfig(), seed=1)`."""
 
     def make(config: BenchConfig | None = None, seed: int = 1) -> Rig:

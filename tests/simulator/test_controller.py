@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,16 +14,13 @@ from edmctl.link.session import CommandRefused
 from edmctl.simulator import BenchConfig
 
 if TYPE_CHECKING:
-    from tests.simulator.conftest import Rig
+    from tests.simulator.conftest import RigMaker
 
-RigMaker = Callable[..., "Rig"]
 TOUCH = m.TouchOff(20.0, 40.0, 1.0, 90.0, 5.0, 0.3, 3)
 
 
 def test_touches_find_the_surface_within_their_spread(rig: RigMaker) -> None:
-    r = rig()
-    r.arm()
-    r.to_pad()
+    r = rig().arm().to_pad()
     r.session.request(TOUCH)
     r.wait(m.EventCode.TOUCH_DONE, 120.0)
     touches = [e for e in r.events if e.code == m.EventCode.TOUCH]
@@ -38,9 +34,7 @@ def test_touches_find_the_surface_within_their_spread(rig: RigMaker) -> None:
 
 def test_command_sinks_while_hunting_and_the_sensor_stays(rig: RigMaker) -> None:
     """Creep would push the tool into the work; hunting takes the voltage back (Muralidhara et al. 2009, Fig. 9a)."""
-    r = rig()
-    r.arm()
-    r.to_pad()
+    r = rig().arm().to_pad()
     r.session.request(m.TlmStart(10_000, 10, m.PulseLog.OFF))
     r.session.request(m.TouchOff(20.0, 0.0, 20.0, 90.0, 5.0, 20.0, 1))
     r.wait(m.EventCode.TOUCH_DONE, 120.0)
@@ -53,8 +47,7 @@ def test_command_sinks_while_hunting_and_the_sensor_stays(rig: RigMaker) -> None
 
 
 def test_an_abort_run_that_ends_in_a_later_read_acts_before_the_frame_behind_it(rig: RigMaker) -> None:
-    r = rig()
-    r.arm()
+    r = rig().arm()
     controller = r.bench.controller
     controller.receive(bytes(5))
     hello = m.Hello(m.PROTO_MAJOR, m.PROTO_MINOR, 77, m.SCHEMA_HASH)
@@ -65,10 +58,7 @@ def test_an_abort_run_that_ends_in_a_later_read_acts_before_the_frame_behind_it(
 
 
 def test_a_fault_is_not_cleared_while_its_cause_lasts(rig: RigMaker) -> None:
-    r = rig()
-    r.arm()
-    r.to_pad()
-    r.start_sparking()
+    r = rig().arm().to_pad().start_sparking()
     r.bench.plant.dielectric_level_ok = False
     assert r.wait_fault(1.0).code == FaultCode.DIELECTRIC
     r.session.pump(1.0)
@@ -87,10 +77,7 @@ def test_the_servo_decides_in_whole_milliseconds(rig: RigMaker) -> None:
 
 
 def test_the_generator_is_not_rewired_in_a_cut(rig: RigMaker) -> None:
-    r = rig()
-    r.arm()
-    r.to_pad()
-    r.start_sparking()
+    r = rig().arm().to_pad().start_sparking()
     r.session.pump(1.0)
     r.session.request(m.Jump(20.0, 500.0, 0.5, 2.0))
     assert r.bench.plant.drive.pulses_on == 0
@@ -100,8 +87,7 @@ def test_the_generator_is_not_rewired_in_a_cut(rig: RigMaker) -> None:
 
 
 def test_a_disarmed_stage_stops_where_it_is_and_says_so(rig: RigMaker) -> None:
-    r = rig()
-    r.arm()
+    r = rig().arm()
     r.session.request(m.StageMove(m.Axis.X, 0, 1_000_000))
     r.session.pump(2.0)
     r.session.request(m.Disarm())
@@ -112,9 +98,7 @@ def test_a_disarmed_stage_stops_where_it_is_and_says_so(rig: RigMaker) -> None:
 
 
 def test_a_cut_ends_at_its_depth_limit_with_the_hole_in_the_work(rig: RigMaker) -> None:
-    r = rig()
-    r.arm()
-    r.to_pad()
+    r = rig().arm().to_pad()
     r.session.request(m.TlmStart(10_000, 10, m.PulseLog.FULL))
     r.start_sparking(z_limit_um=60.0)
     end = r.wait(m.EventCode.CUT_DONE, 300.0)
@@ -128,9 +112,7 @@ def test_a_cut_ends_at_its_depth_limit_with_the_hole_in_the_work(rig: RigMaker) 
 
 def test_same_seed_same_bytes_whatever_the_slices(rig: RigMaker) -> None:
     def run(slice_s: float) -> bytes:
-        r = rig(BenchConfig(), seed=11)
-        r.arm()
-        r.to_pad()
+        r = rig(BenchConfig(), seed=11).arm().to_pad()
         r.session.request(m.TlmStart(1000, 14, m.PulseLog.OFF))
         r.start_sparking(max_time_s=3.0)
         for _ in range(round(3.2 / slice_s)):
@@ -141,8 +123,7 @@ def test_same_seed_same_bytes_whatever_the_slices(rig: RigMaker) -> None:
 
 
 def test_isopulse_discharges_last_as_set(rig: RigMaker) -> None:
-    r = rig()
-    r.arm()
+    r = rig().arm()
     r.session.request(m.PulseConfig(130.435, 304.348, 40.0, 0.12, m.PulseMode.ISOPULSE, 20.0))
     r.to_pad()
     r.session.request(m.TlmStart(10_000, 10, m.PulseLog.FULL))

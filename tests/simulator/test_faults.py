@@ -15,9 +15,8 @@ from edmctl.simulator import BenchConfig
 from edmctl.simulator.injection import parse_injection
 
 if TYPE_CHECKING:
-    from tests.simulator.conftest import Rig
+    from tests.simulator.conftest import Rig, RigMaker
 
-RigMaker = Callable[..., "Rig"]
 TOUCH = m.TouchOff(20.0, 40.0, 5.0, 90.0, 5.0, 0.1, 1)
 NEAR = BenchConfig(offset_um=20.0)
 OTHER_WAYS = {"DIELECTRIC_FLOW": 4003, "DIELECTRIC_HOT": 4003, "OVER_CURRENT": 3004, "GAP_SENSOR_LOW": 3003}
@@ -162,9 +161,7 @@ def clean_cut(r: Rig, params: dict[str, float]) -> None:
 
 
 def test_travel_limit_no_spark_and_stage_limit_keep_their_time(rig: RigMaker) -> None:
-    r = rig(NEAR)
-    r.arm({"piezo_max_v": 22.0})
-    r.to_pad()
+    r = rig(NEAR).arm({"piezo_max_v": 22.0}).to_pad()
     r.session.request(m.TlmStart(1000, 14, m.PulseLog.OFF))
     r.start_sparking()
     r.bench.inject(parse_injection("TRAVEL_LIMIT"))
@@ -176,18 +173,14 @@ def test_travel_limit_no_spark_and_stage_limit_keep_their_time(rig: RigMaker) ->
     on = np.flatnonzero(flags & m.TlmFlags.PULSES_ON)
     assert (int(on[-1]) - since) * 1e-3 <= FAULTS[FaultCode.TRAVEL_LIMIT].pulses_off_s
 
-    r = rig(NEAR)
-    r.arm()
-    r.to_pad()
-    r.start_sparking()
+    r = rig(NEAR).arm().to_pad().start_sparking()
     r.session.pump(1.0)
     r.bench.inject(parse_injection("NO_SPARK@0"))
     start = r.bench.controller.tick
     assert r.wait_fault(20.0).code == FaultCode.NO_SPARK
     assert (r.faults[0].t_us / 1000 - start) * 1e-3 <= FAULTS[FaultCode.NO_SPARK].pulses_off_s
 
-    r = rig(NEAR)
-    r.arm()
+    r = rig(NEAR).arm()
     r.session.request(m.StageMove(m.Axis.X, 0, 1_000_000))
     r.session.pump(1.0)
     due_s = r.bench.controller.tick * 1e-3 + 0.123

@@ -32,9 +32,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from edmctl.simulator.plant_interface import Drive, Readings
-    from tests.simulator.conftest import Rig
+    from tests.simulator.conftest import Rig, RigMaker
 
-RigMaker = Callable[..., "Rig"]
 NEAR = BenchConfig(offset_um=20.0, discharge=DischargeConstants(scatter=0.4))
 
 
@@ -130,10 +129,7 @@ def test_a_state_saved_again_is_the_same_state(rig: RigMaker) -> None:
 
 
 def test_a_machine_saved_in_mid_cut_has_lost_its_power_and_retracted(rig: RigMaker) -> None:
-    r = rig(NEAR, seed=1)
-    r.arm()
-    r.to_pad()
-    r.start_sparking()
+    r = rig(NEAR, seed=1).arm().to_pad().start_sparking()
     r.session.pump(2.0)
     again = restored_bench(bench_state(r.bench))
     assert r.bench.controller.state is m.State.MACHINING
@@ -148,8 +144,7 @@ def test_a_machine_saved_in_mid_cut_has_lost_its_power_and_retracted(rig: RigMak
 def test_a_latched_fault_and_its_black_box_are_kept_and_what_was_broken_is_repaired(
     name: str, state: m.State, rig: RigMaker
 ) -> None:
-    r = rig(NEAR, seed=1)
-    r.arm()
+    r = rig(NEAR, seed=1).arm()
     r.bench.inject(parse_injection(f"{name}@0.3"))
     fault = r.wait_fault(2.0)
     r.session.pump(1.0)
@@ -259,10 +254,7 @@ def test_a_place_outside_of_an_array_is_refused(part: str, name: str, number: fl
 
 
 def test_waveforms_that_are_not_those_of_the_fault_are_refused(rig: RigMaker) -> None:
-    r = rig(NEAR, seed=1)
-    r.arm()
-    r.to_pad()
-    r.start_sparking()
+    r = rig(NEAR, seed=1).arm().to_pad().start_sparking()
     r.session.pump(1.0)
     r.bench.controller.raise_fault(FaultCode.DOOR)
     r.session.pump(0.5)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,9 +12,8 @@ from edmctl.simulator import BenchConfig, DischargeConstants, SensorConstants, p
 from edmctl.simulator.saving import bench_state, restored_bench
 
 if TYPE_CHECKING:
-    from tests.simulator.conftest import Rig
+    from tests.simulator.conftest import Rig, RigMaker
 
-RigMaker = Callable[..., "Rig"]
 DUTY_V = 12.0
 REFERENCE_V = 0.8 * DUTY_V
 NO_SENSOR_ERROR = SensorConstants(

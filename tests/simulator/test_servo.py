@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,11 +14,9 @@ from edmctl.simulator import BenchConfig, DischargeConstants
 from edmctl.simulator.injection import parse_injection
 
 if TYPE_CHECKING:
-    from tests.simulator.conftest import Rig
+    from tests.simulator.conftest import Rig, RigMaker
 
 DUTY_V = 12.0
-
-RigMaker = Callable[..., "Rig"]
 
 
 def servo_record(rig: Rig, seconds: float, **params: float) -> None:
@@ -100,8 +97,7 @@ def test_default_servo_shorts_less_than_one_percent(rig: RigMaker) -> None:
 
 def test_slow_pulses_leave_the_filter_and_the_timers_in_seconds(rig: RigMaker) -> None:
     """At 200 Hz four of five milliseconds have no pulse; a 5 Hz low-pass still has a time constant of 32 ms."""
-    r = rig()
-    r.arm({"filter_hz": 5.0, "open_lost_s": 2.0})
+    r = rig().arm({"filter_hz": 5.0, "open_lost_s": 2.0})
     r.session.request(m.PulseConfig(1500.0, 3500.0, 40.0, 0.12, m.PulseMode.ISOFREQUENCY, 0.0))
     r.session.request(m.TlmStart(1000, 14, m.PulseLog.OFF))
     r.session.request(m.ServoStart(0.8 * DUTY_V, 500.0, 100.0))  # over the parking place: every pulse is open

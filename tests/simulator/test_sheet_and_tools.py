@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,9 +15,8 @@ from edmctl.simulator.plant_interface import TICK_S
 from edmctl.simulator.saving import bench_state, restored_bench
 
 if TYPE_CHECKING:
-    from tests.simulator.conftest import Rig
+    from tests.simulator.conftest import Rig, RigMaker
 
-RigMaker = Callable[..., "Rig"]
 FOIL = BenchConfig(
     tool_diameter_um=80.0,
     tool_wear=0.15,
@@ -47,9 +45,7 @@ def open_share(r: Rig, over_s: float) -> float:
 @pytest.fixture
 def through(rig: RigMaker) -> Rig:
     """A rig in the middle of a cut that has just gone through its foil."""
-    r = rig(FOIL, seed=3)
-    r.arm(LATE)
-    r.to_pad()
+    r = rig(FOIL, seed=3).arm(LATE).to_pad()
     r.session.request(m.TlmStart(1000, 10, m.PulseLog.OFF))
     cut(r, 2.0)
     r.before = open_share(r, 1.0)  # type: ignore[attr-defined]
@@ -87,9 +83,7 @@ def test_debris_leaves_faster_the_more_of_the_face_is_open_below(rig: RigMaker) 
 
 
 def test_a_rounded_tool_opens_a_foil_bit_by_bit(rig: RigMaker) -> None:
-    r = rig(replace(FOIL, tip_rounding_um=6.0), seed=4)
-    r.arm(LATE)
-    r.to_pad()
+    r = rig(replace(FOIL, tip_rounding_um=6.0), seed=4).arm(LATE).to_pad()
     cut(r, 0.5)
     rarities = [1.0]
 
@@ -114,9 +108,7 @@ def test_a_through_hole_is_kept(through: Rig) -> None:
 
 
 def test_a_hole_beside_a_hole_meets_the_wall_between_them(rig: RigMaker) -> None:
-    r = rig(replace(FOIL, thickness_um=math.inf), seed=5)
-    r.arm(LATE)
-    r.to_pad()
+    r = rig(replace(FOIL, thickness_um=math.inf), seed=5).arm(LATE).to_pad()
     cut(r, 8.0)
     r.session.request(m.Disarm())
     r.wait(m.EventCode.MOVE_DONE, 5.0)
@@ -132,9 +124,7 @@ def test_a_hole_beside_a_hole_meets_the_wall_between_them(rig: RigMaker) -> None
 
 
 def test_a_tool_that_is_put_back_has_its_wear_and_the_work_stays(rig: RigMaker) -> None:
-    r = rig(replace(FOIL, thickness_um=math.inf, tool_label="a"), seed=6)
-    r.arm(LATE)
-    r.to_pad()
+    r = rig(replace(FOIL, thickness_um=math.inf, tool_label="a"), seed=6).arm(LATE).to_pad()
     cut(r, 10.0)
     r.session.request(m.Disarm())
     r.wait(m.EventCode.MOVE_DONE, 5.0)

@@ -48,8 +48,7 @@ def ramped(rig: Rig, volts: float) -> None:
 
 
 def test_a_missing_sensor_reads_noise_about_zero(rig: Callable[..., Rig]) -> None:
-    r = rig(NO_SENSOR)
-    r.arm()
+    r = rig(NO_SENSOR).arm()
     ramped(r, 60.0)
     read_um = r.column("displacement_um")
     assert np.abs(read_um).max() < 1.0
@@ -60,8 +59,7 @@ def test_a_missing_sensor_reads_noise_about_zero(rig: Callable[..., Rig]) -> Non
 def test_a_controller_told_of_no_sensor_counts_volts_times_its_mean_gain(
     rig: Callable[..., Rig], config: BenchConfig
 ) -> None:
-    r = rig(replace(config))
-    r.arm({"sensor_fitted": 0.0, "gain_um_per_v": 2.5})
+    r = rig(replace(config)).arm({"sensor_fitted": 0.0, "gain_um_per_v": 2.5})
     ramped(r, 60.0)
     assert r.column("displacement_um") == pytest.approx(2.5 * r.column("actuator_v"), abs=1e-3)
     assert r.column("displacement_um")[-1] == pytest.approx(150.0, abs=1e-3)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
@@ -20,9 +19,8 @@ from edmctl.simulator.saving import bench_state, restored_bench
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from tests.simulator.conftest import Rig
+    from tests.simulator.conftest import Rig, RigMaker
 
-RigMaker = Callable[..., "Rig"]
 NEAR = BenchConfig(offset_um=20.0)
 ON_US, OFF_US = 130.435, 304.348
 PERIOD_US = ON_US + OFF_US
@@ -60,9 +58,7 @@ def read(session: Session) -> Waveforms:
 
 def cutting(rig: RigMaker, log: m.PulseLog = m.PulseLog.FULL, seed: int = 1) -> Rig:
     """A rig in the middle of a cut."""
-    r = rig(NEAR, seed=seed)
-    r.arm()
-    r.to_pad()
+    r = rig(NEAR, seed=seed).arm().to_pad()
     r.session.request(m.TlmStart(1000, 14, log))
     r.start_sparking()
     r.session.pump(1.5)
