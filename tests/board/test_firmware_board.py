@@ -33,10 +33,11 @@ from edmctl.link.messages import (
     TouchOff,
     param_crc,
 )
+from edmctl.link.opening import open_line
 from edmctl.link.ports import PortInfo
 from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
-from tests.cli.commands import Here, command, environment
+from tests.cli.commands import Here, Said, command, environment
 from tests.firmware.image_bytes import image_bytes
 from tests.needs import BOARD_COMPILERS
 from tests.serving import serving
@@ -137,6 +138,28 @@ def board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> FakeBoard:
     return board
 
 
+class Flash:
+    """`edmctl firmware flash` of the image, at the board that tools find."""
+
+    def __init__(self, here: Here, image: str) -> None:
+        self._here, self._image = here, image
+
+    def __call__(self, *options: str) -> Said:
+        return self._here("firmware", "flash", self._image, OFF, *options, "--json")
+
+    def refused(self, code: str, *options: str) -> dict[str, str]:
+        """The error with this code, whose first digit is the exit code."""
+        said = self(*options)
+        error: dict[str, str] = said.document["error"]
+        assert (said.exit_code, error["code"]) == (int(code[1]), code), said.err
+        return error
+
+
+@pytest.fixture
+def flash(here: Here, image: str) -> Flash:
+    return Flash(here, image)
+
+
 def test_info_says_what_an_image_is(here: Here, image: str) -> None:
     said = here("firmware", "info", image, "--json")
     found = said.document["result"]["image"]
@@ -227,9 +250,9 @@ def test_verify_of_a_damaged_image_asks_no_board(here: Here, image: str) -> None
 
 
 @pytest.mark.parametrize("tool", TOOLS)
-def test_flash_writes_reads_back_and_starts(here: Here, board: FakeBoard, image: str, tool: str) -> None:
+def test_flash_writes_reads_back_and_starts(flash: Flash, board: FakeBoard, tool: str) -> None:
     board.install(tool)
-    said = here("firmware", "flash", image, OFF, "--json")
+    said = flash()
     assert said.exit_code == 0, said.err + "\n".join(board.log)
     result = said.document["result"]
     assert (result["tool"], result["read_back"], result["chip"]) == (tool, True, "STM32F42x/43x")
@@ -237,9 +260,9 @@ def test_flash_writes_reads_back_and_starts(here: Here, board: FakeBoard, image:
     assert board.is_started
 
 
-def test_flash_takes_the_tool_that_is_named(here: Here, board: FakeBoard, image: str) -> None:
+def test_flash_takes_the_tool_that_is_named(flash: Flash, board: FakeBoard) -> None:
     board.install(*TOOLS)
-    assert here("firmware", "flash", image, OFF, "--tool", "openocd", "--probe", "0671").exit_code == 0
+    assert flash("--tool", "openocd", "--probe", "0671").exit_code == 0
     assert {line.split()[0] for line in board.log} == {"openocd"}
     assert all("adapter serial 0671" in line for line in board.log)
 
@@ -253,86 +276,53 @@ def test_flash_says_what_was_set_in_the_image(here: Here, board: FakeBoard, imag
     assert "Settings of the image: EDM_GAP_FULL_A 1.2, EDM_GAP_FULL_V 331.2345." in said.out
 
 
-def test_flash_without_a_tool_says_how_to_install_one(here: Here, board: FakeBoard, image: str) -> None:
-    said = here("firmware", "flash", image, OFF, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8120")
-    assert "pip install pyocd" in said.document["error"]["hint"]
+def test_flash_without_a_tool_says_how_to_install_one(flash: Flash, board: FakeBoard) -> None:
+    assert "pip install pyocd" in flash.refused("E8120")["hint"]
     board.install("pyocd")
-    said = here("firmware", "flash", image, OFF, "--tool", "openocd", "--json")
-    assert said.document["error"]["code"] == "E8120"
-    assert "apt install openocd" in said.document["error"]["hint"]
-    assert here("firmware", "flash", image, OFF, "--tool", "avrdude", "--json").exit_code == 2
+    assert "apt install openocd" in flash.refused("E8120", "--tool", "openocd")["hint"]
+    assert flash("--tool", "avrdude").exit_code == 2
 
 
-@pytest.mark.parametrize("tool", TOOLS)
-def test_flash_without_a_board_says_so(here: Here, board: FakeBoard, image: str, tool: str) -> None:
-    board.install(tool)
-    board.unplug()
-    said = here("firmware", "flash", image, OFF, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8121"), said.err
+TROUBLES = {
+    "unplugged": ("E8121", ""),
+    "no chip": ("E8121", "no chip behind it"),
+    "another chip": ("E8122", ""),
+    "write": ("E8125", "fail|error"),
+    "half": ("E8126", f"0x{0x08000000 + 4099 // 2:08X}"),
+    "copies": ("E8126", ""),
+    "huge": ("E8126", ""),
+    "talks": ("E8125", ""),
+}
+"""What goes wrong with a board or its tool, by the error and words of its message."""
+OF_ONE_TOOL = ("copies", "huge", "talks")
 
 
-@pytest.mark.parametrize("tool", TOOLS)
-def test_flash_with_no_chip_behind_the_probe_says_so(
-    here: Here, board: FakeBoard, image: str, tool: str
+@pytest.mark.parametrize(
+    ("tool", "trouble"),
+    [(tool, what) for what in TROUBLES for tool in TOOLS if tool == "pyocd" or what not in OF_ONE_TOOL],
+)
+def test_what_goes_wrong_is_told_and_the_board_not_started(
+    flash: Flash, board: FakeBoard, tool: str, trouble: str
 ) -> None:
+    code, words = TROUBLES[trouble]
     board.install(tool)
-    board.trouble("no chip")
-    said = here("firmware", "flash", image, OFF, "--json")
-    assert (said.document["error"]["code"], board.flash) == ("E8121", None)
-    assert "no chip behind it" in said.document["error"]["message"]
+    if trouble == "unplugged":
+        board.unplug()
+    elif trouble == "another chip":
+        board.plug(F405)
+    else:
+        board.trouble(trouble)
+    assert re.search(words, flash.refused(code)["message"], re.IGNORECASE)
+    assert not board.is_started
+    assert board.flash is None or code in ("E8125", "E8126")
 
 
-@pytest.mark.parametrize("tool", TOOLS)
-def test_flash_refuses_another_chip(here: Here, board: FakeBoard, image: str, tool: str) -> None:
-    board.install(tool)
-    board.plug(F405)
-    said = here("firmware", "flash", image, OFF, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8122"), said.err
-    assert board.flash is None
-
-
-def test_flash_refuses_a_choice_that_nobody_made(here: Here, board: FakeBoard, image: str) -> None:
+def test_flash_refuses_a_choice_that_nobody_made(flash: Flash, board: FakeBoard) -> None:
     board.install("pyocd")
     board.trouble("several")
-    said = here("firmware", "flash", image, OFF, "--json")
-    assert (said.document["error"]["code"], board.flash) == ("E8121", None)
-    assert here("firmware", "flash", image, OFF, "--probe", "0671FF343056363043090732").exit_code == 0
-
-
-@pytest.mark.parametrize("tool", TOOLS)
-def test_a_tool_that_fails_is_told_with_its_words(
-    here: Here, board: FakeBoard, image: str, tool: str
-) -> None:
-    board.install(tool)
-    board.trouble("write")
-    said = here("firmware", "flash", image, OFF, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8125")
-    assert re.search("fail|error", said.document["error"]["message"], re.IGNORECASE)
-    assert not board.is_started
-
-
-@pytest.mark.parametrize("tool", TOOLS)
-def test_what_is_read_back_otherwise_is_told_and_not_started(
-    here: Here, board: FakeBoard, image: str, tool: str
-) -> None:
-    board.install(tool)
-    board.trouble("half")
-    said = here("firmware", "flash", image, OFF, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8126")
-    assert f"0x{0x08000000 + 4099 // 2:08X}" in said.document["error"]["message"]
-    assert not board.is_started
-
-
-@pytest.mark.parametrize(("trouble", "code"), [("copies", "E8126"), ("huge", "E8126"), ("talks", "E8125")])
-def test_a_tool_that_lies_or_does_not_end_is_not_believed(
-    here: Here, board: FakeBoard, image: str, trouble: str, code: str
-) -> None:
-    board.install("pyocd")
-    board.trouble(trouble)
-    said = here("firmware", "flash", image, OFF, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, code)
-    assert not board.is_started
+    flash.refused("E8121")
+    assert board.flash is None
+    assert flash("--probe", "0671FF343056363043090732").exit_code == 0
 
 
 @pytest.mark.parametrize(
@@ -340,11 +330,11 @@ def test_a_tool_that_lies_or_does_not_end_is_not_believed(
     [(image_bytes()[:-1], "E3682"), (bytes(5000), "E3681"), (image_bytes(board=77), "E8122")],
 )
 def test_what_is_no_whole_image_of_a_board_is_not_flashed(
-    here: Here, board: FakeBoard, image: str, content: bytes, code: str
+    flash: Flash, board: FakeBoard, image: str, content: bytes, code: str
 ) -> None:
     board.install("pyocd")
     Path(image).write_bytes(content)
-    assert here("firmware", "flash", image, OFF, "--json").document["error"]["code"] == code
+    flash.refused(code)
     assert board.log == []
 
 
@@ -379,9 +369,9 @@ def test_a_person_is_asked_about_the_high_voltage(
     assert (board.flash is not None) == (exit_code == 0)
 
 
-def test_flash_asks_the_board_before_and_after(here: Here, board: FakeBoard, image: str, port: str) -> None:
+def test_flash_asks_the_board_before_and_after(flash: Flash, board: FakeBoard, port: str) -> None:
     board.install("pyocd")
-    said = here("firmware", "flash", image, OFF, "--port", port, "--json")
+    said = flash("--port", port)
     assert said.exit_code == 0, said.err
     result = said.document["result"]
     assert (result["before"]["state"], result["after"]["serial"]) == ("IDLE", "SIM-1")
@@ -389,43 +379,31 @@ def test_flash_asks_the_board_before_and_after(here: Here, board: FakeBoard, ima
 
 @pytest.mark.parametrize("state", [State.ARMED, State.MACHINING, State.MOVING, State.TOUCH])
 def test_flash_refuses_while_a_job_runs_and_leaves_it_alone(
-    here: Here, board: FakeBoard, image: str, bench: VirtualBench, port: str, state: State
+    flash: Flash, board: FakeBoard, bench: VirtualBench, port: str, state: State
 ) -> None:
     board.install("pyocd")
     brought_to(state, bench)
-    said = here("firmware", "flash", image, OFF, "--port", port, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8123")
-    assert state.name in said.document["error"]["message"]
+    assert state.name in flash.refused("E8123", "--port", port)["message"]
     assert (bench.controller.state, bench.controller.fault) == (state, 0)
     assert board.log == []
 
 
-def test_flash_refuses_a_controller_that_does_not_tell_its_state(
-    here: Here, board: FakeBoard, image: str, port: str, monkeypatch: pytest.MonkeyPatch
+def test_flash_refuses_a_board_that_it_cannot_ask(
+    flash: Flash, board: FakeBoard, bench: VirtualBench, port: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its schema is another one, and it does not hand it out."""
     board.install("pyocd")
+    for selector in ("auto", "serial:SIM-1"):  # which are found by HELLO
+        flash.refused("E2091", "--port", selector)
+    bench.controller.board = 2
+    flash.refused("E8122", "--port", port)
+    line = open_line(port)
+    flash.refused("E4006", "--port", port)
+    line.close()
+    # Its schema is another one, and it does not hand it out.
     monkeypatch.setattr("edmctl.link.session.SCHEMA_HASH", 7)
     monkeypatch.setattr("edmctl.link.compatibility.SCHEMA_HASH", 7)
     monkeypatch.setattr("edmctl.link.compatibility.fetch_schema", int)  # a TypeError
-    said = here("firmware", "flash", image, OFF, "--port", port, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8123")
-    assert "does not tell its state" in said.document["error"]["message"]
-    assert board.log == []
-
-
-def test_flash_refuses_a_port_that_another_program_holds(
-    here: Here, board: FakeBoard, image: str, port: str
-) -> None:
-    from edmctl.link.opening import open_line
-
-    board.install("pyocd")
-    line = open_line(port)
-    try:
-        said = here("firmware", "flash", image, OFF, "--port", port, "--json")
-    finally:
-        line.close()
-    assert (said.exit_code, said.document["error"]["code"]) == (4, "E4006")
+    assert "does not tell its state" in flash.refused("E8123", "--port", port)["message"]
     assert board.log == []
 
 
@@ -443,74 +421,41 @@ def st_links(monkeypatch: pytest.MonkeyPatch, port: str) -> None:
 
 
 @pytest.mark.usefixtures("st_links")
-@pytest.mark.parametrize(
-    ("tool", "option"),
-    [("pyocd", "--uid"), ("openocd", "adapter serial")],
-)
+@pytest.mark.parametrize(("tool", "option"), [("pyocd", "--uid"), ("openocd", "adapter serial")])
 def test_flash_takes_the_board_that_was_asked(
-    here: Here, board: FakeBoard, image: str, port: str, tool: str, option: str
+    flash: Flash, board: FakeBoard, port: str, tool: str, option: str
 ) -> None:
     """Another one may be at a job, and some tools take the first that they find."""
     board.install(tool)
     board.trouble("several")
-    said = here("firmware", "flash", image, OFF, "--port", port, "--json")
+    said = flash("--port", port)
     assert said.exit_code == 0, said.err
     assert board.log
     assert all(f"{option} {OTHER}" in line for line in board.log)
 
 
 @pytest.mark.usefixtures("st_links")
-def test_flash_refuses_another_board_than_was_asked(
-    here: Here, board: FakeBoard, image: str, port: str
-) -> None:
-    board.install("openocd")
-    said = here("firmware", "flash", image, OFF, "--port", port, "--probe", FIRST, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8121")
-    assert board.log == []
-    assert here("firmware", "flash", image, OFF, "--port", port, "--probe", OTHER.lower()).exit_code == 0
-
-
-@pytest.mark.usefixtures("st_links")
 def test_flash_leaves_no_choice_to_a_tool_that_takes_the_first_board(
-    here: Here, board: FakeBoard, image: str
+    flash: Flash, board: FakeBoard, port: str
 ) -> None:
     board.install("openocd")
-    said = here("firmware", "flash", image, OFF, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (8, "E8121")
+    flash.refused("E8121")
+    flash.refused("E8121", "--port", port, "--probe", FIRST)
     assert board.log == []
-    assert here("firmware", "flash", image, OFF, "--probe", FIRST).exit_code == 0
-
-
-def test_flash_refuses_the_image_of_another_board_than_answers(
-    here: Here, board: FakeBoard, image: str, bench: VirtualBench, port: str
-) -> None:
-    board.install("pyocd")
-    bench.controller.board = 2
-    said = here("firmware", "flash", image, OFF, "--port", port, "--json")
-    assert said.document["error"]["code"] == "E8122"
-    assert board.log == []
-
-
-def test_flash_refuses_to_look_for_a_board_by_hello(here: Here, board: FakeBoard, image: str) -> None:
-    board.install("pyocd")
-    for selector in ("auto", "serial:SIM-1"):
-        said = here("firmware", "flash", image, OFF, "--port", selector, "--json")
-        assert (said.exit_code, said.document["error"]["code"]) == (2, "E2091")
+    assert flash("--port", port, "--probe", OTHER.lower()).exit_code == 0
+    assert flash("--probe", FIRST).exit_code == 0
 
 
 def test_a_new_board_that_says_nothing_is_flashed_and_asked_afterwards(
-    here: Here, board: FakeBoard, image: str, tmp_path: Path
+    flash: Flash, board: FakeBoard, tmp_path: Path
 ) -> None:
     board.install("pyocd")
     setup = tmp_path / "setup.toml"
     setup.write_text("[link]\nhello_s = 0.2\n")
     ours, theirs = pty.openpty()
-    try:
-        port = os.ttyname(theirs)
-        said = here("firmware", "flash", image, OFF, "--port", port, "--setup", str(setup), "--json")
-    finally:
-        os.close(ours)
-        os.close(theirs)
+    said = flash("--port", os.ttyname(theirs), "--setup", str(setup))
+    os.close(ours)
+    os.close(theirs)
     assert (said.exit_code, said.document["error"]["code"]) == (4, "E4011")
     assert said.document["result"]["read_back"] is True
     assert board.is_started
