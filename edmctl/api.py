@@ -312,8 +312,7 @@ class Machine:
         )
         doubts = _doubts(warn)
         checked = _checked_calibration(request, self._surroundings(stop), doubts)
-        assert checked.plan is not None
-        report = calibrate_machine(checked.plan, checked, seed_to_use(self.seed), _observer(observer), doubts)
+        report = calibrate_machine(checked, seed_to_use(self.seed), _observer(observer), doubts)
         doubts(report.findings.warnings)
         return report
 

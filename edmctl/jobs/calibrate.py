@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -25,12 +24,7 @@ from edmctl.jobs.connected_machine import CreepNote
 from edmctl.jobs.plan import MachineAddress, where_is
 from edmctl.jobs.surroundings import NONE, Surroundings, Warn
 from edmctl.jsonout import JsonValue, to_json_value
-from edmctl.procedures.calibration import (
-    CalibrationPlan,
-    MeasuredActuator,
-    measure_actuator,
-    plan_calibration,
-)
+from edmctl.procedures.calibration import CalibrationPlan, measure_actuator, plan_calibration
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.profile.calibration import Made, calibration_of, measured_file, save_calibration
 from edmctl.profile.folders import default_path, fresh_path
@@ -94,18 +88,21 @@ class LeverFound:
 class CheckedCalibration:
     """A checked request. `plan` is how the machine is driven; None if no machine is driven."""
 
+    request: CalibrationRequest
+    surroundings: Surroundings
     setup: Setup
     where: MachineAddress
-    simulated: bool | None
+    refit: tuple[Refit, ...]
+    plan: CalibrationPlan | None
     sources: tuple[MeasuredRecord, ...]
     validation: tuple[MeasuredRecord, ...]
-    refit: tuple[Refit, ...]
-    delay_s: float | None
-    output: Path | None
-    plan: CalibrationPlan | None
     lever: LeverFound | None
     doubts: tuple[Diagnostic, ...]
-    surroundings: Surroundings
+
+    @property
+    def simulated(self) -> bool | None:
+        """Whether the machine is a virtual one; None if that is known only after connecting."""
+        return True if self.plan is not None and self.where.in_process else None
 
 
 def check(request: CalibrationRequest, surroundings: Surroundings = NONE) -> CheckedCalibration:
@@ -113,35 +110,41 @@ def check(request: CalibrationRequest, surroundings: Surroundings = NONE) -> Che
 
     Raises UsageError, ProfileError, RecordError, RunFileError, LinkLost, PreconditionError.
     """
-    refit = _refit(request.refit)
-    _check_numbers(request)
-    setup = load_setup(request.setup)
-    plan, simulated, where = None, None, MachineAddress()
+    words = {word.strip() for word in request.refit.split(",")}
+    if words not in ({"zero"}, set(REFITS)):
+        raise failures.refit_unknown(text=request.refit)
+    if not all(math.isfinite(volts) for volts in request.previous_v):
+        raise failures.previous_voltage_not_finite()
+    if request.delay_s is not None and not 0.0 <= request.delay_s <= LONGEST_FIXED_DELAY_S:
+        raise failures.delay_out_of_range(
+            delay_s=request.delay_s, longest_fixed_delay_s=LONGEST_FIXED_DELAY_S
+        )
+    setup, plan, where = load_setup(request.setup), None, MachineAddress()
     if not request.sources and not request.lever_only:
         where = where_is(request.port, setup, request.wait_s)
         if request.controller:
             where = replace(where, controller=known_controller(request.controller))
-        simulated = True if where.in_process else None
         plan = plan_calibration(setup)
     if request.output is not None:
         output_files.check_new(request.output)
-    histories = _histories(request)
+    paths, doubts, measured = (*request.sources, *request.validation), list[Diagnostic](), []
+    for path, previous_v in zip(paths, _histories(request.previous_v, len(paths)), strict=True):
+        record = read_record(path, previous_v)
+        _refuse_huge(path, {"t_s": record.t_s, "u_V": record.u_v, "y_um": record.y_um}, "E3612")
+        doubts += doubtful(check_record(record), "W3610")
+        measured.append(MeasuredRecord(path, record))
     count = len(request.sources)
-    sources, doubts = _read(request.sources, histories[:count])
-    validation, more_doubts = _read(request.validation, histories[count:])
     return CheckedCalibration(
+        request=request,
+        surroundings=surroundings,
         setup=setup,
         where=where,
-        simulated=simulated,
-        sources=sources,
-        validation=validation,
-        refit=refit,
-        delay_s=request.delay_s,
-        output=request.output,
+        refit=("zero",) if words == {"zero"} else ("gain", "zero"),
         plan=plan,
+        sources=tuple(measured[:count]),
+        validation=tuple(measured[count:]),
         lever=_lever(request.lever) if request.lever else None,
-        doubts=(*doubts, *more_doubts),
-        surroundings=surroundings,
+        doubts=tuple(doubts),
     )
 
 
@@ -150,56 +153,17 @@ def doubtful(sentences: Sequence[str], code: str) -> list[Diagnostic]:
     return [Diagnostic(code, sentence, "", is_warning=True) for sentence in sentences]
 
 
-def _refit(text: str) -> tuple[Refit, ...]:
-    words = {word.strip() for word in text.split(",")}
-    if words == {"zero"}:
-        return ("zero",)
-    if words == set(REFITS):
-        return ("gain", "zero")
-    raise failures.refit_unknown(text=text)
-
-
-def _check_numbers(request: CalibrationRequest) -> None:
-    if not all(math.isfinite(volts) for volts in request.previous_v):
-        raise failures.previous_voltage_not_finite()
-    if request.delay_s is None:
-        return
-    if not 0.0 <= request.delay_s <= LONGEST_FIXED_DELAY_S:
-        raise failures.delay_out_of_range(
-            delay_s=request.delay_s, longest_fixed_delay_s=LONGEST_FIXED_DELAY_S
-        )
-
-
-def _histories(request: CalibrationRequest) -> list[float | None]:
+def _histories(said: Sequence[float], files: int) -> Sequence[float | None]:
     """Return the voltage that was held before each file, first those of --from."""
-    files, said = len(request.sources) + len(request.validation), request.previous_v
     if not said:
         return [None] * files
     if files and len(said) == 1:
         return [said[0]] * files
     if len(said) == files:
-        return list(said)
+        return said
     times = "once" if len(said) == 1 else f"{len(said)} times"
-    named = (
-        "no file is named" if not files else f"{files} files are named" if files > 1 else "1 file is named"
-    )
-    raise failures.previous_voltage_count(times=times, named=named)
-
-
-def _read(
-    paths: Sequence[Path], histories: Sequence[float | None]
-) -> tuple[tuple[MeasuredRecord, ...], list[Diagnostic]]:
-    if not paths:
-        return (), []
-    found: list[MeasuredRecord] = []
-    doubts: list[Diagnostic] = []
-    for path, previous_v in zip(paths, histories, strict=True):
-        record = read_record(path, previous_v)
-        columns = {"t_s": record.t_s, "u_V": record.u_v, "y_um": record.y_um}
-        _refuse_huge(path, columns, "E3612")
-        doubts += doubtful(check_record(record), "W3610")
-        found.append(MeasuredRecord(path, record))
-    return tuple(found), doubts
+    many = f"{files} files are named" if files > 1 else "1 file is named"
+    raise failures.previous_voltage_count(times=times, named=many if files else "no file is named")
 
 
 def _refuse_huge(path: Path, columns: Mapping[str, Array], code: str) -> None:
@@ -298,32 +262,37 @@ class CalibrationReport(Result):
 
 
 def calibrate_machine(
-    plan: CalibrationPlan, checked: CheckedCalibration, seed: int, observer: Observer, warn: Warn
+    checked: CheckedCalibration, seed: int, observer: Observer, warn: Warn
 ) -> CalibrationReport:
     """Drive the machine, fit, and save. If no calibration results, the measured record is kept."""
-    with connected(None, checked.setup, seed, observer.note, checked.where, checked.surroundings) as bench:
+    where, environ = checked.where, checked.surroundings.environ
+    with connected(None, checked.setup, seed, observer.note, where, checked.surroundings) as bench:
         identity = bench.machine.identity
-        place = default_path if checked.where.lasting else fresh_path
-        path = checked.output or place(identity.serial, checked.surroundings.environ)
+        place = default_path if where.lasting else fresh_path
+        path = checked.request.output or place(identity.serial, environ)
         output_files.check_writable(path)
-        note = CreepNote(bench, checked.where, checked.surroundings.environ)
+        note = CreepNote(bench, where, environ)
         note.take_away()
         bench.begin()
-        setup = checked.setup if bench.own_setup is None else bench.own_setup
-        plan = plan if bench.own_setup is None else plan_calibration(setup)
-        observer.note(f"{introduction(checked.where, bench)}; {setup.in_words()}")
-        measured = measure_actuator(bench.machine, setup, plan, observer)
+        setup = bench.own_setup or checked.setup
+        observer.note(f"{introduction(where, bench)}; {setup.in_words()}")
+        measured = measure_actuator(bench.machine, setup, plan_calibration(setup), observer)
         note.leave(CreepLeft.none(0.0))
-    with _kept_on_failure(measured.record, path, warn):
-        warn(_doubts(measured))
-        findings = _fit([measured.record], checked, observer)
-        is_own, replaced = checked.output is None and checked.where.lasting, path.exists()
+    record = measured.record
+    try:
+        warn(doubtful(check_record(record), "W3610"))
+        if measured.lost_frames:
+            warn([failures.telemetry_lost(lost_frames=measured.lost_frames)])
+        findings = _fit([record], checked, observer)
+        is_own, replaced = checked.request.output is None and where.lasting, path.exists()
         if is_own and replaced and not findings.identification.accepted:
             path = path.with_name(f"{path.stem}-not-accepted{path.suffix}")
             is_own = replaced = False
-            not_replaced = failures.calibration_in_use_stays(path=path)
-            warn([not_replaced, _kept(measured.record, path)])
+            warn([failures.calibration_in_use_stays(path=path), _kept(record, path)])
         _save(findings, path, checked, identity.serial, simulated=identity.simulated)
+    except BaseException:
+        warn([_kept(record, path)])  # it took minutes of machine time
+        raise
     return CalibrationReport(
         findings, path, identity.serial, identity.simulated, is_own, replaced, checked.lever
     )
@@ -331,19 +300,13 @@ def calibrate_machine(
 
 def calibrate_files(checked: CheckedCalibration, observer: Observer) -> CalibrationReport:
     """Fit measured files, and save if the request names an output file."""
+    output = checked.request.output
     findings = _fit([given.record for given in checked.sources], checked, observer)
-    if checked.output is None:
+    if output is None:
         observer.note("nothing is saved: --output FILE writes a calibration that `machine` can use")
     else:
-        _save(findings, checked.output, checked, None, simulated=False)
-    return CalibrationReport(findings, checked.output, None, simulated=False, lever=checked.lever)
-
-
-def _doubts(measured: MeasuredActuator) -> list[Diagnostic]:
-    doubts = doubtful(check_record(measured.record), "W3610")
-    if measured.lost_frames:
-        doubts.append(failures.telemetry_lost(lost_frames=measured.lost_frames))
-    return doubts
+        _save(findings, output, checked, None, simulated=False)
+    return CalibrationReport(findings, output, None, simulated=False, lever=checked.lever)
 
 
 def _fit(records: Sequence[Record], checked: CheckedCalibration, observer: Observer) -> Findings:
@@ -351,7 +314,7 @@ def _fit(records: Sequence[Record], checked: CheckedCalibration, observer: Obser
 
     observer.note(f"fitting {count(sum(len(record.t_s) for record in records))} samples")
     validation = [given.record for given in checked.validation]
-    return find(records, validation, checked.refit, checked.delay_s)
+    return find(records, validation, checked.refit, checked.request.delay_s)
 
 
 def _save(
@@ -373,16 +336,6 @@ def _save(
     )
     checked.surroundings.settled()
     save_calibration(path, calibration)
-
-
-@contextmanager
-def _kept_on_failure(record: Record, path: Path, warn: Warn) -> Iterator[None]:
-    """Keep the measured record, which took minutes of machine time, if the block fails."""
-    try:
-        yield
-    except BaseException:
-        warn([_kept(record, path)])
-        raise
 
 
 def _kept(record: Record, path: Path) -> Diagnostic:

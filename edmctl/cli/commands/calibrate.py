@@ -185,7 +185,7 @@ def _run(outcome: Outcome, checked: "CheckedCalibration", seed: int) -> None:
             done = calibrate_files(checked, reporter)
         else:
             outcome.seed = checked.where.seed_of(seed)
-            done = calibrate_machine(checked.plan, checked, seed, reporter, outcome.warn)
+            done = calibrate_machine(checked, seed, reporter, outcome.warn)
             outcome.simulated = done.simulated
         ignore_signals()
     outcome.result = done.as_mapping()
