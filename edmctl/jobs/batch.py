@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 import statistics
+from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import partial
@@ -25,6 +26,7 @@ from edmctl.jobs.plan import SIMULATOR, JobRequest, Plan, check
 from edmctl.jobs.run_header import name_run, plain_name, run_path
 from edmctl.jobs.surroundings import Surroundings, Unobserved
 from edmctl.jobs.sweep import grid_of, of_sweep
+from edmctl.jsonout import to_json_value
 from edmctl.labels import Basis, basis_of
 from edmctl.profile.folders import is_path
 from edmctl.record.disk import refuse_place
@@ -212,14 +214,12 @@ def check_names(tasks: Sequence[Task]) -> None:
 
     UsageError E2005 where two of them were the same.
     """
-    names = [task.run_id for task in tasks if task.out is not None]
-    if again := [name for name in names if names.count(name) > 1]:
-        raise failures.run_twice(again=again[0])
-    for task in tasks:
-        if task.out is None:
-            continue
+    paths = [run_path(task.out, task.run_id) for task in tasks if task.out is not None]
+    for path, runs in Counter(paths).items():
+        if runs > 1:
+            raise failures.run_twice(again=path.stem)
         try:
-            refuse_place(run_path(task.out, task.run_id))
+            refuse_place(path)
         except RunFileError as refused:
             if refused.code == "E9001":
                 refused.hint = "Choose another folder with --out, or another --seed. Nothing was run."
@@ -298,16 +298,16 @@ class SeriesRows:
 
     def begin(self, series: Series) -> None:
         """Write the request, before the first run."""
-        request = {name: _plain(value) for name, value in asdict(series.request).items()}
-        profile = series.request.profile
-        if profile is not None and is_path(profile):
-            request["profile"] = str(user_path(profile).resolve())
-        values = {**asdict(series), "request": request, "sweeps": list(series.sweeps)}
-        self._writer.append(BEGUN, values)
+        request = asdict(series.request)
+        if request["profile"] is not None and is_path(request["profile"]):
+            request["profile"] = str(user_path(request["profile"]).resolve())
+        for name in ("setup", "calibration"):
+            request[name] = str(request[name].resolve()) if request[name] else None
+        self._writer.append(BEGUN, {**asdict(series), "request": request})
 
     def keep(self, task: Task, run: SimulatedRun) -> None:
         """Write down a run that is finished."""
-        values = {"run_id": task.run_id, "recipe": task.recipes[0], "run": _without_nan(asdict(run))}
+        values = {"run_id": task.run_id, "recipe": task.recipes[0], "run": to_json_value(run, is_exact=True)}
         self._writer.append(DONE, values)
 
     def finished(self, tasks: Sequence[Task]) -> dict[int, SimulatedRun]:
@@ -341,15 +341,12 @@ class SeriesRows:
             request = JobRequest(**last["request"])
         except (IndexError, KeyError, TypeError):
             raise failures.folder_without_series(folder=folder) from None
-        setup, calibration = (
-            Path(given) if (given := last["request"].get(name)) else None for name in ("setup", "calibration")
-        )
         request = replace(
             request,
             overrides=tuple(request.overrides),
             port=SIMULATOR,
-            setup=setup,
-            calibration=calibration,
+            setup=Path(request.setup) if request.setup else None,
+            calibration=Path(request.calibration) if request.calibration else None,
         )
         return Series(request, tuple(last["sweeps"]), int(last["runs"]), int(last["first_seed"]))
 
@@ -358,18 +355,3 @@ class SeriesRows:
 
     def __exit__(self, *_: object) -> None:
         self._writer.close()
-
-
-def _without_nan(value: Any) -> Any:
-    """Plain values to the last digit; JSON has no NaN."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {name: _without_nan(one) for name, one in value.items()}
-    return [_without_nan(one) for one in value] if isinstance(value, list | tuple) else value
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, Path):
-        return str(value.resolve())
-    return list(value) if isinstance(value, tuple) else value
