@@ -10,13 +10,14 @@ its own. ± is the standard error of a mean over its machines. `--depth-runs 0` 
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import subprocess
 import sys
 from dataclasses import dataclass
 from statistics import fmean, stdev
+
+from benchmarks.common import options
 
 FEED_250 = 'target={kind="feed",feed_um=250}'
 
@@ -98,14 +99,7 @@ def depth_lines(profile: str, runs: int, seed: int) -> list[Line]:
 
 def main() -> None:
     """Run everything, print the table, and exit with 1 when a bar was missed."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--runs", type=int, default=20)
-    parser.add_argument("--groups", type=int, default=1)
-    parser.add_argument("--depth-runs", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=9001)
-    args = parser.parse_args()
+    args = options(__doc__, runs=20, groups=1, depth_runs=40, seed=9001)
     met = True
     for group in range(args.groups + 1):
         if group < args.groups:

@@ -9,7 +9,6 @@ that tests/actuator/test_measured_data.py names. Speed: figures of one run, the 
 
 from __future__ import annotations
 
-import argparse
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.common import options
 from edmctl.actuator import waveforms as waves
 from edmctl.actuator.identification import fit_line, fit_maxwell, identify
 from edmctl.actuator.inverse import Inverse
@@ -148,13 +148,10 @@ def speed_and_inverse() -> None:
 
 def main() -> None:
     """Run all."""
-    arguments = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    arguments.add_argument("--seeds", type=int, default=10)
-    arguments.add_argument("--measured", type=Path)
-    given = arguments.parse_args()
+    given = options(__doc__, seeds=10, measured="")
     accuracy(given.seeds)
     if given.measured:
-        measured(given.measured)
+        measured(Path(given.measured))
     speed_and_inverse()
 
 

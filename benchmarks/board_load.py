@@ -9,7 +9,6 @@ clock each, without the boot; the worst of both stacks; memory by section; and h
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from benchmarks.common import options
 from edmctl.board.board_build import COMPILERS
 from edmctl.board.emulated import image
 from edmctl.simulator import BenchConfig
@@ -92,18 +92,12 @@ def quick(compiled_by: str, seconds: float) -> bool:
 
 def main() -> int:
     """Measure; 1 where something is lost or beyond its bar."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--compiler", nargs="+", choices=COMPILERS, default=COMPILERS)
-    parser.add_argument("--most", type=float, default=MOST_PERCENT, help="of a tick, %%")
-    options = parser.parse_args()
+    given = options(__doc__, {"compiler": COMPILERS}, seconds=60.0, compiler=COMPILERS, most=MOST_PERCENT)
     right = True
-    for name in options.compiler:
+    for name in given.compiler:
         right &= fits(name, image(name))
-        right &= loaded(name, options.seconds, options.most)
-        right &= quick(name, min(20.0, options.seconds))
+        right &= loaded(name, given.seconds, given.most)
+        right &= quick(name, min(20.0, given.seconds))
     return 0 if right else 1
 
 

@@ -10,7 +10,6 @@ Ends with 1 where a byte differs.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 import time
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from benchmarks.common import options
 from edmctl.board.board_build import COMPILERS
 from edmctl.link import messages as m
 from tests.firmware import board_twin
@@ -49,21 +49,16 @@ def told(name: str, cut: Cut, seconds: float) -> None:
 
 def main() -> int:
     """Compare; 1 where a byte differs."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--seed", type=int, default=2)
-    options = parser.parse_args()
+    given = options(__doc__, seconds=60.0, seed=2)
     failed = False
     cuts: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         library = board_twin.built(Path(folder))
         for name in COMPILERS:
             start_s = time.process_time()
-            cut = cuts[name] = board_twin.cut(options.seconds, options.seed, name, library)
+            cut = cuts[name] = board_twin.cut(given.seconds, given.seed, name, library)
             cut.cpu_s = time.process_time() - start_s
-            told(name, cut, options.seconds)
+            told(name, cut, given.seconds)
             failed = failed or cut.bench.controller.state is not m.State.MACHINING
             difference = first_difference(cut.uart, cut.twin_sent)
             failed = failed or bool(difference)

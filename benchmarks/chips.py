@@ -1,50 +1,39 @@
 """Whether a touch that is wrong is found: chips under the tool, touches that repeat, are scaled or absurd.
 
-    python -m benchmarks.chips [--seeds 6] [--first-seed 2000] [--deep 2] [--clean 300] [--arrays 12] [--base DIR]
+    python -m benchmarks.chips [--seeds 6] [--first-seed 2000] [--deep 2] [--clean 300] [--arrays 12]
 
 Every chip is injected on a virtual machine under the first touch of a reading: Z1, Zr, or Z2 and Z3 of the first or
 of the last measuring stop; of holes beside the pad, 5 mm and 15 mm from it, and of an array with a plane. The same
 seed without a chip says how wide the interval is that the chip has to exceed. A chip is found where the stated 95 %
 intervals of all depths and wears hold the plant's truth all the same, or the job is refused, or a decision tells of
 the doubt. A wrong result that merely misses the target is not found: it has rows of its own. Bars: of those that
-shift a result by more than the clean run's interval, 95 % found; at most 1 % of clean holes with an alarm; with
-`--base`, a checkout to compare with, a clean job at most 3 % (180 µm) or 30 s longer.
+shift a result by more than the clean run's interval, 95 % found; at most 1 % of clean holes with an alarm.
+`--missed` prints every chip that was not found.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import os
-import statistics
-import subprocess
 import sys
 from dataclasses import dataclass, field
-from random import Random
 from typing import TYPE_CHECKING
 
-from edmctl.errors import EdmError
+from benchmarks.common import machine_on, machined, options
 from edmctl.jobs.truth import TrueWear
-from edmctl.link.session import Session
-from edmctl.machine.controller import LinkMachine
-from edmctl.machine.stop import StopRequest
 from edmctl.planning.erosion import of_tool
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.job import JobTally, NoStateStore, job_of
-from edmctl.procedures.machining import run_job
+from edmctl.procedures.job import NoStateStore, job_of
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import EventRow, NullRecorder, RunEvent, TouchRow
 from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.injection import parse_injection
+from tests.machine.lying import LyingTouches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from edmctl.link.transport import Transport
     from edmctl.record.rows import Row
     from edmctl.results.job import JobResult
-    from edmctl.results.progress import Progress
     from edmctl.simulator.bench import HoleTruth
 
 SIZES_UM = (1.0, 2.0, 4.0, 6.0, 9.0, 12.0, 16.0, 20.0)
@@ -61,8 +50,7 @@ PLANE = (
 )
 """Four holes, whose face is touched at three of them."""
 FOUND_BAR, ALARM_BAR = 0.95, 0.01
-DOUBTS = {code for code in RunEvent if code.name in ("TOUCH_DOUBTED", "READING_REJECTED")}
-"""By name, because a checkout to compare with may not have them all."""
+DOUBTS = (RunEvent.TOUCH_DOUBTED, RunEvent.READING_REJECTED)
 ARRAY = "profiles/array-3x3.toml"
 
 JUDGED = ("E7010", "E7013")
@@ -89,16 +77,6 @@ class Ears(NullRecorder):
             self.kinds.append(row.kind)
         elif isinstance(row, EventRow) and row.code in DOUBTS:
             self.doubts.append(row.message)
-
-
-class _Silent:
-    """Nobody watches."""
-
-    def progress(self, p: Progress) -> None:
-        """Nothing."""
-
-    def note(self, text: str) -> None:
-        """Nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,15 +123,11 @@ def perform(profile: str, seed: int, overrides: tuple[str, ...], inject: str = "
     bench = open_bench(config, seed)
     if inject:
         bench.inject(parse_injection(inject))
-    session = Session(_lying(bench.transport, LIES[lie]) if lie else bench.transport, Random(seed))
-    session.open()
-    machine, ears, ledger = LinkMachine(session, StopRequest()), Ears(), JobTally()
+    line = LyingTouches(bench.transport, LIES[lie]) if lie else bench.transport
+    machine, ears = machine_on(line, seed), Ears()
     job, wear = job_of(loaded.profile, Setup(), loaded.places), TrueWear(bench, NoStateStore())
-    error = ""
-    try:
-        run_job(machine, job, recorder=ears, observer=_Silent(), tally=ledger, store=wear)
-    except EdmError as failed:
-        error = f"{failed.code} {failed.message}"
+    ledger, failed = machined(machine, job, wear, ears)
+    error = f"{failed.code} {failed.message}" if failed else ""
     if not ledger.sites:
         return Outcome(None, error, ears.doubts, ears.kinds, error != "", error, ledger.time_s)
     result = ledger.result()
@@ -168,13 +142,6 @@ def perform(profile: str, seed: int, overrides: tuple[str, ...], inject: str = "
             f"wear {site.wear_um:.2f} ± {site.wear_u95_um:.2f}, true {worn_um:.2f}"
         )
     return Outcome(result, error, ears.doubts, ears.kinds, covered, "; ".join(told), ledger.time_s)
-
-
-def _lying(line: Transport, lie: Callable[[float], float]) -> Transport:
-    """The line with touches that are spoilt on their way; a checkout to compare with may not have it."""
-    from tests.machine.lying import LyingTouches
-
-    return LyingTouches(line, lie)
 
 
 def _hole_at(holes: Sequence[HoleTruth], x_um: float, y_um: float) -> HoleTruth:
@@ -289,50 +256,9 @@ def alarms(first_seed: int, singles: int, arrays: int) -> tuple[int, int, list[s
     return holes, len(told), told
 
 
-def times_s(first_seed: int, runs: int, base: str = "") -> dict[str, float]:
-    """Median time of whole clean jobs, here or with another checkout's code."""
-    if base:
-        path = os.environ | {"PYTHONPATH": base}
-        command = [
-            sys.executable,
-            __file__,
-            "--times-only",
-            "--first-seed",
-            str(first_seed),
-            "--runs",
-            str(runs),
-        ]
-        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=path)
-        return dict(json.loads(done.stdout))
-    jobs = {
-        f"{depth_um:g} µm": ("profiles/cu270.toml", target(depth_um)) for depth_um in (10.0, 40.0, DEEP_UM)
-    }
-    jobs["array 3x3"] = (ARRAY, ())
-    jobs["w252 20 µm"] = ("profiles/w252.toml", target(20.0))
-    return {
-        name: statistics.median(perform(*job[:1], first_seed + i, job[1]).time_s for i in range(runs))
-        for name, job in jobs.items()
-    }
-
-
 def main() -> None:
     """Run everything, print the figures, and exit with 1 when a bar was missed."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=6)
-    parser.add_argument("--first-seed", type=int, default=2000)
-    parser.add_argument("--deep", type=int, default=2, help="seeds at 180 µm")
-    parser.add_argument("--clean", type=int, default=300, help="clean single holes")
-    parser.add_argument("--arrays", type=int, default=12, help="clean arrays of nine")
-    parser.add_argument("--runs", type=int, default=5, help="jobs a median time is of")
-    parser.add_argument("--base", default="", help="a checkout whose clean jobs are compared with")
-    parser.add_argument("--missed", action="store_true", help="tell every chip that was missed")
-    parser.add_argument("--times-only", action="store_true", help="print median times as JSON and end")
-    args = parser.parse_args()
-    if args.times_only:
-        print(json.dumps(times_s(args.first_seed, args.runs)))
-        return
+    args = options(__doc__, seeds=6, first_seed=2000, deep=2, clean=300, arrays=12, missed=False)
     met = True
     seeds = range(args.first_seed, args.first_seed + args.seeds)
     deep = range(args.first_seed, args.first_seed + args.deep)
@@ -365,13 +291,6 @@ def main() -> None:
     print(f"clean holes: {alarmed} of {holes} with an alarm (bar {100 * ALARM_BAR:g} %)")
     for text in told:
         print("   ", text)
-    if args.base:
-        here, there = times_s(args.first_seed, args.runs), times_s(args.first_seed, args.runs, args.base)
-        for name, time_s in here.items():
-            more_s = time_s - there[name]
-            bar_s = 0.03 * there[name] if name.startswith("180") else 30.0
-            met = met and more_s <= bar_s
-            print(f"time of {name:<12} {time_s:7.1f} s, {more_s:+.1f} s (bar {bar_s:+.1f} s)")
     sys.exit(0 if met else 1)
 
 

@@ -30,26 +30,21 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING
 
+from benchmarks.common import machine_on, machined
 from edmctl.actuator.identification import identify
 from edmctl.actuator.record import Record
 from edmctl.actuator.waveforms import calibration_waveform
-from edmctl.errors import EdmError
 from edmctl.jobs.connect import bench_config
 from edmctl.jobs.connected_machine import Now, with_home, with_home_left
 from edmctl.jobs.truth import TrueWear, channel_truth
 from edmctl.labels import Basis
-from edmctl.link.messages import ClearFault
-from edmctl.link.session import Session
-from edmctl.machine.controller import LinkMachine
 from edmctl.machine.stop import StopRequest
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import CalibratedActuator, JobTally, job_of, job_state
-from edmctl.procedures.machining import run_job
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Sensor, Setup
 from edmctl.quantity import coverage_factor
 from edmctl.record.ledger import HomeSeen, MachineHistory
-from edmctl.record.rows import NullRecorder
 from edmctl.simulator import open_bench
 from edmctl.simulator.actuator import VirtualActuator
 from edmctl.simulator.injection import parse_injection
@@ -66,6 +61,8 @@ if TYPE_CHECKING:
 
 PROFILES = Path(__file__).parents[1] / "profiles"
 DRIFT_SD_UM_S = 1.0 / 600.0
+AGAIN = 100_000
+"""Seeds of sessions that clear a fault."""
 WORST_OF_200 = 3.0
 """Standard deviations of the largest of 200 normal draws on either side, on average."""
 
@@ -254,21 +251,15 @@ def _job(
 ) -> tuple[JobTally, str]:
     """One job of a fresh session; how it ended, and a machine that is ready for another."""
     outcome.sessions += 1
-    session = Session(bench.direct_line(), Random(outcome.sessions))
-    session.open()
-    machine, ledger = LinkMachine(session, observer.request), JobTally()
-    end = "ok"
-    try:
-        run_job(machine, job, recorder=NullRecorder(), observer=observer, tally=ledger, store=wear)
-    except EdmError as error:
-        end = error.code
+    machine = machine_on(bench.direct_line(), outcome.sessions, observer.request)
+    ledger, error = machined(machine, job, wear, observer=observer)
+    if error is not None:
         bench.clear_injections()
         bench.settle()
         if fault := bench.controller.fault:
-            session.open()
-            session.request(ClearFault(fault))
+            machine_on(bench.direct_line(), AGAIN + outcome.sessions).clear_fault(fault)
     outcome.time_s += ledger.time_s
-    return ledger, end
+    return ledger, error.code if error else "ok"
 
 
 def _holes(bench: VirtualBench, job: Job, tally: JobTally, wear: TrueWear, number: int) -> list[Hole]:

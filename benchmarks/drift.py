@@ -1,6 +1,7 @@
 """How well wear is known with `measure-drift` on file, and whether what that says of a machine is right.
 
     python benchmarks/drift.py [--seeds 40] [--first 1001] [--profiles cu270 w252] [--jobs 2] [--classes sensor ...]
+        [--misses] [--drift-only]
 
 Every seed is a machine. It is measured as `edmctl measure-drift` does; then it makes the hole of a shipped profile,
 with the model of that measurement and corrected by its own rests: on odd seeds another day, with other noise and an
@@ -14,7 +15,6 @@ that tell them.
 
 from __future__ import annotations
 
-import argparse
 import math
 import statistics
 import sys
@@ -23,20 +23,17 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
 from multiprocessing import Pool
 from pathlib import Path
-from random import Random
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.common import machine_on, machined, options
 from edmctl.errors import EdmError
 from edmctl.jobs.connect import bench_config
 from edmctl.jobs.corrections import believed
+from edmctl.jobs.surroundings import Unobserved
 from edmctl.jobs.truth import TrueWear
-from edmctl.link.session import Session
-from edmctl.machine.controller import LinkMachine
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import JobTally, NoStateStore, job_of
-from edmctl.procedures.machining import run_job
 from edmctl.procedures.measure_drift import drift_result, measure_drift, plan_drift
 from edmctl.procedures.session import running
 from edmctl.process.rest_drift import model_of
@@ -45,10 +42,6 @@ from edmctl.quantity import half_width
 from edmctl.record.rows import NullRecorder
 from edmctl.simulator import open_bench
 from edmctl.simulator.unit import RandomBlocks
-
-if TYPE_CHECKING:
-    from edmctl.results.progress import Progress
-    from edmctl.simulator import VirtualBench
 
 PROFILES = Path(__file__).parents[1] / "profiles"
 SD_UM_S = 1.0 / 600.0
@@ -63,16 +56,6 @@ CLASSES = {
     ),
 }
 LEAST_HELD, MOST_WEAR_U95_UM = 0.90, 1.0
-
-
-class Nobody:
-    """An observer who looks away."""
-
-    def progress(self, p: Progress) -> None:
-        """Do nothing."""
-
-    def note(self, text: str) -> None:
-        """Do nothing."""
 
 
 @dataclass(frozen=True)
@@ -113,11 +96,13 @@ def perform(case: Case) -> Outcome:
     setup = Setup()
     config = bench_config(loaded, setup)
     bench = open_bench(config, case.seed)
-    machine = _machine(bench)
+    machine = machine_on(bench.transport)
     job = job_of(loaded.profile, setup)
     plan, measured = plan_drift(loaded.profile, setup), JobTally()
     try:
-        with running(machine, job, measured, recorder=NullRecorder(), observer=Nobody(), pulses=False) as run:
+        with running(
+            machine, job, measured, recorder=NullRecorder(), observer=Unobserved(), pulses=False
+        ) as run:
             record = measure_drift(run, plan, loaded.profile.approach.offset_um)
             fit, found = drift_result(run, plan, record)
     except EdmError as error:
@@ -136,15 +121,13 @@ def perform(case: Case) -> Outcome:
     later = bench
     if case.seed % 2:
         later = open_bench(config, case.seed)
-        machine = _machine(later)
+        machine = machine_on(later.transport)
         later.plant.random = RandomBlocks(np.random.SeedSequence([case.seed, 1]), config.discharge.scatter)
     else:
         job = replace(job, creep_left=measured.creep_left)
-    tally, wear, end = JobTally(), TrueWear(later, NoStateStore()), "ok"
-    try:
-        run_job(machine, job, recorder=NullRecorder(), observer=Nobody(), tally=tally, store=wear)
-    except EdmError as error:
-        end = error.code
+    wear = TrueWear(later, NoStateStore())
+    tally, failed = machined(machine, job, wear)
+    end = failed.code if failed else "ok"
     if not tally.sites:
         return Outcome(case, end, share_held=share_held, apart_held=apart_held)
     (site,) = tally.sites.values()
@@ -171,24 +154,19 @@ def perform(case: Case) -> Outcome:
     )
 
 
-def _machine(bench: VirtualBench) -> LinkMachine:
-    session = Session(bench.transport, Random(1))
-    session.open()
-    return LinkMachine(session)
-
-
-def main(arguments: list[str]) -> int:
+def main() -> int:
     """Measure, print, and say whether the bars hold."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=40)
-    parser.add_argument("--first", type=int, default=1001)
-    parser.add_argument("--profiles", nargs="+", default=["cu270", "w252"])
-    parser.add_argument("--classes", nargs="+", default=list(CLASSES), choices=list(CLASSES))
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--misses", action="store_true", help="print every wear whose interval does not hold")
-    words = "measure the drift alone, no hole after it"
-    parser.add_argument("--drift-only", action="store_true", help=words)
-    given = parser.parse_args(arguments)
+    given = options(
+        __doc__,
+        {"classes": CLASSES},
+        seeds=40,
+        first=1001,
+        profiles=["cu270", "w252"],
+        classes=list(CLASSES),
+        jobs=2,
+        misses=False,
+        drift_only=False,
+    )
     cases = [
         Case(name, profile, given.first + i, given.drift_only)
         for name in given.classes
@@ -273,4 +251,4 @@ def _report(name: str, profile: str, outcomes: list[Outcome], *, misses: bool) -
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

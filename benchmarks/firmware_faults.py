@@ -7,7 +7,6 @@ Each has to change the digest of a random schedule (tests/firmware/schedules.py)
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import sys
 import tempfile
@@ -16,6 +15,7 @@ from unittest import mock
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from benchmarks.common import options
 from edmctl.core import build
 from edmctl.core.library import loaded
 from tests.firmware.schedules import Schedule
@@ -122,17 +122,11 @@ def found_by(name: str, expected: list[str], steps: int) -> str:
 
 def main() -> int:
     """Try every fault; 1 where one was not found."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--schedules", type=int, default=80)
-    parser.add_argument("--steps", type=int, default=300)
-    parser.add_argument("--only", choices=FAULTS)
-    options = parser.parse_args()
-    expected = [digest(seed, options.steps)[0] for seed in range(1, options.schedules + 1)]
+    given = options(__doc__, {"only": FAULTS}, schedules=80, steps=300, only=None)
+    expected = [digest(seed, given.steps)[0] for seed in range(1, given.schedules + 1)]
     missed = 0
-    for name in [options.only] if options.only else FAULTS:
-        where = found_by(name, expected, options.steps)
+    for name in [given.only] if given.only else FAULTS:
+        where = found_by(name, expected, given.steps)
         print(f"{name}: {where or 'NOT FOUND'}", flush=True)
         missed += not where
     return 1 if missed else 0

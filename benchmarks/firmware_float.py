@@ -8,7 +8,6 @@ Duty is the share of the milliseconds' mean gap voltage in that of an open gap. 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from benchmarks.common import options
 from edmctl.link import messages as m
 from edmctl.link.frame import FrameDecoder
 from edmctl.simulator.config import FIRMWARE, FIRMWARE_FLOAT
@@ -67,16 +67,9 @@ def compared(hz: float, seeds: int, seconds: float) -> float:
 
 def main() -> int:
     """Compare; 1 where float is further away than it may be."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--hz", type=float, nargs="+", default=[2300.0, 50_000.0])
-    parser.add_argument("--most", type=float, default=0.5)
-    options = parser.parse_args()
-    worst = max([compared(hz, options.seeds, options.seconds) for hz in options.hz])
-    return 1 if worst > options.most else 0
+    given = options(__doc__, seeds=10, seconds=30.0, hz=[2300.0, 50_000.0], most=0.5)
+    worst = max([compared(hz, given.seeds, given.seconds) for hz in given.hz])
+    return 1 if worst > given.most else 0
 
 
 if __name__ == "__main__":

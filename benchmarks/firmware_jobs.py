@@ -1,6 +1,6 @@
 """Do jobs on virtual machines under the core in double and in a board's arithmetic, and compare the results.
 
-    python benchmarks/firmware_jobs.py [--seeds 10] [--from 1] [--only machine array channel wear jump calibrate]
+    python benchmarks/firmware_jobs.py [--seeds 10] [--first 1] [--only machine array channel wear jump calibrate]
 
 Sparks come out otherwise in float, so its figures are held against the 95 % intervals that the results state: the
 difference to the result in double against both intervals together, after the difference of the true values where the
@@ -10,7 +10,6 @@ each was within. Ends with 1 where a figure of a job was outside more often than
 
 from __future__ import annotations
 
-import argparse
 import math
 import statistics
 import sys
@@ -19,6 +18,7 @@ from collections import defaultdict
 from typing import TYPE_CHECKING, Any
 
 import edmctl
+from benchmarks.common import options
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -163,16 +163,10 @@ def most_outside(count: int) -> int:
 
 def main() -> int:
     """Do the jobs; 1 where float is outside of its intervals."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--from", dest="first", type=int, default=1)
-    parser.add_argument("--only", nargs="+", choices=JOBS, default=list(JOBS))
-    options = parser.parse_args()
+    given = options(__doc__, {"only": JOBS}, seeds=10, first=1, only=list(JOBS))
     tally = Tally()
-    for job in options.only:
-        for seed in range(options.first, options.first + options.seeds):
+    for job in given.only:
+        for seed in range(given.first, given.first + given.seeds):
             exact = result_of(job, seed, "firmware")
             tally.add(job, exact, result_of(job, seed, "firmware-float"))
             print(f"{job}, seed {seed}: {len(exact)} figures", flush=True)

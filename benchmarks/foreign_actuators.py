@@ -21,7 +21,6 @@ monotone, of 445 µm).
 
 from __future__ import annotations
 
-import argparse
 import math
 import multiprocessing
 import os
@@ -38,6 +37,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.common import options
 from edmctl.actuator.record import Record
 
 if TYPE_CHECKING:
@@ -864,15 +864,9 @@ def judge_bars(many: Sequence[Judged]) -> Bars:
 
 def main() -> int:
     """Judge all, print, and return the exit code."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--kind", nargs="+", choices=KINDS, default=KINDS)
-    parser.add_argument("--count", type=int, default=8, help="actuators of a kind in the base set")
-    parser.add_argument("--first-seed", type=int, default=1)
-    parser.add_argument(
-        "--variants", nargs="*", choices=tuple(VARIANTS), default=[], help="two of a kind each"
+    given = options(
+        __doc__, {"kind": KINDS, "variants": VARIANTS}, kind=KINDS, count=8, first_seed=1, variants=[], jobs=2
     )
-    parser.add_argument("--jobs", type=int, default=2)
-    given = parser.parse_args()
     os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
     seeds = range(given.first_seed, given.first_seed + given.count)
     cases = [(drawn(kind, seed), BASE) for kind in given.kind for seed in seeds]

@@ -14,7 +14,6 @@ for deep and shallow holes and both tools; the bar is 90 to 99 % for the depth.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -27,6 +26,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from benchmarks.common import options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -125,15 +126,9 @@ def quick(runs: int, seed: int, cases: Sequence[str]) -> bool:
 
 def main() -> None:
     """Run everything and print each figure's mean, largest, and share within its bar."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    args = options(
+        __doc__, {"cases": QUICK_CASES}, quick=False, cases=list(QUICK_CASES), runs=0, seed=0, profile="cu270"
     )
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--cases", nargs="+", choices=list(QUICK_CASES), default=list(QUICK_CASES))
-    parser.add_argument("--runs", type=int)
-    parser.add_argument("--seed", type=int)
-    parser.add_argument("--profile", default="cu270")
-    args = parser.parse_args()
     if args.quick:
         sys.exit(0 if quick(args.runs or 200, args.seed or 9001, args.cases) else 1)
     args.runs, args.seed = args.runs or 10, args.seed or 1

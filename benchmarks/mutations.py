@@ -10,12 +10,12 @@ Exit code 1 where there is one, or fewer than 5 000 jobs had a message changed.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections import Counter, defaultdict
 from multiprocessing import Pool, TimeoutError
 from random import Random
 
+from benchmarks.common import options
 from tests.machine.lying import Lie, name_of
 from tests.procedures.lies import KINDS, Fate, a_lie, every_field, is_expected, short_job
 
@@ -64,11 +64,7 @@ def orders(jobs: int, first_seed: int) -> tuple[list[Order], dict[tuple[int, str
 
 def main() -> int:
     """Run and judge; return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--jobs", type=int, default=6000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--processes", type=int, default=2)
-    asked = parser.parse_args()
+    asked = options(__doc__, jobs=6000, seed=1, processes=2)
     todo, plain = orders(asked.jobs, asked.seed)
     bad: defaultdict[str, list[str]] = defaultdict(list)
     codes: Counter[str] = Counter()

@@ -1,6 +1,6 @@
 """Compare results of virtual jobs with those of another checkout, seed by seed: a change of arithmetic shifts none.
 
-    python benchmarks/paired_seeds.py --against PATH [--runs 200] [--seed 1] [--profile cu270] [--set KEY=VALUE ...]
+    python benchmarks/paired_seeds.py --against PATH [--runs 200] [--seed 1] [--profile cu270] [--set KEY=VALUE …]
 
 Both simulate the same seeds. Errors are the stated depth and wear less the truth of the plant. Printed are the
 mean shift in standard deviations of the other's and the ratio of the standard deviations, with 95 % intervals by
@@ -10,7 +10,6 @@ most 2 % more jobs that end early. Without --set the holes are 10 µm deep.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -20,6 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from benchmarks.common import options
 
 Run = dict[str, Any]
 MOST_SHIFT, RATIOS, MOST_LOST = 0.2, (0.9, 1.1), 0.02
@@ -52,20 +53,12 @@ def shift_and_ratio(here: np.ndarray, there: np.ndarray) -> np.ndarray:
 
 def main() -> int:
     """Compare and print; the exit code is 1 where a bar is missed."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--against", type=Path, required=True, metavar="PATH")
-    parser.add_argument("--runs", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--profile", default="cu270")
-    parser.add_argument("--set", action="append", dest="values", metavar="KEY=VALUE")
-    arguments = parser.parse_args()
-    options = ["--profile", arguments.profile, "--runs", str(arguments.runs), "--seed", str(arguments.seed)]
-    for value in arguments.values or ["target.depth_um=10"]:
-        options += ["--set", value]
-    roots = (Path(__file__).resolve().parents[1], arguments.against.resolve())
-    here, there = (simulated(root, options) for root in roots)
+    arguments = options(__doc__, against="", runs=200, seed=1, profile="cu270", set=["target.depth_um=10"])
+    command = ["--profile", arguments.profile, "--runs", str(arguments.runs), "--seed", str(arguments.seed)]
+    for value in arguments.set:
+        command += ["--set", value]
+    roots = (Path(__file__).resolve().parents[1], Path(arguments.against).resolve())
+    here, there = (simulated(root, command) for root in roots)
     pairs = [(here[seed], there[seed]) for seed in sorted(here.keys() & there.keys())]
     lost = [arguments.runs - len(runs) for runs in (here, there)]
     missed = lost[0] > lost[1] + MOST_LOST * arguments.runs

@@ -10,7 +10,6 @@ that differs from the book by `--spread`, 0.03 as everywhere. The exit code is 1
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
@@ -21,6 +20,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import edmctl
+from benchmarks.common import options
 from edmctl.errors import EdmWarning, ObjectiveNotReached
 
 if TYPE_CHECKING:
@@ -243,15 +243,9 @@ TRENDS = {
 
 def main() -> int:
     """Measure and print; the exit code is 1 where a figure lies outside its range."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    arguments = options(
+        __doc__, {"only": TRENDS}, seeds=4, first=1, only=list(TRENDS), spread=0.03, json=False
     )
-    parser.add_argument("--seeds", type=int, default=4)
-    parser.add_argument("--first", type=int, default=1)
-    parser.add_argument("--only", nargs="+", choices=list(TRENDS), default=list(TRENDS))
-    parser.add_argument("--spread", type=float, default=0.03)
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
     seeds = range(arguments.first, arguments.first + arguments.seeds)
     rows: list[dict[str, Any]] = []
     warnings.simplefilter("ignore", EdmWarning)  # of tolerances that let a trial end with one cut

@@ -11,13 +11,11 @@ than 95 % are within it, less than 85 % of the intervals of either hold, or a jo
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
 import random
 import re
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -27,7 +25,8 @@ from pathlib import Path
 from threading import Timer
 from typing import TYPE_CHECKING
 
-from benchmarks.serving import environment, result, served, start
+from benchmarks.common import options
+from benchmarks.serving import result, served, start
 from edmctl.jobs.truth import channel_truth
 from edmctl.record.bench_file import read_bench
 from edmctl.simulator.saving import restored_bench
@@ -116,35 +115,28 @@ def die_at(time_s: float, arguments: list[str]) -> NoReturn:
 
 def run_until(home: Path, time_s: float, *arguments: str) -> str:
     """Let a job run until that time of the machine; the phase in which it died, empty where it came to its end."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.resume", "--die-at", f"{time_s:.3f}", *arguments, "--events"],
-        cwd=home,
-        env=environment(home),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    command = ("--die-at", f"{time_s:.3f}", *arguments, "--events")
+    process = start(home, *command, module="benchmarks.resume")
     _, err = process.communicate()
     phases = re.findall(r'"phase": "(\w+)"', err)
     return phases[-1] if process.returncode == -signal.SIGKILL and phases else ""
 
 
-def duration_s(home: Path, options: tuple[str, ...], seed: int) -> float:
+def duration_s(home: Path, recipe: tuple[str, ...], seed: int) -> float:
     """How long a job takes from arming to its end when nobody kills it, s of the machine's time."""
-    with served(home, *_bench(home, options[0], seed, "length"), name="length") as link:
-        arguments = (*_order(options), "--port", str(link), "--out", "length-runs", "--json", "-q")
+    with served(home, *_bench(home, recipe[0], seed, "length"), name="length") as link:
+        arguments = (*_order(recipe), "--port", str(link), "--out", "length-runs", "--json", "-q")
         code, document, err = result(start(home, "machine", *arguments))
     if code:
         raise RuntimeError(f"the job cannot be done: {err}")
     return float(document["result"]["time_s"])
 
 
-def kill_and_resume(home: Path, options: tuple[str, ...], seed: int, takes_s: float) -> Finished:
+def kill_and_resume(home: Path, recipe: tuple[str, ...], seed: int, takes_s: float) -> Finished:
     """One job with its kills, and what came of it."""
     chance, done, name = random.Random(seed), Finished(seed), f"j{seed}"
-    with served(home, *_bench(home, options[0], seed, name), name=name) as link:
-        arguments: tuple[str, ...] = (*_order(options), "--run-id", f"{name}-0")
+    with served(home, *_bench(home, recipe[0], seed, name), name=name) as link:
+        arguments: tuple[str, ...] = (*_order(recipe), "--run-id", f"{name}-0")
         kill = True
         while True:
             if kill:
@@ -163,23 +155,23 @@ def kill_and_resume(home: Path, options: tuple[str, ...], seed: int, takes_s: fl
             )
             error = document.get("error") or {}
             if error.get("code") == NOT_BEGUN:
-                arguments = (*_order(options), "--run-id", f"{name}-1")
+                arguments = (*_order(recipe), "--run-id", f"{name}-1")
                 continue
             if error.get("code") == "E8051":  # it came to its end before it could be killed
                 document = {"result": _summary(home, name)}
             elif code:
                 done.wrong = f"exit {code}: {err[-300:]}"
             break
-    _take(done, document, home / f"{name}.bench.h5", options)
+    _take(done, document, home / f"{name}.bench.h5", recipe)
     return done
 
 
-def lose_power(home: Path, options: tuple[str, ...], seed: int, sparks_s: float) -> Finished:
+def lose_power(home: Path, recipe: tuple[str, ...], seed: int, sparks_s: float) -> Finished:
     """One job whose controller restarts after so long of a cut."""
     done, name = Finished(seed), f"p{seed}"
     fault = ("--fault", f"POWER_LOSS@sparks+{sparks_s:.1f}")
-    with served(home, *_bench(home, options[0], seed, name), *fault, name=name) as link:
-        arguments = (*_order(options), "--run-id", name, "--port", str(link), "--json", "-q")
+    with served(home, *_bench(home, recipe[0], seed, name), *fault, name=name) as link:
+        arguments = (*_order(recipe), "--run-id", name, "--port", str(link), "--json", "-q")
         code, document, err = result(start(home, "machine", *arguments))
         if code:
             done.phases.append(f"power lost {sparks_s:.0f} s into the cut (exit {code})")
@@ -191,7 +183,7 @@ def lose_power(home: Path, options: tuple[str, ...], seed: int, sparks_s: float)
                 code, document, err = result(start(home, "machine", *resume, "--homed"))
         if code and not done.wrong:
             done.wrong = f"exit {code}: {err[-300:]}"
-    _take(done, document, home / f"{name}.bench.h5", options)
+    _take(done, document, home / f"{name}.bench.h5", recipe)
     return done
 
 
@@ -202,8 +194,8 @@ def _bench(home: Path, profile: str, seed: int, name: str) -> tuple[str, ...]:
     )
 
 
-def _order(options: tuple[str, ...]) -> tuple[str, ...]:
-    profile, *overrides = options
+def _order(recipe: tuple[str, ...]) -> tuple[str, ...]:
+    profile, *overrides = recipe
     return ("-p", profile, *(word for text in overrides for word in ("--set", text)))
 
 
@@ -216,9 +208,9 @@ def _summary(home: Path, name: str) -> dict[str, Any]:
         return run.summary() or {}
 
 
-def _take(done: Finished, document: dict[str, Any], bench_file: Path, options: tuple[str, ...]) -> None:
+def _take(done: Finished, document: dict[str, Any], bench_file: Path, recipe: tuple[str, ...]) -> None:
     """Put what was measured beside what the plant knows."""
-    profile = _profile(options)
+    profile = _profile(recipe)
     target = profile.target
     done.target_um = target.depth_um if target.kind == "depth" else profile.work.thickness_um
     if done.wrong:
@@ -237,26 +229,19 @@ def _take(done: Finished, document: dict[str, Any], bench_file: Path, options: t
 
 def main() -> int:
     """Run both and return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=50)
-    parser.add_argument("--power", type=int, default=10)
-    parser.add_argument("--profile", default="cu150")
-    parser.add_argument("--set", dest="overrides", action="append", default=[])
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=1)
     if sys.argv[1:2] == ["--die-at"]:
         die_at(float(sys.argv[2]), sys.argv[3:])
-    arguments = parser.parse_args()
-    options = (arguments.profile, *arguments.overrides)
+    arguments = options(__doc__, count=50, power=10, profile="cu150", set=[], jobs=2, seed=1)
+    recipe = (arguments.profile, *arguments.set)
     chance = random.Random(arguments.seed)
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(arguments.jobs) as pool:
         home = Path(folder)
-        takes_s = duration_s(home, options, arguments.seed)
-        print(f"{' '.join(options)}: {takes_s:.0f} s of the machine's time from arming to the end")
+        takes_s = duration_s(home, recipe, arguments.seed)
+        print(f"{' '.join(recipe)}: {takes_s:.0f} s of the machine's time from arming to the end")
         seeds = range(arguments.seed, arguments.seed + arguments.count)
-        jobs = [pool.submit(kill_and_resume, home, options, seed, takes_s) for seed in seeds]
+        jobs = [pool.submit(kill_and_resume, home, recipe, seed, takes_s) for seed in seeds]
         powers = [
-            pool.submit(lose_power, home, options, 1000 + seed, chance.uniform(2.0, 80.0))
+            pool.submit(lose_power, home, recipe, 1000 + seed, chance.uniform(2.0, 80.0))
             for seed in range(arguments.seed, arguments.seed + arguments.power)
         ]
         killed = [job.result() for job in jobs]
@@ -268,10 +253,10 @@ def main() -> int:
     return 0 if good == every and _share(every) >= BAR and min(_held(good)) >= HELD_BAR else 1
 
 
-def _profile(options: tuple[str, ...]) -> Profile:
+def _profile(recipe: tuple[str, ...]) -> Profile:
     from edmctl.planning.rules.load import load_profile
 
-    return load_profile(options[0], options[1:]).profile
+    return load_profile(recipe[0], recipe[1:]).profile
 
 
 def _share(rows: list[Finished]) -> float:

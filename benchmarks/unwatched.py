@@ -2,7 +2,8 @@
 
 `edmctl machine` sparks on a served virtual controller at the pace of a real machine when, at a random instant,
 
-- new session: the host is killed (SIGKILL); 0 to 0.2 s later another says HELLO and only sends heartbeats;
+- killed host: the host is killed (SIGKILL);
+- new session: the same, and 0 to 0.2 s later another host says HELLO and only sends heartbeats;
 - frozen controller: the server is stopped (SIGSTOP) for 0.3 to 3 s and goes on (SIGCONT);
 - frozen host: `machine` is stopped (SIGSTOP);
 - lost samples: a relay in the line loses every frame with samples, while replies and heartbeats pass.
@@ -13,7 +14,6 @@ samples: whether the machine is idle or faulted) with the actuator at 0 V. Exit 
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
 import random
@@ -30,9 +30,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks.kills import HOST_SILENT, PULSES_OFF_S, SETUP, wait_for
-from benchmarks.plant_record import Recorded, recorded
-from benchmarks.serving import start
+from benchmarks.common import options
+from benchmarks.serving import Recorded, recorded, start
 from edmctl.errors import EdmError
 from edmctl.link.faults import FAULTS, FaultCode
 from edmctl.link.frame import FrameDecoder
@@ -44,6 +43,9 @@ if TYPE_CHECKING:
     import subprocess
     from collections.abc import Callable, Iterator
 
+PULSES_OFF_S = 0.260
+HOST_SILENT = 1001
+SETUP = "[actuator]\nconditioning_cycles = 0\n[stage]\npark_x_um = -2200.0\nspeed_um_s = 10000.0\n"
 QUICK = (
     "approach.speed_um_s=5",
     "approach.offset_um=45.5",
@@ -128,6 +130,27 @@ def between(link: Path, *, wanted: bool) -> Iterator[Relay | None]:
             relay.close()
 
 
+def wait_for(process: subprocess.Popen[str], phase: str) -> bool:
+    """Read the events until the phase begins; what comes later is thrown away."""
+    assert process.stderr is not None
+    stream = process.stderr
+    for line in stream:
+        if f'"{phase}"' in line:
+            threading.Thread(target=stream.read, daemon=True).start()
+            return True
+    return False
+
+
+def killed_host(
+    machine: Recorded, host: subprocess.Popen[str], chance: random.Random, _: Relay | None
+) -> float:
+    """Kill the host."""
+    begin_s = time.monotonic()
+    host.kill()
+    time.sleep(WATCH_S)
+    return begin_s
+
+
 def new_session(
     machine: Recorded, host: subprocess.Popen[str], chance: random.Random, _: Relay | None
 ) -> float:
@@ -179,6 +202,7 @@ def lost_samples(
 CASES: dict[
     str, tuple[Callable[[Recorded, subprocess.Popen[str], random.Random, Relay | None], float], float]
 ] = {
+    "killed host": (killed_host, PULSES_OFF_S),
     "new session": (new_session, HELLO_S),
     "frozen controller": (frozen_controller, STALL_S),
     "frozen host": (frozen_host, PULSES_OFF_S),
@@ -203,9 +227,9 @@ def _once(home: Path, case: str, number: int) -> Outcome | None:
         between(machine.link, wanted=trouble is lost_samples) as relay,
     ):
         port = relay.name if relay else str(machine.link)
-        options = [word for text in QUICK for word in ("--set", text)]
+        overrides = [word for text in QUICK for word in ("--set", text)]
         place = ("--setup", "setup.toml", "--out", f"runs-{name}", "--events", "--port", port)
-        host = start(home, "machine", "-p", "cu270", *place, *options)
+        host = start(home, "machine", "-p", "cu270", *place, *overrides)
         try:
             if not wait_for(host, "machining"):
                 return None
@@ -243,11 +267,7 @@ def _judged(machine: Recorded, begin_s: float, bar_s: float, *, silent: bool) ->
 
 def main() -> int:
     """Run every case and return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=100)
-    parser.add_argument("--jobs", type=int, default=4)
-    parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES))
-    arguments = parser.parse_args()
+    arguments = options(__doc__, {"cases": CASES}, count=100, jobs=4, cases=list(CASES))
     wrong: list[str] = []
     print(
         f"{'case':18} {'in time and safe':>16} {'last pulse after, ms: median':>30} {'worst':>6} {'stated':>7} "
