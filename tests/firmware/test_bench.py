@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
@@ -13,11 +11,8 @@ from edmctl.simulator import BenchConfig, open_bench
 from edmctl.simulator.saving import bench_state, restored_bench
 from tests.firmware.cuts import cut
 
-if TYPE_CHECKING:
-    from edmctl.core.build import Build
 
-
-def test_two_cores_in_one_process_know_nothing_of_each_other(core: Build) -> None:
+def test_two_cores_in_one_process_know_nothing_of_each_other() -> None:
     one, other = cut("firmware", 0.2), cut("firmware", 0.2, seed=3)
     before = bytes(one.plant.state)
     other.controller.advance(500)
@@ -26,7 +21,7 @@ def test_two_cores_in_one_process_know_nothing_of_each_other(core: Build) -> Non
     assert other.controller.fault == 1001
 
 
-def test_a_bench_that_was_kept_goes_on_as_the_one_that_was_not(core: Build) -> None:
+def test_a_bench_that_was_kept_goes_on_as_the_one_that_was_not() -> None:
     bench = cut("firmware", 0.5)
     boots = bench.controller.boot_count
     again = restored_bench(bench_state(bench))
@@ -39,7 +34,7 @@ def test_a_bench_that_was_kept_goes_on_as_the_one_that_was_not(core: Build) -> N
     assert bytes(again.plant.state) == bytes(twin.plant.state)
 
 
-def test_a_latched_fault_and_its_records_are_kept(core: Build) -> None:
+def test_a_latched_fault_and_its_records_are_kept() -> None:
     bench = cut("firmware", 0.5)
     bench.controller.advance(500)
     assert bench.controller.fault == 1001
@@ -52,7 +47,7 @@ def test_a_latched_fault_and_its_records_are_kept(core: Build) -> None:
     assert np.array_equal(frozen.rows.view(np.float64), kept.rows.view(np.float64))
 
 
-def test_frames_that_do_not_fit_are_not_lost_in_silence(core: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_frames_that_do_not_fit_are_not_lost_in_silence(monkeypatch: pytest.MonkeyPatch) -> None:
     """Given more bytes at once than it ever is, the core answers more than its memory of the line holds."""
     controller = open_bench(BenchConfig(), 1).controller
     asked = encode_frame(m.GetSchema.ID, 1, 9, 0, m.GetSchema(0).pack()) * 2000
@@ -63,7 +58,7 @@ def test_frames_that_do_not_fit_are_not_lost_in_silence(core: Build, monkeypatch
         controller.receive(asked)
 
 
-def test_float_arithmetic_cuts_as_deep(core: Build) -> None:
+def test_float_arithmetic_cuts_as_deep() -> None:
     """A board calculates in float: what is chaotic about sparks comes out otherwise, what counts does not."""
     exact, board = cut("firmware", 4.0), cut("firmware-float", 4.0)
     assert board.controller.state is exact.controller.state is m.State.MACHINING

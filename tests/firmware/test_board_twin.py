@@ -13,7 +13,6 @@ from tests.needs import BOARD_COMPILERS, EMULATOR
 if TYPE_CHECKING:
     import ctypes as ct
 
-    from edmctl.core.build import Build
     from tests.firmware.board_twin import Cut
 
 pytestmark = EMULATOR
@@ -21,7 +20,7 @@ SECONDS, SEED = 2.0, 2
 
 
 @pytest.fixture(scope="module")
-def library(core: Build, tmp_path_factory: pytest.TempPathFactory) -> ct.CDLL:
+def library(tmp_path_factory: pytest.TempPathFactory) -> ct.CDLL:
     return board_twin.built(tmp_path_factory.mktemp("twin"))
 
 

@@ -41,7 +41,7 @@ def test_what_was_built_is_found_again(core: Build) -> None:
     assert again.path == core.path
 
 
-def test_the_library_is_of_this_protocol_and_says_its_arithmetic(core: Build) -> None:
+def test_the_library_is_of_this_protocol_and_says_its_arithmetic() -> None:
     from edmctl.link.messages import SCHEMA_HASH
 
     assert library().schema_hash() == SCHEMA_HASH
@@ -55,7 +55,7 @@ def test_the_library_needs_no_math_library(core: Build) -> None:
     assert b"\0libm.so" not in core.path.read_bytes()
 
 
-def test_the_core_is_as_small_as_the_page_says(core: Build, tmp_path: Path) -> None:
+def test_the_core_is_as_small_as_the_page_says(tmp_path: Path) -> None:
     """docs/firmware.md: in a board's arithmetic; 220 KB with a ring of 80 periods at 2.3 kHz, 4000 lines."""
     folder = build.source_folder()
     lines = sum(path.read_text(encoding="utf-8").count("\n") for path in (folder / "core").glob("*.[ch]"))

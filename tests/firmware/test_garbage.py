@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from edmctl.core.build import REALS, compiler, source_folder
 from tests.needs import build_with_sanitizers
 from tests.tiers import tiers
-
-if TYPE_CHECKING:
-    from edmctl.core.build import Build
 
 PROGRAMS = Path(__file__).parent
 PARTS = ("core", "gen", "math")
@@ -42,9 +38,7 @@ def program(name: str, real: str, folder: Path, *flags: str) -> list[str]:
 
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("megabytes", tiers(slow=(1,), full=(20,)))
-def test_garbage_is_no_command_and_does_no_harm(
-    core: Build, real: str, megabytes: int, tmp_path: Path
-) -> None:
+def test_garbage_is_no_command_and_does_no_harm(real: str, megabytes: int, tmp_path: Path) -> None:
     command = program("garbage", real, tmp_path, SANITIZERS, "-fno-sanitize-recover=all")
     build_with_sanitizers(command)
     done = subprocess.run([command[-1], "1", str(megabytes)], capture_output=True, text=True, check=False)
@@ -54,7 +48,7 @@ def test_garbage_is_no_command_and_does_no_harm(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("real", REALS)
-def test_the_sources_compile_without_a_warning(core: Build, real: str, tmp_path: Path) -> None:
+def test_the_sources_compile_without_a_warning(real: str, tmp_path: Path) -> None:
     folder, parts = source_folder(), (*PARTS, "host", "plant", "operators")
     flags = ["-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror"]
     for path in sorted(path for part in parts for path in (folder / part).glob("*.c")):

@@ -14,7 +14,6 @@ from edmctl.core.build import compiler, source_folder
 from tools.generate.schema import load_schema
 
 if TYPE_CHECKING:
-    from edmctl.core.build import Build
     from tools.generate.schema import Field, Layout
 
 GOLDEN = Path(__file__).parents[1] / "link" / "golden"
@@ -92,7 +91,7 @@ def golden_of(name: str) -> dict[str, Any]:
     return loaded
 
 
-def test_the_codec_makes_and_reads_every_golden_frame(core: Build, tmp_path: Path) -> None:
+def test_the_codec_makes_and_reads_every_golden_frame(tmp_path: Path) -> None:
     schema = load_schema()
     commands = {m.name for m in schema.messages if m.request is not None}
     source, expected = HEAD, []

@@ -19,7 +19,6 @@ from tests.needs import BOARD_COMPILERS
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.core.build import Build
 
 FLASH, SRAM, CCM = 0x08000000, 0x20000000, 0x10000000
 KB = 1024
@@ -167,7 +166,7 @@ def test_the_stack_suffices(tmp_path: Path) -> None:
     assert tick <= KB // 2
 
 
-def test_the_exponential_is_that_of_a_math_library(core: Build, tmp_path: Path) -> None:
+def test_the_exponential_is_that_of_a_math_library(tmp_path: Path) -> None:
     """In whole numbers, so that both compilers have the same bits: rounded rightly wherever double tells how."""
     path = tmp_path / "exp_float.so"
     source = source_folder() / "math" / "exp_float.c"

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from edmctl.link import messages as m
 from edmctl.link.session import Session
 from edmctl.simulator import BenchConfig, open_bench
 
-if TYPE_CHECKING:
-    from edmctl.core.build import Build
 
-
-def test_who_asks_ends_no_session_and_leaves_the_machine_armed(core: Build) -> None:
+def test_who_asks_ends_no_session_and_leaves_the_machine_armed() -> None:
     bench = open_bench(BenchConfig(), 1)
     host = Session(bench.transport)
     host.open()
@@ -25,7 +20,7 @@ def test_who_asks_ends_no_session_and_leaves_the_machine_armed(core: Build) -> N
     assert (m.State(status.state), status.fault) == (m.State.ARMED, 0)
 
 
-def test_a_common_hello_ends_it(core: Build) -> None:
+def test_a_common_hello_ends_it() -> None:
     """The reason for asking otherwise (docs/decisions/0028)."""
     bench = open_bench(BenchConfig(), 1)
     host = Session(bench.transport)

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from edmctl.core.build import Build
 
 MOST_PULSES = 64
 PER_US = 84
@@ -27,83 +26,58 @@ VOLT_STEP, AMP_STEP = FULL_V / TOP, FULL_A / TOP
 EDGES, SLOW = 256, 128
 
 
+U32, BOOL, FLOAT, PLACE = ct.c_uint32, ct.c_bool, ct.c_float, ct.c_void_p
+
+
 class Edges(ct.Structure):
-    _fields_ = [("ring", ct.c_void_p), ("at", ct.c_uint32)]
+    _fields_ = [("ring", PLACE), ("at", U32)]
 
 
 class Samples(ct.Structure):
-    _fields_ = [
-        ("ring", ct.c_void_p),
-        ("size", ct.c_uint32),
-        ("at", ct.c_uint32),
-        ("held", ct.c_uint32),
-        ("good", ct.c_bool),
-    ]
+    _fields_ = [("ring", PLACE), ("size", U32), ("at", U32), ("held", U32), ("good", BOOL)]
 
 
 class Scans(ct.Structure):
-    _fields_ = [("ring", ct.c_void_p), ("size", ct.c_uint32), ("at", ct.c_uint32), ("good", ct.c_bool)]
+    _fields_ = [("ring", PLACE), ("size", U32), ("at", U32), ("good", BOOL)]
 
 
 class Records(ct.Structure):
     _fields_ = [
-        ("now", ct.c_uint32),
-        ("now_ns", ct.c_int64),
-        ("gates", Edges),
-        ("ignitions", Edges),
-        ("ends", Edges),
-        ("samples", Samples),
-        ("scans", Scans),
+        *(("now", U32), ("now_ns", ct.c_int64)),
+        *((name, Edges) for name in ("gates", "ignitions", "ends")),
+        *(("samples", Samples), ("scans", Scans)),
     ]
 
 
 class Gate(ct.Structure):
-    _fields_ = [
-        ("on", ct.c_bool),
-        ("changes", ct.c_uint32),
-        ("on_since", ct.c_uint32),
-        ("off_since", ct.c_uint32),
-        ("on_counts", ct.c_uint32),
-        ("period_counts", ct.c_uint32),
-        ("discharge_counts", ct.c_uint32),
-        ("open_v", ct.c_float),
-    ]
+    _counts = ("changes", "on_since", "off_since", "on_counts", "period_counts", "discharge_counts")
+    _fields_ = [("on", BOOL), *((name, U32) for name in _counts), ("open_v", FLOAT)]
 
 
 class Follower(ct.Structure):
-    _fields_ = [("at", ct.c_uint32), ("mark", ct.c_uint32)]
+    _fields_ = [("at", U32), ("mark", U32)]
 
 
 class Measure(ct.Structure):
     _fields_ = [
-        ("gates", Follower),
-        ("ignitions", Follower),
-        ("ends", Follower),
-        ("changes", ct.c_uint32),
-        ("blind_until", ct.c_uint32),
-        ("blind", ct.c_bool),
-        ("first", ct.c_bool),
+        *((name, Follower) for name in ("gates", "ignitions", "ends")),
+        *(("changes", U32), ("blind_until", U32), ("blind", BOOL), ("first", BOOL)),
     ]
 
 
 class Readings(ct.Structure):
+    _means = ("sensor_um", "monitor_v", "gap_v", "charge_uc", "generator_siemens", "off_time_a")
+    _pulses = ("delay_us", "discharge_us", "plateau_v", "energy_uj")
     _fields_ = [
-        *((name, ct.c_float) for name in ("sensor_um", "monitor_v", "gap_v", "charge_uc")),
-        ("generator_siemens", ct.c_float),
-        ("off_time_a", ct.c_float),
-        ("contact", ct.c_uint8),
-        ("stray_pulses", ct.c_uint8),
-        ("pulses", ct.c_uint8),
+        *((name, FLOAT) for name in _means),
+        *((name, ct.c_uint8) for name in ("contact", "stray_pulses", "pulses")),
         ("first_pulse_ns", ct.c_int64),
-        *(
-            (name, ct.c_float * MOST_PULSES)
-            for name in ("delay_us", "discharge_us", "plateau_v", "energy_uj")
-        ),
+        *((name, FLOAT * MOST_PULSES) for name in _pulses),
     ]
 
 
 @pytest.fixture(scope="module")
-def code(core: Build, tmp_path_factory: pytest.TempPathFactory) -> ct.CDLL:
+def code(tmp_path_factory: pytest.TempPathFactory) -> ct.CDLL:
     """The board's arithmetic as a library of this computer."""
     path: Path = tmp_path_factory.mktemp("measure") / "measure.so"
     source = source_folder() / "board" / "measure.c"

@@ -14,8 +14,6 @@ from tests.simulator.conftest import Rig
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmctl.core.build import Build
-
 CONTROLLERS = pytest.mark.parametrize("controller", ["firmware", "firmware-float"])
 FAST_UM_S = 20.0
 JUMP_RETURN, TOUCH_BACK = 7, 11  # `mode` of the core: enum edm_mode in firmware/core/controller.h
@@ -23,9 +21,7 @@ ROUNDING = (0, 1)
 """A ramp may have a last step that the converter does not show."""
 
 
-def rests(
-    core: Build, controller: str, back_off_um: float, closed: Callable[[int], bool]
-) -> tuple[int, int, Rig]:
+def rests(controller: str, back_off_um: float, closed: Callable[[int], bool]) -> tuple[int, int, Rig]:
     """Let a touch go back; `closed` says of each millisecond since the begin of that whether contact reads closed.
 
     Returns how many the ramp took, and in which the next touch began or a fault came.
@@ -52,10 +48,8 @@ def rests(
 
 @CONTROLLERS
 @pytest.mark.parametrize("back_off_um", [1.0, 3.5, 12.0])
-def test_a_touch_goes_on_once_contact_has_been_open_at_rest(
-    core: Build, controller: str, back_off_um: float
-) -> None:
-    ramp, end, r = rests(core, controller, back_off_um, lambda since: False)
+def test_a_touch_goes_on_once_contact_has_been_open_at_rest(controller: str, back_off_um: float) -> None:
+    ramp, end, r = rests(controller, back_off_um, lambda since: False)
     assert ramp == pytest.approx(1000.0 * back_off_um / FAST_UM_S, abs=3.0)
     assert end - max(200, ramp + 50) in ROUNDING
     assert not r.bench.controller.fault
@@ -65,28 +59,26 @@ def test_a_touch_goes_on_once_contact_has_been_open_at_rest(
 @pytest.mark.parametrize("back_off_um", [1.0, 3.5, 12.0])
 @pytest.mark.parametrize("every", [1, 2, 40])
 def test_a_contact_that_comes_and_goes_after_the_back_off_is_a_fault(
-    core: Build, controller: str, back_off_um: float, every: int
+    controller: str, back_off_um: float, every: int
 ) -> None:
     """However long the way back was; not only in the millisecond in which the next touch would begin."""
-    ramp, end, r = rests(core, controller, back_off_um, lambda since: since % every == 0)
+    ramp, end, r = rests(controller, back_off_um, lambda since: since % every == 0)
     assert r.bench.controller.fault == FaultCode.STUCK_CONTACT
     assert end - max(200, ramp + 50) - 100 in ROUNDING
 
 
 @CONTROLLERS
 @pytest.mark.parametrize("back_off_um", [1.0, 12.0])
-def test_a_single_disturbance_after_the_back_off_costs_50_ms(
-    core: Build, controller: str, back_off_um: float
-) -> None:
-    _ramp, end, _r = rests(core, controller, back_off_um, lambda since: False)
-    _ramp, later, r = rests(core, controller, back_off_um, lambda since: since == end - 10)
+def test_a_single_disturbance_after_the_back_off_costs_50_ms(controller: str, back_off_um: float) -> None:
+    _ramp, end, _r = rests(controller, back_off_um, lambda since: False)
+    _ramp, later, r = rests(controller, back_off_um, lambda since: since == end - 10)
     assert later == end - 10 + 50
     assert not r.bench.controller.fault
 
 
 @CONTROLLERS
 @pytest.mark.parametrize("counts", [2802, 2803, 40022])
-def test_a_ramp_to_the_voltage_applied_feeds_nothing(core: Build, controller: str, counts: int) -> None:
+def test_a_ramp_to_the_voltage_applied_feeds_nothing(controller: str, counts: int) -> None:
     """Whatever float makes of the voltage of the wire and of that of the converter."""
     r = Rig(BenchConfig(offset_um=20.0, controller=controller), 1).arm()
     for target in (counts + 400, counts):
@@ -100,7 +92,7 @@ def test_a_ramp_to_the_voltage_applied_feeds_nothing(core: Build, controller: st
 
 
 @CONTROLLERS
-def test_a_jump_comes_back_to_a_short_and_not_into_the_work(core: Build, controller: str) -> None:
+def test_a_jump_comes_back_to_a_short_and_not_into_the_work(controller: str) -> None:
     """Though the reference is below the voltage of a short, and the clearance is great."""
     r = Rig(BenchConfig(offset_um=20.0, controller=controller), 1).arm().to_pad().start_sparking()
     r.session.pump(1.0)
