@@ -57,7 +57,7 @@ def check_record(record: Record) -> tuple[str, ...]:
     _check_gain(record, y_um)
     _check_limits(record, y_um)
     _check_direction(record, y_um)
-    return doubts_about(record)
+    return (*_doubts_of_time(record), *_spikes(record), *_proportional(record), *_resolution(record))
 
 
 def _refusal(record: Record, code: str, what: str, hint: str) -> RecordError:
@@ -121,7 +121,11 @@ def _check_sign(record: Record, y_um: Array) -> None:
         what = f"the displacement falls while the voltage rises (correlation {correlation:.2f})"
         hint = "Negate y_um: it grows when the tool moves towards the work."
         raise _refusal(record, "E3617", what, hint)
-    if correlation >= LEAST_CORRELATION or _follows_late(record, y_um):
+    # Fast swings follow after a delay, which can be searched for.
+    most = min(len(y_um) // 2, int(LONGEST_LAG_S / float(np.median(np.diff(record.t_s)))))
+    lags = np.unique(np.linspace(1, most, 40).astype(int)) if most >= 1 else ()
+    later = (_correlation(record.u_v[:-lag], y_um[lag:]) for lag in lags)
+    if correlation >= LEAST_CORRELATION or any(one >= LEAST_CORRELATION for one in later):
         return
     if float(np.std(record.u_v)) < 1.5 * noise_sd(record.u_v):
         what = f"the voltage is noise about {record.u_v.mean():.4g} V"
@@ -143,13 +147,6 @@ def _shape(values: Array) -> Array:
     shifted: Array = values - values.mean()
     largest = float(np.abs(shifted).max())
     return shifted / largest if largest > 0.0 else shifted
-
-
-def _follows_late(record: Record, y_um: Array) -> bool:
-    """Whether the displacement follows after a delay that can be searched for: fast swings need it."""
-    most = min(len(y_um) // 2, int(LONGEST_LAG_S / float(np.median(np.diff(record.t_s)))))
-    lags = np.unique(np.linspace(1, most, 40).astype(int)) if most >= 1 else ()
-    return any(_correlation(record.u_v[:-lag], y_um[lag:]) >= LEAST_CORRELATION for lag in lags)
 
 
 def _check_gain(record: Record, y_um: Array) -> None:
@@ -227,24 +224,18 @@ def _loop_area(u_v: Array, y_um: Array) -> float:
     return 0.5 * float(u[:-1] @ y[1:] - u[1:] @ y[:-1]) / max(swings, 1.0)
 
 
-def doubts_about(record: Record) -> tuple[str, ...]:
-    """Sentences with their remedy, samples counted from 1."""
-    return (*_doubts_of_time(record), *_spikes(record), *_proportional(record), *_resolution(record))
-
-
 def _doubts_of_time(record: Record) -> list[str]:
     steps_s, length_s = np.diff(record.t_s), float(record.t_s[-1] - record.t_s[0])
-    period_s = float(np.median(steps_s))
+    period_s, swings_s = float(np.median(steps_s)), half_periods_s(record)
     doubts = []
     if period_s >= DOUBTFUL_STEP_S:
         doubts.append(
             f"{record.name}: its sample period is {period_s:g} s. If t_s is in ms, multiply it by 0.001; if it "
             "counts samples, by their period."
         )
-    elif (swing_s := _swing_s(record)) >= DOUBTFUL_SWING_S:
-        doubts.append(
-            f"{record.name}: one swing takes {swing_s:.3g} s. If t_s is in ms, multiply it by 0.001."
-        )
+    elif len(swings_s) and float(np.median(swings_s)) >= DOUBTFUL_SWING_S:
+        swing = f"one swing takes {float(np.median(swings_s)):.3g} s"
+        doubts.append(f"{record.name}: {swing}. If t_s is in ms, multiply it by 0.001.")
     elif length_s < SHORT_S:
         doubts.append(
             f"{record.name}: it lasts {length_s:.2g} s, which says next to nothing about creep; "
@@ -281,20 +272,13 @@ def _resolution(record: Record) -> list[str]:
     step_um = float(np.median(gaps_um))
     parts = gaps_um / step_um
     is_grid = bool(np.all(np.abs(parts - np.round(parts)) < 0.01) and parts.min() > 0.5)
-    if not is_grid or step_um < LEAST_RESOLUTION * float(np.ptp(levels_um)):
-        return []
-    if step_um <= 3.0 * noise_sd(record.y_um):
+    if not is_grid or step_um < max(LEAST_RESOLUTION * np.ptp(levels_um), 3.0 * noise_sd(record.y_um)):
         return []
     return [
         f"{record.name}: the displacement goes in steps of {step_um:.3g} µm, which are no noise and are told as "
         "error. Use a finer range of the sensor, or average several samples to one where they go to and fro between "
         "steps."
     ]
-
-
-def _swing_s(record: Record) -> float:
-    swings_s = half_periods_s(record)
-    return float(np.median(swings_s)) if len(swings_s) else 0.0
 
 
 def _spikes(record: Record) -> list[str]:

@@ -9,16 +9,15 @@ among them, and never touches the samples again.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from ctypes import byref
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.actuator.model import ActuatorModel, consecutive, none_of
+from edmctl.actuator.operators import call
 from edmctl.actuator.record import Record, length_s, sample_s
 from edmctl.array_types import Array, Flags
-from edmctl.core.library import library
 from edmctl.dataclasses import dataclass, field, replace
 
 BLOCKS = 64
@@ -38,12 +37,9 @@ ROWS_AT_ONCE, NARROW = 128, 64
 class Design:
     """What a model is to be made of; the weights are open.
 
-    column_of : ndarray of int, shape (j,)
-        Lags with the same number get the same weight.
-    rounded : ndarray, shape (k, 4)
-        Rising and falling limit, sharpness and unloading of the rounded plays.
-    lag_s : float
-        Of the amplifier.
+    column_of : int, shape (j,); lags with the same number get the same weight
+    rounded : shape (k, 4), rising and falling limit, sharpness and unloading of the rounded plays
+    lag_s : of the amplifier
     """
 
     thresholds_v: Array
@@ -96,10 +92,6 @@ class Design:
             lag_s=self.lag_s,
         )
 
-    def with_pieces(self, pieces: int) -> Design:
-        """Return it with so many pieces a play."""
-        return replace(self, knots_v=knots(self.thresholds_v, self.low_v, self.high_v, pieces))
-
     def with_rounded(self, rounded: Array) -> Design:
         """Return it with rounded plays, shape (k, 4), which creep."""
         sharp = self.creep_plays[self.creep_plays < len(self.thresholds_v)]
@@ -111,11 +103,9 @@ class Design:
 class Block:
     """Consecutive samples of one record, reduced.
 
-    triangle : ndarray, shape (at most c, c)
-        R of [one column of ones per record | features | displacement advanced by each delay].
-    record, first, end : which record, which of its samples.
-    low_v, high_v : ndarray, shape (n,)
-        How far each play went.
+    triangle : shape (at most c, c), R of [one column of ones per record | features | displacement by each delay]
+    record, first, end : which record, which of its samples
+    low_v, high_v : shape (n,), how far each play went
     """
 
     triangle: Array
@@ -133,8 +123,7 @@ class Reduction:
 
     delays_s : delays that the displacement is advanced by; a model gets the first one
     used : samples of each record that count, shape (n,)
-    sketch : ndarray, shape (about 500, features)
-        Features of evenly spread samples, which show the effect of weights on the displacement.
+    sketch : shape (about 500, features), features of evenly spread samples, which show the effect of weights
     plays_v : position of the plays at each sample of each record, shape (n, plays)
     """
 
@@ -205,17 +194,9 @@ def features_of(design: Design, record: Record) -> Array:
     t_s, u_v = consecutive(record.t_s, record.u_v, state.t_s)
     column_of = np.ascontiguousarray(design.column_of, dtype=np.int64)
     features = np.empty((len(t_s), design.features))
-    memory = state.memory(model)
-    library().bank_features(
-        byref(model.bank),
-        byref(memory),
-        len(t_s),
-        t_s.ctypes.data,
-        u_v.ctypes.data,
-        column_of.ctypes.data,
-        design.creep_columns,
-        features.ctypes.data,
-    )
+    record_of = (len(t_s), t_s, u_v)
+    columns = (column_of, design.creep_columns)
+    call("bank_features", model.bank, state.memory(model), *record_of, *columns, features)
     return features
 
 

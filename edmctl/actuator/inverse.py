@@ -10,14 +10,12 @@ range is enough, a move ends short.
 
 from __future__ import annotations
 
-from ctypes import byref
-
 import numpy as np
 from numpy.typing import NDArray
 
 from edmctl.actuator.model import ActuatorModel, ActuatorState, Estimator, consecutive
+from edmctl.actuator.operators import call
 from edmctl.array_types import Array
-from edmctl.core.library import library
 from edmctl.dataclasses import dataclass
 
 STEPS = 32  # points of a path; more of them change its end by less than 0.1 % of the way
@@ -32,10 +30,9 @@ class Solution:
 
 
 class Inverse:
-    """Turns wanted displacements into voltages, following the actuator's state.
+    """Turns displacements into voltages, from a copy of `state` on (default: conditioned, at the low end).
 
-    Starts from a copy of `state` (default: conditioned, at the low end). Voltages keep to the model's range; beyond
-    it the nearer end is given and said to be saturated.
+    Voltages keep to the model's range; beyond it the nearer end is returned as saturated.
     """
 
     def __init__(self, model: ActuatorModel, state: ActuatorState | None = None) -> None:
@@ -56,18 +53,8 @@ class Inverse:
         times_s, wanted_um = consecutive(t_s, y_um, state.t_s)
         free_um = wanted_um - model.zero_um
         u_v, beyond = np.empty(len(times_s)), np.zeros(len(times_s), dtype=np.bool_)
-        memory = state.memory(model)
-        library().bank_solve(
-            byref(model.bank),
-            byref(memory),
-            len(times_s),
-            times_s.ctypes.data,
-            free_um.ctypes.data,
-            model.low_v,
-            model.high_v,
-            u_v.ctypes.data,
-            beyond.ctypes.data,
-        )
+        memory, ends_v = state.memory(model), (model.low_v, model.high_v)
+        call("bank_solve", model.bank, memory, len(times_s), times_s, free_um, *ends_v, u_v, beyond)
         state.move_to(memory)
         return u_v, beyond
 

@@ -13,16 +13,14 @@ model cannot do: its loops are symmetric and the same everywhere in the range, a
 from __future__ import annotations
 
 import cmath
-from collections.abc import Callable, Sequence
-from ctypes import byref
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from edmctl import failures
-from edmctl.actuator.operators import Elements
+from edmctl.actuator.operators import Elements, call
 from edmctl.array_types import Array
-from edmctl.core.library import library
 from edmctl.dataclasses import dataclass, field
 
 UM_PER_M = 1e6
@@ -30,10 +28,7 @@ UM_PER_M = 1e6
 
 @dataclass(slots=True)
 class MaxwellState:
-    """Where a Maxwell model is; arrays change in place.
-
-    position_um : displacement; stops_um : ndarray, shape (n,), stretch of each element.
-    """
+    """Displacement of a Maxwell model, and the stretch of each element, shape (n,), which changes in place."""
 
     position_um: float
     stops_um: Array
@@ -43,10 +38,8 @@ class MaxwellState:
 class HysteresisBlock:
     """The block H: voltage over charge.
 
-    limits_v, capacitances_f : ndarray, shape (n,)
-        Elasto-slip elements: a capacitor each, in series with a voltage limiter.
-    remainder_per_f : float
-        1/C_r of the capacitor that never slips; 0 where there is none.
+    limits_v, capacitances_f : shape (n,), elasto-slip elements: a capacitor each, in series with a voltage limiter
+    remainder_per_f : 1/C_r of the capacitor that never slips; 0 where there is none
     """
 
     limits_v: Array
@@ -58,10 +51,8 @@ class HysteresisBlock:
 class MaxwellModel:
     """Elasto-slip elements in parallel with a plain spring.
 
-    base_v_per_um : float, positive
-        Stiffness k_0 of the spring that never slips.
-    stiffness_v_per_um, limits_um : ndarray, shape (n,)
-        Elements k_i ≥ 0 with the stretch at which they slip, ascending.
+    base_v_per_um : stiffness k_0 > 0 of the spring that never slips
+    stiffness_v_per_um, limits_um : shape (n,), elements k_i ≥ 0 with the stretch at which they slip, ascending
 
     Raises ValueError when the numbers are not those of such a model.
     """
@@ -117,19 +108,11 @@ class MaxwellModel:
 
         Only turning points matter. `state` advances; default: virgin.
         """
-        state = self.virgin() if state is None else state
-        path = np.ascontiguousarray(y_um, dtype=np.float64)
-        output = self._advanced(library().maxwell_loads, path, state)
-        state.position_um = float(path[-1]) if len(path) else state.position_um
-        return output
+        return self._advanced("maxwell_loads", y_um, state)
 
     def displacement(self, u_v: Array, state: MaxwellState | None = None) -> Array:
         """Displacement in µm under a voltage, shape (k,). `state` advances; default: virgin."""
-        state = self.virgin() if state is None else state
-        path = np.ascontiguousarray(u_v, dtype=np.float64)
-        output = self._advanced(library().maxwell_positions, path, state)
-        state.position_um = float(output[-1]) if len(path) else state.position_um
-        return output
+        return self._advanced("maxwell_positions", u_v, state)
 
     def block(self, charge_c_per_m: float, transduction_v_per_um: float, lever: float) -> HysteresisBlock:
         """Return the block H whose quasi-static behaviour in the electromechanical model is this one.
@@ -154,17 +137,14 @@ class MaxwellModel:
             remainder_per_f=(self.base_v_per_um - transduction_v_per_um) / coulomb_per_um,
         )
 
-    def _advanced(self, function: Callable[..., None], path: Array, state: MaxwellState) -> Array:
+    def _advanced(self, function: str, values: Array, state: MaxwellState | None) -> Array:
+        state = self.virgin() if state is None else state
+        path = np.ascontiguousarray(values, dtype=np.float64)
         elements = Elements(self.stiffness_v_per_um, self.limits_um, state.stops_um)
         output = np.empty(len(path))
-        function(
-            byref(elements),
-            self.base_v_per_um,
-            state.position_um,
-            len(path),
-            path.ctypes.data,
-            output.ctypes.data,
-        )
+        call(function, elements, self.base_v_per_um, state.position_um, len(path), path, output)
+        if len(path):
+            state.position_um = float((path if function == "maxwell_loads" else output)[-1])
         return output
 
 
@@ -261,8 +241,7 @@ class ElectromechanicalModel:
     ) -> Response:
         """Response to a voltage and a force on the tool, sampled every `step_s`, shape (k,) each.
 
-        Both are straight lines between samples, the first from where the state is. `state` advances; default:
-        virgin.
+        Both are straight lines between samples, from the state on, which advances (default: virgin).
         """
         state = self.virgin() if state is None else state
         part, block = self.transducer, self.block
@@ -274,13 +253,7 @@ class ElectromechanicalModel:
         elements = Elements(1.0 / block.capacitances_f, block.limits_v * block.capacitances_f, state.stops_c)
         motion = np.array([state.position_m, state.speed_m_s, state.force_n, state.charge_c])
         response = Response(*(np.empty(len(volts)) for _ in range(3)))
-        library().transducer_advance(
-            constants.ctypes.data,
-            byref(elements),
-            motion.ctypes.data,
-            len(volts),
-            *(one.ctypes.data for one in (volts, forces, *response)),
-        )
+        call("transducer_advance", constants, elements, motion, len(volts), volts, forces, *response)
         state.position_m, state.speed_m_s, state.force_n, state.charge_c = motion.tolist()
         response.y_um[:] *= part.lever * UM_PER_M
         return response
@@ -326,10 +299,8 @@ class Lever:
 def lever_factor(x_um: Array, z_um: Array) -> Lever:
     """Fit the lever to displacements of stacks and tool at the same instants, shape (n,) each, in order of time.
 
-    The uncertainty of the straight line assumes independent residuals; those of a slow measurement drift and
-    curve together, so that n samples are worth only n/τ, with τ their autocorrelation time.
-
-    Raises RecordError when the samples are too few, not finite, do not move, or cannot be those of a lever.
+    Residuals of a slow measurement drift and curve together: n samples are worth n/τ, with τ their autocorrelation
+    time. Raises RecordError when the samples are too few, not finite, do not move, or cannot be those of a lever.
     """
     stack, tool = np.asarray(x_um, dtype=np.float64), np.asarray(z_um, dtype=np.float64)
     _refuse(stack, tool)

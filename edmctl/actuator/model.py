@@ -48,27 +48,17 @@ def none_of(*shape: int) -> Array:
 class ActuatorModel:
     """Parameters of one actuator; immutable.
 
-    thresholds_v : ndarray, shape (n,)
-        Thresholds of the plays, ascending from 0.
-    knots_v : ndarray, shape (n, m + 1)
-        Where each play's pieces begin and end, ascending; the outer pieces go on beyond.
-    slopes_um_per_v : ndarray, shape (n, m)
-    creep_plays : ndarray of int, shape (g,)
-        Plays that creep; n + k is the rounded play k.
-    time_constants_s : ndarray, shape (j,)
-    creep_um_per_v : ndarray, shape (g, j)
-    zero_um, delay_s : float
-    low_v, high_v : float
-        The range of voltage that the model was identified over.
-    rounded_limits_v : ndarray, shape (k, 2)
-        Limits of the rounded plays' stops while the voltage rises and while it falls.
-    rounded_sharpness : ndarray, shape (k,)
-        c in [0, 1]: how sharply a stop bends into its limit.
-    rounded_unloading : ndarray, shape (k,)
-        ρ ≥ 0: how much steeper a stop unloads than it begins to load.
-    rounded_um_per_v : ndarray, shape (k,)
-    lag_s : float
-        Time constant of amplifier and actuator, before the hysteresis.
+    thresholds_v : shape (n,), thresholds of the plays, ascending from 0
+    knots_v : shape (n, m + 1), where each play's pieces begin and end, ascending; the outer pieces go on beyond
+    slopes_um_per_v : shape (n, m)
+    creep_plays : int, shape (g,), plays that creep; n + k is the rounded play k
+    time_constants_s, creep_um_per_v : shapes (j,) and (g, j)
+    low_v, high_v : the range of voltage that the model was identified over
+    rounded_limits_v : shape (k, 2), limits of the rounded plays' stops while the voltage rises and while it falls
+    rounded_sharpness : shape (k,), c in [0, 1]: how sharply a stop bends into its limit
+    rounded_unloading : shape (k,), ρ ≥ 0: how much steeper a stop unloads than it begins to load
+    rounded_um_per_v : shape (k,)
+    lag_s : time constant of amplifier and actuator, before the hysteresis
 
     Raises ValueError when the arrays do not fit each other or the model could not be inverted.
     """
@@ -94,10 +84,10 @@ class ActuatorModel:
             raise ValueError(problem)
 
     def predict(self, t_s: Array, u_v: Array, state: ActuatorState | None = None) -> Array:
-        """Displacement in µm, shape (n,), for a voltage that was applied from `state` on.
+        """Displacement in µm, shape (n,), for a voltage that was applied from `state` on, which stays as it is.
 
-        t_s, u_v : ndarray, shape (n,); time strictly ascending, every turning point of the voltage a sample.
-        state : left as it is. Default: conditioned, come to the first voltage as its first move shows.
+        t_s, u_v : shape (n,); time strictly ascending, every turning point of the voltage a sample
+        state : default: conditioned, come to the first voltage as its first move shows
 
         Raises ValueError for arrays that are not one-dimensional, equally long, finite, or whose time runs back.
         """
@@ -125,7 +115,9 @@ class ActuatorModel:
         if previous_v is not None:
             state = ActuatorState.after_jump(self, previous_v, first_v)
         else:
-            state = ActuatorState.conditioned(self, first_v, falling=_falls(u_v, self.high_v - self.low_v))
+            moved = np.abs(u_v - first_v) > 0.02 * (self.high_v - self.low_v)
+            falls = bool(moved.any() and u_v[int(moved.argmax())] < first_v)
+            state = ActuatorState.conditioned(self, first_v, falling=falls)
         state.t_s = float(t_s[0])
         return state
 
@@ -139,14 +131,8 @@ class ActuatorModel:
     def advance_checked(self, state: ActuatorState, times_s: Array, volts: Array) -> Array:
         """Do the same with what `consecutive` has returned."""
         memory, output = state.memory(self), np.empty(len(times_s))
-        library().bank_advance(
-            byref(self.bank),
-            byref(memory),
-            len(times_s),
-            times_s.ctypes.data,
-            volts.ctypes.data,
-            place_of(output),
-        )
+        places = times_s.ctypes.data, volts.ctypes.data, place_of(output)
+        library().bank_advance(byref(self.bank), byref(memory), len(times_s), *places)
         state.move_to(memory)
         output += self.zero_um
         return output
@@ -229,70 +215,46 @@ def rounded_table(limits_v: Array, sharpness: Array, unloading: Array) -> Array:
     return np.column_stack([limits_v, sharpness, unloading, steepest])
 
 
-def _falls(u_v: Array, span_v: float) -> bool:
-    moved = np.abs(u_v - u_v[0]) > 0.02 * span_v
-    return bool(moved.any() and u_v[int(moved.argmax())] < u_v[0])
-
-
 def _problems(model: ActuatorModel) -> list[str]:
     """Return the violated requirements of a model."""
     thresholds, knots, slopes = model.thresholds_v, model.knots_v, model.slopes_um_per_v
-    n, m = len(thresholds), slopes.shape[1] if slopes.ndim == 2 else 0
-    shapes = (
-        slopes.shape == (n, m)
-        and m >= 1
-        and knots.shape == (n, m + 1)
-        and model.creep_um_per_v.shape == (len(model.creep_plays), len(model.time_constants_s))
-        and model.rounded_um_per_v.ndim == 1
-        and model.rounded_limits_v.shape == (len(model.rounded_um_per_v), 2)
-        and model.rounded_sharpness.shape == model.rounded_um_per_v.shape
-        and model.rounded_unloading.shape == model.rounded_um_per_v.shape
-    )
-    if n == 0 or not shapes:
+    taus, creep, plays = model.time_constants_s, model.creep_um_per_v, model.creep_plays
+    limits, roundness = model.rounded_limits_v, model.rounded_um_per_v
+    sharpness, unloading = model.rounded_sharpness, model.rounded_unloading
+    n, m, k = len(thresholds), slopes.shape[-1], len(roundness)
+    arrays = (thresholds, knots, slopes, taus, creep, limits, sharpness, unloading, roundness)
+    shapes = ((n,), (n, m + 1), (n, m), (len(taus),), (len(plays), len(taus)), (k, 2), (k,), (k,), (k,))
+    if n == 0 or m == 0 or any(a.shape != shape for a, shape in zip(arrays, shapes, strict=True)):
         return ["the arrays of the model do not fit each other"]
-    rounded = (
-        model.rounded_limits_v,
-        model.rounded_sharpness,
-        model.rounded_unloading,
-        model.rounded_um_per_v,
-    )
-    floats = (thresholds, knots, slopes, model.time_constants_s, model.creep_um_per_v, *rounded)
     scalars = (model.zero_um, model.delay_s, model.low_v, model.high_v, model.lag_s)
-    limits, sharpness, unloading, roundness = rounded
-    if not all(np.isfinite(a).all() for a in (*floats, scalars)):
+    if not all(np.isfinite(a).all() for a in (*arrays, scalars)):
         return ["the model holds numbers that are not finite"]
     checks = (
-        (thresholds[0] == 0.0 and bool((np.diff(thresholds) > 0).all()), "thresholds ascend from 0"),
-        (bool((np.diff(knots, axis=1) > 0).all()), "the knots of a play ascend"),
-        (bool((slopes >= 0).all()), "slopes are not negative"),
-        (bool((slopes[0] > 0).all()), "the play of threshold 0 has positive slopes"),
-        (bool((model.time_constants_s > 0).all()), "time constants are positive"),
-        (bool((model.creep_um_per_v >= 0).all()), "creep is not negative"),
-        (
-            bool(((model.creep_plays >= 0) & (model.creep_plays < n + len(roundness))).all()),
-            "creep follows plays of the model",
-        ),
-        (bool((limits > 0).all()), "limits of rounded plays are positive"),
-        (bool(((sharpness >= 0) & (sharpness <= 1)).all()), "the sharpness of a rounded play is 0 to 1"),
-        (bool(((unloading >= 0) & (roundness >= 0)).all()), "rounded plays are not negative"),
+        (thresholds[0] == 0.0 and np.diff(thresholds) > 0, "thresholds ascend from 0"),
+        (np.diff(knots, axis=1) > 0, "the knots of a play ascend"),
+        (slopes >= 0, "slopes are not negative"),
+        (slopes[0] > 0, "the play of threshold 0 has positive slopes"),
+        (taus > 0, "time constants are positive"),
+        (creep >= 0, "creep is not negative"),
+        ((plays >= 0) & (plays < n + k), "creep follows plays of the model"),
+        (limits > 0, "limits of rounded plays are positive"),
+        ((sharpness >= 0) & (sharpness <= 1), "the sharpness of a rounded play is 0 to 1"),
+        ((unloading >= 0) & (roundness >= 0), "rounded plays are not negative"),
         (model.lag_s >= 0.0, "the lag is not negative"),
         (model.delay_s >= 0.0, "the delay is not negative"),
         (model.low_v < model.high_v, "low_v lies below high_v"),
     )
-    return [f"a model needs: {rule}" for holds, rule in checks if not holds]
+    return [f"a model needs: {rule}" for holds, rule in checks if not np.all(holds)]
 
 
 @dataclass(slots=True)
 class ActuatorState:
     """State of an `ActuatorModel`; arrays change in place.
 
-    plays_v : ndarray, shape (n,)
-    lags_v : ndarray, shape (g, j)
-        Creep: each lag follows the play it belongs to.
-    stops_v : ndarray, shape (k,)
-        Stops of the rounded plays.
-    u_v, lagged_v, t_s : float
-        Voltage applied last, what of it has come through the lag, and when.
+    plays_v : shape (n,)
+    lags_v : shape (g, j), creep: each lag follows the play it belongs to
+    stops_v : shape (k,), stops of the rounded plays
+    u_v, lagged_v, t_s : voltage applied last, what of it has come through the lag, and when
     """
 
     plays_v: Array
@@ -338,9 +300,8 @@ class ActuatorState:
 
     def copy(self) -> ActuatorState:
         """Return an independent copy."""
-        return ActuatorState(
-            self.plays_v.copy(), self.lags_v.copy(), self.stops_v.copy(), self.u_v, self.lagged_v, self.t_s
-        )
+        arrays = self.plays_v.copy(), self.lags_v.copy(), self.stops_v.copy()
+        return ActuatorState(*arrays, self.u_v, self.lagged_v, self.t_s)
 
     @classmethod
     def _relaxed(cls, model: ActuatorModel, turns: Sequence[float]) -> ActuatorState:
@@ -382,13 +343,10 @@ def _line(values: ArrayLike) -> Array:
 
 
 class Estimator:
-    """Follows one actuator from a known state: Z = gain · y(voltage) + offset.
+    """Follows one actuator: Z = gain · y(voltage) + offset, from a copy of `state` (default: conditioned, low end).
 
     Feed it every turning point of the voltage really applied: samples that skip one leave the plays where the
-    samples went, not where the actuator did. `gain` and `offset_um` are the two slow parameters that only
-    trusted events may change (see `correction`).
-
-    It starts from a copy of `state` (default: conditioned, at the low end).
+    samples went, not where the actuator did. Only trusted events may change `gain` and `offset_um` (`correction`).
     """
 
     def __init__(self, model: ActuatorModel, state: ActuatorState | None = None) -> None:
@@ -412,10 +370,9 @@ class Estimator:
     def tick(self, u_v: float, dt_s: float) -> float:
         """Displacement in µm when the voltage is `u_v`, `dt_s` after the last sample; raises as `advance`."""
         t_s, volts = np.array([self.state.t_s + dt_s], np.float64), np.array([u_v], np.float64)
-        is_plain = self.model.delay_s == 0.0 and dt_s >= 0.0 and math.isfinite(u_v) and math.isfinite(dt_s)
-        if not is_plain:
-            return float(self.advance(t_s, volts)[0])
-        return self.gain * float(self.model.advance_checked(self.state, t_s, volts)[0]) + self.offset_um
+        if self.model.delay_s == 0.0 and 0.0 <= dt_s < math.inf and math.isfinite(u_v):  # the usual, fast way
+            return self.gain * float(self.model.advance_checked(self.state, t_s, volts)[0]) + self.offset_um
+        return float(self.advance(t_s, volts)[0])
 
     def advance(self, t_s: Array, u_v: Array) -> Array:
         """Displacement in µm, shape (n,), at consecutive samples; time runs on from the last one.
@@ -423,17 +380,12 @@ class Estimator:
         Raises ValueError, and stays as it was, as `ActuatorModel.predict` does.
         """
         t_s, u_v = consecutive(t_s, u_v, self.state.t_s)
-        y_um = self.model.advance_checked(self.state, t_s, u_v)
+        y_um: Array = self.model.advance_checked(self.state, t_s, u_v)
         if self.model.delay_s > 0.0 and len(t_s):
-            y_um = self._delayed(t_s, y_um)
-        corrected_um: Array = self.gain * y_um + self.offset_um
-        return corrected_um
-
-    def _delayed(self, t_s: Array, y_um: Array) -> Array:
-        times_s = np.concatenate([self._passed_s, t_s])
-        values_um = np.concatenate([self._passed_um, y_um])
-        wanted_s = t_s - self.model.delay_s
-        kept = max(0, int(np.searchsorted(times_s, wanted_s[-1], side="right")) - 1)
-        self._passed_s, self._passed_um = times_s[kept:], values_um[kept:]
-        delayed_um: Array = np.interp(wanted_s, times_s, values_um)
-        return delayed_um
+            times_s = np.concatenate([self._passed_s, t_s])
+            values_um = np.concatenate([self._passed_um, y_um])
+            wanted_s = t_s - self.model.delay_s
+            kept = max(0, int(np.searchsorted(times_s, wanted_s[-1], side="right")) - 1)
+            self._passed_s, self._passed_um = times_s[kept:], values_um[kept:]
+            y_um = np.interp(wanted_s, times_s, values_um)
+        return self.gain * y_um + self.offset_um

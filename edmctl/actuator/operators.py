@@ -41,13 +41,9 @@ class Bank(ctypes.Structure):
     """Parameters, `struct bank`: n sharp plays of m pieces, k rounded ones, g of them with j lags each.
 
     thresholds (n,), knots (n, m + 1), slopes (n, m), taus (j,), weights (g, j) : ndarray
-    rounded : ndarray, shape (k, 5)
-        Rising and falling limit, c, ρ, C.
-    roundness : ndarray, shape (k,)
-        Weights of the rounded plays.
-    creeping : ndarray of int, shape (g,)
-        Plays, from n on rounded ones.
-    lag_s : float
+    rounded : ndarray, shape (k, 5): rising and falling limit, c, ρ, C
+    roundness : ndarray, shape (k,): weights of the rounded plays
+    creeping : ndarray of int, shape (g,): plays, from n on rounded ones
 
     Raises ValueError when the arrays do not fit each other.
     """
@@ -89,10 +85,7 @@ class Bank(ctypes.Structure):
 
 
 class Memory(ctypes.Structure):
-    """State of a bank, `struct memory`, over its arrays, which C changes.
-
-    Raises ValueError for arrays of another bank.
-    """
+    """State of a bank, `struct memory`, over its arrays, which C changes; ValueError for those of another bank."""
 
     t_s: float
     u_v: float
@@ -114,7 +107,7 @@ class Memory(ctypes.Structure):
 
 
 class Elements(ctypes.Structure):
-    """Elasto-slip elements, `struct elements`: stiffness, limits and stretch, shape (n,); it changes the last.
+    """Elasto-slip elements, `struct elements`: stiffness, limits and stretch, shape (n,); C changes the last.
 
     Raises ValueError when they are not equally long.
     """
@@ -126,6 +119,17 @@ class Elements(ctypes.Structure):
             raise ValueError(f"a state of shape {stops.shape} for {stiffness.size} elements")
         self._arrays = (_constant(stiffness), _constant(limits), stops)  # kept as long as their addresses
         super().__init__(len(stops), *(one.ctypes.data for one in self._arrays[:2]), place_of(stops))
+
+
+def call(function: str, *arguments: object) -> None:
+    """Call a function of the library with numbers, structures (by reference) and contiguous arrays (by address)."""
+    getattr(library(), function)(*(_passed(argument) for argument in arguments))
+
+
+def _passed(argument: object) -> object:
+    if isinstance(argument, ctypes.Structure):
+        return ctypes.byref(argument)
+    return argument.ctypes.data if isinstance(argument, np.ndarray) else argument
 
 
 def _constant(array: Array) -> Array:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.actuator.design import Design, features_of
+from edmctl.actuator.design import Design, features_of, knots
 from edmctl.actuator.fitting import minimise
 from edmctl.actuator.record import Record, sample_s
 from edmctl.array_types import Array, Flags
@@ -58,8 +58,9 @@ def extended(
     best, least = design, rows.held_out(Extended(design, delay_s))
     rounded = best_rounded(design, rows, delay_s)
     pieces = FINER * (design.knots_v.shape[1] - 1)
+    finer_v = knots(design.thresholds_v, design.low_v, design.high_v, pieces)
     ways: list[Callable[[Design], Design]] = [
-        lambda known: known.with_pieces(pieces),
+        lambda known: replace(known, knots_v=finer_v),
         lambda known: known.with_rounded(rounded),
     ]
     while ways:

@@ -320,8 +320,10 @@ def readings(figure: str, u_v: Array, error_um: Array, model_um: Array, rate_hz:
 
     KeyError for another figure.
     """
-    read = {"fig3a": _slow_sine, "fig3b": _fast_sine, "fig4": _square, "fig5": _jumps, "loop": _loop}
-    return read[figure](_Seen(u_v, error_um, model_um, rate_hz))
+    seen = _Seen(u_v, error_um, model_um, rate_hz)
+    if figure == "fig3b":
+        return [seen.largest("3b", "crests", (25.0, 25.0), seen.instants(2 * FAST_CYCLES)[1::2])]
+    return {"fig3a": _slow_sine, "fig4": _square, "fig5": _jumps, "loop": _loop}[figure](seen)
 
 
 def _stretches(inside: Flags) -> list[tuple[int, int]]:
@@ -387,10 +389,6 @@ def _slow_sine(seen: _Seen) -> list[Reading]:
         seen.largest("3a", "first trough", (30.0, 35.0), troughs[:1]),
         seen.largest("3a", "later troughs", (30.0, 35.0), troughs[1:]),
     ]
-
-
-def _fast_sine(seen: _Seen) -> list[Reading]:
-    return [seen.largest("3b", "crests", (25.0, 25.0), seen.instants(2 * FAST_CYCLES)[1::2])]
 
 
 def _square(seen: _Seen) -> list[Reading]:
