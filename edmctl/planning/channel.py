@@ -135,8 +135,11 @@ class Channel:
         That is the surface before, and pad, floor and pad again at every measurement cycle.
         """
         profile, path, offset_um = self.profile, self.path, self.profile.approach.offset_um
+        across_um = (path.radius_um or 0.0) + (path.pitch_um or 0.0) * (path.turns or 0.0) / 2.0
+        if path.kind == "rectangle":
+            across_um = ((path.width_um or 0.0) + (path.height_um or 0.0)) / 2.0
         centre = Place("centre", path.x_um, path.y_um)
-        across = Place("across", path.x_um + self._across_um(), path.y_um)
+        across = Place("across", path.x_um + across_um, path.y_um)  # about the mean way from place to place
         pad_s, across_s = between_s(pad_of(setup), centre, setup), between_s(centre, across, setup)
         total_s = touch_time_s(profile, setup) + pad_s
         total_s += FACE_TOUCHES * (across_s + face_time_s(profile, offset_um))
@@ -150,13 +153,6 @@ class Channel:
             total_s += places * (across_s + reading_time_s(profile, place_um))
             total_s += stop_time_s(profile, 0.0, share * self.wear_um, pad_s, bottom=False)
         return total_s
-
-    def _across_um(self) -> float:
-        """Return the mean way of the stages from place to place on the channel, about."""
-        path = self.path
-        if path.kind == "rectangle":
-            return ((path.width_um or 0.0) + (path.height_um or 0.0)) / 2.0
-        return (path.radius_um or 0.0) + (path.pitch_um or 0.0) * (path.turns or 0.0) / 2.0
 
 
 def _archimedes(radius_um: float, growth_um: float) -> float:

@@ -47,10 +47,10 @@ STROKE_RESERVE_UM = 15.0  # stroke kept free beyond the job, for creep and retra
 class Course:
     """What a job adds up to.
 
-    `deepest` is its deepest hole or its channel, `lowest_um` how far below the surface as the new tool meets it the
-    tool comes to stand, `reaches_um` the same hole by hole, `stops` how often it measures; the cuts of a channel are
-    its passes. `depth_u95_um` is half the 95 % interval of the depth that is known least in the end, NaN where none
-    is wanted.
+    cuts, stops : passes of a channel; how often it measures
+    deepest : the deepest hole, or the channel
+    lowest_um, reaches_um : lowest place of the new tool's tip below the surface, of the job and hole by hole
+    depth_u95_um : half the 95 % interval of the depth that is known least in the end; NaN without a depth target
     """
 
     machining_s: float
@@ -237,20 +237,14 @@ def _plane_time_s(profile: Profile, setup: Setup, stands: Sequence[Place]) -> fl
     return PLANE_TOUCHES * (move_s + face_time_s(profile, profile.approach.offset_um))
 
 
-def _removal_um3_s(profile: Profile, course: Course) -> float:
-    """Removal while sparking; over all regimes on average where there are some."""
+def _rates(profile: Profile, deepest: Hole) -> tuple[float, float]:
+    """Removal while sparking, µm³/s, and pulses per second of machining; of several regimes on average."""
     if not profile.regimes:
-        return removal_um3_s(profile, course.deepest.depth_um)
+        return removal_um3_s(profile, deepest.depth_um), profile.pulse.frequency_hz
+    timed = [(regime_time_s(one), one.profile.pulse.frequency_hz) for one in recipes_of(profile)]
+    frequency_hz = math.fsum(t_s * hz for t_s, hz in timed) / math.fsum(t_s for t_s, _ in timed)
     area_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
-    return course.deepest.depth_um * area_um2 / hole_time_s(profile, course.deepest)
-
-
-def _frequency_hz(recipes: Sequence[Recipe]) -> float:
-    """Pulses per second of machining; of several regimes on average."""
-    if len(recipes) == 1:
-        return recipes[0].profile.pulse.frequency_hz
-    timed = [(regime_time_s(recipe), recipe.profile.pulse.frequency_hz) for recipe in recipes]
-    return math.fsum(t_s * hz for t_s, hz in timed) / math.fsum(t_s for t_s, _ in timed)
+    return deepest.depth_um * area_um2 / hole_time_s(profile, deepest), frequency_hz
 
 
 def forecast(
@@ -275,6 +269,7 @@ def forecast(
     cycle = servo_swing(profile, setup)
     regimes, recipes = _regimes(profile), recipes_of(profile)
     ra_um = regimes[-1].ra_um if regimes else expected_ra_um(profile, deepest.depth_um)
+    removed_um3_s, frequency_hz = _rates(profile, deepest)
     return Forecast(
         machining_time_s=course.machining_s,
         measuring_time_s=course.measuring_s,
@@ -294,9 +289,9 @@ def forecast(
             pulse_energy_uj(pulse.discharge_voltage_v, pulse.current_a, pulse.burning_time_us)
             for pulse in (recipe.profile.pulse for recipe in recipes)
         ),
-        mrr_mm3_min=mrr_mm3_min(_removal_um3_s(profile, course)),
+        mrr_mm3_min=mrr_mm3_min(removed_um3_s),
         jump_share=time_share_of_jumps(profile),
-        pulses=round(course.machining_s * _frequency_hz(recipes)),
+        pulses=round(course.machining_s * frequency_hz),
         holes=course.holes,
         holes_in_reach=fits.index(False) if False in fits else len(fits),
         stops=course.stops,

@@ -112,14 +112,12 @@ def channel_depth_u95_um(setup: Setup, depth_um: float) -> float:
 def displacement(setup: Setup) -> Displacement:
     """Return the uncertainties of the sensor; without one, those of a calibration of another day at best."""
     sensor = setup.sensor
+    gain_u_rel, drift_um_per_s = sensor.gain_u_rel, sensor.drift_um_per_s
     if sensor.fitted:
         walk = setup.drift.walk_um_per_sqrt_s
-        return Displacement(sensor.gain_u_rel, sensor.linearity_u_um, sensor.drift_um_per_s, walk)
-    return Displacement(
-        math.hypot(sensor.gain_u_rel, GAIN_SD_BETWEEN_DAYS),
-        sensor.linearity_u_um,
-        max(sensor.drift_um_per_s, ZERO_DRIFT_UM_PER_S),
-    )
+        return Displacement(gain_u_rel, sensor.linearity_u_um, drift_um_per_s, walk)
+    gain_u_rel = math.hypot(gain_u_rel, GAIN_SD_BETWEEN_DAYS)
+    return Displacement(gain_u_rel, sensor.linearity_u_um, max(drift_um_per_s, ZERO_DRIFT_UM_PER_S))
 
 
 class _Plan:
@@ -148,55 +146,44 @@ class _Plan:
         fresh = self._estimate.fits == 0
         before = self._estimate if fresh else self._estimate.next_hole(one.depth_um)
         estimate, face_u_um = before, self._face_u_um(away_um)
-        cut_s = one.depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(self._profile, one.depth_um)
-        known = self._displacement
-        sensed_u_um = known.length_u_um(one.depth_um)
-        drift_um = self._drift_um(cut_s)
+        rate_um_s = feed_rate_um_s(self._profile, one.depth_um)
+        drift_um = self._drift_um(one.depth_um * (1.0 + estimate.wear_ratio) / rate_um_s)
+        sensed_u_um = self._displacement.length_u_um(one.depth_um)
         start_u_um = math.hypot(TOUCH_U_UM, self._wear_u_um, drift_um, face_u_um, sensed_u_um)
         gap_u_um = first_gap_u_um(self._profile.pulse.open_voltage_v) if fresh else GAP_U_UM
-        cut = next_cut(
-            estimate,
-            target_um=one.depth_um,
-            remaining_um=one.depth_um,
-            tolerance_um=target.tolerance_um,
-            start_u_um=start_u_um,
-            gap_u_um=gap_u_um,
-            largest_um=largest_first_um(one.depth_um, wear.first_fraction, estimate),
-            begun=False,
-        )
-        cuts: list[Cut] = []
-        depth_um = 0.0
+        largest_um = largest_first_um(one.depth_um, wear.first_fraction, estimate)
+        cuts, depth_um = list[Cut](), 0.0
         while True:
+            cut = next_cut(
+                estimate,
+                target_um=one.depth_um,
+                remaining_um=one.depth_um - depth_um,
+                tolerance_um=target.tolerance_um,
+                start_u_um=start_u_um,
+                gap_u_um=gap_u_um,
+                largest_um=math.inf if cuts else largest_um,
+                begun=bool(cuts),
+            )
             measured = cut.measured or touches_final or (is_last and not cuts)
             depth_u_um, worn_u_um = self._found_u_um(depth_um + cut.depth_um, face_u_um)
             # A later touch of the pad corrects what was not measured, by its own uncertainty.
             settled_u_um = math.hypot(start_u_um, gap_u_um, TOUCH_U_UM) if cuts else 0.0
             known_u_um = depth_u_um if measured else max(cut.depth_u_um, settled_u_um)
             cuts.append(Cut(cut.feed_um, measured, half_width(known_u_um)))
-            self._since_s += cut.feed_um / feed_rate_um_s(self._profile, one.depth_um)
+            self._since_s += cut.feed_um / rate_um_s
             if not measured:
-                split = estimate.split(
-                    cut.feed_um, math.hypot(start_u_um, gap_u_um), self._energy(estimate, cut.depth_um)
-                )
+                energy = self._energy(estimate, cut.depth_um)
+                split = estimate.split(cut.feed_um, math.hypot(start_u_um, gap_u_um), energy)
                 self._wear_u_um += split.wear_u_um
                 return cuts
             depth_um += cut.depth_um
-            estimate = before.fitted(
-                self._energy(before, depth_um), depth_um, depth_u_um, before.wear_ratio * depth_um, worn_u_um
-            )
+            energy, wear_um = self._energy(before, depth_um), before.wear_ratio * depth_um
+            estimate = before.fitted(energy, depth_um, depth_u_um, wear_um, worn_u_um)
             self._estimate, self._wear_u_um, self._since_s = estimate, 0.0, BETWEEN_S
-            remaining_um = one.depth_um - depth_um
-            if len(cuts) >= cut_budget(self._profile) or is_done(remaining_um, target.tolerance_um, SET_U_UM):
+            is_last_cut = len(cuts) >= cut_budget(self._profile)
+            if is_last_cut or is_done(one.depth_um - depth_um, target.tolerance_um, SET_U_UM):
                 return cuts
             start_u_um, gap_u_um = depth_u_um, GAP_U_UM
-            cut = next_cut(
-                estimate,
-                target_um=one.depth_um,
-                remaining_um=remaining_um,
-                tolerance_um=target.tolerance_um,
-                start_u_um=start_u_um,
-                begun=True,
-            )
 
     def _energy(self, estimate: ErosionEstimate, depth_um: float) -> Energy:
         return Energy(depth_um * self._area_um2 / estimate.removal_um3_per_uj, 0.0)

@@ -61,10 +61,8 @@ class FileKind:
         """Read and check a file; `check` raises ValueError for impossible values. Raises RecordError."""
         unreadable, no_toml, other_schema, edited, impossible = self.codes
 
-        def refusal(
-            code: str, message: str, hint: str = self.again, where: Location | None = None
-        ) -> RecordError:
-            return RecordError(f"{message}.", hint=hint, code=code, where=where)
+        def refusal(code: str, message: str, hint: str = "", where: Location | None = None) -> RecordError:
+            return RecordError(f"{message}.", hint=hint or self.again, code=code, where=where)
 
         try:
             source = read_source(path)

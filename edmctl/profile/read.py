@@ -11,12 +11,12 @@ from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
 
-from edmctl.dataclasses import dataclass
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, Location, ProfileError, UsageError
 from edmctl.failures import Code
 from edmctl.files import read_bytes
 from edmctl.profile.folders import find_profile
-from edmctl.profile.positions import SET_OPTION, KeyPath, Source, TomlTable
+from edmctl.profile.positions import SET_OPTION, KeyPath, Source, TomlTable, location
 from edmctl.profile.units import NO_UNIT, in_unit_of_key, quantity
 from edmctl.toml_text import toml_value
 from edmctl.wording import code_point, shortened, with_hyphens
@@ -48,9 +48,6 @@ class Merged:
     changes: tuple[str, ...]
 
 
-_NO_TEXT = "name a TOML file, saved as UTF-8 (`edmctl run show FILE` reads run files)"
-
-
 def read_source(path: Path) -> Source:
     """Read a text file. Raises ProfileError when it cannot be read as UTF-8."""
     try:
@@ -59,7 +56,8 @@ def read_source(path: Path) -> Source:
     except OSError as error:
         message, hint = f"cannot read {path}: {error.strerror}", "check the path and its permissions"
     except UnicodeDecodeError as error:
-        message, hint = f"{path} is not UTF-8 text (byte {error.start})", _NO_TEXT
+        message = f"{path} is not UTF-8 text (byte {error.start})"
+        hint = "name a TOML file, saved as UTF-8 (`edmctl run show FILE` reads run files)"
     raise _refusal(Code.UNREADABLE, message, hint)
 
 
@@ -77,17 +75,13 @@ def parse(source: Source) -> TomlTable:
 @lru_cache(maxsize=8)
 def _parsed(name: str, text: str) -> TomlTable:
     source = _source(name, text)
-    long_key = _LONG_KEY.search(source.text)
-    if long_key:
-        line = source.text.count("\n", 0, long_key.start()) + 1
-        message = f"a key has more than {MOST_PARTS} parts"
-        raise _refusal(
-            Code.SYNTAX, message, "tables stand at most three deep", Location(source.name, line, 1)
-        )
+    if long_key := _LONG_KEY.search(text):
+        where, message = location(name, text, long_key.span()), f"a key has more than {MOST_PARTS} parts"
+        raise _refusal(Code.SYNTAX, message, "tables stand at most three deep", replace(where, column=1))
     try:
-        table = _loads(source.text)
-        if _holds_more(table, MOST_KEYS):
-            raise _refusal(Code.SYNTAX, f"{source.name} holds more than {MOST_KEYS} keys", "split it")
+        table, keys = _loads(text)
+        if keys > MOST_KEYS:
+            raise _refusal(Code.SYNTAX, f"{name} holds more than {MOST_KEYS} keys", "split it")
         return table
     except tomllib.TOMLDecodeError as error:
         where, what = _syntax_place(source, str(error))
@@ -99,30 +93,19 @@ def _parsed(name: str, text: str) -> TomlTable:
     raise _refusal(Code.SYNTAX, f"not TOML: {what}", hint, where)
 
 
-def _loads(text: str) -> TomlTable:
-    """Parse a TOML text. Raises ValueError, also for an integer beyond any float; RecursionError."""
-    table = tomllib.loads(text)
-    for value in _inside(table):
-        if isinstance(value, int) and abs(value) > sys.float_info.max:
-            raise ValueError("a number is too long")
-    return table
-
-
-def _holds_more(table: TomlTable, most: int) -> bool:
-    """Whether a table and the tables in it have more keys than `most`."""
-    return sum(len(value) for value in _inside(table) if isinstance(value, dict)) > most
-
-
-def _inside(table: TomlTable) -> Iterator[object]:
-    """Yield a table, and every value in it and in its tables and lists."""
-    left: list[object] = [table]
-    while left:
-        value = left.pop()
-        yield value
+def _loads(text: str) -> tuple[TomlTable, int]:
+    """Parse a TOML text, count its keys. Raises ValueError, also for an integer beyond any float; RecursionError."""
+    table, keys = tomllib.loads(text), 0
+    values: list[object] = [table]
+    for value in values:  # which grows meanwhile
         if isinstance(value, dict):
-            left += value.values()
+            values += value.values()
+            keys += len(value)
         elif isinstance(value, list):
-            left += value
+            values += value
+        elif isinstance(value, int) and abs(value) > sys.float_info.max:
+            raise ValueError("a number is too long")
+    return table, keys
 
 
 def _value_hint(line: str, column: int = 1) -> str:
@@ -156,12 +139,8 @@ def _instead(character: str) -> str:
     return "put texts in quotes"
 
 
-def read_chain(path: Path) -> Merged:
+def read_chain(path: Path, children: tuple[Path, ...] = ()) -> Merged:
     """Read a profile and, through `extends`, its parents. Raises ProfileError, also for a circle."""
-    return _read_chain(path, ())
-
-
-def _read_chain(path: Path, children: tuple[Path, ...]) -> Merged:
     source = read_source(path)
     own = parse(source)
     if "extends" not in own:
@@ -170,28 +149,25 @@ def _read_chain(path: Path, children: tuple[Path, ...]) -> Merged:
     if len(seen) > MOST_PARENTS:
         message = f"more than {MOST_PARENTS} profiles extend one another"
         raise _refusal(Code.EXTENDS, message, "put them together", source.value(("extends",)))
-    below = _read_chain(_parent(source, own.pop("extends"), path, seen), seen)
+    below = read_chain(_parent(source, own.pop("extends"), path, seen), seen)
     merged = extend(below.table, own)
     changed = (*below.changes, *changes(below.table, merged, path.name))
     return Merged((source, *below.sources), merged, changed)
 
 
 def _parent(source: Source, name: object, path: Path, seen: tuple[Path, ...]) -> Path:
-    where = source.value(("extends",))
+    def refusal(message: str, hint: str) -> ProfileError:
+        return _refusal(Code.EXTENDS, message, hint, source.value(("extends",)))
+
     if not isinstance(name, str):
-        hint = 'write extends = "other.toml"'
-        raise _refusal(Code.EXTENDS, "extends does not name a file", hint, where)
+        raise refusal("extends does not name a file", 'write extends = "other.toml"')
     try:
         parent = find_profile(name, path.parent)
     except UsageError as error:
-        raise _refusal(
-            Code.EXTENDS, f"extends = {toml_value(name)}: {error.message}", error.hint, where
-        ) from None
+        raise refusal(f"extends = {toml_value(name)}: {error.message}", error.hint) from None
     if parent.resolve() in seen:
         circle = " -> ".join(p.name for p in (*seen, parent.resolve()))
-        raise _refusal(
-            Code.EXTENDS, f"profiles extend each other in a circle: {circle}", "break it here", where
-        )
+        raise refusal(f"profiles extend each other in a circle: {circle}", "break it here")
     return parent
 
 
@@ -201,12 +177,10 @@ def _refusal(code: Code, message: str, hint: str, where: Location | None = None)
 
 def _syntax_place(source: Source, message: str) -> tuple[Location, str]:
     """Return the location that a syntax error names; the last line's end for the end of the document."""
-    match = _SYNTAX_PLACE.match(message)
-    lines = source.text.split("\n")
+    match, lines = _SYNTAX_PLACE.match(message), source.text.split("\n")
+    line, column = len(lines), len(lines[-1]) + 1
     if match and match["line"]:
         line, column = int(match["line"]), int(match["column"])
-    else:
-        line, column = len(lines), len(lines[-1]) + 1
     what = match["what"] if match else message
     source_line = lines[line - 1].rstrip("\r") if line <= len(lines) else ""
     return Location(source.name, line, column, 1, source_line), what
@@ -252,7 +226,7 @@ def _parse(text: str) -> tuple[tuple[str, ...], object] | None:
     if not path or not value or "\n" in text:
         return None
     try:
-        return path, _loads(f"value = {value}")["value"]
+        return path, _loads(f"value = {value}")[0]["value"]
     except (ValueError, RecursionError):
         return (path, value) if _BARE_WORD.fullmatch(value) else None
 
@@ -290,12 +264,9 @@ def extend(base: TomlTable, child: TomlTable) -> TomlTable:
     merged = dict(base)
     for key, value in child.items():
         below = merged.get(key)
-        if (
-            isinstance(below, dict)
-            and isinstance(value, dict)
-            and value.get("kind") in (None, below.get("kind"))
-        ):
-            value = extend(below, value)
+        if isinstance(below, dict) and isinstance(value, dict):
+            is_change = value.get("kind") in (None, below.get("kind"))
+            value = extend(below, value) if is_change else value
         merged[key] = value
     return merged
 
@@ -314,13 +285,11 @@ def changes(before: TomlTable, after: TomlTable, origin: str) -> Iterator[str]:
     """One line per value that differs: `servo.reference = 0.82 (was 0.8, --set)`."""
     old, new = dict(_leaves(before)), dict(_leaves(after))
     for path, value in new.items():
-        if path not in old:
-            yield f"{dotted(path)} = {toml_value(value)} (was not given, {origin})"
-        elif old[path] != value:
-            yield f"{dotted(path)} = {toml_value(value)} (was {toml_value(old[path])}, {origin})"
-    for path, value in old.items():
-        if path not in new:
-            yield f"{dotted(path)} removed (was {toml_value(value)}, {origin})"
+        if path not in old or old[path] != value:
+            was = f"was {toml_value(old[path])}" if path in old else "was not given"
+            yield f"{dotted(path)} = {toml_value(value)} ({was}, {origin})"
+    for path in [path for path in old if path not in new]:
+        yield f"{dotted(path)} removed (was {toml_value(old[path])}, {origin})"
 
 
 def _leaves(table: TomlTable, prefix: KeyPath = ()) -> Iterator[tuple[KeyPath, object]]:

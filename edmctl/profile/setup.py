@@ -243,13 +243,11 @@ def load_setup(path: Path | None = None) -> Setup:
     except ValidationError as error:
         problems = schema_problems(error, Setup, table)
         raise ProfileError(tuple(schema_diagnostics(problems, Setup, table, sources))) from None
-    actuator = setup.actuator
-    if actuator.slew_v_s < actuator.conditioning_slew_v_s:
-        message = (
-            f"the conditioning ramp, {actuator.conditioning_slew_v_s:g} V/s, is faster than the actuator's "
-            f"fastest, {actuator.slew_v_s:g} V/s"
-        )
-        hint = f"set actuator.conditioning_slew_v_s to at most {actuator.slew_v_s:g} V/s"
+    ramp_v_s, fastest_v_s = setup.actuator.conditioning_slew_v_s, setup.actuator.slew_v_s
+    if fastest_v_s < ramp_v_s:
+        fastest = f"the actuator's fastest, {fastest_v_s:g} V/s"
+        message = f"the conditioning ramp, {ramp_v_s:g} V/s, is faster than {fastest}"
+        hint = f"set actuator.conditioning_slew_v_s to at most {fastest_v_s:g} V/s"
         where = sources.value(("actuator", "slew_v_s"))
         raise ProfileError((Diagnostic(Code.OUT_OF_RANGE, message, hint, where),))
     if misplaced := list(_misplaced(setup, sources)):
@@ -267,21 +265,19 @@ def load_setup(path: Path | None = None) -> Setup:
 def _misplaced(setup: Setup, sources: Sources) -> Iterator[Diagnostic]:
     stage, edges = setup.stage, setup.workpiece_limits()
     pad, park = (stage.reference_x_um, stage.reference_y_um), (stage.park_x_um, stage.park_y_um)
-    for name, place, key in (
-        ("the reference pad", pad, "reference_x_um"),
-        ("the parking place", park, "park_x_um"),
+    travel = ("the travel of the stages", setup.stage_limits(), "correct stage or its travel limits")
+    edge = ("the edge of the workpiece", edges, "correct stage.reference or the edge")
+    for name, place, key, (what, limits, hint) in (
+        ("the reference pad", pad, "reference_x_um", travel),
+        ("the parking place", park, "park_x_um", travel),
+        ("the reference pad", pad, "reference_x_um", edge),
     ):
         where = sources.value(("stage", key))
-        for limit in setup.stage_limits():
+        for limit in limits:
             if (beyond_um := limit.beyond_um(*place)) > 0.0:
-                message = f"{name} is {beyond_um:g} µm beyond the travel of the stages, {limit.stated}"
-                yield Diagnostic(Code.OUT_OF_REACH, message, "correct stage or its travel limits", where)
-    where = sources.value(("stage", "reference_x_um"))
-    for edge in edges:
-        if (beyond_um := edge.beyond_um(*pad)) > 0.0:
-            message = f"the reference pad is {beyond_um:g} µm beyond the edge of the workpiece, {edge.stated}"
-            yield Diagnostic(Code.OUT_OF_REACH, message, "correct stage.reference or the edge", where)
-    if all(edge.beyond_um(*park) <= 0.0 for edge in edges):
+                message = f"{name} is {beyond_um:g} µm beyond {what}, {limit.stated}"
+                yield Diagnostic(Code.OUT_OF_REACH, message, hint, where)
+    if all(one.beyond_um(*park) <= 0.0 for one in edges):
         message = "the parking place is over the workpiece, where the tool would collide in its full stroke"
         ways_um = {"x": stage.park_x_um - stage.reference_x_um, "y": stage.park_y_um - stage.reference_y_um}
         axis = max(ways_um, key=lambda name: abs(ways_um[name]))

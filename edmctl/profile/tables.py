@@ -152,12 +152,8 @@ def nearest(key: str, candidates: list[str]) -> str | None:
     units = {name: split(name)[1] for name in candidates if split(name)[0] == stem}
     close = [name for name, own in units.items() if unit == NO_UNIT or own.dimension == unit.dimension]
     close = close or difflib.get_close_matches(key, candidates, n=len(candidates) or 1, cutoff=0.6)
-    return next((name for name in close if not _is_other_axis(key, name)), None)
-
-
-def _is_other_axis(key: str, name: str) -> bool:
-    a, b = _axis(key), _axis(name)
-    return a != b and "" not in (a, b)
+    axis = _axis(key)
+    return next((name for name in close if "" in (axis, _axis(name)) or axis == _axis(name)), None)
 
 
 def _axis(key: str) -> str:
