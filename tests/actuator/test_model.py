@@ -117,8 +117,7 @@ def test_a_delay_shows_the_displacement_of_before() -> None:
 
 def test_virgin_and_conditioned_part_by_half_the_loop_at_the_trough() -> None:
     model = make_model(hinges=1, plays=10, creep=0.0)
-    back = np.array([0.0, 120.0, 0.0])
-    y_um = model.predict(clock(3), back, ActuatorState.virgin(model))
+    y_um = model.predict(clock(3), np.array([0.0, 120.0, 0.0]), ActuatorState.virgin(model))
     remnant_um = y_um[2] - y_um[0]
     settled = model.predict(clock(5), np.array([60.0, 120.0, 60.0, 0.0, 60.0]), ActuatorState.virgin(model))
     assert remnant_um >= 0.5 * (settled[2] - settled[4])
@@ -152,25 +151,6 @@ def test_no_loop_runs_on_a_state_of_another_model() -> None:
     ):
         with pytest.raises(ValueError, match="a state of shape"):
             use()
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"slopes_um_per_v": np.full((6, 3), -0.1)}, "slopes are not negative"),
-        ({"slopes_um_per_v": np.zeros((6, 3))}, "positive slopes"),
-        ({"thresholds_v": np.arange(1.0, 7.0)}, "thresholds ascend from 0"),
-        ({"creep_um_per_v": np.full((2, 6), -0.1)}, "creep is not negative"),
-        ({"slopes_um_per_v": np.ones((5, 3))}, "do not fit each other"),
-        ({"zero_um": float("nan")}, "not finite"),
-        ({"delay_s": -0.1}, "the delay is not negative"),
-        ({"creep_plays": np.array([0, 9])}, "plays of the model"),
-        ({"low_v": 150.0}, "low_v lies below high_v"),
-    ],
-)
-def test_a_model_that_could_not_work_is_refused(change: dict[str, object], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        dataclasses.replace(make_model(), **change)  # type: ignore[arg-type]
 
 
 def test_creep_of_a_model_with_a_lag_is_that_behind_it() -> None:
@@ -316,6 +296,15 @@ def test_ticks_come_to_what_a_batch_does() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
+        ({"slopes_um_per_v": np.full((6, 3), -0.1)}, "slopes are not negative"),
+        ({"slopes_um_per_v": np.zeros((6, 3))}, "positive slopes"),
+        ({"thresholds_v": np.arange(1.0, 7.0)}, "thresholds ascend from 0"),
+        ({"creep_um_per_v": np.full((3, 6), -0.1)}, "creep is not negative"),
+        ({"slopes_um_per_v": np.ones((5, 3))}, "do not fit each other"),
+        ({"zero_um": float("nan")}, "not finite"),
+        ({"delay_s": -0.1}, "the delay is not negative"),
+        ({"creep_plays": np.array([0, 9, 6])}, "plays of the model"),
+        ({"low_v": 150.0}, "low_v lies below high_v"),
         ({"rounded_limits_v": np.array([[0.0, 5.0]])}, "limits"),
         ({"rounded_sharpness": np.array([1.2])}, "sharpness"),
         ({"rounded_um_per_v": np.array([-0.1])}, "rounded"),
@@ -398,19 +387,9 @@ def test_a_copy_of_a_model_in_use_has_arrays_of_its_own(copied: object) -> None:
 
 
 def test_a_bank_has_no_creep_behind_a_play_that_it_has_not() -> None:
-    none, one = np.empty(0), np.ones(1)
+    one, rounded = np.ones(1), (np.empty((0, 5)), np.empty(0))
     with pytest.raises(ValueError, match="fit"):
-        Bank(
-            one,
-            np.ones((1, 2)),
-            np.ones((1, 1)),
-            np.empty((0, 5)),
-            none,
-            np.array([1]),
-            one,
-            np.ones((1, 1)),
-            0.0,
-        )
+        Bank(one, np.ones((1, 2)), np.ones((1, 1)), *rounded, np.array([1]), one, np.ones((1, 1)), 0.0)
 
 
 def test_elements_of_another_model_are_refused() -> None:

@@ -135,13 +135,9 @@ def test_the_share_is_how_much_of_the_rests_drift_a_touch_sees() -> None:
     assert abs(both.value - 2.0) < 3.0 * both.u
 
 
-def test_rests_that_stand_still_show_no_share() -> None:
+def test_rests_that_stand_still_or_drift_by_no_more_than_their_walk_show_no_share() -> None:
     assert measured(0.0, SENSOR).share is None
     assert measured(0.0, 0.0).share is None
-
-
-def test_rests_that_drift_by_no_more_than_their_walk_are_not_steady() -> None:
-    """A ratio of such drifts is not told; where it says less than nothing measured, nobody goes by it either."""
     assert measured(SENSOR, 0.0).is_steady
     walked = measured(0.0008, SENSOR)
     assert not walked.is_steady
@@ -166,13 +162,10 @@ def test_intervals_of_the_drifts_hold() -> None:
     assert held >= 36
 
 
-def test_a_touch_with_a_chip_under_it_is_left_out() -> None:
+def test_a_touch_with_a_chip_under_it_is_left_out_and_few_touches_tell_nothing() -> None:
     clean, chip = measured(SENSOR, 0.0), measured(SENSOR, 0.0, chip_um=6.0)
     assert (clean.outliers, chip.outliers) == (0, 1)
     assert chip.touch_um_per_s.value == pytest.approx(clean.touch_um_per_s.value, abs=0.0005)
-
-
-def test_few_touches_tell_nothing() -> None:
     made = Actuator(0.0, 0.0, np.random.default_rng(1))
     made.stay(0.0, 5.0)
     touches = [made.touch()] * (LEAST_TOUCHES - 1)
@@ -180,14 +173,25 @@ def test_few_touches_tell_nothing() -> None:
         fit_drift([made.rest(), made.rest()], touches, WALK)
 
 
-def a_job(made: Actuator, model: DriftModel, way_um: float = DEEP_UM) -> tuple[float, float, float]:
-    """A cut of ten minutes between two rests: true drift of a touch, what is said of it, and its uncertainty."""
-    made.stay(0.0, 30.0)
+def cut(
+    made: Actuator,
+    way_um: float = DEEP_UM,
+    cut_s: float = 600.0,
+    rest_s: float = 10.0,
+    before_s: float = 30.0,
+) -> tuple[Rest, Rest, float]:
+    """The rests before and after a cut, and the time between them."""
+    made.stay(0.0, before_s)
     first = made.rest()
-    made.stay(way_um, 600.0)
-    made.stay(0.0, 10.0)
+    made.stay(way_um, cut_s)
+    made.stay(0.0, rest_s)
     last = made.rest()
-    seconds = last.time_s - first.time_s
+    return first, last, last.time_s - first.time_s
+
+
+def a_job(made: Actuator, model: DriftModel) -> tuple[float, float, float]:
+    """A cut of ten minutes between two rests: true drift of a touch, what is said of it, and its uncertainty."""
+    first, last, seconds = cut(made)
     drift = model.between(first, last, seconds)
     return (made.sensor_um_s + made.machine_um_s) * seconds, drift.um, drift.left_u_um
 
@@ -210,22 +214,11 @@ def test_a_sensor_that_drifts_the_other_way_by_then_is_corrected_as_well() -> No
     assert said_um < -1.0
 
 
-def test_nothing_is_left_between_a_rest_and_itself() -> None:
+def test_nothing_is_left_between_a_rest_and_itself_and_more_of_an_actuator_in_use_before() -> None:
     model = model_of(measured(SENSOR, 0.0))
-    made = Actuator(SENSOR, 0.0, np.random.default_rng(7))
-    made.stay(DEEP_UM, 60.0)
-    rest = made.rest()
-    assert model.between(rest, rest, 0.0).um == 0.0
-    assert model.between(rest, rest, 0.0).left_u_um < 0.1
-
-
-def test_an_actuator_in_use_before_leaves_more_unknown() -> None:
-    model = model_of(measured(SENSOR, 0.0))
-    made = Actuator(SENSOR, 0.0, np.random.default_rng(7))
-    made.stay(0.0, 30.0)
-    first = made.rest()
-    made.stay(0.0, 600.0)
-    last = made.rest()
+    first, last, _ = cut(Actuator(SENSOR, 0.0, np.random.default_rng(7)), way_um=0.0)
+    assert model.between(last, last, 0.0).um == 0.0
+    assert model.between(last, last, 0.0).left_u_um < 0.1
     fresh, used = (model.between(first, last, 600.0, memory_s).left_u_um for memory_s in (math.inf, 60.0))
     assert used > fresh
 
@@ -245,12 +238,7 @@ def test_a_deep_cut_is_rested_out_before_a_touch_and_a_shallow_one_is_not() -> N
     left = {}
     for way_um in (DEEP_UM, 2.0):
         made = Actuator(SENSOR, 0.0, np.random.default_rng(7))
-        made.stay(0.0, 30.0)
-        first = made.rest()
-        made.stay(way_um, 900.0)
-        made.stay(0.0, 2.0)
-        last = made.rest()
-        seconds = last.time_s - first.time_s
+        first, last, seconds = cut(made, way_um, 900.0, 2.0)
         pays_s = model.rest_that_pays_s(first, last, seconds)
         for drift_um_s in (1e-3, 1e-2):
             assert model.rest_that_pays_s(first, last, seconds, drift_u_um_per_s=drift_um_s) <= pays_s
@@ -323,12 +311,7 @@ def test_the_second_of_two_jobs_knows_its_drift_as_well_as_the_first() -> None:
     unknown_us, known_us = [], []
     for _ in range(2):
         actuator.lags = CreepLags(left)
-        actuator.stay(0.0, 5.0)
-        first = actuator.rest()
-        actuator.stay(DEEP_UM, 600.0)
-        actuator.stay(0.0, 20.0)
-        last = actuator.rest()
-        seconds = last.time_s - first.time_s
+        first, last, seconds = cut(actuator, rest_s=20.0, before_s=5.0)
         # Times of a run count from its begin.
         first, last = (replace(one, time_s=one.time_s - first.time_s + 5.0) for one in (first, last))
         known = model.between(first, last, seconds, math.inf if left is None else left.unknown_s)
