@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,15 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, SlowCorrection
 from edmctl.actuator.inverse import Inverse, Solution, jump_volts, ramp_by, travel_by
 from edmctl.actuator.model import ActuatorModel, Estimator
 from tests.actuator.models import HIGH_V, LOW_V, clock, make_model, models, voltages
 
 if TYPE_CHECKING:
     from edmctl.actuator.model import ActuatorModel
-import math
-
-from edmctl.actuator.correction import GAIN_SD_BETWEEN_DAYS, SlowCorrection
 
 
 @given(models, voltages, st.sampled_from([0.0, 0.004, 0.03]))

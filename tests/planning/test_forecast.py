@@ -9,15 +9,19 @@ import pytest
 
 from edmctl.planning.forecast import Reached, forecast, working_order
 from edmctl.planning.measuring import approach_time_s, jumps_time_s, touch_time_s
-from edmctl.planning.removal import approach_speed_um_s, feed_rate_um_s
+from edmctl.planning.removal import (
+    LimitCycle,
+    approach_speed_um_s,
+    feed_rate_um_s,
+    least_jump_um,
+    servo_swing,
+)
 from edmctl.planning.rules.load import load_profile
-from edmctl.profile.setup import Sensor, Setup
+from edmctl.profile.setup import Controller, Sensor, Setup
 from edmctl.results.forecast import Forecast
 
 if TYPE_CHECKING:
     from edmctl.results.forecast import Forecast
-from edmctl.planning.removal import LimitCycle, least_jump_um, servo_swing
-from edmctl.profile.setup import Controller
 
 
 def forecast_of(name: str, *overrides: str) -> Forecast:
