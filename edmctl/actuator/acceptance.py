@@ -87,17 +87,15 @@ def cause_of(
     left, words = min((excess(one), words) for words, one in judged_without())
     if left**2 <= (1.0 - MAIN_SHARE) * excess(errors) ** 2:
         return words
-    squares = sum(float(part.errors_um @ part.errors_um) for part in parts)
-    left_um = math.sqrt(squares / sum(len(part.errors_um) for part in parts))
-    if left_um <= most_rms_um and max(float(np.abs(part.errors_um).max()) for part in parts) <= most_um:
+    places = _worst_places(parts, lambda um: excess(ErrorFigures.over(um, errors.range_um)) <= 1.0)
+    if places == []:
         return (
             "a fit of all of it misses far less, so no part of the record tells what the others hold. Record "
             "longer: full swings, smaller ones at several voltages, and holds, each more than once"
         )
-    knocks = _knocks(parts, most_rms_um, most_um)
-    if knocks:
-        places = " and ".join(knocks)
-        return f"the worst is at {places}: look for a knock or a jump there, cut it off or measure again"
+    if places:
+        knocks = " and ".join(places)
+        return f"the worst is at {knocks}: look for a knock or a jump there, cut it off or measure again"
     return (
         "it is everywhere and follows the voltage. Look for a loose sensor, a wrong --previous-voltage, a load on "
         "the tool or a voltage that is not the one applied; without any of these the actuator is of a kind that "
@@ -105,30 +103,24 @@ def cause_of(
     )
 
 
-def _knocks(parts: Sequence[Left], most_rms_um: float, most_um: float) -> list[str]:
-    """Return the few places without which the errors would be accepted; empty if there are more."""
+def _worst_places(parts: Sequence[Left], is_accepted: Callable[[Array], bool]) -> list[str] | None:
+    """Return the few places without which the errors would be accepted; None if there are more."""
     left = [part.errors_um.copy() for part in parts]
-    places = []
-    for _ in range(MOST_KNOCKS):
+    places: list[str] = []
+    while not is_accepted(np.concatenate(left)):
+        if len(places) == MOST_KNOCKS:
+            return None
         worst = int(np.argmax([np.abs(errors_um).max(initial=0.0) for errors_um in left]))
-        part, errors_um = parts[worst], left[worst]
+        record, errors_um = parts[worst].record, left[worst]
         k = int(np.abs(errors_um).argmax())
         reach = max(5, round(KNOCK_SHARE * len(errors_um)))
-        places.append(_place(part, k))
         errors_um[max(0, k - reach) : k + reach + 1] = 0.0
-        joined = np.concatenate(left)
-        if math.sqrt(float(joined @ joined) / len(joined)) <= most_rms_um and np.abs(joined).max() <= most_um:
-            return places
-    return []
-
-
-def _place(part: Left, k: int) -> str:
-    y_um = part.record.y_um
-    at_um = float(y_um[part.index[k]])
-    margin_um = END_SHARE * float(np.ptp(y_um))
-    at_end = not y_um.min() + margin_um < at_um < y_um.max() - margin_um
-    limit = ", where the sensor may stand at the end of its range" if at_end else ""
-    return f"{part.record.t_s[part.index[k]]:.4g} s of {part.record.name}{limit}"
+        at, y_um = parts[worst].index[k], record.y_um
+        margin_um = END_SHARE * float(np.ptp(y_um))
+        at_end = not y_um.min() + margin_um < y_um[at] < y_um.max() - margin_um
+        limit = ", where the sensor may stand at the end of its range" if at_end else ""
+        places.append(f"{record.t_s[at]:.4g} s of {record.name}{limit}")
+    return places
 
 
 ACCEPTED_RMS_PCT, ACCEPTED_MAX_PCT = 0.5, 2.0
@@ -185,17 +177,15 @@ def problems_of(
 
 def excess_of(errors: ErrorFigures, noise: Noise) -> str:
     """Return which errors are above the accepted ones, in words; empty if none is."""
-    most_max_pct = most_accepted_pct(noise, errors.range_um)
-    wrong = []
-    if errors.rms_pct > ACCEPTED_RMS_PCT:
-        wrong.append(
-            f"RMS error {errors.rms_pct:.2f} % of the range, at most {ACCEPTED_RMS_PCT} % is accepted"
-        )
-    if errors.max_pct > most_max_pct:
-        wrong.append(
-            f"error up to {errors.max_pct:.1f} % of the range, at most {most_max_pct:.3g} % is accepted"
-        )
-    return ", ".join(wrong)
+    most_pct = most_accepted_pct(noise, errors.range_um)
+    wrong = (
+        (errors.rms_pct > ACCEPTED_RMS_PCT, f"RMS error {errors.rms_pct:.2f}", f"{ACCEPTED_RMS_PCT}"),
+        (errors.max_pct > most_pct, f"error up to {errors.max_pct:.1f}", f"{most_pct:.3g}"),
+    )
+    words = (
+        f"{error} % of the range, at most {most} % is accepted" for is_wrong, error, most in wrong if is_wrong
+    )
+    return ", ".join(words)
 
 
 def most_accepted_pct(noise: Noise, range_um: float) -> float:
@@ -264,15 +254,13 @@ def restrictions_on(records: Sequence[Record]) -> tuple[str, ...]:
     if not has_several_rates(records):
         restrictions.append(
             f"for this rate only: all records swing at one rate{rate_in_words(records)}, where delay, creep and "
-            "hysteresis look alike. "
-            "Record a second rate, or check one with --validate."
+            "hysteresis look alike. Record a second rate, or check one with --validate."
         )
     held_s = max(longest_hold_s(record) for record in records)
     if held_s < OWN_TAU_SHARE * LEAST_HOLD_SHARE * length_s(records):
         restrictions.append(
             f"for use without holds only: the voltage is never held longer than {held_s:.2g} s, and slower creep is "
-            "continued from faster creep. "
-            "Hold a step for a minute to measure it."
+            "continued from faster creep. Hold a step for a minute to measure it."
         )
     return tuple(restrictions)
 

@@ -1,4 +1,4 @@
-"""What one discharge removes: work, tool and roughness by energy, burning time, current, polarity and materials.
+"""What one discharge removes of workpiece and tool, the condition of the gap, and how materials erode.
 
 The laws take their shapes from what is known and their numbers mostly from nobody: those marked [assumed] are
 chosen so that the holes of Muralidhara et al. 2009 come out and the trends do. Sources:

@@ -42,10 +42,9 @@ class Plane:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """How much further one place of a face lies than another, µm.
+    """How much further one place of a surface lies than another, µm, with `touches` at the two.
 
-    `way_um` leads from the other place to the one; `touches` were made at the two. `sensed_u_um` is the standard
-    uncertainty that does not come from their scatter.
+    `way_um` leads to it from the other; `sensed_u_um` is the standard uncertainty beside the scatter of the touches.
     """
 
     way_um: tuple[float, float]

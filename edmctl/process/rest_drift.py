@@ -59,10 +59,7 @@ REST_V = 0.5  # an actuator at less is at rest
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CreepLeft:
-    """Residual creep of earlier actuator use: lags of its displacement, as in `CreepLags`.
-
-    Use of the actuator before `unknown_s` ago was not followed; infinity: there was none.
-    """
+    """Residual creep of earlier use: lags as in `CreepLags`; use before `unknown_s` ago was not followed."""
 
     um: Array
     unknown_s: float
@@ -87,10 +84,9 @@ class CreepLeft:
 
 
 class CreepLags:
-    """First-order lags of the displacement over home (`um`), one for each of `TIME_CONSTANTS_S`.
+    """First-order lags of the displacement over home (`um`), by `TIME_CONSTANTS_S`, from earlier use on.
 
-    They start from the residual creep of earlier use. The displacement includes the sensor's drift; `out_s` are the
-    same lags of a drift of 1 µm/s while the tool is extended.
+    The displacement includes the sensor's drift; `out_s` are the same lags of 1 µm/s while the tool is extended.
     """
 
     def __init__(self, left: CreepLeft | None = None) -> None:
@@ -104,8 +100,7 @@ class CreepLags:
     def advance(self, time_s: Array, displacement_um: Array, actuator_v: Array) -> None:
         """Add consecutive samples, shape (n,) each, n > 0; the first one of all is home.
 
-        A displacement counts from the sample before it until its own. At 0 V it is home by definition, because the
-        sensor reading there is creep and drift itself.
+        A displacement counts from the sample before it until its own. At 0 V it is home by definition.
         """
         if math.isnan(self._time_s):
             self._home_um, self._begin_s = float(displacement_um[0]), float(time_s[0])

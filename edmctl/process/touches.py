@@ -63,14 +63,11 @@ class Displacement:
     model_u_um: float = 0.0
 
     def length_u_um(self, length_um: float) -> float:
-        """Return the standard uncertainty of a length, without drift.
-
-        A characteristic bends over hundreds of micrometres: a short length has a part of its nonlinearity.
-        """
+        """Return the standard uncertainty of a length, without drift."""
         return math.hypot(self.gain_u_rel * length_um, self.bend_u_um(length_um), self.model_u_um)
 
     def bend_u_um(self, length_um: float) -> float:
-        """Return the part of that which is the characteristic's."""
+        """Return the part by the characteristic, which bends over hundreds of micrometres."""
         return self.linearity_u_um * min(abs(length_um) / LINEARITY_LENGTH_UM, 1.0)
 
     def drifted_u_um(self, seconds: float) -> float:
@@ -192,18 +189,12 @@ class TouchScatter:
 
 
 def share_u(most: float) -> float:
-    """Return the standard uncertainty of an error between 0 and `most` of which nothing is corrected.
-
-    It is the root mean square about 0, equal to that of an error within ± `most` (JCGM 100:2008, §4.3.7).
-    """
+    """Return the standard uncertainty of an uncorrected error between 0 and `most`, RMS (JCGM 100:2008, §4.3.7)."""
     return abs(most) / math.sqrt(3.0)
 
 
 def tilt_uncertainty_um(tilt_u_mrad: float, distance_um: float, stage_repeatability_um: float = 0.0) -> float:
-    """Standard uncertainty in µm of the height between two places on a surface of unknown slope.
-
-    Each place is met within the stage's repeatability, so even a distance of 0 leaves a little.
-    """
+    """Standard uncertainty of the height between two places on a surface of unknown slope, µm."""
     return 1e-3 * tilt_u_mrad * math.sqrt(distance_um**2 + 2.0 * stage_repeatability_um**2)
 
 
