@@ -19,13 +19,14 @@ from edmctl.jobs.run_context import RunContext, connected_run, ending
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.runs.opening import resume_command
 from edmctl.jobs.surroundings import Warn
-from edmctl.jobs.truth import TrueWear, channel_truth, keep_truth_map, truths_of
+from edmctl.jobs.truth import TrueWear, channel_truth, truths_of
 from edmctl.jsonout import JsonValue
 from edmctl.labels import marked
 from edmctl.procedures.job import Job, JobState, StateStore
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.run import after_pause
 from edmctl.record.journal import JournalFile, JournalledJob, remove_journal
+from edmctl.record.rows import TruthMap
 from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
 from edmctl.results.progress import Observer
 from edmctl.results.result import Result, html_table
@@ -182,7 +183,8 @@ def _kept(run: RunContext, ledger: JobLedger, checkpoint: JobCheckpoint) -> Iter
         checkpoint.end()
     finally:
         if run.bench.virtual and run.plan.loaded.profile.path is not None:
-            keep_truth_map(run.recorder, run.bench.virtual)
+            with suppress(RunFileError):  # a disk error is reported at the end of the file
+                run.recorder.append(TruthMap(*run.bench.virtual.truth_map()))
 
 
 def _report(run: RunContext, true_wear: TrueWear | None) -> Report:

@@ -92,16 +92,6 @@ class _Touches(Procedure):
             "time_s": touch_time_s(profile, setup),
         }
 
-    def look(self, plan: Plan, identity: ToolIdentity, ledger: Ledger | None, warn: Warn) -> Plan:
-        """Read the ledger, and return the plan with the recipe of the touches.
-
-        Without a profile it is the recipe of the run that made the hole, else of the last run with the tool.
-        """
-        raise NotImplementedError
-
-    def _prepare(self, run: RunContext) -> None:
-        run.plan = self.look(run.plan, tool_identity(run.bench), run.ledger, run.warn)
-
 
 class ReferenceTouch(_Touches):
     """A reference touch: Z1 of the tool in the machine."""
@@ -111,7 +101,10 @@ class ReferenceTouch(_Touches):
         self.touched: SurfaceReading | None = None
 
     def look(self, plan: Plan, identity: ToolIdentity, ledger: Ledger | None, warn: Warn) -> Plan:
-        """Read the tool's account. Raises PreconditionError E8063 for a run with an unknown recipe."""
+        """Read the tool's account, and return the plan with the recipe of its last run if no profile was named.
+
+        Raises PreconditionError E8063 for a run with an unknown recipe.
+        """
         self.account = account = account_of(
             plan, identity, history_of(ledger.lines if ledger else (), identity.serial)
         )
@@ -127,7 +120,7 @@ class ReferenceTouch(_Touches):
 
     def carry_out(self, run: RunContext) -> None:
         """Touch the pad, and write the reference into the ledger."""
-        self._prepare(run)
+        run.plan = self.look(run.plan, tool_identity(run.bench), run.ledger, run.warn)
         self._temperature_c = run.bench.machine.status().temperature_c
         job = job_with_home(run, measuring_profile(run.plan.loaded.profile))
         with run.recording("wear reference", lambda: self.summary(run)):
@@ -206,7 +199,7 @@ class WearMeasurement(_Touches):
         return {**first, "readings": ["Z3", "Z2", "Z3"], "time_s": first["time_s"] + moves_s + readings_s}
 
     def look(self, plan: Plan, identity: ToolIdentity, ledger: Ledger | None, warn: Warn) -> Plan:
-        """Read the tool's account, its reference and the hole to touch.
+        """Read the tool's account, its reference and the hole to touch; return the plan with the hole's recipe.
 
         Raises PreconditionError: E8041 no reference, E8045 no such hole, E8046 a hole too narrow for the tool,
         E8048 a tool whose job was killed, E8056 a tool that was replaced since its reference, E8059 a reference
@@ -229,7 +222,7 @@ class WearMeasurement(_Touches):
 
     def carry_out(self, run: RunContext) -> None:
         """Touch pad, hole and pad, and write the wear into the ledger."""
-        self._prepare(run)
+        run.plan = self.look(run.plan, tool_identity(run.bench), run.ledger, run.warn)
         plan = run.plan
         run.drift = choose_drift(
             plan.surroundings.environ, plan.setup, run.bench.serial, lasting=plan.where.lasting

@@ -11,7 +11,6 @@ from typing import BinaryIO
 from edmctl import failures
 from edmctl.errors import EdmError, RunFileError
 from edmctl.record.disk import make_folder as make
-from edmctl.record.disk import write_new
 
 _ANOTHER = "Choose another name."
 LONGEST_NAME = 200
@@ -25,23 +24,9 @@ def check_free(path: Path, hint: str = _ANOTHER) -> None:
 
 
 def write(path: Path, content: bytes, hint: str = _ANOTHER, *, overwrite: bool = False) -> None:
-    """Write a file of that name. Raises RunFileError: E9011 it exists, E9012 it cannot be written.
-
-    overwrite : take the place of a file of that name, which stays until the new one is whole
-    """
-    new = path.with_name(f".{path.name}.new") if overwrite else path
-    try:
-        if overwrite:
-            new.unlink(missing_ok=True)
-        write_new(new, content)
-        if overwrite:
-            new.replace(path)
-    except FileExistsError:
-        raise _taken(path, hint) from None
-    except OSError as refused:
-        if overwrite:
-            new.unlink(missing_ok=True)
-        raise unwritable(str(path), str(refused.strerror), "Check folder and space.") from refused
+    """Write a file of that name. Raises RunFileError, and replaces a file, as `new_file` does."""
+    with new_file(path, hint, overwrite=overwrite) as file:
+        file.write(content)
 
 
 def check_new(path: Path) -> None:
@@ -137,7 +122,7 @@ class Sink:
 
 
 @contextmanager
-def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Sink]:
+def new_file(path: Path, hint: str = _ANOTHER, *, overwrite: bool = False) -> Iterator[Sink]:
     """Give a sink into a new file; when the block fails, none is left.
 
     overwrite : take the place of a file of that name, which stays until the new one is whole
@@ -154,8 +139,7 @@ def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Sink]:
             written.unlink(missing_ok=True)
         file = _opened(written)
     except FileExistsError:
-        check_free(path)
-        raise
+        raise _taken(path, hint) from None
     except OSError as refused:
         raise error_of(refused) from refused
     try:
@@ -164,19 +148,15 @@ def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Sink]:
         sink.flush()
         file.close()
         if overwrite:
-            _take_the_place(written, path, error_of)
+            try:
+                written.replace(path)
+            except OSError as refused:
+                raise error_of(refused) from refused
     except BaseException:
         with suppress(OSError):
             file.close()
         written.unlink(missing_ok=True)
         raise
-
-
-def _take_the_place(written: Path, path: Path, error_of: Callable[[OSError], EdmError]) -> None:
-    try:
-        written.replace(path)
-    except OSError as refused:
-        raise error_of(refused) from refused
 
 
 def _opened(path: Path) -> BinaryIO:

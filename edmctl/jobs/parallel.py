@@ -22,7 +22,7 @@ from multiprocessing.synchronize import Event
 from typing import Any, Generic, TypeVar
 
 from edmctl import failures
-from edmctl.dataclasses import dataclass, replace
+from edmctl.dataclasses import dataclass, field, replace
 from edmctl.errors import PreconditionError, installing
 from edmctl.exitcodes import ExitCode
 from edmctl.jobs.surroundings import Surroundings
@@ -125,20 +125,14 @@ def dask_pool(address: str) -> Iterator[Pool]:
         client = make(address, timeout=10, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as refused:
         raise failures.dask_scheduler_silent(address=address, name__=type(refused).__name__) from refused
-    with _scheduler_there(address), client:
-        workers = sum(client.nthreads().values())
-        if not workers:
-            raise failures.dask_without_workers(address=address)
-        killers: tuple[type[BaseException], ...] = (distributed.KilledWorker,)
-        yield replace(pool_of(lambda: client.get_executor(pure=False), workers), killers=killers)
-
-
-@contextmanager
-def _scheduler_there(address: str) -> Iterator[None]:
-    """Convert the errors of a lost scheduler: dask cancels running tasks."""
     try:
-        yield
-    except (CancelledError, ConnectionError) as lost:
+        with client:
+            workers = sum(client.nthreads().values())
+            if not workers:
+                raise failures.dask_without_workers(address=address)
+            killers: tuple[type[BaseException], ...] = (distributed.KilledWorker,)
+            yield replace(pool_of(lambda: client.get_executor(pure=False), workers), killers=killers)
+    except (CancelledError, ConnectionError) as lost:  # dask cancels the tasks of a lost scheduler
         raise failures.dask_scheduler_gone(address=address) from lost
 
 
@@ -155,7 +149,7 @@ def perform(
     PreconditionError E8218 if no worker can start.
     """
     with _silent_feeders():
-        _Series(function, tasks, pool, on_result).run()
+        _Series(function, tasks, pool, on_result, list(range(len(tasks) - 1, -1, -1))).run()
 
 
 @contextmanager
@@ -175,78 +169,75 @@ def _silent_feeders() -> Iterator[None]:
             threading.excepthook = before
 
 
+@dataclass(slots=True, eq=False)
 class _Series(Generic[TaskT, ResultT]):
-    def __init__(
-        self,
-        function: Callable[[TaskT], ResultT],
-        tasks: Sequence[TaskT],
-        pool: Pool,
-        on_result: Callable[[int, ResultT | Lost], None],
-    ) -> None:
-        self._function, self._tasks, self._pool, self._on_result = function, tasks, pool, on_result
-        self._waiting = list(range(len(tasks) - 1, -1, -1))
-        self._losses: dict[int, int] = {}
-        self._under_way: dict[Future[ResultT], int] = {}
+    function: Callable[[TaskT], ResultT]
+    tasks: Sequence[TaskT]
+    pool: Pool
+    on_result: Callable[[int, ResultT | Lost], None]
+    waiting: list[int]
+    losses: dict[int, int] = field(default_factory=dict)
+    under_way: dict[Future[ResultT], int] = field(default_factory=dict)
 
     def run(self) -> None:
-        while self._waiting:
-            executor = self._pool.make()
+        while self.waiting:
+            executor = self.pool.make()
             try:
                 self._run_on(executor)
             except BrokenExecutor as broken:
-                self._pool.kill(executor)
-                if not self._pool.can_begin():
+                self.pool.kill(executor)
+                if not self.pool.can_begin():
                     raise _unguarded() from broken
                 self._take_back()
             except BaseException:
                 try:
                     self._hand_on_rest()
                 finally:
-                    self._pool.kill(executor)
+                    self.pool.kill(executor)
                 raise
             else:
                 executor.shutdown()
 
     def _run_on(self, executor: Executor) -> None:
         # After a loss one at a time is under way per worker, so that the guilty one is found soon.
-        most = self._pool.workers * (1 if self._losses else AHEAD)
-        while self._waiting or self._under_way:
-            while self._waiting and len(self._under_way) < most and self._may_begin(self._waiting[-1]):
-                number = self._waiting.pop()
+        most = self.pool.workers * (1 if self.losses else AHEAD)
+        while self.waiting or self.under_way:
+            while self.waiting and len(self.under_way) < most and self._may_begin(self.waiting[-1]):
+                number = self.waiting.pop()
                 try:
-                    self._under_way[executor.submit(self._function, self._tasks[number])] = number
+                    self.under_way[executor.submit(self.function, self.tasks[number])] = number
                 except BrokenExecutor:
-                    self._waiting.append(number)
+                    self.waiting.append(number)
                     raise
-            finished, _ = wait(self._under_way, return_when=FIRST_COMPLETED)
+            finished, _ = wait(self.under_way, return_when=FIRST_COMPLETED)
             for future in finished:
                 try:
                     result: ResultT | Lost = future.result()
-                except self._pool.killers:
+                except self.pool.killers:
                     result = Lost("its workers died again and again")
-                self._on_result(self._under_way.pop(future), result)
+                self.on_result(self.under_way.pop(future), result)
 
     def _may_begin(self, number: int) -> bool:
         """Whether a task may run with others: a task that was lost too often runs alone."""
-        together = (number, *self._under_way.values())
-        return not self._under_way or all(self._losses.get(one, 0) < MOST_LOSSES - 1 for one in together)
+        together = (number, *self.under_way.values())
+        return not self.under_way or all(self.losses.get(one, 0) < MOST_LOSSES - 1 for one in together)
 
     def _take_back(self) -> None:
         """Queue the running tasks again, or abandon the task that was present at every loss."""
         self._hand_on_rest()
-        for number in sorted(self._under_way.values(), reverse=True):
-            self._losses[number] = self._losses.get(number, 0) + 1
-            if self._losses[number] >= MOST_LOSSES:
-                self._on_result(number, Lost(f"its worker process died {MOST_LOSSES} times"))
+        for number in sorted(self.under_way.values(), reverse=True):
+            self.losses[number] = self.losses.get(number, 0) + 1
+            if self.losses[number] >= MOST_LOSSES:
+                self.on_result(number, Lost(f"its worker process died {MOST_LOSSES} times"))
             else:
-                self._waiting.append(number)
-        self._under_way.clear()
+                self.waiting.append(number)
+        self.under_way.clear()
 
     def _hand_on_rest(self) -> None:
-        for future, number in list(self._under_way.items()):
+        for future, number in list(self.under_way.items()):
             if future.done() and not future.cancelled() and future.exception() is None:
-                del self._under_way[future]
-                self._on_result(number, future.result())
+                del self.under_way[future]
+                self.on_result(number, future.result())
 
 
 def _kill(executor: Executor, *, is_ending: bool) -> None:

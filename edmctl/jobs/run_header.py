@@ -47,22 +47,9 @@ class RunName:
         return journal_path(self.path)
 
 
-class _GivenNames:
-    """Names that this process has given to runs: jobs of several threads begin in the same millisecond."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._paths: set[Path] = set()
-
-    def take(self, path: Path) -> bool:
-        """Reserve a name; False if it is reserved already."""
-        with self._lock:
-            is_new = path not in self._paths
-            self._paths.add(path)
-            return is_new
-
-
-_GIVEN = _GivenNames()
+_GIVEN: set[Path] = set()
+"""Names that this process has given to runs: jobs of several threads begin in the same millisecond."""
+_LOCK = threading.Lock()
 
 
 def name_run(
@@ -79,7 +66,10 @@ def name_run(
         stamp = f"{start:%Y%m%dT%H%M%S}.{start.microsecond // 1000:03d}Z"
         run_id = "-".join([*filter(None, words), stamp])
         name = RunName(run_id, run_path(folder, run_id), start)
-        if _GIVEN.take(name.path) and not name.path.exists() and not name.partial.exists():
+        with _LOCK:
+            is_new = name.path not in _GIVEN
+            _GIVEN.add(name.path)
+        if is_new and not name.path.exists() and not name.partial.exists():
             return name
         start += timedelta(milliseconds=1)
 
@@ -110,6 +100,10 @@ def run_meta(
     """Return the header of a run; `drift_text` is the drift file in use."""
     loaded, profile = plan.loaded, plan.loaded.profile
     values = profile.model_dump(mode="json", by_alias=True, exclude_none=True)
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):  # containers may have no login name
+        user = ""
     return RunMeta(
         run_id=name.run_id,
         parent_run=name.parent,
@@ -126,7 +120,9 @@ def run_meta(
         edmctl_version=__version__,
         procedure=procedure,
         profile_path=str(loaded.path),
-        profile_parents=_parents(loaded),
+        profile_parents=tuple(
+            SourceText(source.name, source.text) for source in read_chain(loaded.path).sources[1:]
+        ),
         profile_leaves=profile_leaves({**values, "sim": loaded.sim.model_dump(mode="json")}),
         profile_overrides=loaded.overrides,
         setup_text=plan.setup_text,
@@ -139,7 +135,7 @@ def run_meta(
         calibration=choice.used.text,
         calibration_text=choice.text,
         drift_text=drift_text,
-        user=_user(),
+        user=user,
         work_material=profile.work.material,
         work_thickness_um=profile.work.thickness_um,
         tool_material=profile.tool.material,
@@ -160,11 +156,6 @@ def _title(loaded: LoadedProfile) -> str:
     return meta.description if meta.description == own and own and not is_another else meta.name
 
 
-def _parents(loaded: LoadedProfile) -> tuple[SourceText, ...]:
-    """The files that the profile extends, read again: a loaded profile keeps its own text only."""
-    return tuple(SourceText(source.name, source.text) for source in read_chain(loaded.path).sources[1:])
-
-
 def _setup_toml(setup: Setup) -> str:
     """Every value of a setup as TOML: those outside any table first, as TOML wants it."""
     values = setup.model_dump(mode="json", exclude_none=True)
@@ -172,11 +163,3 @@ def _setup_toml(setup: Setup) -> str:
     plain = {name: value for name, value in values.items() if name not in tables}
     head = "".join(f"{name} = {toml_scalar(value)}\n" for name, value in plain.items())
     return f"{head}{toml_tables(tables)}\n"
-
-
-def _user() -> str:
-    """The login name; containers may have none."""
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 import operator
@@ -12,7 +11,7 @@ from collections.abc import Sequence
 from typing import SupportsIndex
 
 from edmctl import failures
-from edmctl.dataclasses import dataclass
+from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic, UsageError
 from edmctl.wording import plural
 
@@ -43,8 +42,7 @@ def seed_to_use(asked: SupportsIndex | None, runs: int = 1) -> int:
     return asked
 
 
-_FORM = re.compile(r"(?P<key>[A-Za-z0-9_.-]+)=(?P<start>[^:]+):(?P<stop>[^:]+):(?P<count>[^:]+)")
-_LIST = re.compile(r"(?P<key>[A-Za-z0-9_.-]+)=(?P<values>[^:]+)")
+_KEY = re.compile(r"[A-Za-z0-9_.-]+")
 _MOST = 1000
 
 
@@ -61,41 +59,13 @@ class Sweep:
 
 
 def parse_sweep(text: str) -> Sweep:
-    """Parse `KEY=START:STOP:COUNT`, both ends included, or a list, `KEY=A,B,C`. Raises UsageError (E2003).
-
-    Whole ends that are whole steps apart give whole numbers, for keys that take no others.
-    """
-    listed = _LIST.fullmatch(text)
-    if listed and "," in listed["values"]:
-        return _of_list(text, listed["key"], [value.strip() for value in listed["values"].split(",")])
-    match = _FORM.fullmatch(text)
-    if not match:
+    """Parse `KEY=START:STOP:COUNT`, both ends included, or a list, `KEY=A,B,C`. Raises UsageError (E2003)."""
+    key, _, given = text.partition("=")
+    parts = given.split(":")
+    is_list = len(parts) == 1 and "," in given
+    if not (_KEY.fullmatch(key) and all(parts) and (is_list or len(parts) == 3)):
         raise _refused(text, "is neither of the form KEY=START:STOP:COUNT nor a list KEY=A,B,C")
-    try:
-        start, stop, count = float(match["start"]), float(match["stop"]), int(match["count"])
-    except ValueError:
-        raise _refused(text, "START and STOP must be numbers and COUNT a whole number") from None
-    if not (math.isfinite(start) and math.isfinite(stop) and math.isfinite(stop - start)):
-        raise _refused(text, "START and STOP must be finite")
-    if not 2 <= count <= _MOST:
-        raise _refused(text, f"COUNT must be 2 to {_MOST}")
-    step = (stop - start) / (count - 1)
-    whole = all(re.fullmatch(r"[+-]?\d+", match[name]) for name in ("start", "stop")) and step.is_integer()
-    values = (start + index * step for index in range(count))
-    written = tuple(str(int(v)) if whole else repr(float(f"{v:.12g}")) for v in values)
-    if len(set(written)) < count:
-        raise _refused(text, "its values must differ")
-    return Sweep(match["key"], written)
-
-
-def _plain_value(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def _of_list(text: str, key: str, values: Sequence[str]) -> Sweep:
+    values = [value.strip() for value in given.split(",")] if is_list else _steps(text, *parts)
     if not all(values):
         raise _refused(text, "a value of the list is empty")
     if len({_plain_value(value) for value in values}) < len(values):
@@ -103,6 +73,29 @@ def _of_list(text: str, key: str, values: Sequence[str]) -> Sweep:
     if len(values) > _MOST:
         raise _refused(text, f"a list has at most {_MOST} values")
     return Sweep(key, tuple(values))
+
+
+def _steps(text: str, first: str, last: str, number: str) -> list[str]:
+    """Return equal steps; whole ends that are whole steps apart give whole numbers, for keys that take no others."""
+    try:
+        start, stop, count = float(first), float(last), int(number)
+    except ValueError:
+        raise _refused(text, "START and STOP must be numbers and COUNT a whole number") from None
+    if not (math.isfinite(start) and math.isfinite(stop) and math.isfinite(stop - start)):
+        raise _refused(text, "START and STOP must be finite")
+    if not 2 <= count <= _MOST:
+        raise _refused(text, f"COUNT must be 2 to {_MOST}")
+    step = (stop - start) / (count - 1)
+    is_whole = step.is_integer() and all(re.fullmatch(r"[+-]?\d+", end) for end in (first, last))
+    values = [start + index * step for index in range(count)]
+    return [str(int(value)) if is_whole else repr(float(f"{value:.12g}")) for value in values]
+
+
+def _plain_value(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 MOST_RUNS = 100_000
@@ -133,14 +126,11 @@ def grid_of(sweeps: Sequence[str], runs: int) -> tuple[tuple[str, ...], ...]:
 def of_sweep(diagnostic: Diagnostic, sweeps: Sequence[str]) -> Diagnostic:
     """Return a diagnostic that points at a swept value as one that points at its sweep."""
     where = diagnostic.where
-    if where is None or where.file != "--set":
-        return diagnostic
-    sweep = next((text for text in sweeps if where.source_line in parse_sweep(text).overrides()), None)
-    if sweep is None:
-        return diagnostic
-    return dataclasses.replace(
-        diagnostic, where=dataclasses.replace(where, file="--sweep", source_line=sweep)
-    )
+    if where is not None and where.file == "--set":
+        for text in sweeps:
+            if where.source_line in parse_sweep(text).overrides():
+                return replace(diagnostic, where=replace(where, file="--sweep", source_line=text))
+    return diagnostic
 
 
 def _refused(text: str, reason: str) -> UsageError:

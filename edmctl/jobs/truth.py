@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 from edmctl.dataclasses import dataclass, field
-from edmctl.errors import RunFileError
 from edmctl.jobs.plan import Resumption
 from edmctl.procedures.job import JobState, StateStore
 from edmctl.process.erosion import corner_radius_um, roughness_rz_um
 from edmctl.profile.model import Profile
-from edmctl.record.rows import Recorder, TruthMap
 from edmctl.results.job import ChannelTruth, SiteResult, SiteTruth
 
 if TYPE_CHECKING:  # a job on hardware loads no simulator
@@ -44,12 +41,6 @@ def channel_truth(profile: Profile, bench: VirtualBench, wear_um: float) -> Chan
     floor_um = depth_um[np.clip(rows, 0, len(y_um) - 1), np.clip(columns, 0, len(x_um) - 1)]
     error_um = math.sqrt(float(np.mean((floor_um - target.depth_um) ** 2)))
     return ChannelTruth(float(floor_um.mean()), float(floor_um.std()), error_um, wear_um)
-
-
-def keep_truth_map(recorder: Recorder, bench: VirtualBench) -> None:
-    """Write the height map of the workpiece into the run file. A disk error is reported at the end of the file."""
-    with suppress(RunFileError):
-        recorder.append(TruthMap(*bench.truth_map()))
 
 
 LEFT = "left"
@@ -124,19 +115,17 @@ def truths_of(
     """
     truths = []
     for site in sites:
-        hole = min(holes, key=lambda hole: _apart_um(hole, site), default=None)
+        at_um = site.x_um, site.y_um
+        near = [hole for hole in holes if math.dist(at_um, (hole.x_um, hole.y_um)) <= SAME_HOLE_UM]
         wear_um = true_wear.of_site(site.name)
         corner_um = corner_radius_um(true_wear.at_end_of(site.name), tool_um)
-        if hole is None or _apart_um(hole, site) > SAME_HOLE_UM:
+        if not near:
             truths.append(SiteTruth(wear_um=wear_um, corner_um=corner_um))
             continue
+        hole = min(near, key=lambda hole: math.dist(at_um, (hole.x_um, hole.y_um)))
         depth_um = math.nan if site.through else hole.depth_um
         rz_um = roughness_rz_um(hole.ra_um)
         truths.append(
             SiteTruth(depth_um, wear_um, hole.side_gap_um, hole.taper_um, hole.ra_um, rz_um, corner_um)
         )
     return tuple(truths)
-
-
-def _apart_um(hole: HoleTruth, site: SiteResult) -> float:
-    return math.hypot(hole.x_um - site.x_um, hole.y_um - site.y_um)
