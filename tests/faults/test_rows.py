@@ -39,7 +39,8 @@ UNCONDITIONED = SETUP + "conditioning_cycles = 0\n"
 CONDITIONED = SETUP + "conditioning_cycles = 1\n"
 
 ROWS = list(FAULTS.values())
-SAMPLE = tiers(*ROWS[::2], slow=ROWS[1::2])
+DEFAULT = [*ROWS[::4], next(row for row in ROWS if row.name == "LOG")]
+SAMPLE = tiers(*DEFAULT, slow=[row for row in ROWS if row not in DEFAULT])
 
 HOST_GRANULARITY_S = 0.2
 """A host looks ten times a second, on samples that are as old."""

@@ -51,7 +51,7 @@ def test_a_fault_at_a_port_is_cleared_at_that_port(code: FaultCode, here: Here, 
         assert again.exit_code == 0, again.err
 
 
-@pytest.mark.parametrize("served", [False, True], ids=["memory", "served"])
+@pytest.mark.parametrize("served", tiers(False, slow=(True,)), ids=["memory", "served"])
 def test_the_file_of_a_faulted_run_holds_the_gap_about_the_fault(
     served: bool, here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

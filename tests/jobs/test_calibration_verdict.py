@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,11 +25,13 @@ from edmctl.profile.setup import Setup
 from tests.actuator.models import make_model
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 RATE_HZ = 200.0
 
 
+@cache
 def swings(frequency_hz: float, lag_s: float = 0.0, name: str = "") -> Record:
     """Full and smaller swings of a model behind a lag, which one rate cannot tell from a delay."""
     parts = [
@@ -50,12 +53,19 @@ def plain(records: list[Record], delay_s: float | None = None) -> Identification
     return identify(records, delay_s=delay_s, resamples=0, beyond_plays=False)
 
 
-@pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fit, "identify", plain)
+@pytest.fixture(autouse=True, scope="module")
+def quick() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fit, "identify", plain)
+        yield
 
 
-@pytest.mark.usefixtures("quick")
+@pytest.fixture(scope="module")
+def verified() -> fit.Findings:
+    """A model of one rate, validated with another record of about that rate."""
+    return fit.find([swings(1.0)], [swings(1.1, name="again.csv")], ("zero",), None)
+
+
 def test_a_validation_file_above_the_limits_refuses_the_model() -> None:
     """It was accepted: held-out blocks of one rate do not show what another rate needs."""
     slow, fast = swings(1.0, 0.015), swings(8.0, 0.015)
@@ -65,22 +75,18 @@ def test_a_validation_file_above_the_limits_refuses_the_model() -> None:
     (problem,) = found.identification.problems
     assert problem.startswith("8 Hz (--validate): ")
     assert "at another rate (8 Hz) than the fitted records (1 Hz): fit records of such rates too" in problem
-    assert not fit.find([slow], [], ("zero",), None).identification.problems
+    assert plain([slow]).accepted
 
 
-@pytest.mark.usefixtures("quick")
-def test_records_of_one_rate_are_accepted_for_it_only_until_another_verifies_the_model() -> None:
-    slow, other, fast = swings(1.0), swings(1.1), swings(5.0)
-    for validation, is_restricted in (([], True), ([other], True), ([fast], False)):
-        found = fit.find([slow], validation, ("zero",), None).identification
+def test_records_of_one_rate_are_accepted_for_it_only_until_another_verifies_the_model(
+    verified: fit.Findings,
+) -> None:
+    faster = fit.find([swings(1.0)], [swings(5.0)], ("zero",), None).identification
+    alone = plain([swings(1.0)])
+    for found, is_restricted in ((alone, True), (verified.identification, True), (faster, False)):
         assert found.accepted, found.problems
         assert any("one rate" in one for one in found.restrictions) == is_restricted
         assert any("Hold a step" in one for one in found.restrictions)
-
-
-@pytest.fixture(scope="module")
-def found() -> Identification:
-    return plain([swings(1.0)])
 
 
 figures = st.builds(
@@ -93,42 +99,33 @@ figures = st.builds(
 
 @given(st.lists(figures, min_size=1, max_size=4))
 def test_accepted_means_that_no_error_is_above_the_limits(
-    found: Identification, errors: list[ErrorFigures]
+    verified: fit.Findings, errors: list[ErrorFigures]
 ) -> None:
     """Then the better of two models is never refused while the worse is accepted."""
     record = swings(1.0)
     judged = [(record, Validation(one, 1.0, 0.0, 0)) for one in errors]
-    accepted = fit._verified(found, [record], judged).accepted
+    accepted = fit._verified(verified.identification, [record], judged).accepted
     assert accepted == all(one.rms_pct <= 0.5 and one.max_pct <= 2.0 for one in errors)
 
 
-@pytest.mark.usefixtures("quick")
-def test_verdict_and_validation_are_saved_and_said_again(tmp_path: Path) -> None:
-    found = fit.find([swings(1.0)], [swings(1.1, name="again.csv")], ("zero",), None)
+def test_the_verdict_of_validation_files_is_saved_and_verified_when_loaded(
+    verified: fit.Findings, tmp_path: Path
+) -> None:
     made = Made(utc="2026-01-01T00:00:00+00:00", edmctl="0", serial="SIM-1", simulated=True)
-    path = tmp_path / "one.toml"
-    calibration = calibration_of(
-        found.identification, made, found.held_out_baselines, [asdict(file) for file in found.files]
-    )
+    path, files = tmp_path / "one.toml", [asdict(file) for file in verified.files]
+    calibration = calibration_of(verified.identification, made, verified.held_out_baselines, files)
     save_calibration(path, calibration)
     kept = load_calibration(path)
     assert kept == calibration
     assert kept.quality.validation is not None
     assert kept.quality.validation[0].name == "again.csv"
-    assert kept.quality.validation[0].rms_pct == found.files[0].rms_pct
+    assert kept.quality.validation[0].rms_pct == verified.files[0].rms_pct
     choice = choose(path, {}, Setup(), load_profile("cu270").profile, "SIM-1")
     assert [one.code for one in choice.warnings] == ["W8109"]
     assert "was accepted for this rate only: all records swing at one rate" in choice.warnings[0].message
     assert "check one with --validate. Accepted for use without holds only: the" in choice.warnings[0].message
     assert "accepted with restrictions" in choice.used.text
-
-
-@pytest.mark.usefixtures("quick")
-def test_a_file_that_accepts_validation_errors_above_the_limits_is_refused(tmp_path: Path) -> None:
-    found = fit.find([swings(1.0)], [swings(1.1)], ("zero",), None)
-    worse = asdict(found.files[0]) | {"max_um": 40.0, "max_pct": 4000.0 / found.files[0].range_um}
-    made = Made(utc="2026-01-01T00:00:00+00:00", edmctl="0", serial=None, simulated=True)
-    path = tmp_path / "wrong.toml"
-    save_calibration(path, calibration_of(found.identification, made, {}, [worse]))
+    worse = files[0] | {"max_um": 40.0, "max_pct": 4000.0 / verified.files[0].range_um}
+    save_calibration(path, calibration_of(verified.identification, made, {}, [worse]))
     with pytest.raises(RecordError, match="accepted with errors of"):
         load_calibration(path)
