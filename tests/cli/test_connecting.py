@@ -7,10 +7,10 @@ import select
 import threading
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -65,88 +65,54 @@ def device(answer: Callable[[bytes], bytes] | None = None) -> Iterator[str]:
             os.close(number)
 
 
-def test_a_run_through_a_pty_is_the_run_in_process(here: Here) -> None:
-    in_process = here("machine", *SHALLOW, "--seed", str(SEED), "--run-id", "a", "--json", "--quiet").document
-    with serving(bench_of_the_profile()) as port:
-        said = here("machine", *SHALLOW, "--port", port, "--run-id", "b", "--json")
-    document = said.document
-    assert said.exit_code == 0, said.err
-    assert (document["simulated"], document["seed"]) == (True, None)
-    assert f"simulated run on the virtual controller SIM-{SEED} at {port}" in said.err
-    (here_site,), (there_site,) = in_process["result"]["sites"], document["result"]["sites"]
-    # What only the simulator knows stays in its own process.
-    assert not any(value is not None for value in (there_site.pop("truth") or {}).values())
-    assert here_site.pop("truth")["depth_um"] > 0.0
-    assert there_site == here_site
-    assert document["result"]["time_s"] == in_process["result"]["time_s"]
-    assert document["warnings"] == []
+@pytest.fixture(scope="module")
+def in_process(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The result of the job on the virtual machine of this process."""
+    folder = tmp_path_factory.mktemp("in-process")
+    said = in_process_of_its_own("machine", *SHALLOW, "--seed", str(SEED), "--json", "--quiet", cwd=folder)
+    result: dict[str, Any] = said.document["result"]
+    assert result["sites"][0].pop("truth")["depth_um"] > 0.0
+    return result
 
 
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")
-def test_a_run_through_an_rfc2217_bridge_is_the_run_in_process(here: Here) -> None:
-    in_process = here("machine", *SHALLOW, "--seed", str(SEED), "--json", "--quiet").document
-    endpoint = SocketEndpoint("127.0.0.1", 0)
-    with serving(bench_of_the_profile(), endpoint=endpoint), bridged(endpoint.name) as port:
-        said = here("machine", *SHALLOW, "--port", port, "--json")
-    assert said.exit_code == 0, said.err
-    (here_site,), (there_site,) = in_process["result"]["sites"], said.document["result"]["sites"]
-    assert there_site["depth_um"] == here_site["depth_um"]
-    assert there_site["pulses"] == here_site["pulses"]
-
-
-def test_people_are_told_that_it_was_simulated(here: Here) -> None:
-    with serving(bench_of_the_profile()) as port:
-        said = here("machine", *SHALLOW, "--port", port, "--run-id", "r", "--quiet")
-    assert said.exit_code == 0, said.err
-    assert "Simulated" in said.out
-    assert "seed" not in said.out
-
-
-def test_the_environment_names_a_port_as_well(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("EDMCTL_PORT", "/dev/nothing-of-the-kind")
-    assert here("reset", "--json").document["error"]["code"] == "E4001"
-    with serving(open_bench(BenchConfig(), SEED)) as port:
-        assert here("reset", "--port", port).exit_code == 0
-
-
-def test_a_setup_names_the_port_where_nothing_else_does(here: Here, tmp_path: Path) -> None:
-    setup = tmp_path / "setup.toml"
-    with serving(open_bench(BenchConfig(), SEED)) as port:
-        setup.write_text(f'port = "{port}"\n')
-        assert here("reset", "--setup", str(setup), "--json").document["simulated"] is True
-        setup.write_text(f'port = "auto"\n[link]\ncandidates = ["{port}"]\nusb_ids = []\n')
-        assert here("reset", "--setup", str(setup)).exit_code == 0
-        assert here("reset", "--setup", str(setup), "--port", f"serial:SIM-{SEED}").exit_code == 0
-        other = here("reset", "--setup", str(setup), "--port", "serial:SIM-99", "--json")
-        assert (other.exit_code, other.document["error"]["code"]) == (4, "E4001")
-
-
-def test_a_seed_that_nobody_uses_is_warned_of(here: Here) -> None:
-    said = here("machine", *SHALLOW, "--port", "/dev/nothing-of-the-kind", "--seed", "5", "--json")
+@pytest.mark.parametrize("line", ["pty", "RFC 2217"])
+def test_a_run_over_a_line_is_the_run_in_process(here: Here, in_process: dict[str, Any], line: str) -> None:
+    endpoint = None if line == "pty" else SocketEndpoint("127.0.0.1", 0)
+    with ExitStack() as stack:
+        port = stack.enter_context(serving(bench_of_the_profile(), endpoint=endpoint))
+        if line != "pty":
+            port = stack.enter_context(bridged(port))
+        said = here("machine", *SHALLOW, "--port", port, "--run-id", "b", "--json")
     document = said.document
-    assert (said.exit_code, document["error"]["code"]) == (4, "E4001")
-    assert [warning["code"] for warning in document["warnings"]] == ["W4101"]
-    assert "simulate serve" in document["warnings"][0]["hint"]
+    assert said.exit_code == 0, said.err
+    assert (document["simulated"], document["seed"], document["warnings"]) == (True, None, [])
+    assert f"simulated run on the virtual controller SIM-{SEED} at {port}" in said.err
+    (site,) = document["result"]["sites"]
+    # What only the simulator knows stays in its own process.
+    assert not any(value is not None for value in (site.pop("truth") or {}).values())
+    assert [site] == in_process["sites"]
+    if line == "pty":
+        assert document["result"]["time_s"] == in_process["time_s"]
 
 
-def test_a_controller_that_drives_nothing_here_is_warned_of(here: Here) -> None:
-    for command in (("machine", *SHALLOW), ("calibrate",)):
-        said = here(*command, "--port", "/dev/nothing-of-the-kind", "--controller", "firmware", "--json")
-        assert (said.exit_code, said.document["error"]["code"]) == (4, "E4001")
-        (warning,) = said.document["warnings"]
-        assert (warning["code"], "/dev/nothing-of-the-kind" in warning["message"]) == ("W4102", True)
-
-
-def test_a_wrong_device_is_told_soon(here: Here) -> None:
-    with device(lambda _: b"ok T:21.5 /0.0\r\n") as port:
-        begin_s = monotonic()
-        said = here("machine", *SHALLOW, "--port", port, "--json")
-        took_s = monotonic() - begin_s
-    error = said.document["error"]
-    assert (said.exit_code, error["code"]) == (4, "E4011")
-    assert "bytes came" in error["message"]
-    assert "edmctl ports" in error["hint"]
-    assert took_s < CLEAR_ERROR_WITHIN_S
+@pytest.mark.parametrize(
+    ("command", "code"),
+    [
+        (("machine", *SHALLOW, "--seed", "5"), "W4101"),
+        (("machine", *SHALLOW, "--controller", "firmware"), "W4102"),
+        (("calibrate", "--controller", "firmware"), "W4102"),
+    ],
+)
+def test_an_option_that_does_nothing_at_a_port_is_warned_of(
+    here: Here, command: tuple[str, ...], code: str
+) -> None:
+    said = here(*command, "--port", "/dev/nothing-of-the-kind", "--json")
+    assert (said.exit_code, said.document["error"]["code"]) == (4, "E4001")
+    (warning,) = said.document["warnings"]
+    assert warning["code"] == code
+    words = "simulate serve" if code == "W4101" else "/dev/nothing-of-the-kind"
+    assert words in f"{warning['message']} {warning['hint']}"
 
 
 @pytest.mark.parametrize(
@@ -164,41 +130,51 @@ def test_whatever_is_on_the_port_is_told_in_the_time_of_the_setup(
     setup = tmp_path / "setup.toml"
     setup.write_text("[link]\nhello_s = 0.2\n")
     with device(answer) as port:
-        said = here("reset", "--setup", str(setup), "--port", port, "--json")
+        begin_s = monotonic()
+        said = here("machine", *SHALLOW, "--setup", str(setup), "--port", port, "--json")
+        took_s = monotonic() - begin_s
     error = said.document["error"]
     assert (said.exit_code, error["code"]) == (4, "E4011")
     assert told in error["message"]
+    assert "edmctl ports" in error["hint"]
+    assert took_s < CLEAR_ERROR_WITHIN_S
 
 
-def test_chatter_before_the_hello_does_no_harm(here: Here) -> None:
-    with serving(open_bench(BenchConfig(), SEED)) as port:
+def test_chatter_before_the_hello_and_hours_of_waiting_do_no_harm(here: Here) -> None:
+    bench = open_bench(BenchConfig(), SEED)
+    bench.controller.advance(300_000)
+    with serving(bench) as port:
         chatty = open_line(port)
         chatty.write(b"AT\r\nAT+CGMI\r\n~x\0\x80\xff" * 20)
         chatty.close()
-        said = here("reset", "--port", port)
-    assert said.exit_code == 0, said.err
+        for _ in range(2):
+            said = here("reset", "--port", port)
+            assert said.exit_code == 0, said.err
 
 
-def test_a_second_process_on_a_port_is_told_who_holds_it(here: Here, tmp_path: Path) -> None:
+def test_a_setup_names_the_port_where_nothing_else_does(here: Here, tmp_path: Path) -> None:
+    setup = tmp_path / "setup.toml"
+    with serving(open_bench(BenchConfig(), SEED)) as port:
+        setup.write_text(f'port = "{port}"\n')
+        assert here("reset", "--setup", str(setup), "--json").document["simulated"] is True
+        setup.write_text(f'port = "auto"\n[link]\ncandidates = ["{port}"]\nusb_ids = []\n')
+        assert here("reset", "--setup", str(setup)).exit_code == 0
+        assert here("reset", "--setup", str(setup), "--port", f"serial:SIM-{SEED}").exit_code == 0
+        other = here("reset", "--setup", str(setup), "--port", "serial:SIM-99", "--json")
+        assert (other.exit_code, other.document["error"]["code"]) == (4, "E4001")
+
+
+def test_a_second_process_on_a_port_is_told_who_holds_it_and_may_wait(here: Here, tmp_path: Path) -> None:
     with serving(open_bench(BenchConfig(), SEED)) as port:
         line = open_line(port)
-        try:
-            said = in_process_of_its_own("reset", "--port", port, "--json", cwd=tmp_path)
-        finally:
-            line.close()
+        said = in_process_of_its_own("reset", "--port", port, "--json", cwd=tmp_path)
         error = said.document["error"]
         assert (said.exit_code, error["code"]) == (4, "E4006")
         assert f"process {os.getpid()} " in error["message"]
-        assert here("reset", "--port", port).exit_code == 0
-
-
-def test_waiting_takes_the_port_over(here: Here) -> None:
-    with serving(open_bench(BenchConfig(), SEED)) as port:
-        holder = open_line(port)
-        threading.Timer(0.1, holder.close).start()
-        said = here("reset", "--port", port, "--wait", "30")
-    assert said.exit_code == 0, said.err
-    assert "Waiting up to 30 s." in said.err
+        threading.Timer(0.1, line.close).start()
+        waited = here("reset", "--port", port, "--wait", "30")
+    assert waited.exit_code == 0, waited.err
+    assert "Waiting up to 30 s." in waited.err
 
 
 def test_a_controller_that_was_left_armed_is_stopped_by_the_next_host(here: Here) -> None:
@@ -219,14 +195,6 @@ def test_a_controller_that_was_left_armed_is_stopped_by_the_next_host(here: Here
     assert (refused.exit_code, error["code"]) == (8, "E8010")
     assert f"`edmctl reset --ack 1001 --port {port}`" in error["hint"]
     assert done.exit_code == 0, done.err
-
-
-def test_a_controller_that_has_been_on_for_long_is_as_good_as_a_new_one(here: Here) -> None:
-    bench = open_bench(BenchConfig(), SEED)
-    bench.controller.advance(300_000)
-    with serving(bench) as port:
-        assert here("reset", "--port", port).exit_code == 0
-        assert here("reset", "--port", port).exit_code == 0
 
 
 @contextmanager

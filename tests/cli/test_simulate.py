@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from edmctl import failures
 from edmctl.errors import UsageError
 from edmctl.jobs.batch import summarize
 from edmctl.jobs.sweep import parse_sweep
@@ -44,12 +46,25 @@ def site(name: str, depth_um: float, true_um: float, basis: Basis = Basis.TOUCHE
     )
 
 
-def test_all_holes_of_an_array_are_summed_up() -> None:
+def test_a_case_sums_up_the_holes_of_its_runs() -> None:
+    case = summarize("cu270", (), [run(1, 180.0, 179.5), run(2, 181.0, 179.5), run(3, 179.0, 179.5)])
+    depth, error = case.spreads["depth_um"], case.spreads["depth_error_um"]
+    assert (depth.mean, depth.sd, depth.minimum, depth.maximum) == (180.0, 1.0, 179.0, 181.0)
+    assert error.mean == pytest.approx(0.5)
+    assert (case.coverage, case.failed) == ({"depth": pytest.approx(2 / 3), "wear": 1.0}, 0)
     both = replace(run(1, 20.0, 20.2), sites=(site("a", 20.0, 20.2), site("b", 21.0, 19.5)))
-    case = summarize("array", (), [both])
-    assert case.spreads["depth_um"].mean == 20.5
-    assert case.truth["depth_um"].minimum == 19.5
-    assert case.coverage["depth"] == 0.5
+    array = summarize("array", (), [both])
+    assert (array.spreads["depth_um"].mean, array.truth["depth_um"].minimum) == (20.5, 19.5)
+    assert array.coverage["depth"] == 0.5
+
+
+def test_runs_without_a_hole_only_count_as_failed() -> None:
+    failed = SimulatedRun(2, ok=False, exit_code=6, error="fault")
+    case = summarize("cu270", (), [run(1, 180.0, 180.0), failed])
+    assert (case.failed, case.spreads["depth_um"].mean) == (1, 180.0)
+    assert math.isnan(case.spreads["depth_um"].sd)  # one value has none
+    none = summarize("cu270", (), [failed])
+    assert (none.spreads, none.truth) == ({}, {})
 
 
 def test_a_spread_is_over_values_of_one_basis() -> None:
@@ -68,25 +83,6 @@ def test_a_spread_is_over_values_of_one_basis() -> None:
     assert "depth_um" not in summarize("cu270", (), []).estimated
 
 
-def test_a_case_sums_up_its_runs() -> None:
-    case = summarize("cu270", (), [run(1, 180.0, 179.5), run(2, 181.0, 179.5), run(3, 179.0, 179.5)])
-    depth, error = case.spreads["depth_um"], case.spreads["depth_error_um"]
-    assert (depth.mean, depth.sd, depth.minimum, depth.maximum) == (180.0, 1.0, 179.0, 181.0)
-    assert error.mean == pytest.approx(0.5)
-    assert case.coverage == {"depth": pytest.approx(2 / 3), "wear": 1.0}
-    assert case.failed == 0
-
-
-def test_runs_without_a_hole_only_count_as_failed() -> None:
-    case = summarize(
-        "cu270", (), [run(1, 180.0, 180.0), SimulatedRun(2, ok=False, exit_code=6, error="fault")]
-    )
-    assert case.failed == 1
-    assert case.spreads["depth_um"].mean == 180.0
-    none = summarize("cu270", (), [SimulatedRun(2, ok=False, exit_code=6, error="fault")])
-    assert (none.spreads, none.truth) == ({}, {})
-
-
 @pytest.mark.parametrize(
     ("text", "values"),
     [
@@ -103,7 +99,17 @@ def test_a_sweep_has_equal_steps_and_both_ends(text: str, values: tuple[str, ...
 
 @pytest.mark.parametrize(
     "text",
-    ["servo.reference", "a=1:2", "a=1:2:1", "a=x:2:3", "a=1:2:3.5", "a=nan:2:3", "a=1:inf:3", "a=1:2:9999"],
+    [
+        "servo.reference",
+        "a=1:2",
+        "a=1:2:1",
+        "a=x:2:3",
+        "a=1:2:3.5",
+        "a=nan:2:3",
+        "a=1:inf:3",
+        "a=1:2:9999",
+        "a=2:2:2",
+    ],
 )
 def test_a_bad_sweep_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="--sweep"):
@@ -132,12 +138,70 @@ def test_many_seeds_are_the_same_whether_side_by_side_or_alone(here: Here, tmp_p
     assert not Path("runs").exists()
 
 
-def test_a_run_file_that_exists_ends_the_simulation(here: Here) -> None:
-    Path("runs").mkdir()
-    Path("runs/cu270-seed4.h5").write_bytes(b"precious")
-    said = here("simulate", *SHALLOW, "--runs", "1", "--seed", "4", "--out", "runs", "--json")
-    assert said.exit_code == 9
-    assert said.document["error"]["code"] == "E9001"
+def test_dry_run_forecasts_every_value_and_runs_nothing(here: Here) -> None:
+    arguments = ("simulate", "--profile", "cu270", "--dry-run", "--sweep", "target.depth_um=100:120:2")
+    said = here(*arguments, "--runs", "1", "--seed", "3")
+    assert said.exit_code == 0
+    header, *rows = said.out.splitlines()
+    assert "whole job" in header
+    assert [row.split()[:2] for row in rows] == [
+        ["target.depth_um=100", "100.00"],
+        ["target.depth_um=120", "120.00"],
+    ]
+    assert "W2003" in said.err
+    assert "seed 3" in said.err  # all values run on one machine
+    several = here(*arguments, "--sweep", "servo.reference=0.7:0.8:2", "--out", "runs", "--json").document
+    assert several["warnings"] == []
+    cases = several["result"]["cases"]
+    assert [(case["label"], case["forecast"]["depth_um"]) for case in cases] == [
+        ("target.depth_um=100 servo.reference=0.7", 100.0),
+        ("target.depth_um=100 servo.reference=0.8", 100.0),
+        ("target.depth_um=120 servo.reference=0.7", 120.0),
+        ("target.depth_um=120 servo.reference=0.8", 120.0),
+    ]
+    assert cases[1]["overrides"] == ["target.depth_um=100", "servo.reference=0.8"]
+    assert list(Path().iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "exit_code", "told"),
+    [
+        ("--sweep servo.reference=0.5:0.9:3", 3, "servo.reference=0.5"),
+        (
+            "--sweep target.depth_um=100:120:2 --sweep pulse.current_a=-0.5:1:2",
+            3,
+            "--> --sweep:1:17\n1 | pulse.current_a=-0.5:1:2",
+        ),
+        ("--sweep servo.referenc=0.7:0.8:2", 3, "--> --sweep:1:7\n1 | servo.referenc=0.7:0.8:2"),
+        ("--set servo.gain=1 --sweep target.depth_um=8:9:2", 3, "--> --set:1:"),
+        ("--sweep jump.period_s=1:2:2 --sweep jump.period_s=3:4:2", 2, "Two sweeps go over jump.period_s."),
+        ("--sweep jump.period_s=1:2:100 --sweep jump.dwell_ms=1:9:99 --runs 100", 2, "are 990000 runs"),
+        (
+            "--sweep jump.period_s=1:2:100 --sweep jump.dwell_ms=1:9:99 --runs 100",
+            2,
+            "Take --runs 10 or fewer",
+        ),
+        ("--sweep jump.period_s=1:2:900 --sweep jump.dwell_ms=1:9:999", 2, "= help: Take fewer values."),
+        ("--runs 1 --seed 4 --out .", 9, "E9001"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused_before_the_first_run(
+    here: Here, words: str, exit_code: int, told: str
+) -> None:
+    Path("cu270-seed4.h5").write_bytes(b"precious")
+    said = here("simulate", *SHALLOW, *words.split())
+    assert said.exit_code == exit_code
+    assert told in said.err
+    assert [path.name for path in Path().iterdir()] == ["cu270-seed4.h5"]
+
+
+def test_without_a_compiler_no_run_is_counted(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> None:
+        raise failures.no_compiler(install="pip")
+
+    monkeypatch.setattr("edmctl.core.library.library", refuse)
+    said = here("simulate", *SHALLOW, "--runs", "2", "--seed", "1")
+    assert (said.exit_code, said.out) == (8, "")
 
 
 def test_failing_runs_are_counted_and_told(here: Here) -> None:
@@ -147,89 +211,6 @@ def test_failing_runs_are_counted_and_told(here: Here) -> None:
     assert "1 of 1 run failed." in said.out
     assert "`edmctl machine --seed 2 --profile " in said.err
     assert "--set limits.max_time_s=100`." in said.err
-
-
-def test_dry_run_forecasts_every_value_and_runs_nothing(here: Here) -> None:
-    arguments = ("simulate", "--profile", "cu270", "--dry-run", "--sweep", "target.depth_um=100:120:2")
-    said = here(*arguments)
-    assert said.exit_code == 0
-    header, *rows = said.out.splitlines()
-    assert "whole job" in header
-    assert [row.split()[:2] for row in rows] == [
-        ["target.depth_um=100", "100.00"],
-        ["target.depth_um=120", "120.00"],
-    ]
-    result = here(*arguments, "--out", "runs", "--json").document["result"]
-    assert [(c["label"], c["forecast"]["depth_um"]) for c in result["cases"]] == [
-        ("target.depth_um=100", 100.0),
-        ("target.depth_um=120", 120.0),
-    ]
-    assert list(Path().iterdir()) == []
-
-
-def test_a_sweep_on_one_machine_says_what_its_runs_have_in_common(here: Here) -> None:
-    sweep = (
-        "simulate",
-        *SHALLOW,
-        "--sweep",
-        "servo.reference=0.7:0.8:2",
-        "--seed",
-        "3",
-        "--dry-run",
-        "--json",
-    )
-    (warning,) = here(*sweep, "--runs", "1").document["warnings"]
-    assert warning["code"] == "W2003"
-    assert "seed 3" in warning["message"]
-    assert here(*sweep, "--runs", "2").document["warnings"] == []
-
-
-def test_several_sweeps_make_a_grid_the_first_slowest(here: Here) -> None:
-    sweeps = ("--sweep", "target.depth_um=100:120:2", "--sweep", "servo.reference=0.7:0.8:2")
-    document = here("simulate", "--profile", "cu270", "--dry-run", *sweeps, "--json").document
-    assert [case["label"] for case in document["result"]["cases"]] == [
-        "target.depth_um=100 servo.reference=0.7",
-        "target.depth_um=100 servo.reference=0.8",
-        "target.depth_um=120 servo.reference=0.7",
-        "target.depth_um=120 servo.reference=0.8",
-    ]
-    assert document["result"]["cases"][1]["overrides"] == ["target.depth_um=100", "servo.reference=0.8"]
-
-
-def test_a_wrong_value_of_a_grid_is_told_of_its_sweep(here: Here) -> None:
-    sweeps = ("--sweep", "target.depth_um=100:120:2", "--sweep", "pulse.current_a=-0.5:1:2")
-    said = here("simulate", "--profile", "cu270", "--dry-run", *sweeps)
-    assert said.exit_code == 3
-    assert "--> --sweep:1:17\n1 | pulse.current_a=-0.5:1:2" in said.err
-
-
-@pytest.mark.parametrize(
-    ("sweeps", "told", "remedy"),
-    [
-        (("jump.period_s=1:2:2", "jump.period_s=3:4:2"), "Two sweeps go over jump.period_s.", "one --sweep"),
-        (("jump.period_s=1:2:100", "jump.dwell_ms=1:9:99"), "are 990000 runs", "Take --runs 10 or fewer, or"),
-        (
-            ("jump.period_s=1:2:900", "jump.dwell_ms=1:9:999"),
-            "are 89910000 runs",
-            "= help: Take fewer values.",
-        ),
-    ],
-)
-def test_a_grid_that_cannot_be_is_refused(
-    here: Here, sweeps: tuple[str, ...], told: str, remedy: str
-) -> None:
-    said = here(
-        "simulate", *SHALLOW, "--runs", "100", *(word for text in sweeps for word in ("--sweep", text))
-    )
-    assert said.exit_code == 2
-    assert told in said.err
-    assert remedy in said.err
-
-
-def test_every_value_of_a_sweep_is_checked_before_the_first_run(here: Here) -> None:
-    said = here("simulate", *SHALLOW, "--sweep", "servo.reference=0.5:0.9:3", "--json")
-    assert said.exit_code == 3
-    assert "servo.reference=0.5" in said.err
 
 
 @pytest.mark.slow

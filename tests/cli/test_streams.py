@@ -6,7 +6,6 @@ import io
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -14,13 +13,9 @@ from edmctl.cli import outcome
 from edmctl.cli.render.live import LiveReporter
 from edmctl.cli.render.style import Style
 from edmctl.errors import Diagnostic, UsageError
-from edmctl.jobs.batch import _statistics
-from edmctl.jobs.sweep import parse_sweep, seed_to_use
+from edmctl.jobs.sweep import seed_to_use
 from tests.cli.commands import command, environment
 from tests.cli.render.views import made_state
-
-if TYPE_CHECKING:
-    from edmctl.results.simulation import Statistics
 
 
 @pytest.mark.parametrize(
@@ -69,13 +64,3 @@ def test_the_last_seed_fits_the_run_file_too() -> None:
     assert seed_to_use(2**63 - 1) == 2**63 - 1
     with pytest.raises(UsageError, match="of the first of 2 runs"):
         seed_to_use(2**63 - 1, 2)
-
-
-def test_equal_values_are_no_sweep() -> None:
-    with pytest.raises(UsageError, match="must differ"):
-        parse_sweep("servo.reference=0.8:0.8:2")
-
-
-def test_one_run_has_no_standard_deviation() -> None:
-    found: Statistics = _statistics([1.0])
-    assert found.sd != found.sd

@@ -56,16 +56,6 @@ def test_a_profile_for_a_setup_is_one_mistake(here: Here) -> None:
     assert f"say --profile {CU270}" in said.err
 
 
-def test_a_wrong_key_of_a_sweep_is_told_of_the_sweep(here: Here) -> None:
-    sweep = "servo.referenc=0.7:0.8:2"
-    said = here("simulate", "--profile", "cu270", "--sweep", sweep, "--dry-run")
-    assert said.exit_code == ExitCode.PROFILE
-    assert "--> --sweep:1:7" in said.err
-    assert f"1 | {sweep}" in said.err
-    said = here("simulate", "--profile", "cu270", "--set", "servo.gain=1", "--sweep", "target.depth_um=8:9:2")
-    assert "--> --set:1:" in said.err
-
-
 @pytest.mark.parametrize(("arguments", "code", "message"), MISTAKES)
 def test_a_mistake_is_named_on_stderr(arguments: list[str], code: str, message: str, here: Here) -> None:
     said = here(*arguments)
