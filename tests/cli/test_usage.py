@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,37 +17,45 @@ from edmctl.exitcodes import MEANING, ExitCode
 from edmctl.version import __version__
 from tests.cli.commands import CU270, Here
 
-MISTAKES = [
-    (["machine", "--porfile", "cu270"], "E2000", "No such option: --porfile"),
-    (["machin"], "E2000", "No such command 'machin'. Did you mean 'machine'?"),
-    (["machine", "--seed", "many", "--profile", "cu270"], "E2000", "'many' is not a valid int"),
-    (["machine"], "E2002", "No profile was named."),
-    (["machine", "--profile", "cu207"], "E2001", "There is no shipped profile 'cu207'"),
-    (["machine", "--profile", "cu270", "--seed", "-1"], "E2005", "Seed -1 does not lie between 0 and"),
-    (["machine", "--profile", "cu270", "--run-id", "../x"], "E2004", "'../x' is no plain file name"),
-    (["simulate", "--profile", "cu270", "--runs", "0"], "E2000", "0 is not in the range 1<=x<=100000"),
-    (["simulate", "--profile", "cu270", "--sweep", "servo.reference"], "E2003", "KEY=START:STOP:COUNT"),
-    (
-        ["simulate", "--sweep", "servo.gain=1:2:3", "--sweep=servo.gain=8:9:2"],
-        "E2003",
-        "Two sweeps go over servo.gain",
-    ),
-]
-
 
 @pytest.mark.parametrize(
-    ("words", "meant"),
+    ("words", "code", "message"),
     [
-        ("machine cu270", "`edmctl machine --profile cu270`"),
-        ("jump-flush cu150 --count 3", "`edmctl jump-flush --profile cu150`"),
-        ("list", "`edmctl profile list` or `edmctl run list`"),
-        ("explain a", "`edmctl run explain`"),
+        ("machine --porfile cu270", "E2000", "No such option: --porfile"),
+        ("machin", "E2000", "No such command 'machin'. Did you mean 'machine'?"),
+        ("machine --seed many --profile cu270", "E2000", "'many' is not a valid int"),
+        ("machine", "E2002", "No profile was named."),
+        ("machine --profile cu207", "E2001", "There is no shipped profile 'cu207'"),
+        ("machine --profile cu207", "E2001", "Did you mean cu270?"),
+        ("machine --profile cu270 --seed -1", "E2005", "Seed -1 does not lie between 0 and"),
+        ("machine --profile cu270 --run-id ../x", "E2004", "'../x' is no plain file name"),
+        ("simulate --profile cu270 --runs 0", "E2000", "0 is not in the range 1<=x<=100000"),
+        ("simulate --profile cu270 --sweep servo.reference", "E2003", "KEY=START:STOP:COUNT"),
+        ("machine cu270", "E2000", "`edmctl machine --profile cu270`"),
+        ("jump-flush cu150 --count 3", "E2000", "`edmctl jump-flush --profile cu150`"),
+        ("list", "E2000", "`edmctl profile list` or `edmctl run list`"),
+        ("explain a", "E2000", "`edmctl run explain`"),
+        ("machine --profile cu270 --set a b", "E2000", "`--set a=b`"),
+        ("machine --profile cu270 --set a = b", "E2000", "`--set a=b`"),
+        ("machine --profile cu270 --set a= b", "E2000", "`--set a=b`"),
+        ("machine --profile cu270 --set a=1 b=2", "E2000", "`--set a=1 --set b=2`"),
     ],
 )
-def test_a_word_out_of_place_is_answered_with_the_right_one(words: str, meant: str, here: Here) -> None:
+def test_a_mistake_is_named_on_stderr_and_in_the_json_object(
+    words: str, code: str, message: str, here: Here
+) -> None:
     said = here(*words.split())
-    assert said.exit_code == ExitCode.USAGE
-    assert meant in said.err
+    assert (said.exit_code, said.out) == (ExitCode.USAGE, "")
+    assert f"error[{code}]: " in said.err
+    assert message in said.err
+    document = here(*words.split(), "--json").document
+    assert (document["ok"], document["exit_code"], document["result"]) == (False, 2, None)
+    error = document["error"]
+    assert error["code"] == code
+    assert message in f"{error['message']} {error['hint']}"
+    for text in (error["message"], error["hint"]):
+        assert text[0].isupper() or text[0] in "`-'", f"{text!r} is no sentence"
+        assert text.endswith((".", "?")) or "--sweep" in text, f"{text!r} is no sentence"
 
 
 def test_a_profile_for_a_setup_is_one_mistake(here: Here) -> None:
@@ -56,31 +65,60 @@ def test_a_profile_for_a_setup_is_one_mistake(here: Here) -> None:
     assert f"say --profile {CU270}" in said.err
 
 
-@pytest.mark.parametrize(("arguments", "code", "message"), MISTAKES)
-def test_a_mistake_is_named_on_stderr(arguments: list[str], code: str, message: str, here: Here) -> None:
-    said = here(*arguments)
-    assert said.exit_code == ExitCode.USAGE
-    assert said.out == ""
-    assert f"error[{code}]: " in said.err
-    assert message in said.err
+SOUND = Path(CU270).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("arguments", "code", "message"), MISTAKES)
-def test_a_mistake_is_one_json_object_with_json(
-    arguments: list[str], code: str, message: str, here: Here
+@pytest.mark.parametrize(
+    ("before", "after", "code"),
+    [
+        pytest.param("reference = 0.80", "reference = = 0.80", "E3001", id="bad TOML"),
+        pytest.param("reference = 0.80", 'reference = "0.80"', "E3004", id="wrong type"),
+        pytest.param("duty = 0.30", "duty = 0.90", "E3005", id="out of range"),
+        pytest.param("hysteresis = 0.02", "hysterisis = 0.02", "E3003", id="unknown key"),
+        pytest.param('mode = "relay"', 'mode = "fuzzy"', "E3006", id="no choice"),
+        pytest.param("depth_um = 180.0", "depth_um = 320.0", "E3102", id="unreachable depth"),
+    ],
+)
+@pytest.mark.parametrize("dry", [["--dry-run"], []], ids=["dry", "run"])
+def test_a_bad_profile_is_refused_at_its_line(
+    here: Here, before: str, after: str, code: str, dry: list[str]
 ) -> None:
-    document = here(*arguments, "--json").document
-    assert (document["ok"], document["exit_code"]) == (False, 2)
-    assert document["error"]["code"] == code
-    for text in (document["error"]["message"], document["error"]["hint"]):
-        assert text[0].isupper() or text[0] in "`-'", f"{text!r} is no sentence"
-        assert text.endswith((".", "?")) or "--sweep" in text, f"{text!r} is no sentence"
-    assert message in document["error"]["message"]
-    assert document["result"] is None
+    assert SOUND.count(before) == 1, f"cu270.toml no longer holds {before!r} once"
+    line = SOUND[: SOUND.index(before)].count("\n") + 1
+    Path("bad.toml").write_text(SOUND.replace(before, after), encoding="utf-8")
+    said = here("machine", "--profile", "bad.toml", *dry, "--json")
+    assert said.exit_code == 3
+    for part in (f"error[{code}]", f"--> bad.toml:{line}:", "^"):
+        assert part in said.err
+    error = said.document["error"]
+    assert (error["code"], error["file"], error["line"]) == (code, "bad.toml", line)
+    assert isinstance(error["column"], int)
+    assert not Path("runs").exists()
 
 
-def test_the_nearest_profile_is_suggested(here: Here) -> None:
-    assert "Did you mean cu270?" in here("machine", "--profile", "cu207").err
+def test_every_mistake_is_told_at_once(here: Here) -> None:
+    text = SOUND.replace("duty = 0.30", "duty = 0.90").replace("hysteresis = 0.02", "hysterisis = 0.02")
+    Path("two.toml").write_text(text, encoding="utf-8")
+    said = here("machine", "--profile", "two.toml", "--json")
+    assert {problem["code"] for problem in said.document["error"]["all"]} == {"E3003", "E3005"}
+    assert "2 errors" in said.err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--profile", "cu270", "--set", "servo.reference=0.42"), "--set:1:"),
+        (("--profile", "cu270", "--setup", "nowhere.toml"), "nowhere.toml"),
+        (("--profile", "folder.toml"), "folder.toml"),
+    ],
+)
+def test_overrides_and_files_are_checked_like_the_profile(
+    here: Here, options: tuple[str, ...], words: str
+) -> None:
+    Path("folder.toml").mkdir()
+    said = here("machine", *options)
+    assert said.exit_code == 3
+    assert words in said.err
 
 
 def test_without_a_command_there_is_help(here: Here) -> None:
@@ -140,23 +178,6 @@ def test_help_of_every_command_has_every_sentence_at_any_width(
         for word in " ".join([command.help, *(text for pair in [*records, *inner] for text in pair)]).split():
             assert word in said or len(word) > 24, (name, word)
         assert ("╭" in said) == is_terminal
-
-
-@pytest.mark.parametrize(
-    ("words", "joined"),
-    [
-        (["a", "b"], "`--set a=b`"),
-        (["a", "=", "b"], "`--set a=b`"),
-        (["a=", "b"], "`--set a=b`"),
-        (["a=1", "b=2"], "`--set a=1 --set b=2`"),
-    ],
-)
-def test_key_and_value_that_are_apart_are_joined_in_the_hint(
-    words: list[str], joined: str, here: Here
-) -> None:
-    said = here("machine", "--profile", "cu270", "--set", *words)
-    assert said.exit_code == ExitCode.USAGE
-    assert joined in said.err
 
 
 @pytest.mark.parametrize(
