@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -168,35 +169,33 @@ def test_the_home_folder_is_expanded_in_every_variable(home: Path) -> None:
     assert [path.name for path, text in sources.items() if "expanduser" in text] == ["files.py"]
 
 
-@pytest.mark.parametrize("wait_s", [math.nan, -1.0])
-def test_a_wait_that_is_no_time_is_refused(wait_s: float) -> None:
-    with pytest.raises(UsageError, match="no length of time"):
-        where_is("/dev/ttyACM0", Setup(), wait_s)
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        *(
+            (f"{command} ''", "E2007")
+            for command in ("run recover", "run show", "run export", "study status")
+        ),
+        *((f"run recover {folder}", "E9005") for folder in (".", "/", "..")),
+        ("machine --profile cu270 --dry-run --out=~nosuchuser/runs", "E2007"),
+    ],
+)
+def test_a_path_that_names_no_file_is_refused(words: str, code: str, here: Here) -> None:
+    said = here(*shlex.split(words))
+    assert (said.exit_code, said.err.split()[0]) == (int(code[1]), f"error[{code}]:")
+    assert "~" not in words or "./~nosuchuser/runs" in said.err
 
 
-def test_a_home_folder_that_is_unknown_is_refused(home: Path, here: Here) -> None:
-    said = here("machine", "--profile", "cu270", "--dry-run", "--out=~nosuchuser/runs")
-    assert said.exit_code == ExitCode.USAGE
-    assert "error[E2007]" in said.err
-    assert "./~nosuchuser/runs" in said.err
+def test_a_path_has_no_zero_and_a_tilde_inside_is_a_letter(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(UsageError, match=r"U\+0000"):
         user_path("a\0b")
     assert user_path("a~b/~") == Path("a~b/~")
-
-
-@pytest.mark.parametrize("words", ["run recover", "run show", "run export", "study status"])
-def test_an_empty_path_is_refused(words: str, here: Here) -> None:
-    said = here(*words.split(), "")
-    assert (said.exit_code, said.err.split()[0]) == (ExitCode.USAGE, "error[E2007]:")
-
-
-@pytest.mark.parametrize("folder", [".", "/", ".."])
-def test_a_folder_is_not_recovered(folder: str, here: Here) -> None:
-    assert "error[E9005]" in here("run", "recover", folder).err
-
-
-def test_a_file_that_has_nothing_to_read_is_empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # A file of the kernel that would let its reader wait, such as /proc/kmsg.
+    for wait_s in (math.nan, -1.0):
+        with pytest.raises(UsageError, match="no length of time"):
+            where_is("/dev/ttyACM0", Setup(), wait_s)
+    # A file of the kernel that would let its reader wait, such as /proc/kmsg, is empty.
     reader, writer = os.pipe2(os.O_NONBLOCK)
     monkeypatch.setattr("edmctl.files.open_descriptor", lambda path, flags: reader)
     assert read_bytes(tmp_path) == b""

@@ -24,17 +24,45 @@ from tests.serving import serving
 MEGA = PortInfo("/dev/ttyACM77", "Arduino Mega", "2341:0042", "7573")
 OTHER = PortInfo("/dev/ttyS99")
 NUCLEO = PortInfo("/dev/ttyACM78", "STLINK-V3", "0483:374e", "0043")
-KEYS = [
-    "device",
-    "description",
-    "usb_id",
-    "usb_serial",
-    "held_by",
-    "in_setup",
-    "known",
-    "controller",
-    "error",
-]
+KEYS = "device description usb_id usb_serial held_by in_setup known controller error"
+
+
+@pytest.mark.parametrize("selector", [None, "sim:", "auto", "serial:SIM-1"])
+def test_no_ports_are_no_error_and_a_selector_names_none(
+    here: Here, tmp_path: Path, selector: str | None
+) -> None:
+    setup = ("--setup", setup_file(tmp_path, port=selector)) if selector else ()
+    said = here("ports", *setup, "--probe")
+    assert (said.exit_code, said.err) == (0, "")
+    assert said.out.startswith("This computer lists no serial ports")
+    assert "edmctl simulate serve" in said.out
+    assert ports_of(here("ports", *setup, "--json")) == []
+
+
+def test_ports_are_listed_with_what_is_known_of_them(
+    here: Here, listed: list[PortInfo], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listed += [MEGA, OTHER]
+    lines = here("ports").out.splitlines()
+    assert lines[0].split("   ")[0] == "port"
+    assert re.split(r" {3,}", lines[1]) == ["/dev/ttyACM77", "Arduino Mega", "2341:0042", "7573", "–", "–"]
+    assert lines[2].split() == ["/dev/ttyS99", "–", "–", "–", "–", "–"]
+    mega, other = ports_of(here("ports", "--json"))
+    assert list(mega) == KEYS.split()
+    assert (mega["known"], other["known"], mega["in_setup"]) == (True, False, False)
+    assert mega["controller"] is mega["error"] is None
+    (tmp_path / "by-name").symlink_to(OTHER.device)
+    setup = setup_file(tmp_path, port=str(tmp_path / "by-name"), candidates=["/dev/ttyAMA99"])
+    said = here("ports", "--setup", setup, "--json")
+    marks = {port["device"]: (port["in_setup"], port["known"]) for port in ports_of(said)}
+    named = (True, True)
+    assert marks == {MEGA.device: (False, True), OTHER.device: named, "/dev/ttyAMA99": named}
+    assert "named" in here("ports", "--setup", setup).out
+    # A probe leaves other ports alone.
+    listed.remove(MEGA)
+    monkeypatch.setattr("edmctl.link.opening.open_port", None)
+    (other,) = ports_of(here("ports", "--probe", "--json"))
+    assert other["controller"] is other["error"] is None
 
 
 @pytest.fixture(autouse=True)
@@ -58,46 +86,6 @@ def ports_of(said: Said) -> list[dict[str, Any]]:
     assert said.exit_code == 0, said.err
     found: list[dict[str, Any]] = said.document["result"]["ports"]
     return found
-
-
-def test_nothing_at_all_is_no_error(here: Here) -> None:
-    said = here("ports", "--probe")
-    assert (said.exit_code, said.err) == (0, "")
-    assert said.out.startswith("This computer lists no serial ports")
-    assert "edmctl simulate serve" in said.out
-    assert ports_of(here("ports", "--json")) == []
-
-
-def test_ports_are_listed_with_what_is_known_of_them(here: Here, listed: list[PortInfo]) -> None:
-    listed += [MEGA, OTHER]
-    lines = here("ports").out.splitlines()
-    assert lines[0].split("   ")[0] == "port"
-    assert re.split(r" {3,}", lines[1]) == ["/dev/ttyACM77", "Arduino Mega", "2341:0042", "7573", "–", "–"]
-    assert lines[2].split() == ["/dev/ttyS99", "–", "–", "–", "–", "–"]
-    mega, other = ports_of(here("ports", "--json"))
-    assert list(mega) == KEYS
-    assert (mega["known"], other["known"], mega["in_setup"]) == (True, False, False)
-    assert mega["controller"] is mega["error"] is None
-
-
-def test_ports_that_the_setup_names_are_marked(here: Here, listed: list[PortInfo], tmp_path: Path) -> None:
-    listed += [MEGA, OTHER]
-    link = tmp_path / "by-name"
-    link.symlink_to(OTHER.device)
-    setup = setup_file(tmp_path, port=str(link), candidates=["/dev/ttyAMA99"])
-    said = here("ports", "--setup", setup, "--json")
-    marks = {port["device"]: (port["in_setup"], port["known"]) for port in ports_of(said)}
-    assert marks == {
-        MEGA.device: (False, True),
-        OTHER.device: (True, True),
-        "/dev/ttyAMA99": (True, True),
-    }
-    assert "named" in here("ports", "--setup", setup).out
-
-
-@pytest.mark.parametrize("selector", ["sim:", "auto", "serial:SIM-1"])
-def test_a_selector_in_the_setup_names_no_port(here: Here, tmp_path: Path, selector: str) -> None:
-    assert ports_of(here("ports", "--setup", setup_file(tmp_path, port=selector), "--json")) == []
 
 
 def test_a_probe_shows_who_answers_and_who_holds_a_port(here: Here, tmp_path: Path) -> None:
@@ -127,15 +115,6 @@ def test_a_probe_shows_who_answers_and_who_holds_a_port(here: Here, tmp_path: Pa
     assert f"{free}: virtual controller SIM-1, firmware " in said.out
     assert "in state FAULT, fault 4002 DOOR latched" in said.out
     assert f"{held}: no, {held} is held by process" in said.out
-
-
-def test_a_probe_leaves_other_ports_alone(
-    here: Here, listed: list[PortInfo], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    listed.append(OTHER)
-    monkeypatch.setattr("edmctl.link.opening.open_port", None)
-    (other,) = ports_of(here("ports", "--probe", "--json"))
-    assert other["controller"] is other["error"] is None
 
 
 def test_auto_asks_no_st_link_of_itself_and_says_how_it_would(

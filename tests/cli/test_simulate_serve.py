@@ -100,89 +100,58 @@ def test_it_ends_by_itself_after_its_time(here: Here) -> None:
 
 def test_a_kept_bench_is_the_same_machine_the_next_time(here: Here, tmp_path: Path) -> None:
     bench, serials, times_s = tmp_path / "b.h5", [], []
+    kept = (*SERVE, "--for", "0.1", "--speed", "20", "--bench", str(bench), "--json")
     for options in (("--seed", "5", "--profile", CU270), (), ("--seed", "5")):
-        said = here(*SERVE, "--for", "0.1", "--speed", "20", "--bench", str(bench), "--json", *options)
+        said = here(*kept, *options)
         assert said.exit_code == 0, said.err
         result: dict[str, Any] = said.document["result"]
         serials.append(result["serial"])
         times_s.append(result["time_s"])
     assert serials == ["SIM-5"] * 3
     assert 0.1 <= times_s[0] < times_s[1] < times_s[2]
-
-
-def test_another_seed_than_the_kept_machines_is_refused(here: Here, tmp_path: Path) -> None:
-    bench = str(tmp_path / "b.h5")
-    assert here(*SERVE, "--for", "0.1", "--speed", "20", "--bench", bench, "--seed", "5").exit_code == 0
-    said = here(*SERVE, "--for", "0.1", "--bench", bench, "--seed", "6")
-    assert said.exit_code == 2
-    assert "keeps SIM-5, not the machine of --seed 6" in said.err
-
-
-def test_a_bench_in_use_and_a_foreign_file_are_refused(here: Here, tmp_path: Path) -> None:
-    bench, foreign = tmp_path / "b.h5", tmp_path / "notes.txt"
-    foreign.write_text("mine")
+    other = here(*kept, "--seed", "6")
+    assert other.exit_code == 2
+    assert "keeps SIM-5, not the machine of --seed 6" in other.err
     with bench_lock(bench):
-        said = here(*SERVE, "--bench", str(bench), "--json")
+        said = here(*kept)
     assert (said.exit_code, said.document["error"]["code"]) == (9, "E9023")
-    said = here(*SERVE, "--bench", str(foreign), "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (9, "E9020")
-    assert foreign.read_text() == "mine"
-
-
-@pytest.mark.parametrize(
-    ("options", "code", "exit_code"),
-    [
-        (("--link", "a", "--socket", ":0"), "E2040", 2),
-        (("--speed", "fast"), "E2041", 2),
-        (("--speed", "0"), "E2041", 2),
-        (("--speed", "nan"), "E2041", 2),
-        (("--socket", "here"), "E2042", 2),
-        (("--socket", ":99999"), "E2042", 2),
-        (("--fault", "EARTHQUAKE"), "E2043", 2),
-        (("--fault", "ESTOP@noon"), "E2043", 2),
-        (("--link", "no/such/folder/edm"), "E4021", 4),
-        (("--controller", "stm32", "--baud", "9600"), "E2049", 2),
-        (("--controller", "stm32", "--baud", "0"), "E2049", 2),
-        (("--profile", CU270, "--set", "sim.controller=stm32", "--baud", "500000"), "E2049", 2),
-    ],
-)
-def test_what_cannot_be_served_is_refused(
-    options: tuple[str, ...], code: str, exit_code: int, here: Here
-) -> None:
-    said = here(*SERVE, "--for", "0.1", "--json", *options)
-    assert (said.exit_code, said.document["error"]["code"]) == (exit_code, code)
-    assert said.document["error"]["hint"]
-
-
-def test_a_file_in_the_place_of_the_link_stays(here: Here, tmp_path: Path) -> None:
-    taken = tmp_path / "edm"
-    taken.write_text("mine")
-    said = here(*SERVE, "--for", "0.1", "--link", str(taken))
-    assert said.exit_code == 4
-    assert "Cannot make the link" in said.err
-    assert taken.read_text() == "mine"
 
 
 @pytest.mark.parametrize(
     ("options", "code"),
     [
-        (("--socket", "0.0.0.0:0"), "E2046"),
-        (("--socket", "0.0.0.0:0", "--allow-remote"), "E2046"),
-        (("--socket", "[::]:0", "--allow-remote"), "E2046"),
-        (("--allow-remote",), "E2046"),
-        (("--socket", "127.0.0.1:0", "--secret-file", "none"), "E2047"),
-        (("--socket", "127.0.0.1:0", "--secret-file", "short"), "E2047"),
-        (("--socket", "127.0.0.1:0", "--secret-file", "open"), "E2047"),
+        ("--link a --socket :0", "E2040"),
+        ("--link no/such/folder/edm", "E4021"),
+        ("--link taken", "E4021"),
+        ("--bench taken", "E9020"),
+        ("--speed fast", "E2041"),
+        ("--speed 0", "E2041"),
+        ("--speed nan", "E2041"),
+        ("--fault EARTHQUAKE", "E2043"),
+        ("--fault ESTOP@noon", "E2043"),
+        ("--controller stm32 --baud 9600", "E2049"),
+        ("--controller stm32 --baud 0", "E2049"),
+        ("--profile cu270 --set sim.controller=stm32 --baud 500000", "E2049"),
+        ("--socket here", "E2042"),
+        ("--socket :99999", "E2042"),
+        # What others reach needs a secret that nobody else reads.
+        ("--socket 0.0.0.0:0", "E2046"),
+        ("--socket 0.0.0.0:0 --allow-remote", "E2046"),
+        ("--socket [::]:0 --allow-remote", "E2046"),
+        ("--allow-remote", "E2046"),
+        ("--socket 127.0.0.1:0 --secret-file none", "E2047"),
+        ("--socket 127.0.0.1:0 --secret-file short", "E2047"),
+        ("--socket 127.0.0.1:0 --secret-file open", "E2047"),
     ],
 )
-def test_a_socket_that_others_reach_needs_a_secret_that_nobody_reads(
-    here: Here, options: tuple[str, ...], code: str
-) -> None:
-    for name, text, mode in (("short", "abc", 0o600), ("open", "a" * 32, 0o644)):
+def test_what_cannot_be_served_is_refused(options: str, code: str, here: Here) -> None:
+    for name, text, mode in (("taken", "mine", 0o644), ("short", "abc", 0o600), ("open", "a" * 32, 0o644)):
         Path(name).write_text(text, encoding="utf-8")
         Path(name).chmod(mode)
-    said = here(*SERVE, *options, "--json")
-    assert (said.exit_code, said.document["error"]["code"]) == (2, code)
+    said = here(*SERVE, "--for", "0.1", "--json", *options.split())
+    assert (said.exit_code, said.document["error"]["code"]) == (int(code[1]), code)
+    assert said.document["error"]["hint"]
+    assert Path("taken").read_text(encoding="utf-8") == "mine"
 
 
 @pytest.mark.slow
