@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from edmctl.record.reader import reading
 from edmctl.simulator import VirtualBench
 from edmctl.simulator.config import BenchConfig
 from tests.cli.commands import SHALLOW, Here, Said
+from tests.golden import once
 from tests.serving import serving
 
 KEPT = ("--port", "sim:bench.h5")
@@ -29,20 +31,18 @@ EACH_COMMAND = [
 
 
 @pytest.fixture
-def shop(here: Here) -> Path:
+def shop(here: Here, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A job that was made under the setup of another pad; returns its setup file."""
-    file = Path("shop.toml")
-    file.write_text(SHOP, encoding="utf-8")
-    assert here("machine", *SHALLOW, *KEPT, *AWAY, "--seed", "5", "--run-id", "a", "--quiet").exit_code == 0
-    return file
 
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            Path("shop.toml").write_text(SHOP, encoding="utf-8")
+            job = ("machine", *SHALLOW, *KEPT, *AWAY, "--seed", "5", "--run-id", "a", "--quiet")
+            assert here(*job).exit_code == 0
 
-def code_of(said: Said) -> str:
-    return str(json.loads(said.out)["error"]["code"])
-
-
-def run_line(said: Said) -> str:
-    return next(line for line in said.err.splitlines() if line.startswith("simulated run on"))
+    shutil.copytree(once(tmp_path_factory, "shop", make), Path.cwd(), dirs_exist_ok=True)
+    return Path("shop.toml")
 
 
 @pytest.mark.parametrize("command", EACH_COMMAND, ids=lambda command: " ".join(command[:1] + command[-1:]))
@@ -55,6 +55,34 @@ def test_a_reference_on_another_pad_is_refused_and_not_used(
     assert "the reference pad was at (8000, 0) µm and is at (0, 0) µm" in message
     assert "the parking place was at (−4000, 0) µm and is at (−5000, 0) µm" in message
     assert "EDMCTL_SETUP" in said.document["error"]["hint"]
+
+
+def test_a_ledger_without_setups_still_knows_its_pad_until_there_is_a_new_reference(
+    here: Here, shop: Path
+) -> None:
+    ledger = Path("runs/ledger.jsonl")
+    lines = [json.loads(line) for line in ledger.read_text(encoding="utf-8").splitlines()]
+    for line in lines:
+        line["v"] = 3
+        for key in ("park_x_um", "park_y_um", "setup_sha256"):
+            line.pop(key, None)
+    ledger.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    refused = here("measure-wear", *KEPT, "--json", "--quiet")
+    assert refused.exit_code == 8
+    assert "parking place" not in refused.document["error"]["message"]
+    assert here("measure-wear", *KEPT, *AWAY, "--dry-run").exit_code == 0
+    assert here("measure-wear", "--reference", *KEPT, "--quiet").exit_code == 0
+    said = here("measure-wear", *KEPT, "--json", "--quiet")
+    assert said.exit_code == 0, said.out
+    assert abs(said.document["result"]["wear_um"]) <= 2.0 * said.document["result"]["wear_u95_um"]
+
+
+def code_of(said: Said) -> str:
+    return str(json.loads(said.out)["error"]["code"])
+
+
+def run_line(said: Said) -> str:
+    return next(line for line in said.err.splitlines() if line.startswith("simulated run on"))
 
 
 def test_the_setup_of_the_environment_is_used_and_another_comment_is_the_same_setup(
@@ -72,28 +100,6 @@ def test_the_setup_of_the_environment_is_used_and_another_comment_is_the_same_se
     with reading(Path(said.document["run_file"])) as run:
         assert run.text("/entry/machine/setup_path") == "shop.toml"
         assert run.text("/entry/machine/setup_sha256") == used["sha256"]
-
-
-def test_a_new_reference_goes_with_the_setup_that_is_used_now(here: Here, shop: Path) -> None:
-    assert here("measure-wear", "--reference", *KEPT, "--quiet").exit_code == 0
-    said = here("measure-wear", *KEPT, "--json", "--quiet")
-    assert said.exit_code == 0, said.out
-    assert abs(said.document["result"]["wear_um"]) <= 2.0 * said.document["result"]["wear_u95_um"]
-
-
-@pytest.mark.parametrize("setup", [(), AWAY])
-def test_a_ledger_without_setups_still_knows_its_pad(here: Here, shop: Path, setup: tuple[str, ...]) -> None:
-    ledger = Path("runs/ledger.jsonl")
-    lines = [json.loads(line) for line in ledger.read_text(encoding="utf-8").splitlines()]
-    for line in lines:
-        line["v"] = 3
-        for key in ("park_x_um", "park_y_um", "setup_sha256"):
-            line.pop(key, None)
-    ledger.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
-    said = here("measure-wear", *KEPT, *setup, "--json", "--quiet")
-    assert said.exit_code == (0 if setup else 8), said.out
-    if not setup:
-        assert "parking place" not in said.document["error"]["message"]
 
 
 def own_setup(serial: str) -> Path:
