@@ -21,7 +21,7 @@ from edmctl.record.bench_file import read_bench, write_bench
 from edmctl.record.journal import read_journal
 from edmctl.simulator.saving import bench_state, restored_bench
 from edmctl.simulator.workpiece import TILE
-from tests.cli.commands import CU270, Said
+from tests.cli.commands import CU270, Here, Said
 from tests.golden import once
 
 if TYPE_CHECKING:
@@ -194,3 +194,47 @@ def error_of(said: Said) -> dict[str, object]:
     error: dict[str, object] = said.document["error"]
     assert error["hint"], error
     return error
+
+
+def worn_um() -> float:
+    """What the virtual tool has lost by now."""
+    return restored_bench(read_bench(Path("bench.h5"))).tool_wear_um
+
+
+def done(said: Said) -> dict[str, Any]:
+    """The result of a command that has reached what it was for."""
+    assert said.exit_code == 0, said.out
+    result: dict[str, Any] = said.document["result"]
+    return result
+
+
+KEPT_STATE = (
+    "site",
+    "begun",
+    "depth_um",
+    "depth_u_um",
+    "wear_um",
+    "wear_u_um",
+    "feed_u_um",
+    "counts",
+    "channel",
+)
+
+
+def refused(here: Here, code: str, *more: str) -> str:
+    """Go on, and return the words of a refusal that has sparked nothing and leaves a journal of the same hole."""
+    (before,) = Path("runs").glob("*.journal")
+    state, worn_before_um = read_journal(before).state, worn_um()
+    said = here(*RESUME, *more, *BENCH)
+    error = error_of(said)
+    assert (error["code"], said.exit_code) == (code, 8), error
+    assert worn_um() == worn_before_um
+    # What the journal estimates of a hole that is not there is no result of this run.
+    if (result := said.document["result"]) is not None:
+        assert state["site"] not in [site["name"] for site in result["sites"]]
+        assert result["reached"] is None
+    (after,) = Path("runs").glob("*.journal")
+    for name in KEPT_STATE:
+        assert read_journal(after).state.get(name) == state.get(name), name
+    after.rename("runs/a.journal")
+    return f"{error['message']} {error['hint']}"

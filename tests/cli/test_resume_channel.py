@@ -28,9 +28,11 @@ from tests.cli.left_jobs import (
     at_time_of_cut,
     at_time_of_run,
     bench_changed,
+    done,
     error_of,
     killed_at,
     lengthen_tool,
+    refused,
     snapshot_and_stop,
     stop,
     swap_work,
@@ -85,29 +87,9 @@ def way_of_channel() -> Way:
     return way_of_path(path)
 
 
-def worn_um() -> float:
-    """What the virtual tool has lost by now."""
-    return restored_bench(read_bench(Path("bench.h5"))).tool_wear_um
-
-
-def refused(here: Here, code: str) -> str:
-    """Go on, and return the words of a refusal that has sparked nothing and leaves the journal as it was."""
-    before, worn_before_um = read_journal(Path("runs/a.journal")).state, worn_um()
-    said = here(*RESUME, *BENCH)
-    error = error_of(said)
-    assert (error["code"], said.exit_code) == (code, 8), error
-    assert worn_um() == worn_before_um
-    (journal,) = Path("runs").glob("*.journal")
-    after = read_journal(journal).state
-    for name in ("site", "begun", "depth_um", "depth_u_um", "wear_um", "wear_u_um", "counts", "channel"):
-        assert after[name] == before[name], name
-    journal.rename("runs/a.journal")
-    return f"{error['message']} {error['hint']}"
-
-
-def channel_of(document: dict[str, Any]) -> dict[str, Any]:
+def channel_of(result: dict[str, Any]) -> dict[str, Any]:
     """The finished channel of a result, which is as deep as it says and as it was to be."""
-    channel: dict[str, Any] = document["result"]["channel"]
+    channel: dict[str, Any] = result["channel"]
     truth = channel["truth"]
     assert channel["finished"]
     assert abs(truth["depth_um"] - DEPTH_UM) <= TOLERANCE_UM
@@ -122,9 +104,7 @@ def test_a_channel_is_finished_wherever_it_was_left(here: Here, left_at: LeaveAt
     assert journal.state["begun"]
     dry = here(*RESUME, *BENCH, "--dry-run").document["result"]["resumed"]
     assert dry["left"] == ["channel-circle"]
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    channel = channel_of(said.document)
+    channel = channel_of(done(here(*RESUME, *BENCH)))
     assert channel["passes"] > journal.state["cuts"]
     assert channel["pulses"] > sum(journal.state["counts"])  # type: ignore[call-overload]
     assert channel["machining_time_s"] > journal.state["machining_time_s"]
@@ -144,9 +124,7 @@ def test_a_channel_that_was_left_before_its_first_pass_is_made_from_its_face(her
     with at_time_of_run(40.0, stop):
         assert here(*CHANNEL, *BENCH, "--seed", "4", "--run-id", "a", "--quiet").exit_code == 130
     assert not read_journal(Path("runs/a.journal")).state["begun"]
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    channel_of(said.document)
+    channel_of(done(here(*RESUME, *BENCH)))
 
 
 @pytest.mark.slow
@@ -161,9 +139,7 @@ def test_a_channel_may_be_interrupted_again_and_again(here: Here, left_at: Leave
             shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
         shutil.copytree(snapshot, home, dirs_exist_ok=True)
         shutil.rmtree(snapshot)
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    channel_of(said.document)
+    channel_of(done(here(*RESUME, *BENCH)))
 
 
 @pytest.mark.parametrize("hours", tiers(full=(1.6, 10.0)))
@@ -176,9 +152,7 @@ def test_a_channel_that_stood_for_hours_is_taken_up(here: Here, left_at: LeaveAt
         bench.plant.readings.tick += int(hours * 3600.0 / TICK_S)
 
     bench_changed(wait)
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    channel_of(said.document)
+    channel_of(done(here(*RESUME, *BENCH)))
 
 
 @pytest.mark.slow
@@ -202,9 +176,7 @@ def test_a_chip_on_the_floor_spoils_no_channel(here: Here, left_at: LeaveAt, hei
         bench.plant.arrive()
 
     bench_changed(drop)
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    assert channel_of(said.document)["depth_u95_um"] < 1.0
+    assert channel_of(done(here(*RESUME, *BENCH)))["depth_u95_um"] < 1.0
 
 
 @pytest.mark.slow
@@ -231,9 +203,7 @@ def test_a_resume_that_fails_before_anything_moves_can_be_said_again(
         with monkeypatch.context() as patch:
             patch.setattr(place, full)
             assert here(*RESUME, *BENCH).exit_code == 9
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    channel_of(said.document)
+    channel_of(done(here(*RESUME, *BENCH)))
 
 
 @pytest.mark.slow
@@ -267,9 +237,9 @@ def test_a_channel_that_is_hardly_begun_may_be_on_other_work_and_is_told_wider(
     here: Here, left_at: LeaveAt
 ) -> None:
     left_at(2.0)
-    own = channel_of(here(*CHANNEL, "--seed", "4", "--json", "--quiet").document)
+    own = channel_of(done(here(*CHANNEL, "--seed", "4", "--json", "--quiet")))
     bench_changed(swap_work)
-    taken_up = channel_of(here(*RESUME, *BENCH).document)
+    taken_up = channel_of(done(here(*RESUME, *BENCH)))
     assert taken_up["depth_u95_um"] > 1.1 * own["depth_u95_um"]
 
 
@@ -311,9 +281,7 @@ def test_a_hole_through_a_sheet_is_finished_wherever_it_was_left(
 ) -> None:
     """In the sheet, as it opens, and behind it."""
     assert foil_left_at(seconds).state["begun"]
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    (site,) = said.document["result"]["sites"]
+    (site,) = done(here(*RESUME, *BENCH))["sites"]
     assert site["through"]
     (hole,) = restored_bench(read_bench(Path("bench.h5"))).truth()
     assert hole.depth_um == pytest.approx(50.0, abs=0.1)
@@ -329,9 +297,7 @@ def test_a_sheet_that_was_left_just_after_the_breakthrough_is_open(
     with at_event(RunEvent.BREAKTHROUGH, snapshot_and_stop(home, snapshot)):
         assert here(*FOIL, "--seed", "31", *BENCH, "--run-id", "a", "--quiet").exit_code == 130
     monkeypatch.chdir(snapshot)
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    (site,) = said.document["result"]["sites"]
+    (site,) = done(here(*RESUME, *BENCH))["sites"]
     assert (site["through"], site["depth_um"]) == (True, None)
     # Of machines like this one in twenty lies outside of its 95 % interval, this one by 2.1 standard uncertainties.
     assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= 3.0 * site["wear_u_um"]

@@ -20,13 +20,16 @@ from tests.cli.left_jobs import (
     TARGET_UM,
     TOLERANCE_UM,
     bench_changed,
+    done,
     error_of,
     killed_at,
     lengthen_tool,
     move_work,
+    refused,
     stop,
     swap_work,
     taken_over,
+    worn_um,
 )
 from tests.golden import once
 from tests.serving import serving
@@ -61,28 +64,6 @@ def left_at(here: Here, tmp_path_factory: pytest.TempPathFactory) -> LeaveAt:
     return lambda seconds: taken_over(killed[seconds])
 
 
-def refused(here: Here, code: str, *more: str) -> str:
-    """Go on, and return the words of a refusal that has sparked nothing and leaves a journal of the same hole."""
-    (before,) = Path("runs").glob("*.journal")
-    state, worn_um = read_journal(before).state, worn_so_far_um()
-    said = here(*RESUME, *more, *BENCH)
-    error = error_of(said)
-    assert (error["code"], said.exit_code) == (code, 8), error
-    assert worn_so_far_um() == worn_um
-    # What the journal estimates of a hole that is not there is no result of this run.
-    if (result := said.document["result"]) is not None:
-        assert state["site"] not in [site["name"] for site in result["sites"]]
-        assert result["reached"] is None
-    (after,) = Path("runs").glob("*.journal")
-    for name in ("site", "begun", "depth_um", "depth_u_um", "wear_um", "wear_u_um", "feed_u_um", "counts"):
-        assert read_journal(after).state[name] == state[name], name
-    return f"{error['message']} {error['hint']}"
-
-
-def worn_so_far_um() -> float:
-    return restored_bench(read_bench(Path("bench.h5"))).tool_wear_um
-
-
 @pytest.mark.parametrize("seconds", tiers(slow=(12.0, 30.0), full=(55.0,)))
 def test_untouched_work_is_refused_and_made_from_its_face_when_asked(
     here: Here, left_at: LeaveAt, seconds: float
@@ -94,12 +75,9 @@ def test_untouched_work_is_refused_and_made_from_its_face_when_asked(
     assert f"the journal expects {expected_um:.2f}" in told
     assert "--restart-hole" in told
     assert "--homed" not in told
-    before_um = worn_so_far_um()
-    said = here(*RESUME, "--restart-hole", *BENCH)
-    assert said.exit_code == 0, said.out
-    truth = said.document["result"]["sites"][0]["truth"]
-    assert truth["wear_um"] == pytest.approx(worn_so_far_um() - before_um, abs=1e-3)
-    (site,) = said.document["result"]["sites"]
+    before_um = worn_um()
+    (site,) = done(here(*RESUME, "--restart-hole", *BENCH))["sites"]
+    assert site["truth"]["wear_um"] == pytest.approx(worn_um() - before_um, abs=1e-3)
     assert abs(site["truth"]["depth_um"] - DEEP_UM) <= 2.5
     assert abs(site["depth_um"] - site["truth"]["depth_um"]) <= max(1.0, site["depth_u95_um"])
     assert abs(site["wear_um"] - site["truth"]["wear_um"]) <= 1.5
@@ -117,10 +95,8 @@ def test_a_hole_that_was_begun_is_not_restarted(here: Here, left_at: LeaveAt) ->
     (hole,) = restored_bench(read_bench(Path("bench.h5"))).truth()
     assert "no untouched face" in refused(here, "E8062", "--restart-hole")
     assert restored_bench(read_bench(Path("bench.h5"))).truth() == (hole,)
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0
-    (site,) = said.document["result"]["sites"]
-    assert site["truth"]["wear_um"] == pytest.approx(worn_so_far_um(), abs=1e-3)
+    (site,) = done(here(*RESUME, *BENCH))["sites"]
+    assert site["truth"]["wear_um"] == pytest.approx(worn_um(), abs=1e-3)
 
 
 @pytest.mark.parametrize("way_um", tiers(-20.0, 8.0, slow=(25.0,)))
@@ -142,9 +118,7 @@ def test_a_tool_that_is_gone_says_what_was_expected(here: Here, left_at: LeaveAt
 @pytest.mark.parametrize("seconds", tiers(3.0, slow=(0.5,), full=(12.0, 30.0, 55.0)))
 def test_the_work_that_was_left_is_taken_up(here: Here, left_at: LeaveAt, seconds: float) -> None:
     left_at(seconds)
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    (site,) = said.document["result"]["sites"]
+    (site,) = done(here(*RESUME, *BENCH))["sites"]
     assert abs(site["truth"]["depth_um"] - DEEP_UM) <= 2.5
 
 
@@ -185,9 +159,7 @@ def test_between_two_holes_the_last_one_tells_whose_work_it_is(
 @pytest.mark.slow
 @pytest.mark.usefixtures("leave_between")
 def test_between_two_holes_a_job_goes_on(here: Here) -> None:
-    said = here(*RESUME, *BENCH)
-    assert said.exit_code == 0, said.out
-    sites = said.document["result"]["sites"]
+    sites = done(here(*RESUME, *BENCH))["sites"]
     assert [site["name"] for site in sites] == ["one", "two", "three"]
     assert all(abs(site["truth"]["depth_um"] - TARGET_UM) <= TOLERANCE_UM + 1.0 for site in sites)
 
