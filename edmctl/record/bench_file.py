@@ -15,7 +15,7 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -52,7 +52,8 @@ def bench_lock(path: Path, wait_s: float = 0.0) -> Iterator[None]:
         try:
             locks.retried(lambda: _locked(lock, held), wait_s)
         except BlockingIOError as busy:
-            raise _in_use(path, f"{lock_holder(lock) or 'another program'} has it") from busy
+            holder = f"{lock_holder(lock) or 'another program'} has it"
+            raise failures.bench_in_use(path=path, holder=holder) from busy
         except OSError as refused:
             raise _unwritable(path, refused) from refused
         yield
@@ -68,6 +69,26 @@ def _lock_of(path: Path) -> Path:
         raise _unreadable(path, getattr(refused, "strerror", None) or str(refused)) from None
 
 
+def _locked(lock: Path, held: ExitStack) -> None:
+    """Open and lock the file until `held` is left. Raises BlockingIOError if another program has it."""
+
+    def take_away() -> None:
+        with suppress(OSError):
+            lock.unlink()
+
+    while True:
+        with ExitStack() as mine:
+            descriptor = open_descriptor(lock, os.O_RDWR | os.O_CREAT)
+            mine.callback(os.close, descriptor)
+            mine.enter_context(locks.exclusive(descriptor))
+            # The one who had it before may have taken it away meanwhile.
+            if lock.exists() and os.path.samestat(os.fstat(descriptor), lock.stat()):
+                held.enter_context(mine.pop_all())
+                # It is still locked then: whoever takes the name from now on makes a new file.
+                held.callback(take_away)
+                return
+
+
 def refuse_place(path: Path) -> None:
     """Raise RunFileError E9024 if there is no folder for a bench, E9020 if no file can have its name."""
     if not _lock_of(path).parent.is_dir():
@@ -77,26 +98,36 @@ def refuse_place(path: Path) -> None:
 def read_bench(path: Path) -> State:
     """Return the state that the file at `path` holds.
 
-    Raises RunFileError: E9020 it is no bench or damaged, E9021 or E9022 an earlier or a later version wrote it.
+    Raises RunFileError: E9020 it is no bench or damaged, E9021 or E9022 another version wrote it, E9023 another
+    program has it open.
     """
-    _check_regular(path)
+    try:
+        # A pipe would keep HDF5 waiting for ever, and opening may change a device.
+        with open_regular(path) as regular:
+            if regular.read(len(MAGIC)) != MAGIC:
+                raise _unreadable(path, "it is not an HDF5 file")
+        refuse_locked(path)
+    except BlockingIOError as busy:
+        raise failures.bench_in_use(path=path, holder=busy.strerror) from None
+    except OSError as refused:
+        raise _unreadable(path, refused.strerror or str(refused)) from refused
     try:
         with open_hdf5(path) as file:
             kind, schema = file.attrs.get("kind"), file.attrs.get("schema")
-            if isinstance(kind, str) and kind == KIND and isinstance(schema, np.integer):
-                if schema > SCHEMA:
-                    raise _too_new(path, int(schema))
-                if schema < SCHEMA:
-                    raise _too_old(path)
-                text, arrays = _bytes(file["state"]), _bytes(file["arrays"])
-                if file.attrs[_HASH] != _hash_of(text, arrays):
-                    raise ValueError("its content does not fit its check sum")
-                return _placed(json.loads(text), arrays)
+            if not (isinstance(kind, str) and kind == KIND and isinstance(schema, np.integer)):
+                raise failures.not_a_bench(path=path, new_one=_NEW_ONE)
+            if schema > SCHEMA:
+                raise failures.bench_of_later_version(path=path, schema=int(schema), schema_2=SCHEMA)
+            if schema < SCHEMA:
+                raise failures.bench_of_earlier_version(path=path)
+            text, arrays = _bytes(file["state"]), _bytes(file["arrays"])
+            if file.attrs[_HASH] != _hash_of(text, arrays):
+                raise ValueError("its content does not fit its check sum")
+            return _state(text, arrays)
     except _OTHER_PARTS as error:
         raise _unreadable(path, "its parts are not those of a bench") from error
     except HDF5_ERRORS as error:
         raise _unreadable(path, reason(error)) from error
-    raise failures.not_a_bench(path=path, new_one=_NEW_ONE)
 
 
 def write_bench(path: Path, state: State, *, is_own: bool = False) -> None:
@@ -116,44 +147,19 @@ def write_bench(path: Path, state: State, *, is_own: bool = False) -> None:
         raise _unwritable(path, refused) from refused
 
 
-def _check_regular(path: Path) -> None:
-    """Refuse a pipe, which would keep HDF5 waiting for ever, a device, which opening may change, and a folder."""
-    try:
-        with open_regular(path) as file:
-            if file.read(len(MAGIC)) != MAGIC:
-                raise _unreadable(path, "it is not an HDF5 file")
-        refuse_locked(path)
-    except BlockingIOError as busy:
-        raise _in_use(path, str(busy.strerror)) from None
-    except OSError as refused:
-        raise _unreadable(path, refused.strerror or str(refused)) from refused
-
-
-def _locked(lock: Path, held: ExitStack) -> None:
-    """Open and lock the file until `held` is left. Raises BlockingIOError if another program has it."""
-    while True:
-        with ExitStack() as mine:
-            descriptor = open_descriptor(lock, os.O_RDWR | os.O_CREAT)
-            mine.callback(os.close, descriptor)
-            mine.enter_context(locks.exclusive(descriptor))
-            # The one who had it before may have taken it away meanwhile.
-            if lock.exists() and os.path.samestat(os.fstat(descriptor), lock.stat()):
-                held.enter_context(mine.pop_all())
-                held.callback(
-                    _take_away, lock
-                )  # still locked: whoever takes the name from now on makes a new file
-                return
-
-
-def _take_away(lock: Path) -> None:
-    with suppress(OSError):
-        lock.unlink()
-
-
 def _image(state: State) -> bytes:
-    """Bytes of the file."""
+    """Return the file of a state. Raises TypeError for a value that is no array and has no place in JSON."""
     blocks: list[bytes] = []
-    text = json.dumps(_plain(state, blocks)).encode()
+
+    def place(value: object) -> dict[str, object]:
+        if isinstance(value, Mapping):
+            return dict(value)
+        if not isinstance(value, np.ndarray):
+            raise TypeError(f"{type(value).__name__} has no place in the file of a bench")
+        blocks.append(value.tobytes())
+        return {_ARRAY: [value.dtype.str, value.shape, sum(map(len, blocks[:-1]))]}
+
+    text = json.dumps(dict(state), default=place).encode()
     arrays = b"".join(blocks)
 
     def fill(file: h5py.File) -> None:
@@ -164,33 +170,16 @@ def _image(state: State) -> bytes:
     return image_of(fill)
 
 
-def _plain(state: State, blocks: list[bytes]) -> dict[str, object]:
-    """Values that JSON holds; the bytes of arrays go to `blocks`."""
-    plain: dict[str, object] = {}
-    for name, value in state.items():
-        if isinstance(value, Mapping):
-            plain[name] = _plain(value, blocks)
-        elif isinstance(value, np.ndarray):
-            plain[name] = {_ARRAY: [value.dtype.str, value.shape, sum(map(len, blocks))]}
-            blocks.append(value.tobytes())
-        elif isinstance(value, int | float | str):
-            plain[name] = value
-        else:
-            raise TypeError(f"{name}: {type(value).__name__} has no place in the file of a bench")
-    return plain
+def _state(text: bytes, arrays: bytes) -> State:
+    """Return the state that `_image` was made of."""
 
+    def placed(value: dict[str, Any]) -> Any:
+        if value.keys() != {_ARRAY}:
+            return value
+        kind, shape, first = value[_ARRAY]
+        return np.frombuffer(arrays, kind, math.prod(shape), first).reshape(shape).copy()
 
-def _placed(plain: Mapping[str, object], arrays: bytes) -> dict[str, object]:
-    """Return the state that `_plain` was made of."""
-    state: dict[str, object] = {}
-    for name, value in plain.items():
-        if not isinstance(value, Mapping):
-            state[name] = value
-        elif set(value) == {_ARRAY}:
-            kind, shape, first = value[_ARRAY]
-            state[name] = np.frombuffer(arrays, kind, math.prod(shape), first).reshape(shape).copy()
-        else:
-            state[name] = _placed(value, arrays)
+    state: State = json.loads(text, object_hook=placed)
     return state
 
 
@@ -200,24 +189,11 @@ def _bytes(dataset: h5py.Dataset) -> bytes:
 
 
 def _hash_of(text: bytes, arrays: bytes) -> str:
-    """SHA-256 over the text and the arrays."""
     return hashlib.sha256(text + b"\0" + arrays).hexdigest()
-
-
-def _too_old(path: Path) -> RunFileError:
-    return failures.bench_of_earlier_version(path=path)
-
-
-def _in_use(path: Path, holder: str) -> RunFileError:
-    return failures.bench_in_use(path=path, holder=holder)
 
 
 def _unreadable(path: Path, why: str) -> RunFileError:
     return failures.bench_unreadable(path=path, why=why, new_one=_NEW_ONE)
-
-
-def _too_new(path: Path, schema: int) -> RunFileError:
-    return failures.bench_of_later_version(path=path, schema=schema, schema_2=SCHEMA)
 
 
 def _unwritable(path: Path, refused: OSError) -> RunFileError:

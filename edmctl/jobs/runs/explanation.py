@@ -6,9 +6,9 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from itertools import groupby, pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from edmctl.dataclasses import dataclass, field
+from edmctl.dataclasses import dataclass
 from edmctl.labels import PAD
 from edmctl.link.faults import FAULTS
 from edmctl.machine.interface import EventCode
@@ -38,15 +38,13 @@ DEBUG = 0
 class Jump:
     """One jump. `is_flushing`: arcs or shorts have shortened the period.
 
-    `arcs` and `shorts` are their shares since the last jump, NaN if not recorded; `asking` are the shares that
-    caused this jump.
+    `shares` are those of arcs and shorts since the last jump, NaN if not recorded; `asking` caused this jump.
     """
 
     time_s: float
     is_flushing: bool
-    arcs: float
-    shorts: float = math.nan
-    asking: Mapping[str, float] = field(default_factory=dict)
+    shares: Mapping[str, float]
+    asking: Mapping[str, float]
 
 
 def events_of(opened: RunFile, start: int = 0) -> list[FileEvent]:
@@ -106,42 +104,38 @@ def holes_of(events: Sequence[FileEvent]) -> list[str]:
 
 
 def _jump(event: FileEvent, period_s: float) -> Jump:
-    def figure(name: str, default: float) -> float:
-        value = event.args.get(name)
-        return float(value) if isinstance(value, int | float) else default
-
-    flushing = bool(event.args.get("asked")) or figure("period_s", period_s) < period_s
-    asking = {name: figure(f"asking_{name}", math.nan) for name in ("arcs", "shorts")}
-    known = {name: share for name, share in asking.items() if math.isfinite(share)}
-    return Jump(event.time_s, flushing, figure("arcs", 0.0), figure("shorts", math.nan), known)
+    values = {name: plain_number(value) for name, value in event.args.items()}
+    asking = {name: values.get(f"asking_{name}", math.nan) for name in ("arcs", "shorts")}
+    return Jump(
+        event.time_s,
+        bool(event.args.get("asked")) or values.get("period_s", period_s) < period_s,
+        {"arcs": values.get("arcs", 0.0), "shorts": values.get("shorts", math.nan)},
+        {name: share for name, share in asking.items() if math.isfinite(share)},
+    )
 
 
 def jump_sentences(jumps: Sequence[Jump]) -> list[Sentence]:
     """Describe the jumps of one cut, in order of time, by intervals with and without a shortened period."""
-    groups = [
-        (flushing, list(group)) for flushing, group in groupby(jumps, key=lambda jump: jump.is_flushing)
-    ]
-    return [Sentence(group[0].time_s, _sentence(group, flushing), "JUMPED") for flushing, group in groups]
+    groups = [list(group) for _, group in groupby(jumps, key=lambda jump: jump.is_flushing)]
+    return [Sentence(group[0].time_s, _sentence(group), "JUMPED") for group in groups]
 
 
-def _sentence(group: Sequence[Jump], flushing: bool) -> str:
-    why = "as its period asks for"
+def _percent(shares: Mapping[str, float]) -> str:
+    return " and ".join(f"{100.0 * share:.1f} % {name}" for name, share in shares.items())
+
+
+def _sentence(group: Sequence[Jump]) -> str:
+    flushing, why = group[0].is_flushing, "as its period asks for"
     if flushing:
-        most: dict[str, float] = {}
-        for jump in group:
-            for name, share in jump.asking.items():
-                most[name] = max(share, most.get(name, 0.0))
+        most = {
+            name: max(jump.asking.get(name, 0.0) for jump in group) for jump in group for name in jump.asking
+        }
         why = f"because {' and '.join(most) or 'arcs or shorts'} asked for more flushing"
         if most:
-            why += ": up to " + " and ".join(f"{100.0 * share:.1f} % {name}" for name, share in most.items())
-            why += " within a second"
-    between = [
-        f"{100.0 * mean:.1f} % {name}"
-        for name in ("arcs", "shorts")
-        if (mean := sum(getattr(jump, name) for jump in group) / len(group)) >= 0.0005
-    ]
-    if between:
-        why += f"; {' and '.join(between)} between jumps" + (" on average" if flushing else "")
+            why += f": up to {_percent(most)} within a second"
+    means = {name: sum(jump.shares[name] for jump in group) / len(group) for name in ("arcs", "shorts")}
+    if between := _percent({name: mean for name, mean in means.items() if mean >= 0.0005}):
+        why += f"; {between} between jumps" + (" on average" if flushing else "")
     if len(group) == 1:
         return f"It jumped once, {why}."
     times_s = [jump.time_s for jump in group]
@@ -165,13 +159,14 @@ def sentences_of(opened: RunFile) -> list[Sentence]:
     last_s = max((event.time_s for event in events), default=0.0)
     period_s = float(values.get("jump.period_s", 0.0))
     makes_holes = _alone(opened, values) is None
-    several = makes_holes and (len(depths_of_holes(values)) > 1 or "file" in _kinds(values))
+    several = makes_holes and (len(depths_of_holes(values)) > 1 or _has_file(values))
     sentences = [*touches_of(opened), *event_sentences(events, period_s, names_holes=several)]
     sentences.sort(key=lambda sentence: sentence.time_s)
+    found = "; ".join(f"{name} {value}" for name, value in facts(opened.summary() or {}))
     ends = [
         ("SETTLED", _settled(opened, events, holes_of(events))),
         ("DONE", _done(opened, events) if several else ""),
-        ("FOUND", "" if makes_holes else _found(opened)),
+        ("FOUND", f"Found: {found}." if found and not makes_holes else ""),
         ("END", _ended(opened, events)),
     ]
     return [
@@ -181,24 +176,23 @@ def sentences_of(opened: RunFile) -> list[Sentence]:
     ]
 
 
-def _found(opened: RunFile) -> str:
-    """Return the result of a command that makes no hole."""
-    found = "; ".join(f"{name} {value}" for name, value in facts(opened.summary() or {}))
-    return f"Found: {found}." if found else ""
+def _places(values: Values) -> list[dict[str, Any]]:
+    places: list[dict[str, Any]] = json.loads(str(values.get("sites") or "[]"))
+    return places
 
 
 def depths_of_holes(values: Values) -> list[float]:
     """Return the target depth of each hole, µm, NaN for the profile's; places from files are not recorded."""
     depths_um: list[float] = []
-    for site in json.loads(str(values.get("sites") or "[]")):
+    for site in _places(values):
         if site["kind"] != "file":
             number = site.get("count", site.get("columns", 1) * site.get("rows", 1))
             depths_um += [site.get("depth_um", math.nan)] * number
     return depths_um
 
 
-def _kinds(values: Values) -> set[str]:
-    return {site["kind"] for site in json.loads(str(values.get("sites") or "[]"))}
+def _has_file(values: Values) -> bool:
+    return any(site["kind"] == "file" for site in _places(values))
 
 
 def touches_of(opened: RunFile) -> list[Sentence]:
@@ -255,7 +249,7 @@ def _done(opened: RunFile, events: list[FileEvent]) -> str:
     values = opened.profile_values()
     doubtful = sum(event.code == "VERDICT" for event in events)
     done = sum(event.code == "TARGET_REACHED" for event in events) - doubtful
-    of_how_many = "" if "file" in _kinds(values) else f" of {len(depths_of_holes(values))}"
+    of_how_many = "" if _has_file(values) else f" of {len(depths_of_holes(values))}"
     parent = opened.text("/entry/parent_run")
     earlier = f" in this run; those before are in {parent}" if parent else ""
     return f"{done}{of_how_many} holes reached their target{earlier}."
@@ -269,9 +263,11 @@ def wanted(opened: RunFile) -> str:
     if alone is not None:
         return f"{name}: wanted was {alone}."
     kind = values.get("target.kind")
-    depths_um = depths_of_holes(values)
+    depths_um, target_um = depths_of_holes(values), float(values.get("target.depth_um", 0.0))
+    own_um = {target_um if math.isnan(um) else um for um in depths_um} or {target_um}
+    depth = " to ".join(f"{um:g}" for um in sorted({min(own_um), max(own_um)}))
     objective = {
-        "depth": f"a depth of {_depths(values, depths_um)} ± {values.get('target.tolerance_um', 0):g} µm",
+        "depth": f"a depth of {depth} ± {values.get('target.tolerance_um', 0):g} µm",
         "feed": f"a feed of {values.get('target.feed_um', 0):g} µm",
         "through": f"a hole through the sheet of {values.get('work.thickness_um', 0):g} µm",
     }.get(str(kind), "no objective that this version knows")
@@ -307,12 +303,6 @@ def _tool(values: Values) -> str:
     return f"{text} ({label})" if label and not str(label).endswith(f" {diameter_um:g} µm") else text
 
 
-def _depths(values: Values, depths_um: list[float]) -> str:
-    target_um = float(values.get("target.depth_um", 0.0))
-    own_um = sorted({target_um if math.isnan(um) else um for um in depths_um}) or [target_um]
-    return f"{own_um[0]:g}" if len(own_um) == 1 else f"{own_um[0]:g} to {own_um[-1]:g}"
-
-
 def _ended(opened: RunFile, events: list[FileEvent]) -> str:
     if not opened.is_finished:
         return (
@@ -333,7 +323,15 @@ def _ended(opened: RunFile, events: list[FileEvent]) -> str:
     if exit_code == 0:
         return f"The run came to its end{took}."
     how = ended_as(opened.text("/entry/status"), error_code_of(opened))
-    return f"The run ended with exit code {exit_code} ({how}){took}{_why(events)}"
+    last = next((event for event in reversed(events) if event.code in ENDS), None)
+    if last is None:
+        why = (
+            ": it was refused before the machine did anything. The file does not hold the reason; "
+            "the command that wrote it said so on the terminal, and refuses again with the same one."
+        )
+    else:
+        why = f": {code}, see above." if (code := last.args.get("code", "")) else ", see above."
+    return f"The run ended with exit code {exit_code} ({how}){took}{why}"
 
 
 def trouble_of(sentences: list[Sentence]) -> str:
@@ -343,15 +341,3 @@ def trouble_of(sentences: list[Sentence]) -> str:
             after = sentences[number + 1 :][:1]
             return " ".join([sentence.text, *(hint.text for hint in after if hint.code == "HINT")])
     return ""
-
-
-def _why(events: list[FileEvent]) -> str:
-    """Return the sentence that gives the reason for an early end."""
-    last = next((event for event in reversed(events) if event.code in ENDS), None)
-    if last is None:
-        return (
-            ": it was refused before the machine did anything. The file does not hold the reason; "
-            "the command that wrote it said so on the terminal, and refuses again with the same one."
-        )
-    code = last.args.get("code", "")
-    return f": {code}, see above." if code else ", see above."

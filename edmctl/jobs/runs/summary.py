@@ -23,11 +23,14 @@ TIME_LINE = frozenset(
     }
 )
 """Kinds of sentences in a time line; `run explain` has all."""
+SOFTWARE = {"edmctl": "version", "Python": "python", "h5py": "h5py", "HDF5": "hdf5"}
 WARNING_LEVEL = 2
 
 
 def summary_of(opened: RunFile) -> RunSummary:
     """Read the summary of an open run file, also of one without an end."""
+    from edmctl.report.export import TABLES
+
     sites, events = sites_of(opened), events_of(opened)
     summary = opened.summary()
     exit_code = int(opened.number("/entry/exit_code"))
@@ -67,17 +70,12 @@ def summary_of(opened: RunFile) -> RunSummary:
             name: opened.text(f"/entry/machine/{name}")
             for name in ("host", "serial", "firmware", "protocol", "calibration")
         },
-        software=_software(opened),
+        software={name: opened.text(f"/entry/software/{source}") for name, source in SOFTWARE.items()},
         profile={"path": opened.text("/entry/profile/path"), "values": opened.profile_values()},
         overrides=tuple(opened.text("/entry/profile/overrides").splitlines()),
-        rows=_rows(opened),
+        rows={name: opened.rows(table.path) for name, table in TABLES.items()},
         summary=summary,
     )
-
-
-def _software(opened: RunFile) -> dict[str, str]:
-    names = {"edmctl": "version", "Python": "python", "h5py": "h5py", "HDF5": "hdf5"}
-    return {name: opened.text(f"/entry/software/{source}") for name, source in names.items()}
 
 
 def _time_s(opened: RunFile, summary: Mapping[str, object] | None, events: Sequence[FileEvent]) -> float:
@@ -115,12 +113,11 @@ def _touches(opened: RunFile) -> list[dict[str, object]]:
     from edmctl.report.export import named
 
     names = {column.name: named(column) for column in TOUCHES.columns}
-    found = []
+    found: list[dict[str, object]] = []
     for row in opened.table(TOUCHES.path):
         values = {names[name]: row[name].item() for name in row.dtype.names if name in names}
-        found.append(
-            {key: v.decode(errors="replace") if isinstance(v, bytes) else v for key, v in values.items()}
-        )
+        texts = {name: v.decode(errors="replace") for name, v in values.items() if isinstance(v, bytes)}
+        found.append(values | texts)
     return found
 
 
@@ -132,9 +129,3 @@ def _warnings(events: Sequence[FileEvent]) -> list[Sentence]:
             text = f"{event.message} {hint}" if isinstance(hint, str) and hint else event.message
             found.append(Sentence(event.time_s, text, event.code))
     return found
-
-
-def _rows(opened: RunFile) -> dict[str, int]:
-    from edmctl.report.export import TABLES
-
-    return {name: opened.rows(table.path) for name, table in TABLES.items()}
