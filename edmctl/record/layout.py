@@ -13,13 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from edmctl.dataclasses import dataclass
+from edmctl.dataclasses import dataclass, fields
 from edmctl.record.rows import (
     EventLevel,
     EventRow,
     LinkRow,
     RejectedTouch,
     Row,
+    RunMeta,
     ServoBlock,
     SlowRow,
     TouchRow,
@@ -129,61 +130,35 @@ GROUPS = (
 )
 
 
-def _text(path: str, source: str, long_name: str) -> Scalar:
-    return Scalar(path, source, "text", TEXT, long_name)
-
-
-SCALARS = (
-    _text("/entry/title", "title", "title"),
-    _text("/entry/run_id", "run_id", "identifier of the run"),
-    _text("/entry/parent_run", "parent_run", "run that was taken up again; empty without"),
-    Scalar("/entry/parent_time", "parent_time_s", "f8", "s", "time of the job in the runs before; 0 without"),
-    _text("/entry/command", "command", "command line, as a JSON list"),
-    _text(
-        "/entry/procedure",
-        "procedure",
-        "what was done: `machine`, `approach`, `contact touch`, `measure-wear`, `wear reference`, "
-        "`jump-flush`, `measure-drift`",
-    ),
-    _text("/entry/start_time", "start_time", "start, ISO 8601"),
+_AT_THE_END = (
     Scalar("/entry/end_time", "", "S40", TEXT, "end, ISO 8601; empty while running"),
     Scalar("/entry/status", "", "S32", TEXT, "`running` until the end"),
     Scalar("/entry/exit_code", "", "i4", PURE, "exit code; −1 while running"),
-    Scalar("/entry/simulated", "simulated", "u1", PURE, "1 when the machine was virtual"),
-    Scalar("/entry/seed", "seed", "i8", PURE, "seed of the virtual machine; −1 without"),
     Scalar("/entry/recovery", "", "S160", TEXT, "what the file was recovered from, and when; empty without"),
     Scalar("/entry/summary", "", "json", TEXT, "the result, one JSON object as UTF-8 bytes"),
-    _text("/entry/user/name", "user", "user"),
-    _text("/entry/sample/material", "work_material", "work material"),
-    Scalar("/entry/sample/thickness", "work_thickness_um", "f8", "um", "work thickness"),
-    _text("/entry/tool/material", "tool_material", "tool material"),
-    Scalar("/entry/tool/diameter", "tool_diameter_um", "f8", "um", "tool diameter"),
     Scalar("/entry/tool/length_wear_total", "", "f8", "um", "length lost in this run, all sites"),
-    _text("/entry/profile/toml", "profile_text", "profile, verbatim"),
-    _text("/entry/profile/path", "profile_path", "where the profile was found"),
-    _text("/entry/profile/sha256", "", "SHA-256 of the text in `toml`"),
+)
+_OF_THE_WRITER = (
+    Scalar("/entry/profile/sha256", "", "text", TEXT, "SHA-256 of the text in `toml`"),
     Scalar("/entry/profile/parents", "", "texts", TEXT, "files it extends, verbatim, nearest first"),
     Scalar("/entry/profile/parent_paths", "", "texts", TEXT, "where those were found"),
-    _text("/entry/profile/recipe_sha256", "profile_sha256", "SHA-256 of the recipe in effect"),
-    _text("/entry/profile/sim_sha256", "sim_sha256", "SHA-256 of `[sim]` in effect"),
-    _text("/entry/profile/overrides", "profile_overrides", "overrides, one a line"),
-    _text("/entry/machine/toml", "setup_toml", "setup in effect, every value"),
-    _text("/entry/machine/setup_file", "setup_text", "the setup file; empty without"),
-    _text("/entry/machine/setup_path", "setup_path", "where the setup was found; empty without"),
-    _text("/entry/machine/setup_sha256", "setup_sha256", "hash of the setup's values"),
-    _text("/entry/machine/host", "host", "host name"),
-    _text("/entry/machine/serial", "controller_serial", "serial number of the controller"),
-    _text("/entry/machine/firmware", "firmware_version", "firmware version"),
-    _text("/entry/machine/protocol", "protocol_version", "protocol version"),
-    _text("/entry/machine/calibration", "calibration", "actuator model of the run, in words"),
-    _text("/entry/machine/calibration_toml", "calibration_text", "calibration file; empty without"),
-    _text("/entry/machine/drift_toml", "drift_text", "drift file; empty without"),
-    _text("/entry/software/program", "", "program"),
-    _text("/entry/software/version", "edmctl_version", "version of edmctl"),
-    _text("/entry/software/python", "", "version of Python"),
-    _text("/entry/software/h5py", "", "version of h5py"),
-    _text("/entry/software/hdf5", "", "version of HDF5"),
+    Scalar("/entry/software/program", "", "text", TEXT, "program"),
+    Scalar("/entry/software/python", "", "text", TEXT, "version of Python"),
+    Scalar("/entry/software/h5py", "", "text", TEXT, "version of h5py"),
+    Scalar("/entry/software/hdf5", "", "text", TEXT, "version of HDF5"),
 )
+
+
+def _scalars() -> tuple[Scalar, ...]:
+    """Every single value, in the order of the groups."""
+    declared = [(one.name, one.metadata["scalar"]) for one in fields(RunMeta) if "scalar" in one.metadata]
+    known = [Scalar(path, name, dtype, units, title) for name, (path, dtype, units, title) in declared]
+    groups = [group.path for group in GROUPS]
+    found = (*known, *_OF_THE_WRITER, *_AT_THE_END)
+    return tuple(sorted(found, key=lambda one: groups.index(one.path.rpartition("/")[0])))
+
+
+SCALARS = _scalars()
 
 
 def _um(name: str, field: str, long_name: str) -> Column:
@@ -232,15 +207,7 @@ PULSE_BLOCKS = Table(
     "NXdata",
     4096,
     "sums over consecutive pulses; `time` is the first pulse of a block",
-    (
-        _TIME,
-        _small("n_open", "n_open", "open pulses"),
-        _small("n_normal", "n_normal", "normal discharges"),
-        _small("n_arc", "n_arc", "arcs"),
-        _small("n_short", "n_short", "shorts"),
-        Column("sum_td", "delay_us", "f4", "us", "sum of the ignition delays"),
-        Column("sum_energy", "energy_uj", "f4", "uJ", "sum of the discharge energies"),
-    ),
+    _columns_of(PulseBlockBatch),
     signal="n_normal",
     auxiliary=("n_open", "n_arc", "n_short"),
     in_blocks=True,
@@ -337,11 +304,7 @@ WAVEFORMS = Table(
     4096,
     "the gap about a fault that the controller latched, sample by sample: up to 64 pulses before and 16 periods "
     "after; empty without one, or where the controller keeps no waveforms",
-    (
-        _TIME,
-        Column("v_gap", "gap_v", "f4", "V", "gap voltage"),
-        Column("i_gap", "current_a", "f4", "A", "gap current"),
-    ),
+    _columns_of(WaveformBatch),
     signal="v_gap",
     in_blocks=True,
     at_once=True,

@@ -291,55 +291,59 @@ class SourceText:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class RunMeta:
-    """Everything about a run that is known before it starts."""
+def scalar(path: str, title: str, dtype: str = "text", units: str = TEXT, **options: Any) -> Any:
+    """Declare a value with a dataset of its own; `options` are those of `dataclasses.field`."""
+    return field(metadata={"scalar": (f"/entry/{path}", dtype, units, title)}, **options)
 
-    run_id: str
-    title: str
-    start_time: str
-    """ISO 8601 with offset."""
-    command: Sequence[str]
-    host: str
-    simulated: bool
-    seed: int | None
-    profile_text: str
-    profile_sha256: str
-    """Of the recipe in effect, after `extends`, overrides and defaults."""
-    edmctl_version: str
-    procedure: str = "machine"
-    """What was done, by command or by program."""
-    sim_sha256: str = ""
-    """Of the `[sim]` table in effect."""
-    parent_run: str = ""
-    """The run that this one goes on with; empty without."""
-    parent_time_s: float = 0.0
-    """Time of the job in the runs before, pauses left out."""
-    profile_path: str = ""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunMeta:
+    """Everything about a run that is known before it starts.
+
+    Times are ISO 8601 with offset, texts of files verbatim. `parent_run` is the run that this one continues;
+    `profile_parents` are the files that the profile extends, nearest first.
+    """
+
+    title: str = scalar("title", "title")
+    run_id: str = scalar("run_id", "identifier of the run")
+    parent_run: str = scalar("parent_run", "run that was taken up again; empty without", default="")
+    parent_time_s: float = scalar(
+        "parent_time", "time of the job in the runs before; 0 without", "f8", "s", default=0.0
+    )
+    command: Sequence[str] = scalar("command", "command line, as a JSON list")
+    procedure: str = scalar(
+        "procedure",
+        "what was done: `machine`, `approach`, `contact touch`, `measure-wear`, `wear reference`, "
+        "`jump-flush`, `measure-drift`",
+        default="machine",
+    )
+    start_time: str = scalar("start_time", "start, ISO 8601")
+    simulated: bool = scalar("simulated", "1 when the machine was virtual", "u1", PURE)
+    seed: int | None = scalar("seed", "seed of the virtual machine; −1 without", "i8", PURE)
+    user: str = scalar("user/name", "user", default="")
+    work_material: str = scalar("sample/material", "work material", default="")
+    work_thickness_um: float = scalar("sample/thickness", "work thickness", "f8", "um", default=math.nan)
+    tool_material: str = scalar("tool/material", "tool material", default="")
+    tool_diameter_um: float = scalar("tool/diameter", "tool diameter", "f8", "um", default=math.nan)
+    profile_text: str = scalar("profile/toml", "profile, verbatim")
+    profile_path: str = scalar("profile/path", "where the profile was found", default="")
     profile_parents: Sequence[SourceText] = ()
-    """The files that the profile extends, nearest first."""
     profile_leaves: Sequence[Leaf] = ()
-    profile_overrides: Sequence[str] = ()
-    setup_text: str = ""
-    """The setup file verbatim; empty for the stock machine."""
-    setup_toml: str = ""
-    """Every value of the setup in effect."""
-    setup_path: str = ""
-    setup_sha256: str = ""
-    protocol_version: str = ""
-    firmware_version: str = ""
-    controller_serial: str = ""
-    calibration: str = ""
-    """The actuator model of the run, in words."""
-    calibration_text: str = ""
-    """The calibration file verbatim; empty without."""
-    drift_text: str = ""
-    """The drift file verbatim; empty without."""
-    user: str = ""
-    work_material: str = ""
-    work_thickness_um: float = math.nan
-    tool_material: str = ""
-    tool_diameter_um: float = math.nan
+    profile_sha256: str = scalar("profile/recipe_sha256", "SHA-256 of the recipe in effect")
+    sim_sha256: str = scalar("profile/sim_sha256", "SHA-256 of `[sim]` in effect", default="")
+    profile_overrides: Sequence[str] = scalar("profile/overrides", "overrides, one a line", default=())
+    setup_toml: str = scalar("machine/toml", "setup in effect, every value", default="")
+    setup_text: str = scalar("machine/setup_file", "the setup file; empty without", default="")
+    setup_path: str = scalar("machine/setup_path", "where the setup was found; empty without", default="")
+    setup_sha256: str = scalar("machine/setup_sha256", "hash of the setup's values", default="")
+    host: str = scalar("machine/host", "host name")
+    controller_serial: str = scalar("machine/serial", "serial number of the controller", default="")
+    firmware_version: str = scalar("machine/firmware", "firmware version", default="")
+    protocol_version: str = scalar("machine/protocol", "protocol version", default="")
+    calibration: str = scalar("machine/calibration", "actuator model of the run, in words", default="")
+    calibration_text: str = scalar("machine/calibration_toml", "calibration file; empty without", default="")
+    drift_text: str = scalar("machine/drift_toml", "drift file; empty without", default="")
+    edmctl_version: str = scalar("software/version", "version of edmctl")
 
 
 def profile_leaves(profile: Mapping[str, object]) -> tuple[Leaf, ...]:

@@ -144,13 +144,13 @@ def joined(blocks: Sequence[TelemetryBlock]) -> TelemetryBlock:
 class PulseBlockBatch:
     """Sums over consecutive blocks of pulses, columns of shape (n,): ignition delays in µs, energies in µJ."""
 
-    time_s: AnyFloats
-    n_open: Counts
-    n_normal: Counts
-    n_arc: Counts
-    n_short: Counts
-    delay_us: AnyFloats
-    energy_uj: AnyFloats
+    time_s: AnyFloats = quantity("s", "time since start")
+    n_open: Counts = quantity(PURE, "open pulses", dtype="u1")
+    n_normal: Counts = quantity(PURE, "normal discharges", dtype="u1")
+    n_arc: Counts = quantity(PURE, "arcs", dtype="u1")
+    n_short: Counts = quantity(PURE, "shorts", dtype="u1")
+    delay_us: AnyFloats = quantity("us", "sum of the ignition delays", dtype="f4", column="sum_td")
+    energy_uj: AnyFloats = quantity("uJ", "sum of the discharge energies", dtype="f4", column="sum_energy")
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,9 +170,9 @@ class PulseTrain:
 class WaveformBatch:
     """The gap about a latched fault, sample by sample at equal distances, columns of shape (n,)."""
 
-    time_s: AnyFloats
-    gap_v: AnyFloats
-    current_a: AnyFloats
+    time_s: AnyFloats = quantity("s", "time since start")
+    gap_v: AnyFloats = quantity("V", "gap voltage", dtype="f4", column="v_gap")
+    current_a: AnyFloats = quantity("A", "gap current", dtype="f4", column="i_gap")
 
 
 @dataclass(frozen=True, slots=True)
