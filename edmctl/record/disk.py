@@ -111,7 +111,13 @@ def rename_without_replacing(source: Path, target: Path) -> None:
         except OSError as error:
             if error.errno not in _NO_HARD_LINKS:
                 raise
-            _take_name_then_replace(source, target)
+            # Without hard links (FAT, some network shares) an empty file of our own is replaced.
+            os.close(os.open(target, os.O_CREAT | os.O_EXCL))
+            try:
+                source.replace(target)
+            except OSError:
+                target.unlink(missing_ok=True)
+                raise
     except OSError as error:
         raise cannot_name(source, target, error) from error
 
@@ -126,38 +132,18 @@ def cannot_name(source: Path, target: Path, error: BaseException) -> RunFileErro
     return failures.run_file_not_named(target=target, why=why, remedy=hint)
 
 
-def _take_name_then_replace(source: Path, target: Path) -> None:
-    """Where there are no hard links (FAT, some network shares): replace an empty file of our own."""
-    os.close(os.open(target, os.O_CREAT | os.O_EXCL))
-    try:
-        source.replace(target)
-    except OSError:
-        target.unlink(missing_ok=True)
-        raise
-
-
 def refuse_place(path: Path) -> None:
     """Raise RunFileError where no run file can come to be at `path`: E9001 taken, E9002 no folder. Makes nothing."""
     for existing in (path, partial_path(path)):
         if os.path.lexists(existing):
-            raise already_there(existing)
+            raise failures.run_file_exists(existing=existing)
     folder = path.parent
     while not os.path.lexists(folder):
         folder = folder.parent
     if not folder.is_dir():
-        raise cannot_create(path, f"{folder} is not a folder")
+        raise failures.run_file_not_created(path=path, why=f"{folder} is not a folder")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise cannot_create(path, f"{folder} cannot be written")
-
-
-def already_there(existing: Path) -> RunFileError:
-    """Return the error for a run that exists."""
-    return failures.run_file_exists(existing=existing)
-
-
-def cannot_create(path: Path, why: str) -> RunFileError:
-    """Return the error for a file that cannot be made."""
-    return failures.run_file_not_created(path=path, why=why)
+        raise failures.run_file_not_created(path=path, why=f"{folder} cannot be written")
 
 
 def reason(error: Exception) -> str:

@@ -17,8 +17,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from edmctl import failures
-from edmctl.errors import RunFileError
 from edmctl.files import open_descriptor
 from edmctl.record.disk import PARTIAL
 
@@ -157,8 +155,3 @@ def _lock_record(descriptor: int, *, exclusive: bool) -> None:
         return
     kind = fcntl.F_WRLCK if exclusive else fcntl.F_RDLCK
     fcntl.fcntl(descriptor, open_file_lock, struct.pack("hhqqi4x", kind, os.SEEK_SET, _PLACE, 1, 0))
-
-
-def interrupted(path: Path) -> RunFileError:
-    """Return the error for a run whose writer died."""
-    return failures.run_file_without_end(path=path)

@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass
-from edmctl.errors import RunFileError
 from edmctl.files import open_regular, refuse_locked
 from edmctl.record import layout, locks
 from edmctl.record.disk import HDF5_ERRORS, PARTIAL
@@ -295,12 +294,12 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
     try:
         seal = verify_checksum(path) if verify else None
         if seal is Checksum.BROKEN:
-            raise damaged(path, "its check sum does not fit")
+            raise failures.run_file_damaged(path=path, why="its check sum does not fit")
         if seal is not Checksum.FITS and heap_breaks(path):
-            raise damaged(path, "its texts cannot be read")
+            raise failures.run_file_damaged(path=path, why="its texts cannot be read")
         superblock, size_bytes = read_superblock(path), path.stat().st_size
     except OSError as error:
-        raise _unreadable(path, error) from error
+        raise failures.run_file_unreadable(path=path, reason=error.strerror) from error
     end_bytes = superblock.end_bytes
     try:
         file = open_unjudged(path)
@@ -308,12 +307,12 @@ def open_file(path: Path, *, verify: bool = True) -> h5py.File:
         why = str(error).splitlines()[0]
         if end_bytes is not None and size_bytes < end_bytes:
             why = f"it is shorter than it says, {size_bytes} of {end_bytes} bytes"
-        raise damaged(path, why) from error
+        raise failures.run_file_damaged(path=path, why=why) from error
     try:
         refuse_foreign(path, file)
         # Behind the data of a closed file there is nothing but its seal.
         if seal is Checksum.NONE and not superblock.open_for_writing and size_bytes != end_bytes:
-            raise damaged(path, "its check sum is not whole")
+            raise failures.run_file_damaged(path=path, why="its check sum is not whole")
     except BaseException:
         file.close()
         raise
@@ -325,11 +324,6 @@ def open_unjudged(path: Path) -> h5py.File:
     # A live or killed writer leaves the file marked as open; SWMR readers are made for that. They do not see that
     # a file was cut short, so all others must do without.
     return open_swmr(path) if read_superblock(path).open_for_writing else open_hdf5(path)
-
-
-def damaged(path: Path, why: str) -> RunFileError:
-    """Return the error for a file that began as a run file and cannot be read as one any more."""
-    return failures.run_file_damaged(path=path, why=why)
 
 
 def refuse_unreadable(path: Path) -> None:
@@ -352,7 +346,7 @@ def refuse_unreadable(path: Path) -> None:
     except FileNotFoundError as error:
         raise failures.run_file_missing(path=path, remedy=_nearest(path)) from error
     except OSError as error:
-        raise _unreadable(path, error) from error
+        raise failures.run_file_unreadable(path=path, reason=error.strerror) from error
 
 
 _HOLES_BYTES, _HOLES_RATIO = 1 << 26, 100
@@ -367,16 +361,12 @@ def _refuse_holes(path: Path) -> None:
         raise OSError(errno.EFBIG, f"of its {found.st_size / 1e9:.0f} GB almost nothing was written")
 
 
-def _unreadable(path: Path, error: OSError) -> RunFileError:
-    return failures.run_file_unreadable(path=path, reason=error.strerror)
-
-
 def refuse_foreign(path: Path, file: h5py.File) -> None:
     """Raise RunFileError: E9005 it is no run file, E9006 of another version, E9007 damaged."""
     try:
         schema, maker = (str(file.attrs.get(name, "")) for name in ("schema", "edmctl_version"))
     except (*HDF5_ERRORS, KeyError) as error:
-        raise damaged(path, str(error).splitlines()[0]) from error
+        raise failures.run_file_damaged(path=path, why=str(error).splitlines()[0]) from error
     name, _, version = schema.partition("/")
     present_name, _, present = layout.SCHEMA.partition("/")
     if name != present_name or not version.isdigit():

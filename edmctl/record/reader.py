@@ -23,8 +23,8 @@ from edmctl.errors import EdmError, RunFileError
 from edmctl.record import layout
 from edmctl.record.disk import PARTIAL, partial_path
 from edmctl.record.layout import Column, Table
-from edmctl.record.locks import interrupted, is_live
-from edmctl.record.opening import damaged, is_whole, open_file, plain, read_value, refuse_endless
+from edmctl.record.locks import is_live
+from edmctl.record.opening import is_whole, open_file, plain, read_value, refuse_endless
 from edmctl.record.recovery import CLOSING
 from edmctl.record.rows import TruthMap
 
@@ -231,7 +231,7 @@ class RunFile:
             try:
                 refuse_endless(dataset.id)
             except ValueError as error:
-                raise damaged(self.path, str(error)) from None
+                raise failures.run_file_damaged(path=self.path, why=str(error)) from None
             self._checked[path] = dataset
         return self._checked[path]
 
@@ -262,7 +262,7 @@ def reading(path: Path, *, verify: bool = True) -> Iterator[RunFile]:
         if is_whole(path):
             raise
         why = next(iter(str(error).splitlines()), "") or type(error).__name__
-        raise damaged(path, why.rstrip(".")) from error
+        raise failures.run_file_damaged(path=path, why=why.rstrip(".")) from error
 
 
 LONGEST_CLOSING_LOOKS = 240
@@ -296,7 +296,7 @@ def follow(path: Path, pause: Callable[[], None]) -> Iterator[RunFile]:
             if run.is_finished or (not lives and not path.exists()):
                 return
             if not lives:
-                raise interrupted(path)
+                raise failures.run_file_without_end(path=path)
             pause()
 
 

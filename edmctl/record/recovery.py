@@ -48,7 +48,6 @@ from edmctl.record.layout import Scalar, Table
 from edmctl.record.locks import is_live
 from edmctl.record.opening import (
     append_checksum,
-    damaged,
     end_at_breaks,
     heap_breaks,
     is_whole,
@@ -322,7 +321,7 @@ def recover(path: Path, target: Path | None = None) -> Recovered:
             return _recovered(source, content, path, target)
         except BROKEN as error:
             if error_number(error) is None:
-                raise damaged(path, reason(error)) from error
+                raise failures.run_file_damaged(path=path, why=reason(error)) from error
             # The operating system has refused: it is the new file's disk.
             raise failures.run_not_recovered(path=path, target=target, error=reason(error)) from error
 
@@ -340,9 +339,13 @@ def recover_damaged(path: Path, target: Path | None = None) -> Recovered:
         ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=limit_s)
         answer = json.loads(ended.stdout)
     except subprocess.TimeoutExpired:
-        raise _beyond(path, f"reading it did not end within {limit_s:.0f} s") from None
+        raise failures.run_file_beyond_recovery(
+            path=path, why=f"reading it did not end within {limit_s:.0f} s"
+        ) from None
     except ValueError:
-        raise _beyond(path, f"reading it ended with status {ended.returncode}") from None
+        raise failures.run_file_beyond_recovery(
+            path=path, why=f"reading it ended with status {ended.returncode}"
+        ) from None
     if "error" in answer:
         raise RunFileError(answer["error"], code=answer["code"], hint=answer["hint"])
     return Recovered(**answer | {"path": Path(answer["path"])})
@@ -355,18 +358,18 @@ _LEAST_S, _BYTES_PER_S = 60.0, 1e6
 
 
 def _recovered_damaged(path: Path, target: Path) -> Recovered:
-    copy = temporary(target).with_suffix(".copy")
+    copy = _temporary(target, ".copy")
     try:
         with _opened(path, copy) as file:
             refuse_foreign(path, file)
             source = DamagedSource(file)
             content = source.content()
             if not any((content.rows or {}).values()):
-                raise _beyond(path, "none of its rows can be read")
+                raise failures.run_file_beyond_recovery(path=path, why="none of its rows can be read")
             content.values["/entry/status"] = RECOVERED.encode()
             return _recovered(source, content, path, target)
     except BROKEN as error:
-        raise _beyond(path, reason(error)) from error
+        raise failures.run_file_beyond_recovery(path=path, why=reason(error)) from error
     finally:
         copy.unlink(missing_ok=True)
 
@@ -384,26 +387,17 @@ def _opened(path: Path, copy: Path) -> h5py.File:
     return open_unjudged(path)
 
 
-def _beyond(path: Path, why: str) -> RunFileError:
-    return failures.run_file_beyond_recovery(path=path, why=why)
-
-
 def refuse(path: Path, target: Path) -> None:
     """Raise RunFileError: E9001 `target` is taken, E9014 a process is writing `path`."""
     if os.path.lexists(target):
-        raise name_taken(target)
+        raise failures.recovery_target_exists(target=target)
     if path.is_file() and is_live(path):
         raise failures.run_still_written(path=path)
 
 
-def name_taken(target: Path) -> RunFileError:
-    """Return the error for a new file whose name is taken."""
-    return failures.recovery_target_exists(target=target)
-
-
-def temporary(target: Path) -> Path:
-    """What the new file is called while this process writes it."""
-    return target.with_name(f"{target.name}.{os.getpid()}{RECOVERING}")
+def _temporary(target: Path, ending: str) -> Path:
+    """What a file is called while this process makes it."""
+    return target.with_name(f"{target.name}.{os.getpid()}{ending}")
 
 
 def _recovered(source: Source, content: Content, path: Path, target: Path) -> Recovered:
@@ -411,7 +405,11 @@ def _recovered(source: Source, content: Content, path: Path, target: Path) -> Re
 
     Raises what h5py raises, and RunFileError E9001 when the name was taken meanwhile.
     """
-    values, new, now = content.values, temporary(target), datetime.now(UTC).isoformat(timespec="seconds")
+    values, new, now = (
+        content.values,
+        _temporary(target, RECOVERING),
+        datetime.now(UTC).isoformat(timespec="seconds"),
+    )
     values["/entry/recovery"] = fit_utf8(f"from {path.name} by edmctl {__version__} at {now}", 160)
     if not values["/entry/end_time"]:
         values["/entry/end_time"] = (iso_of(path.stat().st_mtime) or now).encode()
@@ -421,7 +419,7 @@ def _recovered(source: Source, content: Content, path: Path, target: Path) -> Re
         rename_without_replacing(new, target)
     except RunFileError as error:
         new.unlink(missing_ok=True)
-        raise name_taken(target) from error
+        raise failures.recovery_target_exists(target=target) from error
     # What a writer left that died while it closed the file.
     target.with_name(target.name + CLOSING).unlink(missing_ok=True)
     rows, unread = dict(content.rows or {}), {name: count for name, count in source.unread.items() if count}

@@ -37,8 +37,6 @@ from edmctl.record.create import LIBRARY_VERSIONS, compound_dtype, empty_run_fil
 from edmctl.record.disk import (
     GIVE_UP_S,
     HDF5_ERRORS,
-    already_there,
-    cannot_create,
     close_without_writing,
     leave_signals_to_the_main_thread,
     make_folder,
@@ -217,17 +215,17 @@ class RunWriter:
         try:
             make_folder(path.parent)
             if os.path.lexists(path):
-                raise already_there(path)
+                raise failures.run_file_exists(existing=path)
             write_new(partial, empty_run_file(meta))
         except FileExistsError as error:
-            raise already_there(partial) from error
+            raise failures.run_file_exists(existing=partial) from error
         except OSError as error:
-            raise cannot_create(path, reason(error)) from error
+            raise failures.run_file_not_created(path=path, why=reason(error)) from error
         try:
             file = open_hdf5(partial, "r+", libver=LIBRARY_VERSIONS, rdcc_nbytes=CHUNK_CACHE_BYTES)
             file.swmr_mode = True
         except HDF5_ERRORS as error:
-            raise cannot_create(path, reason(error)) from error
+            raise failures.run_file_not_created(path=path, why=reason(error)) from error
         return cls(file, path, partial, monotonic_s)
 
     @property

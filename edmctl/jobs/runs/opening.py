@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from edmctl import failures
 from edmctl.errors import Diagnostic, EdmError, RunFileError
 from edmctl.record.disk import partial_path
-from edmctl.record.locks import interrupted, is_live
+from edmctl.record.locks import is_live
 
 if TYPE_CHECKING:
     from edmctl.jobs.plan import Resumption
@@ -57,7 +57,7 @@ def unless_killed(opened: RunFile, command: str = "") -> None:
     command : resumes its job, which also completes the file; empty if that is impossible
     """
     if not opened.is_finished and not is_live(opened.path):
-        error = interrupted(opened.path)
+        error = failures.run_file_without_end(path=opened.path)
         if command:
             error.hint = f"Go on with `{command}`."
         raise error
