@@ -53,12 +53,6 @@ def test_every_example_has_a_test() -> None:
     assert sorted(tested) == sorted(EXAMPLES)
 
 
-def test_every_path_that_the_page_names_exists(real_run: Path) -> None:
-    with h5py.File(real_run) as file:
-        missing = {path for path in re.findall(r"/entry(?:/\w+)*", PAGE) if path not in file}
-    assert missing == set()
-
-
 def test_the_seal_is_found_to_fit_and_not_to(tmp_path: Path, real_run: Path) -> None:
     content = bytearray(real_run.read_bytes())
     content[len(content) // 2] ^= 1
@@ -68,60 +62,45 @@ def test_the_seal_is_found_to_fit_and_not_to(tmp_path: Path, real_run: Path) -> 
     assert subprocess.check_output([sys.executable, "-c", check], cwd=tmp_path) == b"damaged\n"
 
 
-def test_a_complete_file_has_the_form_that_old_libraries_read(real_run: Path) -> None:
-    superblock_version = 8
-    assert real_run.read_bytes()[superblock_version] == 0
-
-
-def test_h5py_reads_samples_and_results(example: Example, real_run: Path) -> None:
+def test_examples_of_edmctl_h5py_events_and_pulses_read_what_is_there(
+    example: Example, real_run: Path
+) -> None:
     with open_run(real_run) as run:
         time_s, gap_v = run.column("/entry/servo", "time"), run.column("/entry/servo", "v_gap_avg")
-        row = run.table("/entry/results")[0]
+        row, events = run.table("/entry/results")[0], run.table("/entry/events")
+        pulses_s, delay_us = run.pulse_times_s(), run.column("/entry/pulses/full", "td")
+        normal = run.column("/entry/pulses/full", "pulse_class") == 1
     assert example("h5py") == [
         f"done {time_s[-1]:.1f} s, mean gap voltage {gap_v.mean():.1f} V",
         f"cu270-cu depth {row['depth']:.2f} ± {row['depth_u95']:.2f} µm",
         f"tool wear {row['wear']:.2f} ± {row['wear_u95']:.2f} µm",
     ]
-
-
-def test_pandas_reads_touches_and_moments(example: Example, real_run: Path) -> None:
-    lines = example("pandas")
-    with open_run(real_run) as run:
-        touches = run.table("/entry/touches")
-        start = run.text("/entry/start_time")
-    assert [line.split()[2] for line in lines[1:-1]] == [kind.decode() for kind in touches["kind"]]
-    assert {line.split()[3] for line in lines[1:-1]} == {"cu270-cu"}
-    assert lines[-1].startswith(f"last sample at {start[:10]}T")
-    assert lines[-1].endswith(start[-6:])
-
-
-def test_events_are_read_with_their_values(example: Example, real_run: Path) -> None:
-    with open_run(real_run) as run:
-        events = run.table("/entry/events")
     jumps = events[events["code"] == JUMP]
     lines = example("events")
     assert len(lines) == len(jumps) > 0
     height_um = json.loads(jumps[0]["args"])["height_um"]
     assert lines[0].startswith(f"{jumps[0]['time']:.1f} s: Jump of ")
     assert lines[0].endswith(f"({height_um:.1f} µm)")
-
-
-def test_pulses_are_read_with_their_times(example: Example, real_run: Path) -> None:
-    with open_run(real_run) as run:
-        time_s = run.pulse_times_s()
-        delay_us = run.column("/entry/pulses/full", "td")
-        normal = run.column("/entry/pulses/full", "pulse_class") == 1
     assert example("pulses") == [
-        f"{len(time_s)} pulses from {time_s[0]:.3f} s to {time_s[-1]:.3f} s",
+        f"{len(pulses_s)} pulses from {pulses_s[0]:.3f} s to {pulses_s[-1]:.3f} s",
         f"mean ignition delay of normal discharges {delay_us[normal].mean(dtype='f8'):.1f} µs",
     ]
-
-
-def test_profile_and_result_are_read(example: Example) -> None:
+    last = f"{len(pulses_s)} pulses, the last at {pulses_s[-1]:.3f} s"
+    assert example("edmctl") == [last, "done 8.0"]
     depth, command, keys = example("profile")
     assert depth == "depth wanted: 8.0 um"
     assert command.startswith("command: edmctl")
     assert len(json.loads(keys.replace("'", '"'))) == 3
+
+
+def test_pandas_reads_touches_and_moments(example: Example, real_run: Path) -> None:
+    lines = example("pandas")
+    with open_run(real_run) as run:
+        touches, start = run.table("/entry/touches"), run.text("/entry/start_time")
+    assert [line.split()[2] for line in lines[1:-1]] == [kind.decode() for kind in touches["kind"]]
+    assert {line.split()[3] for line in lines[1:-1]} == {"cu270-cu"}
+    assert lines[-1].startswith(f"last sample at {start[:10]}T")
+    assert lines[-1].endswith(start[-6:])
 
 
 @pytest.mark.needs("xarray")
@@ -133,22 +112,12 @@ def test_xarray_reads_the_slow_columns(example: Example, real_run: Path) -> None
     assert float(mean) == pytest.approx(slow["r_arc"][np.less_equal(slow["time"], 100)].mean(), rel=1e-5)
 
 
-@pytest.mark.needs("nexusformat")
-def test_nexusformat_finds_the_plot(example: Example, real_run: Path) -> None:
+@pytest.mark.needs("nexusformat", "silx")
+def test_viewers_find_the_plots(example: Example, real_run: Path) -> None:
     with open_run(real_run) as run:
         first_line = run.text("/entry/profile/toml").splitlines()[0]
     assert example("nexusformat") == ["/entry/data z_sensor um over time", first_line]
-
-
-@pytest.mark.needs("silx")
-def test_silx_finds_the_plot(example: Example) -> None:
     assert example("silx") == ["mean gap voltage V ['time since start']"]
-
-
-def test_edmctl_reads_its_own_file(example: Example, real_run: Path) -> None:
-    with open_run(real_run) as run:
-        rows, last_s = run.rows("/entry/pulses/full"), run.pulse_times_s()[-1]
-    assert example("edmctl") == [f"{rows} pulses, the last at {last_s:.3f} s", "done 8.0"]
 
 
 def test_a_live_run_is_followed_to_its_end(tmp_path: Path) -> None:
@@ -187,13 +156,16 @@ def test_matlab_reads_what_is_there(real_run: Path) -> None:
         assert JUMP in file["/entry/events"]["code"]
 
 
-def test_times_have_the_form_that_the_page_gives(real_run: Path) -> None:
+def test_paths_times_and_form_of_a_complete_file_are_those_of_the_page(real_run: Path) -> None:
     form = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d"
-    with open_run(real_run) as run:
-        assert re.fullmatch(form, run.text("/entry/start_time"))
-        assert re.fullmatch(form, run.text("/entry/end_time"))
+    superblock_version = 8
+    assert real_run.read_bytes()[superblock_version] == 0, "old libraries read it"
     with h5py.File(real_run) as file:
-        assert file["/entry/servo/time"].attrs["start"] == file["/entry/start_time"].asstr()[()]
+        assert {path for path in re.findall(r"/entry(?:/\w+)*", PAGE) if path not in file} == set()
+        start, end = (file[f"/entry/{name}_time"].asstr()[()] for name in ("start", "end"))
+        assert re.fullmatch(form, start)
+        assert re.fullmatch(form, end)
+        assert file["/entry/servo/time"].attrs["start"] == start
 
 
 def test_each_status_stands_there_with_its_exit_code() -> None:
