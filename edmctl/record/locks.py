@@ -127,10 +127,13 @@ def release(descriptor: int | None) -> None:
 
 def is_live(path: Path) -> bool:
     """Whether a process is writing the run file at `path`. Nothing is changed. Raises OSError."""
-    if path.suffix != PARTIAL:
+    if path.suffix != PARTIAL or not path.exists():
         return False
     if fcntl is not None:
-        descriptor = open_descriptor(path, os.O_RDONLY)
+        try:
+            descriptor = open_descriptor(path, os.O_RDONLY)
+        except FileNotFoundError:  # it got its final name a moment ago
+            return False
         try:
             _lock_record(descriptor, exclusive=False)
             return False

@@ -289,7 +289,7 @@ def follow(path: Path, pause: Callable[[], None]) -> Iterator[RunFile]:
     with reading(path) as run:
         while True:
             # Asked first: rows that were flushed between the two are seen, however the writer ended.
-            lives = _lives(path)
+            lives = is_live(path)
             if not run.is_finished:
                 run.refresh()
             yield run
@@ -311,13 +311,6 @@ def final_name(path: Path, pause: Callable[[], None]) -> Path:
             break
         pause()
     return complete if complete.exists() else path
-
-
-def _lives(path: Path) -> bool:
-    try:
-        return is_live(path)
-    except OSError:
-        return False
 
 
 def _column(path: str, name: str) -> Column:
@@ -368,9 +361,6 @@ class RecordedCode(IntEnum):
     CHANNEL_MEASURED = 171
 
 
-_KNOWN = {int(code): code for code in RecordedCode}
-
-
 @dataclass(frozen=True, slots=True)
 class RecordedEvent:
     """One event: its time, code (a RecordedCode or another), level, sentence, and values."""
@@ -393,7 +383,7 @@ def recorded_events(run: RunFile, *wanted: RecordedCode, start: int = 0) -> list
     return [
         RecordedEvent(
             float(row["time"]),
-            _KNOWN.get(int(row["code"]), int(row["code"])),
+            int(row["code"]),
             int(row["level"]),
             row["message"].decode(errors="ignore"),
             _values(row["args"]),

@@ -391,7 +391,7 @@ def refuse(path: Path, target: Path) -> None:
     """Raise RunFileError: E9001 `target` is taken, E9014 a process is writing `path`."""
     if os.path.lexists(target):
         raise failures.recovery_target_exists(target=target)
-    if path.is_file() and is_live(path):
+    if is_live(path):
         raise failures.run_still_written(path=path)
 
 

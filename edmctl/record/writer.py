@@ -187,7 +187,7 @@ _ARGS_BYTES = next(np.dtype(c.dtype).itemsize for c in layout.EVENTS.columns if 
 
 
 class RunWriter:
-    """Recorder into one run file. Build it with `create`; end it with `finish` or `abandon`."""
+    """Recorder into one run file. Build it with `create`; end it with `finish`."""
 
     def __init__(self, file: h5py.File, path: Path, partial: Path, monotonic_s: Callable[[], float]) -> None:
         self._file = file
@@ -288,15 +288,6 @@ class RunWriter:
             finally:
                 release(self._lock)
         return self._path
-
-    def abandon(self, status: str, exit_code: int) -> Path:
-        """End a run that did not reach its aim: as `finish`, but never raises a RunFileError.
-
-        Returns where the rows are: the final path, or the `.partial` file after a disk failure.
-        """
-        with contextlib.suppress(RunFileError):
-            self.finish(status, exit_code)
-        return self.path
 
     def _follow(self, train: PulseTrain, row: int) -> None:
         """Begin a segment where `train`, stored from `row` on, does not continue the last one."""

@@ -36,6 +36,6 @@ def killed(folder: Path, run_id: str) -> Path:
     writer = begun(aside, run_id)
     left = folder / f"{run_id}.h5.partial"
     shutil.copyfile(aside / left.name, left)
-    writer.abandon("done", 0)
+    writer.finish("done", 0)
     shutil.rmtree(aside)
     return left

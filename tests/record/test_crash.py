@@ -87,7 +87,7 @@ try:
     writer.finish("done", 0)
 except RunFileError:
     print("refused")
-print(writer.abandon("disk full", 9))
+print(writer.path)
 """
 )
 
@@ -108,7 +108,7 @@ try:
     writer.finish("done", 0)
 except RunFileError as error:
     print(error.code)
-print(writer.abandon("disk full", 9))
+print(writer.path)
 """
 
 
@@ -256,7 +256,7 @@ def test_the_end_takes_no_name_from_others_and_makes_no_empty_run(tmp_path: Path
         assert run.text("/entry/status") == "done"
     for file in (path, partial):
         file.unlink()
-    assert RunWriter.create(path, meta).abandon("interrupted", 130) == path
+    assert RunWriter.create(path, meta).finish("interrupted", 130) == path
     with open_run(path) as run:
         assert (run.text("/entry/status"), run.number("/entry/exit_code")) == ("interrupted", 130)
     assert list(tmp_path.iterdir()) == [path]

@@ -92,7 +92,7 @@ def test_columns_that_a_kill_left_unequal_are_cut_to_the_shortest(tmp_path: Path
     with h5py.File(made.path) as run:
         assert {len(run[f"/entry/servo/{name}"]) for name in run["/entry/servo"]} == {9_000}
         assert run["/entry/data/time"] == run["/entry/servo/time"]
-    writer.abandon("done", 0)
+    writer.finish("done", 0)
 
 
 @pytest.mark.parametrize("seed", tiers(0, slow=(1,), full=(2,)))

@@ -240,7 +240,7 @@ def test_the_end_is_written_in_place_and_the_wear_of_all_sites_adds_up(writer: R
         assert (run.text("/entry/status"), run.number("/entry/exit_code")) == ("depth reached", 0)
         assert (run.is_finished, run.summary()) == (True, {"ok": True, "depth_um": 180.0})
         assert run.number("/entry/tool/length_wear_total") == 82.5
-    assert writer.abandon("interrupted", 130) == writer.path
+    assert writer.finish("interrupted", 130) == writer.path
     with open_run(writer.path) as run:
         assert run.text("/entry/status") == "depth reached"
 

@@ -101,7 +101,7 @@ def _is_live(resumption: Resumption) -> bool:
 
     journal = resumption.path
     partial = partial_path(journal.with_name(f"{journal.name.removesuffix(SUFFIX)}.h5"))
-    return partial.exists() and is_live(partial)
+    return is_live(partial)
 
 
 def recover_file(file: Path, out: Path | None = None) -> Recovered:
