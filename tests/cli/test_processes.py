@@ -90,33 +90,63 @@ def test_runs_that_are_finished_outlast_a_signal(tmp_path: Path) -> None:
     assert all(run["ok"] for run in case["runs"])
 
 
-def test_a_second_signal_aborts() -> None:
-    code = (
-        "import os, signal\n"
-        "from edmctl.cli.signals import stopping_signals\n"
-        "from edmctl.machine.stop import StopRequest\n"
-        "with stopping_signals(StopRequest(), lambda: os.write(1, b'abort')):\n"
-        "    os.kill(os.getpid(), signal.SIGTERM)\n"
-        "    os.write(1, b'going on ')\n"
-        "    os.kill(os.getpid(), signal.SIGINT)\n"
-        "    os.write(1, b'not reached')\n"
+def program(code: str) -> subprocess.CompletedProcess[str]:
+    """Run a program in Python in a process of its own."""
+    command = [sys.executable, "-c", code]
+    return subprocess.run(
+        command, env=environment(), capture_output=True, encoding="utf-8", timeout=60, check=False
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment(), capture_output=True, encoding="utf-8", check=False
-    )
+
+
+SECOND_SIGNAL = """
+import os, signal
+from edmctl.cli.signals import stopping_signals
+from edmctl.machine.stop import StopRequest
+with stopping_signals(StopRequest(), lambda: os.write(1, b'abort')):
+    os.kill(os.getpid(), signal.SIGTERM)
+    os.write(1, b'going on ')
+    os.kill(os.getpid(), signal.SIGINT)
+    os.write(1, b'not reached')
+"""
+IGNORED_SIGNAL = """
+import os, signal
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
+from edmctl.cli.signals import raising_signals
+with raising_signals():
+    os.kill(os.getpid(), signal.SIGHUP)
+"""
+SWALLOWED_SIGNAL = """
+import ctypes, os, signal
+from edmctl.cli.signals import SignalArrived, raising_signals, stopping_signals
+from edmctl.machine.stop import StopRequest
+@ctypes.CFUNCTYPE(None)
+def callback():
+    os.kill(os.getpid(), signal.SIGTERM)
+for guarded in (True, False):
+    try:
+        with raising_signals():
+            callback()
+            print('going on')
+            if guarded:
+                with stopping_signals(StopRequest(), lambda: None):
+                    print('serving')
+    except SignalArrived as arrived:
+        print(arrived.signal_number)
+"""
+
+
+def test_a_second_signal_aborts_and_ignored_ones_stay_ignored() -> None:
+    done = program(SECOND_SIGNAL)
     assert (done.returncode, done.stdout) == (-signal.SIGINT, "going on abort")
     assert "SIGINT again: aborted; `edmctl run list` has the run" in done.stderr
+    assert program(IGNORED_SIGNAL).returncode == 0
 
 
-def test_signals_that_were_ignored_stay_ignored() -> None:
-    code = (
-        "import os, signal\n"
-        "signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
-        "from edmctl.cli.signals import raising_signals\n"
-        "with raising_signals():\n"
-        "    os.kill(os.getpid(), signal.SIGHUP)\n"
-    )
-    assert subprocess.run([sys.executable, "-c", code], env=environment(), check=False).returncode == 0
+def test_a_signal_that_a_callback_swallows_is_not_lost() -> None:
+    """What is raised where a library calls back, Python can only tell of."""
+    done = program(SWALLOWED_SIGNAL)
+    assert done.stdout.split("\n") == ["going on", "15", "going on", "15", ""]
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_a_full_disk_ends_the_job_safely(tmp_path: Path) -> None:
@@ -220,33 +250,6 @@ def test_a_stopped_job_gives_the_cursor_back(tmp_path: Path, stop: signal.Signal
     assert exit_code == -stop
     assert seen.rindex("\x1b[?25h") > seen.rindex("\x1b[?25l")
     assert seen.rindex("\x1b[?25h") < seen.index("error[")
-
-
-def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path: Path) -> None:
-    """What is raised where a library calls back, Python can only tell of."""
-    code = (
-        "import ctypes, os, signal\n"
-        "from edmctl.cli.signals import SignalArrived, raising_signals, stopping_signals\n"
-        "from edmctl.machine.stop import StopRequest\n"
-        "@ctypes.CFUNCTYPE(None)\n"
-        "def callback():\n"
-        "    os.kill(os.getpid(), signal.SIGTERM)\n"
-        "for guarded in (True, False):\n"
-        "    try:\n"
-        "        with raising_signals():\n"
-        "            callback()\n"
-        "            print('going on')\n"
-        "            if guarded:\n"
-        "                with stopping_signals(StopRequest(), lambda: None):\n"
-        "                    print('serving')\n"
-        "    except SignalArrived as arrived:\n"
-        "        print(arrived.signal_number)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment(), capture_output=True, encoding="utf-8", check=True
-    )
-    assert done.stdout.split("\n") == ["going on", "15", "going on", "15", ""]
-    assert done.stderr == ""
 
 
 @pytest.mark.slow
