@@ -1,24 +1,21 @@
 """What studies promise, measured on whole virtual jobs: error rates, intervals, optima, kills, throughput.
 
-    python -m benchmarks.studies null [--studies 200] [--seed 1]
-    python -m benchmarks.studies intervals [--holes 66] [--seed 1]
-    python -m benchmarks.studies points [--repeats 8] [--seed 1]
-    python -m benchmarks.studies optimum [--repeats 8] [--dense 300] [--judges 6] [--seed 1]
-    python -m benchmarks.studies kills [--kills 20] [--seed 1]
-    python -m benchmarks.studies throughput [--runs 400]
-    python -m benchmarks.studies planning
+    python -m benchmarks.studies WHAT [--seed 1] [--studies 200] [--holes 66] [--repeats 8] [--runs 400] …
 
-null: a factor that does nothing is flagged at 5 % in 2 to 9 % of the studies. intervals: of a response surface over
-few runs, and of the Gaussian processes of an optimisation near and away from what it recommends, at settings and on
-machines that they have not seen, at least 88 % of 60 holes or more. points: of the shipped array, at the settings
-that it recommends and at others of its own, at least 88 % on new machines. optimum: the shortest time with arcs of
-at most 2 % from 24 runs over reference, duty and frequency, which together set the on-time (duty / frequency): of
-the repeats whose settings truly keep the bound the median regret is at most 10 %, and at most one in eight does not
-keep it, judged by many runs and a search that is refined where it is best. kills: parent or worker
-and worker of a dask cluster killed, Ctrl-C, at random instants: the table after `resume` is that of a study that
-nobody disturbed (dask is needed). throughput: two idle cores make at least 18 000 holes of 10 µm an hour, and
-90 % of what the CPU of one hole allows, with at most 5 % of CPU besides. planning: 1 000 runs in 5 s. The exit code
-is 1 where a bar is missed; a line without a bar says `no bar` and why.
+null: a factor that does nothing is flagged at 5 % in 2 to 9 % of the studies.
+intervals: of a response surface over few runs, and of the Gaussian processes of an optimisation near and away from
+what it recommends, at new settings and on new machines: at least 88 % of 60 holes or more.
+points: of the shipped array, at the settings that it recommends and at others: at least 88 % on new machines.
+optimum: the shortest time with arcs of at most 2 % from 24 runs over reference, duty and frequency: of the repeats
+that truly keep the bound the median regret is at most 10 %, and at most one in eight does not keep it, by many runs
+and a search that is refined where it is best.
+kills: parent, worker or worker of a dask cluster killed, or Ctrl-C, at random instants: the table after `resume` is
+that of an undisturbed study (dask is needed).
+throughput: two idle cores make at least 18 000 holes of 10 µm an hour, and 90 % of what the CPU of one hole allows,
+with at most 5 % of CPU besides.
+planning: 1 000 runs in 5 s.
+
+The exit code is 1 where a bar is missed; a line without a bar says `no bar`.
 """
 
 from __future__ import annotations
@@ -77,6 +74,21 @@ HURRIED = (
 def study_text(depth_um: float, body: str) -> str:
     """A study of shallow holes of the 270 µm copper tool."""
     return f'[study]\nname = "benchmark"\nprofile = "cu270"\n{HURRIED.format(depth=depth_um)}\n{body}'
+
+
+KEYS = {"reference": "servo.reference", "duty": "pulse.duty", "nothing": "measure.site_dx_um"}
+
+
+def body(factors: Mapping[str, Sequence[float]], design: str, responses: str, more: str = "") -> str:
+    """Tables of a study: factors with levels (a list) or bounds (a tuple), and responses, `*` for a logarithm."""
+    tables = [f"[design]\n{design}", more]
+    for name, values in factors.items():
+        given = f"levels = {values}" if isinstance(values, list) else f"low = {values[0]}\nhigh = {values[1]}"
+        tables.append(f'[[factors]]\nkey = "{KEYS[name]}"\nname = "{name}"\n{given}')
+    for name in responses.split():
+        is_log = str(name.endswith("*")).lower()
+        tables.append(f'[[responses]]\nname = "{name.rstrip("*")}"\nlog = {is_log}')
+    return "\n".join(tables)
 
 
 def told(rows: Sequence[tuple[bool | None, str]]) -> int:
@@ -139,45 +151,20 @@ def held_lines(
 
 # --- null -----------------------------------------------------------------------------------------------------
 
-NULL = """
-[[factors]]
-key = "servo.reference"
-name = "reference"
-levels = [0.74, 0.80]
-
-[[factors]]
-key = "measure.site_dx_um"
-name = "nothing"
-levels = [500.0, 520.0]
-
-[design]
-kind = "full"
-replicates = 3
-seed = {seed}
-seeds = "{seeds}"
-
-[analysis]
-model = "main"
-
-[[responses]]
-name = "machining_time_s"
-log = true
-
-[[responses]]
-name = "wear_ratio_lin"
-
-[[responses]]
-name = "depth_um"
-"""
+NULL_RESPONSES = ("machining_time_s", "wear_ratio_lin", "depth_um")
 
 
 def null_p(case: tuple[int, str]) -> dict[str, float]:
     """The p of a factor without effect, by response."""
-    text = study_text(6.0, NULL.format(seed=case[0], seeds=case[1]))
+    seed, seeds = case
+    factors = {"reference": [0.74, 0.80], "nothing": [500.0, 520.0]}
+    design = f'kind = "full"\nreplicates = 3\nseed = {seed}\nseeds = "{seeds}"\n'
+    responses = "machining_time_s* wear_ratio_lin depth_um"
+    text = study_text(6.0, body(factors, design, responses, '[analysis]\nmodel = "main"'))
     with started(text) as (study, _):
         study.run()
         found = {}
-        for name in ("machining_time_s", "wear_ratio_lin", "depth_um"):
+        for name in NULL_RESPONSES:
             table = study.fit(name).anova
             assert table is not None
             found[name] = next(row.p for row in table.rows if row.name == "nothing")
@@ -200,35 +187,7 @@ def null(args: argparse.Namespace) -> int:
 
 # --- intervals ------------------------------------------------------------------------------------------------
 
-SURFACE = """
-[[factors]]
-key = "servo.reference"
-name = "reference"
-low = 0.62
-high = 0.88
-
-[[factors]]
-key = "pulse.duty"
-name = "duty"
-low = 0.12
-high = 0.55
-
-{design}
-
-[[responses]]
-name = "machining_time_s"
-log = true
-
-[[responses]]
-name = "wear_ratio_lin"
-
-[[responses]]
-name = "arc_share"
-log = true
-
-[[responses]]
-name = "energy_j"
-"""
+BOUNDS = {"reference": (0.62, 0.88), "duty": (0.12, 0.55)}
 ONE_MACHINE = "18 points of a hypercube on one machine"
 DESIGNS = {
     "18 points of a hypercube on 6 machines": 'kind = "lhs"\nruns = 18\nblocks = 6',
@@ -280,19 +239,17 @@ def after_suggestions(case: tuple[int, int]) -> list[tuple[bool, Hits]]:
 def intervals(args: argparse.Namespace) -> int:
     """Intervals of predictions hold new holes on new machines."""
     rng = random.Random(args.seed)
-    places: list[dict[str, float]] = [
-        {
-            "servo.reference": round(rng.uniform(0.62, 0.88), 4),
-            "pulse.duty": round(rng.uniform(0.12, 0.55), 4),
-        }
+    places = [
+        {KEYS[name]: round(rng.uniform(*bounds), 4) for name, bounds in BOUNDS.items()}
         for _ in range(args.holes)
     ]
     rows: list[tuple[bool | None, str]] = []
     with ProcessPoolExecutor() as pool:
         new = list(pool.map(one_hole, [(20.0, s, 50_000 * args.seed + n) for n, s in enumerate(places)]))
         for title, design in DESIGNS.items():
-            text = study_text(20.0, SURFACE.format(design=f"[design]\n{design}\nseed = {args.seed}"))
-            with started(text) as (study, out):
+            responses = "machining_time_s* wear_ratio_lin arc_share* energy_j"
+            text = body(BOUNDS, f"{design}\nseed = {args.seed}", responses)
+            with started(study_text(20.0, text)) as (study, out):
                 study.run(workers=2)
                 models = {
                     one.name: one.model for one in analysis_of(open_folder(out).read()).responses if one.model
@@ -428,7 +385,6 @@ class Dense:
 def optimum(args: argparse.Namespace) -> int:
     """Regret and truth of what is recommended.
 
-    Factors are reference, duty and frequency: duty and frequency set the on-time, so that it is varied as well.
     The best that there is comes from a dense simulation on a few machines, refined around its best points; those
     that are best then, and what is recommended, are judged on the same machines, which no choice has seen.
     """
@@ -440,9 +396,6 @@ def optimum(args: argparse.Namespace) -> int:
         dense = Dense(pool)
         dense.scout(sobol_points(len(dense.factors), args.dense, 99).tolist(), scouts)
         for count, reach in REFINED:
-            print(
-                f"   {len(dense.found)} settings: {_fastest_s(dense.found):.1f} s with few arcs", flush=True
-            )
             dense.scout(dense.around(count, reach, rng), scouts)
         judged = dense.at(dense.best(FINALISTS), judges)
         at = dense.at([repeat.settings for repeat in repeats], judges)
@@ -450,29 +403,20 @@ def optimum(args: argparse.Namespace) -> int:
     kept = sum(arcs <= MOST_ARCS for _, arcs in judged)
     for n, (repeat, (time_s, arcs)) in enumerate(zip(repeats, at, strict=True)):
         words = ", ".join(f"{key.partition('.')[2]} {value:g}" for key, value in repeat.settings.items())
-        on_us = 1e6 * float(repeat.settings["pulse.duty"]) / float(repeat.settings["pulse.frequency_hz"])
         says = "feasible" if repeat.is_feasible else "not feasible"
         is_kept = f"regret {100 * (time_s / best_s - 1):.1f} %" if arcs <= MOST_ARCS else "infeasible"
-        print(
-            f"   repeat {n}: {words} (on-time {on_us:.0f} µs), said to be {says}: {time_s:.1f} s, "
-            f"arcs {100 * arcs:.2f} %: {is_kept}"
-        )
-    print("   reference × duty × frequency (on-time = duty / frequency), 24 runs a repeat")
-    print(
-        f"   best known: {best_s:.1f} s, of {len(dense.found)} settings on {SCOUTS} machines and of the repeats; "
-        f"the {len(judged)} best settings are judged on {len(judges)} other machines"
-    )
+        truth = f"{time_s:.1f} s, arcs {100 * arcs:.2f} %: {is_kept}"
+        print(f"   repeat {n}: {words}, said to be {says}: {truth}")
+    searched = f"{len(dense.found)} settings on {SCOUTS} machines"
+    print(f"   best known: {best_s:.1f} s, of {searched} and of the repeats; judged on {len(judges)} others")
     regrets = [time_s / best_s - 1 for time_s, arcs in at if arcs <= MOST_ARCS]
     infeasible = len(at) - len(regrets)
     median, worst = (statistics.median(regrets), max(regrets)) if regrets else (math.inf, math.inf)
+    words = f"median regret of {len(regrets)} truly feasible repeats {100 * median:.1f} % (10 %)"
     return told(
         [
             (kept > 0, f"of the {len(judged)} best settings of the search {kept} keep the bound (1 or more)"),
-            (
-                median <= 0.10,
-                f"median regret of {len(regrets)} truly feasible repeats {100 * median:.1f} % (10 %), "
-                f"worst {100 * worst:.1f} %",
-            ),
+            (median <= 0.10, f"{words}, worst {100 * worst:.1f} %"),
             (infeasible <= args.repeats // 8, f"truly infeasible {infeasible} of {args.repeats} (1 of 8)"),
         ]
     )
@@ -485,28 +429,7 @@ def _fastest_s(found: Iterable[tuple[Any, ...]]) -> float:
 
 # --- kills ----------------------------------------------------------------------------------------------------
 
-KILLED = """
-[[factors]]
-key = "servo.reference"
-name = "reference"
-levels = [0.7, 0.75, 0.8]
-
-[[factors]]
-key = "pulse.duty"
-name = "duty"
-levels = [0.2, 0.3, 0.4]
-
-[design]
-kind = "full"
-replicates = 2
-
-[[responses]]
-name = "machining_time_s"
-log = true
-
-[[responses]]
-name = "arc_share"
-
+LIMITED = """
 [[constraints]]
 response = "arc_share"
 at_most = 0.1
@@ -517,6 +440,12 @@ response = "machining_time_s"
 [optimize]
 runs = 22
 """
+KILLED = body(
+    {"reference": [0.7, 0.75, 0.8], "duty": [0.2, 0.3, 0.4]},
+    'kind = "full"\nreplicates = 2',
+    "machining_time_s* arc_share",
+    LIMITED,
+)
 EDMCTL = (sys.executable, "-m", "edmctl", "study")
 
 
@@ -736,39 +665,25 @@ def _finished(*command: str) -> None:
 # --- throughput -----------------------------------------------------------------------------------------------
 
 HOLES_PER_HOUR = 18_000.0
-MANY = """
-[[factors]]
-key = "servo.reference"
-name = "reference"
-low = 0.75
-high = 0.85
 
-[[factors]]
-key = "pulse.duty"
-name = "duty"
-low = 0.25
-high = 0.35
 
-[design]
-kind = "lhs"
-runs = {runs}
-
-[[responses]]
-name = "machining_time_s"
-"""
+def many(runs: int) -> str:
+    """A hypercube of ordinary holes."""
+    bounds = {"reference": (0.75, 0.85), "duty": (0.25, 0.35)}
+    return body(bounds, f'kind = "lhs"\nruns = {runs}', "machining_time_s")
 
 
 def throughput(args: argparse.Namespace) -> int:
     """Two processes side by side against the CPU of a hole in one process."""
-    text = f'[study]\nname = "many"\nprofile = "cu270"\nset = ["target.depth_um=10"]\n{MANY}'
-    few, many = text.format(runs=12), text.format(runs=args.runs)
+    head = '[study]\nname = "many"\nprofile = "cu270"\nset = ["target.depth_um=10"]\n'
+    few = head + many(12)
     with started(few) as (study, _):
         study.run()  # compiles
     with started(few) as (study, _):
         begin_s = time.process_time()
         study.run()
         alone_s = (time.process_time() - begin_s) / 12
-    with started(many) as (study, _):
+    with started(head + many(args.runs)) as (study, _):
         before, own_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.process_time()
         begin_s = time.monotonic()
         study.run(workers=2)
@@ -790,9 +705,7 @@ def planning(args: argparse.Namespace) -> int:
     """A thousand different runs are planned."""
     with TemporaryDirectory() as place:
         file = Path(place, "study.toml")
-        file.write_text(
-            f'[study]\nname = "many"\nprofile = "cu270"\n{MANY.format(runs=1000)}', encoding="utf-8"
-        )
+        file.write_text(f'[study]\nname = "many"\nprofile = "cu270"\n{many(1000)}', encoding="utf-8")
         found = []
         for _ in range(3):
             begin_s = time.monotonic()
