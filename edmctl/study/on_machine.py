@@ -21,7 +21,6 @@ from edmctl.errors import (
     ObjectiveNotReached,
     PreconditionError,
     RunFileError,
-    UsageError,
 )
 from edmctl.files import path_variable
 from edmctl.jobs.ledger.prepared_job import WALL_UM
@@ -72,16 +71,11 @@ def run_on_machine(folder: StudyFolder, options: MachineRuns, observer: SeriesOb
     waits for approval, E8207 no place is free; and the error of a run that stopped the study, with the way on.
     """
     if folder.source.file.machine is None:
-        raise without_machine()
+        raise failures.study_without_machine()
     with folder.claimed(), folder.writer() as writer:
         if folder.read().rows.port != options.port:
             writer.on_machine(options.port)
         return _Series(folder, options, observer, writer).run()
-
-
-def without_machine() -> UsageError:
-    """Return the error of a study that was not planned for a machine that lasts."""
-    return failures.study_without_machine()
 
 
 def without_port(folder: StudyFolder) -> list[Diagnostic]:
@@ -135,7 +129,9 @@ class _Series:
         where = f"{settings_words(run.planned.settings)}, at {coordinates(*begun.site_um)}"
         self._observer.note(f"{what} run {run.planned.number}: {where}")
         seed, warn = self._folder.source.file.design.seed, self._options.warn
-        report = carry_out(begun.plan, seed, self._observer, begun.name, warn, self._serial())
+        before = Ledger.open(self._folder.runs).lines if self._folder.runs.is_dir() else ()
+        serial = before[-1].serial if before else ""  # of the machine that has made the runs until now
+        report = carry_out(begun.plan, seed, self._observer, begun.name, warn, serial)
         if report.error is not None and not isinstance(report.error, ObjectiveNotReached):
             self._stop(run, report.error)
         self._new_tool = False
@@ -232,11 +228,6 @@ class _Series:
                 return one
         self._writer.planned([opening_run(state, tool)])
         return self._folder.read().runs[-1]
-
-    def _serial(self) -> str:
-        """The serial number of the machine that has made the runs until now; empty before the first."""
-        lines = Ledger.open(self._folder.runs).lines if self._folder.runs.is_dir() else ()
-        return lines[-1].serial if lines else ""
 
     def _wants_approval(self, run: StudyRun) -> bool:
         policy = self._machine.approval

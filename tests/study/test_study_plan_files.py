@@ -14,10 +14,9 @@ from hypothesis import strategies as st
 
 from edmctl.errors import EdmError, PreconditionError
 from edmctl.study.analysis import analysis_of
-from edmctl.study.commands.tables import render_plan, render_status
+from edmctl.study.commands import render_plan, render_status
 from edmctl.study.folder import open_folder
-from edmctl.study.report import StudyReport, mapping_of
-from edmctl.study.report.text import render_report
+from edmctl.study.report import StudyReport, mapping_of, render_report
 from edmctl.study.suggestions import (
     confirmation_runs,
     confirmations_of,

@@ -12,7 +12,7 @@ from edmctl.dataclasses import replace
 from edmctl.errors import PreconditionError
 from edmctl.study.analysis import analysis_of, expected_at, is_one_machine
 from edmctl.study.planning import plan_study
-from edmctl.study.report.text import render_confirmation, render_recommendation
+from edmctl.study.report import render_confirmation, render_recommendation
 from edmctl.study.report.words import confirmed
 from edmctl.study.results import Judgement, RunKind
 from edmctl.study.study_file import read_study

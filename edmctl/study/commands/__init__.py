@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,8 @@ import typer
 from edmctl import failures
 from edmctl.cli.options import NOTES, command, command_group
 from edmctl.cli.outcome import Outcome, stream_style, watching
-from edmctl.cli.render.layout import render_columns
+from edmctl.cli.render.layout import USUAL_COLUMNS, labelled, narrowed, render_columns, render_table, wrapped
+from edmctl.cli.render.style import PLAIN, Ink, Style
 from edmctl.cli.signals import shell
 from edmctl.dataclasses import asdict, replace
 from edmctl.profile.folders import shipped_studies
@@ -23,8 +25,11 @@ from edmctl.study.commands.execute import (
     opened,
     study_source,
 )
-from edmctl.study.results import Judgement
-from edmctl.wording import plural
+from edmctl.study.results import Judgement, PlannedRun, RunKind, RunState, StudyPlan, StudyRun
+from edmctl.wording import duration, length, plural, setting_text, significant
+
+MOST_RUNS_SHOWN = 60
+LABEL_CELLS = 14
 
 
 @command("study list")
@@ -54,7 +59,6 @@ def plan(outcome: Outcome, file: StudyArgument) -> None:
 
     Every run is checked as a job is; nothing moves and nothing is written.
     """
-    from edmctl.study.commands.tables import render_plan
     from edmctl.study.planning import plan_study
 
     source = study_source(outcome, file)
@@ -69,7 +73,6 @@ def plan(outcome: Outcome, file: StudyArgument) -> None:
 @command("study status")
 def status(outcome: Outcome, folder: FolderArgument) -> None:
     """Show every run of a study with its responses, and what the study waits for."""
-    from edmctl.study.commands.tables import render_status
     from edmctl.study.folder import version_warning
     from edmctl.study.table import counts_of, in_words, missing_manual, table_of, what_next
 
@@ -117,9 +120,8 @@ def report(
 ) -> None:
     """Say what matters, by analysis of variance, models and the Pareto front; --out writes a page of it."""
     from edmctl.jobs import output_files
-    from edmctl.study.report import mapping_of, report_of
+    from edmctl.study.report import mapping_of, render_report, report_of
     from edmctl.study.report.page import render_study_page
-    from edmctl.study.report.text import render_report
 
     found = report_of(opened(folder).read(), shell())
     outcome.result = mapping_of(found)
@@ -261,6 +263,133 @@ def judge(
         Judgement.REPEAT: f"`{way_on(state)}` makes it again, {again}",
     }
     outcome.text = f"Run {run}: {judgement} ({reason}); {after[judgement]}."
+
+
+def render_plan(plan: StudyPlan, style: Style = PLAIN) -> str:
+    """Render what will be run: design, factors, model, costs, and every run in its order."""
+    columns = style.columns or USUAL_COLUMNS
+    lines = [style.paint(f"{plan.name}: {plan.kind}", Ink.STRONG)]
+    if plan.description:
+        lines += wrapped(plan.description, columns)
+    facts = {
+        "runs": _runs_words(plan),
+        "responses": ", ".join(one.label + (" (by hand)" if one.is_manual else "") for one in plan.responses),
+        "constraints": ", ".join(map(str, plan.constraints)),
+        "objectives": ", ".join(
+            f"{name} (weight {weight:g})" if weight != 1 else name for name, weight in plan.objectives
+        ),
+        "model": f"{plan.model}; degrees of freedom: "
+        + ", ".join(f"{name} {dof}" for name, dof in plan.dof.items())
+        if plan.dof and plan.model != "sensitivity"
+        else "",
+        "takes": _costs_words(plan),
+        "aliases": "; ".join(plan.aliases),
+    }
+    lines += [labelled(name, text, LABEL_CELLS, columns) for name, text in facts.items() if text]
+    factors = {
+        "factor": [factor.name for factor in plan.factors],
+        "key": [factor.key for factor in plan.factors],
+        "values": [
+            (" to " if factor.is_range else ", ").join(map(setting_text, factor.values))
+            for factor in plan.factors
+        ],
+    }
+    parts = ["\n".join(lines), render_table(factors, style, left=("key", "values"), cut_first="values")]
+    parts.append(render_columns(*_runs_table(plan), style, "<<>"))
+    notes = [line for note in plan.notes for line in wrapped(f"note: {note}", columns, "  ")]
+    return "\n\n".join([*parts, *(["\n".join(notes)] if notes else [])])
+
+
+def _runs_words(plan: StudyPlan) -> str:
+    words = f"{plural(len(plan.runs), 'run')} of {plural(plan.points, 'point')}"
+    blocks = sorted({run.block for run in plan.runs})
+    tools = sorted({run.tool for run in plan.runs} - {0})
+    if plan.replicates > 1:
+        words += f", {plan.replicates} replicates"
+    if len(blocks) > 1 and not (tools and len(tools) == len(blocks)):
+        words += f", {len(blocks)} blocks"
+    if tools:
+        words += f", {plural(len(tools), 'tool')}"
+    else:
+        seeds = sorted({run.seed for run in plan.runs})
+        words += f", seed {seeds[0]}" if len(seeds) == 1 else f", seeds {seeds[0]} to {seeds[-1]}"
+    return words
+
+
+def _costs_words(plan: StudyPlan) -> str:
+    if plan.costs is None:
+        return ""
+    words = f"{duration(plan.costs.time_s)} of the machine, {duration(plan.costs.machining_time_s)} of it machining"
+    if plan.costs.tool_wear_um:
+        worn = ", ".join(length(wear_um) for wear_um in plan.costs.tool_wear_um)
+        words += f"; tools lose {worn} of {length(plan.costs.most_wear_um)}"
+    if plan.costs.places:
+        words += f"; {len(plan.runs)} of {plural(plan.costs.places, 'place')} of the grid"
+    return words
+
+
+def _runs_table(plan: StudyPlan) -> tuple[list[str], list[list[str]]]:
+    shared = "tool" if any(run.tool for run in plan.runs) else "seed"
+    is_shown = len({getattr(run, shared) for run in plan.runs}) > 1 or shared == "tool"
+    head = ["run", "point", *([shared] if is_shown else []), *(factor.name for factor in plan.factors)]
+    rows = []
+    for run in plan.runs[:MOST_RUNS_SHOWN]:
+        row = [str(run.number), _kind_words(run), *([str(getattr(run, shared))] if is_shown else [])]
+        rows.append([*row, *(setting_text(run.settings[factor.key]) for factor in plan.factors)])
+    if len(plan.runs) > MOST_RUNS_SHOWN:
+        rows.append(["…", f"and {len(plan.runs) - MOST_RUNS_SHOWN} more"])
+    return head, rows
+
+
+def render_status(
+    plan: StudyPlan,
+    runs: Sequence[StudyRun],
+    words: str,
+    waiting: Sequence[str],
+    style: Style = PLAIN,
+) -> str:
+    """Render every run with its state and responses, and what the study waits for."""
+    columns = style.columns or USUAL_COLUMNS
+    shown = [one for one in plan.responses if any(run.row is not None or run.told for run in runs)]
+    table: dict[str, list[str]] = {
+        "run": [str(run.planned.number) for run in runs],
+        "state": [
+            f"{run.state}, attempt {run.row.attempt}" if run.row and run.row.attempt > 1 else str(run.state)
+            for run in runs
+        ],
+        "point": [_kind_words(run.planned) for run in runs],
+    }
+    for factor in plan.factors:
+        table[factor.name] = [setting_text(run.planned.settings[factor.key]) for run in runs]
+    for response in shown:
+        table[response.label] = [_cell(run, response.name) for run in runs]
+    most = MOST_RUNS_SHOWN
+    cut = {name: cells[:most] for name, cells in table.items()}
+    fitted = narrowed(cut, style.columns, [*(f.name for f in reversed(plan.factors)), "point"])
+    text = render_table(fitted, style, left=("state",))
+    if len(runs) > most:
+        text += f"\n… and {len(runs) - most} more runs: `edmctl study export` has all of them"
+    missing = [name for name in table if name not in fitted]
+    lines = wrapped(f"{plan.name}: {words}.", columns)
+    after = [line for one in waiting for line in wrapped(one, columns, "  ")]
+    if missing:
+        after.insert(0, f"Not shown, for want of width: {', '.join(missing)}.")
+    failed = [run for run in runs if run.state is RunState.FAILED and run.row is not None]
+    for run in failed[:10]:
+        assert run.row is not None
+        after += wrapped(f"run {run.planned.number}: {run.row.error}", columns, "  ")
+    return "\n".join([*lines, "", text, *([""] if after else []), *after])
+
+
+def _kind_words(run: PlannedRun) -> str:
+    return str(run.point) if run.kind is RunKind.DESIGN else f"{run.point} {run.kind}"
+
+
+def _cell(run: StudyRun, name: str) -> str:
+    value, u95 = run.value(name), run.u95(name)
+    if value is None:
+        return "–"
+    return significant(value, 4) + (f" ± {significant(u95, 2)}" if u95 else "")
 
 
 app = command_group(

@@ -27,7 +27,7 @@ from edmctl.cli.signals import begin_worker, shell
 from edmctl.dataclasses import dataclass, replace
 from edmctl.profile.folders import find_profile, find_study
 from edmctl.study.results import PlannedRun, RunKind, RunState, StudyRun
-from edmctl.wording import plural, settings_words
+from edmctl.wording import duration, plural, settings_words, shortened
 
 if TYPE_CHECKING:
     from edmctl.jobs.plan import MachineAddress, Plan
@@ -99,9 +99,7 @@ class Making:
             if self.workers is not None or self.dask is not None:
                 raise failures.workers_on_one_machine()
             if not has_machine:
-                from edmctl.study.on_machine import without_machine
-
-                raise without_machine()
+                raise failures.study_without_machine()
         elif self.new_tool or self.homed:
             raise failures.machine_options_without_machine()
         if self.dask is not None and self.workers is not None:
@@ -274,12 +272,14 @@ def _on_machine(
 
 
 def _asked(run: "StudyRun", plan: "Plan") -> bool:
-    """Ask at a terminal; where nobody sits, nobody approves."""
-    from edmctl.study.commands.tables import approval_words
-
+    """Ask at a terminal; without one the run is not approved."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
-    sys.stderr.write(f"{approval_words(run, plan.forecast.time_s)}\nMake it? [y/N] ")
+    settings = shortened(settings_words(run.planned.settings))
+    words = (
+        f"run {run.planned.number} ({run.planned.kind}): {settings}; takes {duration(plan.forecast.time_s)}"
+    )
+    sys.stderr.write(f"{words}\nMake it? [y/N] ")
     sys.stderr.flush()
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
@@ -371,7 +371,7 @@ def optimize(outcome: Outcome, folder: FolderArgument, making: Making) -> None:
     The design comes first. Every suggestion is checked as a job is, and on a machine that lasts approved.
     """
     from edmctl.study.analysis import has_suggestions
-    from edmctl.study.report.text import render_recommendation
+    from edmctl.study.report import render_recommendation
     from edmctl.study.suggestions import counted, next_batch, recommended
 
     study = opened(folder)
@@ -405,7 +405,7 @@ def optimize(outcome: Outcome, folder: FolderArgument, making: Making) -> None:
 @command("study confirm", PROGRESS)
 def confirm(outcome: Outcome, folder: FolderArgument, making: Making, runs: ConfirmRunsOption = 3) -> None:
     """Run the recommended settings anew, on machines no model has seen, and say whether the expectation held."""
-    from edmctl.study.report.text import render_confirmation, render_recommendation
+    from edmctl.study.report import render_confirmation, render_recommendation
     from edmctl.study.suggestions import confirmation_runs, confirmations_of, recommended
     from edmctl.study.table import not_yet_known
 

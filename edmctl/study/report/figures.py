@@ -52,7 +52,7 @@ LETTER_MM, SMALL_LETTER_MM = 1.45, 1.35
 """Mean widths of a letter of a label, and of a tick."""
 AXIS_MM = 14.0
 """What the labels of the vertical axis take."""
-MOST_COLUMNS, ROW_MM = 4, 41.0
+MOST_COLUMNS, ROW_MM = 4, 38.5
 MOST_INTERACTIONS = 6
 MOST_LETTERS = 20
 """Of a level below a panel or in a legend."""
@@ -85,7 +85,7 @@ def _panels(count: int, most: int, row_mm: float, label: str) -> tuple[Figure, l
     """A figure of panels in rows that share their vertical axis, with its label before each row."""
     columns = min(most, count)
     rows = math.ceil(count / columns)
-    figure = new_figure(row_mm * rows)
+    figure = new_figure(5.0 + row_mm * rows)
     panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel().tolist()
     for axes in panels[::columns]:
         axes.set_ylabel(wrapped(label, 30.0))
@@ -200,7 +200,7 @@ def draw_interactions(plan: StudyPlan, info: ResponseInfo, one: ResponseAnalysis
     labels = {factor.name: factor_label(factor) for factor in plan.factors}
     width_mm = (COLUMN_MM - AXIS_MM) / min(2, len(chosen))
     lines = max(math.ceil(len(pair.other_levels) / _legend_columns(pair, width_mm)) for pair in chosen)
-    figure, panels = _panels(len(chosen), 2, 37.0 + 3.0 * (1 + lines), printable(info.label))
+    figure, panels = _panels(len(chosen), 2, 34.0 + 3.0 * (1 + lines), printable(info.label))
     for axes, pair in zip(panels, chosen, strict=True):
         at = range(len(pair.one_levels))
         for n, level in enumerate(pair.other_levels):

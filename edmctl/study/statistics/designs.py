@@ -132,36 +132,21 @@ def _linear(base: int, order: int) -> Levels:
     return levels
 
 
+FOURS = {
+    3: ((1, 2),),
+    4: ((1, 2), (4, 8), (5, 10), (6, 11), (7, 9)),
+    5: ((1, 2), (4, 8), (5, 10), (6, 16), (7, 18), (9, 17), (11, 20), (13, 19), (14, 23)),
+}
+"""By order, columns of two levels: a pair and its sum, which no other pair has, give one column of four levels."""
+
+
 def _with_four_levels(order: int, count: int) -> Levels:
-    """Return an array of 2 ** order runs with `count` columns of four levels, then those of two that are left.
-
-    A column of four levels takes the place of three of two, one of which is the sum of the others.
-    """
-    two = _of_two_levels(order)
-    lines = _disjoint_lines(2**order, count)
-    if lines is None:
-        raise AssertionError("no such array")
-    left = sorted(set(range(1, 2**order)) - {number for line in lines for number in line})
-    four = [two[:, a - 1] * 2 + two[:, b - 1] for a, b, _ in lines]
-    return np.column_stack([*four, *(two[:, number - 1] for number in left)])
-
-
-def _disjoint_lines(
-    size: int, count: int, used: frozenset[int] = frozenset()
-) -> list[tuple[int, int, int]] | None:
-    """Return triples a, b, a xor b of numbers below `size` that share none, by trying."""
-    if not count:
-        return []
-    free = [number for number in range(1, size) if number not in used]
-    spare = len(free) - 3 * count
-    for first in free[: spare + 1]:  # no more than the spare ones stay without a line
-        for second in free:
-            third = first ^ second
-            if second > first and third > second and third in free:
-                rest = _disjoint_lines(size, count - 1, used | {first, second, third})
-                if rest is not None:
-                    return [(first, second, third), *rest]
-    return None
+    """Return an array of 2 ** order runs with `count` columns of four levels, then those of two that are left."""
+    two, pairs = _of_two_levels(order), FOURS[order][:count]
+    used = {number for a, b in pairs for number in (a, b, a ^ b)}
+    four = [two[:, a - 1] * 2 + two[:, b - 1] for a, b in pairs]
+    left = [two[:, number - 1] for number in range(1, 2**order) if number not in used]
+    return np.column_stack([*four, *left])
 
 
 def _rows(rows: Sequence[str]) -> Levels:

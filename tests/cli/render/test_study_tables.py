@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from edmctl.cli.render.layout import wrapped
+from edmctl.study.report import render_response
 from edmctl.study.report.tables import fit_quality
-from edmctl.study.report.text import render_response
 from edmctl.study.results import ResponseInfo
 from edmctl.study.statistics.linear_model import Settings
 from edmctl.study.statistics.response_analysis import Runs, analyse
