@@ -8,13 +8,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from edmctl.blas import VARIABLES
+from tests.tiers import tiers
 
 ROOT = Path(__file__).parents[2]
 
-PROGRAM = """
+START = """
 import functools, threading
-import numpy as np, scipy.linalg
+import MODULE
+import numpy as np
 from threadpoolctl import threadpool_info, threadpool_limits
 
 # Three also on a computer with one core. A thread that has ended leaves the limit to others.
@@ -38,6 +42,15 @@ def watched(module, name):
 
     setattr(module, name, call)
 
+"""
+SHORT = """
+from edmctl.blas import one_blas_thread
+watched(np.linalg, "solve")
+with one_blas_thread(), one_blas_thread():
+    np.linalg.solve(np.eye(2), np.ones(2))
+print((seen, threads()))
+"""
+PROGRAM = """
 for name in ("qr", "solve", "lstsq", "inv", "cholesky", "matrix_rank"):
     watched(np.linalg, name)
 watched(scipy.linalg, "cholesky")
@@ -70,11 +83,18 @@ print((alone, threads()))
 """
 
 
-def test_linear_algebra_runs_in_one_thread_and_the_limit_ends() -> None:
+@pytest.mark.parametrize(("module", "program"), tiers(("numpy", SHORT), slow=(("scipy.linalg", PROGRAM),)))
+def test_linear_algebra_runs_in_one_thread_and_the_limit_ends(module: str, program: str) -> None:
     bare = {name: value for name, value in os.environ.items() if name not in VARIABLES}
-    run = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, cwd=ROOT, env=bare)
+    run = subprocess.run(
+        [sys.executable, "-c", START.replace("MODULE", module) + program],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env=bare,
+    )
     assert run.returncode == 0, run.stderr
     seen, after = ast.literal_eval(run.stdout)
-    assert set(seen) >= {"qr", "solve", "lstsq", "inv", "cholesky"}
+    assert set(seen) >= ({"qr", "solve", "lstsq", "inv", "cholesky"} if program is PROGRAM else {"solve"})
     assert all(set(threads) == {1} for threads in seen.values())
     assert after == {3}

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from edmctl.errors import Diagnostic
-    from edmctl.record.reader import RunFile
 
 
 @pytest.fixture(scope="module")
@@ -34,65 +33,93 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("path", "name", "meant"),
+    ("read", "said", "hint"),
     [
-        ("/entry/servo", "v_gap", "v_gap_avg"),
-        ("/entry/serv", "time", "/entry/servo"),
-        ("/entry/results", "depth", ""),
+        (lambda file: file.column("/entry/servo", "v_gap"), "v_gap", "v_gap_avg"),
+        (lambda file: file.column("/entry/serv", "time"), "/entry/serv", "/entry/servo"),
+        (lambda file: file.column("/entry/results", "depth"), "/entry/results", ""),
+        (lambda file: file.table("/entry/servo"), "no table", "columns('/entry/servo')"),
+        (lambda file: file.rows("/entry/nope"), "There is no table '/entry/nope'", ""),
     ],
 )
-def test_a_column_that_is_not_there_is_named_with_those_that_are(
-    run: Path, path: str, name: str, meant: str
+def test_what_a_run_file_does_not_hold_is_named_with_what_it_holds(
+    run: Path, read: Callable[[Any], object], said: str, hint: str
 ) -> None:
-    with edmctl.open_run(run) as opened, pytest.raises(RunFileError) as caught:
-        opened.column(path, name)
-    assert caught.value.code == "E9015"
-    assert meant in caught.value.hint
-
-
-def test_a_group_is_no_table(run: Path) -> None:
-    with edmctl.open_run(run) as opened, pytest.raises(RunFileError, match="no table"):
-        opened.table("/entry/servo")
-
-
-@pytest.mark.parametrize(
-    "read",
-    [lambda opened: opened.column("/entry/servo", "time"), lambda opened: opened.table("/entry/touches")],
-)
-def test_a_closed_file_says_so(run: Path, read: Any) -> None:
-    opened: RunFile = edmctl.open_run(run)
-    opened.close()
-    with pytest.raises(RunFileError, match="has been closed"):
+    with edmctl.open_run(run) as opened, pytest.raises(RunFileError, match=said) as caught:
         read(opened)
+    assert caught.value.code == "E9015"
+    assert hint in caught.value.hint
+    closed: list[Callable[[Any], object]] = [
+        lambda file: file.column("/entry/servo", "time"),
+        lambda file: file.table("/entry/touches"),
+        lambda file: file.refresh(),
+    ]
+    for read_closed in closed:
+        with pytest.raises(RunFileError, match="has been closed"):
+            read_closed(opened)
 
 
-@pytest.mark.parametrize("site_um", [(1e10, 0.0), (float("nan"), 0.0), "700,-300", (1.0, 2.0, 3.0), 5.0])
-def test_a_place_where_no_stage_can_be_is_refused(site_um: Any, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no place of the stages"):
-        edmctl.connect(seed=1).approach("cu270", site_um=site_um, out=tmp_path)
-    assert list(tmp_path.iterdir()) == []
+def called(**arguments: Any) -> Callable[[], object]:
+    return lambda: edmctl.connect(seed=1).machine("cu270", **arguments)
+
+
+def simulated(sweep: Any) -> Callable[[], object]:
+    return lambda: edmctl.simulate("cu270", seeds=[1], sweep=sweep)
+
+
+NO_PLACE, NO_PATH = "no place of the stages", "profile has to be a name or a path"
 
 
 @pytest.mark.parametrize(
-    ("count", "kind"), [(0, UsageError), (-3, UsageError), ("3", TypeError), (2.5, TypeError)]
+    ("wrong", "kind", "said"),
+    [
+        (called(stop=threading.Event()), TypeError, "stop has to be an edmctl.StopRequest, not Event"),
+        (called(observer=print), TypeError, "observer has to have the methods progress and note"),
+        (called(warn=3), TypeError, "warn has to be called with warnings"),
+        (called(overrides=[{"target.depth_um": 8}]), TypeError, "a mapping or texts like 'key=value'"),
+        (called(overrides={"target.depth_um": None}), TypeError, r"target\.depth_um: NoneType"),
+        (called(allow_model="yes"), TypeError, "allow_model has to be True or False, not 'yes'"),
+        (called(out=7), TypeError, "out has to be a path, not int"),
+        (called(out="runs", run_id=7), TypeError, "a run id has to be text, not int"),
+        (called(run_id="a"), UsageError, "names a run file, and without `out` there is none"),
+        (called(calibration=7), TypeError, "a file has to be a path, not int"),
+        (
+            simulated({"servo.reference": 0.7}),
+            TypeError,
+            r"reference has to have several values, like \[0.7\]",
+        ),
+        (simulated({"servo.reference": "0.7"}), TypeError, "has to have several values"),
+        (simulated("servo.reference=0.7:0.9:3"), TypeError, "sweep has to be a mapping"),
+        (lambda: edmctl.connect(seed=1).measure_wear(site=(5, 0)), TypeError, "site has to be the name"),  # type: ignore[arg-type]
+        *((lambda port=port: edmctl.connect(port), TypeError, "port has to be a name") for port in (5, None)),
+        *((lambda seed=seed: edmctl.connect(seed=seed), TypeError, "integer") for seed in (1.5, "3")),
+        *((lambda wrong=wrong: edmctl.forecast(wrong), TypeError, NO_PATH) for wrong in (None, 270)),
+        *(
+            (lambda site=site: edmctl.connect(seed=1).approach("cu270", site_um=site), UsageError, NO_PLACE)
+            for site in [(1e10, 0.0), (float("nan"), 0.0), "700,-300", (1.0, 2.0, 3.0), 5.0]
+        ),
+        *(
+            (lambda count=count: edmctl.connect(seed=1).jump_flush("cu270", count=count), kind, said)
+            for counts, kind, said in (
+                ((0, -3), UsageError, "at least one"),
+                (("3", 2.5), TypeError, "integer"),
+            )
+            for count in counts
+        ),
+        (lambda: edmctl.StopRequest().request(99), ValueError, "99"),
+    ],
 )
-def test_jumps_are_counted_before_the_machine_runs(count: Any, kind: type[Exception], tmp_path: Path) -> None:
-    with pytest.raises(kind):
-        edmctl.connect(seed=1).jump_flush("cu270", count=count, out=tmp_path)
+def test_a_wrong_argument_is_told_by_its_name_before_anything_runs(
+    wrong: Callable[[], object],
+    kind: type[Exception],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(kind, match=said):
+        wrong()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_profile_is_a_name_or_a_path() -> None:
-    loaded = edmctl.load_profile("cu270")
-    for wrong in (loaded, None, 270):
-        with pytest.raises(TypeError, match="profile has to be a name or a path"):
-            edmctl.forecast(wrong)  # type: ignore[arg-type, unused-ignore]
-
-
-@pytest.mark.parametrize("port", [5, None, b"sim:"])
-def test_a_port_is_a_name_or_a_path(port: Any) -> None:
-    with pytest.raises(TypeError, match="port has to be a name or a path, not"):
-        edmctl.connect(port)
 
 
 @pytest.mark.parametrize(
@@ -116,50 +143,7 @@ def test_a_traceback_shows_code_and_remedy_of_every_problem() -> None:
     assert "depth_um" in shown
     assert "duty" in shown
     assert shown.count("E3003") == 2
-
-
-def test_errors_are_there_without_another_import() -> None:
     assert edmctl.errors.EdmError is EdmError  # type: ignore[attr-defined, unused-ignore]
-
-
-def called(**arguments: Any) -> Callable[[], object]:
-    return lambda: edmctl.connect(seed=1).machine("cu270", **arguments)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        (called(stop=threading.Event()), "stop has to be an edmctl.StopRequest, not Event"),
-        (called(observer=print), "observer has to have the methods progress and note"),
-        (called(warn=3), "warn has to be called with warnings"),
-        (called(overrides=[{"target.depth_um": 8}]), "a mapping or texts like 'key=value'"),
-        (called(allow_model="yes"), "allow_model has to be True or False, not 'yes'"),
-        (called(out=7), "out has to be a path, not int"),
-        (called(out="runs", run_id=7), "a run id has to be text, not int"),
-        (called(calibration=7), "a file has to be a path, not int"),
-        (
-            lambda: edmctl.simulate("cu270", seeds=[1], sweep={"servo.reference": 0.7}),  # type: ignore[dict-item]
-            r"sweep: servo.reference has to have several values, like \[0.7\]",
-        ),
-        (
-            lambda: edmctl.simulate("cu270", seeds=[1], sweep={"servo.reference": "0.7"}),
-            "has to have several values",
-        ),
-        (
-            lambda: edmctl.simulate("cu270", seeds=[1], sweep="servo.reference=0.7:0.9:3"),  # type: ignore[arg-type]
-            "sweep has to be a mapping",
-        ),
-        (lambda: edmctl.connect(seed=1).measure_wear(site=(500, 0)), "site has to be the name"),  # type: ignore[arg-type]
-    ],
-)
-def test_what_is_no_argument_at_all_is_told_by_its_name(wrong: Callable[[], object], said: str) -> None:
-    with pytest.raises(TypeError, match=said):
-        wrong()
-
-
-def test_a_run_without_a_file_has_no_name() -> None:
-    with pytest.raises(UsageError, match="names a run file, and without `out` there is none"):
-        edmctl.connect(seed=1).machine("cu270", run_id="a")
 
 
 def test_a_series_whose_files_are_there_is_refused_before_it_runs(tmp_path: Path) -> None:
@@ -177,28 +161,20 @@ def test_one_file_is_fitted_like_a_list_of_one(tmp_path: Path) -> None:
             edmctl.calibrate_files(files)
 
 
-DOUBTFUL = {"target.depth_um": 8, "work.material": "unobtainium"}
-
-
 def test_what_is_doubtful_is_a_warning_of_python_unless_somebody_is_told() -> None:
-    machine = edmctl.connect(seed=1)
+    machine, doubtful = edmctl.connect(seed=1), {"target.depth_um": 4, "work.material": "unobtainium"}
     with pytest.warns(EdmWarning, match=r"^W3134 .*unobtainium.*; help: ") as seen:
-        machine.machine("cu270", overrides=DOUBTFUL)
+        machine.machine("cu270", overrides=doubtful)
     assert seen[0].filename == __file__
-    with pytest.warns(EdmWarning, match="W3134"):
-        edmctl.simulate("cu270", seeds=[1], overrides=DOUBTFUL)
     told: list[Sequence[Diagnostic]] = []
-    edmctl.simulate("cu270", seeds=[1], overrides=DOUBTFUL, warn=told.append)
-    machine.machine("cu270", overrides={"target.depth_um": 8}, warn=told.append)
+    edmctl.simulate("cu270", seeds=[1], overrides=doubtful, warn=told.append)
+    machine.machine("cu270", overrides={"target.depth_um": 4}, warn=told.append)
     assert [[one.code for one in found] for found in told] == [["W3134"]]
-
-
-def test_a_controller_for_a_port_is_doubtful() -> None:
     with pytest.warns(EdmWarning, match=r"^W4102: --controller firmware has no effect .*/dev/none"):
         edmctl.connect("/dev/none", controller="firmware")
 
 
-def test_errors_travel_between_processes_as_what_they_are(tmp_path: Path) -> None:
+def test_errors_travel_between_processes_as_what_they_are() -> None:
     missed = edmctl.connect("sim:", seed=1).machine(
         "cu270", overrides={"target.depth_um": 8, "limits.max_time_s": 100}, warn=lambda _: None
     )
@@ -221,19 +197,3 @@ def test_jobs_that_begin_in_the_same_millisecond_have_names_of_their_own(tmp_pat
         names = list(pool.map(lambda _: name_run(tmp_path, None, None, start, "touch").run_id, range(30)))
     assert len(set(names)) == 30
     assert "touch-20260131T101500.000Z" in names
-
-
-def test_a_number_that_is_no_signals_stops_nothing() -> None:
-    with pytest.raises(ValueError, match="99"):
-        edmctl.StopRequest().request(99)
-
-
-def test_a_table_that_no_layout_has_is_told(run: Path) -> None:
-    file = edmctl.open_run(run)
-    with file, pytest.raises(RunFileError, match="There is no table '/entry/nope'"):
-        file.rows("/entry/nope")
-    with edmctl.open_run(run) as again, pytest.raises(RunFileError) as refused:
-        again.table("/entry/servo")
-    assert "columns('/entry/servo')" in refused.value.hint
-    with pytest.raises(RunFileError, match="has been closed"):
-        file.refresh()

@@ -106,6 +106,7 @@ def _without_time(study: edmctl.Study) -> list[dict[str, object]]:
     return [{name: value for name, value in row.items() if name not in OF_EXECUTION} for row in study.table()]
 
 
+@pytest.mark.slow
 def test_suggestions_follow_from_the_rows_alone(tmp_path: Path) -> None:
     """Two studies that were told the same ask for the same, whatever was opened and closed between."""
     suggested = []
