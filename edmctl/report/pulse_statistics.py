@@ -55,7 +55,17 @@ def cuts_with_pulses(run: RunFile) -> Array:
 
 def pulse_counts(run: RunFile, edges_s: Array) -> Integers:
     """Count the pulses of each class between `edges_s`, shape (n + 1,), which rise; shape (n, 4)."""
-    return _count_every_pulse(run, edges_s) if has_every_pulse(run) else _count_blocks(run, edges_s)
+    intervals = len(edges_s) - 1
+    counts = np.zeros((intervals, 4), np.int64)
+    if has_every_pulse(run):
+        for interval, columns in _by_interval(run, edges_s, ("pulse_class",)):
+            cells = 4 * interval + (columns["pulse_class"] & 3)
+            counts += np.bincount(cells, minlength=counts.size).reshape(-1, 4)
+        return counts
+    for interval, columns in _by_interval(run, edges_s, _BLOCK_COUNTS):
+        for k, name in enumerate(_BLOCK_COUNTS):
+            counts[:, k] += np.bincount(interval, columns[name], minlength=intervals).astype(np.int64)
+    return counts
 
 
 def current_a(run: RunFile) -> float:
@@ -85,28 +95,21 @@ def pulse_blocks(
         yield start, {name: run.column(layout.PULSES.path, name, start, end) for name in names}
 
 
-def _count_every_pulse(run: RunFile, edges_s: Array) -> Integers:
-    edges = rows_at(run, edges_s)
+def _by_interval(
+    run: RunFile, edges_s: Array, names: Sequence[str]
+) -> Iterator[tuple[Integers, dict[str, NDArray[Any]]]]:
+    """Yield columns of single pulses, or of blocks of them, between edges, with the interval that each row is in."""
     intervals = len(edges_s) - 1
-    counts = np.zeros(4 * intervals, np.int64)
-    for first, columns in pulse_blocks(run, int(edges[0]), int(edges[-1]), ("pulse_class",)):
-        kind = columns["pulse_class"]
-        ends = np.clip(edges, first, first + len(kind))
-        interval = np.repeat(np.arange(intervals, dtype=np.int32), ends[1:] - ends[:-1])
-        counts += np.bincount(4 * interval + (kind & 3), minlength=4 * intervals)
-    return counts.reshape(-1, 4)
-
-
-def _count_blocks(run: RunFile, edges_s: Array) -> Integers:
-    intervals = len(edges_s) - 1
-    counts = np.zeros((intervals, 4), np.int64)
-    for block in run.blocks(layout.PULSE_BLOCKS.path, ("time", *_BLOCK_COUNTS)):
+    if has_every_pulse(run):
+        edges = rows_at(run, edges_s)
+        for first, columns in pulse_blocks(run, int(edges[0]), int(edges[-1]), names):
+            ends = np.clip(edges, first, first + len(columns[names[0]]))
+            yield np.repeat(np.arange(intervals, dtype=np.int32), np.diff(ends)), columns
+        return
+    for block in run.blocks(layout.PULSE_BLOCKS.path, ("time", *names)):
         interval = np.searchsorted(edges_s, block["time"], side="right") - 1
-        within = (interval >= 0) & (interval < intervals)
-        for k, name in enumerate(_BLOCK_COUNTS):
-            weights = block[name][within].astype(np.float64)
-            counts[:, k] += np.bincount(interval[within], weights, minlength=intervals).astype(np.int64)
-    return counts
+        inside = (interval >= 0) & (interval < intervals)
+        yield interval[inside], {name: block[name][inside].astype(np.float64) for name in names}
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,32 +229,25 @@ def spark_energies(run: RunFile, edges_s: Array) -> SparkEnergies | None:
 def _sum_pulses(run: RunFile, edges_s: Array, width_uj: float) -> tuple[Array, Array]:
     open_v, siemens = _generator(run)
     counts, sums_uj = np.zeros(4 * FINE), np.zeros(len(edges_s) - 1)
-    edges = rows_at(run, edges_s)
-    for first, columns in pulse_blocks(run, int(edges[0]), int(edges[-1]), ("pulse_class", "te", "u")):
-        kind = columns["pulse_class"] & 3
-        plateau_v = columns["u"]
+    for interval, columns in _by_interval(run, edges_s, ("pulse_class", "te", "u")):
+        kind, plateau_v = columns["pulse_class"] & 3, columns["u"]
         amps = np.float32(siemens) * np.maximum(np.float32(open_v) - plateau_v, 0.0)
         energy_uj = columns["te"] * plateau_v * amps
         bins = np.minimum(energy_uj * np.float32(1.0 / width_uj), FINE - 1).astype(np.int32)
         counts += np.bincount(FINE * kind.astype(np.int32) + bins, minlength=4 * FINE)
         # An open pulse has no discharge time, so its product is 0 already.
-        energy_uj *= kind != SHORT
-        starts = np.clip(edges - first, 0, len(kind))
-        filled = np.diff(starts) > 0
-        sums_uj[filled] += np.add.reduceat(energy_uj, starts[:-1][filled], dtype=np.float64)
+        sums_uj += np.bincount(interval, energy_uj * (kind != SHORT), minlength=len(sums_uj))
     return counts.reshape(4, FINE)[[NORMAL, ARC]], sums_uj
 
 
 def _sum_blocks(run: RunFile, edges_s: Array, width_uj: float) -> tuple[Array, Array]:
     counts, sums_uj = np.zeros((2, FINE)), np.zeros(len(edges_s) - 1)
-    for block in run.blocks(layout.PULSE_BLOCKS.path, ("time", "n_normal", "n_arc", "sum_energy")):
-        sparks = block["n_normal"].astype(np.float64) + block["n_arc"].astype(np.float64)
-        interval = np.searchsorted(edges_s, block["time"], side="right") - 1
-        used = (interval >= 0) & (interval < len(sums_uj)) & (sparks > 0)
-        energy_uj = block["sum_energy"][used].astype(np.float64)
-        bins = np.minimum(energy_uj / sparks[used] / width_uj, FINE - 1).astype(np.int64)
+    for interval, columns in _by_interval(run, edges_s, ("n_normal", "n_arc", "sum_energy")):
+        sparks, energy_uj = columns["n_normal"] + columns["n_arc"], columns["sum_energy"]
+        used = sparks > 0
+        bins = np.minimum(energy_uj[used] / sparks[used] / width_uj, FINE - 1).astype(np.int64)
         counts[0] += np.bincount(bins, sparks[used], minlength=FINE)
-        sums_uj += np.bincount(interval[used], energy_uj, minlength=len(sums_uj))
+        sums_uj += np.bincount(interval[used], energy_uj[used], minlength=len(sums_uj))
     return counts, sums_uj
 
 

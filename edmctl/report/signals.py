@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from edmctl.array_types import Array
+from edmctl.array_types import Array, Integers
 from edmctl.dataclasses import dataclass
 from edmctl.record import layout
 from edmctl.record.reader import RecordedCode, RecordedState, RunFile, recorded_events
@@ -20,6 +20,7 @@ from edmctl.record.reader import RecordedCode, RecordedState, RunFile, recorded_
 Floats = NDArray[np.floating]
 Columns = Mapping[str, NDArray[np.generic]]
 
+SERVO = "/entry/servo"
 POINTS = 900
 """Intervals of a figure one column wide: a pixel each at 300 dpi."""
 BLOCK_ROWS = 1 << 20
@@ -106,22 +107,6 @@ def _extremes(groups: Floats) -> tuple[Array, Array, Array]:
     return low.astype(np.float64), means, high.astype(np.float64)
 
 
-def within(state: NDArray[np.generic], states: Sequence[RecordedState]) -> NDArray[np.bool_]:
-    """Return whether the controller was in one of `states`, shape (n,)."""
-    inside: NDArray[np.bool_] = state == states[0]
-    for other in states[1:]:
-        inside |= state == other
-    return inside
-
-
-def in_states(
-    values: NDArray[np.generic], state: NDArray[np.generic], states: Sequence[RecordedState]
-) -> Floats:
-    """Return the values while the controller was in one of `states`, NaN elsewhere; shape (n,)."""
-    masked: Floats = np.where(within(state, states), values, np.float32(np.nan))
-    return masked
-
-
 def without_jumps(values: NDArray[np.generic], state: NDArray[np.generic]) -> Floats:
     """Return the values, NaN while the tool jumped; shape (n,)."""
     resting: Floats = np.where(state == RecordedState.JUMP, np.float32(np.nan), values)
@@ -135,75 +120,37 @@ def floats(
     return {name: run.column(path, name, *(part or ())).astype(np.float64) for name in names}
 
 
+def spans_in(run: RunFile, states: Sequence[RecordedState]) -> Integers:
+    """Return the first row of each stay in one of some states and the first after it, shape (n, 2)."""
+    inside = np.isin(run.column(SERVO, "state"), states)
+    edges: Integers = np.flatnonzero(np.diff(inside, prepend=False, append=False)).reshape(-1, 2)
+    return edges
+
+
+def time_at(run: RunFile, row: int) -> float:
+    """Return the time of a row of `/entry/servo`."""
+    return float(run.column(SERVO, "time", row, row + 1)[0])
+
+
 def rows_worked(run: RunFile) -> tuple[int, int]:
     """Return the rows of `/entry/servo` from the first touch, approach or cut to the last; (0, 0) without any.
 
     What comes before would take all the room: the test of the generator, which is an approach shorter than a second,
     and the actuator's conditioning.
     """
-    rows = run.rows("/entry/servo")
-    enough = MIN_WORK_S * sampling_hz(run)
-    ahead = Spans(WORKING)
-    for start in range(0, rows, BLOCK_ROWS):
-        _take_states(run, ahead, start, min(start + BLOCK_ROWS, rows))
-        if any(end - begin >= enough for begin, end in ahead.joined()):
-            break
-    spans = ahead.joined()
-    if not spans:
+    spans = spans_in(run, WORKING)
+    if not len(spans):
         return 0, 0
-    first = next((begin for begin, end in spans if end - begin >= enough), spans[0][0])
-    for stop in range(rows, 0, -BLOCK_ROWS):
-        back = Spans(WORKING)
-        _take_states(run, back, max(0, stop - BLOCK_ROWS), stop)
-        if back.joined():
-            return int(first), min(int(back.joined()[-1][1]) + 1, rows)
-    return int(first), rows
-
-
-def _take_states(run: RunFile, spans: Spans, start: int, stop: int) -> None:
-    """Hand states to `spans`, with the number of the row in the place of the time."""
-    state = run.column("/entry/servo", "state", start, stop)
-    spans.take(np.arange(start, start + len(state)), state)
+    lasting = np.flatnonzero(spans[:, 1] - spans[:, 0] >= MIN_WORK_S * sampling_hz(run))
+    first = spans[lasting[0] if len(lasting) else 0, 0]
+    return int(first), min(int(spans[-1, 1]) + 1, run.rows(SERVO))
 
 
 def sampling_hz(run: RunFile) -> float:
     """Return how often the servo was sampled; 0 with fewer than two samples."""
-    time_s = run.column("/entry/servo", "time", 0, 200).astype(np.float64)
+    time_s = run.column(SERVO, "time", 0, 200).astype(np.float64)
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     return 1.0 / step_s if step_s > 0.0 else 0.0
-
-
-class Spans:
-    """Gathers, block by block, when the controller was in one of some states."""
-
-    def __init__(self, states: Sequence[RecordedState]) -> None:
-        self._states = states
-        self._was = False
-        self._last_s = np.nan
-        self._edges_s: list[float] = []
-
-    def take(self, time_s: NDArray[np.generic], state: NDArray[np.generic]) -> None:
-        """Take consecutive rows, shape (n,)."""
-        if not len(state):
-            return
-        inside = within(state, self._states)
-        change = np.flatnonzero(inside[1:] != inside[:-1]) + 1
-        if inside[0] != self._was:
-            change = np.insert(change, 0, 0)
-        self._edges_s.extend(time_s[change].tolist())
-        self._was = bool(inside[-1])
-        self._last_s = float(time_s[-1])
-
-    def joined(self, within_s: float = 0.0) -> list[tuple[float, float]]:
-        """Return (begin, end) of every span; those with no more than `within_s` between them are one."""
-        edges_s = [*self._edges_s, self._last_s] if self._was else self._edges_s
-        spans: list[tuple[float, float]] = []
-        for begin_s, end_s in zip(edges_s[::2], edges_s[1::2], strict=True):
-            if spans and begin_s - spans[-1][1] <= within_s:
-                spans[-1] = (spans[-1][0], end_s)
-            else:
-                spans.append((begin_s, end_s))
-        return spans
 
 
 def intervals(time_s: Array) -> list[slice]:

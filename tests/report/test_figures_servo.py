@@ -14,7 +14,7 @@ pytest.importorskip("matplotlib")
 from edmctl.record.reader import RecordedState, open_run
 from edmctl.record.rows import SlowRow
 from edmctl.report.figures.servo import segment_size, welch
-from edmctl.report.signals import Spans, envelopes, rows_worked
+from edmctl.report.signals import envelopes, rows_worked, spans_in
 from tests.report.drawing import data, drawn, legend_of, line_called, overlaps, texts, why_not, width_mm
 from tests.report.made_up import IDLE, JUMP, TOUCH, a_cut, a_touch, finished, sites
 from tests.tiers import tiers
@@ -271,6 +271,7 @@ def test_a_single_high_sample_is_not_lost_in_a_long_run_whose_idle_begin_is_left
 
     with open_run(finished(tmp_path, signals)) as run:
         assert rows_worked(run) == (500, 10_000)
+        assert spans_in(run, [RecordedState.TOUCH, RecordedState.IDLE]).tolist() == [[0, 1000]]
         names = ["v_gap_avg", "z_sensor"]
         lines = envelopes(
             run, "/entry/servo", names, lambda c: {n: c[n].astype(np.float32) for n in names}, points=100
@@ -282,11 +283,3 @@ def test_a_single_high_sample_is_not_lost_in_a_long_run_whose_idle_begin_is_left
     # An interval of nothing but NaN is NaN.
     assert np.isnan([sensor.mean[0], sensor.low[0]]).all()
     assert sensor.mean[1] == pytest.approx(signals.sensor_um[150:200].mean(), abs=1e-3)
-
-
-def test_spans_go_on_from_block_to_block() -> None:
-    spans = Spans([RecordedState.TOUCH])
-    spans.take(np.arange(4.0), np.array([0, 6, 6, 6]))
-    spans.take(np.arange(4.0, 8.0), np.array([6, 0, 6, 6]))
-    assert spans.joined() == [(1.0, 5.0), (6.0, 7.0)]
-    assert spans.joined(within_s=1.0) == [(1.0, 7.0)]

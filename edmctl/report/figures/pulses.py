@@ -38,7 +38,8 @@ from edmctl.report.signals import (
     envelopes,
     floats,
     running_mean,
-    within,
+    spans_in,
+    time_at,
 )
 from edmctl.report.style import (
     BLACK,
@@ -371,10 +372,7 @@ def _fault_s(run: RunFile, time_s: Array) -> float | None:
     None if neither lies within the waveforms.
     """
     candidates_s = run.column("/entry/black_box", "time")[-1:].tolist()
-    faulted = np.flatnonzero(within(run.column("/entry/servo", "state"), FAULTED))
-    if len(faulted):
-        first = int(faulted[0])
-        candidates_s += run.column("/entry/servo", "time", first, first + 1).tolist()
+    candidates_s += [time_at(run, int(first)) for first in spans_in(run, FAULTED)[:1, 0]]
     return next((float(at_s) for at_s in candidates_s if time_s[0] <= at_s <= time_s[-1]), None)
 
 

@@ -24,7 +24,7 @@ from edmctl.record.reader import RecordedCode, RecordedState, RunFile
 from edmctl.record.run_index import has_sensor, sites_of
 from edmctl.report import panels
 from edmctl.report.panels import Block
-from edmctl.report.signals import Columns, Floats, envelopes, floats, without_jumps
+from edmctl.report.signals import SERVO, Columns, Floats, envelopes, floats, time_at, without_jumps
 from edmctl.report.style import (
     BLACK,
     BLUE,
@@ -40,7 +40,6 @@ from edmctl.results.job import length_text
 from edmctl.results.run_file import RecordedSite
 from edmctl.wording import plain_number, signed
 
-SERVO = "/entry/servo"
 LONGEST_S = 600.0
 """No set of touches takes longer."""
 BEFORE_S, AFTER_S = 2.5, 1.0
@@ -85,7 +84,7 @@ def draw_touching(run: RunFile) -> Figure:
         first_s, last_s = sequence["time"][[0, -1]].tolist()
         whole = _rows_between(run, _touching_since(run, first_s), last_s + after_s)
     has_whole = whole[1] - whole[0] > 1
-    unit_s, label = time_unit(_time_at(run, whole[1] - 1) - _time_at(run, whole[0]) if has_whole else 0.0)
+    unit_s, label = time_unit(time_at(run, whole[1] - 1) - time_at(run, whole[0]) if has_whole else 0.0)
     blocks = [Block(label, dict.fromkeys(Y, 1.0))] if has_whole else []
     zoom = Block("time (s)", dict.fromkeys(Y, 1.1), (1.7, 1.0), above_mm=panels.TITLE_MM)
     figure, axes = panels.panels(*blocks, zoom, gap_mm=11.0)
@@ -196,7 +195,7 @@ def _contacts(run: RunFile, last_s: float, after_s: float) -> tuple[float, float
     first, stop = _rows_between(run, last_s, end_s)
     elsewhere = np.flatnonzero(run.column(SERVO, "state", first, stop) != RecordedState.TOUCH)
     if len(elsewhere) and elsewhere[0] > 0:
-        end_s = _time_at(run, first + int(elsewhere[0]))
+        end_s = time_at(run, first + int(elsewhere[0]))
     return max(earliest_s, contacts_s[0] - BEFORE_S), end_s, contacts_s
 
 
@@ -214,12 +213,8 @@ def _touching_since(run: RunFile, last_s: float) -> float:
 def _rows_between(run: RunFile, begin_s: float, end_s: float) -> tuple[int, int]:
     """Return the rows of `/entry/servo` in an interval of time, by bisection: the file may be long."""
     rows = range(run.rows(SERVO))
-    first, stop = (bisect_left(rows, at_s, key=lambda row: _time_at(run, row)) for at_s in (begin_s, end_s))
+    first, stop = (bisect_left(rows, at_s, key=lambda row: time_at(run, row)) for at_s in (begin_s, end_s))
     return first, stop
-
-
-def _time_at(run: RunFile, row: int) -> float:
-    return float(run.column(SERVO, "time", row, row + 1)[0])
 
 
 @dataclass(frozen=True, slots=True)

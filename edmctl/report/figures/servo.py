@@ -20,16 +20,16 @@ from edmctl.record.reader import RecordedState, RunFile
 from edmctl.report import panels
 from edmctl.report.panels import Block, legend_above, note_above
 from edmctl.report.signals import (
-    BLOCK_ROWS,
+    SERVO,
     Columns,
     Envelope,
     Floats,
-    Spans,
     envelopes,
     floats,
-    in_states,
     rows_worked,
     sampling_hz,
+    spans_in,
+    time_at,
     without_jumps,
 )
 from edmctl.report.style import (
@@ -46,8 +46,9 @@ from edmctl.report.style import (
 )
 from edmctl.wording import plural
 
-SERVO = "/entry/servo"
 PALE = "#BDBDBD"
+TOGETHER_S = 2.0
+"""Touches with no more time between them are one grey band."""
 PROBES, PROBE_ROWS = 60, 512
 MIN_RATIO = 0.05
 """Below, a gap voltage over its share is mostly rounding."""
@@ -79,12 +80,10 @@ def draw_gap(run: RunFile) -> Figure:
             "The run ended before the first touch or cut, so there is no gap voltage yet; a run that gets "
             "further has it."
         )
-    touching = Spans([RecordedState.TOUCH])
 
     def derive(columns: Columns) -> dict[str, Floats]:
-        state = columns["state"]
-        touching.take(columns["time"], state)
-        gap_v = in_states(columns["v_gap_avg"], state, SPARKING)
+        sparking = np.isin(columns["state"], SPARKING)
+        gap_v = np.where(sparking, columns["v_gap_avg"], np.float32(np.nan))
         return {"gap": gap_v, **_places(columns, "z_sensor")}
 
     place = "z_sensor"
@@ -97,7 +96,7 @@ def draw_gap(run: RunFile) -> Figure:
     block = Block(label, {"mean gap voltage (V)": 1.0, "tool displacement (µm)": 1.25})
     figure, (upper, lower) = panels.panels(block)
     for axes in (upper, lower):
-        for begin_s, end_s in touching.joined(within_s=2.0):
+        for begin_s, end_s in _touching_s(run, rows):
             label = "touching" if axes is upper else "_"
             axes.axvspan(begin_s / unit_s, end_s / unit_s, color=LIGHT, linewidth=0.0, label=label)
     _draw_voltage(upper, run, lines["gap"], rows, unit_s)
@@ -107,6 +106,17 @@ def draw_gap(run: RunFile) -> Figure:
     for axes in (upper, lower):
         legend_above(axes)
     return figure
+
+
+def _touching_s(run: RunFile, rows: tuple[int, int]) -> list[tuple[float, float]]:
+    """Return begin and end of the times of touching; those with up to TOGETHER_S between them are one."""
+    spans: list[tuple[float, float]] = []
+    for span in spans_in(run, [RecordedState.TOUCH]):
+        begin_s, end_s = (time_at(run, int(row)) for row in np.clip(span, rows[0], rows[1] - 1))
+        if spans and begin_s - spans[-1][1] <= TOGETHER_S:
+            begin_s = spans.pop()[0]
+        spans.append((begin_s, end_s))
+    return spans
 
 
 def _places(columns: Columns, name: str) -> dict[str, Floats]:
@@ -302,20 +312,14 @@ def draw_spectrum(run: RunFile) -> Figure:
 
 def _parts_of_machining(run: RunFile, rate_hz: float) -> list[tuple[int, int]]:
     """Return the rows of machining without jumps and without missing samples, after the servo has settled."""
-    machining = Spans([RecordedState.MACHINING])
-    rows, last_s = 0, np.nan
-    for block in run.blocks(SERVO, ["time", "state"], BLOCK_ROWS):
-        time_s, state = block["time"].astype(np.float64), block["state"].copy()
+    parts: list[tuple[int, int]] = []
+    for first, stop in spans_in(run, [RecordedState.MACHINING]).tolist():
+        time_s = run.column(SERVO, "time", first, stop).astype(np.float64)
         # A missing sample ends a part: the one after it does not count.
-        state[np.diff(time_s, prepend=last_s) * rate_hz > 1.5] = RecordedState.JUMP
-        machining.take(np.arange(rows, rows + len(state)), state)
-        rows, last_s = rows + len(state), float(time_s[-1])
+        missing = first + 1 + np.flatnonzero(np.diff(time_s) * rate_hz > 1.5)
+        parts += zip([first, *(missing + 1)], [*missing, stop], strict=True)
     settled = round(SETTLED_S * rate_hz)
-    return [
-        (int(first) + settled, int(stop))
-        for first, stop in machining.joined()
-        if stop - first > settled + SMALLEST
-    ]
+    return [(first + settled, stop) for first, stop in parts if stop - first > settled + SMALLEST]
 
 
 def segment_size(lengths: list[int], rate_hz: float) -> int:
