@@ -68,7 +68,7 @@ def envelopes(
     every = max(1, -(-(stop - first) // points)) if stop - first > 2 * points else 1
     rows = max(1, BLOCK_ROWS // every) * every
     times: list[Array] = []
-    found: dict[str, list[tuple[Array, Array, Array]]] = {}
+    found: dict[str, list[Array]] = {}
     for start in range(first, stop, rows):
         end = min(start + rows, stop)
         columns = {name: run.column(path, name, start, end) for name in ("time", *names)}
@@ -76,35 +76,23 @@ def envelopes(
         starts = np.arange(0, len(time_s), every)
         times.append(0.5 * (time_s[starts] + time_s[np.minimum(starts + every, len(time_s)) - 1]))
         for name, values in derive(columns).items():
-            found.setdefault(name, []).extend(_reduced(values, every))
+            found.setdefault(name, []).append(_extremes(values, starts))
     time = np.concatenate(times) if times else np.empty(0)
-    return {name: _envelope(time, parts, sampled=every == 1) for name, parts in found.items()}
+    return {
+        name: Envelope(time, *np.concatenate(parts, axis=1), every == 1)
+        for name, parts in found.items()
+    }
 
 
-def _envelope(time_s: Array, parts: Sequence[tuple[Array, Array, Array]], *, sampled: bool) -> Envelope:
-    low, mean, high = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return Envelope(time_s, low, mean, high, sampled)
-
-
-def _reduced(values: Floats, every: int) -> list[tuple[Array, Array, Array]]:
-    """Return the extremes and the means of each `every` values, and of the rest that is not as many."""
-    if every == 1:
-        samples = values.astype(np.float64)
-        return [(samples, np.where(np.isfinite(samples), samples, np.nan), samples)]
-    whole = len(values) // every * every
-    groups = [values[:whole].reshape(-1, every), values[whole:].reshape(1, -1)]
-    return [_extremes(group) for group in groups if group.size]
-
-
-def _extremes(groups: Floats) -> tuple[Array, Array, Array]:
-    """Return lowest value, mean and highest of each row, shape (n, m); only of the values that are known."""
-    known = np.isfinite(groups)
-    counts = np.count_nonzero(known, axis=1)
-    sums = np.where(known, groups, groups.dtype.type(0.0)).sum(axis=1, dtype=np.float64)
-    means = np.divide(sums, counts, out=np.full(len(counts), np.nan), where=counts > 0)
-    # fmin and fmax leave NaN out, unless there is nothing else.
-    low, high = np.fmin.reduce(groups, axis=1), np.fmax.reduce(groups, axis=1)
-    return low.astype(np.float64), means, high.astype(np.float64)
+def _extremes(values: Floats, starts: Integers) -> Array:
+    """Return lowest value, mean and highest from each start to the next, shape (3, n); NaN counts as nothing."""
+    known = np.isfinite(values)
+    counts = np.add.reduceat(known, starts, dtype=np.int64)
+    sums = np.add.reduceat(np.where(known, values, np.float32(0.0)), starts, dtype=np.float64)
+    means = np.divide(sums, counts, out=np.full(len(starts), np.nan), where=counts > 0)
+    return np.stack(
+        [np.fmin.reduceat(values, starts), means, np.fmax.reduceat(values, starts)], dtype=np.float64
+    )
 
 
 def without_jumps(values: NDArray[np.generic], state: NDArray[np.generic]) -> Floats:
