@@ -78,10 +78,11 @@ def envelopes(
         for name, values in derive(columns).items():
             found.setdefault(name, []).append(_extremes(values, starts))
     time = np.concatenate(times) if times else np.empty(0)
-    return {
-        name: Envelope(time, *np.concatenate(parts, axis=1), every == 1)
-        for name, parts in found.items()
-    }
+    lines: dict[str, Envelope] = {}
+    for name, parts in found.items():
+        low, mean, high = np.concatenate(parts, axis=1)
+        lines[name] = Envelope(time, low, mean, high, sampled=every == 1)
+    return lines
 
 
 def _extremes(values: Floats, starts: Integers) -> Array:

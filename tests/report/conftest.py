@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -16,48 +15,30 @@ from tests.golden import once
 if TYPE_CHECKING:
     from pathlib import Path
 
-SHALLOW = ("--profile", CU270, "--set", "target.depth_um=8")
-ARRAY = (
-    "--profile",
-    str(ROOT / "profiles" / "array-3x3.toml"),
-    "--set",
-    "target.depth_um=5",
-    "--set",
-    "jump.height_um=30",
-    "--set",
-    "measure.touches=2",
-)
-CHANNEL = (
-    "--profile",
-    str(ROOT / "profiles" / "channel-rectangle.toml"),
-    "--set",
-    "target.depth_um=4",
-    "--set",
-    "path.width_um=250",
-    "--set",
-    "path.height_um=250",
-)
-
 
 def _machined(
-    factory: pytest.TempPathFactory, name: str, *options: str, exit_code: int = 0, inject: str = ""
+    factory: pytest.TempPathFactory,
+    name: str,
+    profile: str,
+    *settings: str,
+    exit_code: int = 0,
+    inject: str = "",
 ) -> Path:
-    """The run file of a golden run."""
-    make = partial(_machine, options=options, exit_code=exit_code, inject=inject)
-    return once(factory, name, make) / "one.h5"
+    """The run file of a golden run with seed 3, in this process and in folders of its own."""
 
-
-def _machine(folder: Path, options: tuple[str, ...], exit_code: int, inject: str) -> None:
-    """Run a job in this process, in folders of its own."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
-            patch.delenv(name, raising=False)
-        patch.setenv("EDMCTL_HOME", str(folder / "home"))
-        patch.chdir(folder)
-        if inject:
-            patch.setattr("edmctl.simulator.open_bench", Workshop(inject))
+    def make(folder: Path) -> None:
+        options = [word for setting in settings for word in ("--set", setting)]
         place = ("--seed", "3", "--out", str(folder), "--run-id", "one", "--quiet")
-        assert main(("machine", *options, *place)) == exit_code
+        with pytest.MonkeyPatch.context() as patch:
+            for variable in ("EDMCTL_PROFILE", "EDMCTL_PORT", "EDMCTL_CALIBRATION"):
+                patch.delenv(variable, raising=False)
+            patch.setenv("EDMCTL_HOME", str(folder / "home"))
+            patch.chdir(folder)
+            if inject:
+                patch.setattr("edmctl.simulator.open_bench", Workshop(inject))
+            assert main(("machine", "--profile", profile, *options, *place)) == exit_code
+
+    return once(factory, name, make) / "one.h5"
 
 
 @pytest.fixture(autouse=True)
@@ -102,35 +83,39 @@ def _text_within_the_canvas(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of one shallow hole in two cuts, sums over blocks of pulses, jumps every 10 s."""
-    return _machined(tmp_path_factory, "run", *SHALLOW)
+    return _machined(tmp_path_factory, "run", CU270, "target.depth_um=8")
 
 
 @pytest.fixture(scope="session")
 def held_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of the same hole with every contact held for 5 s."""
-    return _machined(tmp_path_factory, "held_run", *SHALLOW, "--set", "measure.dwell_s=5")
+    return _machined(tmp_path_factory, "held_run", CU270, "target.depth_um=8", "measure.dwell_s=5")
 
 
 @pytest.fixture(scope="session")
 def full_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of the same hole with every pulse, and the servo at 1 kHz."""
-    full = ("--set", 'log.pulses="full"', "--set", "log.servo_hz=1000.0")
-    return _machined(tmp_path_factory, "full_run", *SHALLOW, *full)
+    settings = ("target.depth_um=8", 'log.pulses="full"', "log.servo_hz=1000.0")
+    return _machined(tmp_path_factory, "full_run", CU270, *settings)
 
 
 @pytest.fixture(scope="session")
 def array_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of nine shallow holes in three rows."""
-    return _machined(tmp_path_factory, "array_run", *ARRAY)
+    settings = ("target.depth_um=5", "jump.height_um=30", "measure.touches=2")
+    return _machined(tmp_path_factory, "array_run", str(ROOT / "profiles" / "array-3x3.toml"), *settings)
 
 
 @pytest.fixture(scope="session")
 def faulted_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of a hole that ended after 5 s of its first cut, when tool and work were connected."""
-    return _machined(tmp_path_factory, "faulted_run", *SHALLOW, exit_code=6, inject="WIRE_SHORT@sparks+5")
+    inject = "WIRE_SHORT@sparks+5"
+    return _machined(tmp_path_factory, "faulted_run", CU270, "target.depth_um=8", exit_code=6, inject=inject)
 
 
 @pytest.fixture(scope="session")
 def channel_run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the file of a small rectangular channel of two layers."""
-    return _machined(tmp_path_factory, "channel_run", *CHANNEL)
+    profile = str(ROOT / "profiles" / "channel-rectangle.toml")
+    settings = ("target.depth_um=4", "path.width_um=250", "path.height_um=250")
+    return _machined(tmp_path_factory, "channel_run", profile, *settings)

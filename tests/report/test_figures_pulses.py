@@ -37,7 +37,9 @@ def random_pulses(tmp_path: Path) -> Path:
     return writer.finish("done", 0)
 
 
-def test_pulses_are_counted_in_the_interval_of_their_time(tmp_path: Path) -> None:
+def test_pulses_are_counted_in_the_interval_of_their_time_and_blocks_in_that_of_their_first(
+    tmp_path: Path,
+) -> None:
     writer = made_up.new_run(tmp_path)
     kinds = np.array([0, 1, 1, 2, 3, 1])
     made_up.pulses(writer, 10.0, kinds, np.zeros(6))
@@ -48,10 +50,7 @@ def test_pulses_are_counted_in_the_interval_of_their_time(tmp_path: Path) -> Non
         assert rows_at(run, edges_s).tolist() == [0, 2, 6, 6, 10]
         counts = pulse_counts(run, edges_s)
     assert counts.tolist() == [[1, 1, 0, 0], [0, 2, 1, 1], [0, 0, 0, 0], [1, 2, 1, 0]]
-
-
-def test_blocks_are_counted_in_the_interval_of_their_first_pulse(tmp_path: Path) -> None:
-    writer = made_up.new_run(tmp_path)
+    writer = made_up.new_run(tmp_path, name="blocks.h5")
     made_up.blocks(writer, 10.0, (3, 15, 1, 1), 3200.0, 100)
     with open_run(writer.finish("done", 0)) as run:
         counts = pulse_counts(run, np.array([0.0, 10.5, 10.995, 20.0]))
@@ -77,7 +76,7 @@ def test_without_pulses_it_is_told_what_would_change_that(tmp_path: Path) -> Non
         assert "log.pulses" in why_not(kind, path)
 
 
-def test_random_ignition_is_found_with_its_lag_and_mean(random_pulses: Path) -> None:
+def test_random_ignition_is_found_with_its_lag_and_mean_and_the_figure_says_it(random_pulses: Path) -> None:
     with open_run(random_pulses) as run:
         found = delays(run, np.array([[99.0, 200.0]]))
     fit = random_ignition(found)
@@ -86,8 +85,14 @@ def test_random_ignition_is_found_with_its_lag_and_mean(random_pulses: Path) -> 
     assert abs(fit.mean_us - 60.0) < 1.5 * fit.mean_u95_us + 0.2
     assert fit.mean_u95_us == pytest.approx(1.96 * 60.0 / np.sqrt(fit.ignited), rel=0.05)
     assert found.ignited.sum() + found.censored.sum() == 40_000
-    # Survivors at 62 µs: one e-th.
+    # Survivors at 62 µs: one e-th. Open pulses and not the ignited alone make the mean.
     assert found.surviving[620] == pytest.approx(np.exp(-1.0), abs=0.02)
+    among_ignited_us = 0.1 * (found.ignited * np.arange(len(found.ignited))).sum() / found.ignited.sum()
+    assert among_ignited_us < 50.0
+    told = texts("laue", random_pulses)
+    assert any(text.startswith("random ignition: mean ") and text.endswith(" µs") for text in told)
+    assert any("ignited, " in text and text.endswith(" open") for text in told)
+    assert {"ignition delay (µs)", "share not yet ignited"} <= told
 
 
 def test_pulses_between_the_cuts_have_no_part_in_the_delays(tmp_path: Path) -> None:
@@ -102,47 +107,44 @@ def test_pulses_between_the_cuts_have_no_part_in_the_delays(tmp_path: Path) -> N
     assert np.flatnonzero(found.ignited).tolist() == [600]
 
 
-def test_open_pulses_and_not_the_ignited_alone_make_the_mean(random_pulses: Path) -> None:
-    with open_run(random_pulses) as run:
-        found = delays(run, np.array([[99.0, 200.0]]))
-    among_ignited_us = 0.1 * (found.ignited * np.arange(len(found.ignited))).sum() / found.ignited.sum()
-    assert among_ignited_us < 50.0
-
-
-def test_the_laue_plot_says_its_mean_and_what_it_is_from(random_pulses: Path) -> None:
-    told = texts("laue", random_pulses)
-    assert any(text.startswith("random ignition: mean ") and text.endswith(" µs") for text in told)
-    assert any("ignited, " in text and text.endswith(" open") for text in told)
-    assert {"ignition delay (µs)", "share not yet ignited"} <= told
-
-
 def test_a_run_of_blocks_has_no_laue_plot(run_file: Path) -> None:
     assert "log.pulses=full" in why_not("laue", run_file)
 
 
-def test_energies_of_single_pulses_are_plateau_times_current_times_time(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("kinds", "delay_us", "arc_v", "edges_s", "sums_uj"),
+    [
+        # 20 V × 0.1 A × 100, 50 and 150 µs; the open pulse and the short have none.
+        (
+            [0, 1, 1, 2, 3],
+            [150.0, 50.0, 100.0, 0.0, 0.0],
+            20.0,
+            [0.0, 10.0, 10.001, 11.0],
+            [0.0, 200.0, 400.0],
+        ),
+        # (40 V − 20 V) / 0.1 A is 200 Ω, so an arc at 15 V has 0.125 A all through 150 µs.
+        ([1, 2], [50.0, 0.0], 15.0, [10.0, 10.0004, 11.0], [200.0, 15.0 * 0.125 * 150.0]),
+    ],
+)
+def test_energies_of_single_pulses_are_plateau_times_current_times_time(
+    tmp_path: Path,
+    kinds: list[int],
+    delay_us: list[float],
+    arc_v: float,
+    edges_s: list[float],
+    sums_uj: list[float],
+) -> None:
     writer = made_up.new_run(tmp_path)
-    kinds = np.array([0, 1, 1, 2, 3])
-    made_up.pulses(writer, 10.0, kinds, np.array([150.0, 50.0, 100.0, 0.0, 0.0]))
+    made_up.pulses(writer, 10.0, np.array(kinds), np.array(delay_us), arc_v=arc_v)
     with open_run(writer.finish("done", 0)) as run:
-        found = spark_energies(run, np.array([0.0, 10.0, 10.001, 11.0]))
+        found = spark_energies(run, np.array(edges_s))
     assert found is not None
     assert found.is_single
-    # 20 V × 0.1 A × 100, 50 and 150 µs; the open pulse and the short have none.
-    assert found.sums_uj == pytest.approx([0.0, 200.0, 100.0 + 300.0])
-    assert (found.normal.sum(), found.arc.sum()) == (2, 1)
-
-
-def test_an_arc_burns_at_the_current_that_its_lower_plateau_lets_through(tmp_path: Path) -> None:
-    writer = made_up.new_run(tmp_path)
-    made_up.pulses(writer, 10.0, np.array([1, 2]), np.array([50.0, 0.0]), arc_v=15.0)
-    with open_run(writer.finish("done", 0)) as run:
-        found = spark_energies(run, np.array([10.0, 10.0004, 11.0]))
-    assert found is not None
-    # (40 V − 20 V) / 0.1 A is 200 Ω, so an arc at 15 V has 0.125 A all through 150 µs.
-    assert found.sums_uj == pytest.approx([200.0, 15.0 * 0.125 * 150.0], rel=1e-5)
+    assert found.sums_uj == pytest.approx(sums_uj, rel=1e-5)
+    assert (found.normal.sum(), found.arc.sum()) == (kinds.count(1), 1)
     (used,) = np.flatnonzero(found.arc)
-    assert found.edges_uj[used] <= 281.25 <= found.edges_uj[used + 1]
+    arc_uj = 150.0 * arc_v * (40.0 - arc_v) / 200.0
+    assert found.edges_uj[used] <= arc_uj <= found.edges_uj[used + 1]
 
 
 def test_blocks_stand_at_their_mean_with_all_their_discharges(tmp_path: Path) -> None:
@@ -211,39 +213,40 @@ def test_kappa_of_a_virtual_run_is_that_of_its_process(request: pytest.FixtureRe
     assert len(value.partition(".")[2]) == len(u95.partition(".")[2])
 
 
-def test_every_jump_is_counted_and_its_period_shown(run_file: Path) -> None:
+def test_every_jump_is_counted_and_its_period_shown(run_file: Path, tmp_path: Path) -> None:
     told = texts("jumps", run_file)
     assert any(text.endswith(" jumps") for text in told)
     assert {"arcs", "shorts", "jump", "jump period (s)"} <= told
+    writer = made_up.new_run(tmp_path)
+    made_up.cut(writer, 0.0)
+    writer.append(a_jump(5.0))
+    told = texts("jumps", writer.finish("done", 0))
+    assert "1 jump" in told
+    assert "time since the jump before" not in told
 
 
-def test_a_narrow_range_of_jump_periods_has_an_even_scale_and_a_wide_one_powers(tmp_path: Path) -> None:
-    scales = []
-    for after_s in (5.0, 0.2):
-        writer = made_up.new_run(tmp_path, name=f"{after_s}.h5")
-        made_up.cut(writer, 0.0)
-        for time_s in (5.0, 5.0 + after_s):
-            writer.append(EventRow(time_s, RecordedCode.JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {}))
-        periods = drawn("jumps", writer.finish("done", 0)).axes[1]
-        scales.append(periods.get_yscale())
-        low_s, high_s = periods.get_ylim()
-        assert sum(low_s <= tick <= high_s for tick in periods.get_yticks()) >= 3
-    assert scales == ["linear", "log"]
+def a_jump(time_s: float) -> EventRow:
+    return EventRow(time_s, RecordedCode.JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {})
+
+
+@pytest.mark.parametrize(("after_s", "scale"), [(5.0, "linear"), (0.2, "log")])
+def test_a_narrow_range_of_jump_periods_has_an_even_scale_and_a_wide_one_powers(
+    tmp_path: Path, after_s: float, scale: str
+) -> None:
+    writer = made_up.new_run(tmp_path)
+    made_up.cut(writer, 0.0)
+    for time_s in (5.0, 5.0 + after_s):
+        writer.append(a_jump(time_s))
+    periods = drawn("jumps", writer.finish("done", 0)).axes[1]
+    low_s, high_s = periods.get_ylim()
+    assert sum(low_s <= tick <= high_s for tick in periods.get_yticks()) >= 3
+    assert periods.get_yscale() == scale
 
 
 def test_the_first_jump_of_a_cut_has_no_jump_before_it() -> None:
     cuts = np.array([[0.0, 20.0], [100.0, 120.0]])
     since_s = since_the_last(np.array([4.0, 9.0, 105.0, 106.5]), cuts)
     assert since_s == pytest.approx([np.nan, 5.0, np.nan, 1.5], nan_ok=True)
-
-
-def test_a_single_jump_is_one_jump_with_nothing_before_it(tmp_path: Path) -> None:
-    writer = made_up.new_run(tmp_path)
-    made_up.cut(writer, 0.0)
-    writer.append(EventRow(5.0, RecordedCode.JUMP_DONE, EventLevel.DEBUG, "JUMP_DONE", {}))
-    told = texts("jumps", writer.finish("done", 0))
-    assert "1 jump" in told
-    assert "time since the jump before" not in told
 
 
 @pytest.mark.slow

@@ -33,10 +33,10 @@ MOST_BYTES = 5_000_000
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
-def page_of(path: Path) -> str:
+def page_of(path: Path, trouble: str = "", *, figures: bool = True) -> str:
     """The page of a run with a few sentences."""
     with open_run(path) as run:
-        return render_page(run, pictures_of(run), SENTENCES)
+        return render_page(run, pictures_of(run) if figures else [], SENTENCES, trouble)
 
 
 @pytest.fixture(scope="module")
@@ -131,9 +131,8 @@ def test_what_a_run_says_is_text_and_no_markup(page: str) -> None:
     assert "It jumped &lt;once&gt; &amp; stopped." in page
 
 
-def test_several_sites_make_a_table(array_run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("edmctl.report.page.KINDS", ())
-    page = page_of(array_run_file)
+def test_several_sites_make_a_table(array_run_file: Path) -> None:
+    page = page_of(array_run_file, figures=False)
     assert all(f'<th scope="row">hole-{number}</th>' in page for number in range(1, 10))
     assert "mean of 9 sites" in page
     assert "true depth (simulated)" in page
@@ -142,13 +141,20 @@ def test_several_sites_make_a_table(array_run_file: Path, monkeypatch: pytest.Mo
     assert "its ± is at most the sum of theirs" in page
 
 
-def test_a_run_that_failed_says_so_at_the_top(
-    faulted_run_file: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_page_of_a_run_that_failed_begins_with_the_fault_and_has_the_estimate_of_its_hole(
+    faulted_run_file: Path, page: str
 ) -> None:
-    monkeypatch.setattr("edmctl.report.page.KINDS", ())
-    header = page_of(faulted_run_file).partition("</header>")[0]
+    without = page_of(faulted_run_file, figures=False)
+    header = without.partition("</header>")[0]
     assert '<span class="status other">machine fault · simulated</span>' in header
-    assert SENTENCES[-1].text in header
+    assert f'<p class="trouble">{SENTENCES[-1].text}</p>\n<nav>' in header
+    told = page_of(faulted_run_file, "The <tool> is stuck. Pull it.", figures=False)
+    assert '<p class="trouble">The &lt;tool&gt; is stuck. Pull it.</p>\n<nav>' in told
+    assert 'class="trouble"' not in page
+    numbers = without.partition('id="story"')[0].partition('id="numbers"')[2]
+    assert ">estimated<" in numbers
+    assert re.search(r"<dt>depth</dt><dd>~?\d+\.\d\d ± \d+\.\d\d µm<", numbers)
+    assert "missed" not in numbers
 
 
 def test_a_figure_with_too_much_in_it_is_png(run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,25 +215,3 @@ def test_a_browser_opens_the_page_without_a_complaint(page: str, tmp_path: Path)
     # The same page with a fault in it: a browser that says nothing about that would prove nothing.
     file.write_text(page.replace("</body>", '<script src="data:,x("></script></body>'), encoding="utf-8")
     assert len(console_of(file, tmp_path / "browser")[0]) == 1
-
-
-def test_a_page_of_a_run_that_failed_begins_with_the_fault_and_its_remedy(faulted_run_file: Path) -> None:
-    with open_run(faulted_run_file) as run:
-        page = render_page(run, [], SENTENCES, "The <tool> is stuck. Pull it.")
-        without = render_page(run, [], SENTENCES)
-    assert '<p class="trouble">The &lt;tool&gt; is stuck. Pull it.</p>\n<nav>' in page
-    assert f'<p class="trouble">{SENTENCES[-1].text}</p>\n<nav>' in without
-
-
-def test_a_hole_that_was_left_is_told_by_its_estimate(
-    faulted_run_file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("edmctl.report.page.KINDS", ())
-    numbers = page_of(faulted_run_file).partition('id="story"')[0].partition('id="numbers"')[2]
-    assert ">estimated<" in numbers
-    assert re.search(r"<dt>depth</dt><dd>~?\d+\.\d\d ± \d+\.\d\d µm<", numbers)
-    assert "missed" not in numbers
-
-
-def test_a_run_that_is_done_has_no_trouble(page: str) -> None:
-    assert 'class="trouble"' not in page
