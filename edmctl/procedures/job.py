@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from edmctl.dataclasses import dataclass, field, fields
 from edmctl.labels import PAD, PARKING, Basis, Verdict
@@ -14,7 +14,7 @@ from edmctl.profile.places import Place
 from edmctl.record.json_rows import record_of
 from edmctl.results.job import Belief, ChannelResult, JobResult, Reached, SiteResult
 from edmctl.results.progress import Phase
-from edmctl.results.telemetry import LinkReport
+from edmctl.results.telemetry import LinkReport, pulse_shares
 
 if TYPE_CHECKING:
     from edmctl.actuator.model import ActuatorModel
@@ -290,6 +290,15 @@ class CutTotals:
             self.energy_j - before.energy_j,
             self.time_s - before.time_s,
         )
+
+    def columns(self) -> dict[str, Any]:
+        """Return time, pulses and energy by the names of a result's fields."""
+        return {
+            "machining_time_s": self.time_s,
+            "pulses": sum(self.counts),
+            "ratios": pulse_shares(*self.counts),
+            "energy_j": self.energy_j,
+        }
 
     def plus(self, cut: CutSums) -> CutTotals:
         """Return them with one more."""

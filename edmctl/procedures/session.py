@@ -89,20 +89,12 @@ def running(
         sensor=job.setup.sensor.fitted,
     )
     machine = _with_displacements(machine, job, watch)
-    if job.resumed is not None:
-        tally.sites.update({result.name: result for result in map(site_result_of, job.resumed.done)})
-        tally.unwritten.extend(tally.sites)
-        tally.earlier_time_s = job.resumed.time_s
-        tally.machining_time_s = job.resumed.job_machining_time_s
-        tally.pause_s = total_pause_s(job)
     keeper = JobStateKeeper(job, tally, store or NoStateStore())
     run = JobRun(machine, job, watch, recorder, observer, tally, keeper)
-    left = job.resumed
-    run.use_regime(left.regime if left is not None and left.begun and not job.restart_hole else 0)
+    _continue_earlier_run(run)
     watch.follow_creep(job.creep_left)
-    watch.guard(keeper.on_telemetry)
-    watch.guard(LinkMonitor(run).on_telemetry)
-    watch.guard(run.on_telemetry)
+    for guard in (keeper.on_telemetry, LinkMonitor(run).on_telemetry, run.on_telemetry):
+        watch.guard(guard)
     if job.setup.sensor.fitted and job.calibration is not None:
         watch.compare(SensorMonitor(run).update)
     try:
@@ -124,6 +116,16 @@ def running(
     finally:
         tally.time_s = tally.earlier_time_s + machine.time_s
         tally.link = machine.link_report()
+
+
+def _continue_earlier_run(run: JobRun) -> None:
+    left, tally = run.job.resumed, run.tally
+    run.use_regime(left.regime if left is not None and left.begun and not run.job.restart_hole else 0)
+    if left is not None:
+        tally.sites.update({result.name: result for result in map(site_result_of, left.done)})
+        tally.unwritten.extend(tally.sites)
+        tally.earlier_time_s, tally.machining_time_s = left.time_s, left.job_machining_time_s
+        tally.pause_s = total_pause_s(run.job)
 
 
 def _with_displacements(machine: Machine, job: Job, watch: Watch) -> Machine:

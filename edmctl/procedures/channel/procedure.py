@@ -60,7 +60,6 @@ from edmctl.profile.places import Place
 from edmctl.record.rows import RunEvent
 from edmctl.results.declared import shared
 from edmctl.results.job import ChannelResult, SiteResult
-from edmctl.results.telemetry import pulse_shares
 from edmctl.wording import length, plural, signed
 
 FACE_SD_UM = 0.5  # a floor that differs by more from place to place is no untouched surface
@@ -327,7 +326,8 @@ class ChannelProcedure:
             width_um=channel_width_um(job.profile.tool.diameter_um, job.profile.work.side_gap_um),
             layers=layers.layers,
             **measured.columns(),
-            **_sums(layers.sums),
+            passes=layers.sums.number,
+            **layers.sums.columns(),
             floor_sd_um=found.sd_um,
             z1_um=self._surface.z1.z_um,
             z3_um=found.pad.z_um - measured.drift_um,
@@ -435,7 +435,8 @@ class ChannelProcedure:
                 measured,
                 layers=layers.layers,
                 **estimate.columns(),
-                **_sums(layers.sums),
+                passes=layers.sums.number,
+                **layers.sums.columns(),
                 floor_sd_um=math.nan,
                 z3_um=math.nan,
                 floor=(),
@@ -443,16 +444,6 @@ class ChannelProcedure:
                 wear_basis=Basis.ESTIMATED,
             )
         )
-
-
-def _sums(sums: CutTotals) -> dict[str, Any]:
-    return {
-        "passes": sums.number,
-        "machining_time_s": sums.time_s,
-        "pulses": sum(sums.counts),
-        "ratios": pulse_shares(*sums.counts),
-        "energy_j": sums.energy_j,
-    }
 
 
 def machine_path(run: JobRun) -> Decision | None:

@@ -25,7 +25,7 @@ from edmctl.procedures.job import (
     target_of,
 )
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
-from edmctl.process.next_cut import CLEAR_SIGMAS, NextCut, largest_first_um, next_cut
+from edmctl.process.next_cut import CLEAR_SIGMAS, largest_first_um, next_cut
 from edmctl.process.touches import DepthAndWear, share_u
 from edmctl.profile.model import Profile, Pulse
 from edmctl.profile.places import Place
@@ -178,17 +178,8 @@ def first_plan(
         return through_plan(1, start, target, estimate)
     if cut_budget(profile) == 1:
         return CutPlan(1, target.depth_um * (1.0 + estimate.wear_ratio), start, estimate, target.depth_um)
-    cut = next_cut(
-        estimate,
-        target_um=target.depth_um,
-        remaining_um=target.depth_um,
-        tolerance_um=target.tolerance_um,
-        start_u_um=start.u_at(now_s + _cut_s(profile, target, target.depth_um, estimate)),
-        gap_u_um=start.gap_u_um,
-        largest_um=largest_first_um(target.depth_um, profile.wear.first_fraction, estimate),
-        begun=False,
-    )
-    return _planned(1, cut, start, estimate, target, profile)
+    largest_um = largest_first_um(target.depth_um, profile.wear.first_fraction, estimate)
+    return _planned(profile, target, 1, start, estimate, now_s, largest_um)
 
 
 def through_plan(number: int, start: CutStart, target: HoleTarget, estimate: ErosionEstimate) -> CutPlan:
@@ -208,33 +199,32 @@ def following_plan(
     touch_final: bool = False,
 ) -> CutPlan:
     """Plan the next cut from the bottom just measured; `touch_final` measures it however small."""
+    planned = _planned(profile, target, number, start, estimate, start.time_s)
+    return replace(planned, measured=True) if touch_final else planned
+
+
+def _planned(
+    profile: Profile,
+    target: HoleTarget,
+    number: int,
+    start: CutStart,
+    estimate: ErosionEstimate,
+    begin_s: float,
+    largest_um: float = math.inf,
+) -> CutPlan:
+    """Plan a cut that begins at `begin_s`; until its end the start drifts."""
     remaining_um = target.depth_um - start.depth_um
+    cut_s = remaining_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(profile, target.depth_um)
     cut = next_cut(
         estimate,
         target_um=target.depth_um,
         remaining_um=remaining_um,
         tolerance_um=target.tolerance_um,
-        start_u_um=start.u_at(start.time_s + _cut_s(profile, target, remaining_um, estimate)),
+        start_u_um=start.u_at(begin_s + cut_s),
         gap_u_um=start.gap_u_um,
-        begun=True,
+        largest_um=largest_um,
+        begun=number > 1,
     )
-    planned = _planned(number, cut, start, estimate, target, profile)
-    return replace(planned, measured=True) if touch_final else planned
-
-
-def _cut_s(profile: Profile, target: HoleTarget, depth_um: float, estimate: ErosionEstimate) -> float:
-    """Return how long a cut of that depth will take."""
-    return depth_um * (1.0 + estimate.wear_ratio) / feed_rate_um_s(profile, target.depth_um)
-
-
-def _planned(
-    number: int,
-    cut: NextCut,
-    start: CutStart,
-    estimate: ErosionEstimate,
-    target: HoleTarget,
-    profile: Profile,
-) -> CutPlan:
     measured = cut.measured or profile.wear.remeasure not in ("auto", "sparing")
     return CutPlan(number, cut.feed_um, start, estimate, target.depth_um, measured, cut.depth_u_um)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from edmctl.dataclasses import replace
 from edmctl.labels import Basis
@@ -32,7 +33,6 @@ from edmctl.process.touches import TOUCH_U_UM, DepthAndWear, measure
 from edmctl.profile.places import Place
 from edmctl.quantity import Value
 from edmctl.results.job import SiteResult
-from edmctl.results.telemetry import pulse_shares
 
 NO_DEPTH = Value(math.nan, math.nan)  # depth of a hole through the sheet
 
@@ -184,27 +184,23 @@ class Hole:
 
         Without another basis depth and wear are based on the touches; the wear is not if Z1 was not touched.
         """
-        run, z1, z2, z3 = self._run, self.z1, self.bottom, self.pad
-        touch_basis, error, total = run.job.touch_basis, run.watch.feed_error, self.total
+        run, site, profile, total = self._run, self.site, self._run.profile, self.total
+        z1, z2, z3, touch_basis = self.z1, self.bottom, self.pad, run.job.touch_basis
         sparked_s = sum(time_s for time_s, _ in self._gap_ratios)
         gap_ratio = sum(time_s * ratio for time_s, ratio in self._gap_ratios)
         self.found = found
         run.tally.depth_um = math.nan if through else found.depth_um
         run.tally.unmeasured_site = ""
         # A hole through the sheet is as long as that is thick, however far the tip came out of it.
-        thickness_um, profile = run.profile.work.thickness_um, run.profile
+        thickness_um = profile.work.thickness_um
         length_um = thickness_um if through else found.depth_um
         hole_um2 = hole_area_um2(profile.tool.diameter_um, profile.work.side_gap_um)
         ratio = found.wear_um / length_um if length_um > 0.0 else math.nan
-        mrr = mrr_mm3_min(length_um * hole_um2 / total.time_s) if total.time_s > 0.0 else math.nan
-        depth_model_u95_um, wear_model_u95_um = model_u95_um(run, found, z2.creep_um - z3.creep_um)
-        bottom_model_um = z2.model_um + fed_um - self.bottom_drift_um
-        pad_model_um = z3.model_um + worn_um - self.drift_um
-        run.tally.sites[self.site.name] = SiteResult(
-            name=self.site.name,
-            x_um=self.site.x_um,
-            y_um=self.site.y_um,
-            theta_deg=self.site.theta_deg,
+        run.tally.sites[site.name] = SiteResult(
+            name=site.name,
+            x_um=site.x_um,
+            y_um=site.y_um,
+            theta_deg=site.theta_deg,
             **replace(found, depth=NO_DEPTH if through else found.depth).columns(),
             beyond_exit_um=found.depth_um - thickness_um if through else math.nan,
             beyond_exit_u95_um=found.depth.u95 if through else math.nan,
@@ -214,25 +210,14 @@ class Hole:
             face_um=self.face_um,
             measuring_stops=self.stops,
             estimated_um=estimated_um,
-            depth_model_um=math.nan if through else bottom_model_um - pad_model_um - self.face_um,
-            depth_model_u95_um=math.nan if through else depth_model_u95_um,
-            wear_model_um=pad_model_um - z1.model_um,
-            wear_model_u95_um=wear_model_u95_um,
-            zero_drift_um=z3.zero_um - z1.zero_um,
-            feed_model_error_max_um=error.max_um,
-            feed_model_error_rms_um=error.rms_um,
-            feed_model_error_max_pct=_percent(error.max_um, found.feed_um),
-            feed_model_error_rms_pct=_percent(error.rms_um, found.feed_um),
-            machining_time_s=total.time_s,
+            **self._by_model(found, fed_um, worn_um, through=through),
+            **total.columns(),
             cuts=total.number,
-            pulses=sum(total.counts),
-            ratios=pulse_shares(*total.counts),
             gap_ratio_mean=gap_ratio / sparked_s if sparked_s else math.nan,
             working_gap_um=gap_um,
-            energy_j=total.energy_j,
             wear_ratio_lin=ratio,
             wear_ratio_vol=ratio * tool_area_um2(profile.tool.diameter_um) / hole_um2,
-            mrr_mm3_min=mrr,
+            mrr_mm3_min=mrr_mm3_min(length_um * hole_um2 / total.time_s) if total.time_s else math.nan,
             through=through,
             depth_basis=None if through else depth_basis or touch_basis,
             wear_basis=wear_basis or (Basis.ESTIMATED if self.z1_u_um > 0.0 else touch_basis),
@@ -241,6 +226,26 @@ class Hole:
             drift_left_u_um=found.drift_left_u_um,
             drift_by_rests=found.drift_by_rests,
         )
+
+    def _by_model(
+        self, found: DepthAndWear, fed_um: float, worn_um: float, *, through: bool
+    ) -> dict[str, Any]:
+        """Return depth and wear by the actuator model, and its errors, by the names of the result's fields."""
+        z2, z3, error = self.bottom, self.pad, self._run.watch.feed_error
+        pad_um = z3.model_um + worn_um - self.drift_um
+        depth_um = z2.model_um + fed_um - self.bottom_drift_um - pad_um - self.face_um
+        depth_u95_um, wear_u95_um = model_u95_um(self._run, found, z2.creep_um - z3.creep_um)
+        return {
+            "depth_model_um": math.nan if through else depth_um,
+            "depth_model_u95_um": math.nan if through else depth_u95_um,
+            "wear_model_um": pad_um - self.z1.model_um,
+            "wear_model_u95_um": wear_u95_um,
+            "zero_drift_um": z3.zero_um - self.z1.zero_um,
+            "feed_model_error_max_um": error.max_um,
+            "feed_model_error_rms_um": error.rms_um,
+            "feed_model_error_max_pct": _percent(error.max_um, found.feed_um),
+            "feed_model_error_rms_pct": _percent(error.rms_um, found.feed_um),
+        }
 
     def correct(self, found: DepthAndWear, shorter_um: float, z3_um: float) -> None:
         """Replace its result after a later touch: the tool was `shorter_um` shorter when it began."""
