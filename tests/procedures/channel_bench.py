@@ -29,6 +29,7 @@ from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
 from edmctl.record.rows import EventRow, NullRecorder, Row
 from edmctl.results.progress import Progress
+from tests.procedures.conftest import samples
 
 CIRCLE = str(Path(__file__).parents[2] / "profiles" / "channel-circle.toml")
 STEP_S = 0.01
@@ -130,22 +131,14 @@ class ScanningMachine:
 
     def _block(self, rows: list[tuple[float, float]]) -> TelemetryBlock:
         times_s, z_um = np.array(rows).T
-        n = len(rows)
-        ones = np.ones(n, dtype=np.uint8)
-        n_open = PULSES_A_STEP - 1 if len(self.moves) > self.quiet_after else self.open_pulses
-        return TelemetryBlock(
-            time_s=times_s,
-            displacement_um=z_um,
+        opens = PULSES_A_STEP - 1 if len(self.moves) > self.quiet_after else self.open_pulses
+        return samples(
+            times_s[0],
+            z_um,
             actuator_v=z_um / 3.0,
-            gap_v=np.full(n, 10.0),
-            current_a=np.full(n, self.current_a),
-            n_open=ones * n_open,
-            n_normal=ones * (PULSES_A_STEP - n_open - self.arc_pulses),
-            n_arc=ones * self.arc_pulses,
-            n_short=ones * 0,
-            state=ones * MachineState.MACHINING,
-            flags=ones * 0,
-            missing_frames=0,
+            gap_v=10.0,
+            current_a=self.current_a,
+            counts=(opens, PULSES_A_STEP - opens - self.arc_pulses, self.arc_pulses, 0),
         )
 
     def _event(self, code: EventCode) -> MachineEvent:

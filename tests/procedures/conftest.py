@@ -23,6 +23,7 @@ from edmctl.actuator.waveforms import sampled, slow_legs
 from edmctl.errors import EdmError, Interrupted
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
+from edmctl.machine.interface import MachineState, TelemetryBlock
 from edmctl.machine.stop import StopRequest
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.job import (
@@ -124,6 +125,29 @@ class Seen(NullRecorder):
                 LinkRow: self.links,
             }
             kept.get(type(row), []).append(row)
+
+
+def samples(
+    start_s: float,
+    displacement_um: float | NDArray[np.float64],
+    *,
+    actuator_v: float | NDArray[np.float64] = 30.0,
+    gap_v: float = 9.6,
+    current_a: float = 0.02,
+    counts: tuple[int, int, int, int] = (0, 23, 0, 0),
+    state: MachineState = MachineState.MACHINING,
+) -> TelemetryBlock:
+    """Samples at 100 Hz, ten unless an array has more, each with so many open, normal, arc and short pulses."""
+    n = len(displacement_um) if isinstance(displacement_um, np.ndarray) else 10
+    time_s = start_s + 0.01 * np.arange(n, dtype=np.float64)
+    z_um, volts, gap, amperes = (
+        np.broadcast_to(value, n).astype(np.float64)
+        for value in (displacement_um, actuator_v, gap_v, current_a)
+    )
+    opens, normals, arcs, shorts, states, flags = (np.full(n, one, np.uint8) for one in (*counts, state, 1))
+    return TelemetryBlock(
+        time_s, z_um, volts, gap, amperes, opens, normals, arcs, shorts, states, flags, missing_frames=0
+    )
 
 
 @dataclass(slots=True)

@@ -14,32 +14,14 @@ from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, energy_of, fi
 from edmctl.procedures.servo.supervisor import StopReason, Supervisor
 from edmctl.record.rows import RunEvent
 
-from .conftest import Shop, calibrated
+from .conftest import Shop, calibrated, samples
 
 
 def a_slice(
     index: int, z_um: float, *, arc: int = 0, short: int = 0, state: MachineState = MachineState.MACHINING
 ) -> TelemetryBlock:
     """Ten samples at 100 Hz; each has 23 pulses, of which `arc` and `short` are not normal."""
-    n = 10
-
-    def counts(number: int) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
-        return np.full(n, number, np.uint8)
-
-    return TelemetryBlock(
-        time_s=0.1 * index + 0.01 * np.arange(n, dtype=np.float64),
-        displacement_um=np.full(n, z_um),
-        actuator_v=np.full(n, 30.0),
-        gap_v=np.full(n, 9.6),
-        current_a=np.full(n, 0.02),
-        n_open=counts(0),
-        n_normal=counts(23 - arc - short),
-        n_arc=counts(arc),
-        n_short=counts(short),
-        state=counts(state),
-        flags=counts(1),
-        missing_frames=0,
-    )
+    return samples(0.1 * index, z_um, counts=(0, 23 - arc - short, arc, short), state=state)
 
 
 def planned(s: Shop) -> CutPlan:

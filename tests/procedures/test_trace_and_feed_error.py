@@ -9,27 +9,12 @@ import pytest
 
 from edmctl.machine.interface import MachineState, TelemetryBlock
 from edmctl.procedures.estimation import SPAN_S, FeedError, Trace
+from tests.procedures.conftest import samples
 
 
-def block(
-    start_s: float, sensor_um: float, n: int = 50, state: MachineState = MachineState.MACHINING
-) -> TelemetryBlock:
-    """`n` samples at 100 Hz with the sensor at one height."""
-    zeros, counts = np.zeros(n), np.zeros(n, dtype=np.uint8)
-    return TelemetryBlock(
-        time_s=start_s + 0.01 * np.arange(n, dtype=np.float64),
-        displacement_um=np.full(n, sensor_um),
-        actuator_v=zeros,
-        gap_v=zeros,
-        current_a=zeros,
-        n_open=counts,
-        n_normal=counts,
-        n_arc=counts,
-        n_short=counts,
-        state=np.full(n, state, dtype=np.uint8),
-        flags=counts,
-        missing_frames=0,
-    )
+def block(start_s: float, sensor_um: float, state: MachineState = MachineState.MACHINING) -> TelemetryBlock:
+    """50 samples with the sensor at one height."""
+    return samples(start_s, np.full(50, sensor_um), state=state)
 
 
 def test_a_trace_interpolates_and_forgets_what_is_long_past() -> None:
