@@ -60,6 +60,7 @@ from edmctl.results.telemetry import PulseBlockBatch
 from edmctl.simulator import BenchConfig, VirtualBench, open_bench
 from edmctl.simulator.actuator import VirtualActuator
 from edmctl.simulator.config import SensorConstants
+from edmctl.simulator.injection import parse_injection
 
 CU270 = str(Path(__file__).parents[2] / "profiles" / "cu270.toml")
 QUICK = (
@@ -238,6 +239,10 @@ class Shop:
             tally=self.tally,
             store=journal,
         )
+
+    def inject(self, fault: str) -> None:
+        """Let something go wrong, by the words of `--inject`."""
+        self.bench.inject(parse_injection(fault))
 
     def stop_when(self, when: Callable[[Progress], bool], number: int = signal.SIGINT) -> None:
         """Ask for the end of the job at the first state of a cut that `when` picks."""

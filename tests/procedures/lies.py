@@ -12,7 +12,6 @@ from edmctl.jobs.truth import channel_truth
 from edmctl.link.session import Session
 from edmctl.machine.controller import LinkMachine
 from edmctl.results.job import JobResult, ObjectiveMissed
-from edmctl.simulator.injection import parse_injection
 from tests.machine.lying import ALL, VALUES, WHOLE, Lie, LyingLine, fields_of
 from tests.procedures.conftest import Shop
 
@@ -80,7 +79,7 @@ def short_job(seed: int, lie: Lie | None = None, draw: int = 0, kind: str = "pla
     shop = Shop((*SHORT, *KINDS[kind]), seed)
     bench = shop.bench
     if kind == "stopped":
-        bench.inject(parse_injection("ESTOP@sparks+1"))
+        shop.inject("ESTOP@sparks+1")
     line = LyingLine(bench.transport, lie, Random(draw))
     begun_s, cpu_s = bench.transport.now_s(), time.process_time()
     code = said = ""

@@ -97,33 +97,23 @@ def machined(inject: str = "") -> Made:
     return Made(bench, result.channel, seen, way_of_path(profile.path))
 
 
-def test_the_floor_is_as_deep_as_wanted_and_even_along_the_path(made: Made) -> None:
-    off_um = np.array(made.floor_um()) - DEPTH_UM
+def test_the_floor_is_even_as_wide_as_planned_and_as_stated(made: Made) -> None:
+    channel, floor_um, half_um = made.channel, made.floor_um(), made.channel.width_um / 2.0
+    off_um = np.array(floor_um) - DEPTH_UM
     assert np.sqrt((off_um**2).mean()) < 1.0
     assert off_um.std() < 0.3
-
-
-def test_the_channel_is_as_wide_as_planned(made: Made) -> None:
-    half_um = made.channel.width_um / 2.0
     assert min(made.floor_um(half_um - 10.0)) > DEPTH_UM - 1.0
     assert max(made.floor_um(half_um + 10.0)) == 0.0
-
-
-def test_the_touches_tell_the_true_floor_and_wear(made: Made) -> None:
-    channel = made.channel
-    assert abs(channel.depth_um - np.mean(made.floor_um())) < channel.depth_u95_um
+    assert abs(channel.depth_um - np.mean(floor_um)) < channel.depth_u95_um < 1.0
     assert abs(channel.wear_um - made.bench.tool_wear_um) < channel.wear_u95_um
-    assert channel.depth_u95_um < 1.0
     assert channel.feed_um == pytest.approx(channel.depth_um + channel.wear_um)
-
-
-def test_the_tool_wore_by_the_volume_of_the_channel(made: Made) -> None:
-    volume_um3 = made.channel.width_um * made.way.length_um * DEPTH_UM
-    face_um2 = np.pi * 75.0**2
+    volume_um3, face_um2 = channel.width_um * made.way.length_um * DEPTH_UM, np.pi * 75.0**2
     assert made.bench.tool_wear_um == pytest.approx(0.337 * volume_um3 / face_um2, rel=0.2)
+    assert 2.0 < channel.working_gap_um < 7.0
+    assert channel.ratios.normal > 0.3
 
 
-def test_the_story_is_in_the_events(made: Made) -> None:
+def test_passes_measurements_and_touches_are_recorded_and_nothing_is_doubted(made: Made) -> None:
     codes = made.seen.codes
     assert codes.count(RunEvent.PASS_ENDED) == made.channel.passes
     assert codes.count(RunEvent.CHANNEL_MEASURED) == made.channel.measuring_stops
@@ -131,19 +121,7 @@ def test_the_story_is_in_the_events(made: Made) -> None:
     assert {row.kind for row in made.seen.touches} == {"Z1", "Zr", "Z2", "Z3"}
     (row,) = made.seen.sites
     assert row.depth_um == made.channel.depth_um
-
-
-def test_the_gap_between_held_tool_and_floor_was_learned(made: Made) -> None:
-    assert 2.0 < made.channel.working_gap_um < 7.0
-    assert made.channel.ratios.normal > 0.3
-
-
-def doubts(made: Made) -> list[str]:
-    return made.seen.doubts
-
-
-def test_a_clean_channel_doubts_nothing(made: Made) -> None:
-    assert doubts(made) == []
+    assert made.seen.doubts == []
 
 
 @pytest.mark.parametrize("name", tiers("CHIP", slow=("LOOSE_CHIP",)))
@@ -156,7 +134,7 @@ def test_a_chip_under_any_touch_is_told_and_covered(made: Made, kind: str, name:
     number = len(kinds) - kinds[::-1].index(kind)
     spoilt = machined(f"{name}_9@touch{number}+0")
     channel = spoilt.channel
-    assert doubts(spoilt)
+    assert spoilt.seen.doubts
     assert abs(channel.depth_um - np.mean(spoilt.floor_um())) < channel.depth_u95_um
     assert abs(channel.wear_um - spoilt.bench.tool_wear_um) < channel.wear_u95_um
 

@@ -11,7 +11,6 @@ from edmctl.errors import ObjectiveNotReached
 from edmctl.machine.interface import Touch, TouchRequest
 from edmctl.procedures.session import condition
 from edmctl.procedures.touch.spots import pad_spots, read_pad
-from edmctl.simulator.injection import parse_injection
 from tests.tiers import tiers
 
 from .conftest import Shop, armed, refused
@@ -24,7 +23,7 @@ Z1_TOUCH, Z2_TOUCH, Z3_TOUCH = 1, 3, 4
 @pytest.mark.parametrize("touch", tiers(Z3_TOUCH, slow=(Z1_TOUCH, Z1_TOUCH + 1, Z3_TOUCH + 1)))
 def test_a_chip_on_the_pad_costs_a_spot_and_no_accuracy(touch: int, size_um: float) -> None:
     shop = Shop(seed=3001)
-    shop.bench.inject(parse_injection(f"CHIP_{size_um:g}@touch{touch}+0"))
+    shop.inject(f"CHIP_{size_um:g}@touch{touch}+0")
     (site,) = shop.run_job().sites
     told = shop.seen.doubts
     touched_before = 1 if touch < Z2_TOUCH else 0
@@ -39,7 +38,7 @@ def test_a_chip_on_the_pad_costs_a_spot_and_no_accuracy(touch: int, size_um: flo
 @pytest.mark.parametrize("size_um", tiers(8.0, slow=(3.0, 14.0)))
 def test_a_chip_that_stays_on_the_bottom_widens_the_interval(size_um: float) -> None:
     shop = Shop(seed=3002)
-    shop.bench.inject(parse_injection(f"CHIP_{size_um:g}@touch{Z2_TOUCH}+0"))
+    shop.inject(f"CHIP_{size_um:g}@touch{Z2_TOUCH}+0")
     (site,) = shop.run_job().sites
     assert any("is taken to be at" in told for told in shop.seen.doubts)
     assert shop.holds(site)
@@ -49,7 +48,7 @@ def test_a_chip_that_stays_on_the_bottom_widens_the_interval(size_um: float) -> 
 def test_a_hole_whose_bottom_was_not_believed_at_last_is_in_doubt(chip: str, in_doubt: bool) -> None:
     shop = Shop(("wear.max_cuts=1",), seed=3002)
     if chip:
-        shop.bench.inject(parse_injection(chip))
+        shop.inject(chip)
     with suppress(ObjectiveNotReached):
         shop.run_job()
     (site,) = shop.tally.sites.values()
@@ -58,7 +57,7 @@ def test_a_hole_whose_bottom_was_not_believed_at_last_is_in_doubt(chip: str, in_
 
 def test_a_loose_chip_on_the_bottom_is_washed_away() -> None:
     shop = Shop(seed=3003)
-    shop.bench.inject(parse_injection(f"LOOSE_CHIP_8@touch{Z2_TOUCH}+0"))
+    shop.inject(f"LOOSE_CHIP_8@touch{Z2_TOUCH}+0")
     (site,) = shop.run_job().sites
     assert shop.seen.doubts
     assert not any("is taken to be at" in told for told in shop.seen.doubts)
@@ -134,7 +133,7 @@ def test_a_pad_on_which_no_two_spots_agree_is_refused() -> None:
     shop = Shop(seed=3005)
     run = armed(shop, conditioned=True)
     for number, size_um in enumerate((20.0, 15.0, 10.0, 5.0), 1):
-        shop.bench.inject(parse_injection(f"CHIP_{size_um:g}@touch{number}+0"))
+        shop.inject(f"CHIP_{size_um:g}@touch{number}+0")
     with refused("E7022") as caught:
         read_pad(run, "Z1", "hole", 50.0, 3.0)
     assert "4 spots" in caught.value.message

@@ -9,7 +9,6 @@ import pytest
 from edmctl.procedures.touch.surface_plane import surface_spots
 from edmctl.process.plane import fitted_plane, unknown_plane
 from edmctl.record.rows import RunEvent
-from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop, refused
 from tests.tiers import tiers
 
@@ -71,7 +70,7 @@ def test_a_face_that_slopes_more_than_was_believed_is_believed() -> None:
 @pytest.mark.parametrize("name", tiers("LOOSE_CHIP", slow=("CHIP",)))
 def test_a_chip_on_the_face_costs_a_spot_and_no_accuracy(name: str, size_um: float, touch: int) -> None:
     shop = Shop(("measure.site_dx_um=5000",), seed=3101)
-    shop.bench.inject(parse_injection(f"{name}_{size_um:g}@touch{touch}+0"))
+    shop.inject(f"{name}_{size_um:g}@touch{touch}+0")
     (site,) = shop.run_job().sites
     assert any("two spots of the face agree" in told for told in shop.seen.doubts)
     assert shop.holds(site, 1.6)

@@ -25,7 +25,6 @@ from edmctl.quantity import Value
 from edmctl.record.rows import Row, RunEvent
 from edmctl.results.progress import Phase
 from edmctl.results.telemetry import LinkReport, TelemetryBlock, WaveformBatch
-from edmctl.simulator.injection import parse_injection
 
 from .conftest import Done, Seen, Shop, refused
 from .test_supervisor import a_slice
@@ -196,7 +195,7 @@ def test_every_job_tests_the_gap_sensor_and_tells_about_its_line(done: Done) -> 
 
 def test_a_dead_gap_sensor_refuses_the_start() -> None:
     s = Shop()
-    s.bench.inject(parse_injection("GAP_SENSOR_LOW@arm+0"))
+    s.inject("GAP_SENSOR_LOW@arm+0")
     with refused("E63003"):
         s.run_job()
     assert RunEvent.STAGE_MOVED not in s.seen.codes
@@ -216,7 +215,7 @@ class Box(Seen):
 
 def test_a_latched_fault_brings_the_black_box_into_the_run_file() -> None:
     s, seen = Shop(), Box()
-    s.bench.inject(parse_injection("ESTOP"))
+    s.inject("ESTOP")
     with pytest.raises(MachineFault):
         s.run_job(seen)
     assert len(seen.box.time_s) == 2048
@@ -258,7 +257,7 @@ def test_a_line_that_dies_while_a_fault_is_read_does_not_hide_the_fault(
         s.bench.line.silent = s.bench.line.unplugged = asked[0] > dies_after
 
     monkeypatch.setattr(s.bench.transport, "write", mute)
-    s.bench.inject(parse_injection("ESTOP"))
+    s.inject("ESTOP")
     with refused("E64001", "Emergency stop"):
         s.run_job(seen)
     assert len(seen.box.time_s) == 2048

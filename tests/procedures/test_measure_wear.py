@@ -32,7 +32,6 @@ from edmctl.quantity import Value
 from edmctl.record.rows import RunEvent
 from edmctl.results.measurements import WearResult
 from edmctl.results.progress import Phase
-from edmctl.simulator.injection import parse_injection
 from tests.procedures.conftest import Shop, refused
 from tests.tiers import tiers
 
@@ -220,7 +219,7 @@ def test_a_chip_on_the_bottom_is_told_and_covered(
     kept: tuple[Shop, Reference, Bottom, float], name: str, size_um: float
 ) -> None:
     shop, reference, bottom, pad_um = kept
-    shop.bench.inject(parse_injection(f"{name}_{size_um:g}@touch3+0"))
+    shop.inject(f"{name}_{size_um:g}@touch3+0")
     with ready(shop) as run:
         found = measure_wear(run, reference, pad_um, bottom)
     assert RunEvent.TOUCH_DOUBTED in shop.seen.codes

@@ -18,7 +18,6 @@ from edmctl.procedures.servo.limits import JUMP_AFTER_S, STALL_S, Breakthrough, 
 from edmctl.procedures.settings import OPEN_LOST_S, controller_settings
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, BEYOND_BOTTOM_UM, UNKNOWN_SDS
 from edmctl.record.rows import RunEvent
-from edmctl.simulator.injection import parse_injection
 from tests.tiers import tiers
 
 from .conftest import Shop, eroding, refused
@@ -32,7 +31,7 @@ def injected(
 ) -> Shop:
     """A shop in which something goes wrong, and is right again after so many answers to it."""
     s = Shop(overrides)
-    s.bench.inject(parse_injection(fault))
+    s.inject(fault)
     read = s.bench.transport.read
 
     def read_and_repair(timeout_s: float) -> bytes:

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import pytest
 
-from edmctl.simulator.injection import parse_injection
 from tests.cli.left_jobs import swap_work
 from tests.tiers import tiers
 
@@ -21,7 +20,7 @@ BOTTOM_TOUCH = 3
 def test_a_loose_chip_under_the_tool_is_washed_away_before_the_work_is_refused(size_um: float) -> None:
     first = Shop(("target.depth_um=25.0",), seed=3101)
     after = first.taken_up(first.left(lambda p: p.depth_um > 20.0))
-    after.bench.inject(parse_injection(f"LOOSE_CHIP_{size_um:g}@touch{BOTTOM_TOUCH}+0"))
+    after.inject(f"LOOSE_CHIP_{size_um:g}@touch{BOTTOM_TOUCH}+0")
     (site,) = after.run_job().sites
     assert any("nearer than the journal expects" in note for note in after.told.notes)
     assert abs(site.depth_um - after.true_depth_um(site)) <= 1.0

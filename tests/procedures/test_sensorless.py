@@ -13,7 +13,6 @@ from edmctl.procedures.estimation import SensorlessMachine
 from edmctl.procedures.monitoring.drift import displacement_uncertainty
 from edmctl.procedures.settings import controller_settings, pulse_settings, telemetry_settings
 from edmctl.record.rows import RunEvent
-from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.plant_interface import TICK_S
 from tests.tiers import tiers
 
@@ -36,23 +35,20 @@ def test_depth_and_wear_hold_the_truth_within_their_uncertainty(seed: int) -> No
         sensor=False,
     )
     (site,) = s.run_job().sites
-    truth_um = s.bench.truth()[0].depth_um
-    assert abs(site.depth_um - truth_um) <= site.depth_u95_um
+    assert s.holds(site)
     assert s.holds_wear(site)
-    assert site.depth_um == pytest.approx(truth_um, abs=1.0)
+    assert site.depth_um == pytest.approx(s.true_depth_um(site), abs=1.0)
 
 
-def test_the_uncertainty_is_wider_by_what_the_model_does_not_know(blind: Done, done: Done) -> None:
-    job = blind.shop.job
+def test_every_displacement_is_the_estimate_with_what_the_model_does_not_know(
+    blind: Done, done: Done
+) -> None:
+    job, seen, (site,) = blind.shop.job, blind.shop.seen, blind.result.sites
     assert job.calibration is not None
     known = displacement_uncertainty(job)
     assert known.gain_u_rel == pytest.approx(math.hypot(0.003, 0.025))
     assert known.model_u_um == pytest.approx(math.sqrt(2) * job.calibration.held_out_rms_um)
-    assert blind.result.sites[0].depth_u95_um > 1.2 * done.result.sites[0].depth_u95_um
-
-
-def test_every_displacement_is_the_estimate_and_none_is_recorded_as_a_sensor_s(blind: Done) -> None:
-    seen, (site,) = blind.shop.seen, blind.result.sites
+    assert site.depth_u95_um > 1.2 * done.result.sites[0].depth_u95_um
     assert np.isnan(seen.column("displacement_um")).all()
     estimates_um = seen.column("model_um")
     assert estimates_um.min() == pytest.approx(0.0, abs=1.0)
@@ -62,6 +58,9 @@ def test_every_displacement_is_the_estimate_and_none_is_recorded_as_a_sensor_s(b
     assert min(pad) <= site.z1_um <= max(pad)
     assert site.depth_model_um == pytest.approx(site.depth_um)
     assert math.isnan(site.feed_model_error_max_um)
+    assert blind.shop.bench.controller.seen.sensor_fitted == 0
+    status = blind.shop.machine.status()
+    assert status.displacement_um == pytest.approx(2.967 * status.actuator_v, abs=1e-3)
 
 
 def test_the_host_ends_a_cut_where_the_estimate_reaches_its_limit(blind: Done) -> None:
@@ -74,13 +73,6 @@ def test_the_host_ends_a_cut_where_the_estimate_reaches_its_limit(blind: Done) -
     for cut, end_s in zip(planned, ended_s, strict=True):
         last_um = estimates_um[(times_s > end_s - 0.2) & (times_s <= end_s)].mean()
         assert last_um == pytest.approx(float(cut["z_limit_um"]), abs=0.5)
-
-
-def test_the_controller_goes_by_volts_times_the_mean_gain(blind: Done) -> None:
-    shop = blind.shop
-    assert shop.bench.controller.seen.sensor_fitted == 0
-    status = shop.machine.status()
-    assert status.displacement_um == pytest.approx(2.967 * status.actuator_v, abs=1e-3)
 
 
 def test_without_a_calibration_nothing_moves() -> None:
@@ -117,16 +109,15 @@ def scan_on(machine: SensorlessMachine, duration_s: float) -> None:
         assert machine.watch_cut(0.1) is None
 
 
-def test_a_scanning_tool_is_held_where_the_inverse_puts_it() -> None:
+def test_a_scanning_tool_is_held_where_the_inverse_puts_it_and_the_controller_keeps_its_zero() -> None:
     s = Shop(calibration=calibrated(), sensor=False)
-    calibration = s.job.calibration
-    assert calibration is not None
-    run = s.run()
-    settings = controller_settings(s.profile, s.job.setup)
-    machine = SensorlessMachine(s.machine, calibration, settings.gain_um_per_v)
+    run, settings = s.run(), controller_settings(s.profile, s.job.setup)
+    machine = SensorlessMachine(s.machine, calibrated(), settings.gain_um_per_v)
     machine.configure(settings, pulse_settings(s.profile))
     machine.start_telemetry(telemetry_settings(s.profile, s.job.setup), run.watch)
     machine.arm()
+    machine.set_zero(30.0)
+    assert s.bench.controller.seen.zero_um == 0.0
     machine.ramp(12.0, 50.0)
     machine.rest(1.0)
     machine.start_scan(CutRequest(9.6, 20.0, 100.0))
@@ -140,21 +131,9 @@ def test_a_scanning_tool_is_held_where_the_inverse_puts_it() -> None:
     assert machine.stop_cut().code is EventCode.STOPPED
 
 
-def test_the_zero_of_the_estimate_is_none_of_the_controllers() -> None:
-    s = Shop(calibration=calibrated(), sensor=False)
-    calibration = s.job.calibration
-    assert calibration is not None
-    settings = controller_settings(s.profile, s.job.setup)
-    machine = SensorlessMachine(s.machine, calibration, settings.gain_um_per_v)
-    machine.configure(settings, pulse_settings(s.profile))
-    machine.arm()
-    machine.set_zero(30.0)
-    assert s.bench.controller.seen.zero_um == 0.0
-
-
 def test_without_samples_there_is_no_estimate_and_no_cut() -> None:
     s = Shop(calibration=calibrated(), sensor=False)
-    s.bench.inject(parse_injection("SAMPLES_LOST"))
+    s.inject("SAMPLES_LOST")
     with refused("E4022", "do not come any more"):
         s.run_job()
     ((_, lost_tick),) = s.bench.controller.injector.applied

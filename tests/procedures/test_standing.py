@@ -23,27 +23,18 @@ def states() -> list[Progress]:
     return shop.told.states
 
 
-def test_a_watcher_hears_of_the_machine_in_every_phase(states: list[Progress]) -> None:
+def test_a_watcher_sees_every_phase_and_extremes_that_hold_the_newest_values(states: list[Progress]) -> None:
     swings = [s for s in states if s.phase is Phase.CONDITIONING]
     assert len(swings) > 10
     assert max(b.time_s - a.time_s for a, b in pairwise(swings)) < 0.6
     assert max(s.displacement_um for s in swings) > 200.0
     assert {Phase.MOVING, Phase.MEASURING, Phase.APPROACHING, Phase.MACHINING} <= {s.phase for s in states}
-
-
-def test_nobody_is_told_twice_as_often_as_ten_times_a_second(states: list[Progress]) -> None:
     assert len(states) < 20.0 * (states[-1].time_s - states[0].time_s)
-
-
-def test_lows_and_highs_hold_the_newest_values(states: list[Progress]) -> None:
     known = [s for s in states if math.isfinite(s.gap_low_v)]
     assert len(known) > 0.9 * len(states)
     for s in known:
         assert s.gap_low_v - ROUNDING <= s.gap_v <= s.gap_high_v + ROUNDING
         assert s.displacement_low_um <= s.displacement_high_um
-
-
-def test_an_approach_shows_the_gap(states: list[Progress]) -> None:
     approach = [s for s in states if s.phase is Phase.APPROACHING and s.ratios.open > 0.0]
     assert max(s.gap_high_v for s in approach) > approach[0].reference_v
 
@@ -57,9 +48,6 @@ def test_a_cut_tells_feed_wear_and_jumps(states: list[Progress]) -> None:
     assert 0.0 <= last.time_s - last.last_jump_s < 3.0
     assert [s.jumps for s in cut] == sorted(s.jumps for s in cut)
     assert math.isnan(last.feed_target_um)
-
-
-def test_a_jump_is_in_the_lows_of_the_displacement(states: list[Progress]) -> None:
     deepest_um = max(s.displacement_um for s in states if s.phase is Phase.MACHINING)
     jumped = [s.displacement_low_um for s in states if s.phase is Phase.JUMPING]
     assert min(jumped) < deepest_um - 20.0

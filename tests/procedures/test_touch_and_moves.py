@@ -14,7 +14,6 @@ from edmctl.procedures.stages import move_to
 from edmctl.procedures.touch.approach import ABOVE_BOTTOM_UM, find_gap, lower_to, raise_by
 from edmctl.procedures.touch.reading import take_reading
 from edmctl.record.rows import RunEvent
-from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.plant_interface import TICK_S
 from tests.tiers import tiers
 
@@ -182,7 +181,7 @@ def test_a_line_without_samples_ends_the_lowering() -> None:
     s = Shop()
     run = armed(s, conditioned=True)
     move_to(run, run.job.pad)
-    s.bench.inject(parse_injection(f"SAMPLES_LOST@{s.bench.controller.tick * TICK_S}"))
+    s.inject(f"SAMPLES_LOST@{s.bench.controller.tick * TICK_S}")
     with refused("E4022"):
         lower_to(run, 30.0)
     assert float(s.bench.controller.loop.displacement_um) < 31.0
