@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -74,22 +75,21 @@ def test_what_was_expected_of_the_energy_counts_less_and_less() -> None:
     assert sunk_um[-1] < PER_UJ * 5e3 * WAY.length_um / 5.0
 
 
-def test_a_tool_that_stays_above_its_limit_goes_along_all_the_same() -> None:
-    done = passed(machine_at_start(misses_um=lambda _: 3.0), plan())
-    assert done.fault == ""
-    assert done.held_share == 0.0
-
-
 def test_lines_are_sent_shortly_before_the_tool_needs_them() -> None:
     machine = machine_at_start()
     passed(machine, plan())
     assert 3 <= machine.longest_queue <= 1 + (SPEED_UM_S * LOOK_AHEAD_S + 25.0) / 25.0
 
 
-def test_the_share_of_the_path_at_the_limit_is_told() -> None:
-    machine = machine_at_start(misses_um=lambda now_s: 1.0 if 6.0 < now_s < 11.0 else 0.0)
-    done = passed(machine, plan())
-    assert done.held_share == pytest.approx(0.75, abs=0.04)
+@pytest.mark.parametrize(
+    ("misses_um", "held_share"), [(lambda s: 1.0 if 6.0 < s < 11.0 else 0.0, 0.75), (lambda _: 3.0, 0.0)]
+)
+def test_the_share_of_the_path_at_the_limit_is_reported_and_the_tool_continues(
+    misses_um: Callable[[float], float], held_share: float
+) -> None:
+    done = passed(machine_at_start(misses_um=misses_um), plan())
+    assert done.fault == ""
+    assert done.held_share == pytest.approx(held_share, abs=0.04)
 
 
 def test_the_host_ends_a_pass_when_the_time_is_up() -> None:
@@ -101,21 +101,15 @@ def test_the_host_ends_a_pass_when_the_time_is_up() -> None:
     assert machine.scans[0].max_time_s > 3.0
 
 
-def test_a_line_refused_because_the_pass_is_over_is_the_end_of_the_pass() -> None:
+def test_a_line_that_is_refused_shows_the_end_or_the_fault_behind_it() -> None:
     ended = MachineEvent(EventCode.TIME_UP, 4.0, 0, 48.5, 16.0)
-    done = passed(machine_at_start(refuse_after=5, then=lambda: ended), plan())
-    assert done.fault == "TIMEOUT"
+    assert passed(machine_at_start(refuse_after=5, then=lambda: ended), plan()).fault == "TIMEOUT"
 
-
-def test_a_line_refused_because_of_a_fault_tells_the_fault() -> None:
     def fault() -> MachineEvent:
         raise MachineFault("The short did not clear.", code="E63001")
 
     with pytest.raises(MachineFault, match="did not clear"):
         passed(machine_at_start(refuse_after=5, then=fault), plan())
-
-
-def test_a_line_refused_for_no_reason_is_told() -> None:
     with pytest.raises(PreconditionError, match="PATH_MOVE"):
         passed(machine_at_start(refuse_after=5), plan())
 

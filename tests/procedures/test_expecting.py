@@ -93,10 +93,17 @@ def test_an_unconfirmed_ratio_is_a_belief_and_the_touched_part_is_not() -> None:
     assert known.feed.u < 1.0
 
 
-def test_what_was_fed_unseen_is_depth_and_wear_even_of_a_hole_that_has_just_begun() -> None:
-    left = with_unseen(lengths(), 9.0, 0.5, is_confirmed=True)
-    assert left.depth.u == pytest.approx(9.0 / math.sqrt(3.0))
-    assert left.wear.u == pytest.approx(3.0 / math.sqrt(3.0))
+@pytest.mark.parametrize(("unseen_um", "ratio"), [(9.0, 0.5), (3.0, 0.4)])
+def test_what_was_fed_unseen_is_depth_and_wear_even_of_a_hole_that_has_just_begun(
+    unseen_um: float, ratio: float
+) -> None:
+    touched, untouched = (
+        with_unseen(lengths(), unseen_um, ratio, is_confirmed=known) for known in (True, False)
+    )
+    u_um = unseen_um / math.sqrt(3.0)
+    assert touched.depth.u == pytest.approx(u_um)
+    assert touched.wear.u == pytest.approx(u_um * ratio / (1.0 + ratio))
+    assert untouched.wear.u > 1.5 * touched.wear.u
 
 
 def test_a_drift_over_the_pause_hides_no_other_work() -> None:
@@ -106,16 +113,10 @@ def test_a_drift_over_the_pause_hides_no_other_work() -> None:
     assert expected.tool_fits(drifted)
 
 
-def test_a_face_is_untouched_within_what_measures_it() -> None:
-    assert is_untouched(found(-0.2, 0.0))
-    assert is_untouched(found(0.8, 0.0))
-    assert not is_untouched(found(1.0, 0.0))
-
-
-def test_a_finished_hole_takes_nothing_more() -> None:
+def test_a_face_is_untouched_and_a_finished_hole_the_same_within_the_uncertainty() -> None:
+    assert [is_untouched(found(depth_um, 0.0)) for depth_um in (-0.2, 0.8, 1.0)] == [True, True, False]
     expected = ExpectedHole(lengths(24.0, 0.3))
-    assert expected.depth_fits(found(24.9, 0.0))
-    assert not expected.depth_fits(found(25.5, 0.0))
+    assert [expected.depth_fits(found(depth_um, 0.0)) for depth_um in (24.9, 25.5)] == [True, False]
 
 
 @pytest.mark.parametrize("pause_s", [86_400.0 * 40.0, math.inf])
@@ -142,14 +143,6 @@ def test_a_state_of_an_older_version_is_told_from_one_that_knows_its_uncertainty
     nulls = job_state({**LEFT.as_mapping(), "home_um": None, "channel": {"depth_um": None}})
     assert math.isnan(nulls.home_um)
     assert math.isnan(nulls.channel["depth_um"])
-
-
-def test_a_hole_that_was_left_before_it_shows_any_wear_may_have_some() -> None:
-    touched, untouched = (with_unseen(lengths(), 3.0, 0.4, is_confirmed=known) for known in (True, False))
-    u_um = 3.0 / math.sqrt(3.0)
-    assert touched.depth.u == pytest.approx(u_um)
-    assert touched.wear.u == pytest.approx(u_um * 0.4 / 1.4)
-    assert untouched.wear.u > 1.5 * touched.wear.u
 
 
 def test_a_bottom_that_is_doubted_makes_the_wear_uncertain_as_well() -> None:

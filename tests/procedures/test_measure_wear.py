@@ -143,23 +143,19 @@ def test_a_pad_that_moves_is_told() -> None:
     assert drifting.bench.is_safe
 
 
-def test_a_lost_tool_is_a_fault_of_the_machine() -> None:
-    broken = Shop()
+def test_a_lost_tool_is_a_fault_of_the_machine_and_a_stop_retracts() -> None:
+    broken, stopped = Shop(), Shop()
     broken.bench.plant.tool_lost_um = 200.0
     with pytest.raises(MachineFault) as caught, ready(broken) as run:
         touch_pad(run, "Z1", 50.0)
     assert caught.value.fault == 2005
     assert caught.value.hint
-    assert broken.bench.is_safe
-
-
-def test_a_stop_retracts() -> None:
-    stopped = Shop()
     stopped.told.when[Phase.MEASURING] = lambda: stopped.stop.request(2)
     with pytest.raises(Interrupted), ready(stopped) as run:
         touch_pad(run, "Z1", 50.0)
-    assert stopped.bench.is_safe
     assert stopped.seen.events[-1][3].startswith("Stopped")
+    assert broken.bench.is_safe
+    assert stopped.bench.is_safe
 
 
 def test_contact_is_the_surface_and_the_gap_is_before_it() -> None:
@@ -176,29 +172,27 @@ def test_contact_is_the_surface_and_the_gap_is_before_it() -> None:
     assert abs(contact.model_um - contact.displacement_um) <= 10.0
 
 
+JUMPING = ('jump.mode="fixed"', "jump.period_s=3", "log.servo_hz=1000")
+
+
 def test_jumps_are_as_high_as_asked_and_come_back() -> None:
-    jumping = Shop(('jump.mode="fixed"', "jump.period_s=3", "log.servo_hz=1000"))
+    jumping = Shop(JUMPING)
     with ready(jumping) as run:
         series = run_jumps(run, 250.0, 3)
-    assert [jump.number for jump in series.jumps] == [1, 2, 3]
+    jumps, summary = series.jumps, series.summary
+    assert [jump.number for jump in jumps] == [1, 2, 3]
     assert abs(series.start_um - 250.0) <= 10.0
-    for jump in series.jumps:
+    for jump in jumps:
         assert abs(jump.height_um - jumping.profile.jump.height_um) <= 8.0
         assert abs(jump.residual_um) <= 10.0
         assert 0.0 <= jump.settling_s < 3.0
-    starts_s = [jump.time_s for jump in series.jumps]
-    assert [b - a for a, b in pairwise(starts_s)] == pytest.approx([3.0, 3.0], abs=0.1)
-    summary = series.summary
+    assert [b.time_s - a.time_s for a, b in pairwise(jumps)] == pytest.approx([3.0, 3.0], abs=0.1)
     assert summary.height_min_um <= summary.height_mean_um <= summary.height_max_um
-    assert summary.residual_max_um == max(abs(jump.residual_um) for jump in series.jumps)
+    assert summary.residual_max_um == max(abs(jump.residual_um) for jump in jumps)
     assert jumping.bench.truth() == ()
-
-
-def test_a_jump_above_home_is_refused() -> None:
-    high = Shop(('jump.mode="fixed"', "log.servo_hz=1000"))
-    with refused("E8047"), ready(high) as run:
+    with refused("E8047"), ready(jumping) as run:
         run_jumps(run, 30.0, 1)
-    assert high.bench.is_safe
+    assert jumping.bench.is_safe
 
 
 @pytest.fixture
@@ -229,18 +223,15 @@ def test_a_chip_on_the_bottom_is_told_and_covered(
     assert abs(found.feed_um - hole.depth_um - shop.bench.tool_wear_um) <= found.feed_u95_um
 
 
-def test_a_doubted_reference_is_part_of_wear_and_feed(kept: tuple[Shop, Reference, Bottom, float]) -> None:
+def test_a_doubted_reference_is_part_of_wear_and_feed_and_a_tool_that_has_grown_is_refused(
+    kept: tuple[Shop, Reference, Bottom, float],
+) -> None:
     shop, reference, bottom, pad_um = kept
     with ready(shop) as run:
         found = measure_wear(run, replace(reference, doubt_u_um=2.0), pad_um, bottom)
     assert found.wear_u95_um > 3.5
     assert found.feed_u95_um > 3.5
     assert found.depth_u95_um < 1.5
-
-
-def test_a_tool_that_has_grown_is_refused(kept: tuple[Shop, Reference, Bottom, float]) -> None:
-    shop, reference, _, pad_um = kept
-    grown = replace(reference, z_um=pad_um + 6.0)
     with refused("E7023") as caught, ready(shop) as run:
-        measure_wear(run, grown, pad_um, None)
+        measure_wear(run, replace(reference, z_um=pad_um + 6.0), pad_um, None)
     assert caught.value.hint

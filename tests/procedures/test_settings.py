@@ -18,6 +18,7 @@ from edmctl.procedures.settings import (
 )
 from edmctl.profile.model import Profile
 from edmctl.profile.setup import Setup
+from tests.tiers import tiers
 
 from .conftest import CU270, Shop
 
@@ -26,16 +27,14 @@ def profile(*overrides: str) -> Profile:
     return load_profile(CU270, overrides).profile
 
 
-def test_thresholds_follow_the_voltages() -> None:
+def test_thresholds_follow_the_voltages_and_protection_is_as_tight_as_the_runs_of_the_decision_allow() -> (
+    None
+):
     settings = controller_settings(profile(), Setup())
     assert settings.short_v == pytest.approx(6.0)
     assert settings.arc_v == pytest.approx(19.5, abs=0.01)
     raised = controller_settings(profile("pulse.open_voltage_v=60.0", "servo.reference=0.85"), Setup())
     assert raised.short_v == pytest.approx(9.0)
-
-
-def test_protection_is_as_tight_as_the_runs_of_the_decision_allow() -> None:
-    settings = controller_settings(profile(), Setup())
     assert (settings.short_stuck_s, settings.arc_run, settings.open_lost_s) == (1.5, 20, 3.0)
     # A stuck short has been retracted by far more than the 100 µm that any bridge is high.
     assert 4.0 * settings.short_back_um_s * (settings.short_stuck_s - 0.5) >= 200.0
@@ -48,14 +47,10 @@ def test_every_setting_of_every_shipped_recipe_fits_the_wire() -> None:
             PARAMS[key].to_wire(value)
 
 
-def test_the_servo_is_the_recipes() -> None:
+def test_servo_and_generator_are_the_recipes() -> None:
     settings = controller_settings(profile('servo.mode="pi"', "servo.kp=12.0"), Setup())
-    assert settings.servo_law is ServoLaw.PI
-    assert settings.kp_um_s == 12.0
+    assert (settings.servo_law, settings.kp_um_s) == (ServoLaw.PI, 12.0)
     assert gap_reference_v(profile("servo.reference=0.82")) == pytest.approx(0.82 * 12.0)
-
-
-def test_the_generator_gets_times_of_frequency_and_duty() -> None:
     pulses = pulse_settings(profile())
     assert pulses.on_time_us == pytest.approx(130.43, abs=0.01)
     assert pulses.on_time_us + pulses.off_time_us == pytest.approx(1e6 / 2300)
@@ -100,7 +95,7 @@ def test_the_recipe_says_which_pulses_are_logged(name: str, log: PulseLog) -> No
     assert telemetry_settings(profile(f'log.pulses="{name}"'), Setup()).pulse_log is log
 
 
-@pytest.mark.parametrize("hz", [1.0, 5.0, 20.0, 30.0])
+@pytest.mark.parametrize("hz", tiers(1.0, slow=(5.0, 20.0, 30.0)))
 def test_a_log_with_few_rows_leaves_the_job_its_samples(hz: float) -> None:
     """Conditioning over a small stroke is short, and identifies the actuator from 200 samples or more."""
     shop = Shop((f"log.servo_hz={hz}", "limits.stroke_v_max=70"))
