@@ -71,20 +71,18 @@ class CalibrationPlan:
 
         Each turn also waits for the line, on a virtual machine for up to 0.1 s.
         """
-        return self._slow_s + self._fast_s
+        return sum(self._lengths_s)
 
     @property
     def samples(self) -> int:
         """Least number of samples of the record."""
-        return round(self._slow_s / self.period_s + self._fast_s / (1e-6 * self.fast_period_us))
+        slow_s, fast_s = self._lengths_s
+        return round(slow_s / self.period_s + fast_s / (1e-6 * self.fast_period_us))
 
     @property
-    def _slow_s(self) -> float:
-        return REST_S + sum(_length_s(legs, self.period_s) for legs in (self.legs, self.use))
-
-    @property
-    def _fast_s(self) -> float:
-        return _length_s(self.fast, 1e-6 * self.fast_period_us)
+    def _lengths_s(self) -> tuple[float, float]:
+        slow_s = REST_S + sum(_length_s(legs, self.period_s) for legs in (self.legs, self.use))
+        return slow_s, _length_s(self.fast, 1e-6 * self.fast_period_us)
 
 
 def _length_s(legs: Sequence[Leg], period_s: float) -> float:

@@ -116,7 +116,6 @@ class Tracker:
         self.estimator.correct(self.correction.gain, self.correction.offset_um)
 
     def _raw_um(self, estimated_um: float) -> float:
-        """Return the estimate before correction."""
         return (estimated_um - self.estimator.offset_um) / self.estimator.gain
 
 

@@ -122,7 +122,6 @@ def _machine_left(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
 
 
 def _touch_surface(run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequence[Place]) -> None:
-    """Touch the workpiece surface if its tilt would limit the depths."""
     if knowledge.tool is None:
         knowledge.touch_pad_first(site.name)
     assert knowledge.tool is not None

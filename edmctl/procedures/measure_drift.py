@@ -59,11 +59,6 @@ class DriftPlan:
         """Approximate number of touches."""
         return int((self.duration_s - self.hold_s) // self.interval_s) + 1
 
-    @property
-    def hold_after_s(self) -> float:
-        """When the hold begins, from the first touch."""
-        return BEFORE_HOLD_SHARE * (self.duration_s - self.hold_s)
-
 
 @dataclass(slots=True)
 class DriftRecord:
@@ -121,7 +116,7 @@ def measure_drift(run: JobRun, plan: DriftPlan, expected_um: float) -> DriftReco
     begin_s = run.machine.time_s
     next_s, is_held = begin_s, False
     while run.machine.time_s - begin_s < plan.duration_s:
-        if not is_held and next_s - begin_s >= plan.hold_after_s:
+        if not is_held and next_s - begin_s >= BEFORE_HOLD_SHARE * (plan.duration_s - plan.hold_s):
             is_held = True
             record.held_after = len(record.rests)
             _hold(run, plan)

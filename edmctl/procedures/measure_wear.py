@@ -198,7 +198,6 @@ class _Measurement:
         )
 
     def _budget(self, found: DepthAndWear) -> tuple[UncertaintyPart, ...]:
-        """Return the parts of the standard uncertainties of wear, depth and feed."""
         sensor_u, drift, face_u_um = self._run.uncertainty, self._drift, self._face.u
         between_u_um = sensor_u.drifted_u_um(self._depth_s)
         feed_drift_um = math.hypot((1.0 - self._depth_s / self._age_s) * drift.left_u_um, between_u_um)

@@ -185,7 +185,6 @@ def _home_by_touch(run: JobRun, rest_um: float, below: _WorkBelow) -> Home:
 
 
 def _settled_um(run: JobRun) -> float:
-    """Return the rest at 0 V, after a wait for creep."""
     end_s, before_um = run.machine.time_s + CREEP_WAIT_S, math.inf
     while before_um - run.watch.displacement_um > _SETTLED_UM and run.machine.time_s < end_s:
         before_um = run.watch.displacement_um
@@ -264,7 +263,6 @@ def _stands_out(run: JobRun, home: Home, over_um: float, most_um: float) -> Prec
 
 
 def _zero_the_sensor(run: JobRun) -> str:
-    """Return the hint for an unknown position at 0 V."""
     has_old_zero = not math.isnan(run.job.home_age_s)
     old = " Use a new folder of run files (--out): this one has the old zero." if has_old_zero else ""
     return (

@@ -149,7 +149,6 @@ class ChannelProcedure:
         self._run.tally.channel = result
 
     def _cut_down(self) -> Decision:
-        """Cut layer by layer to the target, and measure when that is due."""
         run, layers, target = self._run, self._layers, self._target
         corrections = run.profile.wear.max_cuts
         while True:
@@ -243,7 +242,6 @@ class ChannelProcedure:
         return unknown > 0.5 or (layers_after == 1 and unknown > 0.25)
 
     def _measure(self, places: int) -> ChannelResult:
-        """Touch floor and pad, learn from them, and keep the result."""
         layers = self._layers
         if layers.last is None:
             raise ValueError("nothing was cut")
@@ -365,7 +363,6 @@ class ChannelProcedure:
         return result
 
     def _keep_state(self, phase: str = MACHINING) -> None:
-        """Keep in the journal how far the channel has come."""
         self._run.keeper.keep(phase, self, self._run.machine.time_s)
 
     def add_to(self, state: JobState, now_s: float) -> JobState:

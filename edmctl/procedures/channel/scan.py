@@ -192,7 +192,6 @@ class _Feeder:
         return True
 
     def _limit_um(self, i: int) -> float:
-        """Return the limit at a point, by the expected wear there."""
         plan, used_uj = self._plan, self.follower.wearing_uj
         ahead_um = float(plan.way.lengths_um[i]) - self._here_um
         uj_per_um = (plan.uj_per_um * LEARN_OVER_UM + used_uj) / (LEARN_OVER_UM + self._here_um)

@@ -177,11 +177,14 @@ def measure_floor(
     if done.held or unknown is not NO_EXTRA:
         touched = _short_ones_again(run, plan, done, wear, touched, unknown.step_u_um)
     after = _touch_pad(run, surface, before.z_um, 0.0, unknown)
-    floor = tuple(
-        FloorPlace(s_um, place.x_um, place.y_um, z2.z_um - _surface_at(place, z2, before, after, surface))
-        for s_um, place, z2 in touched
-    )
-    return FloorReading(floor, tuple(z2 for _, _, z2 in touched), before, after)
+    floor = []
+    for s_um, place, z2 in touched:
+        share = (z2.time_s - before.time_s) / (after.time_s - before.time_s)
+        pad_um = before.z_um + share * (after.z_um - before.z_um)
+        # Where the tool would have met the untouched surface at that time.
+        surface_um = pad_um + surface.plane.height_um(place.x_um, place.y_um)
+        floor.append(FloorPlace(s_um, place.x_um, place.y_um, z2.z_um - surface_um))
+    return FloorReading(tuple(floor), tuple(z2 for _, _, z2 in touched), before, after)
 
 
 def _short_ones_again(
@@ -227,15 +230,6 @@ def _touch_pad(
     if unknown is NO_EXTRA:
         refuse_grown_tool(run, z1.z_um, z3, z3.time_s - z1.time_s, z1.doubt_u_um)
     return z3
-
-
-def _surface_at(
-    place: Place, z2: SurfaceReading, before: SurfaceReading, after: SurfaceReading, surface: ChannelSurface
-) -> float:
-    """Return where the tool would have met the untouched surface at a place, at the time of its touch."""
-    share = (z2.time_s - before.time_s) / (after.time_s - before.time_s)
-    pad_um = before.z_um + share * (after.z_um - before.z_um)
-    return pad_um + surface.plane.height_um(place.x_um, place.y_um)
 
 
 def learned_gap_um(

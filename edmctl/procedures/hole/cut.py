@@ -221,15 +221,14 @@ class Cut:
         args: Args = {
             "height_um": height_um,
             "period_s": adaptive.period_s,
-            "arcs": round(adaptive.arcs, 5),
-            "shorts": round(adaptive.shorts, 5),
+            "arcs": round(adaptive.since_jump.arcs, 5),
+            "shorts": round(adaptive.since_jump.shorts, 5),
             "asked": " and ".join(adaptive.asking),
             **{f"asking_{name}": round(share, 5) for name, share in adaptive.asking.items()},
         }
         run.note(code, message, args, EventLevel.DEBUG)
 
     def _set_duty(self, duty: float) -> None:
-        """Change the pauses between pulses of the same length."""
         if duty == self._duty:
             return
         pulses = pulse_settings(self._run.profile)

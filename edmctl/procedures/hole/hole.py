@@ -331,7 +331,6 @@ class Hole:
         tally.unmeasured_site = self.site.name
 
     def _estimate_at(self, now_s: float) -> DepthAndWear:
-        """Return depth and wear at a time of the run, as far as they are known."""
         run, cut = self._run, self._run.tally.cut
         if self.plan is not None and not math.isnan(cut.displacement_um):
             energy = energy_of(run.profile.pulse, cut)

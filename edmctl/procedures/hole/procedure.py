@@ -119,7 +119,6 @@ class HoleProcedure:
         return energy_of(self._run.profile.pulse, cut)
 
     def _measure(self, plan: CutPlan, cut: CutResult) -> Decision:
-        """Touch bottom and pad after a cut, learn from them, and decide what follows."""
         knowledge, hole = self._knowledge, self._hole
         raise_by(self._run, CLEAR_OF_BOTTOM_UM)
         unfinished_u_um = 0.0 if cut.is_at_limit else UNFINISHED_GAP_U_UM

@@ -194,7 +194,6 @@ class ResumedHole(HoleProcedure):
         )
 
     def _open(self, pad: SurfaceReading, expected: ExpectedHole) -> Decision:
-        """Return the end of a hole that was found open."""
         run, hole, target = self._run, self._hole, self._hole.target
         found = hole.take_tip(pad.z_um + hole.face_um + target.depth_um + target.completion_um, pad)
         if expected.estimate.depth_um + expected.depth_reach_um < target.depth_um - target.tolerance_um:

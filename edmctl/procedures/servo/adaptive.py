@@ -136,7 +136,7 @@ class AdaptiveControl:
 
     `period_s` is NaN without jumps; `reference` and `duty` are the settings for servo and generator. `asking` has
     the shares of arcs and shorts that are over their limits and cause the next jump; it is empty if the period does.
-    `changes` collects the changes until they are carried out.
+    `since_jump` has the pulses since the last jump, `changes` the changes until they are carried out.
     """
 
     def __init__(self, profile: Profile, start_s: float) -> None:
@@ -148,7 +148,7 @@ class AdaptiveControl:
         self._freeze_s = 0.0
         self._evidence = PulseWindow(EVIDENCE_S)
         self._clean = PulseWindow(CLEAN_S)
-        self._since_jump = PulseWindow(math.inf)
+        self.since_jump = PulseWindow(math.inf)
         self._in_vain = 0
         self._at_once = ""
         self.asking: dict[str, float] = {}
@@ -180,7 +180,7 @@ class AdaptiveControl:
                 self._change("reference", round(reference, 3), reason, {"arcs": search.seen})
         if not self._adaptive:
             return
-        for window in (self._evidence, self._clean, self._since_jump):
+        for window in (self._evidence, self._clean, self.since_jump):
             window.add(duration_s, pulses, arcs, shorts)
         limits, evidence, clean = self._limits, self._evidence, self._clean
         if evidence.is_full and (evidence.arcs > self._arc_high or evidence.shorts > limits.short_high):
@@ -199,34 +199,28 @@ class AdaptiveControl:
             return self._at_once
         return f"{self.period_s:.3g} s have passed" if now_s >= self.clock_due_s else ""
 
-    @property
-    def arcs(self) -> float:
-        """Share of arcs since the last jump."""
-        return self._since_jump.arcs
-
-    @property
-    def shorts(self) -> float:
-        """Share of shorts since the last jump."""
-        return self._since_jump.shorts
-
     def jumped(self, now_s: float) -> None:
         """Restart the period; check whether jumps at the shortest period help."""
         self._last_s = now_s
         self._at_once = ""
         self.asking = {}
-        arcs = self._since_jump.arcs
-        self._since_jump.clear()
+        arcs = self.since_jump.arcs
+        self.since_jump.clear()
         if not self._adaptive or self.period_s > self._jump.period_min_s or arcs <= self._arc_high:
             self._in_vain = 0
             return
         self._in_vain += 1
         if self._in_vain >= PATIENCE:
             self._in_vain = 0
-            self._step_back(
-                self._limits.reference_step,
-                f"{100 * arcs:.0f} % arcs although it jumps every {self.period_s:g} s",
-                {"arcs": arcs, "period_s": self.period_s},
-            )
+            reason = f"{100 * arcs:.0f} % arcs although it jumps every {self.period_s:g} s"
+            args: Args = {"arcs": arcs, "period_s": self.period_s}
+            step = self._limits.reference_step
+            # A wider gap first, then longer pauses.
+            if self._search is None and self.reference < self._highest and step > 0.0:
+                self._change("reference", min(self._highest, self.reference + step), reason, args)
+            else:
+                duty = max(self._lowest_duty, self.duty * (1.0 - self._limits.duty_step))
+                self._change("duty", duty, reason, args)
 
     def soften(self, reference_step: float, duty_share: float, reason: str) -> None:
         """Raise the reference and reduce the duty, after a burn."""
@@ -254,7 +248,6 @@ class AdaptiveControl:
         self._change("period_s", period_s, self._at_once, shares)
 
     def _relax(self, arcs: float, shorts: float) -> None:
-        """Take back the last remedy."""
         seen = f"only {100 * arcs:.1f} % arcs and {100 * shorts:.1f} % shorts in {CLEAN_S:g} s"
         args: Args = {"arcs": arcs, "shorts": shorts}
         self._clean.clear()
@@ -267,16 +260,7 @@ class AdaptiveControl:
             longest_s = LONGEST_SHARE * self._jump.period_s
             self._change("period_s", min(longest_s, LONGER * self.period_s), seen, args)
 
-    def _step_back(self, reference_step: float, reason: str, args: Args) -> None:
-        """A wider gap first, then longer pauses."""
-        if self._search is None and self.reference < self._highest and reference_step > 0.0:
-            self._change("reference", min(self._highest, self.reference + reference_step), reason, args)
-        else:
-            duty = max(self._lowest_duty, self.duty * (1.0 - self._limits.duty_step))
-            self._change("duty", duty, reason, args)
-
     def _change(self, name: str, value: float, reason: str, args: Args) -> None:
-        """Change one of the settings, and report that if it is another value."""
         before = getattr(self, name)
         if value == before:
             return

@@ -15,6 +15,8 @@ from edmctl.process.next_cut import CLEAR_SIGMAS
 from edmctl.record.rows import RunEvent
 from edmctl.results.telemetry import PulseShares
 
+RATIO_WINDOW_S = 2.0
+"""Window of arcs and shorts; a limit that is exceeded over it is reported at once (decision 0012)."""
 UNSTABLE_S = 30.0
 """A cut over its arc or short limit for this long is ended. Badly flushed holes that succeed are over it for up to
 9 s, until the next jump, so it has to outlast some jump periods (decision 0012)."""
@@ -31,11 +33,10 @@ LEAST_S = 120.0  # least limit of a short job, twice the time that detects a sta
 
 
 class RatioLimits:
-    """Limits of the shares over a window of `window_s`."""
+    """Limits of the shares of arcs and shorts over the last seconds."""
 
-    def __init__(self, run: JobRun, window_s: float) -> None:
+    def __init__(self, run: JobRun) -> None:
         self._run = run
-        self._window_s = window_s
         self._since_s: dict[RunEvent, float] = {}
 
     def update(self, now_s: float, ratios: PulseShares, *, window_is_full: bool) -> str:
@@ -58,7 +59,7 @@ class RatioLimits:
             self._since_s[code] = now_s
             self._run.warn(
                 code,
-                f"{100 * ratio:.0f} % {name} in the last {self._window_s:.0f} s; "
+                f"{100 * ratio:.0f} % {name} in the last {RATIO_WINDOW_S:.0f} s; "
                 f"the limit is {100 * limit:.0f} %.",
                 {"ratio": ratio, "limit": limit},
             )
@@ -199,7 +200,11 @@ class Breakthrough:
             return False
         if not is_near_back(depth_um, depth_u_um, self._thickness_um):
             return False
-        if not self._has_opened():
+        _, feeds, shares = zip(*self._base, strict=True)
+        self.usual_feed_um_s = sorted(feeds)[len(feeds) // 2]
+        self.usual_open_share = sum(shares) / len(shares)
+        is_faster = self.feed_um_s > FEED_FACTOR * self.usual_feed_um_s
+        if not is_faster or self.open_share <= self.usual_open_share + OPEN_MORE:
             return False
         self.at_um = displacement_um
         self.message = (
@@ -217,7 +222,6 @@ class Breakthrough:
         return True
 
     def _follow(self, duration_s: float, speed_um_s: float, open_share: float) -> None:
-        """Update the exponential means of feed and open share, and their history."""
         self._seconds += duration_s
         self.feed_um_s += duration_s / min(FEED_WINDOW_S, self._seconds) * (speed_um_s - self.feed_um_s)
         self.open_share += duration_s / min(OPEN_S, self._seconds) * (open_share - self.open_share)
@@ -225,13 +229,6 @@ class Breakthrough:
         self._span_s += duration_s
         while self._span_s > BASE_S:
             self._span_s -= self._base.popleft()[0]
-
-    def _has_opened(self) -> bool:
-        _, feeds, shares = zip(*self._base, strict=True)
-        self.usual_feed_um_s = sorted(feeds)[len(feeds) // 2]
-        self.usual_open_share = sum(shares) / len(shares)
-        faster = self.feed_um_s > FEED_FACTOR * self.usual_feed_um_s
-        return faster and self.open_share > self.usual_open_share + OPEN_MORE
 
 
 class SparkLoss:

@@ -25,6 +25,7 @@ from edmctl.procedures.monitoring.watch import NEWEST_S
 from edmctl.procedures.run import JobRun, of_samples
 from edmctl.procedures.servo.adaptive import AdaptiveControl, ShortRecovery
 from edmctl.procedures.servo.limits import (
+    RATIO_WINDOW_S,
     STALL_SHARE,
     Breakthrough,
     RatioLimits,
@@ -38,9 +39,6 @@ from edmctl.record.rows import RunEvent, SlowRow
 from edmctl.results.progress import Phase
 from edmctl.results.telemetry import BlockSummary, PulseShares, pulse_shares
 
-RATIO_WINDOW_S = 2.0
-"""Window of arcs and shorts; a limit that is exceeded over it is reported at once (decision 0012)."""
-
 
 class TelemetrySums:
     """Sums over the slices of one cut or pass.
@@ -53,7 +51,7 @@ class TelemetrySums:
     def __init__(self, run: JobRun, start_s: float) -> None:
         self._run, self._start_s = run, start_s
         self._machined_before_s = run.tally.machining_time_s
-        self._ratio_limits = RatioLimits(run, RATIO_WINDOW_S)
+        self._ratio_limits = RatioLimits(run)
         self.displacement_um = math.nan
         run.tally.phase = Phase.MACHINING
         self.duty_v = run.profile.pulse.duty_voltage_v
@@ -276,7 +274,13 @@ class Supervisor(TelemetrySums):
         fresh, duration_s = self.add(seen), self.duration_s(seen)
         self._note_sparks(block, heights_um)
         if machining:
-            self._follow_tool(heights_um, seen.gap_mean_v, now_s)
+            self.add_gap_ratio(seen.gap_mean_v, len(heights_um))
+            newest_um = heights_um[-self._newest :]
+            self.displacement_um, self.seen_s = sum(newest_um) / len(newest_um), now_s
+            self._track.append((now_s, self.displacement_um))
+            self._begin = self._begin or self._track[0]
+            if self._stall.update(now_s, self.displacement_um):
+                self.stop_reason, self.message = StopReason.STALLED, self._stall.message
         ratios = self.ratios
         if self._ratio_limits.update(now_s, ratios, window_is_full=self.window_is_full):
             self.stop_reason = StopReason.UNSTABLE
@@ -328,16 +332,6 @@ class Supervisor(TelemetrySums):
         newest_um = [heights_um[i] for i in sparked if times_s[i] > since_s]
         self._spark_um = sum(newest_um) / len(newest_um)
         self._deepest_um = max(self._deepest_um, self._spark_um)
-
-    def _follow_tool(self, heights_um: list[float], gap_v: float, now_s: float) -> None:
-        self.add_gap_ratio(gap_v, len(heights_um))
-        newest_um = heights_um[-self._newest :]
-        self.displacement_um = sum(newest_um) / len(newest_um)
-        self.seen_s = now_s
-        self._track.append((now_s, self.displacement_um))
-        self._begin = self._begin or self._track[0]
-        if self._stall.update(now_s, self.displacement_um):
-            self.stop_reason, self.message = StopReason.STALLED, self._stall.message
 
     def _look_for_the_back(
         self, duration_s: float, fresh: Counts, energy: Energy, now_s: float, *, sparking: bool
