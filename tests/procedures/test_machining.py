@@ -117,6 +117,14 @@ def test_progress_says_what_is_left(done: Done) -> None:
     assert left[0] > left[len(left) // 2] > 0.0
 
 
+def test_a_job_on_a_line_without_frames_is_the_job_on_a_line_with_them(done: Done) -> None:
+    direct = Shop(direct=True)
+    result = direct.run_job()
+    assert (result.sites, result.time_s) == (done.result.sites, done.result.time_s)
+    for name in ("time_s", "displacement_um", "model_um", "gap_v", "state"):
+        np.testing.assert_array_equal(direct.seen.column(name), done.shop.seen.column(name), err_msg=name)
+
+
 def test_the_seed_is_the_machine(done: Done) -> None:
     assert Shop().run_job() == done.result
     assert Shop(seed=2).run_job().sites[0].z1_um != done.result.sites[0].z1_um
