@@ -18,14 +18,7 @@ from edmctl.procedures.stages import move_to, retract
 from edmctl.procedures.touch.approach import lower_to
 from edmctl.procedures.touch.reading import SurfaceReading, take_reading
 from edmctl.procedures.touch.spots import OFFSET_U_UM, read_pad
-from edmctl.process.rest_drift import (
-    LEAST_TOUCHES,
-    DriftFit,
-    Rest,
-    fit_drift,
-    model_of,
-    refuse_creep,
-)
+from edmctl.process.rest_drift import LEAST_TOUCHES, DriftFit, Rest, fit_drift, model_of, refuse_creep
 from edmctl.process.touches import Touch
 from edmctl.profile.model import Profile
 from edmctl.profile.setup import Setup

@@ -26,15 +26,7 @@ from edmctl.machine.controller import LinkMachine
 from edmctl.machine.interface import MachineState, TelemetryBlock
 from edmctl.machine.stop import StopRequest
 from edmctl.planning.rules.load import load_profile
-from edmctl.procedures.job import (
-    CalibratedActuator,
-    Job,
-    JobState,
-    JobTally,
-    StateStore,
-    job_of,
-    job_state,
-)
+from edmctl.procedures.job import CalibratedActuator, Job, JobState, JobTally, StateStore, job_of, job_state
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.monitoring.watch import Watch
 from edmctl.procedures.run import JobRun, JobStateKeeper

@@ -27,10 +27,7 @@ SEED = 11
 
 
 @pytest.mark.parametrize("sites", tiers((ALONE,), slow=((ARRAY,),)))
-@pytest.mark.parametrize(
-    ("wear", "removal"),
-    tiers((2.0, 1.0), (1.0, 5.0), slow=((0.3, 1.0), (1.0, 0.3))),
-)
+@pytest.mark.parametrize(("wear", "removal"), tiers((2.0, 1.0), (1.0, 5.0), slow=((0.3, 1.0), (1.0, 0.3))))
 def test_a_belief_that_is_wrong_costs_no_truth(sites: tuple[Place, ...], wear: float, removal: float) -> None:
     held = []
     s = Shop(OVERRIDES, SEED, changed=lambda config: eroding(config, wear, removal))

@@ -81,10 +81,7 @@ def machined(inject: str = "") -> Made:
     """Machine a quick channel to its end."""
     loaded = load_profile(CIRCLE, QUICK)
     profile = loaded.profile
-    config = BenchConfig(
-        tool_diameter_um=profile.tool.diameter_um,
-        offset_um=profile.approach.offset_um,
-    )
+    config = BenchConfig(tool_diameter_um=profile.tool.diameter_um, offset_um=profile.approach.offset_um)
     bench = open_bench(config, seed=2)
     if inject:
         bench.inject(parse_injection(inject))
@@ -125,10 +122,7 @@ def test_passes_measurements_and_touches_are_recorded_and_nothing_is_doubted(mad
 
 
 @pytest.mark.parametrize("name", tiers("CHIP", slow=("LOOSE_CHIP",)))
-@pytest.mark.parametrize(
-    "kind",
-    tiers("Z2", slow=("Z1", "Zr", "Z3")),
-)
+@pytest.mark.parametrize("kind", tiers("Z2", slow=("Z1", "Zr", "Z3")))
 def test_a_chip_under_any_touch_is_told_and_covered(made: Made, kind: str, name: str) -> None:
     kinds = [row.kind for row in made.seen.touches]
     number = len(kinds) - kinds[::-1].index(kind)

@@ -10,13 +10,7 @@ import pytest
 from edmctl.planning.measuring import cut_budget, estimate_of
 from edmctl.planning.rules.load import load_profile
 from edmctl.procedures.hole.cut import CutEnd, CutResult
-from edmctl.procedures.hole.cut_planning import (
-    CutPlan,
-    CutStart,
-    discharge_energy_j,
-    energy_of,
-    first_plan,
-)
+from edmctl.procedures.hole.cut_planning import CutPlan, CutStart, discharge_energy_j, energy_of, first_plan
 from edmctl.procedures.hole.decision import Decision, decide
 from edmctl.procedures.job import CutTotals, HoleTarget, target_of
 from edmctl.process.discharge import hole_area_um2
@@ -29,10 +23,7 @@ from edmctl.quantity import Value
 from .conftest import CU270
 
 FOUND = DepthAndWear(
-    depth=Value(150.0, 0.5),
-    wear=Value(60.0, 1.0),
-    feed=Value(210.0, 1.0),
-    depth_noise_um=0.1,
+    depth=Value(150.0, 0.5), wear=Value(60.0, 1.0), feed=Value(210.0, 1.0), depth_noise_um=0.1
 )
 SURFACE = CutStart(bottom_um=50.0, bottom_u_um=0.2, gap_um=3.4, gap_u_um=0.8)
 CUT = CutResult(
@@ -128,8 +119,7 @@ def test_a_place_may_have_a_depth_of_its_own() -> None:
 
 def test_a_way_through_goes_on_until_the_worn_tip_is_through() -> None:
     recipe = profile(
-        'target={kind="through",completion_um=20}',
-        'work={material="Cu",thickness_um=50,kind="through"}',
+        'target={kind="through",completion_um=20}', 'work={material="Cu",thickness_um=50,kind="through"}'
     )
     assert goal(recipe).completion_um == 20.0
     first = first_plan(recipe, SURFACE)

@@ -291,10 +291,7 @@ class Tip:
             )
 
 
-@pytest.mark.parametrize(
-    ("wear", "removal"),
-    tiers((2.0, 1.0), (1.0, 4.0), slow=((1.0, 1.0), (0.3, 1.0))),
-)
+@pytest.mark.parametrize(("wear", "removal"), tiers((2.0, 1.0), (1.0, 4.0), slow=((1.0, 1.0), (0.3, 1.0))))
 def test_a_way_through_ends_behind_the_sheet_whatever_was_believed_of_wear_and_removal(
     wear: float, removal: float
 ) -> None:

@@ -114,11 +114,7 @@ def after_corrections(shop: Shop, depths: dict[str, tuple[float, float]]) -> Dec
     ],
 )
 def test_holes_that_later_touches_find_wrong_end_the_job_short_of_its_objective_the_missed_ones_first(
-    row_of_holes: Shop,
-    depths: dict[int, tuple[float, float]],
-    code: str,
-    texts: tuple[str, ...],
-    hint: str,
+    row_of_holes: Shop, depths: dict[int, tuple[float, float]], code: str, texts: tuple[str, ...], hint: str
 ) -> None:
     names = list(row_of_holes.tally.sites)
     decision = after_corrections(row_of_holes, {names[i]: depth for i, depth in depths.items()})

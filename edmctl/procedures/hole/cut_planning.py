@@ -15,15 +15,7 @@ from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import PreconditionError, stages_by_hand
 from edmctl.planning.measuring import cut_budget, estimate_of
 from edmctl.planning.removal import feed_rate_um_s
-from edmctl.procedures.job import (
-    PERIOD_S,
-    CutTotals,
-    Discharges,
-    HoleTarget,
-    JobState,
-    RunningCut,
-    target_of,
-)
+from edmctl.procedures.job import PERIOD_S, CutTotals, Discharges, HoleTarget, JobState, RunningCut, target_of
 from edmctl.process.live_erosion import RECIPE_U_REL, Energy, ErosionEstimate, LiveErosion
 from edmctl.process.next_cut import CLEAR_SIGMAS, largest_first_um, next_cut
 from edmctl.process.touches import DepthAndWear, share_u
