@@ -30,8 +30,8 @@ from edmctl.jobs.surroundings import Surroundings, Unobserved, Warn, python_warn
 from edmctl.jobs.sweep import seed_to_use
 from edmctl.machine.stop import StopRequest
 from edmctl.profile.folders import HOME_VARIABLE, as_value
-from edmctl.results.forecast import Forecast
 from edmctl.results.progress import Observer
+from edmctl.results.result import Forecast
 from edmctl.start_up import refuse_wrong_clock
 from edmctl.toml_text import toml_value
 

@@ -1,14 +1,18 @@
-"""What a process of its own spares itself: one of the command line, or a worker of many runs."""
+"""What a process of its own spares itself, and how many threads BLAS has in one that imports edmctl."""
 
 from __future__ import annotations
 
 import gc
 import os
 import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from threading import Lock, Thread
 
 from edmctl import failures
-from edmctl.blas import VARIABLES
 
+VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+"""Set the number of threads when numpy is loaded; the command line sets them to 1."""
 FEW_CYCLES = 200_000
 """Objects made since the last search for cycles at which Python searches again; its own number is 700. Rows and
 frames are freed without a search, and each search looks at all that was imported, for some 20 ms."""
@@ -48,3 +52,49 @@ def refuse_wrong_clock() -> None:
         time.time()
     except OverflowError:
         raise failures.clock_wrong() from None
+
+
+_limit, _lock = ExitStack(), Lock()
+_users = 0
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Limit BLAS to one thread inside a `with` block or, as a decorator, inside a function.
+
+    The matrices here are small: further threads mostly wait for each other and cost several times the CPU time.
+    The limit applies to the process and ends with the last of several concurrent blocks. A number of threads that
+    is set in the environment remains.
+    """
+    if any(name in os.environ for name in VARIABLES):
+        yield
+        return
+    _count(1)
+    try:
+        yield
+    finally:
+        _count(-1)
+
+
+def _count(more: int) -> None:
+    """Add to the number of blocks; the first sets the limit and the last removes it."""
+    global _users
+    with _lock:
+        before, _users = _users, _users + more
+        if not before:
+            _in_own_thread(_set)
+        elif not _users:
+            _in_own_thread(_limit.close)
+
+
+def _set() -> None:
+    from threadpoolctl import threadpool_limits
+
+    _limit.enter_context(threadpool_limits(1, "blas"))
+
+
+def _in_own_thread(act: Callable[[], None]) -> None:
+    """Run `act` in a thread that ends: while a thread that set a limit lives, threadpoolctl ignores all others."""
+    thread = Thread(target=act)
+    thread.start()
+    thread.join()

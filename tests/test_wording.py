@@ -1,4 +1,4 @@
-"""Numbers as people read them."""
+"""Numbers as people read them, with the marks of estimated values, which are the same wherever they are shown."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from edmctl.labels import basis_of, heading, marked, meanings
 from edmctl.wording import (
     UNKNOWN,
     about,
@@ -15,6 +16,7 @@ from edmctl.wording import (
     duration,
     escaped,
     facts,
+    iso_of,
     length,
     named_with_unit,
     percent,
@@ -22,6 +24,8 @@ from edmctl.wording import (
     removal_rate,
     signed,
     significant,
+    start_utc,
+    utc_of,
     with_u95,
 )
 
@@ -98,3 +102,43 @@ def test_a_result_is_told_in_words_with_units() -> None:
         ("wear from voltage", "4.29 µm"),
         ("height of the jumps, mean", "63.86 µm"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "depth", "wear", "basis"),
+    [
+        ("depth_um", "touched", "estimated", "touched"),
+        ("wear_um", "touched", "estimated", "estimated"),
+        ("feed_um", "touched", "estimated", "estimated"),
+        ("wear_ratio_lin", "touched", "model", "model"),
+        ("mrr_mm3_min", "estimated", "touched", "estimated"),
+        ("depth_um", None, "touched", ""),
+        ("feed_um", None, "touched", "touched"),
+    ],
+)
+def test_what_follows_from_depth_and_wear_has_the_weaker_basis(
+    name: str, depth: str | None, wear: str, basis: str
+) -> None:
+    assert basis_of(name, depth, wear) == basis
+
+
+def test_a_value_is_marked_unless_it_is_unknown_or_its_heading_states_the_basis() -> None:
+    assert heading((None, "touched")) == "measured"
+    assert heading(("estimated", "touched")) == "result"
+    assert marked("1.0", "estimated") == "~1.0"
+    assert marked("–", "estimated") == "–"
+    assert marked("1.0", "estimated", "estimated") == "1.0"
+    assert marked("1.0", None) == "1.0"
+    assert meanings(("estimated", "estimated"), "estimated") == []
+
+
+@pytest.mark.parametrize("time_s", [3e11, -1e13, float("inf"), float("nan"), 1e300])
+def test_the_time_of_a_file_may_be_anything(time_s: float) -> None:
+    assert iso_of(time_s) == ""
+    assert iso_of(0.0) == "1970-01-01T00:00:00.000+00:00"
+
+
+@pytest.mark.parametrize("text", ["0001-01-01T00:00:00+23:00", "9999-12-31T23:59:59-23:00", "never", ""])
+def test_a_start_that_is_no_time_is_shown_as_it_is(text: str) -> None:
+    assert utc_of(text) is None
+    assert start_utc(text) in {text, "–"}

@@ -42,8 +42,8 @@ from edmctl.actuator.validation import (
     whole_records,
 )
 from edmctl.array_types import Array
-from edmctl.blas import one_blas_thread
 from edmctl.dataclasses import dataclass
+from edmctl.start_up import one_blas_thread
 
 FOLDS, RESAMPLES = 8, 40
 LONGEST_FIXED_DELAY_S = 1.0

@@ -32,9 +32,16 @@ from edmctl.profile.folders import is_path
 from edmctl.record.disk import refuse_place
 from edmctl.record.json_rows import RowWriter, read_lines, record_of
 from edmctl.results.declared import shared
-from edmctl.results.job import ChannelResult, SiteResult, SiteTruth
+from edmctl.results.job import (
+    Case,
+    ChannelResult,
+    SimulatedRun,
+    SimulatedSite,
+    SiteResult,
+    SiteTruth,
+    Statistics,
+)
 from edmctl.results.progress import Observer, SeriesObserver
-from edmctl.results.simulation import Case, SimulatedRun, SimulatedSite, Statistics
 from edmctl.start_up import collect_garbage
 
 _SITE_QUANTITIES = ("depth_um", "wear_um", "depth_error_um", "wear_error_um")

@@ -20,7 +20,7 @@ from edmctl.profile.places import Place
 from edmctl.profile.read import read_source
 from edmctl.profile.setup import Setup, load_setup
 from edmctl.record.journal import Journal, JournalledJob
-from edmctl.results.forecast import Forecast
+from edmctl.results.result import Forecast
 from edmctl.wording import coordinates, plural
 
 SIMULATOR = "sim:"

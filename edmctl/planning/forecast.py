@@ -37,7 +37,7 @@ from edmctl.process.erosion import roughness_rz_um
 from edmctl.profile.model import Profile
 from edmctl.profile.places import Place
 from edmctl.profile.setup import Setup
-from edmctl.results.forecast import Forecast, RegimeForecast
+from edmctl.results.result import Forecast, RegimeForecast
 
 PLANE_TOUCHES = 3
 STROKE_RESERVE_UM = 15.0  # stroke kept free beyond the job, for creep and retraction

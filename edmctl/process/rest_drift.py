@@ -17,10 +17,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from edmctl.array_types import Array
-from edmctl.blas import one_blas_thread
 from edmctl.dataclasses import dataclass
 from edmctl.process.touches import Drift, Touch, TouchScatter, share_u
 from edmctl.quantity import Value
+from edmctl.start_up import one_blas_thread
 
 TIME_CONSTANTS_S = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 """Two a decade: a sum of such lags follows a logarithm of time within 1 % of it."""

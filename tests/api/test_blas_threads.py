@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from edmctl.blas import VARIABLES
+from edmctl.start_up import VARIABLES
 from tests.tiers import tiers
 
 ROOT = Path(__file__).parents[2]
@@ -44,7 +44,7 @@ def watched(module, name):
 
 """
 SHORT = """
-from edmctl.blas import one_blas_thread
+from edmctl.start_up import one_blas_thread
 watched(np.linalg, "solve")
 with one_blas_thread(), one_blas_thread():
     np.linalg.solve(np.eye(2), np.ones(2))

@@ -14,8 +14,7 @@ from edmctl.errors import UsageError
 from edmctl.jobs.batch import summarize
 from edmctl.jobs.sweep import parse_sweep
 from edmctl.labels import Basis, Verdict
-from edmctl.results.job import SiteTruth
-from edmctl.results.simulation import SimulatedRun, SimulatedSite
+from edmctl.results.job import SimulatedRun, SimulatedSite, SiteTruth
 from tests.cli.commands import SHALLOW, Here, in_process_of_its_own
 
 

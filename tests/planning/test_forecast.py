@@ -18,10 +18,10 @@ from edmctl.planning.removal import (
 )
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Controller, Sensor, Setup
-from edmctl.results.forecast import Forecast
+from edmctl.results.result import Forecast
 
 if TYPE_CHECKING:
-    from edmctl.results.forecast import Forecast
+    from edmctl.results.result import Forecast
 
 
 def forecast_of(name: str, *overrides: str) -> Forecast:

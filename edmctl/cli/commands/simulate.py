@@ -33,7 +33,7 @@ from edmctl.wording import plural
 
 if TYPE_CHECKING:
     from edmctl.jobs.batch import CheckedCase, Series, SeriesRows, Task
-    from edmctl.results.simulation import Case, SimulatedRun
+    from edmctl.results.job import Case, SimulatedRun
 
 app = typer.Typer(rich_markup_mode=None, add_completion=False, subcommand_metavar="[COMMAND ...]")
 app.command("actuator")(actuator)

@@ -15,8 +15,8 @@ from string import ascii_uppercase
 from edmctl.cli.render.layout import narrowed, not_shown, render_columns, render_table, width_of, wrapped
 from edmctl.cli.render.style import PLAIN, Ink, Style
 from edmctl.labels import Basis, marked, meanings
+from edmctl.results.job import Case, Statistics
 from edmctl.results.run_file import Amount, Comparison, Quantity, RunHead, Unreadable
-from edmctl.results.simulation import Case, Statistics
 from edmctl.wording import (
     UNKNOWN,
     decimal,

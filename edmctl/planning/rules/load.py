@@ -29,7 +29,7 @@ from edmctl.profile.places import Place, places
 from edmctl.profile.positions import SET_OPTION, Sources, TomlTable
 from edmctl.profile.read import apply_overrides, read_chain
 from edmctl.profile.setup import Setup
-from edmctl.results.forecast import Forecast, ProfileSummary
+from edmctl.results.result import Forecast, ProfileSummary
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,8 +30,8 @@ from edmctl.report.style import (
     NothingToDraw,
     time_unit,
 )
+from edmctl.results.job import Case
 from edmctl.results.run_file import Sites
-from edmctl.results.simulation import Case
 
 PAUSE_S = 1.0
 """Rows further apart than this have something else than machining between them."""

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from edmctl.array_types import Array
-from edmctl.blas import one_blas_thread
 from edmctl.dataclasses import dataclass, field, replace
+from edmctl.start_up import one_blas_thread
 from edmctl.study.statistics.linear_model import (
     BLOCK,
     Anova,

@@ -26,8 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, optimize, special
 
 from edmctl.array_types import Array
-from edmctl.blas import one_blas_thread
 from edmctl.dataclasses import dataclass, field, replace
+from edmctl.start_up import one_blas_thread
 
 Trend = Literal["constant", "linear"]
 Purpose = Literal["feasibility", "improvement", "confirmation"]

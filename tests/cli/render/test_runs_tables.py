@@ -7,8 +7,8 @@ from typing import Any
 
 from edmctl.cli.render.runs_tables import render_cases, render_comparison
 from edmctl.cli.render.style import Style
+from edmctl.results.job import Case, SimulatedRun, Statistics
 from edmctl.results.run_file import Amount, ComparedRun, Comparison, Quantity, Setting
-from edmctl.results.simulation import Case, SimulatedRun, Statistics
 
 
 def made_comparison(number: int, value: str = "0.8") -> Comparison:
