@@ -27,6 +27,7 @@ from edmctl.simulator.injection import parse_injection
 from edmctl.simulator.serve import Server
 from tests.cli.commands import CU270, SHALLOW, Here, in_process_of_its_own
 from tests.serving import bridged, serving
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from edmctl.simulator import VirtualBench
@@ -76,7 +77,7 @@ def in_process(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")
-@pytest.mark.parametrize("line", ["pty", "RFC 2217"])
+@pytest.mark.parametrize("line", tiers("pty", slow=("RFC 2217",)))
 def test_a_run_over_a_line_is_the_run_in_process(here: Here, in_process: dict[str, Any], line: str) -> None:
     endpoint = None if line == "pty" else SocketEndpoint("127.0.0.1", 0)
     with ExitStack() as stack:

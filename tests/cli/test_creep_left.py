@@ -100,7 +100,8 @@ def test_a_note_that_was_tampered_with_is_none_and_keeps_nobody_waiting(
 
 
 def test_a_job_after_a_use_that_nobody_followed_says_so(home: Path, here: Here) -> None:
-    drift = ("measure-drift", "--profile", "cu270", "--duration", "660", "--quiet")
+    Path("quick.toml").write_text("[drift]\nhold_s = 30.0\ninterval_s = 25.0\n", encoding="utf-8")
+    drift = ("measure-drift", "--profile", "cu270", "--setup", "quick.toml", "--duration", "300", "--quiet")
     assert here(*drift, "--port", "sim:b.h5", "--seed", "3").exit_code == 0
     assert "W8108" not in here(*HOLE, "--port", "sim:b.h5").err
     (note,) = notes(home)

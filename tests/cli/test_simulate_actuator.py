@@ -111,7 +111,7 @@ def test_the_result_is_a_table_for_people_and_keys_with_units_for_scripts(
     assert (said.exit_code, said.err) == (0, "")
     assert [line.split()[0] for line in said.out.splitlines()[:2]] == ["waveform", "sine"]
     assert "Simulated, seed 3." in said.out
-    document = here(*SHORT, "--json").document
+    document = here(*SHORT, "--calibration", calibration, "--json").document
     assert document["command"] == "simulate actuator"
     assert (document["simulated"], document["seed"], document["ok"]) == (True, 3, True)
     (waveform,) = document["result"]["waveforms"]

@@ -8,7 +8,7 @@ import typer
 
 from edmctl import failures
 from edmctl.cli import completion
-from edmctl.cli.commands.actuator import actuator
+from edmctl.cli.commands.calibrate import actuator
 from edmctl.cli.commands.serve import serve
 from edmctl.cli.options import (
     PROGRESS,

@@ -12,7 +12,7 @@ from edmctl import failures
 from edmctl.cli import completion
 from edmctl.cli.options import PROGRESS, RunArgument, command
 from edmctl.cli.outcome import Outcome, watching
-from edmctl.cli.render.run_view import render_run, render_sentences
+from edmctl.cli.render.result_table import render_run, render_sentences
 from edmctl.cli.render.runs_tables import letter, render_comparison, render_runs
 from edmctl.errors import RunFileError
 from edmctl.jobs.runs.opening import RUNS, command_to_go_on, find_run, reading_unless_killed, unless_killed
