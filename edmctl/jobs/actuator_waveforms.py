@@ -23,7 +23,7 @@ from edmctl.actuator.waveforms import (
 from edmctl.array_types import Array
 from edmctl.dataclasses import dataclass
 from edmctl.errors import RecordError, UsageError
-from edmctl.record.columns import read_voltage
+from edmctl.record.columns import TIME, VOLTAGE, read_columns
 from edmctl.simulator import actuator
 from edmctl.simulator.actuator import RATE_HZ, SLEW_V_S
 
@@ -157,7 +157,7 @@ def command_from(path: Path, longest_s: float) -> Array:
     """
     import numpy as np
 
-    t_s, u_v = read_voltage(path)
+    t_s, u_v = read_columns(path, TIME, VOLTAGE)
     for wrong, said, hint, code in (
         (~(np.isfinite(t_s) & np.isfinite(u_v)), "is not finite", "Correct or delete it.", "E3612"),
         (np.diff(t_s, prepend=-math.inf) <= 0.0, "is not later than the one before", "Sort by t_s.", "E3613"),

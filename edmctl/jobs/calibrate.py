@@ -30,7 +30,7 @@ from edmctl.profile.calibration import Made, calibration_of, measured_file, save
 from edmctl.profile.folders import default_path, fresh_path
 from edmctl.profile.setup import Setup, load_setup
 from edmctl.quantity import half_width
-from edmctl.record.columns import read_lever, read_record, write_columns
+from edmctl.record.columns import STACK, TOOL, read_columns, read_record, write_columns
 from edmctl.results.progress import Observer
 from edmctl.results.result import Result
 from edmctl.version import __version__
@@ -182,7 +182,7 @@ def _refuse_huge(path: Path, columns: Mapping[str, Array], code: str) -> None:
 
 def _lever(path: Path) -> LeverFound:
     """Fit the lever factor to a file with the columns x_um and z_um."""
-    x_um, z_um = read_lever(path)
+    x_um, z_um = read_columns(path, STACK, TOOL)
     _refuse_huge(path, {"x_um": x_um, "z_um": z_um}, "E3622")
     try:
         lever = lever_factor(x_um, z_um)

@@ -54,46 +54,12 @@ def read_record(path: Path, previous_v: float | None = None) -> Record:
     E3604 a row is no row of numbers (with its line), E3605 it has no rows, E3606 it is HDF5 without one clear set of
     columns.
     """
-    columns = _read(path, WANTED)
-    return Record(columns[TIME], columns[VOLTAGE], columns[DISPLACEMENT], previous_v, path.name)
+    t_s, u_v, y_um = read_columns(path, *WANTED)
+    return Record(t_s, u_v, y_um, previous_v, path.name)
 
 
-def read_voltage(path: Path) -> tuple[Array, Array]:
-    """Read a voltage to apply: columns t_s and u_V of a CSV or HDF5 file, shape (n,).
-
-    Raises RecordError as `read_record`.
-    """
-    columns = _read(path, (TIME, VOLTAGE))
-    return columns[TIME], columns[VOLTAGE]
-
-
-def read_lever(path: Path) -> tuple[Array, Array]:
-    """Read displacements of stacks and tool: columns x_um and z_um of a CSV or HDF5 file, shape (n,).
-
-    Raises RecordError as `read_record`.
-    """
-    columns = _read(path, (STACK, TOOL))
-    return columns[STACK], columns[TOOL]
-
-
-def write_columns(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
-    """Write columns of one length, shape (n,), to a new file: HDF5 datasets at the root, or CSV.
-
-    The name's suffix says which: .h5 and its kin, else CSV. Numbers are written so that they are read back
-    exactly. Raises RunFileError: E9011 the file exists, E9012 it cannot be written.
-    """
-    if len({values.shape for values in columns.values()}) != 1:
-        raise ValueError("columns differ in length")
-    as_hdf5 = path.suffix.lower() in HDF5_SUFFIXES
-    try:
-        disk.write_new(path, _hdf5(columns) if as_hdf5 else _csv(columns))
-    except FileExistsError:
-        raise failures.output_exists_2(path=path) from None
-    except OSError as error:
-        raise failures.output_not_written_3(path=path, error=disk.reason(error)) from error
-
-
-def _read(path: Path, needed: Sequence[str]) -> dict[str, Array]:
+def read_columns(path: Path, *needed: str) -> tuple[Array, ...]:
+    """Return columns of numbers of a CSV or HDF5 file (`MEANINGS`), shape (n,) each. Raises as `read_record`."""
     content = _content(path)
     if content.startswith(MAGIC):
         columns = _read_hdf5(path, needed)
@@ -104,7 +70,28 @@ def _read(path: Path, needed: Sequence[str]) -> dict[str, Array]:
     if (rows := len(columns[needed[0]])) < 2:
         message, hint = f"{path} holds {plural(rows, 'row')} of numbers.", "Give a row per sample."
         raise failures.record_without_rows(problem=message, remedy=hint)
-    return columns
+    return tuple(columns[name] for name in needed)
+
+
+def write_columns(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
+    """Write columns of one length, shape (n,), to a new file: HDF5 datasets at the root, or CSV.
+
+    The name's suffix says which: .h5 and its kin, else CSV. Numbers are written so that they are read back
+    exactly. Raises RunFileError: E9011 the file exists, E9012 it cannot be written.
+    """
+    if len({values.shape for values in columns.values()}) != 1:
+        raise ValueError("columns differ in length")
+    if path.suffix.lower() in HDF5_SUFFIXES:
+        content = _hdf5(columns)
+    else:
+        rows = row_lines(map(repr, values.tolist()) for values in columns.values())
+        content = (header_line(columns) + rows).encode()
+    try:
+        disk.write_new(path, content)
+    except FileExistsError:
+        raise failures.output_exists_2(path=path) from None
+    except OSError as error:
+        raise failures.output_not_written_3(path=path, error=disk.reason(error)) from error
 
 
 def read_text(content: bytes, name: str, needed: Sequence[str] = WANTED) -> dict[str, Array]:
@@ -191,17 +178,16 @@ def _only_group(path: Path, file: h5py.File, needed: Sequence[str]) -> h5py.Grou
         named = ", ".join(group.name for group in whole)
         message, hint = f"{path} holds several records: {named}.", "Write each into a file of its own."
     else:
-        nearest = max(groups, key=lambda group: (len(find_columns(list(group), needed)), _datasets(group)))
-        names = [name for name in nearest if isinstance(nearest[name], h5py.Dataset)]
+        datasets = {g: [name for name in g if isinstance(g[name], h5py.Dataset)] for g in groups}
+        nearest = max(
+            groups, key=lambda group: (len(find_columns(list(group), needed)), len(datasets[group]))
+        )
+        names = datasets[nearest]
         held = ", ".join(names[:20]) or "nothing"
         missing = [name for name in needed if name not in find_columns(names, needed)]
         message = f"{path} has no dataset {' and no '.join(missing)}; {nearest.name} holds {held}."
         hint = _hint(missing)
     raise failures.hdf5_record_wrong(problem=message, remedy=hint)
-
-
-def _datasets(group: h5py.Group) -> int:
-    return sum(isinstance(item, h5py.Dataset) for item in group.values())
 
 
 def _arrays(path: Path, found: Mapping[str, h5py.Dataset | NDArray[np.generic]]) -> dict[str, Array]:
@@ -218,10 +204,6 @@ def _arrays(path: Path, found: Mapping[str, h5py.Dataset | NDArray[np.generic]])
         each = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise failures.columns_differ_in_length(path=path, each=each)
     return {name: np.asarray(data[:], dtype=np.float64) for name, data in found.items()}
-
-
-def _csv(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    return (header_line(columns) + row_lines(map(repr, v.tolist()) for v in columns.values())).encode()
 
 
 def _hdf5(columns: Mapping[str, NDArray[np.generic]]) -> bytes:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from edmctl.app import main
 from edmctl.errors import RecordError, RunFileError
-from edmctl.record.columns import WANTED, read_record, read_text, read_voltage, write_columns
+from edmctl.record.columns import WANTED, read_columns, read_record, read_text, write_columns
 from edmctl.record.delimited import Table
 from edmctl.record.layout import SERVO
 from edmctl.record.reader import open_run
@@ -211,7 +211,7 @@ def test_a_long_table_with_one_wrong_cell_names_its_line(tmp_path: Path) -> None
 @pytest.mark.parametrize("name", ["v.csv", "v.h5"])
 def test_a_voltage_needs_no_displacement(tmp_path: Path, name: str) -> None:
     write_columns(tmp_path / name, {"u_V": np.array([5.0, 6.0]), "t_s": np.array([0.0, 1.0])})
-    t_s, u_v = read_voltage(tmp_path / name)
+    t_s, u_v = read_columns(tmp_path / name, "t_s", "u_V")
     np.testing.assert_array_equal(t_s, [0.0, 1.0])
     np.testing.assert_array_equal(u_v, [5.0, 6.0])
     error = refused(tmp_path / name)
@@ -219,10 +219,10 @@ def test_a_voltage_needs_no_displacement(tmp_path: Path, name: str) -> None:
 
 
 def test_what_a_voltage_does_not_need_is_not_read(tmp_path: Path) -> None:
-    _, u_v = read_voltage(written(tmp_path, HEADER + "0,1,x\n1,2,\n"))
+    _, u_v = read_columns(written(tmp_path, HEADER + "0,1,x\n1,2,\n"), "t_s", "u_V")
     np.testing.assert_array_equal(u_v, [1.0, 2.0])
     with pytest.raises(RecordError, match="no column u_V in t_s,u_mV") as refusal:
-        read_voltage(written(tmp_path, "t_s,u_mV\n0,1\n1,2\n"))
+        read_columns(written(tmp_path, "t_s,u_mV\n0,1\n1,2\n"), "t_s", "u_V")
     assert refusal.value.hint == "Needed: u_V (actuator voltage in V). Other columns are ignored."
 
 
