@@ -85,7 +85,7 @@ def names_in(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_all_that_can_be_drawn_goes_beside_the_run(
+def test_all_that_can_be_drawn_goes_beside_the_run_and_is_announced_on_a_terminal(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("edmctl.jobs.runs.plot.KINDS", SOME)
@@ -95,6 +95,11 @@ def test_all_that_can_be_drawn_goes_beside_the_run(
     assert (run.parent / "one-gap.png").read_bytes().startswith(PNG)
     assert said.out.split() == ["gap", str(run.parent / "one-gap.png")]
     assert [line.split(":")[0] for line in said.err.splitlines()] == ["no laue", "no channel"]
+    stderr = Terminal()
+    monkeypatch.setattr(sys, "stderr", stderr)
+    here("run", "plot", str(run), "--overwrite")
+    drawing = [line for line in stderr.getvalue().splitlines() if line.startswith("drawing")]
+    assert drawing == [f"drawing {kind.name} ({k} of 3)" for k, kind in enumerate(SOME, 1)]
 
 
 def test_every_kind_but_the_report_is_drawn_without_being_asked_for(
@@ -111,22 +116,15 @@ def test_every_kind_but_the_report_is_drawn_without_being_asked_for(
     assert asked == [kind.name for kind in KINDS] == list(NAMES[:-1])
 
 
-def test_named_figures_go_into_a_new_folder_in_the_format_that_was_asked_for(here: Here, run: Path) -> None:
-    folder = run.parent / "deep" / "figures"
-    said = here(
-        "run", "plot", str(run), "--kind", "gap", "--kind", "gap", "--format", "svg", "--out", str(folder)
-    )
+def test_named_figures_go_into_a_new_folder_or_the_file_that_is_named(here: Here, run: Path) -> None:
+    folder, file = run.parent / "deep" / "figures", run.parent / "fig7.pdf"
+    named = ("run", "plot", str(run), "--kind", "gap")
+    said = here(*named, "--kind", "gap", "--format", "svg", "--out", str(folder))
     assert said.exit_code == 0, said.err
     assert names_in(folder) == ["one-gap.svg"]
     assert b"<svg" in (folder / "one-gap.svg").read_bytes()[:1000]
-
-
-def test_one_figure_goes_into_the_file_that_is_named(here: Here, run: Path) -> None:
-    file = run.parent / "fig7.pdf"
-    said = here("run", "plot", str(run), "--kind", "gap", "-o", str(file), "--json")
-    assert said.exit_code == 0, said.err
+    document = here(*named, "-o", str(file), "--json").document
     assert file.read_bytes().startswith(PDF)
-    document = said.document
     assert (document["command"], document["simulated"], document["seed"]) == ("run plot", True, 4)
     assert document["run_file"] == str(run)
     assert document["result"] == {
@@ -135,38 +133,29 @@ def test_one_figure_goes_into_the_file_that_is_named(here: Here, run: Path) -> N
     }
 
 
-def test_what_is_there_already_is_kept_and_the_rest_is_drawn(
+def test_what_is_there_already_is_kept_unless_it_is_told_to_be_replaced(
     here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kinds = tuple(kind for kind in KINDS if kind.name in ("gap", "displacement"))
     monkeypatch.setattr("edmctl.jobs.runs.plot.KINDS", kinds)
-    there = run.parent / "one-gap.png"
+    there, command = run.parent / "one-gap.png", ("run", "plot", str(run))
     there.write_bytes(b"mine")
-    said = here("run", "plot", str(run))
-    assert said.exit_code == 0, said.err
-    assert there.read_bytes() == b"mine"
-    assert [word for word in said.out.split() if word.endswith(".png")] == [
-        str(run.parent / "one-displacement.png")
-    ]
-    assert "1 figure of that name kept: --overwrite draws them anew" in said.err
-    assert here("run", "plot", str(run)).exit_code == 9, "every figure is there"
-
-
-def test_a_figure_replaces_none_unless_it_is_told_to(here: Here, run: Path) -> None:
-    there = run.parent / "one-gap.png"
-    there.write_bytes(b"mine")
-    refused = here("run", "plot", str(run), "--kind", "gap", "--json")
+    refused = here(*command, "--kind", "gap", "--json")
     assert (refused.exit_code, refused.document["error"]["code"]) == (9, "E9011")
     assert "--overwrite" in refused.document["error"]["hint"]
+    said = here(*command)
+    assert said.exit_code == 0, said.err
+    drawn = [word for word in said.out.split() if word.endswith(".png")]
+    assert drawn == [str(run.parent / "one-displacement.png")]
+    assert "1 figure of that name kept: --overwrite draws them anew" in said.err
+    assert here(*command).exit_code == 9, "every figure is there"
     assert there.read_bytes() == b"mine"
-    told = here("run", "plot", str(run), "--kind", "gap", "--overwrite")
-    assert told.exit_code == 0, told.err
+    assert here(*command, "--kind", "gap", "--overwrite").exit_code == 0
     assert there.read_bytes().startswith(PNG)
-    assert names_in(run.parent) == ["one-gap.png", "one.h5"]
 
 
 def test_a_figure_that_was_asked_for_and_cannot_be_is_an_error_and_the_others_are_drawn(
-    here: Here, run: Path
+    here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said = here("run", "plot", str(run), "--kind", "laue", "--kind", "gap", "--json")
     document = said.document
@@ -178,15 +167,9 @@ def test_a_figure_that_was_asked_for_and_cannot_be_is_an_error_and_the_others_ar
     new = run.parent / "new"
     assert here("run", "plot", str(run), "--kind", "laue", "--out", str(new)).exit_code == 8
     assert not new.exists()
-
-
-def test_a_run_with_nothing_to_draw_is_an_error(
-    here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     monkeypatch.setattr("edmctl.jobs.runs.plot.KINDS", SOME[1:])
     said = here("run", "plot", str(run))
-    assert (said.exit_code, said.out) == (8, "")
-    assert "E8091" in said.err
+    assert (said.exit_code, said.out, "E8091" in said.err) == (8, "", True)
 
 
 @pytest.mark.parametrize(
@@ -234,20 +217,6 @@ def test_a_live_run_is_drawn_as_far_as_it_goes_and_a_killed_one_is_refused(here:
         release(lock)
     assert said.exit_code == 0, said.err
     assert (run.parent / "one-gap.png").read_bytes().startswith(PNG)
-
-
-def test_on_a_terminal_each_figure_is_announced(
-    here: Here, run: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("edmctl.jobs.runs.plot.KINDS", SOME)
-    stderr = Terminal()
-    monkeypatch.setattr(sys, "stderr", stderr)
-    here("run", "plot", str(run))
-    assert [line for line in stderr.getvalue().splitlines() if line.startswith("drawing")] == [
-        "drawing gap (1 of 3)",
-        "drawing laue (2 of 3)",
-        "drawing channel (3 of 3)",
-    ]
 
 
 def test_what_a_damaged_file_brings_about_is_its_own_fault(
