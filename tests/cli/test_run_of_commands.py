@@ -9,11 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from edmctl.record.rows import SlowRow, Summary, profile_leaves
-from edmctl.record.writer import RunWriter
+from edmctl.record.rows import Summary, profile_leaves
 from tests.cli.commands import Here
 from tests.cli.run_files import killed
-from tests.record.samples import PROFILE, a_meta
+from tests.record.samples import PROFILE, a_meta, finished, slow_row
 
 DEEP = {"target": {"kind": "depth", "depth_um": 180.0, "tolerance_um": 2.0}}
 PROCEDURES: dict[tuple[str, ...], str] = {
@@ -30,13 +29,11 @@ def made(folder: Path, run_id: str, *command: str, found: Mapping[str, object] |
     meta = replace(
         a_meta(), run_id=run_id, command=("edmctl", *command), procedure=procedure, profile_leaves=leaves
     )
-    writer = RunWriter.create(folder / f"{run_id}.h5", meta)
+    path = folder / f"{run_id}.h5"
     if found is not None:
-        writer.append(Summary(json.dumps(found)))
-        return writer.finish("done", 0)
-    row = SlowRow(12.0, 1.0, 0.8, 0.8, 0.2, 0.7, 0.1, 0.0, depth_um=153.06, wear_um=40.0, power_w=0.1)
-    writer.append(replace(row, depth_u95_um=6.5))
-    return writer.finish("machine fault", 6)
+        return finished(path, Summary(json.dumps(found)), meta=meta)
+    row = replace(slow_row(120), depth_um=153.06, wear_um=40.0, depth_u95_um=6.5)
+    return finished(path, row, meta=meta, end=("machine fault", 6))
 
 
 @pytest.mark.parametrize(
