@@ -427,7 +427,19 @@ def history_of(lines: Iterable[Line], serial: str) -> MachineHistory:
     for job in open_jobs.values():
         for name, x_um, y_um in job.places:
             if not any(_same(hole, name, x_um, y_um) for hole in history.holes):
-                history.holes.append(_unknown(job, name, x_um, y_um))
+                history.holes.append(
+                    SiteMachined(
+                        job.tool,
+                        job.run_file,
+                        name,
+                        x_um,
+                        y_um,
+                        job.radius_um,
+                        UNFINISHED,
+                        math.nan,
+                        math.nan,
+                    )
+                )
     return history
 
 
@@ -468,11 +480,10 @@ def _take_site(history: MachineHistory, entry: SiteMachined) -> None:
     for holes in (history.holes, account.holes, account.since):
         holes[:] = [hole for hole in holes if not _same(hole, entry.name, entry.x_um, entry.y_um)]
         holes.append(entry)
-    touched = not math.isnan(entry.z3_um)
-    if touched:
-        account.pad_um = from_home_um(entry.z3_um, entry.home_um)
-    else:
+    if math.isnan(entry.z3_um):
         account.pad_um += account.lost_um - worn_before_um
+    else:
+        account.pad_um = from_home_um(entry.z3_um, entry.home_um)
 
 
 def _found(hole: SiteMachined) -> tuple[str, float, float]:
@@ -485,17 +496,3 @@ def _known(value: float) -> float:
 
 def _same(hole: SiteMachined, name: str, x_um: float, y_um: float) -> bool:
     return hole.name == name and math.hypot(hole.x_um - x_um, hole.y_um - y_um) <= SAME_PLACE_UM
-
-
-def _unknown(job: JobBegun, name: str, x_um: float, y_um: float) -> SiteMachined:
-    return SiteMachined(
-        tool=job.tool,
-        run_file=job.run_file,
-        name=name,
-        x_um=x_um,
-        y_um=y_um,
-        radius_um=job.radius_um,
-        status=UNFINISHED,
-        depth_um=math.nan,
-        wear_um=math.nan,
-    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -186,16 +187,10 @@ def _looked_at(path: Path) -> RunHead | Unreadable:
     try:
         return read_head(path)
     except RunFileError as error:
-        size_bytes, changed_s = _stat(path)
+        size_bytes, changed_s = 0, 0.0
+        with suppress(OSError):
+            size_bytes, changed_s = path.lstat().st_size, path.lstat().st_mtime
         return Unreadable(path, size_bytes, changed_s, error)
-
-
-def _stat(path: Path) -> tuple[int, float]:
-    try:
-        stat = path.lstat()
-    except OSError:
-        return 0, 0.0
-    return stat.st_size, stat.st_mtime
 
 
 def _head(run: RunFile) -> RunHead:

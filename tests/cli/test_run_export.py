@@ -175,7 +175,9 @@ def test_a_file_is_replaced_where_that_is_wanted_and_stays_where_it_fails(
 
 def test_a_log_that_the_run_did_not_keep_leads_to_the_one_it_kept(here: Here, tmp_path: Path) -> None:
     counts = np.array([5, 6])
-    sums = PulseBlockBatch(np.array([0.0, 0.01]), *[counts] * 4, counts * 1.0, counts * 2.0)
+    sums = PulseBlockBatch(
+        np.array([0.0, 0.01]), counts, counts, counts, counts, delay_us=counts * 1.0, energy_uj=counts * 2.0
+    )
     run = made_up(tmp_path / "sums.h5", sums)
     said = here("run", "export", str(run), "-t", "pulses")
     assert (said.exit_code, len(said.out.splitlines())) == (0, 1)

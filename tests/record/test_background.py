@@ -82,7 +82,7 @@ def writer(tmp_path: Path, meta: RunMeta) -> BackgroundWriter:
 
 
 @pytest.fixture
-def hung(writer: BackgroundWriter, disk: Disk) -> BackgroundWriter:
+def hung(disk: Disk, writer: BackgroundWriter) -> BackgroundWriter:
     """A writer of ten rows whose disk hangs."""
     writer.append(servo_block(0, 10))
     assert disk.asked.wait(LONG_S)
@@ -280,6 +280,7 @@ os._exit(code)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("real_run")  # its job builds the controller, which asks the disk to keep it
 def test_a_disk_that_hangs_ends_the_job_safely(tmp_path: Path) -> None:
     arguments = ["machine", "--profile", "cu270", "--seed", "1", "--run-id", "r", "--json", "--out", "runs"]

@@ -181,7 +181,7 @@ with silx.io.open(path) as file:
 options = {"engine": "h5netcdf", "phony_dims": "sort", "driver_kwds": {"swmr": True}}
 with xarray.open_dataset(path, group="/entry/servo", **options) as dataset:
     print(dataset.sizes["time"])""",
-            marks=pytest.mark.needs("xarray"),
+            marks=[pytest.mark.needs("xarray"), pytest.mark.slow],
         ),
     ],
     ids=["h5py", "silx", "xarray"],

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from edmctl import failures
 from edmctl.dataclasses import dataclass, field, replace
-from edmctl.errors import Diagnostic, UsageError
+from edmctl.errors import Diagnostic
 from edmctl.jobs.connected_machine import with_home
 from edmctl.jobs.ledger.tool import (
     ToolIdentity,
@@ -62,15 +62,13 @@ def refuse_taken(
     for name, x_um, y_um in places:
         for hole in holes:
             if math.hypot(hole.x_um - x_um, hole.y_um - y_um) < hole.radius_um + radius_um:
-                raise failures.place_taken(
-                    name=name, x_um=coordinates(x_um, y_um), hole=hole_in_words(hole, folder)
-                )
+                where, taken = coordinates(x_um, y_um), hole_in_words(hole, folder)
+                raise failures.place_taken(name=name, x_um=where, hole=taken)
 
 
 def refuse_unreachable(place: Place, job: Job) -> None:
     """Raise PreconditionError E8042 for a place beyond the stages' travel or the workpiece."""
-    half_um = job.profile.tool.diameter_um / 2.0 + job.profile.work.side_gap_um
-    if found := unreachable(*place, job.setup, half_um):
+    if found := unreachable(*place, job.setup, hole_radius_um(job.profile)):
         message, hint = found
         raise failures.place_on_earlier_work(message=message, hint=hint[0].upper(), hint_2=hint[1:])
 
@@ -98,27 +96,21 @@ def hole_in_words(hole: SiteMachined, folder: Path) -> str:
 
 def place_of(text: str | None) -> tuple[float, float] | None:
     """Return the named stage coordinates; None if none are named. Raises UsageError E2061."""
-    place = None if text is None else coordinates_in(text)
-    if text is not None and place is None:
-        raise no_place(text)
+    if text is None:
+        return None
+    place = coordinates_in(text)
+    if place is None:
+        raise failures.site_unreadable(text=text)
     return place
 
 
 def coordinates_in(text: str) -> tuple[float, float] | None:
     """Return x and y in µm if the text is two numbers separated by a comma."""
-    parts = text.split(",")
     try:
-        numbers = [float(part) for part in parts]
+        x_um, y_um = map(float, text.split(","))
     except ValueError:
         return None
-    if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
-        return None
-    return numbers[0], numbers[1]
-
-
-def no_place(text: str) -> UsageError:
-    """Return the error of a text that names no place."""
-    return failures.site_unreadable(text=text)
+    return (x_um, y_um) if math.isfinite(x_um) and math.isfinite(y_um) else None
 
 
 def ledger_of(plan: Plan, name: RunName | None) -> Ledger | None:

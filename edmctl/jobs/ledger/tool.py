@@ -223,30 +223,25 @@ def on_worn_tool(profile: Profile, account: ToolAccount) -> Profile:
     moved_um = account.pad_um - profile.approach.offset_um
     if math.isnan(moved_um) or abs(moved_um) <= NEAR_UM:
         return profile
-    approach = profile.approach.model_copy(
-        update={
-            "offset_um": account.pad_um,
-            "max_travel_um": profile.approach.max_travel_um + moved_um,
-        }
-    )
-    return profile.model_copy(update={"approach": approach})
+    travel_um = profile.approach.max_travel_um + moved_um
+    worn = {"offset_um": account.pad_um, "max_travel_um": travel_um}
+    return profile.model_copy(update={"approach": profile.approach.model_copy(update=worn)})
 
 
 def refuse_too_short(worn: Profile, setup: Setup, stroke_um: float, account: ToolAccount, plan: Plan) -> None:
     """Raise PreconditionError E8044 if the stroke of the actuator is less than `stroke_um` with the worn tool."""
     available_um = stroke_available_um(worn, setup)
     if stroke_um > available_um:
+        hint = (
+            f"Set the tool lower and run `{reference_command(plan)}`, or change it and add --new-tool. "
+            "Keep run files of another machine or of new work in another folder with --out."
+        )
         raise failures.stroke_used_up(
             label=account.label,
             pad_um=length(account.pad_um),
             stroke_um=length(stroke_um),
             available_um=length(available_um),
-            remedy=_remedy(
-                plan,
-                account,
-                f"Set the tool lower and run `{reference_command(plan)}`, or change it and add "
-                "--new-tool. Keep run files of another machine or of new work in another folder with --out.",
-            ),
+            remedy=_remedy(plan, account, hint),
         )
 
 
@@ -264,13 +259,10 @@ def refuse_unknown_length(account: ToolAccount, folder: Path, plan: Plan) -> Non
     run_file = folder / account.killed[-1].run_file
     command = command_to_go_on(run_file)
     anew = f"touch the pad anew with `{reference_command(plan)}`."
-    raise failures.tool_length_unknown(
-        label=account.label,
-        stem=run_file.stem,
-        remedy=f"Finish it with `{command}`; to give it up, {anew}"
-        if command
-        else f"{anew[0].upper()}{anew[1:]}",
+    remedy = (
+        f"Finish it with `{command}`; to give it up, {anew}" if command else f"{anew[0].upper()}{anew[1:]}"
     )
+    raise failures.tool_length_unknown(label=account.label, stem=run_file.stem, remedy=remedy)
 
 
 def refuse_worn_out(profile: Profile, setup: Setup, plan: Plan, account: ToolAccount) -> list[Diagnostic]:
@@ -280,22 +272,13 @@ def refuse_worn_out(profile: Profile, setup: Setup, plan: Plan, account: ToolAcc
     """
     expected, limit_um = forecast(profile, setup, plan.loaded.places), profile.tool.max_wear_um
     lost = f"{account.label} has lost {length(account.lost_um)} so far"
+    limit, remedy = length(limit_um), _remedy(plan, account, _NEW)
     if account.lost_um + expected.wear_um > limit_um:
-        raise failures.tool_worn_out(
-            lost=lost,
-            wear_um=length(expected.wear_um),
-            limit_um=length(limit_um),
-            remedy=_remedy(plan, account, _NEW),
-        )
+        one = length(expected.wear_um)
+        raise failures.tool_worn_out(lost=lost, wear_um=one, limit_um=limit, remedy=remedy)
     if account.lost_um + expected.tool_wear_um > limit_um:
-        return [
-            failures.tool_will_wear_out(
-                lost=lost,
-                tool_wear_um=length(expected.tool_wear_um),
-                limit_um=length(limit_um),
-                plan=_remedy(plan, account, _NEW),
-            )
-        ]
+        whole = length(expected.tool_wear_um)
+        return [failures.tool_will_wear_out(lost=lost, tool_wear_um=whole, limit_um=limit, plan=remedy)]
     return []
 
 
