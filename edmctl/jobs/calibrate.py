@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from edmctl import failures
 from edmctl.actuator.checks import check_record
@@ -19,6 +19,7 @@ from edmctl.array_types import Array
 from edmctl.dataclasses import asdict, dataclass, replace
 from edmctl.errors import Diagnostic, EdmError, RecordError
 from edmctl.jobs import output_files
+from edmctl.jobs.calibration_fit import Findings, find
 from edmctl.jobs.connect import connected, introduction, known_controller
 from edmctl.jobs.connected_machine import CreepNote
 from edmctl.jobs.plan import MachineAddress, where_is
@@ -35,10 +36,6 @@ from edmctl.results.progress import Observer
 from edmctl.results.result import Result
 from edmctl.version import __version__
 from edmctl.wording import count
-
-if TYPE_CHECKING:  # fits need scipy
-    from edmctl.jobs.calibration_fit import Findings
-
 
 LARGEST = 1e30
 """Instruments write 9.9e37 for a missing reading; squares of 1e155 overflow."""
@@ -310,8 +307,6 @@ def calibrate_files(checked: CheckedCalibration, observer: Observer) -> Calibrat
 
 
 def _fit(records: Sequence[Record], checked: CheckedCalibration, observer: Observer) -> Findings:
-    from edmctl.jobs.calibration_fit import find
-
     observer.note(f"fitting {count(sum(len(record.t_s) for record in records))} samples")
     validation = [given.record for given in checked.validation]
     return find(records, validation, checked.refit, checked.request.delay_s)

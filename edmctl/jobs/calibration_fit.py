@@ -117,7 +117,7 @@ def find(
     Raises RecordError E3619 if the records allow no fit.
     """
     try:
-        found = _possible(identify(records, delay_s=delay_s))
+        found = identify(records, delay_s=delay_s)
         late_s, counting = found.model.delay_s, found.screening
         baselines = {
             "line": fit_line(records, late_s, counting),
@@ -125,8 +125,13 @@ def find(
         }
     except ValueError as error:
         raise failures.no_model_fits(error=error) from error
+    wrong = [
+        f"No actuator that feeds a tool is like that: {one}. What the record shows is beyond what is looked for, "
+        "such as a lag of more than 20 ms, or t_s is not in s."
+        for one in contradictions(found, found.model)
+    ]
     judged = _judged(found.model, validation, refit)
-    found = _verified(found, records, judged)
+    found = _verified(replace(found, problems=(*found.problems, *wrong)), records, judged)
     return Findings(
         identification=found,
         held_out_baselines={name: baseline.held_out for name, baseline in baselines.items()},
@@ -137,23 +142,26 @@ def find(
             for name, baseline in baselines.items()
             if validation
         },
-        files=tuple(_of_file(*one) for one in judged),
+        files=tuple(
+            FileFigures(
+                name=record.name,
+                judged_from_s=float(record.t_s[one.first]),
+                gain=one.gain,
+                zero_um=one.zero_um,
+                screened=one.screened,
+                rung_s=one.rung_s,
+                outliers=one.outliers,
+                note=_without(record, one, one.screened) if one.screened else "",
+                **asdict(one.errors),
+            )
+            for record, one in judged
+        ),
         refit=refit,
         warnings=(
             *(failures.calibration_not_accepted(one=one, remedy=REMEDY) for one in found.problems),
             *_beyond(found.model, validation),
         ),
     )
-
-
-def _possible(found: Identification) -> Identification:
-    """Reject an identification that no feed actuator can have: its file would be refused."""
-    wrong = [
-        f"No actuator that feeds a tool is like that: {one}. What the record shows is beyond what is looked for, "
-        "such as a lag of more than 20 ms, or t_s is not in s."
-        for one in contradictions(found, found.model)
-    ]
-    return replace(found, problems=(*found.problems, *wrong)) if wrong else found
 
 
 def _verified(
@@ -184,20 +192,6 @@ def _judged(
     model: ActuatorModel, records: Sequence[Record], refit: tuple[Refit, ...]
 ) -> list[tuple[Record, Validation]]:
     return [(record, validate(model, record, refit)) for record in records]
-
-
-def _of_file(record: Record, judged: Validation) -> FileFigures:
-    return FileFigures(
-        name=record.name,
-        judged_from_s=float(record.t_s[judged.first]),
-        gain=judged.gain,
-        zero_um=judged.zero_um,
-        screened=judged.screened,
-        rung_s=judged.rung_s,
-        outliers=judged.outliers,
-        note="" if judged.screened is None else _without(record, judged, judged.screened),
-        **asdict(judged.errors),
-    )
 
 
 def _without(record: Record, judged: Validation, screened: ErrorFigures) -> str:

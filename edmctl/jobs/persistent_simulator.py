@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,12 +36,12 @@ def kept_bench(
     if path is None:
         yield open_bench(config, seed), lambda: None
         return
-    with _opened(path, config, seed) as (bench, keep):
-        keep()
+    with _opened(path, config, seed) as bench:
+        _write(path, bench)
         try:
-            yield bench, keep
+            yield bench, partial(_write, path, bench)
         finally:
-            keep()
+            _write(path, bench)
 
 
 @contextmanager
@@ -53,8 +54,8 @@ def kept_line(
 
     Raises RunFileError, and UsageError E2049 for an emulated board.
     """
-    with _opened(path, config, seed, wait_s) as (bench, keep):
-        line = KeptLine(bench, keep, path)
+    with _opened(path, config, seed, wait_s) as bench:
+        line = KeptLine(bench, path)
         try:
             yield bench, line
         finally:
@@ -62,18 +63,15 @@ def kept_line(
 
 
 @contextmanager
-def _opened(
-    path: Path, config: BenchConfig, seed: int, wait_s: float = 0.0
-) -> Iterator[tuple[VirtualBench, Callable[[], None]]]:
+def _opened(path: Path, config: BenchConfig, seed: int, wait_s: float = 0.0) -> Iterator[VirtualBench]:
     if config.controller == STM32:
         raise failures.emulated_bench_not_kept(stm32=STM32, path=path, firmware=FIRMWARE)
     with bench_lock(path, wait_s):
-        bench = restored_bench(read_bench(path)) if path.exists() else open_bench(config, seed)
+        yield restored_bench(read_bench(path)) if path.exists() else open_bench(config, seed)
 
-        def keep() -> None:
-            write_bench(path, bench_state(bench), is_own=True)
 
-        yield bench, keep
+def _write(path: Path, bench: VirtualBench) -> None:
+    write_bench(path, bench_state(bench), is_own=True)
 
 
 def fit(bench: VirtualBench, loaded: LoadedProfile, config: BenchConfig, say: Callable[[str], None]) -> None:
@@ -116,9 +114,9 @@ class KeptLine(DirectLine):
     Other motion need not be kept: every command conditions the actuator. Nothing is written before `begin`.
     """
 
-    def __init__(self, bench: VirtualBench, keep: Callable[[], None], path: Path) -> None:
+    def __init__(self, bench: VirtualBench, path: Path) -> None:
         super().__init__(bench.controller)
-        self._bench, self._keep = bench, keep
+        self._bench, self._path = bench, path
         self.name = f"sim:{path}"
         self._kept_s = self._looked_s = self.now_s()
         self._kept_um = bench.tool_wear_um
@@ -147,12 +145,12 @@ class KeptLine(DirectLine):
 
     def keep_worn(self) -> None:
         """Write the bench down if its tool has worn since. Raises RunFileError E9024."""
-        if self._begun and self._bench.tool_wear_um != self._kept_um:
+        if self._bench.tool_wear_um != self._kept_um:
             self.keep_all()
 
     def keep_all(self) -> None:
         """Write the bench down. Raises RunFileError E9024."""
         if self._begun:
-            self._keep()
+            _write(self._path, self._bench)
             self._kept_s = self._looked_s = self.now_s()
             self._kept_um = self._bench.tool_wear_um
