@@ -1,36 +1,46 @@
-"""The main job, from a checked plan to a report, and the journal by which it can be resumed."""
+"""The main job, from a checked plan to a report, the journal by which it can be resumed, and the truth beside it.
+
+True values of a virtual machine evaluate measurements and never make them.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from itertools import zip_longest
+from itertools import takewhile, zip_longest
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from edmctl import failures
-from edmctl.dataclasses import dataclass
+from edmctl.dataclasses import dataclass, field
 from edmctl.errors import EdmError, MachineFault, ObjectiveNotReached, PreconditionError, RunFileError
 from edmctl.jobs.corrections import ModelUsed
 from edmctl.jobs.ledger.job_ledger import DONE, JobLedger
-from edmctl.jobs.plan import Plan
+from edmctl.jobs.plan import Plan, Resumption
 from edmctl.jobs.resume import find_run, refuse_elsewhere, refuse_untouchable, taken_up
 from edmctl.jobs.run_context import RunContext, connected_run, ending
 from edmctl.jobs.run_header import RunName
 from edmctl.jobs.runs.opening import resume_command
 from edmctl.jobs.surroundings import Warn
-from edmctl.jobs.truth import TrueWear, channel_truth, truths_of
 from edmctl.jsonout import JsonValue
 from edmctl.labels import marked
 from edmctl.procedures.job import Job, JobState, StateStore
 from edmctl.procedures.machining import run_job
 from edmctl.procedures.run import after_pause
+from edmctl.process.erosion import corner_radius_um, roughness_rz_um
+from edmctl.profile.model import Profile
 from edmctl.record.journal import JournalFile, JournalledJob, remove_journal
 from edmctl.record.rows import TruthMap
 from edmctl.results.job import ChannelResult, ChannelTruth, JobResult, SiteResult, SiteTruth
 from edmctl.results.progress import Observer
 from edmctl.results.result import Result, html_table
 from edmctl.wording import length
+
+if TYPE_CHECKING:  # a job on hardware loads no simulator
+    from edmctl.simulator import VirtualBench
+    from edmctl.simulator.bench import HoleTruth
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -326,3 +336,116 @@ class JobCheckpoint:
             ),
             parents=resumption.job.family if resumption else (),
         )
+
+
+SAME_HOLE_UM = 50.0
+"""Larger than the stage error, smaller than the distance of two holes: a hole farther away is not the site's."""
+STEP_UM = 5.0
+"""The floor is looked at every so often along the path."""
+
+
+def channel_truth(profile: Profile, bench: VirtualBench, wear_um: float) -> ChannelTruth | None:
+    """Return the floor of the channel in the height map; None if the recipe has no path or nothing was cut."""
+    import numpy as np
+
+    from edmctl.planning.channel import way_of_path
+
+    path, target = profile.path, profile.target
+    x_um, y_um, depth_um = bench.truth_map()
+    if path is None or target.kind != "depth" or len(x_um) < 2 or len(y_um) < 2:
+        return None
+    way = way_of_path(path)
+    places = np.array([way.at(s_um) for s_um in np.arange(0.0, way.length_um, STEP_UM)])
+    columns = np.rint((places[:, 0] - x_um[0]) / (x_um[1] - x_um[0])).astype(np.int64)
+    rows = np.rint((places[:, 1] - y_um[0]) / (y_um[1] - y_um[0])).astype(np.int64)
+    floor_um = depth_um[np.clip(rows, 0, len(y_um) - 1), np.clip(columns, 0, len(x_um) - 1)]
+    error_um = math.sqrt(float(np.mean((floor_um - target.depth_um) ** 2)))
+    return ChannelTruth(float(floor_um.mean()), float(floor_um.std()), error_um, wear_um)
+
+
+LEFT = "left"
+"""Name of an abandoned hole; with a number and a space it cannot be the name of a site."""
+
+
+@dataclass(slots=True, eq=False)
+class TrueWear:
+    """A journal on the way to `journal`. `before_um` is the tool's wear when the job begins."""
+
+    bench: VirtualBench
+    journal: StateStore
+    before_um: float = 0.0
+    _at_end_um: dict[str, float] = field(default_factory=dict)
+    _given_up_um: float = math.inf
+
+    def __post_init__(self) -> None:
+        self.before_um = self.bench.tool_wear_um
+
+    def keep(self, state: JobState, *, urgent: bool = False) -> None:
+        """Note the wear at the end of every site that is done by now, and hand the state on."""
+        self._look()
+        newest_first = (str(site["name"]) for site in reversed(state.done))
+        finished = list(takewhile(lambda name: name not in self._at_end_um, newest_first))
+        self._at_end_um |= dict.fromkeys(reversed(finished), self.bench.tool_wear_um)
+        self.journal.keep(state, urgent=urgent)
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the state that a resumed run needs."""
+        self._look()
+        return {"tool_wear_um": self.before_um, "at_end_um": dict(self._at_end_um)}
+
+    def resume(self, resumed: Resumption) -> None:
+        """Count from where the interrupted run began, with the sites that it finished.
+
+        Wear since the last finished site belongs to no site if the interrupted hole is made from the start.
+        """
+        truth: Mapping[str, Any] | None = resumed.journal.truth
+        if truth is None:
+            return
+        self.before_um = float(truth["tool_wear_um"])
+        self._at_end_um = {str(name): float(wear_um) for name, wear_um in truth["at_end_um"].items()}
+        if resumed.restart_hole:
+            self._given_up_um = self.bench.tool_wear_um
+
+    def of_site(self, name: str) -> float:
+        """Return the true wear at a site, up to now if the job has not left it."""
+        self._look()
+        names = list(self._at_end_um)
+        if name not in self._at_end_um:
+            return self.bench.tool_wear_um - max([self.before_um, *self._at_end_um.values()])
+        position = names.index(name)
+        begin_um = self._at_end_um[names[position - 1]] if position else self.before_um
+        return self._at_end_um[name] - begin_um
+
+    def at_end_of(self, name: str) -> float:
+        """All that the tool had lost when it left a site, or by now."""
+        return self._at_end_um.get(name, self.bench.tool_wear_um)
+
+    def _look(self) -> None:
+        if self.bench.tool_wear_um > self._given_up_um:
+            self._at_end_um[f"{LEFT} {len(self._at_end_um)}"] = self._given_up_um
+            self._given_up_um = math.inf
+
+
+def truths_of(
+    sites: Sequence[SiteResult], holes: Sequence[HoleTruth], true_wear: TrueWear, tool_um: float = math.nan
+) -> tuple[SiteTruth, ...]:
+    """Return the true hole of each site, in µm: the nearest hole, and the tool wear at the site.
+
+    A hole through the foil has no depth. `tool_um` is the diameter of the tool.
+    """
+    truths = []
+    for site in sites:
+        at_um = site.x_um, site.y_um
+        near = [hole for hole in holes if math.dist(at_um, (hole.x_um, hole.y_um)) <= SAME_HOLE_UM]
+        wear_um = true_wear.of_site(site.name)
+        corner_um = corner_radius_um(true_wear.at_end_of(site.name), tool_um)
+        if not near:
+            truths.append(SiteTruth(wear_um=wear_um, corner_um=corner_um))
+            continue
+        hole = min(near, key=lambda hole: math.dist(at_um, (hole.x_um, hole.y_um)))
+        depth_um = math.nan if site.through else hole.depth_um
+        rz_um = roughness_rz_um(hole.ra_um)
+        truths.append(
+            SiteTruth(depth_um, wear_um, hole.side_gap_um, hole.taper_um, hole.ra_um, rz_um, corner_um)
+        )
+    return tuple(truths)

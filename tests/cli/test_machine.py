@@ -12,7 +12,7 @@ import h5py
 import pytest
 
 from edmctl.jobs import run_context
-from edmctl.jobs.truth import TrueWear, truths_of
+from edmctl.jobs.job import TrueWear, truths_of
 from edmctl.jsonout import to_json_value
 from edmctl.procedures.job import JobState, NoStateStore
 from edmctl.record.reader import open_run

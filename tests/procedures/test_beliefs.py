@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 import edmctl
-from edmctl.jobs.truth import TrueWear
+from edmctl.jobs.job import TrueWear
 from edmctl.procedures.job import NoStateStore
 from edmctl.profile.places import Place
 from edmctl.results.job import ObjectiveMissed

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from edmctl.cli.render.result_table import render_job
-from edmctl.jobs.truth import TrueWear
+from edmctl.jobs.job import TrueWear
 from edmctl.labels import Seen
 from edmctl.procedures.job import JobTally, NoStateStore
 from edmctl.procedures.measure_drift import (
