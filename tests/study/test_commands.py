@@ -16,30 +16,22 @@ import pytest
 from edmctl.study.commands.execute import _suggested
 from edmctl.study.folder import open_folder
 from edmctl.study.results import RunKind
-from edmctl.study.running import run_virtual
 from edmctl.study.suggestions import suggested_runs
-from tests.study.studies import Unseen, made, written
+from tests.study.studies import written
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from edmctl.study.folder import StudyFolder
     from tests.cli.commands import Here
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A study that was run, which nobody changes."""
-    study = made(tmp_path_factory.mktemp("study"))
-    run_virtual(study, Unseen())
-    return study.path
-
-
 @pytest.fixture
-def folder(finished: Path, tmp_path: Path) -> Path:
+def folder(whole: StudyFolder, tmp_path: Path) -> Path:
     """A study that was run."""
     written(tmp_path)
     copy = tmp_path / "out"
-    shutil.copytree(finished, copy)
+    shutil.copytree(whole.path, copy)
     return copy
 
 

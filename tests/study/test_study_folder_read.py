@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.study.running import run_virtual
 from tests.cli.test_files_read import KINDS, made
 from tests.study import studies
 
 if TYPE_CHECKING:
+    from edmctl.study.folder import StudyFolder
     from tests.cli.commands import Here
 
 FILES = ("plan.json", "study.toml", "profile.toml", "rows/0.jsonl", "rows/suggestions.lock")
@@ -25,13 +25,6 @@ STUDY_READERS = (
     *("tell DIR 1 ra_um=0.3", "import DIR ra.csv", "judge DIR 1 reject why"),
 )
 TABLE_READERS = ("plan FILE", "run FILE --out other", "import DIR FILE", "plan points.toml")
-
-
-def finished(folder: Path) -> Path:
-    """Make a study whose runs are done."""
-    study = studies.made(folder)
-    run_virtual(study, studies.Unseen())
-    return study.path
 
 
 def put(folder: Path, file: str, name: str) -> None:
@@ -52,15 +45,10 @@ def write_names(name: str) -> None:
         Path(file).write_text(text, encoding="utf-8")
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return finished(tmp_path_factory.mktemp("study"))
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("file", FILES)
-def test_what_is_no_file_in_a_study_is_refused(here: Here, whole: Path, file: str, kind: str) -> None:
-    shutil.copytree(whole, "DIR")
+def test_what_is_no_file_in_a_study_is_refused(here: Here, whole: StudyFolder, file: str, kind: str) -> None:
+    shutil.copytree(whole.path, "DIR")
     write_names("ra.csv")
     put(Path("DIR"), file, made(kind))
     is_lock = file.endswith(".lock")
@@ -75,8 +63,10 @@ def test_what_is_no_file_in_a_study_is_refused(here: Here, whole: Path, file: st
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("reader", TABLE_READERS)
-def test_what_is_no_file_beside_a_study_is_refused(here: Here, whole: Path, reader: str, kind: str) -> None:
-    shutil.copytree(whole, "DIR")
+def test_what_is_no_file_beside_a_study_is_refused(
+    here: Here, whole: StudyFolder, reader: str, kind: str
+) -> None:
+    shutil.copytree(whole.path, "DIR")
     name = made(kind)
     write_names(name)
     said = here("study", *(name if word == "FILE" else word for word in reader.split()))

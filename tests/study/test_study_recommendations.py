@@ -37,6 +37,7 @@ from tests.study.studies import (
     made,
     written,
 )
+from tests.tiers import tiers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -236,7 +237,7 @@ def test_a_plan_says_what_the_supervisor_moves(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("is_followed", [False, True])
+@pytest.mark.parametrize("is_followed", tiers(True, slow=[False]))
 def test_a_confirmation_that_breaks_a_constraint_ends_with_7(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], is_followed: bool
 ) -> None:

@@ -16,14 +16,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from edmctl.errors import PreconditionError, RunFileError, UsageError
+from edmctl.errors import PreconditionError
 from edmctl.jobs.parallel import FEEDER, Lost, Pool, perform, pool_of
-from edmctl.study.folder import create_folder, open_folder, read_rows
-from edmctl.study.planning import plan_study
+from edmctl.study.folder import open_folder, read_rows
 from edmctl.study.results import Judgement, RunState
 from edmctl.study.running import run_virtual
-from edmctl.study.study_file import read_study
-from edmctl.study.table import missing_manual, table_bytes, table_of, told_table, told_values
+from edmctl.study.table import missing_manual, table_bytes, table_of, told_values
 from tests.cli.commands import in_process_of_its_own
 from tests.study.studies import Unseen, made, make_some, outcome, written
 
@@ -38,14 +36,6 @@ def spawned() -> Executor:
 
 
 TWO = Pool(spawned, 2, lambda executor: executor.shutdown(wait=False, cancel_futures=True))
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> StudyFolder:
-    """A study that nothing has interrupted."""
-    study = made(tmp_path_factory.mktemp("whole"))
-    run_virtual(study, Unseen())
-    return study
 
 
 class Stopped(Exception):
@@ -188,10 +178,6 @@ def test_people_tell_and_judge(tmp_path: Path) -> None:
         writer.told(study.read().run(number), told_values(study.read(), ["ra_um=0.31"]))
         writer.told(study.read().run(number), told_values(study.read(), ["ra_um=0.33"]))
     assert study.read().run(number).value("ra_um") == 0.33
-    for wrong in ("ra_um", "ra_um=x", "rz_um=1", "ra_um=nan"):
-        with pytest.raises(UsageError) as refused:
-            told_values(study.read(), [wrong])
-        assert refused.value.code == "E2105"
     for judgement, state in (
         (Judgement.REJECT, RunState.REJECTED),
         (Judgement.ACCEPT, RunState.DONE),
@@ -206,29 +192,6 @@ def test_people_tell_and_judge(tmp_path: Path) -> None:
     assert again.row is not None
     assert again.row.attempt == 2
     assert again.value("ra_um") is None  # that was another hole
-    table = tmp_path / "table.csv"
-    table.write_text(f"run, ra_um\n{number}, 0.4\n{made_runs[1]},\n", encoding="utf-8")
-    assert told_table(study.read(), table) == {number: {"ra_um": 0.4}}
-    for content in ("run,rz_um\n1,2\n", "run,ra_um\n99,2\n"):
-        table.write_text(content, encoding="utf-8")
-        with pytest.raises(UsageError):
-            told_table(study.read(), table)
-
-
-def test_a_folder_holds_one_study_that_nobody_changes(tmp_path: Path) -> None:
-    study = made(tmp_path)
-    planned = plan_study(read_study(written(tmp_path)))
-    with pytest.raises(RunFileError) as taken:
-        create_folder(study.path, planned)
-    assert taken.value.code == "E9101"
-    (study.path / "profile.toml").write_text("", encoding="utf-8")
-    with pytest.raises(PreconditionError) as changed:
-        open_folder(study.path)
-    assert changed.value.code == "E8202"
-    with pytest.raises(UsageError) as none:
-        open_folder(tmp_path)
-    assert none.value.code == "E2101"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "study.toml"]
 
 
 def test_one_command_makes_runs_at_a_time(tmp_path: Path) -> None:

@@ -234,6 +234,11 @@ def test_a_folder_says_whether_it_holds_the_same_study(tmp_path: Path) -> None:
     with pytest.raises(RunFileError, match="another study, A small study") as taken:
         create_folder(study.path, other)
     assert "resume" not in taken.value.hint
-    (study.path / "study.toml").write_text("changed", encoding="utf-8")
+    (study.path / "profile.toml").write_text("changed", encoding="utf-8")
     with pytest.raises(RunFileError, match="cannot be read"):
         create_folder(study.path, same)
+    with pytest.raises(PreconditionError, match=r"profile\.toml is not what it was"):
+        open_folder(study.path)
+    with pytest.raises(UsageError, match="has no study"):
+        open_folder(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "study.toml"]

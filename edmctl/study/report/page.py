@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from html import escape
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from edmctl.report import html
 from edmctl.report.html import PageTable, Picture
@@ -14,10 +14,6 @@ from edmctl.study.report import StudyReport, tables, words
 from edmctl.study.results import RunState
 from edmctl.study.statistics.response_analysis import ResponseAnalysis
 from edmctl.wording import plural
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 Parts: TypeAlias = Sequence[PageTable | str | None]
 FEW_ALIASES = 4
@@ -151,73 +147,67 @@ def _pictures(parts: StudyReport, one: ResponseAnalysis, prefix: str) -> Iterato
     left = max(0, len(one.interactions) - figures.MOST_INTERACTIONS)
     most = f" The {plural(left, 'pair')} with the most parallel lines are left out." if left else ""
     others = figures.others_in_words(plan, figures.surface_factors(plan, one))
-    drawings: list[tuple[str, str, str, Callable[[], Figure]]] = [
-        (
-            "effects",
-            f"Main effects on {name}",
-            f"Mean by level of each factor; the dashed line is the mean of all runs. {bars}.",
-            partial(figures.draw_main_effects, plan, info, one, runs),
-        ),
-        (
-            "noise",
-            f"Signal to noise of {name}",
-            "Mean signal-to-noise ratio by level of each factor; higher is better. The dashed line is the mean.",
-            partial(figures.draw_noise_effects, plan, one),
-        ),
-        (
-            "fitted",
-            f"Measured and fitted {name}",
-            "Every run and the mean of every point against what the model makes of it; on the line they agree.",
-            partial(figures.draw_fitted, info, one, runs),
-        ),
-        (
-            "residuals",
-            f"Residuals of {name}",
-            "What the model leaves, (a) against what was fitted and (b) against a normal distribution: a fan or a "
-            "bend in (a) asks for another scale or model, a point far off the line in (b) for a look at its run.",
-            partial(figures.draw_residuals, info, one),
-        ),
-        (
-            "interactions",
-            f"Pairs of factors and {name}",
-            f"Means over two factors. Lines that are not parallel say that they act together.{mixed}{most}",
-            partial(figures.draw_interactions, plan, info, one),
-        ),
-        (
-            "order",
-            f"{name} in the order of the runs",
-            "The response above, what the model leaves of it below; blocks are shaded in turn. A slope below is "
-            "drift or wear that no term of the model has.",
-            partial(figures.draw_order, info, one, runs),
-        ),
-        (
-            "surface",
-            f"Surface of {name}",
-            "What the model expects over the two numbers that explain most; dots are settings that were run. "
-            f"{others}",
-            partial(figures.draw_surface, plan, info, one, runs),
-        ),
-    ]
-    for kind, heading, sees, make in drawings:
-        yield html.picture_of(f"{prefix}-{kind}", heading, sees, make, formulas=False)
+    yield _picture(
+        f"{prefix}-effects",
+        f"Main effects on {name}",
+        f"Mean by level of each factor; the dashed line is the mean of all runs. {bars}.",
+        partial(figures.draw_main_effects, plan, info, one, runs),
+    )
+    yield _picture(
+        f"{prefix}-noise",
+        f"Signal to noise of {name}",
+        "Mean signal-to-noise ratio by level of each factor; higher is better. The dashed line is the mean.",
+        partial(figures.draw_noise_effects, plan, one),
+    )
+    yield _picture(
+        f"{prefix}-fitted",
+        f"Measured and fitted {name}",
+        "Every run and the mean of every point against what the model makes of it; on the line they agree.",
+        partial(figures.draw_fitted, info, one, runs),
+    )
+    yield _picture(
+        f"{prefix}-residuals",
+        f"Residuals of {name}",
+        "What the model leaves, (a) against what was fitted and (b) against a normal distribution: a fan or a bend "
+        "in (a) asks for another scale or model, a point far off the line in (b) for a look at its run.",
+        partial(figures.draw_residuals, info, one),
+    )
+    yield _picture(
+        f"{prefix}-interactions",
+        f"Pairs of factors and {name}",
+        f"Means over two factors. Lines that are not parallel say that they act together.{mixed}{most}",
+        partial(figures.draw_interactions, plan, info, one),
+    )
+    yield _picture(
+        f"{prefix}-order",
+        f"{name} in the order of the runs",
+        "The response above, what the model leaves of it below; blocks are shaded in turn. A slope below is drift "
+        "or wear that no term of the model has.",
+        partial(figures.draw_order, info, one, runs),
+    )
+    yield _picture(
+        f"{prefix}-surface",
+        f"Surface of {name}",
+        f"What the model expects over the two numbers that explain most; dots are settings that were run. {others}",
+        partial(figures.draw_surface, plan, info, one, runs),
+    )
+
+
+_picture = partial(html.picture_of, formulas=False)
 
 
 def _front(parts: StudyReport) -> Iterator[Picture]:
     from edmctl.study.report import figures
 
-    more = len(parts.analysis.plan.objectives or parts.analysis.plan.responses) - 2
-    also = (
-        f" The front is over {plural(more, 'further objective')} too, which this figure does not show."
-        if more > 0
-        else ""
-    )
-    yield html.picture_of(
+    plan = parts.analysis.plan
+    more = len(plan.objectives or plan.responses) - 2
+    also = f" The front is over {plural(more, 'further objective')} too, which this figure does not show."
+    yield _picture(
         "front",
         "Objectives against each other",
-        f"Means of the points, numbered on the front: no other point{tables.that_keeps(parts.analysis.plan)} is as "
-        f"good as one of those in every objective and better in one.{also}",
-        partial(figures.draw_front, parts.analysis.plan, parts.analysis.choices),
-        formulas=False,
+        f"Means of the points, numbered on the front: no other point{tables.that_keeps(plan)} is as good as one of "
+        f"those in every objective and better in one.{also if more > 0 else ''}",
+        partial(figures.draw_front, plan, parts.analysis.choices),
     )
 
 
@@ -235,11 +225,10 @@ def _sobol_pictures(parts: StudyReport) -> Iterator[Picture]:
     from edmctl.study.report import figures
 
     for n, (name, found) in enumerate(parts.analysis.indices.items(), 1):
-        yield html.picture_of(
+        yield _picture(
             f"sobol-{n}",
             f"Sobol indices of {name}",
             "Share of the variance that a factor brings alone (first order), and with all that it interacts with "
             "(total); bars are 95 % intervals.",
             partial(figures.draw_indices, parts.analysis.plan, found),
-            formulas=False,
         )
