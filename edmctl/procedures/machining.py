@@ -10,7 +10,14 @@ from edmctl.planning.forecast import hole_time_s, working_order
 from edmctl.planning.measuring import FACE_LIMIT_UM
 from edmctl.planning.removal import hole
 from edmctl.procedures.channel.procedure import machine_path, record_left_channel
-from edmctl.procedures.hole.decision import Decision, judge_holes, open_site, record_left, record_results
+from edmctl.procedures.hole.decision import (
+    Decision,
+    judge_holes,
+    missed,
+    open_site,
+    record_left,
+    record_results,
+)
 from edmctl.procedures.hole.knowledge import JobKnowledge
 from edmctl.procedures.hole.procedure import HoleProcedure
 from edmctl.procedures.hole.resuming import ResumedHole, check_last_hole
@@ -71,13 +78,13 @@ def run_job(
         record_left=_record_left,
     ) as run:
         if job.profile.path is None:
-            missed = machine_sites(run)
+            last = machine_sites(run)
             record_results(run)
-            missed = judge_holes(run, missed)
+            last = judge_holes(run, last)
         else:
-            missed = machine_path(run)
-    if missed is not None:
-        raise ObjectiveMissed(missed.missed, hint=missed.hint, result=tally.result(), code=missed.code)
+            last = machine_path(run)
+    if last is not None:
+        raise ObjectiveMissed(last.missed, hint=last.hint, result=tally.result(), code=last.code)
     return tally.result()
 
 
@@ -92,9 +99,9 @@ def machine_sites(run: JobRun) -> Decision | None:
     A tool that would lose more than it may ends the job before the next place.
     """
     knowledge = JobKnowledge(run)
-    missed = _machine_left(run, knowledge)
+    last = _machine_left(run, knowledge)
     judge_job(run, knowledge.pads)
-    return missed
+    return last
 
 
 def _machine_left(run: JobRun, knowledge: JobKnowledge) -> Decision | None:
@@ -138,16 +145,16 @@ def _touch_surface(run: JobRun, site: Place, knowledge: JobKnowledge, left: Sequ
 
 def _of_several(run: JobRun, decision: Decision, site: Place) -> Decision:
     """Return the end after a hole that missed its target, with the holes that were not begun."""
-    missed, hint, names = decision.missed, decision.hint, run.tally.not_begun
+    why, hint, names = decision.missed, decision.hint, run.tally.not_begun
     if len(run.job.sites) > 1:
-        missed = f"{site.name}: {missed}"
+        why = f"{site.name}: {why}"
     if names:
         text = f"Not begun: {', '.join(names)}."
         run.warn(RunEvent.SITES_LEFT, text, {"left": len(names)})
-        missed = f"{missed} {text}"
+        why = f"{why} {text}"
     if decision.code == STROKE_CODE and run.tally.sites_done > 1:
         hint = STROKE_HINT
-    return replace(decision, missed=missed, hint=hint, site=site.name)
+    return replace(decision, missed=why, hint=hint, site=site.name)
 
 
 def _used_up(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Decision | None:
@@ -169,7 +176,7 @@ def _used_up(run: JobRun, knowledge: JobKnowledge, left: Sequence[Place]) -> Dec
         return None
     message = f"{why} Done: {len(run.tally.sites)}; left: {', '.join(run.tally.not_begun)}."
     run.warn(RunEvent.SITES_LEFT, message, {"left": len(left), "hint": hint})
-    return Decision(None, message, message, hint, code)
+    return missed(message, hint, code)
 
 
 def _stroke_um(

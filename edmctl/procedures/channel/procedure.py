@@ -15,7 +15,6 @@ import numpy as np
 from edmctl.dataclasses import replace
 from edmctl.errors import MachineFault
 from edmctl.labels import NOT_SHOWN_CODE, Basis, Verdict
-from edmctl.machine.interface import host_fault
 from edmctl.planning.channel import LAYERS_BEFORE_FIRST_STOP, PLACES, PLACES_AT_THE_END, way_of_path
 from edmctl.procedures.channel.layers import GAP_GROWTH, Layers
 from edmctl.procedures.channel.scan import PassPlan, PassResult
@@ -38,7 +37,14 @@ from edmctl.procedures.hole.cut_planning import (
     lengths,
     with_cuts,
 )
-from edmctl.procedures.hole.decision import REMEDIES, Decision, judged_channel, not_shown
+from edmctl.procedures.hole.decision import (
+    REMEDIES,
+    Decision,
+    judged_channel,
+    missed,
+    missed_by_fault,
+    not_shown,
+)
 from edmctl.procedures.hole.resuming import (
     BEYOND_UM,
     refuse_other,
@@ -188,7 +194,7 @@ class ChannelProcedure:
                 f"{target.reached(result.depth_um, result.feed_um)}."
             )
             run.warn(RunEvent.TARGET_MISSED, message, {"wear_um": lost_um})
-            return Decision(None, message, message, "Dress or change the tool, and machine the channel anew.")
+            return missed(message, "Dress or change the tool, and machine the channel anew.")
         enough_um = max(target.tolerance_um / 2.0, NOISE_FLOOR_SIGMAS * TOUCH_U_UM)
         if last or target.depth_um - result.depth_um <= enough_um:
             return self._final(result)
@@ -207,28 +213,27 @@ class ChannelProcedure:
         verdict = judged_channel(target, result).verdict
         if verdict is Verdict.SHOWN:
             run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": result.depth_um})
-            return Decision(None, message)
+            return Decision(message)
         if verdict is Verdict.NOT_SHOWN:
             message = f"{not_shown('The mean depth of the floor', target, result)}."
             hint = REMEDIES[result.depth_basis]
             run.warn(RunEvent.VERDICT, message, {"hint": hint})
-            return Decision(None, message, message, hint, NOT_SHOWN_CODE)
+            return missed(message, hint, NOT_SHOWN_CODE)
         run.warn(RunEvent.TARGET_MISSED, message, {"depth_um": result.depth_um})
-        missed = (
+        why = (
             f"The floor is {result.depth_um:.2f} µm deep on average, {off}, and {result.floor_sd_um:.2f} µm rms "
             f"uneven; target.tolerance_um is {target.tolerance_um:.1f} µm."
         )
         hint = "Use thinner layers (path.layer_um) or a slower scan (path.speed_um_s), or allow more."
-        return Decision(None, message, missed, hint)
+        return Decision(message, missed=why, hint=hint)
 
     def _missed(self, fault: str, message: str) -> Decision:
         """Return the end by a row of the faults, with what was reached."""
         depth_um = 0.0 if self._result is None else self._result.depth_um
         reached = f"a floor {depth_um:.2f} of {self._target.depth_um:g} µm deep"
-        error = host_fault(fault, f" The channel ended early ({message}) at {reached}.")
-        args = {"depth_um": depth_um}
-        self._run.warn(RunEvent.TARGET_MISSED, error.message, args)
-        return Decision(None, error.message, error.message, error.hint, error.code)
+        decision = missed_by_fault(fault, f" The channel ended early ({message}) at {reached}.")
+        self._run.warn(RunEvent.TARGET_MISSED, decision.message, {"depth_um": depth_um})
+        return decision
 
     def _is_due(self, layers_after: int) -> bool:
         """Return whether to measure after the next layer, with `layers_after` remaining.

@@ -36,17 +36,28 @@ LEAST_EXPECTED = 0.02  # wear ratio that is assumed for recipes that expect less
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The next cut, or None at the end.
+    """What follows, and the next cut, None at the end.
 
     `missed` is why the objective was missed, empty if it was not; `code` the error code of that, `site` its hole.
     """
 
-    plan: CutPlan | None
     message: str
+    plan: CutPlan | None = None
     missed: str = ""
     hint: str = ""
     code: str = "E7010"
     site: str = ""
+
+
+def missed(message: str, hint: str, code: str = "E7010") -> Decision:
+    """Return the end of a hole, channel or job that misses its objective."""
+    return Decision(message, missed=message, hint=hint, code=code)
+
+
+def missed_by_fault(row: str, message: str) -> Decision:
+    """Return the end by a row of the faults."""
+    error = host_fault(row, message)
+    return missed(error.message, error.hint, error.code)
 
 
 def report_end(run: JobRun, decision: Decision, depth_um: float) -> None:
@@ -76,7 +87,7 @@ def decide(
     if cut is not None and cut.end is not CutEnd.REACHED:
         return unfinished(target, cut, found.depth_um, found.feed_um)
     if target.kind == "feed" and cut is not None:
-        return Decision(None, f"Feed {found.feed_um:.2f} µm of {target.feed_um:.0f} µm.")
+        return Decision(f"Feed {found.feed_um:.2f} µm of {target.feed_um:.0f} µm.")
     remaining_um = target.depth_um - found.depth_um
     done = is_done(remaining_um, target.tolerance_um, found.depth_noise_um)
     if done or number >= cut_budget(profile) + broken_cuts:
@@ -84,28 +95,24 @@ def decide(
     plan = following_plan(profile, target, number + 1, start, estimate, touch_final=touch_final)
     after = "measured" if plan.measured else "known well enough not to be measured"
     message = f"{remaining_um:.2f} µm are left: next cut feeds {plan.feed_um:.2f} µm, then {after}."
-    return Decision(plan, message)
+    return Decision(message, plan)
 
 
 def out_of_time(target: HoleTarget, plan: CutPlan, limit: str) -> Decision:
     """Return the end before a cut for which `limit` leaves no time."""
     reached = target.reached(plan.start.depth_um, plan.start.depth_um + plan.start.wear_um)
-    return _missed("TIMEOUT", f" No time is left for cut {plan.number}: {limit}; the job ends at {reached}.")
+    return missed_by_fault(
+        "TIMEOUT", f" No time is left for cut {plan.number}: {limit}; the job ends at {reached}."
+    )
 
 
 def unfinished(target: HoleTarget, cut: CutResult, depth_um: float, feed_um: float) -> Decision:
     """Return the end after a cut that did not reach its limit."""
     reached = target.reached(depth_um, feed_um)
     if cut.fault:
-        return _missed(cut.fault, f" The cut ended early ({cut.message}) at {reached}.")
-    missed = f"The cut ended early ({cut.reason}) at {reached}."
+        return missed_by_fault(cut.fault, f" The cut ended early ({cut.message}) at {reached}.")
     hint = "Flush better (shorter jump.period_s, greater jump.height_um), or raise servo.reference."
-    return Decision(None, missed, missed, hint)
-
-
-def _missed(row: str, message: str) -> Decision:
-    error = host_fault(row, message)
-    return Decision(None, error.message, error.message, error.hint, error.code)
+    return missed(f"The cut ended early ({cut.reason}) at {reached}.", hint)
 
 
 def _final(profile: Profile, target: HoleTarget, number: int, found: DepthAndWear) -> Decision:
@@ -113,12 +120,12 @@ def _final(profile: Profile, target: HoleTarget, number: int, found: DepthAndWea
     cuts = plural(number, "cut")
     message = f"Depth {decimal(found.depth_um)} µm, {signed(off_um)} µm from the target, after {cuts}."
     if verdict_of(target, found.depth_um, found.depth.u95, through=False) is not Verdict.MISSED:
-        return Decision(None, message)
-    missed = (
+        return Decision(message)
+    why = (
         f"The depth is {decimal(found.depth_um)} µm after {cuts}, {signed(off_um)} µm from the target; "
         f"target.tolerance_um is {target.tolerance_um:.1f} µm."
     )
-    return Decision(None, message, missed, remedy(profile, off_um, found.wear_ratio))
+    return Decision(message, missed=why, hint=remedy(profile, off_um, found.wear_ratio))
 
 
 def remedy(profile: Profile, off_um: float, wear_ratio: float = math.nan) -> str:
@@ -221,8 +228,8 @@ def judge_holes(run: JobRun, last: Decision | None) -> Decision | None:
     ]
     if not doubtful:
         return last
-    missed = [site for site in doubtful if site.verdict is Verdict.MISSED]
-    hint = _remedy(run.job, (missed or doubtful)[0])
+    outside = [site for site in doubtful if site.verdict is Verdict.MISSED]
+    hint = _remedy(run.job, (outside or doubtful)[0])
     for site in doubtful:
         text = f"{site.name}: {_sentence(run.job, site)}."
         args: Args = {"verdict": str(site.verdict), "depth_um": site.depth_um}
@@ -232,7 +239,7 @@ def judge_holes(run: JobRun, last: Decision | None) -> Decision | None:
     message = _message(run.job, doubtful)
     if last is not None:
         return replace(last, missed=f"{last.missed} {message}")
-    return Decision(None, message, message, hint, *([] if missed else [NOT_SHOWN_CODE]))
+    return missed(message, hint, *([] if outside else [NOT_SHOWN_CODE]))
 
 
 def judged_channel(target: HoleTarget, result: ChannelResult) -> ChannelResult:

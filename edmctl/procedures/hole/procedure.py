@@ -15,6 +15,7 @@ from edmctl.procedures.hole.decision import (
     Decision,
     close_site,
     decide,
+    missed,
     out_of_time,
     refuse_wrong_setup,
     report_end,
@@ -261,10 +262,10 @@ class HoleProcedure:
         plan = following_plan(run.profile, hole.target, number + 1, start, hole.estimate, touch_final=final)
         pulse = run.profile.pulse
         return Decision(
-            plan,
             f"Regime {recipe.name}: to {recipe.to_um:.1f} µm with {pulse.current_a:g} A for "
             f"{pulse.on_time_us:.3g} µs, {pulse.off_time_us:.3g} µs off, servo reference "
             f"{run.profile.servo.reference:g}. The next cut feeds {plan.feed_um:.2f} µm.",
+            plan,
         )
 
     def _estimate(self, plan: CutPlan, cut: CutResult) -> Decision:
@@ -297,7 +298,7 @@ class HoleProcedure:
         off_um = found.depth_um - hole.target.depth_um
         message = f"Depth ~{decimal(found.depth_um)} µm, {signed(off_um)} µm from the target."
         run.decide(RunEvent.TARGET_REACHED, message, {"depth_um": found.depth_um})
-        return Decision(None, message)
+        return Decision(message)
 
     def _end_through(self, plan: CutPlan, cut: CutResult) -> Decision:
         """Measure the wear; the depth is how far the tip went below the surface, at least the sheet's thickness."""
@@ -319,17 +320,15 @@ class HoleProcedure:
             decision = unfinished(hole.target, cut, found.depth_um, found.feed_um)
         else:
             sheet = f"The sheet of {hole.target.depth_um:g} µm"
-            missed = f"{sheet} did not break through within {found.depth_um:.1f} µm."
-            decision = Decision(
-                None, missed, missed, "Check work.thickness_um; a thicker sheet needs more stroke."
-            )
+            message = f"{sheet} did not break through within {found.depth_um:.1f} µm."
+            decision = missed(message, "Check work.thickness_um; a thicker sheet needs more stroke.")
         report_end(run, decision, found.depth_um)
         return decision
 
     def through(self, found: DepthAndWear) -> Decision:
         """Return the end of an open hole."""
         sheet = f"Through the sheet of {self._hole.target.depth_um:g} µm"
-        return Decision(None, f"{sheet}; the tip went {found.depth_um:.1f} µm below its face.")
+        return Decision(f"{sheet}; the tip went {found.depth_um:.1f} µm below its face.")
 
     def touch_bottom_or_none(self, pad: SurfaceReading, least_um: float) -> SurfaceReading | None:
         """Touch the bottom of a hole that may be open, from `least_um` on; None if the tool goes through it.
