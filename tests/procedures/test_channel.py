@@ -28,7 +28,6 @@ from edmctl.process.touches import Reading
 from edmctl.record.rows import RunEvent
 from edmctl.results.job import ChannelResult, FloorPlace
 from tests.procedures.channel_bench import Noted, ScanningMachine, scanning_run
-from tests.tiers import tiers
 
 TARGET_UM = 20.0
 LEVEL = Plane((0.0, 0.0), np.zeros(2), np.zeros((2, 2)))
@@ -133,15 +132,20 @@ def make(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Made]:
     return made
 
 
-@pytest.mark.parametrize("gap_um", tiers(4.6, slow=(24.0,)))
+@pytest.mark.slow
+def test_a_gap_is_learned_however_wide(make: Callable[..., Made]) -> None:
+    done = make("limits.max_time_s=1e6", current_a=0.03, gap_um=24.0)
+    assert done.found.working_gap_um == pytest.approx(24.0, abs=0.2)
+
+
 def test_the_depth_is_met_although_gap_and_wear_are_others_than_the_recipe_says(
-    make: Callable[..., Made], gap_um: float
+    make: Callable[..., Made],
 ) -> None:
-    done = make("limits.max_time_s=1e6", current_a=0.03, gap_um=gap_um)
+    done = make(current_a=0.03)
     found, goal = done.found, HoleTarget("depth", TARGET_UM, math.nan, 2.0)
     assert done.decision.missed == ""
     assert found.depth_um == pytest.approx(TARGET_UM, abs=1.0)
-    assert found.working_gap_um == pytest.approx(gap_um, abs=0.2)
+    assert found.working_gap_um == pytest.approx(done.world.gap_um, abs=0.2)
     assert RunEvent.TARGET_REACHED in done.noted.codes
     # The first stop comes early, and the last one touches more places.
     assert done.kept[0].layers == 2
