@@ -28,7 +28,7 @@ from edmctl.jsonout import JsonValue, to_json_value
 from edmctl.procedures.calibration import CalibrationPlan, measure_actuator, plan_calibration
 from edmctl.process.rest_drift import CreepLeft
 from edmctl.profile.calibration import Made, calibration_of, measured_file, save_calibration
-from edmctl.profile.folders import default_path, fresh_path
+from edmctl.profile.folders import kept_path
 from edmctl.profile.setup import Setup, load_setup
 from edmctl.quantity import half_width
 from edmctl.record.columns import STACK, TOOL, read_columns, read_record, write_columns
@@ -265,8 +265,8 @@ def calibrate_machine(
     where, environ = checked.where, checked.surroundings.environ
     with connected(None, checked.setup, seed, observer.note, where, checked.surroundings) as bench:
         identity = bench.machine.identity
-        place = default_path if where.lasting else fresh_path
-        path = checked.request.output or place(identity.serial, environ)
+        own = kept_path("calibration", identity.serial, environ, lasting=where.lasting)
+        path = checked.request.output or own
         output_files.check_writable(path)
         note = CreepNote(bench, where, environ)
         note.take_away()

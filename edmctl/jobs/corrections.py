@@ -13,7 +13,7 @@ from edmctl.dataclasses import dataclass, replace
 from edmctl.errors import Diagnostic
 from edmctl.procedures.job import CalibratedActuator
 from edmctl.process.rest_drift import DriftModel
-from edmctl.profile.folders import find_calibration, find_drift
+from edmctl.profile.folders import find_kept
 from edmctl.profile.model import Profile
 from edmctl.profile.read import read_source
 from edmctl.profile.setup import Setup
@@ -73,7 +73,7 @@ def look_at_named(option: Path | None, environ: Mapping[str, str], setup: Setup,
     """
     if not (setup.sensor.fitted or setup.actuator.conditioning_cycles):
         raise failures.conditioning_off_without_sensor()
-    if named := find_calibration(option, environ, setup.actuator.calibration, None):
+    if named := find_kept("calibration", environ, setup.actuator.calibration, None, option):
         _loaded(named, setup, profile)
 
 
@@ -95,7 +95,7 @@ def choose(
     Raises RecordError if the file cannot be used, PreconditionError if a machine without a sensor has none (E8031)
     or one with too small a range (E8032).
     """
-    path = find_calibration(option, environ, setup.actuator.calibration, serial if lasting else None)
+    path = find_kept("calibration", environ, setup.actuator.calibration, serial if lasting else None, option)
     if path is None:
         if not setup.sensor.fitted:
             named = failures.no_calibration_of_machine if lasting else failures.no_calibration_named
@@ -210,7 +210,7 @@ def choose_drift(
     """
     if not (setup.drift.use and setup.sensor.fitted):
         return DriftChoice()
-    path = find_drift(environ, setup.drift.file, serial if lasting else None)
+    path = find_kept("drift", environ, setup.drift.file, serial if lasting else None)
     if path is None:
         return DriftChoice()
     from edmctl.profile.drift_file import load_drift

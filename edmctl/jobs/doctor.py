@@ -36,7 +36,7 @@ from edmctl.machine.interface import (
 from edmctl.procedures.session import safe_state_on_error
 from edmctl.procedures.settings import motion_settings
 from edmctl.profile.calibration import load_calibration
-from edmctl.profile.folders import find_calibration
+from edmctl.profile.folders import find_kept
 from edmctl.profile.setup import Setup, load_setup
 from edmctl.results.equipment import Check, CheckStatus
 from edmctl.results.telemetry import LinkReport
@@ -141,7 +141,7 @@ def setup_used(setup: Setup) -> Check:
 def calibration(environ: Mapping[str, str], setup: Setup, serial: str, port: str) -> Check:
     """Whether the calibration that a job would use is there, can be read, and is of this machine."""
     fresh = not where_is(port or None, setup).lasting
-    path = find_calibration(None, environ, setup.actuator.calibration, None if fresh else serial)
+    path = find_kept("calibration", environ, setup.actuator.calibration, None if fresh else serial)
     remedy = f"Run `{on_machine('edmctl calibrate', port)}`."
     if fresh:
         # It is the same machine again only with its seed, which its number tells.

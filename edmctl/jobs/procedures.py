@@ -53,7 +53,7 @@ from edmctl.procedures.run import JobRun
 from edmctl.procedures.touch.approach import find_contact, find_gap
 from edmctl.process.rest_drift import DriftModel, model_of
 from edmctl.profile.drift_file import MadeBy, drift_file, save_drift
-from edmctl.profile.folders import default_drift_path, fresh_drift_path
+from edmctl.profile.folders import kept_path
 from edmctl.profile.model import Profile
 from edmctl.profile.places import Place
 from edmctl.record.ledger import Ledger, RunEnded, ToolAccount, WearMeasured
@@ -345,8 +345,8 @@ class DriftMeasurement(Procedure):
         run whose recipe is unknown; RunFileError E9012 if the file cannot be written.
         """
         serial, where, history = run.bench.serial, run.plan.where, run.history
-        place = default_drift_path if where.lasting else fresh_drift_path
-        self.path = self._output or place(serial, run.plan.surroundings.environ)
+        own = kept_path("drift", serial, run.plan.surroundings.environ, lasting=where.lasting)
+        self.path = self._output or own
         check_writable(self.path)
         self._account = account = account_of(run.plan, tool_identity(run.bench), history)
         if run.ledger is not None:

@@ -6,6 +6,7 @@ import difflib
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
 from urllib.parse import quote
 
 from edmctl.errors import UsageError
@@ -120,56 +121,35 @@ def own_setup_path(serial: str, environ: Mapping[str, str]) -> Path:
     return platformdirs.user_config_path("edmctl", appauthor=False) / name
 
 
-def default_path(serial: str, environ: Mapping[str, str]) -> Path:
-    """Calibration file of the machine with that serial number; characters that no file name holds become %XX."""
-    return data_folder(environ) / "calibration" / f"{quote(serial, safe=' ')}.toml"
+def kept_path(
+    kind: Literal["calibration", "drift"], serial: str, environ: Mapping[str, str], *, lasting: bool = True
+) -> Path:
+    """Calibration or drift file of a machine; characters of its serial number that no file name holds become %XX.
 
-
-def default_drift_path(serial: str, environ: Mapping[str, str]) -> Path:
-    """Drift file of the machine with that serial number."""
-    return data_folder(environ) / "drift" / f"{quote(serial, safe=' ')}.toml"
+    That of a virtual machine that keeps no state (not `lasting`) is used only where it is named.
+    """
+    folder = data_folder(environ) / kind
+    return (folder if lasting else folder / "fresh") / f"{quote(serial, safe=' ')}.toml"
 
 
 def creep_path(serial: str, environ: Mapping[str, str]) -> Path:
     """File of the residual creep after the last use of the machine with that serial number."""
-    return data_folder(environ) / "drift" / f"{quote(serial, safe=' ')}.creep.json"
+    return kept_path("drift", serial, environ).with_name(f"{quote(serial, safe=' ')}.creep.json")
 
 
-def fresh_path(serial: str, environ: Mapping[str, str]) -> Path:
-    """Calibration file of a virtual machine that keeps no state: no machine uses it unless it is named."""
-    return _fresh(default_path(serial, environ))
-
-
-def fresh_drift_path(serial: str, environ: Mapping[str, str]) -> Path:
-    """Drift file of a virtual machine that keeps no state."""
-    return _fresh(default_drift_path(serial, environ))
-
-
-def _fresh(own: Path) -> Path:
-    return own.parent / "fresh" / own.name
-
-
-def find_drift(environ: Mapping[str, str], stated: str | None, serial: str | None) -> Path | None:
-    """Return the drift file in use: $EDMCTL_DRIFT, that of the setup (`stated`), or an existing one of the machine.
-
-    `serial` is None for a machine that has none of its own.
-    """
-    named = path_variable(DRIFT_VARIABLE, environ) or stated
-    return _named_or_own(named, default_drift_path(serial, environ) if serial is not None else None)
-
-
-def find_calibration(
-    option: Path | None, environ: Mapping[str, str], stated: str | None, serial: str | None
+def find_kept(
+    kind: Literal["calibration", "drift"],
+    environ: Mapping[str, str],
+    stated: str | None,
+    serial: str | None,
+    option: Path | None = None,
 ) -> Path | None:
-    """Return the calibration file in use: that of the option, $EDMCTL_CALIBRATION, the setup, or the machine's own.
+    """Return the file in use: that of the option, the environment or the setup (`stated`), or one of the machine.
 
-    Only the last need not exist; loading reports the others that do not.
+    Only the last must exist; loading reports the others that do not. `serial` is None for a machine without any.
     """
-    named = option or path_variable(CALIBRATION_VARIABLE, environ) or stated
-    return _named_or_own(named, default_path(serial, environ) if serial is not None else None)
-
-
-def _named_or_own(named: Path | str | None, own: Path | None) -> Path | None:
-    if named:
+    variable = CALIBRATION_VARIABLE if kind == "calibration" else DRIFT_VARIABLE
+    if named := option or path_variable(variable, environ) or stated:
         return Path(named)
+    own = None if serial is None else kept_path(kind, serial, environ)
     return own if own is not None and own.is_file() else None

@@ -21,7 +21,7 @@ from edmctl.jobs.actuator_waveforms import Waveform
 from edmctl.jobs.corrections import reaches_down, reaches_up
 from edmctl.jsonout import to_json_value
 from edmctl.profile.calibration import Made, calibration_of, load_calibration, save_calibration
-from edmctl.profile.folders import default_path
+from edmctl.profile.folders import kept_path
 from edmctl.record.columns import write_columns
 from edmctl.simulator.actuator import VirtualActuator
 from tests.cli.commands import SHALLOW, Here, Said
@@ -159,7 +159,7 @@ def test_the_machine_s_own_calibration_is_found_and_named_everywhere(
     here: Here, first: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("EDMCTL_HOME", str(tmp_path))
-    own = default_path("SIM-1", {"EDMCTL_HOME": str(tmp_path)})
+    own = kept_path("calibration", "SIM-1", {"EDMCTL_HOME": str(tmp_path)})
     own.parent.mkdir()
     own.write_bytes(first.read_bytes())
     kept = ("--port", "sim:bench.h5")

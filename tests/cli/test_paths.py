@@ -24,7 +24,7 @@ from edmctl.jobs.connect import secret_of
 from edmctl.jobs.plan import MachineAddress, where_is
 from edmctl.jobs.runs.opening import find_run
 from edmctl.planning.rules.load import load_profile
-from edmctl.profile.folders import data_folder, find_calibration, find_drift, shipped_folder
+from edmctl.profile.folders import data_folder, find_kept, shipped_folder
 from edmctl.profile.model import ProfileFile
 from edmctl.profile.setup import Setup, load_setup
 from edmctl.profile.tables import NAMES_FILE
@@ -148,8 +148,8 @@ def test_the_home_folder_is_expanded_in_every_key(home: Path, tmp_path: Path) ->
 
 VARIABLES: dict[str, Callable[[dict[str, str]], object]] = {
     "EDMCTL_HOME": data_folder,
-    "EDMCTL_CALIBRATION": lambda environ: find_calibration(None, environ, None, None),
-    "EDMCTL_DRIFT": lambda environ: find_drift(environ, None, None),
+    "EDMCTL_CALIBRATION": lambda environ: find_kept("calibration", environ, None, None),
+    "EDMCTL_DRIFT": lambda environ: find_kept("drift", environ, None, None),
     "EDMCTL_FIRMWARE_CACHE": cache_folder,
     "EDMCTL_SECRET_FILE": lambda environ: secret_of(None, environ),
 }

@@ -33,7 +33,7 @@ from edmctl.profile.calibration import (
     measured_file,
     save_calibration,
 )
-from edmctl.profile.folders import default_path, find_calibration
+from edmctl.profile.folders import find_kept, kept_path
 from edmctl.profile.hashed_file import content_hash
 from edmctl.profile.setup import load_setup
 
@@ -248,9 +248,9 @@ def test_a_full_disk_leaves_the_old_calibration(saved: Path, monkeypatch: pytest
 
 def test_a_machine_has_its_own_file(tmp_path: Path) -> None:
     environ = {"EDMCTL_HOME": str(tmp_path)}
-    assert default_path("SIM-7", environ) == tmp_path / "calibration" / "SIM-7.toml"
-    assert default_path("a/../b", environ).parent == tmp_path / "calibration"
-    assert default_path("SIM-7", {}).parts[-3:] == ("edmctl", "calibration", "SIM-7.toml")
+    assert kept_path("calibration", "SIM-7", environ) == tmp_path / "calibration" / "SIM-7.toml"
+    assert kept_path("calibration", "a/../b", environ).parent == tmp_path / "calibration"
+    assert kept_path("calibration", "SIM-7", {}).parts[-3:] == ("edmctl", "calibration", "SIM-7.toml")
 
 
 def test_the_nearest_word_decides_which_file_is_used(tmp_path: Path) -> None:
@@ -258,14 +258,14 @@ def test_the_nearest_word_decides_which_file_is_used(tmp_path: Path) -> None:
     asked = {**environ, "EDMCTL_CALIBRATION": "/c/environ.toml"}
     stated = "/c/setup.toml"
     option = Path("/c/option.toml")
-    assert find_calibration(None, environ, None, "SIM-7") is None
-    own = default_path("SIM-7", environ)
+    assert find_kept("calibration", environ, None, "SIM-7") is None
+    own = kept_path("calibration", "SIM-7", environ)
     save_calibration(own, a_calibration())
-    assert find_calibration(None, environ, None, "SIM-8") is None
-    assert find_calibration(None, environ, None, "SIM-7") == own
-    assert find_calibration(None, environ, stated, "SIM-7") == Path("/c/setup.toml")
-    assert find_calibration(None, asked, stated, "SIM-7") == Path("/c/environ.toml")
-    assert find_calibration(option, asked, stated, "SIM-7") == option
+    assert find_kept("calibration", environ, None, "SIM-8") is None
+    assert find_kept("calibration", environ, None, "SIM-7") == own
+    assert find_kept("calibration", environ, stated, "SIM-7") == Path("/c/setup.toml")
+    assert find_kept("calibration", asked, stated, "SIM-7") == Path("/c/environ.toml")
+    assert find_kept("calibration", asked, stated, "SIM-7", option) == option
 
 
 def test_a_setup_names_a_file_beside_itself(tmp_path: Path) -> None:

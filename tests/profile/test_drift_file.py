@@ -22,7 +22,7 @@ from edmctl.profile.drift_file import (
     load_drift,
     save_drift,
 )
-from edmctl.profile.folders import default_drift_path, fresh_drift_path
+from edmctl.profile.folders import kept_path
 from edmctl.profile.hashed_file import HASH, content_hash
 from edmctl.profile.setup import Drift, Sensor, Setup, load_setup
 
@@ -154,13 +154,13 @@ def test_a_file_that_is_edited_incomplete_no_drift_file_or_missing_is_refused(tm
 def test_a_machine_finds_its_own_file_and_a_fresh_one_only_what_is_named(tmp_path: Path) -> None:
     environ = {"EDMCTL_HOME": str(tmp_path)}
     assert choose_drift(environ, Setup(), "SIM-7").model is None
-    save_drift(default_drift_path("SIM-7", environ), made())
-    save_drift(fresh_drift_path("SIM-7", environ), made())
+    save_drift(kept_path("drift", "SIM-7", environ), made())
+    save_drift(kept_path("drift", "SIM-7", environ, lasting=False), made())
     own = choose_drift(environ, Setup(), "SIM-7")
     assert own.model is not None
-    assert str(default_drift_path("SIM-7", environ)) in own.text
+    assert str(kept_path("drift", "SIM-7", environ)) in own.text
     assert choose_drift(environ, Setup(), "SIM-7", lasting=False).model is None
-    named = environ | {"EDMCTL_DRIFT": str(fresh_drift_path("SIM-7", environ))}
+    named = environ | {"EDMCTL_DRIFT": str(kept_path("drift", "SIM-7", environ, lasting=False))}
     assert choose_drift(named, Setup(), "SIM-7", lasting=False).model is not None
     unused = Setup(drift=Drift(use=False))
     assert choose_drift(named, unused, "SIM-7").model is None
