@@ -21,6 +21,7 @@ from edmctl.actuator.design import (
     PLAYS,
     TAU_RATIO,
     Design,
+    Reduction,
     choose_design,
     knots,
     reduce_records,
@@ -139,7 +140,12 @@ def identify(
             found_s = best_delay(design, records, counting.used)
     if beyond_plays:
         design, found_s = extended(design, records, counting.used, found_s, is_fixed=delay_s is not None)
-    reduction = reduce_records(design, records, [found_s], counting.used)
+    return _found(reduce_records(design, records, [found_s], counting.used), counting, folds, resamples)
+
+
+def _found(reduction: Reduction, counting: Screening, folds: int, resamples: int) -> Identification:
+    """Fit the reduced records, and judge the model."""
+    design, records = reduction.design, reduction.records
     best, held_out = smoothest(reduction, folds)
     bands = bands_of(reduction, best, held_out.errors, resamples)
     model = reduction.model(best.weights, float(best.zeros_um[-1]))
@@ -152,7 +158,7 @@ def identify(
     def judged_without() -> list[tuple[str, ErrorFigures]]:
         without = []
         for one in suspects(design, best.weights, model, records, counting.used):
-            reduced = reduce_records(design, one.records, [found_s], one.used)
+            reduced = reduce_records(design, one.records, reduction.delays_s, one.used)
             without.append((one.words, held_out_of(reduced, best.smoothness, folds).errors))
         if len(records) > 1:
             without.append((DIFFERING, apart(reduction, best.smoothness, folds)))

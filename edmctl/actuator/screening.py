@@ -161,48 +161,53 @@ class Without(NamedTuple):
 
 
 def suspects(
-    design: Design,
-    weights: Array,
-    model: ActuatorModel,
-    records: Sequence[Record],
-    used: Sequence[Flags],
+    design: Design, weights: Array, model: ActuatorModel, records: Sequence[Record], used: Sequence[Flags]
 ) -> list[Without]:
     """What records may suffer from, each by the records without it.
 
     weights, model : what a fit of the records has found
     """
-    beside = [
-        _Beside.of(design, weights, model.delay_s, record, counts)
+    fitted = [
+        _Fitted.of(design, weights, model, record, counts)
         for record, counts in zip(records, used, strict=True)
     ]
-    residuals_um = [residual_um(model, record) for record in records]
     found = [
-        _without_ringing(records, residuals_um, used) or _without_outliers(residuals_um, records, used),
-        _with_another_memory(records, used),
-        _without_shift(beside, model.delay_s, records, used),
-        _without_drift(beside, records, used),
+        _without_ringing(fitted) or _without_outliers(fitted),
+        _with_another_memory(fitted),
+        _without_shift(fitted, model.delay_s),
+        _without_drift(fitted),
     ]
     return [one for one in found if one is not None]
 
 
 @dataclass(frozen=True, slots=True)
-class _Beside:
-    """Columns that a fit uses, as an orthonormal base of shape (n, c), and what they leave of a record."""
+class _Fitted:
+    """A record, its samples that count, and its residual.
 
+    base : columns that the fit uses, orthonormal, shape (n, c), at the samples `index`
+    left_um : what they leave of the displacement there
+    """
+
+    record: Record
+    counts: Flags
+    residual_um: Array
     index: NDArray[np.int64]
     base: Array
     left_um: Array
 
     @classmethod
-    def of(cls, design: Design, weights: Array, delay_s: float, record: Record, counts: Flags) -> _Beside:
+    def of(
+        cls, design: Design, weights: Array, model: ActuatorModel, record: Record, counts: Flags
+    ) -> _Fitted:
         """Project the features with a weight out of the displacement, and a zero."""
-        index = np.flatnonzero(counts & (record.t_s + delay_s <= record.t_s[-1]))
+        index = np.flatnonzero(counts & (record.t_s + model.delay_s <= record.t_s[-1]))
         columns = features_of(design, record)[np.ix_(index, np.flatnonzero(weights > 0.0))]
         base, triangle = np.linalg.qr(np.column_stack([np.ones(len(index)), columns]))
         size = np.abs(np.diag(triangle))
         base = base[:, size > ROUNDING * size.max(initial=0.0)]
-        y_um = np.interp(record.t_s[index] + delay_s, record.t_s, record.y_um)
-        return cls(index, base, y_um - base @ (base.T @ y_um))
+        y_um = np.interp(record.t_s[index] + model.delay_s, record.t_s, record.y_um)
+        left_um = y_um - base @ (base.T @ y_um)
+        return cls(record, counts, residual_um(model, record), index, base, left_um)
 
     def shift(self) -> tuple[float, int, float]:
         """Of the best step: squares that it explains, µm², the sample in `index` where it begins, its height, µm."""
@@ -222,72 +227,67 @@ class _Beside:
         return float(gains[best]), k, float(along_um[k] / own[k])
 
 
-def _without_outliers(
-    residuals_um: Sequence[Array], records: Sequence[Record], used: Sequence[Flags]
-) -> Without | None:
+def _without_outliers(fitted: Sequence[_Fitted]) -> Without | None:
     """Exclude samples that stand out, up to three together; None if there are few."""
-    far = [
-        counts & standing_out(record, left_um, LONGEST_RUN)
-        for record, left_um, counts in zip(records, residuals_um, used, strict=True)
-    ]
-    outliers = sum(int(one.sum()) for one in far)
-    if outliers < LEAST_OUTLIERS:
+    far = [one.counts & standing_out(one.record, one.residual_um, LONGEST_RUN) for one in fitted]
+    counts = [int(one.sum()) for one in far]
+    if sum(counts) < LEAST_OUTLIERS:
         return None
-    worst = int(np.argmax([int(one.sum()) for one in far]))
-    first_s = float(records[worst].t_s[int(far[worst].argmax())])
+    worst = int(np.argmax(counts))
+    record, first = fitted[worst].record, int(far[worst].argmax())
     words = (
-        f"{outliers} samples stand out from those beside them, the first at {first_s:.4g} s of "
-        f"{records[worst].name}: look for a loose cable or a source of interference, or leave these samples out"
+        f"{sum(counts)} samples stand out from those beside them, the first at {record.t_s[first]:.4g} s of "
+        f"{record.name}: look for a loose cable or a source of interference, or leave these samples out"
     )
-    return Without(list(records), [counts & ~one for counts, one in zip(used, far, strict=True)], words)
+    kept = [one.counts & ~out for one, out in zip(fitted, far, strict=True)]
+    return Without([one.record for one in fitted], kept, words)
 
 
-def _with_another_memory(records: Sequence[Record], used: Sequence[Flags]) -> Without | None:
-    """As of actuators that had been held at the first voltage; None where all records say what was before.
+def _with_another_memory(fitted: Sequence[_Fitted]) -> Without | None:
+    """As of actuators that had been held at the first voltage; None if all records state what was before.
 
     Swings that grow wipe out little by little what an actuator remembers, so that a wrong memory looks like a drift.
     """
-    unknown = [number for number, record in enumerate(records) if record.previous_v is None]
-    if not unknown:
+    held, names = [], []
+    for record in (one.record for one in fitted):
+        if record.previous_v is None:
+            names.append(record.name)
+            record = record._replace(previous_v=float(record.u_v[0]))
+        held.append(record)
+    if not names:
         return None
-    held = [
-        record._replace(previous_v=float(record.u_v[0])) if record.previous_v is None else record
-        for record in records
-    ]
-    names = ", ".join(records[number].name for number in unknown)
     words = (
-        f"{names} begins as of an actuator that had not been cycled: say what it was held at before "
+        f"{', '.join(names)} begins as of an actuator that had not been cycled: say what it was held at before "
         "(--previous-voltage), or begin with two full swings"
     )
-    return Without(held, list(used), words)
+    return Without(held, [one.counts for one in fitted], words)
 
 
-def _without_shift(
-    beside: Sequence[_Beside], delay_s: float, records: Sequence[Record], used: Sequence[Flags]
-) -> Without:
+def _without_shift(fitted: Sequence[_Fitted], delay_s: float) -> Without:
     """Remove the step that explains most, and exclude the samples around it."""
-    found = [one.shift() for one in beside]
+    found = [one.shift() for one in fitted]
     worst = int(np.argmax([gain for gain, _, _ in found]))
-    record, (_, k, height_um) = records[worst], found[worst]
-    reached = record.t_s[beside[worst].index[k : k + 1]] + delay_s
+    record, (_, k, height_um) = fitted[worst].record, found[worst]
+    reached = record.t_s[fitted[worst].index[k : k + 1]] + delay_s
     begin = int(np.abs(record.t_s - reached).argmin()) if len(reached) else 0
     reach = 1 + round(SHIFTING_SHARE * len(record.t_s))
-    y_um, counts = record.y_um.copy(), used[worst].copy()
+    y_um, counts = record.y_um.copy(), fitted[worst].counts.copy()
     y_um[begin:] -= height_um
     counts[max(0, begin - reach) : begin + reach] = False
     words = (
         f"the displacement shifts by {height_um:+.2g} µm or so at {record.t_s[begin]:.4g} s of {record.name} and "
         "stays there: look for a sensor or a mount that moved, and give the parts as files of their own"
     )
-    mended, counting = list(records), list(used)
+    mended, counting = [one.record for one in fitted], [one.counts for one in fitted]
     mended[worst], counting[worst] = record._replace(y_um=y_um), counts
     return Without(mended, counting, words)
 
 
-def _without_drift(beside: Sequence[_Beside], records: Sequence[Record], used: Sequence[Flags]) -> Without:
+def _without_drift(fitted: Sequence[_Fitted]) -> Without:
     """Remove the polynomials of time that explain most."""
     mended, drifts_um = [], []
-    for record, one in zip(records, beside, strict=True):
+    for one in fitted:
+        record = one.record
         along = 2.0 * (record.t_s - record.t_s[0]) / np.ptp(record.t_s) - 1.0
         powers = np.stack([along**power for power in range(1, POLYNOMIAL + 1)], axis=1)
         own = powers[one.index]
@@ -297,10 +297,10 @@ def _without_drift(beside: Sequence[_Beside], records: Sequence[Record], used: S
         drifts_um.append(float(np.ptp(drift_um)))
     worst = int(np.argmax(drifts_um))
     words = (
-        f"it follows time, by {drifts_um[worst]:.2g} µm or so over {records[worst].name}: the sensor or the machine "
+        f"it follows time, by {drifts_um[worst]:.2g} µm or so over {mended[worst].name}: the sensor or the machine "
         "drifts. Let them warm up, and measure again"
     )
-    return Without(mended, list(used), words)
+    return Without(mended, [one.counts for one in fitted], words)
 
 
 STEP_SHARE, STEP_SAMPLES = 0.05, 8
@@ -313,15 +313,13 @@ LINE_SHARE = 0.5  # of the squares after steps, that are in a line
 DECAY_FACTOR = 2.0  # the line's squares in a window are at least this many times those in the next one
 
 
-def _without_ringing(
-    records: Sequence[Record], residuals_um: Sequence[Array], used: Sequence[Flags]
-) -> Without | None:
+def _without_ringing(fitted: Sequence[_Fitted]) -> Without | None:
     """Exclude the samples after steps; None if no resonance rings there."""
     found, quiet = [], []
-    for record, left_um, counts in zip(records, residuals_um, used, strict=True):
-        ends, length = _steps(record, counts)
-        found.append(_resonance(record, left_um, ends, length))
-        quiet.append(counts.copy())
+    for one in fitted:
+        ends, length = _steps(one.record, one.counts)
+        found.append(_resonance(one.record, one.residual_um, ends, length))
+        quiet.append(one.counts.copy())
         for end in ends:
             quiet[-1][max(0, end - STEP_SAMPLES) : end + 2 * length] = False
     amplitude_um, frequency_hz = max(found)
@@ -332,7 +330,7 @@ def _without_ringing(
         "and the model has no resonance. Drive ramps that last several periods instead of steps, damp the mounting, "
         "or filter the amplifier's input"
     )
-    return Without(list(records), quiet, words)
+    return Without([one.record for one in fitted], quiet, words)
 
 
 def _resonance(record: Record, left_um: Array, ends: list[int], length: int) -> tuple[float, float]:

@@ -20,7 +20,7 @@ from edmctl.actuator.model import CREEP_FROM_S, CREEP_TO_S, ActuatorModel
 from edmctl.actuator.record import Record, check_numbers, half_periods_s, longest_hold_s, settled_from
 from edmctl.actuator.screening import looked_through
 from edmctl.array_types import Array, Flags
-from edmctl.dataclasses import dataclass, replace
+from edmctl.dataclasses import astuple, dataclass, replace
 
 Refit = Literal["gain", "zero"]
 ZERO: tuple[Refit, ...] = ("zero",)
@@ -45,18 +45,13 @@ class ErrorFigures:
     @classmethod
     def pooled(cls, figures: Sequence[ErrorFigures], samples: Sequence[int]) -> ErrorFigures:
         """Figures of several records: worst maximum, RMS over all samples, widest range."""
+        max_um, rms_um, max_pct, rms_pct, range_um = zip(*map(astuple, figures), strict=True)
 
         def rms(values: Sequence[float]) -> float:
             squares = (n * value**2 for n, value in zip(samples, values, strict=True))
             return math.sqrt(sum(squares) / sum(samples))
 
-        return cls(
-            max_um=max(f.max_um for f in figures),
-            rms_um=rms([f.rms_um for f in figures]),
-            max_pct=max(f.max_pct for f in figures),
-            rms_pct=rms([f.rms_pct for f in figures]),
-            range_um=max(f.range_um for f in figures),
-        )
+        return cls(max(max_um), rms(rms_um), max(max_pct), rms(rms_pct), max(range_um))
 
     @classmethod
     def of(cls, errors_um: Array, displacement_um: Array) -> ErrorFigures:
@@ -202,19 +197,14 @@ def whole_records(reduction: Reduction, best: Fit) -> ErrorFigures | None:
     groups = []
     for number, record in enumerate(reduction.records):
         others = [other for k, other in enumerate(reduction.records) if k != number]
-        if others and _prepares(others, record):
+        if not others or not within_rates(record, others):
+            continue
+        margin_v = REACH_SHARE * float(np.ptp(record.u_v))
+        low_v, high_v = min(one.u_v.min() for one in others), max(one.u_v.max() for one in others)
+        reaches = low_v <= record.u_v.min() + margin_v and high_v >= record.u_v.max() - margin_v
+        if reaches and max(map(longest_hold_s, others)) >= longest_hold_s(record) / NEAR_RATE:
             groups.append([k for k, block in enumerate(reduction.blocks) if block.record == number])
     return _held_out(reduction, best, groups).errors if groups else None
-
-
-def _prepares(others: Sequence[Record], record: Record) -> bool:
-    margin_v = REACH_SHARE * float(np.ptp(record.u_v))
-    return (
-        within_rates(record, others)
-        and min(float(one.u_v.min()) for one in others) <= record.u_v.min() + margin_v
-        and max(float(one.u_v.max()) for one in others) >= record.u_v.max() - margin_v
-        and max(map(longest_hold_s, others)) >= longest_hold_s(record) / NEAR_RATE
-    )
 
 
 def within_rates(record: Record, others: Sequence[Record]) -> bool:
@@ -237,21 +227,19 @@ def apart(reduction: Reduction, smoothness: float, folds: int) -> ErrorFigures:
 
 def _held_out(reduction: Reduction, best: Fit, groups: Sequence[Sequence[int]]) -> HeldOut:
     """Return the errors of cross-validation: each group of blocks is predicted by a fit of all others."""
-    errors: list[Array] = []
-    reached: list[Flags] = []
-    at_v: list[Array] = []
+    blocks: list[tuple[Array, Flags, Array]] = []  # errors, which plays are reached, voltage
     for inside in groups:
         times = [int(k not in inside) for k in range(len(reduction.blocks))]
         found = fit(reduction, smoothness=best.smoothness, times=times, start=best.weights)
-        errors += _missed_um(reduction, reduction.model(found.weights), found, inside)
-        reached += _reached(reduction, inside)
-        at_v += [reduction.chosen(k, reduction.plays_v)[:, VOLTAGE] for k in inside]
-    if not any(one.any() for one in reached):
-        reached = [np.ones_like(one) for one in reached]
-    counted = [one[kept] for one, kept in zip(errors, reached, strict=True)]
-    rest_um = np.concatenate([one[~kept] for one, kept in zip(errors, reached, strict=True)])
-    judged_v = np.concatenate([one[kept] for one, kept in zip(at_v, reached, strict=True)])
-    missed_um, widest_um = np.concatenate(errors), _widest_um(reduction)
+        missed = _missed_um(reduction, reduction.model(found.weights), found, inside)
+        at_v = [reduction.chosen(k, reduction.plays_v)[:, VOLTAGE] for k in inside]
+        blocks += zip(missed, _reached(reduction, inside), at_v, strict=True)
+    if not any(kept.any() for _, kept, _ in blocks):
+        blocks = [(one, np.ones_like(kept), at_v) for one, kept, at_v in blocks]
+    counted = [one[kept] for one, kept, _ in blocks]
+    rest_um = np.concatenate([one[~kept] for one, kept, _ in blocks])
+    judged_v = np.concatenate([at_v[kept] for _, kept, at_v in blocks])
+    missed_um, widest_um = np.concatenate([one for one, _, _ in blocks]), _widest_um(reduction)
     return HeldOut(
         errors=ErrorFigures.over(np.concatenate(counted), widest_um),
         of_model=ErrorFigures.without_noise(counted, widest_um),

@@ -241,12 +241,8 @@ def _fitted(
     offset_um = np.concatenate((np.full(a, y_um[0]), np.full(b, y_um[a])))
     prior = _prior()
     walk = walk_um_per_sqrt_s**2 * np.minimum.outer(times_s, times_s)
-    noise, usual = walk.copy(), np.full(n, _PER_DECADE * 0.5 * CREEP_PRIOR_PER_DECADE)
-    sd_um = _sd_um(rests, usual, touches)
-    noise[np.diag_indices(a + b)] += sd_um**2
-    if math.isfinite(memory_s):
-        left = usual * MEMORY_UM * np.exp(-(memory_s + times_s[:a, None]) / _TAU_S)
-        noise[:a, :a] += left @ left.T
+    readings, sd_um = _noise(rests, touches, times_s[:a], memory_s)
+    noise = walk + readings
     # Also estimated is the slope of the walk over the run, which rests and touches have in common.
     centred_s = times_s - times_s.mean()
     slope = centred_s / (centred_s @ centred_s)
@@ -308,8 +304,11 @@ def _design(rests: Sequence[Rest], times_s: Array, creep: Array | None) -> Array
     return design
 
 
-def _sd_um(rests: Sequence[Rest], usual: Array, touches: Sequence[Touch]) -> Array:
-    """Return the standard deviations of rests and touches, shape (a + b,); `usual` is a usual creep."""
+def _noise(
+    rests: Sequence[Rest], touches: Sequence[Touch], rest_times_s: Array, memory_s: float
+) -> tuple[Array, Array]:
+    """Return the covariance of all readings without the walk of the sensor, and their standard deviations alone."""
+    usual = np.full(len(TIME_CONSTANTS_S), _PER_DECADE * 0.5 * CREEP_PRIOR_PER_DECADE)
     rest_u_um = max(LEAST_NOISE_UM, math.sqrt(math.fsum(rest.u_um**2 for rest in rests) / len(rests)))
     lags_um = np.abs(np.array([rest.lags_um for rest in rests]))
     scatter = TouchScatter()
@@ -317,7 +316,12 @@ def _sd_um(rests: Sequence[Rest], usual: Array, touches: Sequence[Touch]) -> Arr
         scatter.add(touch.reading)
     touch_u_um = max(LEAST_NOISE_UM, scatter.u_um)
     touch_sd_um = [touch_u_um / math.sqrt(touch.reading.touches) for touch in touches]
-    return np.concatenate((np.hypot(rest_u_um, MISFIT * (lags_um @ usual)), touch_sd_um))
+    sd_um = np.concatenate((np.hypot(rest_u_um, MISFIT * (lags_um @ usual)), touch_sd_um))
+    covariance = np.diag(sd_um**2)
+    if math.isfinite(memory_s):
+        left = usual * MEMORY_UM * np.exp(-(memory_s + rest_times_s[:, None]) / _TAU_S)
+        covariance[: len(rests), : len(rests)] += left @ left.T
+    return covariance, sd_um
 
 
 def _share(rest: float, touch: float, spread: Array, walk_u: float) -> Value | None:
