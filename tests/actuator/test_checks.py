@@ -152,9 +152,7 @@ RANDOM = np.random.default_rng(6)
         ({"u_v": GOOD.y_um, "y_um": GOOD.u_v}, "E3626", "ahead of the voltage", "exchanged"),
     ],
 )
-def test_a_record_that_is_none_is_refused(
-    changes: dict[str, Array], code: str, message: str, hint: str
-) -> None:
+def test_what_is_no_record_is_refused(changes: dict[str, Array], code: str, message: str, hint: str) -> None:
     error = refused(Record(**{**GOOD._asdict(), **changes}))
     assert error.code == code
     assert message in error.message

@@ -75,9 +75,7 @@ def test_a_closed_minor_loop_is_wiped_out(u_v: Array, first_v: float, second_v: 
 
 
 @given(st.floats(0.0, 100.0), st.floats(0.0, 100.0), st.floats(1.0, 50.0))
-def test_minor_loops_of_one_size_are_the_same_everywhere(
-    bias_v: float, other_v: float, span_v: float
-) -> None:
+def test_minor_loops_are_alike(bias_v: float, other_v: float, span_v: float) -> None:
     shapes = []
     for low_v in (bias_v, other_v):
         state = MODEL.virgin()
@@ -141,9 +139,7 @@ def test_plays_that_have_no_inverse_are_refused(thresholds_v: list[float], weigh
     ("base", "stiffness", "limits"),
     [(0.0, [1.0], [1.0]), (1.0, [-1.0], [1.0]), (1.0, [1.0, 1.0], [2.0, 1.0]), (1.0, [1.0], [1.0, 2.0])],
 )
-def test_numbers_that_are_no_maxwell_model_are_refused(
-    base: float, stiffness: list[float], limits: list[float]
-) -> None:
+def test_other_numbers_are_refused(base: float, stiffness: list[float], limits: list[float]) -> None:
     with pytest.raises(ValueError, match="a Maxwell model needs"):
         MaxwellModel(base, np.array(stiffness), np.array(limits))
 

@@ -27,9 +27,7 @@ from tests.actuator.models import HIGH_V, LOW_V, Array, clock, driven, make_mode
 
 @given(models, voltages, st.integers(2, 9))
 @settings(max_examples=60, deadline=None)
-def test_without_creep_only_turning_points_matter(
-    model: ActuatorModel, turns: list[float], pieces: int
-) -> None:
+def test_creepless_models_know_only_turns(model: ActuatorModel, turns: list[float], pieces: int) -> None:
     model = dataclasses.replace(model, creep_um_per_v=np.zeros_like(model.creep_um_per_v))
     fine = np.concatenate(
         [np.linspace(a, b, pieces, endpoint=False) for a, b in pairwise(turns)] + [np.array(turns[-1:])]
@@ -67,9 +65,7 @@ def test_loops_are_alike_at_every_bias_with_one_hinge_only() -> None:
 
 @given(models, voltages, st.floats(LOW_V, HIGH_V), st.floats(0.0, 50.0))
 @settings(max_examples=100, deadline=None)
-def test_more_voltage_is_more_displacement(
-    model: ActuatorModel, history: list[float], u_v: float, more_v: float
-) -> None:
+def test_displacement_rises(model: ActuatorModel, history: list[float], u_v: float, more_v: float) -> None:
     state = driven(model, clock(len(history)), np.array(history))
     at = np.array([state.t_s + 0.01])
     low_um = model.predict(at, np.array([u_v]), state)[0]
@@ -215,9 +211,7 @@ def integrated(row: Array, move_v: float, stop_v: float) -> float:
 @pytest.mark.parametrize("sharpness", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("unloading", [0.0, 0.2, 1.7])
 @pytest.mark.parametrize(("move_v", "stop_v"), [(60.0, -25.0), (-50.0, 18.0), (3.0, -19.0), (7.0, 5.0)])
-def test_a_stop_moves_as_its_equation_says(
-    sharpness: float, unloading: float, move_v: float, stop_v: float
-) -> None:
+def test_a_stop_obeys_its_equation(sharpness: float, unloading: float, move_v: float, stop_v: float) -> None:
     row = rounded_table(np.array([[20.0, 28.0]]), np.array([sharpness]), np.array([unloading]))[0]
     assert stop(row, move_v, stop_v) == pytest.approx(integrated(row, move_v, stop_v), abs=1e-3)
     halves = stop(row, 0.5 * move_v, stop(row, 0.5 * move_v, stop_v))
@@ -226,9 +220,7 @@ def test_a_stop_moves_as_its_equation_says(
 
 @settings(max_examples=40, deadline=None)
 @given(model=rounded_models, volts=voltages, more_v=st.floats(0.01, 20.0))
-def test_displacement_rises_with_the_voltage_from_any_state(
-    model: ActuatorModel, volts: list[float], more_v: float
-) -> None:
+def test_rounded_models_rise(model: ActuatorModel, volts: list[float], more_v: float) -> None:
     u_v = np.array(volts)
     t_s = clock(len(u_v))
     state = driven(model, t_s, u_v)

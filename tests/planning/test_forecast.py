@@ -36,7 +36,7 @@ def forecast_of(name: str, *overrides: str) -> Forecast:
         ("w252", 1000.0, 0.250, 240.0, 10.0),
     ],
 )
-def test_time_and_feed_are_within_a_tenth_of_per_pulse_runs(
+def test_it_agrees_with_per_pulse_runs(
     name: str, time_s: float, feed_um_s: float, depth_um: float, wear_um: float
 ) -> None:
     f = forecast_of(name)
@@ -246,7 +246,7 @@ def swing(slope_um_s: float, period_us: int) -> LimitCycle:
     ("slope_um_s", "period_us", "frequency_hz", "rms_um"),
     [(20.0, 50_000, 2.9, 0.98), (5.0, 100_000, 1.56, 0.46), (50.0, 1000, 21.8, 0.33)],
 )
-def test_the_limit_cycle_is_a_triangle_of_period_four_delays(
+def test_a_relay_makes_a_triangle(
     slope_um_s: float, period_us: int, frequency_hz: float, rms_um: float
 ) -> None:
     cycle = swing(slope_um_s, period_us)

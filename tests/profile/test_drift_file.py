@@ -126,9 +126,7 @@ def test_what_cannot_be_is_refused(tmp_path: Path, table: str, values: dict[str,
     [(0.0015, 1.0), (-0.0005, 0.0), (0.0, 0.0)],
     ids=["more", "the other way", "none"],
 )
-def test_touches_that_drift_beyond_the_rests_have_a_share_at_its_end(
-    tmp_path: Path, touch_um_per_s: float, share: float
-) -> None:
+def test_shares_end_at_0_and_1(tmp_path: Path, touch_um_per_s: float, share: float) -> None:
     file = made()
     measured = file.measured.model_copy(update={"touch_um_per_s": touch_um_per_s})
     used = file.used.model_copy(update={"share": share, "apart_u_um_per_s": 0.002})
@@ -178,9 +176,7 @@ def test_a_setup_names_a_file_beside_it(tmp_path: Path) -> None:
     ("serial", "days", "code"),
     [("SIM-8", 0.0, "W8106"), ("SIM-7", 31.0, "W8107"), ("SIM-7", -1.0, "W8107")],
 )
-def test_a_file_of_another_machine_or_time_does_not_count(
-    tmp_path: Path, serial: str, days: float, code: str
-) -> None:
+def test_files_of_others_do_not_count(tmp_path: Path, serial: str, days: float, code: str) -> None:
     path = tmp_path / "drift.toml"
     save_drift(path, made(serial, days))
     choice = choose_drift({"EDMCTL_DRIFT": str(path)}, Setup(), "SIM-7")

@@ -80,9 +80,7 @@ def test_a_file_is_beside_the_profile_that_names_it(tmp_path: Path, monkeypatch:
     assert len(load_profile(str(tmp_path / "child.toml")).places) == 1
 
 
-def test_a_file_named_on_the_command_line_is_beside_the_user(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_of_an_option_is_the_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "mine.csv").write_text("x_um,y_um\n500,0\n900,0\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     assert len(placed('sites=[{kind="file",path="mine.csv"}]')) == 2
@@ -152,9 +150,7 @@ def test_all_wrong_lines_are_told_at_once_with_the_violated_rules(tmp_path: Path
 @pytest.mark.parametrize(
     ("name", "message"), [("gone.csv", "no file"), (".", "no file"), ("bytes.csv", "not UTF-8")]
 )
-def test_a_file_that_cannot_be_read_is_told_where_it_is_named(
-    tmp_path: Path, name: str, message: str
-) -> None:
+def test_an_unreadable_file_is_located(tmp_path: Path, name: str, message: str) -> None:
     profile = sheet(tmp_path, "x_um,y_um\n500,0\n")
     profile.write_text(profile.read_text(encoding="utf-8").replace("places.csv", name), encoding="utf-8")
     (tmp_path / "bytes.csv").write_bytes(b"x_um,y_um\n\xff,1\n")

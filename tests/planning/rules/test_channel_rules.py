@@ -52,9 +52,7 @@ def test_a_job_makes_holes_or_a_channel() -> None:
 
 
 @pytest.mark.parametrize(("speed_um_s", "is_slow"), [(5, True), (41, True), (43, False), (200, False)])
-def test_a_scan_that_is_slower_than_its_sparks_is_named_where_time_is_short(
-    speed_um_s: int, is_slow: bool
-) -> None:
+def test_a_scan_slower_than_its_sparks_is_named(speed_um_s: int, is_slow: bool) -> None:
     short = ("limits.max_time_s=1000", f"path.speed_um_s={speed_um_s}")
     (found,) = problems("channel-circle", *short)
     assert found.code == Code.TIME_LIMIT

@@ -31,9 +31,7 @@ def test_shipped_profiles_load_without_a_warning(name: str) -> None:
     assert problems(name) == ()
 
 
-def test_a_bare_word_is_a_shipped_profile_and_a_path_must_exist(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_path_must_exist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "profiles").mkdir()
     monkeypatch.chdir(tmp_path)
     mine = shipped_text("cu270").replace("diameter_um = 270.0", "diameter_um = 271.0")
@@ -222,9 +220,7 @@ def test_all_wrong_keys_are_reported_at_once(tmp_path: Path) -> None:
         (("servo.reference_v=9.6", "approach.offset_um=44"), [Code.OFFSET, Code.REFERENCE_ONCE]),
     ],
 )
-def test_wrong_keys_and_violated_rules_are_reported_together(
-    overrides: tuple[str, ...], codes: list[Code]
-) -> None:
+def test_keys_and_rules_are_told_together(overrides: tuple[str, ...], codes: list[Code]) -> None:
     assert sorted(d.code for d in problems("cu270", *overrides)) == sorted(codes)
 
 
@@ -274,9 +270,7 @@ def test_keys_that_are_only_recorded_say_so() -> None:
         ("extends = 3\n", 1, 11, Code.EXTENDS),
     ],
 )
-def test_an_error_of_a_file_has_its_line_and_column(
-    tmp_path: Path, text: str, line: int, column: int, code: Code
-) -> None:
+def test_errors_of_files_are_located(tmp_path: Path, text: str, line: int, column: int, code: Code) -> None:
     path = written(tmp_path, text)
     (found,) = problems(path)
     assert found.code == code

@@ -281,9 +281,7 @@ def test_the_ends_of_what_was_looked_at_are_within() -> None:
         (("work.removal_um3_per_uj=0.5",), True),
     ],
 )
-def test_wear_that_is_stated_of_other_materials_is_warned_of(
-    overrides: tuple[str, ...], contradicts: bool
-) -> None:
+def test_stated_wear_is_compared(overrides: tuple[str, ...], contradicts: bool) -> None:
     assert (Code.STATED_CONTRADICTS in warned(*overrides)) == contradicts
 
 
