@@ -951,6 +951,127 @@ def hdf5_unreadable(*, path: object, error: object) -> RecordError:
     )
 
 
+def record_too_short(*, record: object, count: object, least: object) -> RecordError:
+    return RecordError(
+        f"{record}: {count} samples are too few.",
+        hint=f"Record {least} samples or more: full swings and a hold, at 100 Hz or faster.",
+        code="E3611",
+    )
+
+
+def record_not_finite(
+    *, record: object, wrong: object, count: object, column: object, first: object
+) -> RecordError:
+    return RecordError(
+        f"{record}: {wrong} of {count} values of {column} are not finite, the first at sample {first}.",
+        hint="Leave out the samples where the instrument gave no number, or repair the recording.",
+        code="E3612",
+    )
+
+
+def record_time_stands_still(
+    *, record: object, sample: object, after_s: float, before_s: float, steps: object
+) -> RecordError:
+    return RecordError(
+        f"{record}: time stands still at sample {sample}, {after_s:.9g} s after {before_s:.9g} s (such steps in all: {steps}).",
+        hint="Write t_s with more digits, or leave out the repeated samples.",
+        code="E3613",
+    )
+
+
+def record_time_goes_back(
+    *, record: object, sample: object, after_s: float, before_s: float, steps: object
+) -> RecordError:
+    return RecordError(
+        f"{record}: time goes back at sample {sample}, {after_s:.9g} s after {before_s:.9g} s (such steps in all: {steps}).",
+        hint="Sort the samples by time; give records made one after the other as files of their own.",
+        code="E3613",
+    )
+
+
+def record_voltage_constant(*, record: object, u_v: float) -> RecordError:
+    return RecordError(
+        f"{record}: the voltage is always {u_v:g} V.",
+        hint="Drive the actuator over its range; check which column is u_V.",
+        code="E3614",
+    )
+
+
+def record_voltage_is_noise(*, record: object, mean_v: float) -> RecordError:
+    return RecordError(
+        f"{record}: the voltage is noise about {mean_v:.4g} V.",
+        hint="Drive the actuator over its range; check which column is u_V.",
+        code="E3614",
+    )
+
+
+def record_displacement_constant(*, record: object, y_um: float, span_v: float) -> RecordError:
+    return RecordError(
+        f"{record}: the displacement is always {y_um:g} µm, while the voltage spans {span_v:g} V.",
+        hint="Check the sensor and its cable, and which column is y_um.",
+        code="E3615",
+    )
+
+
+def record_displacement_unrelated(*, record: object, correlation: float) -> RecordError:
+    return RecordError(
+        f"{record}: the displacement does not follow the voltage (correlation {correlation:.2f}).",
+        hint="Check that u_V and y_um are of one measurement and on one clock, and that the sensor sees the tool.",
+        code="E3615",
+    )
+
+
+def record_clipped(
+    *, record: object, end: object, limit_um: float, first: object, percent: float
+) -> RecordError:
+    return RecordError(
+        f"{record}: the displacement stands at its {end} end, {limit_um:g} µm, from sample {first}, while the voltage goes on by {percent:.0f} % of its span.",
+        hint="The sensor or the amplifier is at its limit: move the sensor or drive less, and record again.",
+        code="E3616",
+    )
+
+
+def record_reversed(*, record: object, correlation: float) -> RecordError:
+    return RecordError(
+        f"{record}: the displacement falls while the voltage rises (correlation {correlation:.2f}).",
+        hint="Negate y_um: it grows when the tool moves towards the work.",
+        code="E3617",
+    )
+
+
+def record_period_too_long(*, record: object, period_s: float) -> RecordError:
+    return RecordError(
+        f"{record}: its sample period is {period_s:g} s.",
+        hint="If t_s is in µs, multiply it by 1e-6; in ms, by 0.001.",
+        code="E3618",
+    )
+
+
+def record_voltage_too_large(*, record: object, span_v: float) -> RecordError:
+    return RecordError(
+        f"{record}: the voltage spans {span_v:g} V.",
+        hint="u_V looks like mV: multiply it by 0.001.",
+        code="E3618",
+    )
+
+
+def record_in_other_units(
+    *,
+    record: object,
+    range_um: float,
+    span_v: float,
+    slope: float,
+    column: object,
+    unit: object,
+    factor: object,
+) -> RecordError:
+    return RecordError(
+        f"{record}: {range_um:.3g} µm over {span_v:.3g} V, {slope:.3g} µm/V, is no displacement of an actuator.",
+        hint=f"{column} looks like {unit}: multiply it by {factor}.",
+        code="E3618",
+    )
+
+
 def no_model_fits(*, error: object) -> RecordError:
     return RecordError(
         f"No model can be fitted: {error}.",
@@ -1004,6 +1125,14 @@ def lever_factor_impossible(*, factor: float) -> RecordError:
         f"a lever factor of {factor:.3g} is not that of a flexure (paper: 18)",
         hint="Give both displacements in µm, and the stacks' and the tool's in the right columns.",
         code="E3625",
+    )
+
+
+def record_ahead_of_voltage(*, record: object, percent: float) -> RecordError:
+    return RecordError(
+        f"{record}: the displacement runs ahead of the voltage (loops open the wrong way by {percent:.0f} %).",
+        hint="Check that the columns u_V and y_um are not exchanged, and that both are on one clock.",
+        code="E3626",
     )
 
 

@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
+from edmctl import failures
 from edmctl.actuator.record import Record, half_periods_s, runs_of
 from edmctl.array_types import Array, Flags
-from edmctl.errors import RecordError
 
 LEAST_SAMPLES = 200  # four for each of the model's 45 weights and delay
 LEAST_CORRELATION = 0.5  # loop, creep and a phase lag of 40° together leave 0.7
@@ -60,67 +60,49 @@ def check_record(record: Record) -> tuple[str, ...]:
     return (*_doubts_of_time(record), *_spikes(record), *_proportional(record), *_resolution(record))
 
 
-def _refusal(record: Record, code: str, what: str, hint: str) -> RecordError:
-    return RecordError(f"{record.name}: {what}.", hint=hint, code=code)
-
-
 def _check_numbers(record: Record) -> None:
     count = len(record.t_s)
     if count < LEAST_SAMPLES:
-        hint = f"Record {LEAST_SAMPLES} samples or more: full swings and a hold, at 100 Hz or faster."
-        raise _refusal(record, "E3611", f"{count} samples are too few", hint)
-    for name, values in (("t_s", record.t_s), ("u_V", record.u_v), ("y_um", record.y_um)):
+        raise failures.record_too_short(record=record.name, count=count, least=LEAST_SAMPLES)
+    for column, values in (("t_s", record.t_s), ("u_V", record.u_v), ("y_um", record.y_um)):
         wrong = np.flatnonzero(~np.isfinite(values))
         if len(wrong):
-            what = (
-                f"{len(wrong)} of {count} values of {name} are not finite, the first at sample {wrong[0] + 1}"
+            raise failures.record_not_finite(
+                record=record.name, wrong=len(wrong), count=count, column=column, first=wrong[0] + 1
             )
-            hint = "Leave out the samples where the instrument gave no number, or repair the recording."
-            raise _refusal(record, "E3612", what, hint)
 
 
 def _check_time(record: Record) -> None:
     steps_s = np.diff(record.t_s)
     wrong = np.flatnonzero(steps_s <= 0.0)
     if len(wrong):
-        k = int(wrong[0])
-        does = "stands still" if steps_s[k] == 0.0 else "goes back"
-        when = f"{record.t_s[k + 1]:.9g} s after {record.t_s[k]:.9g} s"
-        what = f"time {does} at sample {k + 2}, {when} (such steps in all: {len(wrong)})"
-        if steps_s[k] == 0.0:
-            hint = "Write t_s with more digits, or leave out the repeated samples."
-        else:
-            hint = "Sort the samples by time; give records made one after the other as files of their own."
-        raise _refusal(record, "E3613", what, hint)
+        k, t_s = int(wrong[0]), record.t_s
+        stands = steps_s[k] == 0.0
+        failure = failures.record_time_stands_still if stands else failures.record_time_goes_back
+        raise failure(record=record.name, sample=k + 2, after_s=t_s[k + 1], before_s=t_s[k], steps=len(wrong))
     period_s = float(np.median(steps_s))
     if period_s > LONGEST_STEP_S:
-        what = f"its sample period is {period_s:g} s"
-        raise _refusal(record, "E3618", what, "If t_s is in µs, multiply it by 1e-6; in ms, by 0.001.")
+        raise failures.record_period_too_long(record=record.name, period_s=period_s)
 
 
 def _check_voltage(record: Record) -> None:
     span_v = float(np.ptp(record.u_v))
     if span_v <= 1e-9 * float(np.abs(record.u_v).max()):
-        what = f"the voltage is always {record.u_v[0]:g} V"
-        raise _refusal(record, "E3614", what, "Drive the actuator over its range; check which column is u_V.")
+        raise failures.record_voltage_constant(record=record.name, u_v=record.u_v[0])
     if span_v > MOST_SPAN_V:
-        what = f"the voltage spans {span_v:g} V"
-        raise _refusal(record, "E3618", what, "u_V looks like mV: multiply it by 0.001.")
+        raise failures.record_voltage_too_large(record=record.name, span_v=span_v)
 
 
 def _check_displacement(record: Record, y_um: Array) -> None:
     if float(np.ptp(y_um)) <= 1e-9 * float(np.abs(y_um).max()):
         span_v = float(np.ptp(record.u_v))
-        what = f"the displacement is always {y_um[0]:g} µm, while the voltage spans {span_v:g} V"
-        raise _refusal(record, "E3615", what, "Check the sensor and its cable, and which column is y_um.")
+        raise failures.record_displacement_constant(record=record.name, y_um=y_um[0], span_v=span_v)
 
 
 def _check_sign(record: Record, y_um: Array) -> None:
     correlation = _correlation(record.u_v, y_um)
     if correlation < -LEAST_CORRELATION:
-        what = f"the displacement falls while the voltage rises (correlation {correlation:.2f})"
-        hint = "Negate y_um: it grows when the tool moves towards the work."
-        raise _refusal(record, "E3617", what, hint)
+        raise failures.record_reversed(record=record.name, correlation=correlation)
     # Fast swings follow after a delay, which can be searched for.
     most = min(len(y_um) // 2, int(LONGEST_LAG_S / float(np.median(np.diff(record.t_s)))))
     lags = np.unique(np.linspace(1, most, 40).astype(int)) if most >= 1 else ()
@@ -128,13 +110,8 @@ def _check_sign(record: Record, y_um: Array) -> None:
     if correlation >= LEAST_CORRELATION or any(one >= LEAST_CORRELATION for one in later):
         return
     if float(np.std(record.u_v)) < 1.5 * noise_sd(record.u_v):
-        what = f"the voltage is noise about {record.u_v.mean():.4g} V"
-        raise _refusal(record, "E3614", what, "Drive the actuator over its range; check which column is u_V.")
-    what = f"the displacement does not follow the voltage (correlation {correlation:.2f})"
-    hint = (
-        "Check that u_V and y_um are of one measurement and on one clock, and that the sensor sees the tool."
-    )
-    raise _refusal(record, "E3615", what, hint)
+        raise failures.record_voltage_is_noise(record=record.name, mean_v=record.u_v.mean())
+    raise failures.record_displacement_unrelated(record=record.name, correlation=correlation)
 
 
 def _correlation(u_v: Array, y_um: Array) -> float:
@@ -157,15 +134,17 @@ def _check_gain(record: Record, y_um: Array) -> None:
     if not (is_small or is_large):
         return
     if is_large and range_um <= MOST_RANGE_UM and span_v <= 1.0:
-        hint = "u_V looks like kV: multiply it by 1000."
+        column, unit, factor = "u_V", "kV", "1000"
     elif is_large:
-        hint = "y_um looks like nm: multiply it by 0.001."
+        column, unit, factor = "y_um", "nm", "0.001"
     elif 1000.0 * slope < LEAST_UM_PER_V:
-        hint = "y_um looks like m: multiply it by 1e6."
+        column, unit, factor = "y_um", "m", "1e6"
     else:
-        hint = "y_um looks like mm: multiply it by 1000."
-    what = f"{range_um:.3g} µm over {span_v:.3g} V, {slope:.3g} µm/V, is no displacement of an actuator"
-    raise _refusal(record, "E3618", what, hint)
+        column, unit, factor = "y_um", "mm", "1000"
+    looks = {"column": column, "unit": unit, "factor": factor}
+    raise failures.record_in_other_units(
+        record=record.name, range_um=range_um, span_v=span_v, slope=slope, **looks
+    )
 
 
 def _check_limits(record: Record, y_um: Array) -> None:
@@ -177,12 +156,10 @@ def _check_limits(record: Record, y_um: Array) -> None:
             share, first = _longest_push(u, y >= y.max() - tolerance_um)
             if share <= max(CLIPPED_SHARE, 10.0 * tolerance_um / range_um):
                 continue
-            what = (
-                f"the displacement stands at its {end} end, {sign * float(y.max()):g} µm, from sample {first + 1}, "
-                f"while the voltage goes on by {100.0 * share:.0f} % of its span"
+            limit_um = sign * float(y.max())
+            raise failures.record_clipped(
+                record=record.name, end=end, limit_um=limit_um, first=first + 1, percent=100.0 * share
             )
-            hint = "The sensor or the amplifier is at its limit: move the sensor or drive less, and record again."
-            raise _refusal(record, "E3616", what, hint)
 
 
 def _longest_push(u_v: Array, at_end: Flags) -> tuple[float, int]:
@@ -204,11 +181,8 @@ def _longest_push(u_v: Array, at_end: Flags) -> tuple[float, int]:
 
 def _check_direction(record: Record, y_um: Array) -> None:
     area = _loop_area(record.u_v, y_um)
-    if area >= -LEADING_AREA:
-        return
-    what = f"the displacement runs ahead of the voltage (loops open the wrong way by {-100.0 * area:.0f} %)"
-    hint = "Check that the columns u_V and y_um are not exchanged, and that both are on one clock."
-    raise _refusal(record, "E3626", what, hint)
+    if area < -LEADING_AREA:
+        raise failures.record_ahead_of_voltage(record=record.name, percent=-100.0 * area)
 
 
 def _loop_area(u_v: Array, y_um: Array) -> float:
