@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmctl.errors import Diagnostic, ProfileError
+from edmctl.errors import Diagnostic, EdmError, ProfileError
 from edmctl.planning.rules.load import LoadedProfile, load_profile
 from edmctl.profile.folders import shipped_folder
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from edmctl.profile.setup import Setup
 
 NAMES = ("cu270", "cu150", "w252")
@@ -78,6 +77,19 @@ def problems(name_or_path: str | Path, *overrides: str, setup: Setup | None = No
         return load_profile(str(name_or_path), overrides, setup).warnings
     except ProfileError as error:
         return error.diagnostics
+
+
+def place_of(found: Diagnostic | EdmError) -> tuple[str, int, int]:
+    """Name of the file, line and column of a problem."""
+    assert found.where is not None
+    return Path(found.where.file).name, found.where.line, found.where.column
+
+
+def marked(found: Diagnostic) -> str:
+    """The text that a problem marks."""
+    assert found.where is not None
+    start = found.where.column - 1
+    return found.where.source_line[start : start + found.where.length]
 
 
 def loaded(*overrides: str) -> LoadedProfile:
