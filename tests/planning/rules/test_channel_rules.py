@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -11,8 +12,10 @@ from edmctl.planning.channel import EVEN_OUT_PASSES, Channel, way_of_path
 from edmctl.planning.forecast import forecast
 from edmctl.planning.rules.load import load_profile
 from edmctl.profile.setup import Setup
-from edmctl.results.forecast import Forecast
 from tests.planning.rules.documents import problems
+
+if TYPE_CHECKING:
+    from edmctl.results.forecast import Forecast
 
 DEEP = "limits.max_time_s=1e5 jump.height_um=70"
 COPPER = "tool.material=Cu wear.expected_ratio=0.427"
