@@ -15,7 +15,7 @@ from edmctl.profile.setup import Setup
 from tests.planning.rules.documents import problems
 
 if TYPE_CHECKING:
-    from edmctl.results.forecast import Forecast
+    from edmctl.results.result import Forecast
 
 DEEP = "limits.max_time_s=1e5 jump.height_um=70"
 COPPER = "tool.material=Cu wear.expected_ratio=0.427"
