@@ -22,8 +22,6 @@ from edmctl.link.serial_line import SerialLine, open_port
 from edmctl.link.session import HEARTBEAT_S, Session
 from edmctl.machine.interface import default_settings
 from edmctl.simulator import BenchConfig, open_bench
-from edmctl.simulator.endpoints import SocketEndpoint
-from edmctl.simulator.serve import Server
 from tests.serving import serving
 
 if TYPE_CHECKING:
@@ -273,31 +271,6 @@ def armed_session(name: str) -> Iterator[Session]:
 def state_of(session: Session) -> tuple[State, int]:
     status = session.request(GetStatus())
     return State(status.state), status.fault
-
-
-def test_a_served_controller_answers_through_a_pty() -> None:
-    before = resources()
-    with serving(open_bench(BenchConfig(), 1), SPEED) as name, session_at(name) as session:
-        assert session.hello.serial == "SIM-1"
-        assert session.transport.live
-        assert state_of(session) == (State.IDLE, 0)
-    assert resources() == before
-
-
-@pytest.mark.parametrize("speed", [None, SPEED])
-def test_a_served_controller_answers_through_a_socket(speed: float | None) -> None:
-    endpoint, over = SocketEndpoint("127.0.0.1", 0), threading.Event()
-    server = Server(open_bench(BenchConfig(), 1), endpoint, speed)
-    thread = threading.Thread(target=server.run, args=(over.is_set,))
-    thread.start()
-    try:
-        with session_at(endpoint.name) as session:
-            assert session.transport.live is (speed is not None)
-            assert state_of(session) == (State.IDLE, 0)
-    finally:
-        over.set()
-        thread.join()
-        endpoint.close()
 
 
 def test_an_armed_machine_stays_armed_while_the_main_thread_is_away() -> None:
