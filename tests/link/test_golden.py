@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 import pytest
 
 from edmctl.link.frame import Frame, FrameDecoder, encode_frame
-from edmctl.link.messages import param_crc
-from tests.link.frame_text import TYPES, render
+from edmctl.link.messages import REQUESTS, UNSOLICITED, param_crc
 
+if TYPE_CHECKING:
+    from edmctl.link.wire import Message
+
+TYPES: dict[str, type[Message]] = {
+    kind.NAME: kind for kind in (*REQUESTS.values(), *UNSOLICITED.values())
+} | {f"{request.NAME}_REPLY": request.REPLY for request in REQUESTS.values()}
+"""Every message by name."""
 GOLDEN = Path(__file__).with_name("golden")
 NAMES = sorted(TYPES)
 DEFAULT_PARAM_CRC = 0x7B4AA305
@@ -93,5 +99,5 @@ def test_the_check_of_the_default_parameters_is_the_recorded_one() -> None:
 def test_the_worked_example_of_the_page_is_a_recorded_frame() -> None:
     page = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text(encoding="utf-8")
     assert wire("PIEZO_SET").hex(" ") in page
-    assert render(decoded("PIEZO_SET")) in page
+    assert "PIEZO_SET seq=137 session=5a actuator_v=150.0 slew_v_s=337.25" in page
     assert f"`{param_crc({}):08X}`" in page

@@ -24,7 +24,7 @@ from edmctl.link.messages import (
     param_crc,
 )
 from edmctl.link.wire import Message, saturated
-from tests.link.frame_text import TYPES
+from tests.link.test_golden import TYPES
 from tools.generate.schema import Field, Layout, load_schema
 
 SCHEMA = load_schema()
