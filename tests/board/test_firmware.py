@@ -53,6 +53,7 @@ def _series(here: Here, controller: str) -> object:
     return case["runs"]
 
 
+@pytest.mark.expensive("compiles the library")
 def test_runs_of_a_series_come_out_the_same_in_the_same_arithmetic(here: Here) -> None:
     rows = [_series(here, name) for name in (FIRMWARE, FIRMWARE, FIRMWARE_FLOAT)]
     assert rows[0] == rows[1]

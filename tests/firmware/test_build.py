@@ -41,6 +41,7 @@ def test_what_was_built_is_found_again(core: Build) -> None:
     assert again.path == core.path
 
 
+@pytest.mark.expensive("compiles the library")
 def test_the_library_is_of_this_protocol_and_says_its_arithmetic() -> None:
     from edmctl.link.messages import SCHEMA_HASH
 
@@ -121,6 +122,7 @@ def test_a_folder_that_takes_no_library_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("_quickly")
+@pytest.mark.expensive("compiles the library")
 def test_a_damaged_library_is_built_anew_and_a_false_one_told(
     core: Build, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -172,6 +174,7 @@ def test_a_whole_library_that_cannot_be_read_for_the_moment_stays(
 
 
 @pytest.mark.usefixtures("_quickly")
+@pytest.mark.expensive("compiles the library")
 def test_sources_are_regular_files_and_absent_ones_are_reported(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -192,6 +195,7 @@ def test_sources_are_regular_files_and_absent_ones_are_reported(
 
 
 @pytest.mark.usefixtures("_quickly")
+@pytest.mark.expensive("compiles the library")
 def test_a_blank_cc_is_none_and_old_folders_of_builds_are_removed(tmp_path: Path) -> None:
     old, new = tmp_path / "building-old", tmp_path / "building-new"
     for folder in (old, new):

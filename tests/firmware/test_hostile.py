@@ -29,6 +29,7 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("real", tiers("float", slow=("double",)))
+@pytest.mark.expensive("compiles the core")
 def test_failed_readings_and_words_end_safe(real: str, tmp_path: Path) -> None:
     """The cases of hostile.c: each failed reading in a cut, a dead generator, a reset at 150 V, lost words."""
     command = program("hostile", real, tmp_path)

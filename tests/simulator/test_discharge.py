@@ -68,7 +68,7 @@ def test_ignition_is_rarer_by_the_share_of_the_face_that_has_nothing_under_it() 
 
 
 def test_ignition_delays_follow_a_laue_line() -> None:
-    _, pulses = fixed_gap(3.0, 60_000)
+    _, pulses = fixed_gap(3.0, 40_000)
     ignited = np.sort(pulses["delay_us"][pulses["pulse_class"] == PulseClass.NORMAL])
     survivors = 1.0 - (np.arange(ignited.size) + 0.5) / len(pulses)
     inside = (ignited > 5.0) & (ignited < 0.9 * ON_TIME_US)

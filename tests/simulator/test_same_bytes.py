@@ -64,6 +64,7 @@ def checked(
         pytest.param("zig", "", (), marks=[ZIG, pytest.mark.slow]),
     ],
 )
+@pytest.mark.expensive("compiles the library")
 def test_every_compiler_gives_the_recorded_bytes(
     compiler: str, flags: str, options: tuple[str, ...], tmp_path: Path
 ) -> None:
