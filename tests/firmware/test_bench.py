@@ -1,4 +1,4 @@
-"""A bench under the core: what its line holds, and both arithmetics."""
+"""A bench under the core: what its line holds, and float beside double."""
 
 from __future__ import annotations
 
