@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from edmctl.dataclasses import dataclass
 from edmctl.labels import basis_of
 from edmctl.record.reader import RunFile
+from edmctl.record.rows import profile_leaves
 from edmctl.record.run_index import estimated_depth, sites_of
 from edmctl.results.run_file import Amount, ComparedRun, Comparison, Quantity, Setting, Sites
 from edmctl.results.telemetry import PULSE_CLASSES
@@ -53,42 +54,28 @@ _TEXTS = (
 
 def _differing(runs: Sequence[RunFile]) -> list[Setting]:
     profiles = [run.profile_values() for run in runs]
-    keys = dict.fromkeys(key for values in profiles for key in values)
-    found = [
-        Setting(
-            key,
-            str(next((v[f"{key}_units"] for v in profiles if f"{key}_units" in v), "")),
-            tuple(_text(values.get(key, "")) for values in profiles),
-        )
-        for key in keys
-        if key != "NX_class" and not key.endswith("_units")
+    setups = [
+        {
+            f"setup {leaf.key}": leaf.value
+            for leaf in profile_leaves(tomllib.loads(run.text("/entry/machine/toml")))
+        }
+        for run in runs
     ]
-    found += [Setting(name, "", tuple(run.text(path) for run in runs)) for name, path in _TEXTS]
-    found.append(Setting("seed", "", tuple("" if run.seed is None else str(run.seed) for run in runs)))
-    setups = [run.text("/entry/machine/toml") for run in runs]
-    found += [Setting(f"setup {key}", "", values) for key, values in _setup_lines(setups)]
+    others: list[dict[str, object]] = [
+        {name: run.text(path) for name, path in _TEXTS} | {"seed": "" if run.seed is None else run.seed}
+        for run in runs
+    ]
+    found = []
+    several: tuple[Sequence[Mapping[str, object]], ...] = (profiles, others, setups)
+    for groups in several:
+        for key in dict.fromkeys(key for values in groups for key in values if not key.endswith("_units")):
+            units = next((str(values[f"{key}_units"]) for values in groups if f"{key}_units" in values), "")
+            found.append(Setting(key, units, tuple(_text(values.get(key, "")) for values in groups)))
     return [setting for setting in found if len(set(setting.values)) > 1]
 
 
 def _text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _setup_lines(texts: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
-    """Every value of the setups by its dotted key."""
-    setups = [dict(_leaves(tomllib.loads(text), "")) for text in texts]
-    keys = dict.fromkeys(key for setup in setups for key in setup)
-    return [(key, tuple(setup.get(key, "") for setup in setups)) for key in keys]
-
-
-def _leaves(table: dict[str, object], prefix: str) -> list[tuple[str, str]]:
-    found: list[tuple[str, str]] = []
-    for key, value in table.items():
-        if isinstance(value, dict):
-            found += _leaves(value, f"{prefix}{key}.")
-        else:
-            found.append((f"{prefix}{key}", _text(value)))
-    return found
 
 
 ROWS: Mapping[str, tuple[str, int, float]] = {

@@ -260,7 +260,7 @@ def _profile_values(run: RunFile) -> PageTable:
     rows = [
         [key, str(value), _PRETTY.get(unit, unit) if (unit := str(values.get(f"{key}_units", ""))) else ""]
         for key, value in values.items()
-        if key != "NX_class" and not key.endswith("_units") and (simulated or not key.startswith("sim."))
+        if not key.endswith("_units") and (simulated or not key.startswith("sim."))
     ]
     return PageTable("Every value in effect", ["key", "value", "unit"], rows, words=True)
 

@@ -52,7 +52,7 @@ def draw_erosion(run: RunFile) -> Figure:
 def _draw_estimate(
     axes: Axes, rows: dict[str, Array], name: str, per_s: float, colour: str, dash: Dash
 ) -> None:
-    """Draw an estimate with its 95 % interval; files of older versions have none of wear."""
+    """Draw an estimate with its 95 % interval, if that is known."""
     value_um, u95_um = rows[f"est_{name}"], rows[f"est_{name}_u95"]
     if not np.isfinite(value_um).any():
         return
@@ -60,7 +60,7 @@ def _draw_estimate(
     axes.plot(
         line.time_s / per_s, line.mean, color=colour, linestyle=dash, linewidth=1.0, label=f"estimated {name}"
     )
-    if len(u95_um) == len(value_um) and np.isfinite(u95_um).any():
+    if np.isfinite(u95_um).any():
         low, high = broken(rows["time"], value_um - u95_um), broken(rows["time"], value_um + u95_um)
         axes.fill_between(
             low.time_s / per_s, low.low, high.high, color=colour, alpha=0.25, linewidth=0.0,
@@ -89,7 +89,6 @@ def _draw_known(axes: Axes, known: Sequence[KnownDepth], per_s: float, *, sensor
             ]
             if values:
                 time, value_um, u95_um = np.array(values).T
-                # Older files have no interval for what was not the last measurement.
                 panels.draw_points(
                     axes, time, value_um, np.nan_to_num(u95_um), colour, full=touched, marker=mark,
                     size=size, label=words.format(name),
